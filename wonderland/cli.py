@@ -41,7 +41,9 @@ class InstalledCommands(click.Group):
         return loaded if isinstance(loaded, click.Command) else None
 
 
-@click.command(cls=InstalledCommands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.command(
+    cls=InstalledCommands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+)
 @click.version_option(__version__, prog_name="wonderland")
 @click.option("-v", "--verbose", is_flag=True, help="Say more, for example which commands are missing an extra.")
 def main(*, verbose: bool) -> None:

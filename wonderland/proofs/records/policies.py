@@ -1,0 +1,36 @@
+"""The policy of a pad and an action: how sure is sure enough, and how long one may take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from wonderland.proofs.errors import RecordError
+from wonderland.proofs.records.fields import Ppm
+from wonderland.proofs.records.schema import Integer, Record
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Policy(Record):
+    """Thresholds of a decision; every field has the default that holds where no policy was set."""
+
+    buffer_mm: Annotated[int, Integer(100, 100_000, "Radius around the claim within which the drone must be")] = 1_000
+    verify_ppm: Ppm = 990_000
+    refute_ppm: Ppm = 10_000
+    min_assurance: Annotated[int, Integer(0, 4, "Lowest level that can be verified")] = 1
+    min_rounds: Annotated[int, Integer(1, 500, "Fewer usable rounds decide nothing")] = 10
+    max_rounds: Annotated[int, Integer(1, 500, "The pad stops ranging here")] = 160
+    max_claim_age_ms: Annotated[int, Integer(100, 600_000, "Oldest claim that a request may carry")] = 10_000
+    max_clock_skew_ms: Annotated[int, Integer(0, 600_000, "Largest difference of clocks that is tolerated")] = 5_000
+    session_ttl_ms: Annotated[int, Integer(1_000, 3_600_000, "A session expires after this")] = 60_000
+    max_claim_accuracy_mm: Annotated[int, Integer(100, 1_000_000, "A vaguer claim cannot be verified")] = 20_000
+    require_authorisation: bool = True
+    require_maintenance: bool = True
+
+    def validate(self, path: str) -> None:
+        """Thresholds must leave room for a third outcome, and rounds for a look."""
+        prefix = f"{path}." if path else ""
+        if self.refute_ppm >= self.verify_ppm:
+            raise RecordError(f"{prefix}refute_ppm", "must be below verify_ppm")
+        if self.max_rounds < self.min_rounds:
+            raise RecordError(f"{prefix}max_rounds", "must not be below min_rounds")

@@ -1,0 +1,159 @@
+"""A session: the request, the evidence that the pad gathered, and its state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from wonderland.proofs.errors import RecordError
+from wonderland.proofs.records.fields import (
+    Action,
+    AnchorId,
+    HeightMm,
+    LatE7,
+    LonE7,
+    MspId,
+    Note,
+    PadId,
+    PrekeyId,
+    PublicKey,
+    SessionId,
+    Sha256Hex,
+    TimeMs,
+    UavId,
+)
+from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.schema import Binary, Choice, Integer, Items, Record, Text
+
+MAX_ROUNDS = 500
+MAX_CLAIMS = 200
+NO_RANGE = -1
+
+STATES = ("requested", "decided", "completed", "cancelled")
+STEP_NAMES = ("request", "poll", "match", "reply", "range", "confirm", "verdict", "permission")
+"""The paper's eight steps (section 3), in order."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Claim(Record):
+    """Where a drone says that it is, when, and how well it thinks it knows."""
+
+    lat_e7: LatE7
+    lon_e7: LonE7
+    height_mm: HeightMm
+    accuracy_mm: Annotated[int, Integer(1, 10_000_000, "Horizontal accuracy, 95 %")]
+    height_accuracy_mm: Annotated[int, Integer(1, 10_000_000, "Vertical accuracy, 95 %")]
+    t_ms: TimeMs
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BroadcastClaim(Record):
+    """A Remote ID position as the pad heard it; ``t_ms`` is when it was heard, by the pad's clock."""
+
+    lat_e7: LatE7
+    lon_e7: LonE7
+    t_ms: TimeMs
+    height_mm: HeightMm | None = None
+    accuracy_mm: Annotated[int, Integer(1, 10_000_000, "Broadcast horizontal accuracy, 95 %")] | None = None
+    transport: Annotated[str, Text(24, r"[a-z0-9_-]*", "How it was heard")] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class AnchorRanges(Record):
+    """What one anchor measured, a value a round; −1 where it heard nothing usable."""
+
+    anchor_id: AnchorId
+    range_mm: Annotated[tuple[int, ...], Items(0, MAX_ROUNDS, of=Integer(NO_RANGE, 1_000_000))]
+    nlos: Annotated[
+        tuple[int, ...], Items(0, MAX_ROUNDS, "Rounds in which it saw an obstruction", of=Integer(0, MAX_ROUNDS))
+    ] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RangeTable(Record):
+    """All rounds of a session: when (by the pad's clock) and what each anchor measured."""
+
+    t_ms: Annotated[tuple[int, ...], Items(0, MAX_ROUNDS, of=Integer(0, 253_402_300_799_999))]
+    anchors: Annotated[tuple[AnchorRanges, ...], Items(0, 16)]
+
+    def validate(self, path: str) -> None:
+        """Columns must have one value for each round."""
+        prefix = f"{path}." if path else ""
+        for index, anchor in enumerate(self.anchors):
+            if len(anchor.range_mm) != len(self.t_ms):
+                raise RecordError(
+                    f"{prefix}anchors[{index}].range_mm", f"{len(anchor.range_mm)} values for {len(self.t_ms)} rounds"
+                )
+        if len({anchor.anchor_id for anchor in self.anchors}) != len(self.anchors):
+            raise RecordError(f"{prefix}anchors", "an anchor appears twice")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Radio(Record):
+    """How the ranges came about: what the assurance of a verdict can rest on."""
+
+    measured_by: Annotated[str, Choice(("pad", "uav"), "Whose nodes computed the ranges")]
+    sts: Annotated[
+        str, Choice(("static", "provisioned"), "Scrambled time-stamp sequence: public, or keyed per session")
+    ]
+    firmware: Annotated[str, Text(64, description="Firmware of the pad's nodes")] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StepTime(Record):
+    """When a step of the proof was reached, by the clock of the one who reports it."""
+
+    step: Annotated[str, Choice(STEP_NAMES)]
+    t_ms: TimeMs
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Evidence(Record):
+    """What a pad brings before the contract."""
+
+    ranges: RangeTable
+    claims: Annotated[tuple[Claim, ...], Items(0, MAX_CLAIMS, "Claims that the drone sent over UWB, in order of time")]
+    broadcast: Annotated[tuple[BroadcastClaim, ...], Items(0, MAX_CLAIMS, "What the pad heard on Remote ID")]
+    matched: Annotated[str, Choice(("both", "none"), "Whether the session codes matched, on both sides")]
+    radio: Radio
+    steps: Annotated[tuple[StepTime, ...], Items(0, 16)]
+    uav_signature: (
+        Annotated[str, Binary(64, 64, "The drone's signature (r, s) over the statement of step 6")] | None
+    ) = None
+    failure: Annotated[str, Text(64, r"[a-z0-9_]+", "Why the session stopped early, if it did")] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Party(Record):
+    """Who took part: organisation, certificate and its key."""
+
+    msp_id: MspId
+    certificate_sha256: Sha256Hex
+    public_key: PublicKey | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Session(Record):
+    """A proof under way or ended."""
+
+    session_id: SessionId
+    state: Annotated[str, Choice(STATES)]
+    pad_id: PadId
+    uav_id: UavId
+    action: Action
+    claim: Claim
+    prekey_id: PrekeyId
+    pad_key: PublicKey
+    uav_key: PublicKey
+    pad: Party
+    uav: Party
+    commissioning_sha256: Sha256Hex
+    transcript_sha256: Sha256Hex
+    policy: Policy
+    requested_ms: TimeMs
+    expires_ms: TimeMs
+    decided_ms: TimeMs | None = None
+    ended_ms: TimeMs | None = None
+    end: Annotated[str, Text(64, r"[a-z0-9_]+", "How it ended")] | None = None
+    ended_by: Annotated[str, Choice(("pad", "uav", "authority"))] | None = None
+    note: Note | None = None

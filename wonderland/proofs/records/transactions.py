@@ -1,0 +1,308 @@
+"""Every transaction: its argument, who may send it, and the event that it emits.
+
+Each takes one argument, a JSON object of the record named here, and returns one JSON object. Events carry the stored
+record (or, for assets, all but the value) under the name given here, with ``kind`` first among what they say, so that
+a listener needs to know nothing in advance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Final
+
+from wonderland.proofs.errors import RecordError
+from wonderland.proofs.records import assets, pads, sessions, uavs
+from wonderland.proofs.records.fields import (
+    Action,
+    HeightMm,
+    LatE7,
+    LonE7,
+    Name,
+    Note,
+    OperatorId,
+    PadId,
+    PrekeyId,
+    PublicKey,
+    SessionId,
+    TimeMs,
+    UavId,
+)
+from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.schema import Choice, Integer, Items, Record, Text
+
+ADMIN, INSPECTOR, MIRROR = "admin", "inspector", "mirror"
+PAD_OPERATOR, PAD = "pad_operator", "pad"
+FLEET_OPERATOR, UAV = "fleet_operator", "uav"
+ROLES: Final = (ADMIN, INSPECTOR, MIRROR, PAD_OPERATOR, PAD, FLEET_OPERATOR, UAV)
+MSP_OF_ROLE: Final = {
+    ADMIN: "AuthorityMSP",
+    INSPECTOR: "AuthorityMSP",
+    MIRROR: "AuthorityMSP",
+}
+"""Roles that only one organisation can give; pads and fleets may have several organisations each."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RegisterPad(Record):
+    """Makes a pad known; its operator's organisation owns it."""
+
+    pad_id: PadId
+    name: Name
+    operator_id: OperatorId
+    lat_e7: LatE7
+    lon_e7: LonE7
+    height_mm: HeightMm
+    note: Note | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class UpdatePad(Record):
+    """Changes what people read of a pad; where it stands only commissioning can change."""
+
+    pad_id: PadId
+    name: Name | None = None
+    operator_id: OperatorId | None = None
+    note: Note | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RetirePad(Record):
+    """Takes a pad out of service for good."""
+
+    pad_id: PadId
+    reason: Note
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CommissionPad(Record):
+    """Records the survey and calibration of a pad's anchors."""
+
+    pad_id: PadId
+    commissioning: pads.Commissioning
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PublishPrekeys(Record):
+    """Offers one-time keys for coming sessions."""
+
+    pad_id: PadId
+    prekeys: Annotated[tuple[pads.OfferedPrekey, ...], Items(1, 100)]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RegisterUav(Record):
+    """Makes a drone known; its operator's organisation owns it."""
+
+    uav_id: UavId
+    operator_id: OperatorId
+    registration: uavs.Registration
+    model: Name
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SetUavStatus(Record):
+    """Suspends, reactivates or retires a drone."""
+
+    uav_id: UavId
+    status: Annotated[str, Choice(uavs.STATUSES)]
+    reason: Note
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GrantAuthorisation(Record):
+    """Permits a drone some actions at a pad for a time."""
+
+    authorisation_id: uavs.AuthorisationId
+    uav_id: UavId
+    pad_id: uavs.PadPattern
+    actions: Annotated[tuple[str, ...], Items(1, 3, of=Choice(("land", "takeoff", "dock")))]
+    valid_from_ms: TimeMs
+    valid_until_ms: TimeMs
+
+    def validate(self, path: str) -> None:
+        """The time must not be empty."""
+        if self.valid_until_ms <= self.valid_from_ms:
+            raise RecordError(f"{path}.valid_until_ms" if path else "valid_until_ms", "must be after valid_from_ms")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RevokeAuthorisation(Record):
+    """Withdraws an authorisation."""
+
+    uav_id: UavId
+    authorisation_id: uavs.AuthorisationId
+    reason: Note
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordMaintenance(Record):
+    """Records that a drone was maintained, and until when that is good."""
+
+    uav_id: UavId
+    performed_ms: TimeMs
+    valid_until_ms: TimeMs
+    work: Note
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SetPolicy(Record):
+    """Sets the policy of a pad (or *) and an action (or *)."""
+
+    pad_id: uavs.PadPattern
+    action: Annotated[str, Choice(("*", "land", "takeoff", "dock"))]
+    policy: Policy
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RequestProof(Record):
+    """Step 1: a drone asks a pad to prove its location."""
+
+    pad_id: PadId
+    action: Action
+    prekey_id: PrekeyId
+    uav_key: PublicKey
+    claim: sessions.Claim
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SubmitProof(Record):
+    """Step 7: the pad brings its evidence; the contract decides."""
+
+    session_id: SessionId
+    evidence: sessions.Evidence
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CompleteInteraction(Record):
+    """Step 8: the drone or the pad says how the permitted interaction ended."""
+
+    session_id: SessionId
+    result: Annotated[str, Choice(("done", "aborted"))]
+    note: Note | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CancelProof(Record):
+    """Ends a session that will not be decided: a timeout, a loss, a refusal."""
+
+    session_id: SessionId
+    reason: Annotated[str, Text(64, r"[a-z0-9_]+", "For machines, for example timeout", min_length=1)]
+    note: Note | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CreateAsset(Record):
+    """Stores a value of any type."""
+
+    id: assets.AssetId
+    type: assets.AssetType
+    media_type: assets.MediaType
+    value: assets.AssetValue
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class UpdateAsset(Record):
+    """Replaces the value of an asset; type and media type may change with it."""
+
+    id: assets.AssetId
+    value: assets.AssetValue
+    type: assets.AssetType | None = None
+    media_type: assets.MediaType | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class AssetById(Record):
+    """Names an asset."""
+
+    id: assets.AssetId
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class AssetHistoryOf(Record):
+    """Names an asset and how many of its changes to return, newest first."""
+
+    id: assets.AssetId
+    limit: Annotated[int, Integer(1, 1_000)] = 100
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PadById(Record):
+    """Names a pad."""
+
+    pad_id: PadId
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class UavById(Record):
+    """Names a drone."""
+
+    uav_id: UavId
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SessionById(Record):
+    """Names a session."""
+
+    session_id: SessionId
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PolicyFor(Record):
+    """Asks which policy holds for an action at a pad."""
+
+    pad_id: PadId
+    action: Action
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PrekeysOf(Record):
+    """Asks for unused prekeys of a pad."""
+
+    pad_id: PadId
+    limit: Annotated[int, Integer(1, 100)] = 10
+
+
+@dataclass(frozen=True)
+class Transaction:
+    """One transaction of the contract."""
+
+    name: str
+    argument: type[Record]
+    roles: tuple[str, ...]
+    """Who may send it; the contract checks in addition whose pad, drone, session or asset it is."""
+    event: str = ""
+    """Name of the event; empty for queries, which change nothing."""
+
+
+def _all(*entries: Transaction) -> dict[str, Transaction]:
+    return {entry.name: entry for entry in entries}
+
+
+TRANSACTIONS: Final = _all(
+    Transaction("RegisterPad", RegisterPad, (ADMIN, PAD_OPERATOR), "PadRegistered"),
+    Transaction("UpdatePad", UpdatePad, (ADMIN, PAD_OPERATOR), "PadUpdated"),
+    Transaction("RetirePad", RetirePad, (ADMIN, PAD_OPERATOR), "PadRetired"),
+    Transaction("CommissionPad", CommissionPad, (ADMIN, PAD_OPERATOR), "PadCommissioned"),
+    Transaction("PublishPrekeys", PublishPrekeys, (PAD,), "PrekeysPublished"),
+    Transaction("RegisterUav", RegisterUav, (ADMIN, FLEET_OPERATOR), "UavRegistered"),
+    Transaction("SetUavStatus", SetUavStatus, (ADMIN, INSPECTOR, FLEET_OPERATOR), "UavStatusSet"),
+    Transaction("GrantAuthorisation", GrantAuthorisation, (ADMIN, INSPECTOR), "AuthorisationGranted"),
+    Transaction("RevokeAuthorisation", RevokeAuthorisation, (ADMIN, INSPECTOR), "AuthorisationRevoked"),
+    Transaction("RecordMaintenance", RecordMaintenance, (ADMIN, FLEET_OPERATOR), "MaintenanceRecorded"),
+    Transaction("SetPolicy", SetPolicy, (ADMIN,), "PolicySet"),
+    Transaction("RequestProof", RequestProof, (UAV,), "ProofRequested"),
+    Transaction("SubmitProof", SubmitProof, (PAD,), "ProofDecided"),
+    Transaction("CompleteInteraction", CompleteInteraction, (PAD, UAV), "InteractionCompleted"),
+    Transaction("CancelProof", CancelProof, (PAD, UAV, ADMIN), "ProofCancelled"),
+    Transaction("CreateAsset", CreateAsset, ROLES, "AssetCreated"),
+    Transaction("UpdateAsset", UpdateAsset, ROLES, "AssetUpdated"),
+    Transaction("DeleteAsset", AssetById, ROLES, "AssetDeleted"),
+    Transaction("ReadAsset", AssetById, ROLES),
+    Transaction("AssetHistory", AssetHistoryOf, ROLES),
+    Transaction("ReadPad", PadById, ROLES),
+    Transaction("ReadUav", UavById, ROLES),
+    Transaction("ReadSession", SessionById, ROLES),
+    Transaction("ReadVerdict", SessionById, ROLES),
+    Transaction("ReadPolicy", PolicyFor, ROLES),
+    Transaction("ListPrekeys", PrekeysOf, ROLES),
+)

@@ -1,0 +1,96 @@
+"""The verdict: what the contract decided, on what ground, and what it cannot exclude."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from wonderland.proofs.records.fields import (
+    Action,
+    HeightMm,
+    LatE7,
+    LocalMm,
+    LonE7,
+    PadId,
+    Ppm,
+    SessionId,
+    Sha256Hex,
+    TimeMs,
+    UavId,
+)
+from wonderland.proofs.records.schema import Choice, Integer, Items, Record, Text
+
+OUTCOMES = ("verified", "refuted", "inconclusive")
+Outcome = Annotated[str, Choice(OUTCOMES)]
+Mm = Annotated[int, Integer(0, 100_000_000, "Millimetres")]
+Mm2 = Annotated[int, Integer(-(2**52), 2**52, "Square millimetres")]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Reason(Record):
+    """Why: a code for machines and a sentence for people."""
+
+    code: Annotated[str, Text(48, r"[a-z0-9_]+")]
+    text: Annotated[str, Text(300)]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Position(Record):
+    """A point in the pad's frame and on the globe."""
+
+    east_mm: LocalMm
+    north_mm: LocalMm
+    up_mm: LocalMm
+    lat_e7: LatE7
+    lon_e7: LonE7
+    height_mm: HeightMm
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Covariance(Record):
+    """Of the estimate, horizontal: east-east, east-north, north-north."""
+
+    ee_mm2: Mm2
+    en_mm2: Mm2
+    nn_mm2: Mm2
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Judgement(Record):
+    """One claim, judged: where it is, how far the estimate lies from it, how likely it holds."""
+
+    outcome: Outcome
+    claim: Position
+    error_mm: Mm
+    likelihood_ppm: Ppm
+    paper_rule: bool
+    reasons: Annotated[tuple[Reason, ...], Items(0, 32)]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Verdict(Record):
+    """The contract's decision about a session."""
+
+    session_id: SessionId
+    pad_id: PadId
+    uav_id: UavId
+    action: Action
+    outcome: Outcome
+    permission: Annotated[str, Choice(("granted", "refused"))]
+    authorised: bool
+    assurance: Annotated[int, Integer(0, 4)]
+    rounds: Annotated[int, Integer(0, 500, "Usable rounds")]
+    buffer_mm: Mm
+    decided_ms: TimeMs
+    evidence_sha256: Sha256Hex
+    reasons: Annotated[tuple[Reason, ...], Items(0, 64)]
+    more_rounds: Annotated[int, Integer(-1, 10_000, "Further rounds expected to settle it; −1: none would")]
+    signed: Judgement | None = None
+    broadcast: Judgement | None = None
+    estimate: Position | None = None
+    covariance: Covariance | None = None
+    chi2_milli: Annotated[int, Integer(0, 2**52, "χ² of the ranges about the estimate × 1000")] | None = None
+    chi2_claim_milli: Annotated[int, Integer(0, 2**52, "χ² of the ranges about the claim × 1000")] | None = None
+    within_mm: (
+        Annotated[int, Integer(0, 100_000_000, "The ranges prove at least: within this distance of the pad")] | None
+    ) = None
