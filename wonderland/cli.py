@@ -18,7 +18,7 @@ GROUP: Final = "wonderland.commands"
 
 
 class InstalledCommands(click.Group):
-    """Loads a sub-command only when it is asked for: ``wonderland --help`` stays fast and one broken part breaks no other."""
+    """Loads a sub-command only when it is asked for, so that one broken part breaks no other."""
 
     def _entries(self) -> dict[str, EntryPoint]:
         return {entry.name: entry for entry in entry_points(group=GROUP)}

@@ -134,7 +134,7 @@ def _no_float(text: str) -> NoReturn:
 
 
 def _integer(text: str) -> int:
-    if len(text) > 17:  # noqa: PLR2004 - "-9007199254740991" has 17 characters
+    if len(text) > 17:
         raise EncodingError("an integer is beyond ±(2^53 - 1)")
     if text == "-0":
         raise EncodingError("-0 is not canonical: write 0")

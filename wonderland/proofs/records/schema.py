@@ -181,7 +181,7 @@ class Record:
         """The record in ``value`` (a decoded JSON object); raises RecordError and names the field."""
         if not isinstance(value, dict):
             raise RecordError(path, f"expected an object, got {_kind(value)}")
-        checks, required = _checks(cls)
+        checks, required = _checks(_key(cls))
         prefix = f"{path}." if path else ""
         arguments = {}
         for name, item in value.items():
@@ -207,7 +207,7 @@ class Record:
     def to_json(self) -> dict[str, Any]:
         """The JSON object of this record; fields that are None are left out."""
         result: dict[str, Any] = {}
-        for name in _names(type(self)):
+        for name in _names(_key(type(self))):
             value = getattr(self, name)
             if value is not None:
                 result[name] = _plain(value)
@@ -221,7 +221,7 @@ class Record:
     def json_schema(cls) -> dict[str, Any]:
         """JSON Schema (2020-12) of this record, nested records in place."""
         hints = typing.get_type_hints(cls, include_extras=True)
-        _, required = _checks(cls)
+        _, required = _checks(_key(cls))
         properties = {field.name: _schema_of(hints[field.name]) for field in fields(cls)}  # type: ignore[arg-type]
         return {
             "title": cls.RECORD or cls.__name__,
@@ -241,13 +241,18 @@ def _plain(value: Any) -> Any:
     return value
 
 
+def _key(cls: type[Record]) -> Any:
+    """The class as a cache key: mypy holds a class whose instances compare by value for unhashable."""
+    return cls
+
+
 @cache
-def _names(cls: type[Record]) -> tuple[str, ...]:
+def _names(cls: Any) -> tuple[str, ...]:
     return tuple(field.name for field in fields(cls))  # type: ignore[arg-type]
 
 
 @cache
-def _checks(cls: type[Record]) -> tuple[dict[str, Check], tuple[str, ...]]:
+def _checks(cls: Any) -> tuple[dict[str, Check], tuple[str, ...]]:
     hints = typing.get_type_hints(cls, include_extras=True)
     checks = {field.name: _check_of(hints[field.name]) for field in fields(cls)}  # type: ignore[arg-type]
     required = tuple(
