@@ -1,0 +1,35 @@
+"""Every error that ``wonderland.ledger`` raises on purpose; catch `LedgerError` to catch them all.
+
+The Gateway's own tree (endorsement, submission, commit) is in `wonderland.ledger.gateway.errors`, the CA's in
+`wonderland.ledger.ca.errors`; both descend from `LedgerError` too.
+"""
+
+from __future__ import annotations
+
+
+class LedgerError(Exception):
+    """Base of everything this package raises on purpose."""
+
+
+class IdentityError(LedgerError):
+    """A certificate, a serialised identity or its attributes cannot be used; the text says which part and why."""
+
+
+class SignatureError(LedgerError):
+    """A key cannot sign for Fabric, or a signature is malformed, high-S, or not made by that key over that message."""
+
+
+class BlockError(LedgerError):
+    """A block's bytes are not a block of Fabric, or contradict its header."""
+
+
+class ConnectionFileError(LedgerError):
+    """connection.json, or a file it names, is missing or wrong; the text names the field."""
+
+
+class CheckpointError(LedgerError):
+    """A checkpoint cannot be read or written. It is never silently restarted: that would replay or skip events."""
+
+
+class FileWriteError(LedgerError):
+    """A file could not be written durably (no space, no permission, a failing disk); what stood there still does."""
