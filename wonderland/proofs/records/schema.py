@@ -248,17 +248,15 @@ def _key(cls: type[Record]) -> Any:
 
 @cache
 def _names(cls: Any) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(cls))  # type: ignore[arg-type]
+    return tuple(field.name for field in fields(cls))
 
 
 @cache
 def _checks(cls: Any) -> tuple[dict[str, Check], tuple[str, ...]]:
     hints = typing.get_type_hints(cls, include_extras=True)
-    checks = {field.name: _check_of(hints[field.name]) for field in fields(cls)}  # type: ignore[arg-type]
+    checks = {field.name: _check_of(hints[field.name]) for field in fields(cls)}
     required = tuple(
-        field.name
-        for field in fields(cls)  # type: ignore[arg-type]
-        if field.default is MISSING and field.default_factory is MISSING
+        field.name for field in fields(cls) if field.default is MISSING and field.default_factory is MISSING
     )
     return checks, required
 
