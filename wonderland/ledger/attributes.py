@@ -29,15 +29,11 @@ def encode_attributes(attributes: Mapping[str, str]) -> bytes:
     """The extension's value. Raises `IdentityError` for what no Fabric client could read back."""
     if len(attributes) > MAX_ATTRIBUTES:
         raise IdentityError(f"{len(attributes)} attributes; a certificate carries at most {MAX_ATTRIBUTES}")
-    for name, value in attributes.items():
-        if not isinstance(name, str) or not isinstance(value, str) or not name:
-            raise IdentityError(f"attribute {name!r}: names are non-empty text and values are text")
     try:
         data = json.dumps({"attrs": dict(attributes)}, ensure_ascii=False, separators=(",", ":")).encode()
-    except UnicodeEncodeError as cause:
-        raise IdentityError(f"attributes: text that is no Unicode ({cause.reason})") from cause
-    if len(data) > MAX_BYTES:
-        raise IdentityError(f"attributes of {len(data)} bytes; at most {MAX_BYTES} fit in a certificate")
+    except (TypeError, UnicodeEncodeError) as cause:
+        raise IdentityError(f"attributes: names and values are Unicode text ({cause})") from cause
+    decode_attributes(data)  # a certificate whose own attributes nobody can read must not be issued
     return data
 
 
@@ -58,6 +54,10 @@ def decode_attributes(data: bytes) -> dict[str, str]:
     for name, value in attributes.items():
         if not isinstance(value, str):
             raise IdentityError(f"certificate attribute {name!r} is {type(value).__name__}, not text")
+        try:
+            (name + value).encode()
+        except UnicodeEncodeError as cause:
+            raise IdentityError(f"certificate attribute {name!r} is no Unicode text ({cause.reason})") from cause
     return attributes
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Final
 
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
-from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from cryptography.x509.oid import NameOID
 from fabric_protos.msp import identities_pb2
@@ -22,6 +21,8 @@ from wonderland.ledger.signing import require_p256
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from cryptography.hazmat.primitives.asymmetric import ec
 
 MAX_CREATOR_BYTES: Final = 65_536
 MAX_MSP_ID_CHARS: Final = 128

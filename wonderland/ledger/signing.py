@@ -34,7 +34,7 @@ _MAX_DER_BYTES: Final = 72  # SEQUENCE of two INTEGERs of at most 33 bytes
 
 def key_signer(private_key: ec.EllipticCurvePrivateKey) -> Signer:
     """A signer with a key in memory. Raises `SignatureError` unless the key is on P-256."""
-    if not isinstance(private_key, ec.EllipticCurvePrivateKey) or not isinstance(private_key.curve, ec.SECP256R1):
+    if not isinstance(private_key.curve, ec.SECP256R1):
         raise SignatureError("the private key is not on P-256 (secp256r1); enrol again with a P-256 key")
 
     def sign(message: bytes) -> bytes:
