@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any, Final
 from fabric_protos.common import common_pb2
 
 from wonderland.ledger.errors import BlockError, IdentityError
+from wonderland.ledger.identity import Identity
 from wonderland.ledger.protobuf import decode
 from wonderland.ledger.transactions import Transaction, TransactionType, ValidationCode, parse_transaction
 
 if TYPE_CHECKING:
     from wonderland.ledger.channel_config import ChannelConfig
-    from wonderland.ledger.identity import Identity
 
 __all__ = [
     "Block",
@@ -163,8 +163,6 @@ def block_signatures(block: Block) -> tuple[BlockSignature, ...]:
 
 
 def _signature(entry: Any, value: bytes, header_der: bytes, what: str) -> BlockSignature:
-    from wonderland.ledger.identity import Identity  # noqa: PLC0415 - the name is for types above; loaded on use
-
     if entry.identifier_header:
         identifier = decode(common_pb2.IdentifierHeader, entry.identifier_header, what, BlockError)
         message = value + entry.identifier_header + header_der
