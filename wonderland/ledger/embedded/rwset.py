@@ -1,0 +1,115 @@
+"""What a transaction read and wrote: the read-write set, as it is simulated, endorsed, and checked at commit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+from fabric_protos.ledger.rwset import rwset_pb2
+from fabric_protos.ledger.rwset.kvrwset import kv_rwset_pb2
+
+from wonderland.ledger.embedded.errors import MalformedRequestError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from wonderland.ledger import transactions
+    from wonderland.ledger.transactions import NamespaceAccess
+
+Version: TypeAlias = tuple[int, int]
+"""Where a value was written: block number and position in the block. A key that is not there has no version."""
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """A key that was read, and the version that was found there (None: the key was not there)."""
+
+    namespace: str
+    key: str
+    version: Version | None
+
+
+@dataclass(frozen=True, slots=True)
+class RangeRead:
+    """A range that was read. Unless `exhausted`, reading stopped early and `end` is the last key seen (included)."""
+
+    namespace: str
+    start: str
+    end: str
+    exhausted: bool
+    results: tuple[tuple[str, Version], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """A key and its new value; None deletes it."""
+
+    namespace: str
+    key: str
+    value: bytes | None
+
+
+@dataclass(frozen=True, slots=True)
+class ReadWriteSet:
+    """One transaction's reads, range reads and writes, in the order in which they are encoded."""
+
+    reads: tuple[Read, ...] = ()
+    ranges: tuple[RangeRead, ...] = ()
+    writes: tuple[Write, ...] = ()
+
+    def size_bytes(self) -> int:
+        """A rough size in memory, for bounding caches."""
+        return (
+            sum(len(read.key) + 64 for read in self.reads)
+            + sum(64 + sum(len(key) + 64 for key, _ in item.results) for item in self.ranges)
+            + sum(len(write.key) + len(write.value or b"") + 64 for write in self.writes)
+        )
+
+
+def encode(rwset: ReadWriteSet, namespace: str) -> bytes:
+    """``ledger.rwset.TxReadWriteSet`` with the one namespace of the contract that ran; keys sorted as Fabric does."""
+    kv = kv_rwset_pb2.KVRWSet()
+    for read in sorted(rwset.reads, key=lambda item: item.key.encode()):
+        entry = kv.reads.add(key=read.key)
+        if read.version is not None:
+            entry.version.block_num, entry.version.tx_num = read.version
+            entry.version.SetInParent()
+    for item in rwset.ranges:
+        query = kv.range_queries_info.add(start_key=item.start, end_key=item.end, itr_exhausted=item.exhausted)
+        query.raw_reads.SetInParent()
+        for key, version in item.results:
+            entry = query.raw_reads.kv_reads.add(key=key)
+            entry.version.block_num, entry.version.tx_num = version
+            entry.version.SetInParent()
+    for write in sorted(rwset.writes, key=lambda item: item.key.encode()):
+        kv.writes.add(key=write.key, is_delete=write.value is None, value=write.value or b"")
+    return bytes(
+        rwset_pb2.TxReadWriteSet(
+            data_model=rwset_pb2.TxReadWriteSet.KV,
+            ns_rwset=[rwset_pb2.NsReadWriteSet(namespace=namespace, rwset=kv.SerializeToString())],
+        ).SerializeToString()
+    )
+
+
+def from_accesses(accesses: Iterable[NamespaceAccess]) -> ReadWriteSet:
+    """The set of a parsed transaction. Raises `MalformedRequestError` for what this ledger never endorses."""
+    reads: list[Read] = []
+    ranges: list[RangeRead] = []
+    writes: list[Write] = []
+    for access in accesses:
+        namespace = access.namespace
+        reads.extend(Read(namespace, read.key, _version(read)) for read in access.reads)
+        for query in access.range_queries:
+            if query.reads is None:
+                raise MalformedRequestError("the read-write set has a hashed range read; this ledger lists them whole")
+            results = tuple((read.key, _version(read)) for read in query.reads)
+            if any(version is None for _, version in results):
+                raise MalformedRequestError(f"the range read from {query.start_key!r} lists a key without its version")
+            found = tuple((key, version) for key, version in results if version is not None)
+            ranges.append(RangeRead(namespace, query.start_key, query.end_key, query.exhausted, found))
+        writes.extend(Write(namespace, write.key, None if write.is_delete else write.value) for write in access.writes)
+    return ReadWriteSet(tuple(reads), tuple(ranges), tuple(writes))
+
+
+def _version(read: transactions.Read) -> Version | None:
+    return None if read.version is None else (read.version.block, read.version.transaction)
