@@ -1,1 +1,10 @@
-"""wonderland.uwb."""
+"""Ultra-wideband radios: the FiRa UWB Command Interface, serial ports that survive unplugging, the secure link.
+
+Layers, each usable alone:
+
+* ``uci``: sans-I/O codec and host-side state machine of the FiRa UWB Command Interface.
+* ``serial_port``: an asyncio byte pipe to a serial device that may vanish and return.
+* ``layout``: which session configuration each node of a pad and a drone gets.
+* ``node``: one node on one port, asynchronous: sessions, measurements, data.
+* ``link``: the encrypted, acknowledged messages that ride in the data frames (sans-I/O).
+"""

@@ -1,0 +1,1 @@
+"""A byte pipe to a serial device that may vanish and return."""
