@@ -1,4 +1,4 @@
-"""The channel's configuration: block 0, and the config transactions that change it later.
+"""The channel's configuration as block 0 carries it.
 
 The shape is that of configtxgen, so that whoever reads Fabric's config blocks learns the trust roots here, too; the
 consensus type says "embedded", and the endorsement policy is written out: AND of the endorsing organisations' peers.
@@ -16,24 +16,15 @@ from fabric_protos.msp import msp_config_pb2, msp_principal_pb2
 from fabric_protos.orderer import configuration_pb2 as orderer_pb2
 
 from wonderland.ledger.blocks import BlockHeader, data_hash
-from wonderland.ledger.embedded.errors import EmbeddedLedgerError
-from wonderland.ledger.embedded.msp import OrganisationTrust, check_revocation_list
-from wonderland.ledger.errors import LedgerError
-from wonderland.ledger.protobuf import decode
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from wonderland.ledger.channel_config import ChannelConfig
-    from wonderland.ledger.identity import Identity
-    from wonderland.ledger.signing import Signer
+    from collections.abc import Mapping
 
 CONSENSUS_TYPE: Final = "embedded"
 METADATA_SLOTS: Final = 5
 PREFERRED_MAX_BYTES: Final = 2 << 20
 ABSOLUTE_MAX_BYTES: Final = 10 << 20
 _ADMINS: Final = "Admins"
-_NONCE_BYTES: Final = 24
 
 
 @dataclass(frozen=True)
@@ -59,19 +50,6 @@ class ChannelDescription:
     batch_count: int
 
 
-@dataclass(frozen=True)
-class SigningIdentity:
-    """An identity together with its key."""
-
-    identity: Identity
-    sign: Signer
-
-    @property
-    def creator(self) -> bytes:
-        """The SerializedIdentity."""
-        return self.identity.creator
-
-
 def genesis_block(description: ChannelDescription, timestamp_s: int, nonce: bytes) -> tuple[BlockHeader, bytes]:
     """Block 0: header and ``common.Block`` bytes. `timestamp_s` since the epoch; `nonce` 24 random bytes."""
     channel_header = common_pb2.ChannelHeader(
@@ -80,98 +58,156 @@ def genesis_block(description: ChannelDescription, timestamp_s: int, nonce: byte
     channel_header.timestamp.seconds = timestamp_s
     payload = common_pb2.Payload(
         header=common_pb2.Header(
-            channel_header=_bytes(channel_header),
-            signature_header=_bytes(common_pb2.SignatureHeader(nonce=nonce)),
+            channel_header=serialise(channel_header),
+            signature_header=serialise(common_pb2.SignatureHeader(nonce=nonce)),
         ),
-        data=_bytes(configtx_pb2.ConfigEnvelope(config=configtx_pb2.Config(channel_group=_channel(description)))),
+        data=serialise(configtx_pb2.ConfigEnvelope(config=configtx_pb2.Config(channel_group=_channel(description)))),
     )
-    envelope = _bytes(common_pb2.Envelope(payload=_bytes(payload)))
+    envelope = serialise(common_pb2.Envelope(payload=serialise(payload)))
     header = BlockHeader(0, b"", data_hash([envelope]))
     metadata = [b""] * METADATA_SLOTS
     last_config = common_pb2.LastConfig(index=0)
-    metadata[common_pb2.SIGNATURES] = _bytes(
-        common_pb2.Metadata(value=_bytes(common_pb2.OrdererBlockMetadata(last_config=last_config)))
+    metadata[common_pb2.SIGNATURES] = serialise(
+        common_pb2.Metadata(value=serialise(common_pb2.OrdererBlockMetadata(last_config=last_config)))
     )
-    metadata[common_pb2.LAST_CONFIG] = _bytes(common_pb2.Metadata(value=_bytes(last_config)))
+    metadata[common_pb2.LAST_CONFIG] = serialise(common_pb2.Metadata(value=serialise(last_config)))
     metadata[common_pb2.TRANSACTIONS_FILTER] = b"\x00"
     block = common_pb2.Block(
         header=common_pb2.BlockHeader(number=0, data_hash=header.data_hash),
         data=common_pb2.BlockData(data=[envelope]),
         metadata=common_pb2.BlockMetadata(metadata=metadata),
     )
-    return header, _bytes(block)
+    return header, serialise(block)
 
 
-def revocation_transaction(
-    config_envelope: bytes,
-    lists: Mapping[str, Sequence[bytes]],
-    admins: Mapping[str, SigningIdentity],
-    orderer: SigningIdentity,
-    timestamp_ms: int,
-    nonces: Sequence[bytes],
-) -> tuple[str, bytes] | None:
-    """A CONFIG transaction that gives organisations these revocation lists (PEM), or None when nothing changes.
-
-    `config_envelope` is the last config transaction's data; `lists` and `admins` go by MSP id; each admin signs for
-    its own organisation, the orderer signs the transaction; `nonces` are one per signature, 24 random bytes each.
-    Returns transaction id and envelope. Raises `RevocationListError` for a list that must not be on the channel.
-    """
-    config = decode(configtx_pb2.ConfigEnvelope, config_envelope, "channel configuration", LedgerError).config
-    channel_id = ""
-    read_set = configtx_pb2.ConfigGroup(version=config.channel_group.version)
-    write_set = configtx_pb2.ConfigGroup(version=config.channel_group.version)
-    changed: list[str] = []
-    for section, group in config.channel_group.groups.items():
-        for name, organisation in group.groups.items():
-            value = organisation.values["MSP"]
-            new = _with_lists(value.value, lists)
-            if new is None:
-                continue
-            msp_id, value.value = new
-            value.version += 1
-            for update, written in ((read_set, False), (write_set, True)):
-                target = update.groups[section]
-                target.version = group.version
-                target.groups[name].version = organisation.version
-                if written:
-                    target.groups[name].values["MSP"].CopyFrom(value)
-            changed.append(msp_id)
-    if not changed:
-        return None
-    config.sequence += 1
-    signers = [admins[msp_id] for msp_id in dict.fromkeys(changed)]
-    headers = [
-        _bytes(common_pb2.SignatureHeader(creator=signer.creator, nonce=nonce))
-        for signer, nonce in zip(signers, nonces, strict=False)
-    ]
-    if len(headers) < len(signers) or len(nonces) <= len(signers):
-        raise EmbeddedLedgerError("too few nonces for the config transaction's signatures")
-    channel_id = _channel_of(config)
-    update_bytes = _bytes(configtx_pb2.ConfigUpdate(channel_id=channel_id, read_set=read_set, write_set=write_set))
-    update = configtx_pb2.ConfigUpdateEnvelope(
-        config_update=update_bytes,
-        signatures=[
-            configtx_pb2.ConfigSignature(signature_header=header, signature=signer.sign(header + update_bytes))
-            for signer, header in zip(signers, headers, strict=True)
-        ],
-    )
-    del channel_id
-    last_update = _envelope(common_pb2.CONFIG_UPDATE, "", _bytes(update), signers[0], timestamp_ms, nonces[0])
-    data = _bytes(configtx_pb2.ConfigEnvelope(config=config, last_update=last_update))
-    return _tx_id(nonces[-1], orderer), _bytes(
-        _envelope(common_pb2.CONFIG, "", data, orderer, timestamp_ms, nonces[-1])
+def _channel(description: ChannelDescription) -> configtx_pb2.ConfigGroup:
+    return _group(
+        values={
+            "HashingAlgorithm": configuration_pb2.HashingAlgorithm(name="SHA256"),
+            "BlockDataHashingStructure": configuration_pb2.BlockDataHashingStructure(width=0xFFFFFFFF),
+            "Capabilities": _capabilities("V3_0"),
+        },
+        policies=_meta_policies(),
+        groups={"Orderer": _orderer(description), "Application": _application(description)},
     )
 
 
-def trust_of(config: ChannelConfig) -> tuple[OrganisationTrust, ...]:
-    """The organisations of a parsed configuration, as `ChannelMembership` takes them."""
-    return tuple(
-        OrganisationTrust(
-            msp_id=organisation.msp_id,
-            root_certs=organisation.root_certs,
-            intermediate_certs=organisation.intermediate_certs,
-            revocation_lists=organisation.revocation_lists,
-            application="Application" in organisation.sections,
+def _orderer(description: ChannelDescription) -> configtx_pb2.ConfigGroup:
+    return _group(
+        values={
+            "ConsensusType": orderer_pb2.ConsensusType(type=CONSENSUS_TYPE),
+            "BatchSize": orderer_pb2.BatchSize(
+                max_message_count=description.batch_count,
+                absolute_max_bytes=ABSOLUTE_MAX_BYTES,
+                preferred_max_bytes=PREFERRED_MAX_BYTES,
+            ),
+            "BatchTimeout": orderer_pb2.BatchTimeout(timeout=f"{description.batch_ms}ms"),
+            "ChannelRestrictions": orderer_pb2.ChannelRestrictions(),
+            "Capabilities": _capabilities("V2_0"),
+        },
+        policies={**_meta_policies(), "BlockValidation": _meta("ANY", "Writers")},
+        groups={description.orderer.msp_id: _organisation(description.orderer, orderer=True)},
+    )
+
+
+def _application(description: ChannelDescription) -> configtx_pb2.ConfigGroup:
+    endorsement = _signed_by("peer", *description.endorsing)
+    return _group(
+        values={"Capabilities": _capabilities("V2_5")},
+        policies={**_meta_policies(), "Endorsement": endorsement, "LifecycleEndorsement": endorsement},
+        groups={each.msp_id: _organisation(each, orderer=False) for each in description.applications},
+    )
+
+
+def _organisation(description: OrganisationDescription, *, orderer: bool) -> configtx_pb2.ConfigGroup:
+    name = description.msp_id
+
+    def unit(kind: str) -> msp_config_pb2.FabricOUIdentifier:
+        return msp_config_pb2.FabricOUIdentifier(organizational_unit_identifier=kind)
+
+    msp = msp_config_pb2.FabricMSPConfig(
+        name=name,
+        root_certs=[description.root_cert],
+        tls_root_certs=[description.tls_root_cert],
+        crypto_config=msp_config_pb2.FabricCryptoConfig(
+            signature_hash_family="SHA2", identity_identifier_hash_function="SHA256"
+        ),
+        fabric_node_ous=msp_config_pb2.FabricNodeOUs(
+            enable=True,
+            client_ou_identifier=unit("client"),
+            peer_ou_identifier=unit("peer"),
+            admin_ou_identifier=unit("admin"),
+            orderer_ou_identifier=unit("orderer"),
+        ),
+    )
+    values: dict[str, Any] = {"MSP": msp_config_pb2.MSPConfig(type=0, config=serialise(msp))}
+    policies = {
+        "Readers": _signed_by("member", name),
+        "Writers": _signed_by("member", name),
+        _ADMINS: _signed_by("admin", name),
+    }
+    if orderer:
+        values["Endpoints"] = configuration_pb2.OrdererAddresses(addresses=description.endpoints)
+    else:
+        policies["Endorsement"] = _signed_by("peer", name)
+    return _group(values=values, policies=policies)
+
+
+def _group(
+    *,
+    values: Mapping[str, Any],
+    policies: Mapping[str, policies_pb2.Policy],
+    groups: Mapping[str, configtx_pb2.ConfigGroup] | None = None,
+) -> configtx_pb2.ConfigGroup:
+    group = configtx_pb2.ConfigGroup(mod_policy=_ADMINS)
+    for name, value in values.items():
+        group.values[name].value = serialise(value)
+        group.values[name].mod_policy = _ADMINS
+    for name, policy in policies.items():
+        group.policies[name].policy.CopyFrom(policy)
+        group.policies[name].mod_policy = _ADMINS
+    for name, member in (groups or {}).items():
+        group.groups[name].CopyFrom(member)
+    return group
+
+
+def _capabilities(name: str) -> configuration_pb2.Capabilities:
+    return configuration_pb2.Capabilities(capabilities={name: configuration_pb2.Capability()})
+
+
+def _meta_policies() -> dict[str, policies_pb2.Policy]:
+    return {"Readers": _meta("ANY", "Readers"), "Writers": _meta("ANY", "Writers"), _ADMINS: _meta("MAJORITY", _ADMINS)}
+
+
+def _meta(rule: str, sub_policy: str) -> policies_pb2.Policy:
+    value = policies_pb2.ImplicitMetaPolicy(
+        rule=policies_pb2.ImplicitMetaPolicy.Rule.Value(rule), sub_policy=sub_policy
+    )
+    return policies_pb2.Policy(type=policies_pb2.Policy.IMPLICIT_META, value=serialise(value))
+
+
+def _signed_by(role: str, *msp_ids: str) -> policies_pb2.Policy:
+    """A signature of that role from every one of the organisations."""
+    principals = [
+        msp_principal_pb2.MSPPrincipal(
+            principal_classification=msp_principal_pb2.MSPPrincipal.ROLE,
+            principal=serialise(
+                msp_principal_pb2.MSPRole(
+                    msp_identifier=msp_id, role=msp_principal_pb2.MSPRole.MSPRoleType.Value(role.upper())
+                )
+            ),
         )
-        for organisation in config.organisations.values()
+        for msp_id in msp_ids
+    ]
+    rule = policies_pb2.SignaturePolicy(
+        n_out_of=policies_pb2.SignaturePolicy.NOutOf(
+            n=len(msp_ids), rules=[policies_pb2.SignaturePolicy(signed_by=index) for index in range(len(msp_ids))]
+        )
     )
+    envelope = policies_pb2.SignaturePolicyEnvelope(version=0, identities=principals, rule=rule)
+    return policies_pb2.Policy(type=policies_pb2.Policy.SIGNATURE, value=serialise(envelope))
+
+
+def serialise(message: Any) -> bytes:
+    """Protocol-buffer bytes with maps in key order, so that equal configurations have equal bytes."""
+    return bytes(message.SerializeToString(deterministic=True))

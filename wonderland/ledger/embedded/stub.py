@@ -1,0 +1,155 @@
+"""The contract's view of the ledger during one transaction: committed state in, read-write set out.
+
+Reads see the state of one block and never the transaction's own writes, as on Fabric. Every read is recorded with the
+version found, every range with all that it showed, so that the commit can tell whether it would read the same.
+No awaitable of this stub ever suspends.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from wonderland.ledger.embedded.errors import ContractFailedError
+from wonderland.ledger.embedded.rwset import RangeRead, Read, ReadWriteSet, Write
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+
+    from wonderland.ledger.embedded.msp import Creator
+    from wonderland.ledger.embedded.rwset import Version
+    from wonderland.ledger.embedded.state import Modification, StateReader
+
+MAX_KEY_BYTES: Final = 4096
+MAX_VALUE_BYTES: Final = 4 << 20
+MAX_WRITES: Final = 10_000
+MAX_READS: Final = 100_000
+"""Keys that one transaction may read, ranges included; Fabric's totalQueryLimit."""
+_BAD_REQUEST: Final = 400
+_TOO_MUCH: Final = 413
+
+
+class TransactionStub:
+    """One transaction's stub. The attributes are set by the ledger; the contract only reads them.
+
+    `timestamp_ms` is the client's word, checked to be within 15 minutes of the ledger's clock.
+    """
+
+    __slots__ = ("_event", "_namespace", "_ranges", "_read_count", "_reader", "_reads", "_writes", "channel", "creator",
+                 "timestamp_ms", "tx_id")  # fmt: skip
+
+    def __init__(
+        self,
+        reader: StateReader,
+        namespace: str,
+        *,
+        channel: str,
+        tx_id: str,
+        timestamp_ms: int,
+        creator: Creator,
+    ) -> None:
+        self._reader = reader
+        self._namespace = namespace
+        self.channel = channel
+        self.tx_id = tx_id
+        self.timestamp_ms = timestamp_ms
+        self.creator = creator
+        self._reads: dict[str, Version | None] = {}
+        self._ranges: list[RangeRead] = []
+        self._writes: dict[str, bytes | None] = {}
+        self._event: tuple[str, bytes] | None = None
+        self._read_count = 0
+
+    async def get(self, key: str) -> bytes | None:
+        """The committed value of a key, or None."""
+        _check_key(key)
+        self._count_read()
+        found = self._reader.get(self._namespace, key)
+        # The first version seen is the one to be checked; a snapshot shows no other.
+        self._reads.setdefault(key, None if found is None else found[1])
+        return None if found is None else found[0]
+
+    async def put(self, key: str, value: bytes) -> None:
+        """Write a key when the transaction is committed; the last write to a key counts."""
+        _check_key(key)
+        if not isinstance(value, bytes):
+            raise ContractFailedError(_BAD_REQUEST, f"key {key!r}: a value is bytes, not {type(value).__name__}")
+        if len(value) > MAX_VALUE_BYTES:
+            raise ContractFailedError(_TOO_MUCH, f"key {key!r}: {len(value)} bytes; the limit is {MAX_VALUE_BYTES}")
+        self._write(key, value)
+
+    async def delete(self, key: str) -> None:
+        """Delete a key when the transaction is committed."""
+        _check_key(key)
+        self._write(key, None)
+
+    async def range(self, start: str, end: str) -> AsyncIterator[tuple[str, bytes]]:
+        """Committed keys from `start` (included) to `end` (excluded) in UTF-8 order; "" leaves a side open."""
+        for key in (start, end):
+            if key:
+                _check_key(key)
+        start = start or "\x01"
+        seen: list[tuple[str, Version]] = []
+        exhausted = False
+        try:
+            for key, value, version in self._reader.range(self._namespace, start, end):
+                self._count_read()
+                seen.append((key, version))
+                yield key, value
+            exhausted = True
+        finally:
+            # Left early, the range ends with the last key that was seen; nothing beyond it was relied on.
+            if exhausted or seen:
+                last = end if exhausted else seen[-1][0]
+                self._ranges.append(RangeRead(self._namespace, start, last, exhausted, tuple(seen)))
+
+    async def history(self, key: str) -> AsyncIterator[Modification]:
+        """Committed changes of a key, newest first. As on Fabric, they are not checked again at commit."""
+        _check_key(key)
+        for modification in self._reader.history(self._namespace, key):
+            self._count_read()
+            yield modification
+
+    def set_event(self, name: str, payload: bytes) -> None:
+        """The transaction's event; the last one set counts."""
+        _check_event(name, payload)
+        self._event = name, payload
+
+    @property
+    def event(self) -> tuple[str, bytes] | None:
+        """Name and payload of the event, or None."""
+        return self._event
+
+    def result(self) -> ReadWriteSet:
+        """What the transaction read and wrote."""
+        namespace = self._namespace
+        return ReadWriteSet(
+            tuple(Read(namespace, key, version) for key, version in self._reads.items()),
+            tuple(self._ranges),
+            tuple(Write(namespace, key, value) for key, value in self._writes.items()),
+        )
+
+    def _write(self, key: str, value: bytes | None) -> None:
+        self._writes[key] = value
+        if len(self._writes) > MAX_WRITES:
+            raise ContractFailedError(_TOO_MUCH, f"more than {MAX_WRITES} keys written in one transaction")
+
+    def _count_read(self) -> None:
+        self._read_count += 1
+        if self._read_count > MAX_READS:
+            raise ContractFailedError(_TOO_MUCH, f"more than {MAX_READS} keys read in one transaction")
+
+
+def _check_event(name: object, payload: object) -> None:
+    if not (isinstance(name, str) and name and isinstance(payload, bytes)):
+        raise ContractFailedError(_BAD_REQUEST, "an event has a name that is not empty, and bytes for payload")
+
+
+def _check_key(key: object) -> None:
+    if not isinstance(key, str) or not key:
+        raise ContractFailedError(_BAD_REQUEST, "a key is text that is not empty")
+    try:
+        size = len(key.encode())
+    except UnicodeEncodeError as cause:
+        raise ContractFailedError(_BAD_REQUEST, f"key {key!r} is no Unicode text") from cause
+    if size > MAX_KEY_BYTES:
+        raise ContractFailedError(_TOO_MUCH, f"a key of {size} bytes; the limit is {MAX_KEY_BYTES}")
