@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated
 
 from wonderland.proofs.errors import RecordError
@@ -71,7 +72,7 @@ class Anchor(Record):
 
     def validate(self, path: str) -> None:
         """Distances of the bias table must rise."""
-        for before, after in zip(self.bias, self.bias[1:], strict=False):
+        for before, after in pairwise(self.bias):
             if after.range_mm <= before.range_mm:
                 raise RecordError(f"{path}.bias" if path else "bias", "distances must rise")
 

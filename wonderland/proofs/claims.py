@@ -1,0 +1,78 @@
+"""Where the drone says that it was at each moment of the session: its signed claims, joined by straight lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from wonderland.proofs.errors import GeometryError
+from wonderland.proofs.frame import to_local
+from wonderland.proofs.records.pads import Frame
+from wonderland.proofs.records.sessions import Claim
+
+MAX_GAP_MS: Final = 2_000
+"""A moment further than this from every claim has no claimed position of its own."""
+_PER_95_HEIGHT: Final = 0.5102
+"""Standard deviation for one unit of a 95 % bound in one dimension (1/1.96)."""
+
+
+@dataclass(frozen=True, slots=True)
+class LocalClaim:
+    """A claim in the pad's frame."""
+
+    t_ms: int
+    east: float
+    north: float
+    up: float
+
+
+class ClaimedPath:
+    """The claimed positions in the pad's frame as a function of time."""
+
+    def __init__(self, frame: Frame, claims: Sequence[Claim]) -> None:
+        """``claims`` must not be empty; raises GeometryError where one is not near the pad."""
+        if not claims:
+            raise GeometryError("there is no claim")
+        ordered = sorted(claims, key=lambda claim: claim.t_ms)
+        points = []
+        for claim in ordered:
+            east, north, up = to_local(frame, claim.lat_e7, claim.lon_e7, claim.height_mm)
+            points.append(LocalClaim(claim.t_ms, float(east), float(north), float(up)))
+        self.points: Final = tuple(points)
+        self.accuracy_mm: Final = max(claim.accuracy_mm for claim in ordered)
+        self.height_sigma_mm: Final = max(claim.height_accuracy_mm for claim in ordered) * _PER_95_HEIGHT
+
+    def at(self, t_ms: int) -> LocalClaim | None:
+        """The claimed position at a moment, or None where no claim is within MAX_GAP_MS of it.
+
+        Between two claims on a straight line; before the first and after the last, the nearest one.
+        """
+        points = self.points
+        low, high = 0, len(points)
+        while low < high:
+            middle = (low + high) // 2
+            if points[middle].t_ms <= t_ms:
+                low = middle + 1
+            else:
+                high = middle
+        before = points[low - 1] if low > 0 else None
+        after = points[low] if low < len(points) else None
+        if before is not None and after is not None and after.t_ms - before.t_ms <= 2 * MAX_GAP_MS:
+            span = after.t_ms - before.t_ms
+            share = (t_ms - before.t_ms) / span if span > 0 else 0.0
+            return LocalClaim(
+                t_ms,
+                before.east + (after.east - before.east) * share,
+                before.north + (after.north - before.north) * share,
+                before.up + (after.up - before.up) * share,
+            )
+        nearest: LocalClaim | None = None
+        for candidate in (before, after):
+            if (
+                candidate is not None
+                and abs(candidate.t_ms - t_ms) <= MAX_GAP_MS
+                and (nearest is None or abs(candidate.t_ms - t_ms) < abs(nearest.t_ms - t_ms))
+            ):
+                nearest = candidate
+        return nearest

@@ -1,0 +1,145 @@
+"""How likely the drone is within the buffer of its claim, and how far outside it surely is.
+
+The estimate of the offset from the claim is Gaussian with a covariance; its mass inside a disc about the claim has no
+closed form. The minor axis is integrated by Gauss–Legendre quadrature (2 × 24 nodes), the major one is a difference of
+normal distributions; the substitution v = 2Rt/(1+t²), h = R(1−t²)/(1+t²) takes the root out of the circle. Largest
+error over 0.003 R ≤ s1 ≤ 100 R: 4e-8 (``tests/proofs/test_likelihood.py``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import Final
+
+from wonderland.proofs.special import exp_negative, normal_half
+
+_NODES: Final = (
+    (0.06405689286260563, 0.12793819534675202),
+    (0.1911188674736163, 0.12583745634682825),
+    (0.3150426796961634, 0.1216704729278033),
+    (0.4337935076260451, 0.11550566805372552),
+    (0.5454214713888396, 0.10744427011596556),
+    (0.6480936519369755, 0.09761865210411393),
+    (0.7401241915785544, 0.0861901615319532),
+    (0.820001985973903, 0.07334648141108016),
+    (0.8864155270044011, 0.05929858491543636),
+    (0.9382745520027328, 0.04427743881741941),
+    (0.9747285559713095, 0.02853138862893356),
+    (0.9951872199970213, 0.01234122979998869),
+)
+"""Positive half of the 24 Gauss–Legendre nodes with their weights."""
+_PIECES: Final = 2
+_REACH: Final = 6.5
+"""Standard deviations beyond which a normal distribution holds less than 1e-10."""
+_INVERSE_SQRT_2PI: Final = 0.3989422804014327
+_SMALLEST_RATIO: Final = 1e-6
+_CIRCLE_STEPS: Final = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """A horizontal covariance by its axes: standard deviations s1 ≥ s2 in mm, and the major axis' direction."""
+
+    s1: float
+    s2: float
+    east: float
+    north: float
+
+
+@dataclass(frozen=True, slots=True)
+class Matrix2:
+    """A symmetric 2 × 2 matrix in mm²: east-east, east-north, north-north."""
+
+    ee: float
+    en: float
+    nn: float
+
+    def __add__(self, other: Matrix2) -> Matrix2:
+        return Matrix2(self.ee + other.ee, self.en + other.en, self.nn + other.nn)
+
+    def scaled(self, factor: float) -> Matrix2:
+        """Each element times ``factor``."""
+        return Matrix2(self.ee * factor, self.en * factor, self.nn * factor)
+
+    def along(self, east: float, north: float) -> float:
+        """Variance along a unit direction."""
+        return self.ee * east * east + 2.0 * self.en * east * north + self.nn * north * north
+
+    def ellipse(self) -> Ellipse:
+        """Axes of the covariance; a variance that rounding made negative counts as tiny."""
+        half_difference = 0.5 * (self.ee - self.nn)
+        root = sqrt(half_difference * half_difference + self.en * self.en)
+        large = 0.5 * (self.ee + self.nn) + root
+        if large <= 0.0:
+            return Ellipse(0.0, 0.0, 1.0, 0.0)
+        small = (self.ee * self.nn - self.en * self.en) / large
+        small = max(small, large * _SMALLEST_RATIO)
+        if root == 0.0:
+            return Ellipse(sqrt(large), sqrt(small), 1.0, 0.0)
+        if half_difference >= 0.0:
+            east, north = half_difference + root, self.en
+        else:
+            east, north = self.en, root - half_difference
+        length = sqrt(east * east + north * north)
+        return Ellipse(sqrt(large), sqrt(small), east / length, north / length)
+
+
+def inside_disc(east: float, north: float, covariance: Matrix2, radius: float) -> float:
+    """P(‖x‖ ≤ radius) for x ~ N((east, north), covariance): the drone is within the buffer of its claim."""
+    axes = covariance.ellipse()
+    if axes.s1 <= 0.0:
+        return 1.0 if east * east + north * north <= radius * radius else 0.0
+    major = abs(east * axes.east + north * axes.north)
+    minor = abs(north * axes.east - east * axes.north)
+    low, high = minor - _REACH * axes.s2, minor + _REACH * axes.s2
+    limit = radius
+    beyond = major - _REACH * axes.s1
+    if beyond > 0.0:
+        if beyond >= radius:
+            return 0.0
+        limit = sqrt((radius - beyond) * (radius + beyond))
+    low, high = max(low, -limit), min(high, limit)
+    if low >= high:
+        return 0.0
+    start = low / (radius + sqrt((radius - low) * (radius + low)))
+    end = high / (radius + sqrt((radius - high) * (radius + high)))
+    inverse1, inverse2 = 1.0 / axes.s1, 1.0 / axes.s2
+    half = 0.5 * (end - start) / _PIECES
+    total = 0.0
+    for piece in range(_PIECES):
+        middle = start + half * (2 * piece + 1)
+        for node, weight in _NODES:
+            for t in (middle - half * node, middle + half * node):
+                q = 1.0 / (1.0 + t * t)
+                h = radius * (1.0 - t * t) * q
+                z = (2.0 * radius * t * q - minor) * inverse2
+                mass = normal_half((h - major) * inverse1) + normal_half((h + major) * inverse1)
+                total += weight * exp_negative(-0.5 * z * z) * mass * q * h
+    result = total * half * 2.0 * _INVERSE_SQRT_2PI * inverse2
+    return min(result, 1.0)
+
+
+def distance_to_disc(east: float, north: float, covariance: Matrix2, radius: float) -> float:
+    """Mahalanobis distance from the estimate to the nearest point of the disc; 0 inside it.
+
+    The circle is walked in 256 points; between them the distance is at most 0.03 % larger than the true minimum for
+    points far outside, which is where it decides.
+    """
+    if east * east + north * north <= radius * radius:
+        return 0.0
+    determinant = covariance.ee * covariance.nn - covariance.en * covariance.en
+    if determinant <= 0.0:
+        return 0.0
+    best = -1.0
+    for step in range(_CIRCLE_STEPS + 1):
+        t = step / _CIRCLE_STEPS
+        q = 1.0 / (1.0 + t * t)
+        cosine, sine = radius * (1.0 - t * t) * q, radius * 2.0 * t * q
+        # t in 0..1 is the first quadrant; the others follow by quarter turns.
+        for x, y in ((cosine, sine), (-sine, cosine), (-cosine, -sine), (sine, -cosine)):
+            dx, dy = east - x, north - y
+            square = (covariance.nn * dx * dx - 2.0 * covariance.en * dx * dy + covariance.ee * dy * dy) / determinant
+            if best < 0.0 or square < best:
+                best = square
+    return sqrt(best) if best > 0.0 else 0.0
