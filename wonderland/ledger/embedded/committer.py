@@ -46,6 +46,8 @@ class Candidate:
     creator: bytes
     timestamp_ms: int
     code: int
+    config_sequence: int
+    """The channel configuration under which the creator was checked."""
     rwset: ReadWriteSet = field(default_factory=ReadWriteSet)
 
 

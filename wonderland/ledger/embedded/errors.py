@@ -29,6 +29,10 @@ class StorageError(EmbeddedLedgerError):
         self.full = full
 
 
+class LedgerUnavailableError(EmbeddedLedgerError):
+    """The ledger takes no transactions now: it is stopping, overloaded, or cannot write. What was committed stays."""
+
+
 class ContractLoadError(EmbeddedLedgerError):
     """No contract of that name is installed, or what is installed is none."""
 

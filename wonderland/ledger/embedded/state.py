@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 from wonderland.ledger.embedded.errors import DirectoryError, LedgerCorruptedError, StorageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from wonderland.ledger.embedded.rwset import Version, Write
@@ -217,16 +217,16 @@ class StateWriter:
         """Whether a transaction with this id is already in a block."""
         return self._db.execute("SELECT 1 FROM tx WHERE tx_id=?", (tx_id,)).fetchone() is not None
 
-    def commit_block(
+    def stage_block(
         self,
         number: int,
         header_hash: bytes,
         raw: bytes,
         transactions: Sequence[CommittedTx],
-        meta: dict[str, bytes] | None = None,
+        meta: Mapping[str, bytes] | None = None,
     ) -> None:
-        """Store a block with all its effects, durably. Raises `StorageError`; then nothing of it is stored."""
-        try:
+        """Prepare a block with all its effects; `commit` makes it durable. Raises `StorageError`; nothing is kept."""
+        with self._failing(number):
             self._db.execute("BEGIN IMMEDIATE")
             self._db.execute("INSERT INTO block VALUES (?,?,?)", (number, header_hash, raw))
             self._db.executemany(
@@ -238,13 +238,22 @@ class StateWriter:
                     self._apply(number, position, tx)
             for name, value in (meta or {}).items():
                 self._db.execute("INSERT OR REPLACE INTO meta VALUES (?,?)", (name, value))
+
+    def commit(self, number: int) -> None:
+        """Write the staged block durably (the only slow step; it may run in another thread). Raises `StorageError`."""
+        with self._failing(number):
             self._db.execute("COMMIT")
+
+    @contextlib.contextmanager
+    def _failing(self, number: int) -> Iterator[None]:
+        try:
+            yield
         except sqlite3.Error as cause:
             if self._db.in_transaction:
                 with contextlib.suppress(sqlite3.Error):
                     self._db.execute("ROLLBACK")
             full = getattr(cause, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
-            raise StorageError(f"block {number} was not stored: {cause}", full=full) from cause
+            raise StorageError(f"block {number} could not be written: {cause}", full=full) from cause
 
     def _apply(self, number: int, position: int, tx: CommittedTx) -> None:
         execute = self._db.execute

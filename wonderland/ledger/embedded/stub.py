@@ -13,7 +13,7 @@ from wonderland.ledger.embedded.errors import ContractFailedError
 from wonderland.ledger.embedded.rwset import RangeRead, Read, ReadWriteSet, Write
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
+    from collections.abc import AsyncIterator, Callable, Iterator
 
     from wonderland.ledger.embedded.msp import Creator
     from wonderland.ledger.embedded.rwset import Version
@@ -54,7 +54,7 @@ class TransactionStub:
         self.timestamp_ms = timestamp_ms
         self.creator = creator
         self._reads: dict[str, Version | None] = {}
-        self._ranges: list[RangeRead] = []
+        self._ranges: list[_RangeCursor] = []
         self._writes: dict[str, bytes | None] = {}
         self._event: tuple[str, bytes] | None = None
         self._read_count = 0
@@ -82,25 +82,15 @@ class TransactionStub:
         _check_key(key)
         self._write(key, None)
 
-    async def range(self, start: str, end: str) -> AsyncIterator[tuple[str, bytes]]:
+    def range(self, start: str, end: str) -> AsyncIterator[tuple[str, bytes]]:
         """Committed keys from `start` (included) to `end` (excluded) in UTF-8 order; "" leaves a side open."""
         for key in (start, end):
             if key:
                 _check_key(key)
         start = start or "\x01"
-        seen: list[tuple[str, Version]] = []
-        exhausted = False
-        try:
-            for key, value, version in self._reader.range(self._namespace, start, end):
-                self._count_read()
-                seen.append((key, version))
-                yield key, value
-            exhausted = True
-        finally:
-            # Left early, the range ends with the last key that was seen; nothing beyond it was relied on.
-            if exhausted or seen:
-                last = end if exhausted else seen[-1][0]
-                self._ranges.append(RangeRead(self._namespace, start, last, exhausted, tuple(seen)))
+        cursor = _RangeCursor(start, end, self._reader.range(self._namespace, start, end), self._count_read)
+        self._ranges.append(cursor)
+        return cursor
 
     async def history(self, key: str) -> AsyncIterator[Modification]:
         """Committed changes of a key, newest first. As on Fabric, they are not checked again at commit."""
@@ -124,7 +114,7 @@ class TransactionStub:
         namespace = self._namespace
         return ReadWriteSet(
             tuple(Read(namespace, key, version) for key, version in self._reads.items()),
-            tuple(self._ranges),
+            tuple(cursor.record(namespace) for cursor in self._ranges if cursor.started),
             tuple(Write(namespace, key, value) for key, value in self._writes.items()),
         )
 
@@ -137,6 +127,42 @@ class TransactionStub:
         self._read_count += 1
         if self._read_count > MAX_READS:
             raise ContractFailedError(_TOO_MUCH, f"more than {MAX_READS} keys read in one transaction")
+
+
+class _RangeCursor:
+    """One range being read. It keeps its own record, so that leaving a loop early loses nothing."""
+
+    __slots__ = ("_count", "_end", "_exhausted", "_rows", "_seen", "_start", "started")
+
+    def __init__(
+        self, start: str, end: str, rows: Iterator[tuple[str, bytes, Version]], count: Callable[[], None]
+    ) -> None:
+        self._start = start
+        self._end = end
+        self._rows = rows
+        self._count = count
+        self._seen: list[tuple[str, Version]] = []
+        self._exhausted = False
+        self.started = False
+
+    def __aiter__(self) -> _RangeCursor:
+        return self
+
+    async def __anext__(self) -> tuple[str, bytes]:
+        self.started = True
+        row = next(self._rows, None)
+        if row is None:
+            self._exhausted = True
+            raise StopAsyncIteration
+        self._count()
+        key, value, version = row
+        self._seen.append((key, version))
+        return key, value
+
+    def record(self, namespace: str) -> RangeRead:
+        """What was seen. Left early, the range ends with the last key seen: nothing beyond it was relied on."""
+        end = self._end if self._exhausted else self._seen[-1][0]
+        return RangeRead(namespace, self._start, end, self._exhausted, tuple(self._seen))
 
 
 def _check_event(name: object, payload: object) -> None:
