@@ -1,0 +1,107 @@
+"""What happens to a session on the pad: everything that the machine can be told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from wonderland.proofs.records.verdicts import Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class RadiosOpened:
+    """The pad's nodes run both UWB sessions. ``firmware`` of the nodes, where they say it."""
+
+    firmware: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RadiosFailed:
+    """The nodes cannot range: too few of them answered, or the one that speaks is gone for good."""
+
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorRange:
+    """One report of one node: ``range_mm`` is None where it heard the drone's frame but has no range.
+
+    ``t_ms``: when the report arrived, on the session's clock.
+    """
+
+    anchor_id: str
+    t_ms: int
+    range_mm: int | None
+    nlos: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class DataHeard:
+    """One in-band data unit from the drone, as a node reported it; not yet authenticated."""
+
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """Time has passed; nothing else happened."""
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictCommitted:
+    """SubmitProof is VALID in a block. Only this event lets the machine permit anything."""
+
+    verdict: Verdict
+    tx_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class SubmitRefused:
+    """The contract refused the evidence; ``reason`` is for machines."""
+
+    reason: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class LedgerLost:
+    """Neither a commit nor a refusal before it was too late."""
+
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class SessionCancelled:
+    """The ledger says that someone cancelled the session (drone, authority, or this pad)."""
+
+    by: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class InteractionCompleted:
+    """The ledger says how the permitted interaction ended."""
+
+    end: str
+
+
+@dataclass(frozen=True, slots=True)
+class Interrupted:
+    """The agent has to end the session: it is being stopped, its spool is full, or the like."""
+
+    reason: str
+    detail: str = ""
+
+
+PadEvent = (
+    RadiosOpened
+    | RadiosFailed
+    | AnchorRange
+    | DataHeard
+    | Tick
+    | VerdictCommitted
+    | SubmitRefused
+    | LedgerLost
+    | SessionCancelled
+    | InteractionCompleted
+    | Interrupted
+)

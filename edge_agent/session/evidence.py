@@ -1,0 +1,120 @@
+"""What a session gathers for the contract, column by column, within the bounds of the records."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from edge_agent.session.gather import Round
+from wonderland.proofs.records.sessions import (
+    MAX_CLAIMS,
+    MAX_ROUNDS,
+    AnchorRanges,
+    BroadcastClaim,
+    Claim,
+    Evidence,
+    Radio,
+    RangeTable,
+    StepTime,
+)
+from wonderland.uwb.link.proof_payloads import ClaimBatch
+
+
+class GatheredEvidence:
+    """Rounds, claims and steps of one session. ``freeze`` ends the table of ranges that the drone countersigns."""
+
+    def __init__(self, anchor_ids: Sequence[str]) -> None:
+        self.anchor_ids = tuple(anchor_ids)
+        self._t_ms: list[int] = []
+        self._columns: list[list[int]] = [[] for _ in self.anchor_ids]
+        self._nlos: list[list[int]] = [[] for _ in self.anchor_ids]
+        self._claims: list[Claim] = []
+        self._steps: dict[str, int] = {}
+        self.frozen = False
+
+    @property
+    def rounds(self) -> int:
+        """Rounds gathered."""
+        return len(self._t_ms)
+
+    @property
+    def claims(self) -> tuple[Claim, ...]:
+        """Claims that the drone sent, in its order."""
+        return tuple(self._claims)
+
+    @property
+    def steps(self) -> dict[str, int]:
+        """Time of each step that was reached, ms."""
+        return dict(self._steps)
+
+    def add_round(self, gathered: Round) -> bool:
+        """Append a round; False once frozen or full."""
+        if self.frozen or len(self._t_ms) >= MAX_ROUNDS:
+            return False
+        position = len(self._t_ms)
+        self._t_ms.append(gathered.t_ms)
+        for column, nlos, range_mm, obstructed in zip(
+            self._columns, self._nlos, gathered.range_mm, gathered.nlos, strict=True
+        ):
+            column.append(range_mm)
+            if obstructed:
+                nlos.append(position)
+        return True
+
+    def add_claims(self, batch: ClaimBatch) -> bool:
+        """Append claims; False where their numbers do not follow on those before: nothing may be missing or changed."""
+        if batch.first_index != len(self._claims) or len(self._claims) + len(batch.claims) > MAX_CLAIMS:
+            return False
+        self._claims.extend(batch.claims)
+        return True
+
+    def reach(self, step: str, t_ms: int) -> bool:
+        """Note the time of a step, the first time only; False if it was reached before."""
+        if step in self._steps:
+            return False
+        self._steps[step] = t_ms
+        return True
+
+    def table(self, start: int = 0, stop: int | None = None) -> RangeTable:
+        """The rounds from ``start`` to ``stop``."""
+        rows = slice(start, len(self._t_ms) if stop is None else stop)
+        indices = range(len(self._t_ms))[rows]
+        return RangeTable(
+            t_ms=tuple(self._t_ms[rows]),
+            anchors=tuple(
+                AnchorRanges(
+                    anchor_id=anchor_id,
+                    range_mm=tuple(column[rows]),
+                    nlos=tuple(position - indices.start for position in nlos if position in indices),
+                )
+                for anchor_id, column, nlos in zip(self.anchor_ids, self._columns, self._nlos, strict=True)
+            ),
+        )
+
+    def latest(self) -> dict[str, int]:
+        """The last round's ranges by anchor, mm; anchors that measured nothing are left out."""
+        return {
+            anchor_id: column[-1]
+            for anchor_id, column in zip(self.anchor_ids, self._columns, strict=True)
+            if column and column[-1] > 0
+        }
+
+    def evidence(
+        self,
+        *,
+        matched: bool,
+        broadcast: Sequence[BroadcastClaim],
+        radio: Radio,
+        uav_signature: str | None = None,
+        failure: str | None = None,
+    ) -> Evidence:
+        """The record that SubmitProof takes."""
+        return Evidence(
+            ranges=self.table(),
+            claims=self.claims,
+            broadcast=tuple(broadcast)[-MAX_CLAIMS:],
+            matched="both" if matched else "none",
+            radio=radio,
+            steps=tuple(StepTime(step=step, t_ms=t_ms) for step, t_ms in self._steps.items()),
+            uav_signature=uav_signature,
+            failure=failure,
+        )

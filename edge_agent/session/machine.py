@@ -1,0 +1,488 @@
+"""The pad's side of one proof as an explicit state machine: events in, actions out, no I/O.
+
+Phases and the steps of the paper that they hold:
+
+* OPENING: the nodes are being told the sessions. The request is VALID already: that is why this machine exists.
+* POLLING (2, 3, 4): the pad has said its code over UWB and waits for the drone's.
+* RANGING (5): rounds, claims, identity and the echo of a challenge come in; the pad looks at 10, 20, 40, 80 and 160
+  rounds whether the contract would be settled.
+* CONFIRMING (6): the drone has been told all ranges and has to countersign them with its claims.
+* SUBMITTING (7): the evidence is before the contract.
+* PERMITTED (8): a committed verdict granted it; the drone acts and completes, or the permission lapses.
+* ENDED.
+
+Whatever fails after the poll is brought before the contract with its reason, so that it is judged and on the record;
+what fails before it is cancelled with its reason.
+"""
+
+from __future__ import annotations
+
+import hmac
+from collections.abc import Callable
+from enum import Enum
+from typing import Final
+
+from edge_agent.session import actions as do
+from edge_agent.session import events as on
+from edge_agent.session.evidence import GatheredEvidence
+from edge_agent.session.gather import Round, RoundGatherer
+from edge_agent.session.timing import PadTiming
+from edge_agent.session.words import PadWords, Word
+from wonderland.proofs.encoding import to_base64url
+from wonderland.proofs.keys import SessionKeys
+from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.records.sessions import BroadcastClaim, Evidence, Radio, Session
+from wonderland.proofs.records.verdicts import Verdict
+from wonderland.proofs.verdict import LOOKS, NEAR_CLAIM_MS, preview
+from wonderland.uwb.layout import RangingPlan
+from wonderland.uwb.link.messages import AbortReason
+
+Judge = Callable[[Session, Commissioning, Evidence, int], Verdict]
+Broadcasts = Callable[[int], tuple[BroadcastClaim, ...]]
+"""What the receiver heard of this drone since a time (ms)."""
+
+HOPELESS_LOOKS: Final = 2
+"""Looks in a row that must say that no number of rounds would settle it: a single one may be noise."""
+
+
+class Phase(Enum):
+    """Where a session stands on the pad."""
+
+    OPENING = "opening"
+    POLLING = "polling"
+    RANGING = "ranging"
+    CONFIRMING = "confirming"
+    SUBMITTING = "submitting"
+    PERMITTED = "permitted"
+    ENDED = "ended"
+
+
+class PadSession:
+    """One proof at one pad.
+
+    ``session`` and ``commissioning`` come from the ledger, ``keys`` from their transcript. ``random_octets`` must be
+    unpredictable: the challenge and its moment come from it. ``certificate`` is the pad's own (DER); it is said whole
+    instead of by its hash where ``whole_certificate`` is set. All times are milliseconds on one steady clock.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        commissioning: Commissioning,
+        keys: SessionKeys,
+        *,
+        certificate: bytes,
+        broadcasts: Broadcasts,
+        random_octets: Callable[[int], bytes],
+        now_ms: int,
+        timing: PadTiming | None = None,
+        whole_certificate: bool = False,
+        judge: Judge = preview,
+    ) -> None:
+        self.session: Final = session
+        self.commissioning: Final = commissioning
+        self.phase = Phase.OPENING
+        self.verdict: Verdict | None = None
+        self._timing = timing or PadTiming()
+        self._broadcasts = broadcasts
+        self._judge = judge
+        anchor_ids = [anchor.anchor_id for anchor in commissioning.anchors]
+        self._plan = RangingPlan(
+            session_a_id=keys.session_a,
+            session_b_id=keys.session_b,
+            pad_macs=tuple(anchor.mac for anchor in commissioning.anchors),
+            uav_mac=keys.uav_mac,
+            sts_key=keys.sts_key,
+        )
+        self._gatherer = RoundGatherer(anchor_ids, self._plan.interval_a_ms)
+        self._gathered = GatheredEvidence(anchor_ids)
+        self._words = PadWords(
+            session, keys, certificate=certificate, whole_certificate=whole_certificate, now_ms=now_ms
+        )
+        self._code_uav = keys.code_uav
+        self._challenge = random_octets(8)
+        spread = max(1, self._timing.challenge_spread_ms)
+        self._challenge_delay_ms = int.from_bytes(random_octets(4), "big") % spread
+        self._firmware: str | None = None
+        self._matched = False
+        self._signature: str | None = None
+        self._failure: str | None = None
+        self._look_due = False
+        self._looks = 0
+        self._hopeless = 0
+        self._told = 0
+        self._last_usable_ms = now_ms
+        self._last_claim_ms: int | None = None
+        self._times: dict[str, int] = {}
+        """Deadlines and moments by name; each is taken out when it is met."""
+        self._times["open"] = now_ms + self._timing.open_ms
+        self._cutoff_ms = session.expires_ms - min(
+            self._timing.submit_reserve_ms, max(0, (session.expires_ms - now_ms) // 3)
+        )
+
+    @property
+    def evidence(self) -> GatheredEvidence:
+        """What was gathered so far."""
+        return self._gathered
+
+    @property
+    def plan(self) -> RangingPlan:
+        """What the nodes are told."""
+        return self._plan
+
+    def start(self, now_ms: int) -> list[do.PadAction]:
+        """First actions: the request is on the ledger, the nodes are opened."""
+        actions: list[do.PadAction] = []
+        self._reach("request", min(now_ms, self.session.requested_ms), actions)
+        actions.append(do.OpenRadios(self._plan))
+        return actions
+
+    def handle(self, event: on.PadEvent, now_ms: int) -> list[do.PadAction]:
+        """Take one event at this time; returns what is to be done, in order."""
+        actions: list[do.PadAction] = []
+        if self.phase is Phase.ENDED:
+            return actions
+        match event:
+            case on.AnchorRange():
+                self._rounds(self._gatherer.add(event.anchor_id, event.t_ms, event.range_mm, nlos=event.nlos), now_ms)
+            case on.DataHeard():
+                self._words.receive(event.data, now_ms)
+            case on.RadiosOpened():
+                self._radios_opened(event, now_ms)
+            case on.RadiosFailed():
+                self._radios_failed(event, now_ms, actions)
+            case on.VerdictCommitted():
+                self._decided(event, now_ms, actions)
+            case on.SubmitRefused():
+                self._refused(event, now_ms, actions)
+            case on.LedgerLost():
+                self._end("requested", "ledger_lost", now_ms, actions, detail=event.detail)
+            case on.SessionCancelled():
+                self._cancelled(event, now_ms, actions)
+            case on.InteractionCompleted():
+                self._completed(event, now_ms, actions)
+            case on.Interrupted():
+                self._interrupted(event, now_ms, actions)
+            case on.Tick():
+                pass
+        self._words_heard(now_ms, actions)
+        self._time_passed(now_ms, actions)
+        return actions
+
+    def frames_to_send(self, now_ms: int, budget: int) -> list[bytes]:
+        """At most ``budget`` frames for the node that speaks; call it when ``next_frames_ms`` has come."""
+        if self.phase in {Phase.OPENING, Phase.PERMITTED, Phase.ENDED}:
+            return []
+        return self._words.frames_to_send(now_ms, budget)
+
+    def next_frames_ms(self) -> int | None:
+        """When ``frames_to_send`` will have something; None while all is quiet."""
+        return None if self.phase is Phase.OPENING else self._words.next_wakeup_ms()
+
+    def next_tick_ms(self) -> int | None:
+        """When the machine wants a Tick if nothing else happens; None once it has ended."""
+        if self.phase is Phase.ENDED:
+            return None
+        times = list(self._times.values())
+        closes_ms = self._gatherer.closes_ms
+        if self.phase is Phase.RANGING:
+            times.append(self._last_usable_ms + self._timing.silence_ms)
+            if closes_ms is not None:
+                times.append(closes_ms)
+        if self.phase in {Phase.POLLING, Phase.RANGING, Phase.CONFIRMING}:
+            times.append(self._cutoff_ms)
+        return min(times, default=self.session.expires_ms)
+
+    # --- the steps ---------------------------------------------------------------------------------------------
+
+    def _radios_opened(self, event: on.RadiosOpened, now_ms: int) -> None:
+        """Step 2: poll."""
+        if self.phase is not Phase.OPENING:
+            return
+        self._times.pop("open", None)
+        self._firmware = event.firmware
+        self.phase = Phase.POLLING
+        self._words.poll(now_ms)
+        self._times["reply"] = now_ms + self._timing.reply_ms
+
+    def _radios_failed(self, event: on.RadiosFailed, now_ms: int, actions: list[do.PadAction]) -> None:
+        if self.phase is Phase.OPENING:
+            self._cancel("radios_unavailable", event.detail, now_ms, actions)
+        elif self.phase in {Phase.POLLING, Phase.RANGING, Phase.CONFIRMING}:
+            self._fail("radios_lost", event.detail, now_ms, actions)
+
+    def _words_heard(self, now_ms: int, actions: list[do.PadAction]) -> None:
+        """Steps 3 to 6 as far as the drone's words carry them."""
+        for heard in self._words.heard():
+            if self.phase not in {Phase.POLLING, Phase.RANGING, Phase.CONFIRMING}:
+                return
+            match heard.word:
+                case Word.POLL_SENT:
+                    self._reach("poll", now_ms, actions)
+                case Word.POLL_DELIVERED:
+                    self._reach("match", now_ms, actions)
+                case Word.REPLY:
+                    self._replied(heard.octets, now_ms, actions)
+                case Word.CLAIMS:
+                    if heard.claims is None or not self._gathered.add_claims(heard.claims):
+                        self._fail("claims_out_of_order", "claims do not follow on one another", now_ms, actions)
+                    self._last_claim_ms = now_ms
+                case Word.IDENTITY:
+                    self._times.pop("identity", None)
+                case Word.ECHO:
+                    self._echoed(heard.octets, now_ms, actions)
+                case Word.SIGNATURE:
+                    self._signed(heard.octets, now_ms, actions)
+                case Word.ABORT:
+                    self._fail(_ABORTS.get(heard.abort, "drone_aborted"), heard.detail, now_ms, actions)
+                case Word.BROKEN:
+                    self._fail(heard.reason, heard.detail, now_ms, actions)
+
+    def _replied(self, code: bytes, now_ms: int, actions: list[do.PadAction]) -> None:
+        """Step 4: the drone's code."""
+        if self.phase is not Phase.POLLING:
+            self._fail("out_of_turn", "a second reply", now_ms, actions)
+            return
+        if not hmac.compare_digest(code, self._code_uav):
+            self._words.abort(AbortReason.CODE_MISMATCH, now_ms)
+            self._fail("code_mismatch", "the drone's session code is not the one of this session", now_ms, actions)
+            return
+        self._times.pop("reply", None)
+        self._matched = True
+        self._reach("poll", now_ms, actions)
+        self._reach("match", now_ms, actions)
+        self._reach("reply", now_ms, actions)
+        self.phase = Phase.RANGING
+        self._last_usable_ms = now_ms
+        self._words.introduce(now_ms)
+        self._times["identity"] = now_ms + self._timing.identity_ms
+        self._times["challenge"] = now_ms + self._challenge_delay_ms
+
+    def _rounds(self, rounds: list[Round], now_ms: int) -> None:
+        """Step 5: a round is complete. What arrived before the codes matched proves nothing and is left out."""
+        if self.phase is not Phase.RANGING or self._look_due:
+            return
+        for gathered in rounds:
+            if not self._gathered.add_round(gathered):
+                return
+            if gathered.count >= min(3, len(gathered.range_mm)):
+                self._last_usable_ms = now_ms
+            if self._gathered.rounds in LOOKS or self._gathered.rounds >= self.session.policy.max_rounds:
+                self._look_due = True
+                self._times["look"] = now_ms + self._timing.look_patience_ms
+                return
+
+    def _range(self, now_ms: int, actions: list[do.PadAction]) -> None:
+        """What ranging brought since the last event: first round, running estimates, looks."""
+        rounds = self._gathered.rounds
+        if not rounds:
+            return
+        self._reach("range", self._gathered.table(0, 1).t_ms[0], actions)
+        if self._look_due and self._claim_is_fresh(now_ms):
+            self._look(now_ms, actions)
+        elif rounds >= self._told + self._timing.estimate_every_rounds and self._gathered.claims:
+            self._told = rounds
+            actions.append(
+                do.ReportEstimate(
+                    self._preview(now_ms), self._gathered.latest(), self._gathered.table(rounds - 1).t_ms[0]
+                )
+            )
+
+    def _claim_is_fresh(self, now_ms: int) -> bool:
+        """Whether the newest claim is of the newest rounds' time; a look waits a little for one."""
+        fresh = self._last_claim_ms is not None and now_ms - self._last_claim_ms <= self._timing.fresh_claim_ms
+        return fresh or now_ms >= self._times.get("look", now_ms)
+
+    def _look(self, now_ms: int, actions: list[do.PadAction]) -> None:
+        """Would the contract be settled? Then, or when no rounds are left, the ranges are told and signed."""
+        self._look_due = False
+        self._times.pop("look", None)
+        self._looks += 1
+        self._last_usable_ms = now_ms
+        verdict = self._preview(now_ms)
+        self._told = self._gathered.rounds
+        actions.append(
+            do.ReportEstimate(verdict, self._gathered.latest(), self._gathered.table(self._gathered.rounds - 1).t_ms[0])
+        )
+        undecided = verdict.outcome == "inconclusive"
+        self._hopeless = self._hopeless + 1 if undecided and verdict.more_rounds < 0 else 0
+        last = self._gathered.rounds >= min(self.session.policy.max_rounds, LOOKS[-1])
+        if not undecided or last or self._hopeless >= HOPELESS_LOOKS:
+            self._confirm(now_ms)
+        else:
+            self._words.tell(self._gathered, now_ms, final=False)
+
+    def _preview(self, now_ms: int) -> Verdict:
+        return self._judge(self.session, self.commissioning, self._evidence(now_ms), now_ms)
+
+    def _confirm(self, now_ms: int) -> None:
+        """Step 6: tell all ranges and ask for the countersignature."""
+        self._gathered.frozen = True
+        self.phase = Phase.CONFIRMING
+        if "challenge" in self._times:  # ranging was over before its moment came
+            self._send_challenge(now_ms)
+        self._words.tell(self._gathered, now_ms, final=True)
+        self._times["confirm"] = now_ms + self._timing.confirm_ms
+
+    def _send_challenge(self, now_ms: int) -> None:
+        self._times.pop("challenge", None)
+        self._words.challenge(self._challenge, now_ms)
+        self._times["echo"] = now_ms + self._timing.echo_ms
+
+    def _echoed(self, challenge: bytes, now_ms: int, actions: list[do.PadAction]) -> None:
+        if "echo" not in self._times:
+            self._fail("out_of_turn", "an echo without a challenge", now_ms, actions)
+        elif not hmac.compare_digest(challenge, self._challenge):
+            self._fail("echo_mismatch", "the echo is not the challenge's", now_ms, actions)
+        else:
+            del self._times["echo"]
+
+    def _signed(self, signature: bytes, now_ms: int, actions: list[do.PadAction]) -> None:
+        """Step 6, the answer. Whether it holds, the contract decides; the pad says what it saw."""
+        if self.phase is not Phase.CONFIRMING:
+            self._fail("out_of_turn", "a countersignature before the ranges", now_ms, actions)
+            return
+        self._signature = to_base64url(signature)
+        holds = self._words.signature_holds(signature, self._gathered)
+        self._reach("confirm", now_ms, actions, ok=holds, detail="" if holds else "the signature does not fit")
+        if "echo" in self._times or "identity" in self._times:
+            self._fail("challenge_unanswered", "signed without answering challenge and identity", now_ms, actions)
+            return
+        self._submit(now_ms, actions)
+
+    def _submit(self, now_ms: int, actions: list[do.PadAction]) -> None:
+        """Step 7."""
+        self.phase = Phase.SUBMITTING
+        self._times.clear()
+        self._gathered.frozen = True
+        actions.append(do.Submit(self._evidence(now_ms)))
+
+    def _evidence(self, now_ms: int) -> Evidence:
+        table = self._gathered.table(0, 1)
+        since_ms = (table.t_ms[0] if table.t_ms else now_ms) - NEAR_CLAIM_MS
+        return self._gathered.evidence(
+            matched=self._matched,
+            broadcast=self._broadcasts(since_ms),
+            radio=Radio(measured_by="pad", sts="provisioned", firmware=self._firmware),
+            uav_signature=self._signature,
+            failure=self._failure,
+        )
+
+    def _decided(self, event: on.VerdictCommitted, now_ms: int, actions: list[do.PadAction]) -> None:
+        """Step 8: the verdict is in a block."""
+        if self.phase is not Phase.SUBMITTING:
+            return
+        self.verdict = event.verdict
+        granted = event.verdict.permission == "granted"
+        self._reach("verdict", now_ms, actions, detail=event.verdict.outcome)
+        actions.append(do.CloseRadios())
+        if granted:
+            self.phase = Phase.PERMITTED
+            self._reach("permission", now_ms, actions, detail="granted")
+            actions.append(do.Permit(event.verdict))
+            self._times["permission"] = max(self.session.expires_ms, now_ms)
+        else:
+            actions.append(do.ReportStep("permission", now_ms, ok=False, detail="refused"))
+            self._end("decided", "refused", now_ms, actions, tx_id=event.tx_id)
+
+    def _refused(self, event: on.SubmitRefused, now_ms: int, actions: list[do.PadAction]) -> None:
+        if self.phase is not Phase.SUBMITTING:
+            return
+        actions.append(do.ReportStep("verdict", now_ms, ok=False, detail=event.detail))
+        self._cancel(event.reason, event.detail, now_ms, actions)
+
+    def _cancelled(self, event: on.SessionCancelled, now_ms: int, actions: list[do.PadAction]) -> None:
+        if self.phase is Phase.PERMITTED:
+            actions.append(do.Withdraw(event.reason))
+        else:
+            actions.append(do.CloseRadios())
+        self._end("cancelled", event.reason, now_ms, actions, detail=f"by {event.by}")
+
+    def _completed(self, event: on.InteractionCompleted, now_ms: int, actions: list[do.PadAction]) -> None:
+        if self.phase is Phase.PERMITTED:
+            actions.append(do.Withdraw("completed"))
+        self._end("completed", event.end, now_ms, actions)
+
+    def _interrupted(self, event: on.Interrupted, now_ms: int, actions: list[do.PadAction]) -> None:
+        """The agent has to stop. A verdict under way is left to the ledger; a permission is taken back."""
+        if self.phase is Phase.PERMITTED:
+            actions.append(do.Withdraw(event.reason))
+            self._end("decided", event.reason, now_ms, actions, detail=event.detail)
+        elif self.phase is Phase.SUBMITTING:
+            actions.append(do.CloseRadios())
+            self._end("requested", event.reason, now_ms, actions, detail=event.detail)
+        else:
+            self._cancel(event.reason, event.detail, now_ms, actions)
+
+    # --- time --------------------------------------------------------------------------------------------------
+
+    def _time_passed(self, now_ms: int, actions: list[do.PadAction]) -> None:
+        if self.phase is Phase.RANGING:
+            self._rounds(self._gatherer.expire(now_ms), now_ms)
+            self._range(now_ms, actions)
+        due = {name for name, t_ms in self._times.items() if now_ms >= t_ms}
+        match self.phase:
+            case Phase.OPENING if "open" in due:
+                self._cancel("radios_unavailable", "the nodes did not open the sessions in time", now_ms, actions)
+            case Phase.POLLING if "reply" in due or now_ms >= self._cutoff_ms:
+                self._fail("no_reply", "the drone did not answer over UWB", now_ms, actions)
+            case Phase.RANGING | Phase.CONFIRMING:
+                self._ranging_time(due, now_ms, actions)
+            case Phase.PERMITTED if "permission" in due:
+                actions.append(do.Withdraw("permission_expired"))
+                actions.append(do.Cancel("permission_expired", "the drone did not complete in time"))
+                self._end("cancelled", "permission_expired", now_ms, actions)
+            case _:
+                pass
+
+    def _ranging_time(self, due: set[str], now_ms: int, actions: list[do.PadAction]) -> None:
+        if "challenge" in due and self.phase is Phase.RANGING:
+            self._send_challenge(now_ms)
+        if "echo" in due:
+            self._fail("no_echo", "the drone did not answer the challenge", now_ms, actions)
+        elif "identity" in due:
+            self._fail("no_identity", "the drone did not say who it is", now_ms, actions)
+        elif "confirm" in due:
+            self._fail("not_countersigned", "the drone did not countersign the ranges", now_ms, actions)
+        elif now_ms >= self._cutoff_ms:
+            self._fail("out_of_time", "the session is about to expire", now_ms, actions)
+        elif self.phase is Phase.RANGING and now_ms >= self._last_usable_ms + self._timing.silence_ms:
+            self._fail("drone_lost", "no usable round any more", now_ms, actions)
+
+    # --- ends --------------------------------------------------------------------------------------------------
+
+    def _fail(self, reason: str, detail: str, now_ms: int, actions: list[do.PadAction]) -> None:
+        """Something broke after the poll: the contract judges what there is, with the reason."""
+        if self.phase not in {Phase.POLLING, Phase.RANGING, Phase.CONFIRMING}:
+            return
+        self._failure = reason
+        step = {Phase.POLLING: "reply", Phase.RANGING: "range", Phase.CONFIRMING: "confirm"}[self.phase]
+        if self.phase is Phase.POLLING and "poll" not in self._gathered.steps:
+            step = "poll"
+        actions.append(do.ReportStep(step, now_ms, ok=False, detail=f"{reason}: {detail}" if detail else reason))
+        self._submit(now_ms, actions)
+
+    def _cancel(self, reason: str, detail: str, now_ms: int, actions: list[do.PadAction]) -> None:
+        actions.extend((do.CloseRadios(), do.Cancel(reason, detail)))
+        self._end("cancelled", reason, now_ms, actions, detail=detail)
+
+    def _end(
+        self, state: str, end: str, now_ms: int, actions: list[do.PadAction], *, tx_id: str = "", detail: str = ""
+    ) -> None:
+        self.phase = Phase.ENDED
+        self._times.clear()
+        self._words.close()
+        actions.append(do.Finish(state, end, now_ms, tx_id, detail))
+
+    def _reach(self, step: str, t_ms: int, actions: list[do.PadAction], *, ok: bool = True, detail: str = "") -> None:
+        if self._gathered.reach(step, t_ms):
+            actions.append(do.ReportStep(step, t_ms, ok=ok, detail=detail))
+
+
+_ABORTS: Final = {
+    AbortReason.CODE_MISMATCH: "drone_saw_code_mismatch",
+    AbortReason.IDENTITY_MISMATCH: "drone_saw_identity_mismatch",
+    AbortReason.TIMEOUT: "drone_timed_out",
+    AbortReason.RANGES_REFUSED: "ranges_refused",
+    AbortReason.CANCELLED: "drone_cancelled",
+}
