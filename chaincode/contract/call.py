@@ -1,0 +1,70 @@
+"""One call of the contract: typed records in and out of the stub, and what a transaction answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar
+
+from chaincode.contract.errors import BROKEN, ContractError
+from chaincode.stub import Creator, Stub
+from wonderland.proofs.errors import ProofError
+from wonderland.proofs.records.schema import Record
+
+MAX_STATE_BYTES: Final = 4 << 20
+"""A stored asset is a little larger than the argument that brought it; what was stored must be readable."""
+
+R = TypeVar("R", bound=Record)
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a transaction returns, and the record that its event carries (queries have no event)."""
+
+    result: dict[str, Any]
+    event: dict[str, Any] | None = None
+
+    @classmethod
+    def of(cls, record: Record) -> Answer:
+        """The record both as result and in the event."""
+        document = record.to_json()
+        return cls(document, document)
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """One transaction under way."""
+
+    stub: Stub
+    version: str
+    """Version of the contract; it goes into the sessions' transcripts."""
+
+    @property
+    def who(self) -> Creator:
+        """Who signed the transaction."""
+        return self.stub.creator
+
+    @property
+    def now_ms(self) -> int:
+        """The transaction's time."""
+        return self.stub.timestamp_ms
+
+    async def find(self, key: str, kind: type[R]) -> R | None:
+        """The committed record under a key, or None."""
+        data = await self.stub.get(key)
+        return None if data is None else stored(data, kind)
+
+    async def store(self, key: str, record: Record) -> None:
+        """Write a record."""
+        await self.stub.put(key, record.encode())
+
+
+def stored(data: bytes, kind: type[R]) -> R:
+    """A record as it stands in the state; raises ContractError (500) where this version cannot read it."""
+    try:
+        return kind.decode(data, max_bytes=MAX_STATE_BYTES)
+    except ProofError as error:
+        raise ContractError(
+            BROKEN,
+            "STATE_UNREADABLE",
+            f"a stored {kind.__name__} does not fit this version of the contract ({error}); upgrade the contract",
+        ) from None

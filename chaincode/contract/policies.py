@@ -1,0 +1,37 @@
+"""Policies: set for a pad or all, an action or all; the most specific one holds."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from chaincode.contract import pads
+from chaincode.contract.call import Answer, Call
+from wonderland.proofs.records import keys
+from wonderland.proofs.records import transactions as tx
+from wonderland.proofs.records.policies import Policy
+
+ANY: Final = "*"
+
+
+async def in_force(call: Call, pad_id: str, action: str) -> Policy:
+    """The policy that holds for an action at a pad."""
+    for scope in ((pad_id, action), (pad_id, ANY), (ANY, action), (ANY, ANY)):
+        policy = await call.find(keys.composite(keys.POLICY, *scope), Policy)
+        if policy is not None:
+            return policy
+    return Policy()
+
+
+async def set_policy(call: Call, argument: tx.SetPolicy) -> Answer:
+    """SetPolicy. It holds for sessions requested from now on; a session keeps the policy of its request."""
+    if argument.pad_id != ANY:
+        await pads.require_in_service(call, argument.pad_id)
+    policy = argument.policy
+    await call.store(keys.composite(keys.POLICY, argument.pad_id, argument.action), policy)
+    document = policy.to_json()
+    return Answer(document, {"pad_id": argument.pad_id, "action": argument.action, "policy": document})
+
+
+async def read(call: Call, argument: tx.PolicyFor) -> Answer:
+    """ReadPolicy."""
+    return Answer((await in_force(call, argument.pad_id, argument.action)).to_json())
