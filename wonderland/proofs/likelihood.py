@@ -123,23 +123,31 @@ def inside_disc(east: float, north: float, covariance: Matrix2, radius: float) -
 def distance_to_disc(east: float, north: float, covariance: Matrix2, radius: float) -> float:
     """Mahalanobis distance from the estimate to the nearest point of the disc; 0 inside it.
 
-    The circle is walked in 256 points; between them the distance is at most 0.03 % larger than the true minimum for
-    points far outside, which is where it decides.
+    The circle is walked in 256 points and then finely about the nearest of them; what is left is below 0.1 %
+    (``tests/proofs/test_likelihood.py``).
     """
     if east * east + north * north <= radius * radius:
         return 0.0
     determinant = covariance.ee * covariance.nn - covariance.en * covariance.en
     if determinant <= 0.0:
         return 0.0
-    best = -1.0
-    for step in range(_CIRCLE_STEPS + 1):
-        t = step / _CIRCLE_STEPS
+
+    def square(t: float, quarter: int) -> float:
         q = 1.0 / (1.0 + t * t)
-        cosine, sine = radius * (1.0 - t * t) * q, radius * 2.0 * t * q
-        # t in 0..1 is the first quadrant; the others follow by quarter turns.
-        for x, y in ((cosine, sine), (-sine, cosine), (-cosine, -sine), (sine, -cosine)):
-            dx, dy = east - x, north - y
-            square = (covariance.nn * dx * dx - 2.0 * covariance.en * dx * dy + covariance.ee * dy * dy) / determinant
-            if best < 0.0 or square < best:
-                best = square
+        x, y = radius * (1.0 - t * t) * q, radius * 2.0 * t * q
+        for _ in range(quarter):
+            x, y = -y, x
+        dx, dy = east - x, north - y
+        return (covariance.nn * dx * dx - 2.0 * covariance.en * dx * dy + covariance.ee * dy * dy) / determinant
+
+    best, at, side = square(0.0, 0), 0.0, 0
+    for quarter in range(4):  # t in 0..1 is a quarter of the circle
+        for step in range(_CIRCLE_STEPS):
+            t = step / _CIRCLE_STEPS
+            value = square(t, quarter)
+            if value < best:
+                best, at, side = value, t, quarter
+    middle = at
+    for step in range(-_CIRCLE_STEPS, _CIRCLE_STEPS + 1):
+        best = min(best, square(middle + step / (_CIRCLE_STEPS * _CIRCLE_STEPS), side))
     return sqrt(best) if best > 0.0 else 0.0

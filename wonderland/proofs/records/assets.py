@@ -11,7 +11,7 @@ from wonderland.proofs.records.schema import Flag, Integer, Record, Text
 MAX_VALUE_CHARACTERS = 512 * 1024
 
 AssetId = Annotated[
-    str, Text(128, r"[^\x00-\x1f\x7f]+", "Identifier of the asset, unique in the channel", min_length=1)
+    str, Text(128, "[^\x00-\x1f\x7f\U0010ffff]+", "Identifier of the asset, unique in the channel", min_length=1)
 ]
 AssetType = Annotated[
     str,

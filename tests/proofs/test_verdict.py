@@ -1,0 +1,272 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wonderland.proofs.records.sessions import AnchorRanges, Evidence, Radio, RangeTable
+from wonderland.proofs.records.verdicts import Reason, Verdict
+from wonderland.proofs.verdict import decide, preview
+
+VECTORS = Path(__file__).parent.parent / "vectors" / "verdicts.json"
+HERE = (3000.0, 6000.0, 4000.0)
+
+
+def at(*position):
+    return lambda t: position
+
+
+def codes(verdict):
+    return [reason.code for reason in verdict.reasons]
+
+
+def judge(
+    world,
+    now_ms,
+    truth,
+    claimed,
+    *,
+    session=None,
+    signature_valid=True,
+    confirmed=True,
+    authorisation=(),
+    policy=None,
+    **evidence,
+):
+    session = session or world.session(world.claim(claimed(0), 1_800_000_000_000), **(policy or {}))
+    return decide(
+        session,
+        world.commissioning,
+        world.evidence(truth, claimed, **evidence),
+        confirmed=confirmed,
+        signature_valid=signature_valid,
+        authorisation=authorisation,
+        now_ms=now_ms,
+        evidence_sha256="0" * 64,
+    )
+
+
+def test_an_honest_drone_is_verified_and_permitted(world, now_ms):
+    verdict = judge(world, now_ms, at(*HERE), at(*HERE), broadcast=at(*HERE))
+    assert (verdict.outcome, verdict.permission, verdict.assurance) == ("verified", "granted", 2)
+    assert verdict.signed.likelihood_ppm >= 999_000
+    assert verdict.signed.error_mm < 200
+    assert verdict.signed.paper_rule
+    assert verdict.broadcast.outcome == "verified"
+    assert verdict.estimate.east_mm == pytest.approx(3000, abs=200)
+    assert 5_000 < verdict.within_mm < 12_000
+    assert Verdict.parse(verdict.to_json()) == verdict
+
+
+@pytest.mark.parametrize("lie", [(2000, 0), (0, 3000), (-5000, 5000), (60_000, 0), (0, 900_000)])
+def test_a_lie_is_refuted_and_measured(world, now_ms, lie):
+    claimed = at(HERE[0] + lie[0], HERE[1] + lie[1], HERE[2])
+    verdict = judge(world, now_ms, at(*HERE), claimed)
+    size = (lie[0] ** 2 + lie[1] ** 2) ** 0.5
+    assert (verdict.outcome, verdict.permission) == ("refuted", "refused")
+    assert verdict.signed.likelihood_ppm == 0
+    assert verdict.signed.error_mm == pytest.approx(size, abs=400)
+    assert not verdict.signed.paper_rule
+    assert "outside_buffer" in codes(verdict)
+
+
+def test_truth_to_the_pad_and_a_lie_to_the_public_is_refuted(world, now_ms):
+    verdict = judge(world, now_ms, at(*HERE), at(*HERE), broadcast=at(HERE[0] + 31_000, HERE[1], HERE[2]))
+    assert verdict.signed.outcome == "verified"
+    assert verdict.broadcast.outcome == "refuted"
+    assert verdict.outcome == "refuted"
+    assert "broadcast_contradicts" in codes(verdict)
+    assert verdict.broadcast.error_mm == pytest.approx(31_000, abs=300)
+
+
+def test_a_moving_drone_is_judged_along_its_claimed_path(world, now_ms):
+    path = lambda t: (3000 + 3 * t, 6000 - 1 * t, 4000)  # noqa: E731
+    assert judge(world, now_ms, path, path, broadcast=path).outcome == "verified"
+    stale = lambda t: (3000 + 3 * (t - 1000), 6000, 4000)  # noqa: E731
+    assert judge(world, now_ms, path, stale).outcome == "refuted"
+
+
+def test_few_rounds_decide_nothing(world, now_ms):
+    verdict = judge(world, now_ms, at(*HERE), at(*HERE), rounds=9)
+    assert verdict.outcome == "inconclusive"
+    assert "too_few_rounds" in codes(verdict)
+    assert judge(world, now_ms, at(*HERE), at(9000, 9000, 4000), rounds=9).outcome == "inconclusive"
+
+
+def test_at_the_edge_more_rounds_are_asked_for(make_world, now_ms):
+    verdict = judge(make_world(sigma_mm=60), now_ms, at(3000, 14_000, 4000), at(3850, 14_000, 4000), rounds=10)
+    assert verdict.outcome == "inconclusive"
+    assert verdict.more_rounds > 10
+    assert (
+        judge(make_world(sigma_mm=60), now_ms, at(3000, 14_000, 4000), at(3600, 14_000, 4000), rounds=160).outcome
+        == "verified"
+    )
+
+
+def test_bias_that_does_not_average_is_said_to_be_hopeless(make_world, now_ms):
+    verdict = judge(make_world(bias_sigma_mm=200), now_ms, at(3000, 14_000, 4000), at(3000, 14_000, 4000), rounds=160)
+    assert (verdict.outcome, verdict.more_rounds) == ("inconclusive", -1)
+
+
+def test_three_anchors_never_refute(make_world, now_ms):
+    world = make_world(anchors=((1500, 1500), (-1500, 1500), (-1500, -1500)))
+    verdict = judge(world, now_ms, at(*HERE), at(9000, 9000, 4000))
+    assert verdict.outcome == "inconclusive"
+    assert "cannot_refute" in codes(verdict)
+
+
+def test_one_anchor_that_contradicts_the_others_decides_nothing(world, now_ms):
+    verdict = judge(world, now_ms, at(*HERE), at(*HERE), bias_mm=(0, 0, 900, 0))
+    assert verdict.outcome == "inconclusive"
+    assert "ranges_inconsistent" in codes(verdict)
+
+
+@pytest.mark.parametrize(
+    ("more", "code"),
+    [
+        ({"signature_valid": None}, "not_countersigned"),
+        ({"signature_valid": False}, "countersignature_invalid"),
+        ({"confirmed": False}, "codes_not_matched"),
+        ({"failure": "uav_lost"}, "session_stopped"),
+        ({"radio": Radio(measured_by="uav", sts="provisioned")}, "assurance_too_low"),
+        ({"radio": Radio(measured_by="pad", sts="static"), "policy": {"min_assurance": 2}}, "assurance_too_low"),
+    ],
+)
+def test_what_forbids_to_verify(world, now_ms, more, code):
+    verdict = judge(world, now_ms, at(*HERE), at(*HERE), **more)
+    assert code in codes(verdict)
+    if code == "session_stopped":
+        assert verdict.outcome == "verified"  # evidence was complete: stopping early is said, the rounds stand
+    else:
+        assert verdict.outcome == "inconclusive"
+        assert verdict.permission == "refused"
+
+
+def test_a_liar_without_confirmations_is_still_refuted(world, now_ms):
+    verdict = judge(world, now_ms, at(*HERE), at(9000, 9000, 4000), signature_valid=None, confirmed=False)
+    assert verdict.outcome == "refuted"
+
+
+def test_a_vague_claim_buys_nothing(world, now_ms):
+    session = world.session(world.claim(HERE, 1_800_000_000_000, accuracy_mm=1_000_000))
+    verdict = judge(world, now_ms, at(*HERE), at(*HERE), session=session)
+    assert verdict.outcome == "inconclusive"
+    assert "claim_vague" in codes(verdict)
+
+
+def test_a_verified_drone_without_authorisation_may_not_act(world, now_ms):
+    lapsed = Reason(code="maintenance_lapsed", text="Maintenance lapsed.")
+    verdict = judge(world, now_ms, at(*HERE), at(*HERE), authorisation=(lapsed,))
+    assert (verdict.outcome, verdict.authorised, verdict.permission) == ("verified", False, "refused")
+    assert "maintenance_lapsed" in codes(verdict)
+
+
+def test_old_rounds_and_claims_are_not_fresh(world):
+    verdict = judge(world, 1_800_000_000_000 + 300, at(*HERE), at(*HERE), policy={"max_clock_skew_ms": 0})
+    assert verdict.outcome == "inconclusive"
+    assert {"rounds_not_fresh", "claims_not_fresh"} <= set(codes(verdict))
+
+
+def test_time_that_goes_back(world, now_ms):
+    evidence = world.evidence(at(*HERE), at(*HERE))
+    table = evidence.ranges
+    backwards = dataclasses.replace(evidence, ranges=dataclasses.replace(table, t_ms=table.t_ms[::-1]))
+    session = world.session(world.claim(HERE, 1_800_000_000_000))
+    verdict = preview(session, world.commissioning, backwards, now_ms)
+    assert "time_goes_back" in codes(verdict)
+    assert verdict.outcome == "inconclusive"
+
+
+def test_a_claim_from_the_other_side_of_the_planet(world, now_ms):
+    session = world.session(dataclasses.replace(world.claim(HERE, 1_800_000_000_000), lat_e7=-600_000_000))
+    verdict = judge(world, now_ms, at(*HERE), at(*HERE), session=session)
+    assert verdict.outcome == "inconclusive"
+    assert "claim_far_away" in codes(verdict)
+
+
+def test_a_broadcast_from_elsewhere_is_refuted_too(world, now_ms):
+    evidence = world.evidence(at(*HERE), at(*HERE), broadcast=at(*HERE))
+    evidence = dataclasses.replace(
+        evidence, broadcast=tuple(dataclasses.replace(b, lat_e7=0) for b in evidence.broadcast)
+    )
+    verdict = preview(world.session(world.claim(HERE, 1_800_000_000_000)), world.commissioning, evidence, now_ms)
+    assert verdict.broadcast.outcome == "refuted"
+    assert verdict.outcome == "refuted"
+
+
+RANGE = st.sampled_from([-1, 0, 1, 5_000, 7_000, 7_010, 100_000, 1_000_000])
+
+
+@given(
+    st.integers(0, 30).flatmap(
+        lambda n: st.tuples(
+            st.lists(st.integers(-10_000, 70_000), min_size=n, max_size=n),
+            st.lists(st.lists(RANGE, min_size=n, max_size=n), min_size=0, max_size=4),
+        )
+    ),
+)
+@settings(deadline=None, max_examples=200)
+def test_no_ranges_whatever_raise_or_verify_without_agreeing(columns):
+    from tests_world import World
+
+    world = World()
+    times, ranges = columns
+    table = RangeTable(
+        t_ms=tuple(1_800_000_000_000 + t for t in times),
+        anchors=tuple(AnchorRanges(anchor_id=f"A{i}", range_mm=tuple(column)) for i, column in enumerate(ranges)),
+    )
+    evidence = Evidence(
+        ranges=table, claims=(), broadcast=(), matched="both", radio=Radio(measured_by="pad", sts="static"), steps=()
+    )
+    session = world.session(world.claim(HERE, 1_800_000_000_000))
+    verdict = preview(session, world.commissioning, evidence, 1_800_000_070_000)
+    Verdict.parse(verdict.to_json())
+    if len(ranges) < 4 or len(times) < 10:
+        assert verdict.outcome == "inconclusive"
+
+
+def test_error_rates_at_the_boundary_hold_under_repeated_looks(make_world, now_ms):
+    """A drone exactly one buffer away: each look may err at 1 %; all five together must stay near it."""
+    wrong = {"verified": 0, "refuted": 0}
+    tries = 150
+    for seed in range(tries):
+        world = make_world(seed=seed, sigma_mm=50, bias_sigma_mm=0)
+        session = world.session(world.claim((4000, 14_000, 4000), 1_800_000_000_000))
+        full = world.evidence(at(3000, 14_000, 4000), at(4000, 14_000, 4000), rounds=80)
+        for rounds in (10, 20, 40, 80):
+            part = dataclasses.replace(
+                full,
+                ranges=RangeTable(
+                    t_ms=full.ranges.t_ms[:rounds],
+                    anchors=tuple(dataclasses.replace(a, range_mm=a.range_mm[:rounds]) for a in full.ranges.anchors),
+                ),
+            )
+            outcome = preview(session, world.commissioning, part, now_ms).outcome
+            if outcome != "inconclusive":
+                wrong[outcome] += 1
+                break
+    assert wrong["verified"] <= 6
+    assert wrong["refuted"] <= 6
+
+
+def test_golden_vectors():
+    """The same bits on every machine and Python: made by ``make vectors``."""
+    for vector in json.loads(VECTORS.read_text()):
+        from wonderland.proofs.records.pads import Commissioning
+        from wonderland.proofs.records.sessions import Session
+
+        verdict = decide(
+            Session.parse(vector["session"]),
+            Commissioning.parse(vector["commissioning"]),
+            Evidence.parse(vector["evidence"]),
+            confirmed=True,
+            signature_valid=True,
+            authorisation=(),
+            now_ms=vector["now_ms"],
+            evidence_sha256="0" * 64,
+        )
+        assert verdict.to_json() == vector["verdict"], vector["name"]

@@ -1,0 +1,133 @@
+"""A pad, a session and evidence to judge, made from a seed."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Sequence
+
+from wonderland.proofs import frame as frames
+from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning, Frame
+from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.sessions import (
+    AnchorRanges,
+    BroadcastClaim,
+    Claim,
+    Evidence,
+    Party,
+    Radio,
+    RangeTable,
+    Session,
+)
+
+FRAME = Frame(
+    lat_e7=604_518_000,
+    lon_e7=222_666_000,
+    height_mm=30_000,
+    e1=23_627_000_000,
+    e2=-92_000_000,
+    e3=3_700_000,
+    n1=47_900_000_000,
+    n2=0,
+    n3=40_000_000,
+    n4=7_800_000,
+    u2=-87_000_000,
+    u3=-21_000_000,
+)
+START_MS = 1_800_000_000_000
+SQUARE = ((1500, 1500), (-1500, 1500), (-1500, -1500), (1500, -1500))
+
+
+class World:
+    """Builds sessions whose truth is known."""
+
+    def __init__(
+        self, seed: int = 1, anchors: Sequence[tuple[int, int]] = SQUARE, sigma_mm: int = 25, bias_sigma_mm: int = 5
+    ) -> None:
+        self.rng = random.Random(seed)
+        self.sigma_mm = sigma_mm
+        self.commissioning = Commissioning(
+            frame=FRAME,
+            anchors=tuple(
+                Anchor(
+                    anchor_id=f"A{i}",
+                    mac=0xA000 + i,
+                    east_mm=e,
+                    north_mm=n,
+                    up_mm=1200 if i == 0 else 200,
+                    survey_sigma_mm=3,
+                    bias=(BiasPoint(range_mm=0, bias_mm=0, sigma_mm=bias_sigma_mm),),
+                )
+                for i, (e, n) in enumerate(anchors)
+            ),
+            range_sigma_mm=sigma_mm,
+            installation_sigma_mm=5,
+            max_range_mm=100_000,
+            valid_from_ms=0,
+            valid_until_ms=START_MS * 2,
+            method="simulated",
+        )
+
+    def claim(self, local: tuple[float, float, float], t_ms: int, **more: int) -> Claim:
+        lat, lon, height = frames.to_wgs84(FRAME, *(round(value) for value in local))
+        return Claim(
+            lat_e7=lat,
+            lon_e7=lon,
+            height_mm=height,
+            t_ms=t_ms,
+            **{"accuracy_mm": 100, "height_accuracy_mm": 200, **more},
+        )
+
+    def session(self, claim: Claim, **policy: int) -> Session:
+        party = Party(msp_id="PadMSP", certificate_sha256="0" * 64)
+        return Session(
+            session_id="0" * 64,
+            state="requested",
+            pad_id="pad-1",
+            uav_id="uav-1",
+            action="land",
+            claim=claim,
+            prekey_id="k1",
+            pad_key="A" * 87,
+            uav_key="A" * 87,
+            pad=party,
+            uav=party,
+            commissioning_sha256="0" * 64,
+            transcript_sha256="0" * 64,
+            policy=Policy(**policy),
+            requested_ms=START_MS,
+            expires_ms=START_MS + 60_000,
+        )
+
+    def evidence(
+        self,
+        truth,
+        claimed,
+        *,
+        rounds: int = 40,
+        bias_mm: Sequence[float] = (0, 0, 0, 0, 0, 0),
+        broadcast=None,
+        **more,
+    ) -> Evidence:
+        """``truth`` and ``claimed`` are functions of milliseconds since the start → (east, north, up) in mm."""
+        times = [500 + 50 * i for i in range(rounds)]
+        columns = []
+        for index, anchor in enumerate(self.commissioning.anchors):
+            ranges = []
+            for t in times:
+                distance = math.dist(truth(t), (anchor.east_mm, anchor.north_mm, anchor.up_mm))
+                ranges.append(max(0, round((distance + bias_mm[index] + self.rng.gauss(0, self.sigma_mm)) / 10) * 10))
+            columns.append(AnchorRanges(anchor_id=anchor.anchor_id, range_mm=tuple(ranges)))
+        claims = tuple(self.claim(claimed(t), START_MS + t) for t in range(400, 700 + 50 * rounds, 200))
+        heard = ()
+        if broadcast is not None:
+            heard = tuple(
+                BroadcastClaim(lat_e7=c.lat_e7, lon_e7=c.lon_e7, height_mm=c.height_mm, t_ms=c.t_ms)
+                for c in (self.claim(broadcast(t), START_MS + t) for t in range(500, 700 + 50 * rounds, 1000))
+            )
+        return Evidence(
+            ranges=RangeTable(t_ms=tuple(START_MS + t for t in times), anchors=tuple(columns)),
+            claims=claims,
+            broadcast=heard,
+            **{"matched": "both", "radio": Radio(measured_by="pad", sts="provisioned"), "steps": (), **more},
+        )

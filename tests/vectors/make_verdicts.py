@@ -1,0 +1,55 @@
+"""Writes ``verdicts.json``: verdicts of known evidence, to the bit. Run by ``make vectors``; look at the diff before you commit it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
+from tests_world import START_MS, World
+
+from wonderland.proofs.verdict import decide
+
+CASES = {
+    "honest": ((3000, 6000, 4000), (3000, 6000, 4000), 20, {}),
+    "two metres off": ((3000, 6000, 4000), (5000, 6000, 4000), 20, {}),
+    "at the edge": ((3000, 14_000, 4000), (3950, 14_000, 4000), 12, {}),
+    "broadcast elsewhere": ((3000, 6000, 4000), (3000, 6000, 4000), 20, {"broadcast": lambda t: (40_000, 6000, 4000)}),
+    "one anchor wrong": ((3000, 6000, 4000), (3000, 6000, 4000), 20, {"bias_mm": (0, 0, 700, 0)}),
+}
+
+
+def main() -> None:
+    vectors = []
+    for name, (truth, claimed, rounds, more) in CASES.items():
+        world = World(seed=7)
+        session = world.session(world.claim(claimed, START_MS))
+        evidence = world.evidence(lambda t, p=truth: p, lambda t, p=claimed: p, rounds=rounds, **more)
+        verdict = decide(
+            session,
+            world.commissioning,
+            evidence,
+            confirmed=True,
+            signature_valid=True,
+            authorisation=(),
+            now_ms=START_MS + 20_000,
+            evidence_sha256="0" * 64,
+        )
+        vectors.append(
+            {
+                "name": name,
+                "now_ms": START_MS + 20_000,
+                "session": session.to_json(),
+                "commissioning": world.commissioning.to_json(),
+                "evidence": evidence.to_json(),
+                "verdict": verdict.to_json(),
+            }
+        )
+    Path(__file__).with_name("verdicts.json").write_text(
+        json.dumps(vectors, separators=(",", ":"), sort_keys=True) + "\n"
+    )
+
+
+if __name__ == "__main__":
+    main()
