@@ -380,7 +380,9 @@ class PadSession:
             self.phase = Phase.PERMITTED
             self._reach("permission", now_ms, actions, detail="granted")
             actions.append(do.Permit(event.verdict))
-            self._times["permission"] = max(self.session.expires_ms, now_ms)
+            self._times["permission"] = max(
+                self.session.expires_ms + self._timing.lapse_margin_ms, now_ms + self._timing.completion_ms
+            )
         else:
             actions.append(do.ReportStep("permission", now_ms, ok=False, detail="refused"))
             self._end("decided", "refused", now_ms, actions, tx_id=event.tx_id)

@@ -29,5 +29,9 @@ class PadTiming:
     """Longest that a look waits for a claim."""
     submit_reserve_ms: int = 5_000
     """Kept free before the session expires, to submit and commit what there is."""
+    completion_ms: int = 60_000
+    """From the permission until the drone has said how it ended; longer, and the permission lapses."""
+    lapse_margin_ms: int = 2_000
+    """Added to the session's expiry before a lapse is put on the ledger, whose clock is the transactions'."""
     estimate_every_rounds: int = 5
     """How often a running, unverified estimate is told."""
