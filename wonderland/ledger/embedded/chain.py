@@ -212,7 +212,7 @@ class Chain:
         return await done
 
     async def _make_blocks(self) -> None:
-        while not (self._closing and not len(self._cutter) and not self._lists):
+        while not self._halted and not (self._closing and not len(self._cutter) and not self._lists):
             await self._cutter.wait()
             if self._lists:
                 lists, done = self._lists.pop(0)
