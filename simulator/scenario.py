@@ -1,0 +1,169 @@
+"""Who is in the world of the demo: three landing pads in Turku, honest drones, and liars of each kind."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from edge_agent.geodesy import frame_at
+from simulator.channel import BIAS_M
+from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning, Frame
+
+DAY_MS: Final = 86_400_000
+
+
+class Behaviour(StrEnum):
+    """What a drone does that an honest one would not."""
+
+    HONEST = "honest"
+    GNSS_DRAGGED = "gnss-dragged"
+    """A spoofer drags its position away at 1 m/s; it believes what it signs and broadcasts."""
+    FALSE_BROADCAST = "false-broadcast"
+    """It tells the pad the truth and the public another place."""
+    REPLAY = "replay"
+    """Its radio answers with frames of a session that it overheard."""
+    MAINTENANCE_LAPSED = "maintenance-lapsed"
+    """It is where it says, but may not fly."""
+
+
+@dataclass(frozen=True)
+class AnchorSite:
+    """One node of a pad: its place in metres, its constant range error, its short address."""
+
+    anchor_id: str
+    mac: int
+    east_m: float
+    north_m: float
+    up_m: float
+    bias_m: float
+
+
+@dataclass(frozen=True)
+class PadSite:
+    """One landing pad. ``gnss_buffer_mm`` is the buffer of its policy."""
+
+    pad_id: str
+    name: str
+    lat_e7: int
+    lon_e7: int
+    height_mm: int
+    anchors: tuple[AnchorSite, ...]
+    buffer_mm: int = 1_000
+
+    @property
+    def frame(self) -> Frame:
+        """The pad's local frame."""
+        return frame_at(self.lat_e7, self.lon_e7, self.height_mm)
+
+    def commissioning(self, now_ms: int, *, sigma_mm: int = 30) -> Commissioning:
+        """What a good commissioning of this pad would have found: biases to 6 mm, positions to 3 mm."""
+        return Commissioning(
+            frame=self.frame,
+            anchors=tuple(
+                Anchor(
+                    anchor_id=site.anchor_id,
+                    mac=site.mac,
+                    east_mm=round(site.east_m * 1000),
+                    north_mm=round(site.north_m * 1000),
+                    up_mm=round(site.up_m * 1000),
+                    survey_sigma_mm=3,
+                    bias=tuple(
+                        BiasPoint(
+                            range_mm=round(distance * 1000),
+                            bias_mm=round((bias + site.bias_m) * 1000),
+                            sigma_mm=6,
+                        )
+                        for distance, bias in BIAS_M
+                    ),
+                )
+                for site in self.anchors
+            ),
+            range_sigma_mm=sigma_mm,
+            installation_sigma_mm=8,
+            max_range_mm=80_000,
+            valid_from_ms=now_ms - DAY_MS,
+            valid_until_ms=now_ms + 365 * DAY_MS,
+            method="Simulated survey and calibration",
+        )
+
+
+@dataclass(frozen=True)
+class DroneSpec:
+    """One drone: where it goes, how good its GNSS is, how it lies."""
+
+    uav_id: str
+    model: str
+    pad_id: str
+    action: str
+    behaviour: Behaviour
+    hover_m: tuple[float, float, float]
+    """Where it asks for its proof, in the pad's frame."""
+    away_m: tuple[float, float, float]
+    """Where it comes from and goes back to."""
+    start_s: float
+    """When it first sets out."""
+    gnss_sigma_m: float = 0.02
+
+    @property
+    def honest(self) -> bool:
+        """Whether a good verdict is expected."""
+        return self.behaviour is Behaviour.HONEST
+
+
+def _square(first_mac: int, half_m: float, biases: tuple[float, ...]) -> tuple[AnchorSite, ...]:
+    corners = ((half_m, half_m), (-half_m, half_m), (-half_m, -half_m), (half_m, -half_m))
+    # One raised anchor: four in a plane could not tell above from below.
+    return tuple(
+        AnchorSite(f"A{index + 1}", first_mac + index, east, north, 1.6 if index == 0 else 0.25, biases[index])
+        for index, (east, north) in enumerate(corners)
+    )
+
+
+PADS: Final = (
+    PadSite(
+        "aurajoki-2", "Aurajoki 2", 604_503_100, 222_712_400, 31_000, _square(0xA000, 1.6, (0.02, -0.01, 0.0, 0.015))
+    ),
+    PadSite("satama-1", "Satama 1", 604_360_800, 222_308_900, 24_000, _square(0xA010, 1.6, (-0.02, 0.01, 0.02, 0.0))),
+    PadSite(
+        "kupittaa",
+        "Kupittaa",
+        604_484_900,
+        222_968_700,
+        47_000,
+        _square(0xA020, 2.0, (0.0, 0.0, -0.015, 0.02)),
+        buffer_mm=3_000,
+    ),
+)
+
+DRONES: Final = (
+    DroneSpec(
+        "OH-DRN-0233", "Heavylift X8", "aurajoki-2", "land", Behaviour.HONEST, (5.5, -6.5, 6.0), (160, -240, 60), 0.0
+    ),
+    DroneSpec("OH-DRN-0377", "Parcel M4", "satama-1", "land", Behaviour.HONEST, (-7.0, 4.0, 5.0), (-260, 120, 55), 0.5),
+    DroneSpec(
+        "OH-DRN-0118", "Survey S2", "kupittaa", "land", Behaviour.HONEST, (6.0, 6.0, 6.0), (210, 190, 50), 1.0, 0.25
+    ),
+    DroneSpec(
+        "OH-DRN-0417", "Parcel M4", "aurajoki-2", "land", Behaviour.GNSS_DRAGGED, (2.0, 9.5, 6.5), (60, 300, 70), 7.0
+    ),
+    DroneSpec(
+        "OH-DRN-0640", "Parcel M4", "kupittaa", "dock", Behaviour.FALSE_BROADCAST, (-6.5, 5.0, 5.5), (-300, 90, 65), 7.5
+    ),
+    DroneSpec("OH-DRN-0871", "Courier C1", "satama-1", "land", Behaviour.REPLAY, (6.0, 7.0, 5.0), (240, 200, 45), 8.0),
+    DroneSpec(
+        "OH-DRN-0925",
+        "Courier C1",
+        "kupittaa",
+        "land",
+        Behaviour.MAINTENANCE_LAPSED,
+        (4.0, -8.0, 6.0),
+        (120, -280, 60),
+        13.0,
+    ),
+    DroneSpec(
+        "OH-DRN-0102", "Heavylift X8", "satama-1", "dock", Behaviour.HONEST, (-5.0, -7.0, 6.0), (-150, -260, 70), 13.5
+    ),
+)
+FALSE_BROADCAST_M: Final = (22.0, 21.0)
+"""How far OH-DRN-0640's broadcast lies from where it is: east, north."""
