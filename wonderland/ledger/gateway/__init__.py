@@ -1,0 +1,65 @@
+"""An asynchronous client of the Fabric Gateway.
+
+    async with connection.open_channel() as channel:
+        gateway = Gateway(channel, connection.identity("pad"), connection.signer("pad"))
+        contract = gateway.network("wonderland").contract("pol")
+        answer = await contract.evaluate("ReadPad", '{"pad_id":"pad-1"}')
+        done = await contract.submit("RegisterPad", argument)     # committed and valid, or an error that says why
+
+The same in stages, for keys that sign elsewhere: ``contract.propose(…)`` → `Proposal.endorse` → `Transaction.submit`
+→ `Commit.status`; each stage has `message`, `digest`, `to_bytes` and `signed`.
+"""
+
+from wonderland.ledger.gateway.calls import Deadlines
+from wonderland.ledger.gateway.client import Contract, Gateway, Network, Submitted
+from wonderland.ledger.gateway.commit import Commit, CommitStatus
+from wonderland.ledger.gateway.deliver import FilteredBlock, FilteredEvent, FilteredTransaction
+from wonderland.ledger.gateway.errors import (
+    ChaincodeResponse,
+    CommitError,
+    CommitStatusError,
+    CommitUnknownError,
+    EndorseError,
+    ErrorDetail,
+    EvaluateError,
+    GatewayError,
+    MalformedError,
+    StreamError,
+    SubmitError,
+    UnknownTransactionError,
+    UnsignedError,
+)
+from wonderland.ledger.gateway.events import Event
+from wonderland.ledger.gateway.proposal import Proposal
+from wonderland.ledger.gateway.streams import Stream
+from wonderland.ledger.gateway.transaction import Transaction
+
+__all__ = [
+    "ChaincodeResponse",
+    "Commit",
+    "CommitError",
+    "CommitStatus",
+    "CommitStatusError",
+    "CommitUnknownError",
+    "Contract",
+    "Deadlines",
+    "EndorseError",
+    "ErrorDetail",
+    "EvaluateError",
+    "Event",
+    "FilteredBlock",
+    "FilteredEvent",
+    "FilteredTransaction",
+    "Gateway",
+    "GatewayError",
+    "MalformedError",
+    "Network",
+    "Proposal",
+    "Stream",
+    "StreamError",
+    "SubmitError",
+    "Submitted",
+    "Transaction",
+    "UnknownTransactionError",
+    "UnsignedError",
+]

@@ -1,0 +1,240 @@
+"""Blocks from a peer's Deliver service: whole or filtered, as streams or one at a time.
+
+A filtered block tells ids, codes and the names of events, without payloads. Sources: ``orderer/ab.proto``
+(SeekInfo), ``peer/events.proto`` (Deliver).
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import grpc
+from fabric_protos.common import common_pb2
+from fabric_protos.orderer import ab_pb2
+from google.protobuf.message import DecodeError
+
+from wonderland.ledger.blocks import Block, parse_block
+from wonderland.ledger.checkpoints import MAX_BLOCK_NUMBER, Checkpoint
+from wonderland.ledger.gateway.errors import MalformedError, StreamError, UnknownTransactionError, from_rpc
+from wonderland.ledger.transactions import code_name
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from wonderland.ledger.gateway.calls import Environment
+
+AnyBlock = TypeVar("AnyBlock", Block, "FilteredBlock")
+
+_NONCE_BYTES: Final = 24
+_STATUS_CODES: Final = {
+    common_pb2.BAD_REQUEST: grpc.StatusCode.INVALID_ARGUMENT,
+    common_pb2.FORBIDDEN: grpc.StatusCode.PERMISSION_DENIED,
+    common_pb2.NOT_FOUND: grpc.StatusCode.NOT_FOUND,
+    common_pb2.REQUEST_ENTITY_TOO_LARGE: grpc.StatusCode.RESOURCE_EXHAUSTED,
+    common_pb2.INTERNAL_SERVER_ERROR: grpc.StatusCode.INTERNAL,
+    common_pb2.NOT_IMPLEMENTED: grpc.StatusCode.UNIMPLEMENTED,
+    common_pb2.SERVICE_UNAVAILABLE: grpc.StatusCode.UNAVAILABLE,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FilteredEvent:
+    """That a contract set an event; its payload is not in a filtered block."""
+
+    chaincode: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class FilteredTransaction:
+    """A transaction's id, header type (3 is an endorser transaction), validation code and events."""
+
+    tx_id: str
+    type: int
+    validation_code: int
+    events: tuple[FilteredEvent, ...]
+
+    @property
+    def validation_name(self) -> str:
+        """The validation code's name: VALID, MVCC_READ_CONFLICT and so on."""
+        return code_name(self.validation_code)
+
+
+@dataclass(frozen=True, slots=True)
+class FilteredBlock:
+    """A block's outline: number, channel, transactions in order."""
+
+    number: int
+    channel: str
+    transactions: tuple[FilteredTransaction, ...]
+
+    @property
+    def checkpoint(self) -> Checkpoint:
+        """What to save when this block has been dealt with."""
+        return Checkpoint.after_block(self.number)
+
+
+class BlockSource:
+    """Whole blocks of a channel from `next_block` on; a source for `streams.Stream`."""
+
+    def __init__(self, environment: Environment, channel: str, next_block: int | None) -> None:
+        self._environment = environment
+        self._channel = channel
+        self._next = next_block
+
+    async def open(self) -> Any:
+        """A call on which blocks arrive. The first time, "from now on" becomes a number, so that none is missed."""
+        if self._next is None:
+            self._next = await height(self._environment, self._channel)
+        call = self._environment.calls.open_deliver()
+        await _send(call, seek_request(self._environment, self._channel, start=self._next))
+        return call
+
+    def items(self, answer: Any) -> Iterator[Block]:
+        """The block of an answer, which must be the next one. Raises `BlockError`, `StreamError`."""
+        _require_block(answer, "block")
+        yield _require_next(parse_block(answer.block), self._next)
+
+    def delivered(self, item: Block) -> None:
+        """Note that the consumer has it."""
+        self._next = item.number + 1
+
+
+class FilteredBlockSource:
+    """Filtered blocks of a channel from `next_block` on; a source for `streams.Stream`."""
+
+    def __init__(self, environment: Environment, channel: str, next_block: int | None) -> None:
+        self._environment = environment
+        self._channel = channel
+        self._next = next_block
+
+    async def open(self) -> Any:
+        """As `BlockSource.open`."""
+        if self._next is None:
+            self._next = await height(self._environment, self._channel)
+        call = self._environment.calls.open_deliver_filtered()
+        await _send(call, seek_request(self._environment, self._channel, start=self._next))
+        return call
+
+    def items(self, answer: Any) -> Iterator[FilteredBlock]:
+        """The filtered block of an answer. Raises `StreamError`."""
+        _require_block(answer, "filtered_block")
+        yield _require_next(_filtered(answer.filtered_block), self._next)
+
+    def delivered(self, item: FilteredBlock) -> None:
+        """Note that the consumer has it."""
+        self._next = item.number + 1
+
+
+async def height(environment: Environment, channel: str) -> int:
+    """How many blocks the channel has: the number of the next one. Raises `StreamError`."""
+    newest = await _read_one(environment, channel, None)
+    if newest is None:
+        raise StreamError(f"channel {channel} has no blocks", status_code=grpc.StatusCode.NOT_FOUND)
+    return newest.number + 1
+
+
+async def read_filtered_block(environment: Environment, channel: str, number: int) -> FilteredBlock | None:
+    """One filtered block; None when the chain has not come that far. Raises `StreamError`."""
+    return await _read_one(environment, channel, number)
+
+
+async def require_reached(environment: Environment, channel: str, checkpoint: Checkpoint) -> None:
+    """Raise `UnknownTransactionError` when a checkpoint lies beyond the chain: it is of another ledger."""
+    blocks = await height(environment, channel)
+    if checkpoint.block_number > blocks:
+        raise UnknownTransactionError(
+            f"the checkpoint continues at block {checkpoint.block_number}, but channel {channel} has {blocks} blocks: "
+            "the ledger was set up anew, or this is another one. Remove the checkpoint to begin anew"
+        )
+
+
+def seek_request(environment: Environment, channel: str, *, start: int | None, only: bool = False) -> Any:
+    """A signed request for blocks from `start` (None: the newest) without end, or only for that one, if it is there."""
+    seek = ab_pb2.SeekInfo(behavior=ab_pb2.SeekInfo.FAIL_IF_NOT_READY if only else ab_pb2.SeekInfo.BLOCK_UNTIL_READY)
+    if start is None:
+        seek.start.newest.SetInParent()
+        seek.stop.newest.SetInParent()
+    else:
+        seek.start.specified.number = start
+        seek.stop.specified.number = start if only else MAX_BLOCK_NUMBER
+    channel_header = common_pb2.ChannelHeader(
+        type=common_pb2.DELIVER_SEEK_INFO, channel_id=channel, tls_cert_hash=environment.tls_certificate_sha256
+    )
+    now_ns = environment.now_ns()
+    channel_header.timestamp.seconds, channel_header.timestamp.nanos = divmod(now_ns, 1_000_000_000)
+    signature_header = common_pb2.SignatureHeader(
+        creator=environment.identity.creator, nonce=environment.random_bytes(_NONCE_BYTES)
+    )
+    payload = common_pb2.Payload(
+        header=common_pb2.Header(
+            channel_header=channel_header.SerializeToString(), signature_header=signature_header.SerializeToString()
+        ),
+        data=seek.SerializeToString(),
+    ).SerializeToString()
+    return common_pb2.Envelope(payload=payload, signature=environment.sign(payload, ""))
+
+
+async def _read_one(environment: Environment, channel: str, number: int | None) -> FilteredBlock | None:
+    call = environment.calls.open_deliver_filtered(timeout=environment.calls.deadlines.locate_s)
+    try:
+        await _send(call, seek_request(environment, channel, start=number, only=True))
+        answer = await call.read()
+        if answer is grpc.aio.EOF:
+            raise StreamError("the peer ended the stream without a block", status_code=grpc.StatusCode.UNAVAILABLE)
+        if answer.WhichOneof("Type") == "status" and answer.status == common_pb2.NOT_FOUND:
+            return None
+        _require_block(answer, "filtered_block")
+        return _filtered(answer.filtered_block)
+    except grpc.aio.AioRpcError as cause:
+        raise from_rpc(cause, StreamError) from cause
+    except DecodeError as cause:
+        raise MalformedError(f"the peer's block cannot be read ({cause})") from cause
+    finally:
+        call.cancel()
+
+
+async def _send(call: Any, request: Any) -> None:
+    # When the call has failed already, the read that follows says why.
+    with contextlib.suppress(grpc.aio.AioRpcError):
+        await call.write(request)
+
+
+def _require_next(block: AnyBlock, expected: int | None) -> AnyBlock:
+    if block.number != expected:
+        raise StreamError(f"the peer sent block {block.number} instead of {expected}")
+    return block
+
+
+def _require_block(answer: Any, kind: str) -> None:
+    found = answer.WhichOneof("Type")
+    if found == kind:
+        return
+    if found != "status":
+        raise StreamError(f"the peer sent {found or 'nothing'} instead of a {kind}")
+    name = common_pb2.Status.Name(answer.status) if answer.status in common_pb2.Status.values() else answer.status
+    # An unending request never succeeds: SUCCESS means that the peer is ending it.
+    code = _STATUS_CODES.get(answer.status, grpc.StatusCode.UNAVAILABLE)
+    raise StreamError(f"the peer ended the stream: {name}", status_code=code)
+
+
+def _filtered(block: Any) -> FilteredBlock:
+    return FilteredBlock(
+        number=int(block.number),
+        channel=block.channel_id,
+        transactions=tuple(
+            FilteredTransaction(
+                tx_id=transaction.txid,
+                type=int(transaction.type),
+                validation_code=int(transaction.tx_validation_code),
+                events=tuple(
+                    FilteredEvent(action.chaincode_event.chaincode_id, action.chaincode_event.event_name)
+                    for action in transaction.transaction_actions.chaincode_actions
+                    if action.chaincode_event.event_name
+                ),
+            )
+            for transaction in block.filtered_transactions
+        ),
+    )

@@ -1,0 +1,153 @@
+"""Endless streams from a ledger, as asynchronous iterators that can continue by themselves after an interruption."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, Self, TypeVar
+
+import grpc
+from google.protobuf.message import DecodeError
+
+from wonderland.ledger.errors import LedgerError
+from wonderland.ledger.gateway.backoff import Backoff
+from wonderland.ledger.gateway.calls import cancelled_from_outside
+from wonderland.ledger.gateway.errors import MalformedError, StreamError, from_rpc
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Iterator
+    from types import TracebackType
+
+    from wonderland.ledger.gateway.calls import Environment
+
+Item = TypeVar("Item")
+
+_WORTH_REOPENING: Final = frozenset(
+    {
+        grpc.StatusCode.UNAVAILABLE,
+        grpc.StatusCode.INTERNAL,
+        grpc.StatusCode.UNKNOWN,
+        grpc.StatusCode.CANCELLED,
+        grpc.StatusCode.DEADLINE_EXCEEDED,
+    }
+)
+
+
+class Source(Protocol[Item]):
+    """What a stream reads, and where it continues."""
+
+    async def open(self) -> Any:
+        """A new call that continues after the last item delivered."""
+        ...
+
+    def items(self, answer: Any) -> Iterator[Item]:
+        """What one answer holds."""
+        ...
+
+    def delivered(self, item: Item) -> None:
+        """The consumer has this item."""
+        ...
+
+
+class Stream(Generic[Item]):
+    """``async with stream: async for item in stream: …``. It ends by `close`, or raises `StreamError`.
+
+    With `reconnect`, an interruption (ledger restarted, network gone) is survived: the stream is opened again, after
+    the last item that was delivered, with growing pauses, for ever. What cannot be cured by waiting (not allowed,
+    unknown checkpoint) is raised. One task at a time may iterate.
+    """
+
+    def __init__(
+        self,
+        environment: Environment,
+        source: Source[Item],
+        *,
+        reconnect: bool,
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
+        self._source = source
+        self._reconnect = reconnect
+        self._backoff = Backoff(environment.random_bytes)
+        self._sleep = sleep
+        self._call: Any = None
+        self._waiting: deque[Item] = deque()
+        self._closed = False
+
+    async def __aenter__(self) -> Self:
+        await self.open()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> Item:
+        while not self._waiting:
+            await self.open()
+            if self._closed:
+                raise StopAsyncIteration
+            try:
+                answer = await self._call.read()
+                if answer is not grpc.aio.EOF:
+                    self._waiting.extend(self._source.items(answer))
+                    self._backoff.reset()
+                    continue
+                ended = StreamError("the gateway ended the stream", status_code=grpc.StatusCode.UNAVAILABLE)
+            except asyncio.CancelledError as cause:
+                if self._closed and not cancelled_from_outside():
+                    raise StopAsyncIteration from None
+                self.close()
+                if cancelled_from_outside():
+                    raise
+                raise StreamError("the channel was closed", status_code=grpc.StatusCode.CANCELLED) from cause
+            except grpc.aio.AioRpcError as cause:
+                ended = from_rpc(cause, StreamError)
+                ended.__cause__ = cause
+            except StreamError as error:
+                ended = error
+            except DecodeError as cause:
+                self.close()
+                raise MalformedError(f"the gateway's answer cannot be read ({cause})") from cause
+            except LedgerError:
+                self.close()
+                raise
+            await self._interrupted(ended)
+        item = self._waiting.popleft()
+        self._source.delivered(item)
+        return item
+
+    async def open(self) -> None:
+        """Establish the stream: everything committed after this returns will be seen. Iterating does it, too.
+
+        With `reconnect` it waits until there is a gateway to open it at.
+        """
+        while self._call is None and not self._closed:
+            try:
+                self._call = await self._source.open()
+            except StreamError as error:
+                await self._interrupted(error)
+
+    def close(self) -> None:
+        """End the stream; an iteration that waits ends, too. May be called again."""
+        self._closed = True
+        self._waiting.clear()
+        self._drop_call()
+
+    def _drop_call(self) -> None:
+        call, self._call = self._call, None
+        if call is not None:
+            call.cancel()
+
+    async def _interrupted(self, error: StreamError) -> None:
+        """Pause before a new attempt, or raise when there is to be none."""
+        self._drop_call()
+        if self._closed:
+            return
+        if not self._reconnect or error.status_code not in _WORTH_REOPENING:
+            self.close()
+            raise error
+        await self._sleep(self._backoff.next_s())
