@@ -98,7 +98,7 @@ class Stream(Generic[Item]):
                     continue
                 ended = StreamError("the gateway ended the stream", status_code=grpc.StatusCode.UNAVAILABLE)
             except asyncio.CancelledError as cause:
-                if self._closed and not cancelled_from_outside():
+                if self._is_closed() and not cancelled_from_outside():
                     raise StopAsyncIteration from None
                 self.close()
                 if cancelled_from_outside():
@@ -136,6 +136,10 @@ class Stream(Generic[Item]):
         self._closed = True
         self._waiting.clear()
         self._drop_call()
+
+    def _is_closed(self) -> bool:
+        """Asked after an await: another task may have closed the stream meanwhile."""
+        return self._closed
 
     def _drop_call(self) -> None:
         call, self._call = self._call, None
