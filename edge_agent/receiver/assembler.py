@@ -1,0 +1,255 @@
+"""Frames in, attributed positions out: puts together what drones spread over several messages. No I/O.
+
+Single messages carry no identity but their source's. Where one source (a receiver that relays without telling the
+transmitters' addresses) names several drones outside packs, its single positions could be anyone's: they are counted
+and given to nobody, since a wrong attribution would be held against an honest drone.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import OrderedDict, deque
+from typing import TYPE_CHECKING, Final
+
+from edge_agent.receiver.heard import MAX_ACCURACY_MM, Heard, ReceiverCounts
+from edge_agent.receiver.limits import ReceiverLimits, TokenBucket
+from wonderland.proofs.records.fields import ID_PATTERN
+from wonderland.proofs.records.sessions import MAX_CLAIMS, BroadcastClaim
+from wonderland.remote_id import (
+    BasicId,
+    IdType,
+    Location,
+    OperatorId,
+    Pack,
+    RemoteIdError,
+    System,
+    decode,
+    public_operator_id,
+    resolve_time,
+)
+
+if TYPE_CHECKING:
+    from wonderland.remote_id import Message
+
+MAX_IDENTITIES: Final = 8
+"""Identities remembered of one source: two already make it ambiguous."""
+_PREFERRED: Final = (IdType.SERIAL_NUMBER, IdType.CAA_REGISTRATION, IdType.UTM_UUID, IdType.SPECIFIC_SESSION)
+_UAV_ID: Final = re.compile(ID_PATTERN + r"\Z")
+
+
+class _Source:
+    """What one transmitter, or one relay, has said about itself."""
+
+    __slots__ = ("bucket", "identities")
+
+    def __init__(self, bucket: TokenBucket) -> None:
+        self.bucket = bucket
+        self.identities: dict[tuple[IdType, str], int] = {}
+
+
+class _Drone:
+    """What is known of one drone."""
+
+    __slots__ = ("bucket", "history", "operator_id", "operator_lat_e7", "operator_lon_e7")
+
+    def __init__(self, bucket: TokenBucket, history: int) -> None:
+        self.bucket = bucket
+        self.history: deque[BroadcastClaim] = deque(maxlen=history)
+        self.operator_id: str | None = None
+        self.operator_lat_e7: int | None = None
+        self.operator_lon_e7: int | None = None
+
+
+class Assembler:
+    """Bounded in memory and work whatever comes in; see `ReceiverLimits`."""
+
+    def __init__(self, now_ms: int, limits: ReceiverLimits | None = None) -> None:
+        self._limits = limits or ReceiverLimits()
+        self._sources: OrderedDict[str, _Source] = OrderedDict()
+        self._drones: OrderedDict[str, _Drone] = OrderedDict()
+        self._watched: set[str] = set()
+        self._all = TokenBucket(self._limits.frames_per_s, self._limits.frames_per_s, now_ms)
+        self._new = TokenBucket(self._limits.new_drones_per_s, 4 * self._limits.new_drones_per_s, now_ms)
+        self._frames = self._bad = self._limited = self._unattributed = self._ambiguous = self._heard = 0
+
+    @property
+    def counts(self) -> ReceiverCounts:
+        """What became of the frames so far."""
+        return ReceiverCounts(
+            frames=self._frames,
+            bad=self._bad,
+            limited=self._limited,
+            unattributed=self._unattributed,
+            ambiguous=self._ambiguous,
+            heard=self._heard,
+            drones=len(self._drones),
+        )
+
+    def watch(self, uav_id: str) -> None:
+        """Keep this drone's history whatever else comes, and more of it: it is being proved."""
+        self._watched.add(uav_id)
+        drone = self._drones.get(uav_id)
+        if drone is not None:
+            drone.history = deque(drone.history, maxlen=self._limits.watched_history)
+
+    def unwatch(self, uav_id: str) -> None:
+        """End what `watch` began."""
+        self._watched.discard(uav_id)
+        drone = self._drones.get(uav_id)
+        if drone is not None:
+            drone.history = deque(drone.history, maxlen=self._limits.history)
+
+    def recent(self, uav_id: str, since_ms: int, limit: int = MAX_CLAIMS) -> tuple[BroadcastClaim, ...]:
+        """What was heard of a drone from ``since_ms`` on, in order of time; evenly thinned to ``limit``."""
+        drone = self._drones.get(uav_id)
+        if drone is None or limit < 1:
+            return ()
+        claims = sorted((claim for claim in drone.history if claim.t_ms >= since_ms), key=lambda claim: claim.t_ms)
+        count = len(claims)
+        if count <= limit:
+            return tuple(claims)
+        return tuple(claims[count - 1 - (limit - 1 - index) * count // limit] for index in range(limit))
+
+    def count_bad(self) -> None:
+        """Count what a framing could not make a frame of."""
+        self._frames += 1
+        self._bad += 1
+
+    def feed(
+        self, frame: bytes, *, source: str, transport: str, now_ms: int, rssi_dbm: int | None = None
+    ) -> Heard | None:
+        """Take one frame; the position in it when there is one and its drone is known. Never raises."""
+        self._frames += 1
+        if not self._all.take(now_ms):
+            self._limited += 1
+            return None
+        sender = self._source(source, now_ms)
+        if not sender.bucket.take(now_ms):
+            self._limited += 1
+            return None
+        try:
+            decoded = decode(frame)
+        except RemoteIdError:
+            self._bad += 1
+            return None
+        messages = decoded.messages if isinstance(decoded, Pack) else (decoded,)
+        uav_id = self._identity(sender, messages, now_ms)
+        location = next((message for message in messages if isinstance(message, Location)), None)
+        if uav_id is None:
+            if location is not None:
+                self._unattributed += 1
+            return None
+        if not uav_id:
+            if location is not None:
+                self._ambiguous += 1
+            return None
+        drone = self._drone(uav_id, now_ms)
+        if drone is None:
+            self._limited += 1
+            return None
+        self._describe(drone, messages)
+        if location is None or location.lat_e7 is None or location.lon_e7 is None:
+            return None
+        if not drone.bucket.take(now_ms):
+            self._limited += 1
+            return None
+        heard = _heard(uav_id, drone, location, transport=transport, now_ms=now_ms, rssi_dbm=rssi_dbm)
+        drone.history.append(heard.claim())
+        self._heard += 1
+        return heard
+
+    def _identity(self, sender: _Source, messages: tuple[Message, ...], now_ms: int) -> str | None:
+        """Whose the messages are: None when nobody said, "" when several did."""
+        here: dict[tuple[IdType, str], int] = {}
+        for message in messages:
+            if isinstance(message, BasicId) and message.id_type is not IdType.NONE:
+                uas_id = message.uas_id.rstrip(" ")
+                if _UAV_ID.match(uas_id):
+                    here[message.id_type, uas_id] = now_ms
+        known = sender.identities
+        for key in here:
+            known.pop(key, None)
+            known[key] = now_ms
+        while len(known) > MAX_IDENTITIES:
+            del known[next(iter(known))]
+        if here and len(messages) > 1:
+            return _preferred(here)
+        oldest_ms = now_ms - self._limits.identity_lifetime_ms
+        for key in [key for key, t_ms in known.items() if not oldest_ms <= t_ms <= now_ms]:
+            del known[key]
+        return _preferred(known)
+
+    def _source(self, name: str, now_ms: int) -> _Source:
+        source = self._sources.get(name)
+        if source is None:
+            rate = self._limits.frames_per_source_s
+            source = self._sources[name] = _Source(TokenBucket(rate, rate, now_ms))
+            if len(self._sources) > self._limits.sources:
+                self._sources.popitem(last=False)
+        else:
+            self._sources.move_to_end(name)
+        return source
+
+    def _drone(self, uav_id: str, now_ms: int) -> _Drone | None:
+        """The drone's place; a new one only where new ones do not come too fast, and then in place of the stalest."""
+        drone = self._drones.get(uav_id)
+        if drone is not None:
+            self._drones.move_to_end(uav_id)
+            return drone
+        watched = uav_id in self._watched
+        if not self._new.take(now_ms) and not watched:
+            return None
+        if len(self._drones) >= self._limits.drones:
+            stalest = next((known for known in self._drones if known not in self._watched), None)
+            if stalest is None:
+                return None
+            del self._drones[stalest]
+        rate = self._limits.positions_per_drone_s
+        drone = _Drone(
+            TokenBucket(rate, rate, now_ms), self._limits.watched_history if watched else self._limits.history
+        )
+        self._drones[uav_id] = drone
+        return drone
+
+    @staticmethod
+    def _describe(drone: _Drone, messages: tuple[Message, ...]) -> None:
+        for message in messages:
+            if isinstance(message, OperatorId):
+                # The boundary: what follows the dash is the operator's secret and goes no further.
+                drone.operator_id = public_operator_id(message.operator_id.strip()) or None
+            elif isinstance(message, System):
+                drone.operator_lat_e7, drone.operator_lon_e7 = message.operator_lat_e7, message.operator_lon_e7
+
+
+def _preferred(identities: dict[tuple[IdType, str], int]) -> str | None:
+    """The one identity of the most telling kind there is; "" where that kind has several."""
+    for kind in _PREFERRED:
+        names = [name for id_type, name in identities if id_type is kind]
+        if names:
+            return names[0] if len(names) == 1 else ""
+    return None
+
+
+def _heard(uav_id: str, drone: _Drone, location: Location, transport: str, now_ms: int, rssi_dbm: int | None) -> Heard:
+    assert location.lat_e7 is not None
+    assert location.lon_e7 is not None
+    accuracy_mm = location.horizontal_accuracy.mm
+    return Heard(
+        uav_id=uav_id,
+        t_ms=now_ms,
+        lat_e7=location.lat_e7,
+        lon_e7=location.lon_e7,
+        transport=transport,
+        height_mm=location.altitude_mm,
+        accuracy_mm=accuracy_mm if accuracy_mm is None or accuracy_mm <= MAX_ACCURACY_MM else None,
+        height_accuracy_mm=location.vertical_accuracy.mm,
+        speed_mm_s=location.speed_mm_s,
+        track_cdeg=location.track_cdeg,
+        vertical_mm_s=location.vertical_mm_s,
+        status=location.status.name.lower(),
+        operator_id=drone.operator_id,
+        operator_lat_e7=drone.operator_lat_e7,
+        operator_lon_e7=drone.operator_lon_e7,
+        claim_t_ms=resolve_time(location, now_ms),
+        rssi_dbm=rssi_dbm,
+    )

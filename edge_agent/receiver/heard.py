@@ -1,0 +1,90 @@
+"""What a pad heard of a drone: one broadcast position, attributed to who sent it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+from wonderland.proofs.records.sessions import BroadcastClaim
+
+MAX_ACCURACY_MM: Final = 10_000_000
+"""A claim's accuracy has this bound; the one vaguer class of Remote ID (10 NM) is as good as unknown."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Heard:
+    """A broadcast position, unverified. ``t_ms`` is when the pad heard it, ``claim_t_ms`` when it says it was taken.
+
+    ``height_mm`` is above the WGS-84 ellipsoid; ``operator_id`` has lost its secret characters; ``rssi_dbm`` is only
+    known where the receiver told it.
+    """
+
+    uav_id: str
+    t_ms: int
+    lat_e7: int
+    lon_e7: int
+    transport: str
+    height_mm: int | None = None
+    accuracy_mm: int | None = None
+    height_accuracy_mm: int | None = None
+    speed_mm_s: int | None = None
+    track_cdeg: int | None = None
+    vertical_mm_s: int | None = None
+    status: str | None = None
+    operator_id: str | None = None
+    operator_lat_e7: int | None = None
+    operator_lon_e7: int | None = None
+    claim_t_ms: int | None = None
+    rssi_dbm: int | None = None
+
+    def claim(self) -> BroadcastClaim:
+        """The record that goes into a session's evidence."""
+        return BroadcastClaim(
+            lat_e7=self.lat_e7,
+            lon_e7=self.lon_e7,
+            t_ms=self.t_ms,
+            height_mm=self.height_mm,
+            accuracy_mm=self.accuracy_mm,
+            transport=self.transport,
+        )
+
+    def track(self) -> dict[str, Any]:
+        """The body of a ``track`` record (docs/seams.md, "ingest")."""
+        body = {
+            "uav_id": self.uav_id,
+            "lat_e7": self.lat_e7,
+            "lon_e7": self.lon_e7,
+            "height_mm": self.height_mm,
+            "accuracy_mm": self.accuracy_mm,
+            "speed_mm_s": self.speed_mm_s,
+            "track_cdeg": self.track_cdeg,
+            "vertical_mm_s": self.vertical_mm_s,
+            "status": self.status,
+            "operator_id": self.operator_id,
+            "claim_t_ms": self.claim_t_ms,
+            "transport": self.transport,
+            "rssi": self.rssi_dbm,
+        }
+        return {name: value for name, value in body.items() if value is not None}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReceiverCounts:
+    """What became of the frames since the start; each frame is counted once in ``frames`` and at most once beside.
+
+    ``bad``: no frame, or refused by the codec. ``limited``: dropped unread or unattributed because too many came.
+    ``unattributed``: positions before (or without) an identity; ``ambiguous``: positions whose source had named
+    several drones outside packs. ``heard``: positions attributed.
+    """
+
+    frames: int = 0
+    bad: int = 0
+    limited: int = 0
+    unattributed: int = 0
+    ambiguous: int = 0
+    heard: int = 0
+    drones: int = 0
+
+    def health(self) -> dict[str, int]:
+        """The ``receiver`` part of a health record."""
+        return {"frames": self.frames, "bad": self.bad}
