@@ -230,7 +230,9 @@ def _preferred(identities: dict[tuple[IdType, str], int]) -> str | None:
     return None
 
 
-def _heard(uav_id: str, drone: _Drone, location: Location, transport: str, now_ms: int, rssi_dbm: int | None) -> Heard:
+def _heard(
+    uav_id: str, drone: _Drone, location: Location, *, transport: str, now_ms: int, rssi_dbm: int | None
+) -> Heard:
     assert location.lat_e7 is not None
     assert location.lon_e7 is not None
     accuracy_mm = location.horizontal_accuracy.mm
