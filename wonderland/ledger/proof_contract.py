@@ -1,0 +1,224 @@
+"""The proof-of-location contract as its users see it: records in, records out, and two kinds of failure.
+
+A `RefusedError` is final: the contract, or the ledger, said no and why. An `AwayError` says nothing about the
+question: the ledger could not be asked, or its answer was lost; what was meant may be tried again after looking at
+what stands on the ledger.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import grpc
+
+from wonderland.ledger.errors import LedgerError
+from wonderland.ledger.gateway.errors import CommitError, CommitUnknownError, GatewayError
+from wonderland.proofs import encoding
+from wonderland.proofs.errors import ProofError
+from wonderland.proofs.records import transactions as tx
+from wonderland.proofs.records.pads import OfferedPrekey, Pad, Prekey
+from wonderland.proofs.records.sessions import Evidence, Session
+from wonderland.proofs.records.verdicts import Verdict
+
+if TYPE_CHECKING:
+    from wonderland.ledger.checkpoints import Checkpoint, Checkpointer
+    from wonderland.ledger.gateway.client import Network
+    from wonderland.proofs.records.schema import Record
+
+_log = logging.getLogger(__name__)
+
+_AWAY: Final = frozenset(
+    {
+        grpc.StatusCode.UNAVAILABLE,
+        grpc.StatusCode.DEADLINE_EXCEEDED,
+        grpc.StatusCode.CANCELLED,
+        grpc.StatusCode.INTERNAL,
+        grpc.StatusCode.UNKNOWN,
+        grpc.StatusCode.RESOURCE_EXHAUSTED,
+        grpc.StatusCode.ABORTED,
+    }
+)
+_NOT_THERE: Final = 404
+AnyRecord = TypeVar("AnyRecord", bound="Record")
+
+
+class RefusedError(LedgerError):
+    """The contract or the ledger refused.
+
+    ``status`` is the contract's, as HTTP has them (0 where it was not the contract that refused); ``code`` is for
+    machines, for example SESSION_EXPIRED.
+    """
+
+    def __init__(self, status: int, code: str, text: str) -> None:
+        super().__init__(f"{code}: {text}")
+        self.status = status
+        self.code = code
+        self.text = text
+
+
+class AwayError(LedgerError):
+    """The ledger could not be reached, or its answer was lost. ``tx_id`` of a transaction that may yet be committed."""
+
+    def __init__(self, text: str, tx_id: str = "") -> None:
+        super().__init__(text)
+        self.tx_id = tx_id
+
+
+@dataclass(frozen=True, slots=True)
+class Committed:
+    """A transaction that is VALID in a block."""
+
+    tx_id: str
+    block_number: int
+
+
+@dataclass(frozen=True, slots=True)
+class ContractEvent:
+    """An event of the contract, from a committed and valid transaction."""
+
+    name: str
+    tx_id: str
+    block_number: int
+    record: dict[str, Any]
+    checkpoint: Checkpoint
+
+
+class ProofContract:
+    """The contract on one channel, as one identity. Every method raises `RefusedError` and `AwayError`."""
+
+    def __init__(self, network: Network, chaincode: str) -> None:
+        self.channel: Final = network.name
+        self._network = network
+        self._chaincode = chaincode
+        self._contract = network.contract(chaincode)
+
+    async def request_proof(self, argument: tx.RequestProof) -> tuple[Session, Committed]:
+        """Step 1: opens a session."""
+        answer, done = await self._submit("RequestProof", argument)
+        return _parsed(Session, answer), done
+
+    async def submit_proof(self, session_id: str, evidence: Evidence) -> tuple[Verdict, Committed]:
+        """Step 7: the evidence, for a verdict."""
+        answer, done = await self._submit("SubmitProof", tx.SubmitProof(session_id=session_id, evidence=evidence))
+        return _parsed(Verdict, answer), done
+
+    async def complete(self, session_id: str, result: str, note: str = "") -> tuple[Session, Committed]:
+        """Step 8: how the permitted interaction ended (``done`` or ``aborted``)."""
+        argument = tx.CompleteInteraction(session_id=session_id, result=result, note=note[:500] or None)
+        answer, done = await self._submit("CompleteInteraction", argument)
+        return _parsed(Session, answer), done
+
+    async def cancel(self, session_id: str, reason: str, note: str = "") -> tuple[Session, Committed]:
+        """End a session without a verdict, or one whose permission lapsed."""
+        argument = tx.CancelProof(session_id=session_id, reason=reason, note=note[:500] or None)
+        answer, done = await self._submit("CancelProof", argument)
+        return _parsed(Session, answer), done
+
+    async def publish_prekeys(self, pad_id: str, prekeys: tuple[OfferedPrekey, ...]) -> Committed:
+        """Offer one-time keys."""
+        _, done = await self._submit("PublishPrekeys", tx.PublishPrekeys(pad_id=pad_id, prekeys=prekeys))
+        return done
+
+    async def list_prekeys(self, pad_id: str, limit: int = 10) -> tuple[Prekey, ...]:
+        """Unused prekeys of a pad."""
+        answer = await self._evaluate("ListPrekeys", tx.PrekeysOf(pad_id=pad_id, limit=limit))
+        listed = answer.get("prekeys", [])
+        if not isinstance(listed, list):
+            raise RefusedError(0, "BAD_ANSWER", "the contract's list of prekeys is no list")
+        return tuple(_parsed(Prekey, entry) for entry in listed)
+
+    async def read_pad(self, pad_id: str) -> Pad:
+        """A pad with its commissioning."""
+        return _parsed(Pad, await self._evaluate("ReadPad", tx.PadById(pad_id=pad_id)))
+
+    async def read_session(self, session_id: str) -> Session:
+        """A session as it stands."""
+        return _parsed(Session, await self._evaluate("ReadSession", tx.SessionById(session_id=session_id)))
+
+    async def read_verdict(self, session_id: str) -> Verdict | None:
+        """The verdict of a session; None while there is none."""
+        try:
+            return _parsed(Verdict, await self._evaluate("ReadVerdict", tx.SessionById(session_id=session_id)))
+        except RefusedError as error:
+            if error.status == _NOT_THERE:
+                return None
+            raise
+
+    async def events(
+        self, *, checkpointer: Checkpointer | None = None, start_block: int | None = None, names: frozenset[str]
+    ) -> AsyncIterator[ContractEvent]:
+        """Events with these names, for ever, through interruptions; a checkpoint says where to begin.
+
+        Others are left out. An event that is none of this contract's is left out with a warning.
+        """
+        stream = self._network.chaincode_events(
+            self._chaincode, start_block=start_block, checkpointer=checkpointer, reconnect=True
+        )
+        try:
+            async for event in stream:
+                if event.name not in names:
+                    continue
+                try:
+                    payload = encoding.decode(event.payload)
+                except ProofError as error:
+                    _log.warning("event %s of transaction %s cannot be read: %s", event.name, event.tx_id, error)
+                    continue
+                record = payload.get("record", payload) if isinstance(payload, dict) else None
+                if isinstance(record, dict):
+                    yield ContractEvent(event.name, event.tx_id, event.block_number, record, event.checkpoint)
+        except GatewayError as error:
+            raise _translated(error) from error
+        finally:
+            stream.close()
+
+    async def height(self) -> int:
+        """How many blocks the channel has."""
+        try:
+            return await self._network.height()
+        except GatewayError as error:
+            raise _translated(error) from error
+
+    async def _submit(self, function: str, argument: Record) -> tuple[dict[str, Any], Committed]:
+        try:
+            done = await self._contract.submit_with_retry(function, argument.encode())
+        except GatewayError as error:
+            raise _translated(error) from error
+        return _object(done.payload), Committed(done.tx_id, done.block_number)
+
+    async def _evaluate(self, function: str, argument: Record) -> dict[str, Any]:
+        try:
+            return _object(await self._contract.evaluate(function, argument.encode()))
+        except GatewayError as error:
+            raise _translated(error) from error
+
+
+def _translated(error: GatewayError) -> LedgerError:
+    response = error.chaincode_response
+    if response is not None:
+        code, separator, text = response.message.partition(": ")
+        return RefusedError(response.status, code if separator else "REFUSED", text if separator else response.message)
+    if isinstance(error, CommitError):
+        return RefusedError(0, error.code_name, str(error))
+    if isinstance(error, CommitUnknownError) or error.status_code is None or error.status_code in _AWAY:
+        return AwayError(str(error), error.tx_id)
+    return RefusedError(0, error.status_code.name, str(error))
+
+
+def _object(payload: bytes) -> dict[str, Any]:
+    try:
+        value = encoding.decode(payload)
+    except ProofError as error:
+        raise RefusedError(0, "BAD_ANSWER", f"the contract's answer cannot be read: {error}") from error
+    if not isinstance(value, dict):
+        raise RefusedError(0, "BAD_ANSWER", "the contract's answer is no object")
+    return value
+
+
+def _parsed(kind: type[AnyRecord], value: Any) -> AnyRecord:
+    try:
+        return kind.parse(value)
+    except ProofError as error:
+        raise RefusedError(0, "BAD_ANSWER", f"the contract's {kind.__name__} cannot be read: {error}") from error
