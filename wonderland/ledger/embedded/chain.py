@@ -141,6 +141,8 @@ class Chain:
 
     async def close(self) -> None:
         """Commit what was taken, then stop. Who still waits is told that the ledger is unavailable."""
+        if self._closing:
+            return
         self._closing = True
         self._cutter.interrupt(hurry=True)
         if self._task is not None:

@@ -140,7 +140,7 @@ class GatewayService:
             raise RpcError(
                 grpc.StatusCode.FAILED_PRECONDITION,
                 f"no peers available to {'endorse' if endorsing else 'evaluate'} chaincode {name[:80]} in channel "
-                f"{proposal.channel}: this ledger {'only answers queries to' if name in SYSTEM_NAMES else 'does not run'} it",
+                f"{proposal.channel}: this ledger {'only evaluates' if name in SYSTEM_NAMES else 'does not run'} it",
             )
         known = {peer.identity.msp_id for peer in self._endorser.peers}
         unknown = [each[:80] for each in organisations if each not in known]
