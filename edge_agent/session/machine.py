@@ -375,16 +375,16 @@ class PadSession:
         self.verdict = event.verdict
         granted = event.verdict.permission == "granted"
         self._reach("verdict", now_ms, actions, detail=event.verdict.outcome)
-        actions.append(do.CloseRadios())
         if granted:
             self.phase = Phase.PERMITTED
             self._reach("permission", now_ms, actions, detail="granted")
-            actions.append(do.Permit(event.verdict))
+            actions.extend((do.Permit(event.verdict), do.CloseRadios()))
             self._times["permission"] = max(
                 self.session.expires_ms + self._timing.lapse_margin_ms, now_ms + self._timing.completion_ms
             )
         else:
             actions.append(do.ReportStep("permission", now_ms, ok=False, detail="refused"))
+            actions.append(do.CloseRadios())
             self._end("decided", "refused", now_ms, actions, tx_id=event.tx_id)
 
     def _refused(self, event: on.SubmitRefused, now_ms: int, actions: list[do.PadAction]) -> None:

@@ -1,0 +1,101 @@
+"""Permission at the pad. Whatever it drives, it is granted by a committed verdict only and always taken back."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Sequence
+from typing import Final, Protocol
+
+from wonderland.proofs.records.verdicts import Verdict
+
+_log = logging.getLogger(__name__)
+
+COMMAND_TIMEOUT_S: Final = 5.0
+
+
+class Permission(Protocol):
+    """Something at the pad that a permission switches."""
+
+    async def grant(self, verdict: Verdict) -> None:
+        """The drone of this verdict may act now."""
+
+    async def withdraw(self, verdict: Verdict, reason: str) -> None:
+        """It may no longer: done, lapsed, or cancelled."""
+
+
+class LogPermission:
+    """Writes it into the log."""
+
+    async def grant(self, verdict: Verdict) -> None:
+        """One line."""
+        _log.info("permission: %s may %s at %s", verdict.uav_id, verdict.action, verdict.pad_id)
+
+    async def withdraw(self, verdict: Verdict, reason: str) -> None:
+        """One line."""
+        _log.info("permission of %s at %s withdrawn: %s", verdict.uav_id, verdict.pad_id, reason)
+
+
+class CommandPermission:
+    """Runs a program of the operator's (a relay, a dock) with: granted or withdrawn, drone, action, session.
+
+    No shell takes part. A program that fails or hangs is reported and changes nothing on the ledger.
+    """
+
+    def __init__(self, command: Sequence[str]) -> None:
+        self._command = tuple(command)
+
+    async def grant(self, verdict: Verdict) -> None:
+        """Run it with ``granted``."""
+        await self._run("granted", verdict)
+
+    async def withdraw(self, verdict: Verdict, reason: str) -> None:
+        """Run it with ``withdrawn``."""
+        del reason
+        await self._run("withdrawn", verdict)
+
+    async def _run(self, word: str, verdict: Verdict) -> None:
+        try:
+            process = await asyncio.create_subprocess_exec(
+                *self._command,
+                word,
+                verdict.uav_id,
+                verdict.action,
+                verdict.session_id,
+                stdin=asyncio.subprocess.DEVNULL,
+                stdout=asyncio.subprocess.DEVNULL,
+            )
+        except OSError as error:
+            _log.error("permission: %s cannot be run: %s", self._command[0], error.strerror or error)
+            return
+        try:
+            async with asyncio.timeout(COMMAND_TIMEOUT_S):
+                status = await process.wait()
+        except TimeoutError:
+            process.kill()
+            await process.wait()
+            _log.error("permission: %s did not end within %g s", self._command[0], COMMAND_TIMEOUT_S)
+            return
+        if status:
+            _log.error("permission: %s ended with status %d", self._command[0], status)
+
+
+class Permissions:
+    """Several at once; one that fails keeps no other from switching."""
+
+    def __init__(self, *parts: Permission) -> None:
+        self._parts = parts
+
+    async def grant(self, verdict: Verdict) -> None:
+        """All of them."""
+        await self._all([part.grant(verdict) for part in self._parts])
+
+    async def withdraw(self, verdict: Verdict, reason: str) -> None:
+        """All of them."""
+        await self._all([part.withdraw(verdict, reason) for part in self._parts])
+
+    @staticmethod
+    async def _all(calls: Sequence[Awaitable[None]]) -> None:
+        for outcome in await asyncio.gather(*calls, return_exceptions=True):
+            if isinstance(outcome, Exception):
+                _log.error("permission: a part of it failed", exc_info=outcome)
