@@ -1,0 +1,148 @@
+"""What a drone is about: it comes, asks, and lands or is turned away; then again."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from simulator.broadcaster import Fix
+from simulator.flight import Flight, Vector
+from simulator.gnss import Gnss, NoSpoofing, SlowDrag
+from simulator.scenario import FALSE_BROADCAST_M, Behaviour, DroneSpec
+from wonderland.proofs.frame import to_local, to_wgs84
+from wonderland.proofs.records.pads import Frame
+
+FIRST_APPROACH_SHARE = 0.22
+"""The first time, a drone starts this far along from its hover to where it comes from, so that a demo begins soon."""
+TOUCHDOWN_UP_M = 0.35
+DOCK_UP_M = 1.2
+GROUND_TIME_S = 6.0
+REST_S = 9.0
+HOLD_LIMIT_S = 90.0
+"""A drone that nobody answers goes home after this."""
+DRAG_LIMIT_M = 4.2
+
+
+class Mode(StrEnum):
+    """Where a mission stands."""
+
+    WAITING = "waiting"
+    APPROACHING = "approaching"
+    HOLDING = "holding"
+    LANDING = "landing"
+    LANDED = "landed"
+    DEPARTING = "departing"
+
+
+@dataclass
+class Mission:
+    """One drone of the world; ``step`` moves it on, ``command`` is its autopilot's ear."""
+
+    spec: DroneSpec
+    frame: Frame
+    rng: random.Random
+    flight: Flight = field(init=False)
+    gnss: Gnss = field(init=False)
+    mode: Mode = Mode.WAITING
+    proofs: int = 0
+    """Times that it came to hold before the pad: the agent proves once in each."""
+    _until_s: float = 0.0
+    _since_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        share = FIRST_APPROACH_SHARE
+        start = tuple(h + (a - h) * share for h, a in zip(self.spec.hover_m, self.spec.away_m, strict=True))
+        x, y, z = start
+        self.flight = Flight((x, y, z))
+        self.gnss = Gnss(self.rng, self.spec.gnss_sigma_m)
+        self._until_s = self.spec.start_s
+
+    def command(self, command: str, t_s: float) -> None:
+        """``land`` or ``leave``; anything else, or at another time, is ignored as an autopilot would."""
+        if self.mode is not Mode.HOLDING:
+            return
+        if command == "land":
+            up = DOCK_UP_M if self.spec.action == "dock" else TOUCHDOWN_UP_M
+            self._enter(Mode.LANDING, t_s)
+            self._go((0.0, 0.0, up), t_s)
+        elif command == "leave":
+            self._depart(t_s)
+
+    def step(self, t_s: float, dt_s: float) -> None:
+        """Move on by ``dt_s`` to the time ``t_s`` (seconds since the world began)."""
+        match self.mode:
+            case Mode.WAITING if t_s >= self._until_s:
+                self._enter(Mode.APPROACHING, t_s)
+                if self.spec.behaviour is Behaviour.GNSS_DRAGGED:
+                    self.gnss.spoofing = SlowDrag(t_s + 2.0, limit_m=DRAG_LIMIT_M)
+                self._go(self.spec.hover_m, t_s)
+            case Mode.APPROACHING:
+                self._go(self.spec.hover_m, t_s)
+                if self.flight.arrived:
+                    self.proofs += 1
+                    self._enter(Mode.HOLDING, t_s)
+            case Mode.HOLDING:
+                self._go(self.spec.hover_m, t_s)
+                if t_s - self._since_s > HOLD_LIMIT_S:
+                    self._depart(t_s)
+            case Mode.LANDING if self.flight.arrived:
+                self._enter(Mode.LANDED, t_s)
+                self._until_s = t_s + GROUND_TIME_S
+            case Mode.LANDED if t_s >= self._until_s:
+                self._depart(t_s)
+            case Mode.DEPARTING if self.flight.arrived:
+                self._enter(Mode.WAITING, t_s)
+                self._until_s = t_s + REST_S + self.rng.uniform(0.0, 6.0)
+                self.gnss.spoofing = NoSpoofing()
+            case _:
+                pass
+        self.flight.step(dt_s)
+
+    def fix(self, t_s: float, t_ms: int) -> Fix:
+        """The drone's own word on where it is: what it signs."""
+        return self._fix(self.gnss.fix(self.flight.position, t_s), t_ms)
+
+    def broadcast(self, fix: Fix) -> Fix:
+        """What it tells the public: the same, unless it lies there."""
+        if self.spec.behaviour is not Behaviour.FALSE_BROADCAST or self.mode in {Mode.WAITING, Mode.LANDED}:
+            return fix
+        x, y, z = self._local(fix)
+        lie = (x + FALSE_BROADCAST_M[0], y + FALSE_BROADCAST_M[1], z)
+        return self._fix(lie, fix.t_ms)
+
+    def _local(self, fix: Fix) -> Vector:
+        east, north, up = to_local(self.frame, fix.lat_e7, fix.lon_e7, fix.height_mm)
+        return (east / 1000, north / 1000, up / 1000)
+
+    def _fix(self, position: Vector, t_ms: int) -> Fix:
+        lat_e7, lon_e7, height_mm = to_wgs84(self.frame, *(round(value * 1000) for value in position))
+        return Fix(
+            lat_e7=lat_e7,
+            lon_e7=lon_e7,
+            height_mm=height_mm,
+            above_takeoff_mm=round(position[2] * 1000),
+            accuracy_mm=self.gnss.accuracy_mm,
+            height_accuracy_mm=self.gnss.height_accuracy_mm,
+            speed_mm_s=round(self.flight.speed_m_s * 1000),
+            track_cdeg=round(self.flight.track_deg * 100) % 36_000,
+            vertical_mm_s=round(self.flight.velocity[2] * 1000),
+            airborne=self.mode is not Mode.LANDED,
+            t_ms=t_ms,
+        )
+
+    def _enter(self, mode: Mode, t_s: float) -> None:
+        self.mode = mode
+        self._since_s = t_s
+
+    def _depart(self, t_s: float) -> None:
+        self._enter(Mode.DEPARTING, t_s)
+        self.gnss.spoofing = NoSpoofing()
+        self.flight.go_to(self.spec.away_m)
+
+    def _go(self, wanted: Vector, t_s: float) -> None:
+        """Steer to where the receiver would read ``wanted``: an autopilot follows its GNSS, and a spoofer leads it."""
+        offset = self.gnss.spoofing.offset(t_s)
+        goal = (wanted[0] - offset[0], wanted[1] - offset[1], wanted[2] - offset[2])
+        if self.flight.target != goal:
+            self.flight.go_to(goal)

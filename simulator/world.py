@@ -1,0 +1,210 @@
+"""The world as a process: drones fly, broadcast and are ranged, by the clock on the wall.
+
+Everything leaves it through what real parts have: UCI on pseudo-terminals (a pad's four nodes, a drone's one),
+Remote ID on UDP to each pad within earshot, positions on UDP from each drone's autopilot to its agent. A plan (JSON)
+says which ports and paths; ``simulator.demo`` makes one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import random
+import socket
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from simulator.attackers.replay import ReplayAttack
+from simulator.broadcaster import Fix, frame
+from simulator.channel import Channel
+from simulator.flight import Vector
+from simulator.mission import Mission, Mode
+from simulator.scenario import Behaviour, DroneSpec, PadSite
+from simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
+from wonderland.proofs.errors import GeometryError
+from wonderland.proofs.frame import to_local
+
+TICK_S: Final = 0.05
+POSITION_EVERY: Final = 2
+BROADCAST_EVERY: Final = 10
+EARSHOT_M: Final = 1_500.0
+OPERATOR_ID: Final = "FIN87astrdge12k8"
+
+
+@dataclass(frozen=True)
+class Ports:
+    """Where the world's words go, all on loopback."""
+
+    rid: dict[str, int]
+    """Pad → UDP port of its Remote ID receiver."""
+    position: dict[str, int]
+    """Drone → UDP port on which its agent listens to the autopilot."""
+    modes: int
+    """UDP port of the fleet, which hears how each mission stands."""
+    commands: int
+    """UDP port on which the autopilots hear ``land`` and ``leave``."""
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> Ports:
+        """From a plan's ``ports``."""
+        return cls(value["rid"], value["position"], value["modes"], value["commands"])
+
+
+def anchor_path(directory: Path, pad_id: str, anchor_id: str) -> Path:
+    """Serial device of a pad's node."""
+    return directory / "serial" / pad_id / anchor_id
+
+
+def drone_path(directory: Path, uav_id: str) -> Path:
+    """Serial device of a drone's node."""
+    return directory / "serial" / uav_id
+
+
+class World:
+    """All drones and pads; ``run`` until cancelled."""
+
+    def __init__(
+        self, pads: tuple[PadSite, ...], drones: tuple[DroneSpec, ...], directory: Path, ports: Ports, *, seed: int
+    ) -> None:
+        self._ports = ports
+        self._pads = {pad.pad_id: pad for pad in pads}
+        self._frames = {pad.pad_id: pad.frame for pad in pads}
+        self._start_s = time.monotonic()
+        self._missions = {
+            drone.uav_id: Mission(drone, self._frames[drone.pad_id], random.Random(f"{seed}/{drone.uav_id}"))
+            for drone in drones
+        }
+        self._channels = {
+            pad.pad_id: Channel(
+                random.Random(f"{seed}/{pad.pad_id}"), anchor_bias_m={site.mac: site.bias_m for site in pad.anchors}
+            )
+            for pad in pads
+        }
+        self._sites = {f"{pad.pad_id}/{site.anchor_id}": (pad.pad_id, site) for pad in pads for site in pad.anchors}
+        replaying = frozenset(drone.uav_id for drone in drones if drone.behaviour is Behaviour.REPLAY)
+        attack = ReplayAttack(replaying, {drone.uav_id: drone.pad_id for drone in drones})
+        self._drawn: dict[tuple[str, str], tuple[float, Measurement]] = {}
+        self._air = Air(self._measure, rng=random.Random(f"{seed}/air"), data_loss=0.02, intercept=attack.intercept)
+        self._serial = []
+        for name, (pad_id, site) in self._sites.items():
+            node = VirtualNode(name, self._air, rng=random.Random(f"{seed}/{name}"))
+            self._serial.append(PtyPort(node, anchor_path(directory, pad_id, site.anchor_id)))
+        for drone in drones:
+            node = VirtualNode(drone.uav_id, self._air, rng=random.Random(f"{seed}/{drone.uav_id}/node"))
+            self._serial.append(PtyPort(node, drone_path(directory, drone.uav_id)))
+
+    async def run(self) -> None:
+        """Until cancelled."""
+        for port in self._serial:
+            port.plug()
+        out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        out.setblocking(False)
+        loop = asyncio.get_running_loop()
+        ear, _ = await loop.create_datagram_endpoint(
+            lambda: _Commands(self._command), local_addr=("127.0.0.1", self._ports.commands)
+        )
+        self._start_s = time.monotonic()
+        due = self._start_s
+        tick = 0
+        try:
+            while True:
+                due += TICK_S
+                await asyncio.sleep(max(0.0, due - time.monotonic()))
+                if time.monotonic() - due > 1.0:
+                    due = time.monotonic()  # the process was stopped for a while: the world stood still
+                tick += 1
+                self._tick(out, tick)
+        finally:
+            ear.close()
+            out.close()
+            self._air.close()
+            for port in self._serial:
+                port.close()
+
+    def _tick(self, out: socket.socket, tick: int) -> None:
+        t_s = time.monotonic() - self._start_s
+        t_ms = time.time_ns() // 1_000_000
+        for index, (uav_id, mission) in enumerate(self._missions.items()):
+            mission.step(t_s, TICK_S)
+            if tick % POSITION_EVERY == 0:
+                fix = mission.fix(t_s, t_ms)
+                _send(out, self._ports.position[uav_id], _claim(fix))
+                _send(out, self._ports.modes, {"uav_id": uav_id, "mode": mission.mode.value, "proofs": mission.proofs})
+                if (tick + index * 2) % BROADCAST_EVERY == 0 and mission.mode is not Mode.WAITING:
+                    self._broadcast(out, uav_id, mission, fix)
+
+    def _broadcast(self, out: socket.socket, uav_id: str, mission: Mission, fix: Fix) -> None:
+        said = mission.broadcast(fix)
+        home = self._pads[mission.spec.pad_id]
+        data = frame(uav_id, OPERATOR_ID, (home.lat_e7, home.lon_e7), said)
+        for pad_id, port in self._ports.rid.items():
+            try:
+                east, north, _ = to_local(self._frames[pad_id], fix.lat_e7, fix.lon_e7, fix.height_mm)
+            except GeometryError:
+                continue
+            if math.hypot(east, north) < EARSHOT_M * 1000:
+                _send_bytes(out, port, data)
+
+    def _command(self, uav_id: str, command: str) -> None:
+        mission = self._missions.get(uav_id)
+        if mission is not None:
+            mission.command(command, time.monotonic() - self._start_s)
+
+    def _measure(self, observer: str, peer: str, t_s: float) -> Measurement:
+        """Both ends of a pair report the same draw of a round."""
+        pair = (observer, peer) if observer in self._sites else (peer, observer)
+        drawn = self._drawn.get(pair)
+        if drawn is not None and drawn[0] == t_s:
+            return drawn[1]
+        pad_id, site = self._sites[pair[0]]
+        mission = self._missions.get(pair[1])
+        if mission is None or mission.spec.pad_id != pad_id:
+            return Measurement(None)
+        here: Vector = mission.flight.position
+        distance = math.dist(here, (site.east_m, site.north_m, site.up_m))
+        result = self._channels[pad_id].measure(distance, site.mac)
+        measured = Measurement(
+            None if result.range_m is None else round(result.range_m * 1000), result.obstructed, result.power_dbm
+        )
+        self._drawn[pair] = (t_s, measured)
+        return measured
+
+
+class _Commands(asyncio.DatagramProtocol):
+    """The autopilots' ear."""
+
+    def __init__(self, heard: Any) -> None:
+        self._heard = heard
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        del addr
+        try:
+            value = json.loads(data[:1024])
+            self._heard(str(value["uav_id"]), str(value["command"]))
+        except (ValueError, KeyError, TypeError):
+            return
+
+
+def _claim(fix: Fix) -> dict[str, int]:
+    return {
+        "lat_e7": fix.lat_e7,
+        "lon_e7": fix.lon_e7,
+        "height_mm": fix.height_mm,
+        "accuracy_mm": fix.accuracy_mm,
+        "height_accuracy_mm": fix.height_accuracy_mm,
+        "t_ms": fix.t_ms,
+    }
+
+
+def _send(out: socket.socket, port: int, value: dict[str, Any]) -> None:
+    _send_bytes(out, port, json.dumps(value, separators=(",", ":")).encode())
+
+
+def _send_bytes(out: socket.socket, port: int, data: bytes) -> None:
+    try:
+        out.sendto(data, ("127.0.0.1", port))
+    except (BlockingIOError, ConnectionRefusedError):  # nobody listens yet, or its buffer is full: radio is like that
+        return
