@@ -232,7 +232,7 @@ class AppConfig:
 
     @classmethod
     def from_parameters(cls, parameters: list[tuple[int, bytes]]) -> Self:
-        """The configuration that parameters describe, whatever their order.
+        """The configuration that parameters describe; the number of controlees must come before their addresses.
 
         Raises ``UciParameterError`` naming the first parameter that is malformed or missing.
         """
