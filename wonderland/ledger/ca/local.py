@@ -16,7 +16,7 @@ import os
 import re
 import shutil
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -281,8 +281,7 @@ class LocalCa:
                 targets = self._active(register, name, kind)
                 if not targets:
                     raise UnknownCertificateError(f"{name} has no {kind} certificate that could be revoked")
-            self._revoke(register, targets, kind, reason)
-        return targets
+            return self._revoke(register, targets, kind, reason)
 
     def certificates(self, name: str | None = None, kind: Kind | None = None) -> tuple[IssuedCertificate, ...]:
         """What was issued, oldest first, perhaps only to a name or of a kind."""
@@ -342,11 +341,14 @@ class LocalCa:
         register.add(issued)
         return Enrolment(self.msp_id, issued, None if key is None else build.private_key_pem(key))
 
-    def _revoke(self, register: Register, targets: Sequence[IssuedCertificate], kind: Kind, reason: str) -> None:
+    def _revoke(
+        self, register: Register, targets: Sequence[IssuedCertificate], kind: Kind, reason: str
+    ) -> tuple[IssuedCertificate, ...]:
         now = self._time()
         for each in targets:
             register.revoke(each.serial, milliseconds(now), reason)
         self._new_revocation_list(register, kind, now)
+        return tuple(replace(each, revoked_ms=milliseconds(now), reason=reason) for each in targets)
 
     def _new_revocation_list(self, register: Register, kind: Kind, now: datetime) -> RevocationList:
         former = register.revocation_list(kind)
