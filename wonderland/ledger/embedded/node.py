@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime as dt
-import logging
 import os
 import socket
 from contextlib import AsyncExitStack
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
 LOCAL_HOSTS: Final = ("localhost", "127.0.0.1", "::1")
 _WILDCARDS: Final = frozenset({"0.0.0.0", "::"})  # noqa: S104 - compared with, not bound to
 _NONCE_BYTES: Final = 24
-_log: Final = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -128,7 +126,6 @@ class EmbeddedLedger:
             name = "localhost" if is_address(reachable) else reachable
             self._connection = self._write_connection(f"{bracketed(reachable)}:{port}", name)
             self._stack = stack.pop_all()
-        _log.info("%s", NOTICE)
         return self._connection
 
     async def stop(self) -> None:
