@@ -1,0 +1,159 @@
+"""connection.json: read, written, and every wrong field named."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import stat
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from wonderland.ledger.connection import Connection, GatewayAddress, IdentityFiles, LedgerKind
+from wonderland.ledger.errors import ConnectionFileError, FileWriteError
+
+
+@pytest.fixture
+def document():
+    return {
+        "channel": "wonderland",
+        "chaincode": "pol",
+        "gateway": {"address": "127.0.0.1:7051", "tls_ca": "tls-ca.pem", "server_name": "localhost"},
+        "identities": {"pad": {"msp_id": "PadMSP", "certificate": "ids/pad.pem", "key": "ids/pad.key"}},
+        "ledger": {"kind": "embedded", "notice": "No multi-party trust."},
+        "a later field": [1, 2, None],
+    }
+
+
+@pytest.fixture
+def write(tmp_path):
+    def apply(document):
+        path = tmp_path / "connection.json"
+        path.write_text(json.dumps(document))
+        return path
+
+    return apply
+
+
+def test_it_is_read(document, write, tmp_path):
+    connection = Connection.load(write(document))
+    assert (connection.channel, connection.chaincode) == ("wonderland", "pol")
+    assert connection.gateway == GatewayAddress("127.0.0.1:7051", tmp_path / "tls-ca.pem", "localhost")
+    assert connection.identities["pad"].key == tmp_path / "ids" / "pad.key"
+    assert connection.ledger == LedgerKind("embedded", "No multi-party trust.")
+    assert Connection.load(tmp_path) == connection
+
+
+def test_ledger_and_identities_are_optional(document, write):
+    del document["ledger"], document["identities"]
+    connection = Connection.load(write(document))
+    assert connection.ledger is None
+    assert connection.identities == {}
+
+
+def test_written_and_read_back(document, write, tmp_path):
+    connection = Connection.load(write(document)).with_identity(
+        "uav", IdentityFiles("FleetMSP", tmp_path / "elsewhere" / "uav.pem", tmp_path / "uav.key")
+    )
+    (tmp_path / "sub").mkdir()
+    path = tmp_path / "sub" / "connection.json"
+    connection.save(path)
+    written = json.loads(path.read_text())
+    assert written["identities"]["uav"]["certificate"] == "../elsewhere/uav.pem"
+    assert written["gateway"]["tls_ca"] == "../tls-ca.pem"
+    again = Connection.load(path)
+    assert {name: files.key.resolve() for name, files in again.identities.items()} == {
+        name: files.key.resolve() for name, files in connection.identities.items()
+    }
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert set(again.without_identity("uav").identities) == {"pad"}
+
+
+def test_writing_where_nothing_can_be_written(document, write, tmp_path):
+    connection = Connection.load(write(document))
+    with pytest.raises(FileWriteError, match="not written"):
+        connection.save(tmp_path / "missing" / "connection.json")
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        (["channel"], None, "channel is missing"),
+        (["channel"], 3, "channel is not"),
+        (["channel"], "", "channel is not"),
+        (["chaincode"], "x" * 5000, "chaincode has 5000"),
+        (["gateway"], None, "gateway is missing"),
+        (["gateway"], [], "gateway is not a JSON object"),
+        (["gateway", "address"], "localhost", "gateway.address"),
+        (["gateway", "address"], "localhost:0", "gateway.address"),
+        (["gateway", "address"], "localhost:65536", "gateway.address"),
+        (["gateway", "address"], ":7051", "gateway.address"),
+        (["gateway", "address"], "h:７０５１", "gateway.address"),
+        (["gateway", "tls_ca"], None, "gateway.tls_ca is missing"),
+        (["gateway", "tls_ca"], "a\0b", "gateway.tls_ca"),
+        (["gateway", "server_name"], None, "gateway.server_name is missing"),
+        (["identities"], [], "identities is not"),
+        (["identities", "pad"], "x", "identities.pad is not"),
+        (["identities", "pad", "key"], None, "identities.pad.key is missing"),
+        (["identities", "pad", "msp_id"], 1, "identities.pad.msp_id is not"),
+        (["ledger"], 1, "ledger is not"),
+        (["ledger", "kind"], None, "ledger.kind is missing"),
+        (["ledger", "notice"], 1, "ledger.notice is not"),
+    ],
+)
+def test_what_is_wrong_is_named(document, write, path, value, words):
+    place = document
+    for name in path[:-1]:
+        place = place[name]
+    place[path[-1]] = value
+    with pytest.raises(ConnectionFileError, match=words):
+        Connection.load(write(document))
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff", b"[]", b"3", b"[" * 100_000])
+def test_no_document(tmp_path, content):
+    (tmp_path / "connection.json").write_bytes(content)
+    with pytest.raises(ConnectionFileError):
+        Connection.load(tmp_path)
+
+
+def test_no_file(tmp_path):
+    with pytest.raises(ConnectionFileError, match="cannot read"):
+        Connection.load(tmp_path / "connection.json")
+
+
+def test_identities_and_signers(document, write, tmp_path, pad):
+    connection = Connection.load(write(document))
+    with pytest.raises(ConnectionFileError, match=r"identities\.pad\.certificate"):
+        connection.identity("pad")
+    with pytest.raises(ConnectionFileError, match=r"identities\.pad\.key"):
+        connection.signer("pad")
+    with pytest.raises(ConnectionFileError, match="there are: pad"):
+        connection.identity("uav")
+    pad.enrolment.write(tmp_path / "ids", "pad")
+    assert connection.identity("pad") == pad.identity
+    assert connection.signer("pad")(b"m")
+
+
+async def test_a_channel_needs_its_root(document, write):
+    with pytest.raises(ConnectionFileError, match=r"gateway\.tls_ca"):
+        Connection.load(write(document)).open_channel()
+
+
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.text(max_size=5),
+        lambda inner: (
+            st.lists(inner, max_size=3)
+            | st.dictionaries(
+                st.sampled_from(["channel", "gateway", "identities", "chaincode", "ledger", "address"]), inner
+            )
+        ),
+        max_leaves=12,
+    )
+)
+def test_any_json_is_a_typed_error_or_a_connection(write, document):
+    with contextlib.suppress(ConnectionFileError):
+        Connection.load(write(document))
