@@ -42,6 +42,7 @@ _AWAY: Final = frozenset(
     }
 )
 _NOT_THERE: Final = 404
+MAX_NOTE: Final = 500
 AnyRecord = TypeVar("AnyRecord", bound="Record")
 
 
@@ -107,13 +108,13 @@ class ProofContract:
 
     async def complete(self, session_id: str, result: str, note: str = "") -> tuple[Session, Committed]:
         """Step 8: how the permitted interaction ended (``done`` or ``aborted``)."""
-        argument = tx.CompleteInteraction(session_id=session_id, result=result, note=note[:500] or None)
+        argument = tx.CompleteInteraction(session_id=session_id, result=result, note=_note(note))
         answer, done = await self._submit("CompleteInteraction", argument)
         return _parsed(Session, answer), done
 
     async def cancel(self, session_id: str, reason: str, note: str = "") -> tuple[Session, Committed]:
         """End a session without a verdict, or one whose permission lapsed."""
-        argument = tx.CancelProof(session_id=session_id, reason=reason, note=note[:500] or None)
+        argument = tx.CancelProof(session_id=session_id, reason=reason, note=_note(note))
         answer, done = await self._submit("CancelProof", argument)
         return _parsed(Session, answer), done
 
@@ -193,6 +194,11 @@ class ProofContract:
             return _object(await self._contract.evaluate(function, argument.encode()))
         except GatewayError as error:
             raise _translated(error) from error
+
+
+def _note(text: str) -> str | None:
+    """A note for people as the records allow it: one line, bounded; None for an empty one."""
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())[:MAX_NOTE] or None
 
 
 def _translated(error: GatewayError) -> LedgerError:

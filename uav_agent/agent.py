@@ -1,0 +1,205 @@
+"""A drone's agent: one call proves the drone's location at a pad and does what the verdict permits.
+
+Everything it needs is handed in (ledger, identity, node, position, callback), so that a simulator can run many in one
+process and a companion computer runs one.
+"""
+
+from __future__ import annotations
+
+import logging
+import secrets
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from uav_agent.ledger_events import LedgerEvents
+from uav_agent.position import PositionSource
+from uav_agent.session import events as on
+from uav_agent.session.machine import UavSession
+from uav_agent.session.ports import Act, Radio, UavLedger
+from uav_agent.session.runner import SessionRunner, StepListener
+from uav_agent.session.timing import UavTiming
+from wonderland.clock import Clock
+from wonderland.ledger.identity import Identity
+from wonderland.ledger.proof_contract import RefusedError
+from wonderland.ledger.signing import Signer
+from wonderland.proofs import encoding, keys
+from wonderland.proofs.encoding import from_base64url, to_base64url
+from wonderland.proofs.errors import ProofError
+from wonderland.proofs.records import transactions as tx
+from wonderland.proofs.records.pads import Commissioning, Prekey
+from wonderland.proofs.records.sessions import Session
+from wonderland.proofs.records.verdicts import Verdict
+
+_log = logging.getLogger(__name__)
+
+REQUEST_ATTEMPTS: Final = 5
+"""Another drone may take the same prekey at the same moment; then the next one is tried."""
+PREKEYS_LISTED: Final = 20
+_TAKEN: Final = frozenset({"PREKEY_USED", "PREKEY_UNKNOWN", "MVCC_READ_CONFLICT", "PHANTOM_READ_CONFLICT"})
+
+
+class UavAgentError(Exception):
+    """A proof could not begin: no position, no prekey, or a pad that is not in service. ``code`` is for machines."""
+
+    def __init__(self, code: str, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True)
+class ProofResult:
+    """How a proof ended. ``state`` and ``end`` as on the ledger; ``steps``: step → ms since the epoch."""
+
+    session_id: str
+    uav_id: str
+    pad_id: str
+    action: str
+    state: str
+    end: str
+    detail: str
+    steps: dict[str, int]
+    verdict: Verdict | None
+    verdict_tx: str
+    closing_tx: str
+
+
+class UavAgent:
+    """One drone. ``choose`` picks one of several prekeys; by default unpredictably."""
+
+    def __init__(
+        self,
+        *,
+        uav_id: str,
+        ledger: UavLedger,
+        events: LedgerEvents,
+        identity: Identity,
+        signer: Signer,
+        radio: Radio,
+        position: PositionSource,
+        act: Act,
+        clock: Clock,
+        timing: UavTiming | None = None,
+        whole_certificate: bool = False,
+        choose: Callable[[Sequence[Prekey]], Prekey] = secrets.choice,
+        on_step: StepListener | None = None,
+    ) -> None:
+        self.uav_id: Final = uav_id
+        self._ledger = ledger
+        self._events = events
+        self._identity = identity
+        self._signer = signer
+        self._radio = radio
+        self._position = position
+        self._act = act
+        self._clock = clock
+        self._timing = timing or UavTiming()
+        self._whole_certificate = whole_certificate
+        self._choose = choose
+        self._on_step = on_step
+        self._runner: SessionRunner | None = None
+
+    def stop(self, reason: str = "agent_stopped") -> None:
+        """End the session under way in a recorded state; ``prove`` returns soon after."""
+        if self._runner is not None:
+            self._runner.deliver(on.Interrupted(reason))
+
+    async def prove(self, pad_id: str, action: str) -> ProofResult:
+        """Ask the pad for a proof, take part in it, and act when it is granted.
+
+        Raises UavAgentError where no proof could begin, RefusedError where the contract refused the request, and
+        AwayError where the ledger is away.
+        """
+        commissioning = await self._commissioning(pad_id)
+        session, session_keys = await self._request(pad_id, action)
+        _log.info("%s asks %s to %s: session %.12s", self.uav_id, pad_id, action, session.session_id)
+        mismatch = _mismatch(session, commissioning, self._identity)
+        if mismatch:
+            await self._ledger.cancel(session.session_id, "session_mismatch", mismatch)
+            raise UavAgentError("session_mismatch", f"the session on the ledger is not the one asked for: {mismatch}")
+        machine = UavSession(
+            session,
+            commissioning,
+            session_keys,
+            certificate=self._identity.certificate_der,
+            claims=self._position.claim,
+            now_ms=self._clock(),
+            timing=self._timing,
+            whole_certificate=self._whole_certificate,
+        )
+        runner = self._runner = SessionRunner(
+            machine,
+            radio=self._radio,
+            ledger=self._ledger,
+            signer=self._signer,
+            act=self._act,
+            clock=self._clock,
+            on_step=self._on_step,
+        )
+        self._events.listen(session.session_id, runner.deliver)
+        try:
+            finish = await runner.run()
+        finally:
+            self._events.forget(session.session_id)
+            self._runner = None
+        return ProofResult(
+            session_id=session.session_id,
+            uav_id=self.uav_id,
+            pad_id=pad_id,
+            action=action,
+            state=finish.state,
+            end=finish.end,
+            detail=finish.detail,
+            steps=dict(machine.steps),
+            verdict=runner.verdict,
+            verdict_tx=runner.verdict_tx,
+            closing_tx=runner.completed_tx,
+        )
+
+    async def _commissioning(self, pad_id: str) -> Commissioning:
+        pad = await self._ledger.read_pad(pad_id)
+        if pad.commissioning is None:
+            raise UavAgentError("pad_not_commissioned", f"pad {pad_id} has not been surveyed and proves nothing yet")
+        return pad.commissioning
+
+    async def _request(self, pad_id: str, action: str) -> tuple[Session, keys.SessionKeys]:
+        """Step 1."""
+        for attempt in range(1, REQUEST_ATTEMPTS + 1):
+            prekeys = await self._ledger.list_prekeys(pad_id, PREKEYS_LISTED)
+            if not prekeys:
+                raise UavAgentError("no_prekey", f"pad {pad_id} offers no prekey: its agent is not running")
+            claim = self._position.claim(self._clock())
+            if claim is None:
+                raise UavAgentError("no_position", "the position source has no fresh position")
+            prekey = self._choose(prekeys)
+            own = keys.new_key()
+            argument = tx.RequestProof(
+                pad_id=pad_id,
+                action=action,
+                prekey_id=prekey.prekey_id,
+                uav_key=to_base64url(keys.public_bytes(own)),
+                claim=claim,
+            )
+            try:
+                session, _ = await self._ledger.request_proof(argument)
+            except RefusedError as error:
+                if error.code not in _TAKEN or attempt == REQUEST_ATTEMPTS:
+                    raise
+                continue
+            if (session.pad_key, session.uav_key) != (prekey.public_key, argument.uav_key):
+                raise UavAgentError("session_mismatch", "the session on the ledger has other keys than the request")
+            secret = keys.shared_secret(own, from_base64url(session.pad_key))
+            return session, keys.derive(secret, bytes.fromhex(session.transcript_sha256))
+        raise AssertionError("unreachable: the last attempt returns or raises")
+
+
+def _mismatch(session: Session, commissioning: Commissioning, identity: Identity) -> str:
+    """Why this is not the session that was asked for; empty where it is."""
+    try:
+        if encoding.digest(commissioning.to_json()).hex() != session.commissioning_sha256:
+            return "it rests on another commissioning than the pad's"
+    except ProofError as error:
+        return str(error)
+    if session.uav.certificate_sha256 != identity.certificate_sha256:
+        return "it names another certificate than this drone's"
+    return ""

@@ -1,0 +1,101 @@
+"""What the ledger decided, for all drones of a process: one event stream, handed out by session."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections import OrderedDict
+from collections.abc import AsyncIterator, Callable
+from types import TracebackType
+from typing import Final, Protocol, Self
+
+from uav_agent.session import events as on
+from wonderland.ledger.errors import LedgerError
+from wonderland.ledger.proof_contract import ContractEvent
+from wonderland.proofs.errors import ProofError
+from wonderland.proofs.records.sessions import Session
+from wonderland.proofs.records.verdicts import Verdict
+
+_log = logging.getLogger(__name__)
+
+NAMES: Final = frozenset({"ProofDecided", "ProofCancelled"})
+_AGAIN_S: Final = 1.0
+_REMEMBERED: Final = 256
+"""Events that nobody listens to yet: one of a request may arrive before its sender knows the session's id."""
+
+
+class EventSource(Protocol):
+    """The contract's events (``wonderland.ledger.proof_contract.ProofContract``)."""
+
+    async def height(self) -> int:
+        """How many blocks the channel has."""
+        ...
+
+    def events(self, *, start_block: int | None = None, names: frozenset[str]) -> AsyncIterator[ContractEvent]:
+        """Events with these names, for ever."""
+        ...
+
+
+class LedgerEvents:
+    """Verdicts and cancellations by session. Open it before a request is sent: nothing committed after is missed."""
+
+    def __init__(self, source: EventSource) -> None:
+        self._source = source
+        self._listeners: dict[str, Callable[[on.UavEvent], None]] = {}
+        self._early: OrderedDict[str, ContractEvent] = OrderedDict()
+        self._task: asyncio.Task[None] | None = None
+        self._next_block = 0
+
+    async def __aenter__(self) -> Self:
+        self._next_block = await self._source.height()
+        self._task = asyncio.create_task(self._run())
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._task is not None:
+            self._task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._task
+
+    def listen(self, session_id: str, listener: Callable[[on.UavEvent], None]) -> None:
+        """Hand this session's events to ``listener``, also those that came before."""
+        self._listeners[session_id] = listener
+        early = self._early.pop(session_id, None)
+        if early is not None:
+            self._hand_out(early)
+
+    def forget(self, session_id: str) -> None:
+        """Hand them to nobody any more."""
+        self._listeners.pop(session_id, None)
+
+    async def _run(self) -> None:
+        while True:
+            try:
+                async for event in self._source.events(start_block=self._next_block, names=NAMES):
+                    self._next_block = event.block_number
+                    self._hand_out(event)
+            except LedgerError as error:
+                _log.warning("the ledger's events stopped, once more in %g s: %s", _AGAIN_S, error)
+            await asyncio.sleep(_AGAIN_S)
+
+    def _hand_out(self, event: ContractEvent) -> None:
+        session_id = event.record.get("session_id")
+        if not isinstance(session_id, str):
+            return
+        listener = self._listeners.get(session_id)
+        if listener is None:
+            self._early[session_id] = event
+            if len(self._early) > _REMEMBERED:
+                self._early.popitem(last=False)
+            return
+        try:
+            if event.name == "ProofDecided":
+                listener(on.VerdictCommitted(Verdict.parse(event.record), event.tx_id))
+            else:
+                session = Session.parse(event.record)
+                listener(on.SessionCancelled(session.ended_by or "", session.end or "cancelled"))
+        except ProofError as error:
+            _log.warning("event %s of transaction %s cannot be read: %s", event.name, event.tx_id, error)

@@ -1,0 +1,97 @@
+"""One node in two sessions: controller of the ranging session, controlee of the one that carries the pad's words."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Coroutine
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from uav_agent.session.events import DataHeard, OwnRange, RadiosFailed
+from uav_agent.session.ports import Sink
+from wonderland.clock import Clock
+from wonderland.uwb.errors import NodeError
+from wonderland.uwb.events import DataReceived, RangeMeasurement, SessionFailed
+from wonderland.uwb.layout import RangingPlan
+from wonderland.uwb.node import UwbNode, UwbSession
+from wonderland.uwb.serial_port import Opener
+
+READY_GRACE_S = 3.0
+"""A node that is away when a session begins gets this long to come back."""
+
+
+class UavRadio:
+    """Use as an asynchronous context manager; the node is connected as long as it is open."""
+
+    def __init__(self, port: Path | str | Opener, clock: Clock, *, name: str = "drone's node") -> None:
+        self._node = UwbNode(port, name=name, clock=clock)
+        self._ranging: UwbSession | None = None
+        self._sessions: list[UwbSession] = []
+        self._readers: list[asyncio.Task[None]] = []
+
+    async def __aenter__(self) -> Self:
+        await self._node.__aenter__()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close_session()
+        await self._node.close()
+
+    async def open_session(self, plan: RangingPlan, sink: Sink) -> None:
+        """Start both sessions; reports go to ``sink`` from now on. Raises UwbError."""
+        await self.close_session()
+        await self._node.wait_ready(READY_GRACE_S)
+        # The words first: the pad polls as soon as it is heard, and ranging is what lets it hear.
+        words = await self._node.open_session(plan.uav_words())
+        self._sessions.append(words)
+        self._read(self._hear(words, sink))
+        self._ranging = await self._node.open_session(plan.uav_ranging())
+        self._sessions.append(self._ranging)
+        self._read(self._measure(self._ranging, frozenset(plan.pad_macs), sink))
+
+    async def send(self, frame: bytes) -> None:
+        """Hand a frame to the node. Raises NodeError; whether it is heard nobody knows."""
+        if self._ranging is None:
+            raise NodeError("no session is open")
+        await self._ranging.send(frame)
+
+    async def close_session(self) -> None:
+        """Stop both sessions. Never raises."""
+        readers, self._readers = self._readers, []
+        sessions, self._sessions = self._sessions, []
+        self._ranging = None
+        for reader in readers:
+            reader.cancel()
+        for reader in readers:
+            with contextlib.suppress(asyncio.CancelledError):
+                await reader
+        await asyncio.gather(*(session.close() for session in sessions))
+
+    def _read(self, reader: Coroutine[None, None, None]) -> None:
+        self._readers.append(asyncio.create_task(reader))
+
+    @staticmethod
+    async def _measure(session: UwbSession, pad_macs: frozenset[int], sink: Sink) -> None:
+        async for event in session.events():
+            match event:
+                case RangeMeasurement(range_mm=int(range_mm), peer_mac=mac) if mac in pad_macs:
+                    sink(OwnRange(mac, event.t_ms, range_mm))
+                case SessionFailed():
+                    sink(RadiosFailed(str(event.error)))
+                case _:
+                    pass
+
+    @staticmethod
+    async def _hear(session: UwbSession, sink: Sink) -> None:
+        async for event in session.events():
+            match event:
+                case DataReceived():
+                    sink(DataHeard(event.data))
+                case SessionFailed():
+                    sink(RadiosFailed(str(event.error)))
+                case _:
+                    pass
