@@ -245,7 +245,7 @@ class VirtualNode:
 
     def _core(self, command: Command) -> None:
         if command.opcode == Core.GET_DEVICE_INFO:
-            info = DeviceInfo(0x0002, 0x0002, 0x0002, 0x0001, b"\x01")
+            info = DeviceInfo(0x0002, 0x0002, 0x0002, 0x0001, b"")
             self.transmit(encode_device_info(info).encode())
         elif command.opcode == Core.GET_CAPS_INFO:
             self._answer(command, Status.OK, encode_parameters(list(CAPABILITIES)))

@@ -123,8 +123,8 @@ class UciDevice:
         self._codec = HostCodec()
 
     def receive_data(self, data: bytes, now_ms: int) -> None:
-        """Octets from the port."""
-        if self.phase is Phase.DOWN:
+        """Octets from the port; during the pause before a reset they mean nothing."""
+        if self.phase in (Phase.DOWN, Phase.BACKOFF):
             return
         self._received_ms = now_ms
         self._codec.receive_data(data)
@@ -245,6 +245,7 @@ class UciDevice:
     def _fail(self, detail: str, now_ms: int) -> None:
         """The node cannot be relied on: forget everything, and reset it, after a pause that grows."""
         self._lose(detail)
+        self._codec.reader.reset()
         self.phase = Phase.BACKOFF
         self._phase_deadline_ms = now_ms + self._backoff_ms
         self._backoff_ms = min(2 * self._backoff_ms, self.timings.backoff_max_ms)
