@@ -181,3 +181,70 @@ class Maker:
 @pytest.fixture(scope="session")
 def maker(pad, peer, ca):
     return Maker(pad, peer, ca)
+
+
+class TinyContract:
+    """Just enough to see every stage, event and failure."""
+
+    version = "1.0"
+
+    async def invoke(self, stub, function, args):
+        match function:
+            case "put":
+                await stub.put(args[0].decode(), args[1])
+                stub.set_event("Put", args[0])
+                return args[1]
+            case "quiet":
+                await stub.put(args[0].decode(), b"quiet")
+                return b""
+            case "add":
+                key = args[0].decode()
+                total = int(await stub.get(key) or b"0") + 1
+                await stub.put(key, str(total).encode())
+                stub.set_event("Added", str(total).encode())
+                return str(total).encode()
+            case "get":
+                return await stub.get(args[0].decode()) or b""
+            case "who":
+                return f"{stub.creator.role} {stub.creator.pol_id} {stub.tx_id}".encode()
+        refusal = Exception(f"UNKNOWN_FUNCTION: there is no {function}")
+        refusal.status = 404
+        raise refusal
+
+
+@pytest.fixture
+def start_ledger(tmp_path):
+    """Makes an embedded ledger on the same directory each time; use it with ``async with``."""
+    from wonderland.ledger.embedded.node import EmbeddedLedger, LedgerSettings
+    from wonderland.ledger.embedded.orderer import BatchLimits
+
+    def apply(listen="127.0.0.1:0"):
+        settings = LedgerSettings(listen=listen, limits=BatchLimits(time_ms=5))
+        return EmbeddedLedger(tmp_path / "ledger", {"pol": TinyContract()}, settings)
+
+    return apply
+
+
+@pytest.fixture
+async def ledger(start_ledger):
+    async with start_ledger() as running:
+        yield running
+
+
+@pytest.fixture
+async def gateway(ledger):
+    from wonderland.ledger.gateway import Deadlines, Gateway
+
+    connection = ledger.connection
+    async with connection.open_channel() as channel:
+        yield Gateway(channel, connection.identity("pad"), connection.signer("pad"), deadlines=Deadlines(locate_s=0.4))
+
+
+@pytest.fixture
+def network(gateway):
+    return gateway.network("wonderland")
+
+
+@pytest.fixture
+def contract(network):
+    return network.contract("pol")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import time
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ from wonderland.ledger.gateway.errors import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from wonderland.ledger.identity import Identity
     from wonderland.ledger.signing import Signer
@@ -108,7 +109,8 @@ async def _call(
     tx_id: str,
 ) -> Any:
     try:
-        return await method(request, timeout=timeout_s)
+        with unusable_channel_is_an_error(error, tx_id):
+            return await method(request, timeout=timeout_s)
     except grpc.aio.AioRpcError as cause:
         raise from_rpc(cause, error, tx_id) from cause
     except asyncio.CancelledError as cause:
@@ -116,10 +118,17 @@ async def _call(
             raise
         # gRPC says the same when the channel is closed under a call; the caller's task goes on.
         raise error("the channel was closed", tx_id=tx_id, status_code=grpc.StatusCode.CANCELLED) from cause
-    except grpc.aio.UsageError as cause:
-        raise error(f"the channel cannot be used: {cause}", tx_id=tx_id) from cause
     except DecodeError as cause:
         raise MalformedError(f"the gateway's answer cannot be read ({cause})", tx_id=tx_id) from cause
+
+
+@contextlib.contextmanager
+def unusable_channel_is_an_error(error: type[GatewayError], tx_id: str = "") -> Iterator[None]:
+    """A channel that its owner closed, or that belongs to another event loop, as a typed error."""
+    try:
+        yield
+    except grpc.aio.UsageError as cause:
+        raise error(f"the channel cannot be used: {cause}", tx_id=tx_id) from cause
 
 
 def cancelled_from_outside() -> bool:

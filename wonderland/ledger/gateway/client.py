@@ -17,7 +17,6 @@ from wonderland.ledger.gateway.deliver import (
     FilteredBlock,
     FilteredBlockSource,
     height,
-    require_reached,
 )
 from wonderland.ledger.gateway.errors import (
     CommitError,
@@ -158,30 +157,25 @@ class Network:
         source = EventSource(self._environment, self.name, chaincode, position)
         return Stream(self._environment, source, reconnect=reconnect)
 
-    async def blocks(
+    def blocks(
         self, *, start_block: int | None = None, checkpointer: Checkpointer | None = None, reconnect: bool = False
     ) -> Stream[Block]:
         """Whole blocks: from now on, from a block on, or from where a checkpoint says.
 
-        Save ``Checkpoint.after_block(block.number)``. Raises `CheckpointError`, and `UnknownTransactionError` for a
-        checkpoint beyond the chain.
+        Save ``Checkpoint.after_block(block.number)``. Raises `CheckpointError` here; when opened,
+        `UnknownTransactionError` for a checkpoint beyond the chain.
         """
-        start = await self._start(start_block, checkpointer)
-        return Stream(self._environment, BlockSource(self._environment, self.name, start), reconnect=reconnect)
+        start, saved = _start(start_block, checkpointer)
+        source = BlockSource(self._environment, self.name, start, must_be_reached=saved)
+        return Stream(self._environment, source, reconnect=reconnect)
 
-    async def filtered_blocks(
+    def filtered_blocks(
         self, *, start_block: int | None = None, checkpointer: Checkpointer | None = None, reconnect: bool = False
     ) -> Stream[FilteredBlock]:
         """Outlines of blocks, as `blocks`."""
-        start = await self._start(start_block, checkpointer)
-        return Stream(self._environment, FilteredBlockSource(self._environment, self.name, start), reconnect=reconnect)
-
-    async def _start(self, start_block: int | None, checkpointer: Checkpointer | None) -> int | None:
-        saved = checkpointer.load() if checkpointer else None
-        if saved is None:
-            return start_block
-        await require_reached(self._environment, self.name, saved)
-        return saved.block_number
+        start, saved = _start(start_block, checkpointer)
+        source = FilteredBlockSource(self._environment, self.name, start, must_be_reached=saved)
+        return Stream(self._environment, source, reconnect=reconnect)
 
 
 class Contract:
@@ -308,3 +302,9 @@ class Contract:
                         details=error.details,
                     ) from error
             await asyncio.sleep(pause_s)
+
+
+def _start(start_block: int | None, checkpointer: Checkpointer | None) -> tuple[int | None, bool]:
+    """The block to begin with, and whether a checkpoint says so."""
+    saved = checkpointer.load() if checkpointer else None
+    return (start_block, False) if saved is None else (saved.block_number, True)

@@ -6,6 +6,7 @@ A filtered block tells ids, codes and the names of events, without payloads. Sou
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -17,6 +18,7 @@ from google.protobuf.message import DecodeError
 
 from wonderland.ledger.blocks import Block, parse_block
 from wonderland.ledger.checkpoints import MAX_BLOCK_NUMBER, Checkpoint
+from wonderland.ledger.gateway.calls import cancelled_from_outside, unusable_channel_is_an_error
 from wonderland.ledger.gateway.errors import MalformedError, StreamError, UnknownTransactionError, from_rpc
 from wonderland.ledger.transactions import code_name
 
@@ -76,52 +78,64 @@ class FilteredBlock:
         return Checkpoint.after_block(self.number)
 
 
-class BlockSource:
-    """Whole blocks of a channel from `next_block` on; a source for `streams.Stream`."""
+class _Source:
+    """Where a block stream stands: the next block, None before "from now on" has become a number."""
 
-    def __init__(self, environment: Environment, channel: str, next_block: int | None) -> None:
+    def __init__(
+        self, environment: Environment, channel: str, next_block: int | None, *, must_be_reached: bool = False
+    ) -> None:
         self._environment = environment
         self._channel = channel
         self._next = next_block
+        self._must_be_reached = must_be_reached
 
-    async def open(self) -> Any:
-        """A call on which blocks arrive. The first time, "from now on" becomes a number, so that none is missed."""
+    async def _open(self, method: Any) -> Any:
+        """A call on which blocks arrive. "From now on" becomes a number the first time, so that none is missed."""
         if self._next is None:
             self._next = await height(self._environment, self._channel)
-        call = self._environment.calls.open_deliver()
-        await _send(call, seek_request(self._environment, self._channel, start=self._next))
+        elif self._must_be_reached:
+            await require_reached(self._environment, self._channel, Checkpoint(self._next))
+            self._must_be_reached = False
+        request = seek_request(self._environment, self._channel, start=self._next)
+        with unusable_channel_is_an_error(StreamError):
+            call = method()
+        await _send(call, request)
         return call
+
+    def _require_next(self, block: AnyBlock) -> AnyBlock:
+        if block.number != self._next:
+            raise StreamError(f"the peer sent block {block.number} instead of {self._next}")
+        return block
+
+
+class BlockSource(_Source):
+    """Whole blocks of a channel; a source for `streams.Stream`."""
+
+    async def open(self) -> Any:
+        """A new call. Raises `StreamError`, `UnknownTransactionError`."""
+        return await self._open(self._environment.calls.open_deliver)
 
     def items(self, answer: Any) -> Iterator[Block]:
         """The block of an answer, which must be the next one. Raises `BlockError`, `StreamError`."""
         _require_block(answer, "block")
-        yield _require_next(parse_block(answer.block), self._next)
+        yield self._require_next(parse_block(answer.block))
 
     def delivered(self, item: Block) -> None:
         """Note that the consumer has it."""
         self._next = item.number + 1
 
 
-class FilteredBlockSource:
-    """Filtered blocks of a channel from `next_block` on; a source for `streams.Stream`."""
-
-    def __init__(self, environment: Environment, channel: str, next_block: int | None) -> None:
-        self._environment = environment
-        self._channel = channel
-        self._next = next_block
+class FilteredBlockSource(_Source):
+    """Filtered blocks of a channel; a source for `streams.Stream`."""
 
     async def open(self) -> Any:
-        """As `BlockSource.open`."""
-        if self._next is None:
-            self._next = await height(self._environment, self._channel)
-        call = self._environment.calls.open_deliver_filtered()
-        await _send(call, seek_request(self._environment, self._channel, start=self._next))
-        return call
+        """A new call. Raises `StreamError`, `UnknownTransactionError`."""
+        return await self._open(self._environment.calls.open_deliver_filtered)
 
     def items(self, answer: Any) -> Iterator[FilteredBlock]:
-        """The filtered block of an answer. Raises `StreamError`."""
+        """The filtered block of an answer, which must be the next one. Raises `StreamError`."""
         _require_block(answer, "filtered_block")
-        yield _require_next(_filtered(answer.filtered_block), self._next)
+        yield self._require_next(_filtered(answer.filtered_block))
 
     def delivered(self, item: FilteredBlock) -> None:
         """Note that the consumer has it."""
@@ -178,7 +192,8 @@ def seek_request(environment: Environment, channel: str, *, start: int | None, o
 
 
 async def _read_one(environment: Environment, channel: str, number: int | None) -> FilteredBlock | None:
-    call = environment.calls.open_deliver_filtered(timeout=environment.calls.deadlines.locate_s)
+    with unusable_channel_is_an_error(StreamError):
+        call = environment.calls.open_deliver_filtered(timeout=environment.calls.deadlines.locate_s)
     try:
         await _send(call, seek_request(environment, channel, start=number, only=True))
         answer = await call.read()
@@ -190,6 +205,10 @@ async def _read_one(environment: Environment, channel: str, number: int | None) 
         return _filtered(answer.filtered_block)
     except grpc.aio.AioRpcError as cause:
         raise from_rpc(cause, StreamError) from cause
+    except asyncio.CancelledError as cause:
+        if cancelled_from_outside():
+            raise
+        raise StreamError("the channel was closed", status_code=grpc.StatusCode.CANCELLED) from cause
     except DecodeError as cause:
         raise MalformedError(f"the peer's block cannot be read ({cause})") from cause
     finally:
@@ -200,12 +219,6 @@ async def _send(call: Any, request: Any) -> None:
     # When the call has failed already, the read that follows says why.
     with contextlib.suppress(grpc.aio.AioRpcError):
         await call.write(request)
-
-
-def _require_next(block: AnyBlock, expected: int | None) -> AnyBlock:
-    if block.number != expected:
-        raise StreamError(f"the peer sent block {block.number} instead of {expected}")
-    return block
 
 
 def _require_block(answer: Any, kind: str) -> None:

@@ -14,6 +14,7 @@ import grpc
 from fabric_protos.gateway import gateway_pb2
 
 from wonderland.ledger.checkpoints import Checkpoint
+from wonderland.ledger.gateway.calls import unusable_channel_is_an_error
 from wonderland.ledger.gateway.commit import new_commit
 from wonderland.ledger.gateway.deliver import FilteredBlock, height, read_filtered_block, require_reached
 from wonderland.ledger.gateway.errors import CommitStatusError, StreamError, UnknownTransactionError
@@ -62,7 +63,8 @@ class EventSource:
         signed = gateway_pb2.SignedChaincodeEventsRequest(
             request=message, signature=self._environment.sign(message, "")
         )
-        return self._environment.calls.open_chaincode_events(signed)
+        with unusable_channel_is_an_error(StreamError):
+            return self._environment.calls.open_chaincode_events(signed)
 
     def items(self, answer: Any) -> Iterator[Event]:
         """The events of one block."""
