@@ -407,8 +407,7 @@ async def test_a_channel_that_is_not_there(gateway):
 
 
 async def test_closing_ends_an_iteration_quietly(network):
-    stream = network.chaincode_events("pol")
-    await stream.open()
+    stream = await network.chaincode_events("pol")
     waiting = asyncio.create_task(take(stream, 1))
     await asyncio.sleep(0.05)
     stream.close()

@@ -15,7 +15,7 @@ from wonderland.ledger.gateway.calls import cancelled_from_outside
 from wonderland.ledger.gateway.errors import MalformedError, StreamError, from_rpc
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Iterator
+    from collections.abc import Awaitable, Callable, Generator, Iterator
     from types import TracebackType
 
     from wonderland.ledger.gateway.calls import Environment
@@ -52,6 +52,8 @@ class Source(Protocol[Item]):
 class Stream(Generic[Item]):
     """``async with stream: async for item in stream: …``. It ends by `close`, or raises `StreamError`.
 
+    It is opened by ``async with``, by ``await stream``, by `open`, or by the first item asked for.
+
     With `reconnect`, an interruption (ledger restarted, network gone) is survived: the stream is opened again, after
     the last item that was delivered, with growing pauses, for ever. What cannot be cured by waiting (not allowed,
     unknown checkpoint) is raised. One task at a time may iterate.
@@ -81,6 +83,13 @@ class Stream(Generic[Item]):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def __await__(self) -> Generator[Any, None, Self]:
+        return self._opened().__await__()
+
+    async def _opened(self) -> Self:
+        await self.open()
+        return self
 
     def __aiter__(self) -> Self:
         return self
