@@ -6,6 +6,7 @@ import contextlib
 import random
 
 import pytest
+from cryptography.hazmat.primitives.ciphers.aead import AESCCM
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -33,6 +34,12 @@ from wonderland.uwb.link import messages as m
 from wonderland.uwb.link.errors import FrameError
 from wonderland.uwb.link.retransmit import Acknowledgement
 from wonderland.uwb.link.segments import split_frames
+
+VECTORS = [
+    "102600010203040000000000016bb593c43876ab6735bdd57c5f2b176d131e69ad5cabd59298",
+    "111901010203040000000000000b3f71986cb392ceea2a346f",
+    "10260101020304000000000001ce97e5828617375a3c6b46cf3eaff5dea2c8fb1f922c3a457c",
+]
 
 
 class Clock:
@@ -353,3 +360,28 @@ def test_payload_decoders_raise_only_their_own_error(data: bytes) -> None:
             decode(data)
         except PayloadError:
             continue
+
+
+def test_frames_are_frozen() -> None:
+    """Own test vector: a change of it is a change of the protocol's version."""
+    fixed = LinkKeys(
+        bytes.fromhex("01020304"),
+        bytes(range(0x10)),
+        bytes(range(0x10, 0x20)),
+        bytes(range(0x20, 0x2D)),
+        bytes(range(0x30, 0x3D)),
+    )
+    clock = Clock()
+    pad, uav = Link("pad", fixed, clock), Link("uav", fixed, clock)
+    pad.send(MessageType.POLL, bytes(range(16)))
+    [poll] = pad.frames_to_send(1)
+    uav.receive(poll)
+    uav.send(MessageType.REPLY, bytes(range(16, 32)))
+    acknowledgement, reply = uav.frames_to_send(2)
+    assert [frame.hex() for frame in (poll, acknowledgement, reply)] == VECTORS
+    # The poll once more, from the definition alone: RFC 3610 with an 8-octet tag over direction ‖ header.
+    nonce = bytes(range(0x20, 0x2D))
+    sealed = AESCCM(bytes(range(16)), tag_length=8).encrypt(
+        nonce, b"\x01" + bytes(range(16)), b"\x00" + bytes.fromhex("10260001020304000000000001")
+    )
+    assert poll == bytes.fromhex("10260001020304000000000001") + sealed

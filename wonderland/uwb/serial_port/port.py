@@ -90,6 +90,7 @@ class ReconnectingPort:
         self._backoff_s = self._timings.backoff_s
         self._device: ByteDevice | None = None
         self._fd = -1
+        self._failing = False
         self._opened_s = 0.0
         self._waiting = bytearray()
         self._write_timer: asyncio.TimerHandle | None = None
@@ -118,12 +119,13 @@ class ReconnectingPort:
 
     def write(self, data: bytes) -> None:
         """Queues octets; without an open device they are dropped, as a node that is away hears nothing."""
-        if self._device is None or not data:
+        if self._device is None or self._failing or not data:
             return
         if self._waiting:
-            self._waiting += data
-            if len(self._waiting) > MAX_WAITING_OCTETS:
+            if len(self._waiting) + len(data) > MAX_WAITING_OCTETS:
                 self._down_soon("it takes no data")
+            else:
+                self._waiting += data
             return
         written = self._write_now(data)
         if written is not None and written < len(data):
@@ -196,7 +198,8 @@ class ReconnectingPort:
 
     def _down_soon(self, detail: str) -> None:
         """Never tells the observer from within its own call of ``write``."""
-        if self._loop is not None:
+        if self._loop is not None and not self._failing:
+            self._failing = True
             self._loop.remove_reader(self._fd)
             self._loop.remove_writer(self._fd)
             device = self._device
@@ -217,6 +220,7 @@ class ReconnectingPort:
             self._write_timer.cancel()
             self._write_timer = None
         self._waiting.clear()
+        self._failing = False
         device, self._device = self._device, None
         if device is None:
             return
