@@ -67,7 +67,7 @@ class Spool:
         owner: str,
         quota_bytes: int = DEFAULT_QUOTA_BYTES,
         reserve_bytes: int = DEFAULT_RESERVE_BYTES,
-        linger_s: float = 0.02,
+        linger_s: float = 0.05,
     ) -> Spool:
         """The spool in a directory (made with mode 0700 if missing) of the pad ``owner``.
 

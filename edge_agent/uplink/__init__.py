@@ -1,0 +1,25 @@
+"""The uplink: what the spool holds, to the server, in order and once; authenticated with the ledger identity."""
+
+from edge_agent.uplink.errors import (
+    UplinkConfigurationError,
+    UplinkError,
+    UplinkProtocolError,
+    UplinkRefusedError,
+    UplinkStalledError,
+)
+from edge_agent.uplink.protocol import Credentials, UplinkProtocol, challenge_bytes
+from edge_agent.uplink.uplink import Uplink, UplinkStatus, UplinkTimings
+
+__all__ = [
+    "Credentials",
+    "Uplink",
+    "UplinkConfigurationError",
+    "UplinkError",
+    "UplinkProtocol",
+    "UplinkProtocolError",
+    "UplinkRefusedError",
+    "UplinkStalledError",
+    "UplinkStatus",
+    "UplinkTimings",
+    "challenge_bytes",
+]
