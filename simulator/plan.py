@@ -1,0 +1,77 @@
+"""What the world's and the fleet's processes are told: one JSON file that the stage writes."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import dataclasses
+import json
+import logging
+import signal
+import sys
+from collections.abc import Coroutine
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from simulator.scenario import AnchorSite, Behaviour, DroneSpec, PadSite
+from simulator.world import Ports
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Pads, drones, ports, seed, and where the run's files are."""
+
+    directory: Path
+    connection: Path
+    pads: tuple[PadSite, ...]
+    drones: tuple[DroneSpec, ...]
+    ports: Ports
+    seed: int
+
+    def write(self, path: Path) -> None:
+        """As JSON."""
+        path.write_text(json.dumps(dataclasses.asdict(self), default=str, indent=1))
+
+    @classmethod
+    def read(cls, path: Path) -> Plan:
+        """From the file that ``write`` made."""
+        value: dict[str, Any] = json.loads(path.read_text())
+        pads = tuple(
+            PadSite(**{**pad, "anchors": tuple(AnchorSite(**site) for site in pad["anchors"])}) for pad in value["pads"]
+        )
+        drones = tuple(
+            DroneSpec(
+                **{
+                    **drone,
+                    "behaviour": Behaviour(drone["behaviour"]),
+                    "hover_m": tuple(drone["hover_m"]),
+                    "away_m": tuple(drone["away_m"]),
+                }
+            )
+            for drone in value["drones"]
+        )
+        return cls(
+            Path(value["directory"]),
+            Path(value["connection"]),
+            pads,
+            drones,
+            Ports.from_json(value["ports"]),
+            value["seed"],
+        )
+
+
+def run_until_told(work: Coroutine[Any, Any, None]) -> None:
+    """Run a process's one task until SIGTERM or SIGINT; says on standard output when it begins."""
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+
+    async def run() -> None:
+        task = asyncio.ensure_future(work)
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, task.cancel)
+        print(json.dumps({"ready": True}), flush=True)  # noqa: T201 - the parent waits for this line
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+
+    asyncio.run(run())

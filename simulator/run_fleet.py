@@ -1,0 +1,22 @@
+"""The process of the drones' agents: ``python -m simulator.run_fleet PLAN``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from simulator.fleet import Fleet
+from simulator.plan import Plan, run_until_told
+from uav_agent.position.autopilot import AutopilotPosition
+from wonderland.ledger.connection import Connection
+
+if __name__ == "__main__":
+    plan = Plan.read(Path(sys.argv[1]))
+    fleet = Fleet(
+        Connection.load(plan.connection),
+        plan.drones,
+        plan.directory,
+        plan.ports,
+        open_position=lambda port: AutopilotPosition("127.0.0.1", port),
+    )
+    run_until_told(fleet.run())

@@ -1,0 +1,171 @@
+"""One run: a directory, a ledger, what it must know, a backend and the pads' agents."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Self
+
+from simulator.plan import Plan
+from simulator.scenario import DroneSpec, PadSite
+from simulator.stage.processes import Process, Processes, free_ports
+from simulator.stage.registry import Registry
+from simulator.world import Ports, anchor_path
+from wonderland.ledger.connection import Connection
+from wonderland.ledger.embedded.administration import DirectoryAdministration
+from wonderland.ledger.embedded.directory import LedgerDirectory
+from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.records.policies import Policy
+
+Progress = Callable[[str], None]
+
+
+def default_policy(pad: PadSite) -> Policy:
+    """The pad's own buffer, everything else as the records say."""
+    return Policy(buffer_mm=pad.buffer_mm, min_assurance=2)
+
+
+@dataclass(frozen=True)
+class StageSettings:
+    """What differs from run to run. ``console``: directory of the built console, None to serve none."""
+
+    pads: Sequence[PadSite]
+    drones: Sequence[DroneSpec]
+    console: Path | None = None
+    port: int = 0
+    policy: Callable[[PadSite], Policy] = default_policy
+    commissioning: Callable[[PadSite], Commissioning] | None = None
+
+
+@dataclass
+class Stage:
+    """Use as an asynchronous context; ``say`` hears how far it is."""
+
+    directory: Path
+    settings: StageSettings
+    say: Progress = field(default=lambda _: None)
+    connection: Connection = field(init=False)
+    ports: Ports = field(init=False)
+    backend: Process = field(init=False)
+    processes: Processes = field(init=False)
+    _stack: AsyncExitStack = field(init=False, default_factory=AsyncExitStack)
+
+    async def __aenter__(self) -> Self:
+        try:
+            await self._start()
+        except BaseException:
+            await self._stack.aclose()
+            raise
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        await self._stack.aclose()
+
+    async def _start(self) -> None:
+        self.directory.mkdir(parents=True, exist_ok=True, mode=0o700)
+        self.processes = await self._stack.enter_async_context(Processes(self.directory))
+        self.say("Starting the ledger")
+        home = self.directory / "ledger"
+        await self.processes.start(
+            "ledger", "ledger", "start", "--data", str(home), "--listen", "127.0.0.1:0", "--json"
+        )
+        self.say("Enrolling pads and drones")
+        administration = DirectoryAdministration(LedgerDirectory(home))
+        for pad in self.settings.pads:
+            administration.enrol(pad.pad_id, role="pad", pol_id=pad.pad_id, msp_id=None, days=30)
+        for drone in self.settings.drones:
+            administration.enrol(drone.uav_id, role="uav", pol_id=drone.uav_id, msp_id=None, days=30)
+        self.connection = Connection.load(home)
+        self.say("Starting the backend")
+        self.backend = await self._start_backend(home)
+        self.say("Registering pads and drones on the ledger")
+        now_ms = time.time_ns() // 1_000_000
+        channel = self.connection.open_channel()
+        self._stack.push_async_callback(channel.close)
+        registry = Registry(self.connection, channel)
+        await registry.pads(
+            self.settings.pads, now_ms, policy=self.settings.policy, commissioning=self.settings.commissioning
+        )
+        await registry.drones(self.settings.drones, now_ms)
+        self._choose_ports()
+
+    async def _start_backend(self, home: Path) -> Process:
+        arguments = [
+            "backend",
+            "serve",
+            "--connection",
+            str(home / "connection.json"),
+            "--identity",
+            "mirror",
+            "--database",
+            f"sqlite:///{self.directory / 'backend.sqlite3'}",
+            "--listen",
+            f"127.0.0.1:{self.settings.port}",
+            "--demo",
+            "--json",
+        ]
+        if self.settings.console is not None:
+            arguments += ["--console", str(self.settings.console)]
+        return await self.processes.start("backend", *arguments)
+
+    def _choose_ports(self) -> None:
+        pads, drones = self.settings.pads, self.settings.drones
+        numbers = iter(free_ports(len(pads) + len(drones) + 2))
+        self.ports = Ports(
+            rid={pad.pad_id: next(numbers) for pad in pads},
+            position={drone.uav_id: next(numbers) for drone in drones},
+            modes=next(numbers),
+            commands=next(numbers),
+        )
+
+    async def start_world(self, *, seed: int = 1) -> None:
+        """The world, then the pads' agents, then the drones' agents."""
+        plan = Plan(
+            directory=self.directory,
+            connection=self.directory / "ledger" / "connection.json",
+            pads=tuple(self.settings.pads),
+            drones=tuple(self.settings.drones),
+            ports=self.ports,
+            seed=seed,
+        )
+        path = self.directory / "plan.json"
+        plan.write(path)
+        self.say("Starting the world")
+        await self.processes.start("world", str(path), module="simulator.run_world")
+        await self.start_pads()
+        self.say("Starting the drones' agents")
+        await self.processes.start("fleet", str(path), module="simulator.run_fleet")
+
+    async def start_pads(self) -> None:
+        """One agent for each pad; the world's serial devices must be there."""
+        self.say("Starting the pads' agents")
+        async with asyncio.TaskGroup() as group:
+            for pad in self.settings.pads:
+                config = self.directory / "pads" / pad.pad_id / "pad.toml"
+                config.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+                config.write_text(self._pad_config(pad))
+                group.create_task(
+                    self.processes.start(f"pad-{pad.pad_id}", "pad", "run", "--config", str(config), "--json")
+                )
+
+    def _pad_config(self, pad: PadSite) -> str:
+        """The pad's configuration, as an operator would write it."""
+        quoted = json.dumps  # TOML's basic strings are JSON's
+        lines = [
+            f"pad_id = {quoted(pad.pad_id)}",
+            f"connection = {quoted(str(self.directory / 'ledger' / 'connection.json'))}",
+            f"identity = {quoted(pad.pad_id)}",
+            'spool = "spool"',
+        ]
+        for site in pad.anchors:
+            port = anchor_path(self.directory, pad.pad_id, site.anchor_id)
+            lines += ["", "[[anchors]]", f"anchor_id = {quoted(site.anchor_id)}", f"port = {quoted(str(port))}"]
+        lines += ["", "[remote_id]", f"listen = {quoted('127.0.0.1:' + str(self.ports.rid[pad.pad_id]))}"]
+        url = self.backend.ready["url"].replace("http", "ws", 1).rstrip("/") + "/ingest"
+        lines += ["", "[backend]", f"url = {quoted(url)}"]
+        return "\n".join(lines) + "\n"
