@@ -1,0 +1,131 @@
+"""What holds for every request before any endpoint sees it: host, origin, size, headers of the answer.
+
+Plain ASGI, so that nothing is buffered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from backend.errors import problem_response
+
+POLICY: Final = (
+    "default-src 'none'; script-src 'self'; "
+    # MapLibre positions its markers and popups by style attributes.
+    "style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self'; connect-src 'self'; worker-src 'self' blob:; child-src blob:; "
+    "manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+HEADERS: Final[Mapping[str, str]] = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), geolocation=(), microphone=(), payment=(), usb=()",
+    "X-Frame-Options": "DENY",
+}
+SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+
+
+class TooLarge(Exception):  # noqa: N818 - becomes an answer here
+    """A body grew beyond the limit while it was read."""
+
+
+class Boundary:
+    """Refuses foreign hosts (DNS rebinding), foreign origins (cross-site requests) and bodies that are too large."""
+
+    def __init__(self, app: ASGIApp, *, allowed_hosts: frozenset[str], max_body_bytes: int, https: bool) -> None:
+        self._app = app
+        self._hosts = allowed_hosts
+        self._max_body_bytes = max_body_bytes
+        self._headers = dict(HEADERS)
+        if https:
+            self._headers["Strict-Transport-Security"] = "max-age=31536000"
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """ASGI."""
+        if scope["type"] not in {"http", "websocket"}:
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        refusal = self._refusal(scope, headers)
+        if scope["type"] == "websocket":
+            if refusal is not None:
+                await receive()
+                await send({"type": "websocket.close", "code": 1008, "reason": refusal[1]})
+                return
+            await self._app(scope, receive, send)
+            return
+        sending = self._with_headers(send)
+        if refusal is None and _declared(headers) > self._max_body_bytes:
+            refusal = self._too_large()
+        if refusal is not None:
+            await problem_response(scope["path"], *refusal)(scope, receive, sending)
+            return
+        await self._limited(scope, receive, sending)
+
+    async def _limited(self, scope: Scope, receive: Receive, send: Send) -> None:
+        received = 0
+        started = False
+
+        async def counting() -> Message:
+            nonlocal received
+            message = await receive()
+            received += len(message.get("body", b""))
+            if received > self._max_body_bytes:
+                raise TooLarge
+            return message
+
+        async def noting(message: Message) -> None:
+            nonlocal started
+            started = True
+            await send(message)
+
+        try:
+            await self._app(scope, counting, noting)
+        except TooLarge:
+            if started:
+                raise
+            await problem_response(scope["path"], *self._too_large())(scope, receive, send)
+
+    def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str, str] | None:
+        host = headers.get("host", "")
+        if self._hosts and _name(host) not in self._hosts:
+            detail = "This server is not addressed by that name; see --public-url for the name it should have."
+            return 421, "unknown-host", detail
+        origin = headers.get("origin")
+        guarded = scope["type"] == "websocket" or scope["method"] not in SAFE
+        if origin is not None and guarded and urlsplit(origin).netloc.lower() != host.lower():
+            return 403, "foreign-origin", "Requests from pages of other origins are refused."
+        return None
+
+    def _too_large(self) -> tuple[int, str, str]:
+        return 413, "too-large", f"The body is larger than the {self._max_body_bytes} bytes allowed here."
+
+    def _with_headers(self, send: Send) -> Send:
+        async def sending(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in self._headers.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        return sending
+
+
+def _declared(headers: Headers) -> int:
+    value = headers.get("content-length", "0")
+    return int(value) if value.isdecimal() and len(value) < 20 else 0
+
+
+def _name(host: str) -> str:
+    """A Host header without its port, in lower case."""
+    if host.startswith("["):
+        return host[: host.find("]") + 1].lower()
+    return host.partition(":")[0].lower()

@@ -1,0 +1,222 @@
+"""``wonderland backend …``."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+import click
+import uvloop
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from backend.app import new_app, now_ms, openapi
+from backend.auth.sign_ins import SignIns
+from backend.db import migrate as migrations
+from backend.db.engine import Database
+from backend.errors import BackendError
+from backend.mirror import rebuild as rebuilding
+from backend.mirror.rebuild import Digest
+from backend.serve import Listen, serve, setup_logging, source_of
+from backend.settings import Settings, load
+from wonderland.ledger.errors import LedgerError
+
+_database = click.option(
+    "--database", metavar="URL", help="sqlite:///file.db (the default: wonderland.db here) or postgresql://user@host/db"
+)
+_connection = click.option(
+    "--connection", type=click.Path(path_type=Path), metavar="PATH", help="The ledger's connection.json."
+)
+_identity = click.option("--identity", metavar="NAME", help="Which of its identities reads the blocks. [mirror]")
+_json = click.option("--json", "as_json", is_flag=True, help="For machines.")
+
+
+@click.group()
+def backend() -> None:
+    """Mirror the ledger, take in what agents report, show both.
+
+    The mirror reads the ledger's blocks into a database and checks their hash chain; nothing else writes verdicts.
+    The console and machines read it by REST and a live WebSocket under /api/v1.
+    """
+
+
+@backend.command("serve")
+@_connection
+@_identity
+@_database
+@click.option(
+    "--listen", default="127.0.0.1:8080", show_default=True, metavar="HOST:PORT", help="Port 0: any free one."
+)
+@click.option(
+    "--console", type=click.Path(path_type=Path), metavar="DIR", help="The built console, if not the usual one."
+)
+@click.option("--public-url", metavar="URL", help="The address that people use, when a proxy stands before this.")
+@click.option(
+    "--token-file", type=click.Path(path_type=Path), metavar="FILE", help="Write the one-time token there, too."
+)
+@click.option("--demo", is_flag=True, help="Say in the console that this is a demo; loopback only.")
+@_json
+def serve_command(listen: str, token_file: Path | None, *, demo: bool, as_json: bool, **options: Any) -> None:
+    """Serve until told to stop (SIGTERM, Ctrl-C).
+
+    Prints a link with a one-time token: whoever opens it first is signed in. There is no default account;
+    `wonderland backend link` prints another link.
+    """
+
+    async def run(settings: Settings) -> None:
+        setup_logging(settings.log_level)
+        await serve(settings, Listen.parse(listen), token_file=token_file, as_json=as_json)
+
+    _run(run, demo=demo or None, **options)
+
+
+@backend.command("link")
+@_database
+@click.option("--name", default="Inspector", show_default=True, help="Who signs in with it.")
+@_json
+def link_command(name: str, *, as_json: bool, **options: Any) -> None:
+    """Print a new one-time token for signing in at a running backend."""
+
+    async def run(settings: Settings) -> None:
+        database = Database(settings.database)
+        try:
+            await _require_tables(database)
+            sign_ins = SignIns(database, settings, now_ms, secrets.token_bytes)
+            token = await sign_ins.new_token(name, ("inspector",))
+        finally:
+            await database.close()
+        if as_json:
+            click.echo(json.dumps({"token": token, "expires_s": settings.token_ttl_s}))
+        else:
+            click.echo(
+                f"Append to the console's address, once, within {settings.token_ttl_s // 60} min:  #token={token}"
+            )
+
+    _run(run, **options)
+
+
+@backend.command("migrate")
+@_database
+@_json
+def migrate_command(*, as_json: bool, **options: Any) -> None:
+    """Bring the database's tables to this version. `serve` does it by itself."""
+
+    async def run(settings: Settings) -> None:
+        database = Database(settings.database)
+        try:
+            before = await migrations.revision(database)
+            await migrations.migrate(database)
+            after = await migrations.revision(database)
+        finally:
+            await database.close()
+        if as_json:
+            click.echo(json.dumps({"before": before, "after": after}))
+        else:
+            click.echo(f"The tables are at revision {after}" + (" already." if before == after else "."))
+
+    _run(run, **options)
+
+
+@backend.command("rebuild")
+@_connection
+@_identity
+@_database
+@_json
+def rebuild_command(*, as_json: bool, **options: Any) -> None:
+    """Drop every row that was derived from the ledger and read all blocks again; stop the backend first.
+
+    What agents reported stays. Prints the digest of the tables before and after: equal, when the database was what
+    the ledger says.
+    """
+
+    async def run(settings: Settings) -> None:
+        database = Database(settings.database)
+        progress = Progress(
+            TextColumn("Reading blocks"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            disable=as_json,
+        )
+        try:
+            await migrations.migrate(database)
+            before = await rebuilding.digest(database)
+            async with source_of(settings) as (connection, source):
+                with progress:
+                    task = progress.add_task("blocks")
+                    await rebuilding.rebuild(
+                        database,
+                        source,
+                        channel=connection.channel,
+                        chaincode=connection.chaincode,
+                        batch_transactions=settings.mirror_batch_transactions,
+                        on_progress=lambda done, of: progress.update(task, completed=done, total=of),
+                    )
+            after = await rebuilding.digest(database)
+        finally:
+            await database.close()
+        if as_json:
+            click.echo(json.dumps({"before": before.to_json(), "after": after.to_json()}))
+        else:
+            _print_digest(after)
+            same = "the same as before" if before == after else f"before it was {before.sha256}"
+            click.echo(f"This is {same}.")
+
+    _run(run, **options)
+
+
+@backend.command("digest")
+@_database
+@_json
+def digest_command(*, as_json: bool, **options: Any) -> None:
+    """Print a digest of the tables that are derived from the ledger; equal content, equal digest."""
+
+    async def run(settings: Settings) -> None:
+        database = Database(settings.database)
+        try:
+            await _require_tables(database)
+            found = await rebuilding.digest(database)
+        finally:
+            await database.close()
+        if as_json:
+            click.echo(json.dumps(found.to_json()))
+        else:
+            _print_digest(found)
+
+    _run(run, **options)
+
+
+@backend.command("openapi")
+def openapi_command() -> None:
+    """Print the REST interface's description (OpenAPI 3.1), the same bytes each time."""
+    document = openapi(new_app(Settings(), frozenset(), None))
+    click.echo(json.dumps(document, indent=2, ensure_ascii=False))
+
+
+async def _require_tables(database: Database) -> None:
+    if not database.exists():
+        raise BackendError(f"--database: there is no file {database.url.database}")
+    if await migrations.revision(database) != migrations.head():
+        raise BackendError("the database is of another version; run `wonderland backend migrate`")
+
+
+def _print_digest(found: Digest) -> None:
+    width = max(map(len, found.tables))
+    for name, each in found.tables.items():
+        click.echo(f"{name:<{width}}  {each.rows:>9} rows  {each.sha256[:16]}")
+    click.echo(f"{'all':<{width}}  {'':>9}       {found.sha256}")
+
+
+def _run(work: Callable[[Settings], Coroutine[Any, Any, None]], **options: Any) -> None:
+    """Run with uvloop; an error that we raise on purpose is one line for people."""
+    try:
+        settings = load(**options)
+        with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+            runner.run(work(settings))
+    except (BackendError, LedgerError) as error:
+        raise click.ClickException(str(error)) from error

@@ -1,0 +1,58 @@
+"""Serving the built console: files that never change for long, the page itself afresh each time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from fastapi import FastAPI
+from starlette.exceptions import HTTPException
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.responses import PlainTextResponse, Response
+from starlette.staticfiles import StaticFiles
+from starlette.types import Scope
+
+IMMUTABLE: Final = "public, max-age=31536000, immutable"
+FRESH: Final = "no-cache"
+NOT_BUILT: Final = (
+    "The console is not built, so that there is no page to show; the interface under /api/v1 works.\n"
+    "In a working tree `make setup` builds it; an installed package brings it.\n"
+)
+
+
+class _Console(StaticFiles):
+    """Any address that is no file is the console's own: its page finds out what to show."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """A file, or the page."""
+        try:
+            response = await super().get_response(path, scope)
+        except HTTPException as error:
+            if error.status_code != 404 or "." in path.rpartition("/")[2]:
+                raise
+            response = await super().get_response("index.html", scope)
+            path = "index.html"
+        response.headers["Cache-Control"] = IMMUTABLE if path.startswith("assets/") else FRESH
+        return response
+
+
+def find(directory: Path | None) -> Path | None:
+    """Where the built console is: as told, inside the installed package, or in a working tree."""
+    candidates = (
+        [directory]
+        if directory is not None
+        else [Path(__file__).parent / "static", Path(__file__).parents[1] / "frontend" / "dist"]
+    )
+    return next((each for each in candidates if (each / "index.html").is_file()), None)
+
+
+def install(app: FastAPI, directory: Path | None) -> None:
+    """Serve the console at /; without one, a text that says so."""
+    if directory is not None:
+        app.mount("/", GZipMiddleware(_Console(directory=directory, html=True), minimum_size=1024))
+        return
+
+    async def not_built() -> Response:
+        return PlainTextResponse(NOT_BUILT, headers={"Cache-Control": FRESH})
+
+    app.add_api_route("/", not_built, include_in_schema=False)

@@ -1,0 +1,57 @@
+"""What the parts of a running backend share, handed to endpoints through the application's state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from starlette.requests import HTTPConnection
+
+from backend.auth.sign_ins import SignIns
+from backend.db.engine import Database
+from backend.ledger.status import MirrorStatus
+from backend.settings import Settings
+
+if TYPE_CHECKING:
+    from backend.ingest.agents import Agents
+    from backend.ingest.identity import Members
+    from backend.ingest.intake import Intake
+    from backend.live.board import Board
+    from backend.live.hub import Hub
+
+
+@dataclass
+class Context:
+    """One running backend."""
+
+    settings: Settings
+    database: Database
+    clock: Callable[[], int]
+    """Milliseconds since the Unix epoch."""
+    randomness: Callable[[int], bytes]
+    sign_ins: SignIns
+    mirror: MirrorStatus
+    board: Board
+    hub: Hub
+    agents: Agents
+    members: Members
+    intake: Intake
+    instance: str
+    epoch: str
+    version: str
+    allowed_hosts: frozenset[str] = field(default_factory=frozenset)
+    """Host names (without port) by which this server may be addressed; empty: any."""
+
+    @property
+    def cookie_name(self) -> str:
+        """Cookies do not tell ports apart, so that two backends on one host need two names."""
+        name = f"wonderland_{self.instance[:8]}"
+        return f"__Host-{name}" if self.settings.is_https else name
+
+
+def context_of(connection: HTTPConnection) -> Context:
+    """The context of a request or WebSocket."""
+    found = connection.app.state.context
+    assert isinstance(found, Context)
+    return found

@@ -1,0 +1,191 @@
+"""Errors of the REST interface: problem details (RFC 9457), each cause with its own ``type``."""
+
+from __future__ import annotations
+
+import logging
+import secrets
+from http import HTTPStatus
+from typing import Any, Final
+
+import orjson
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import Response
+from pydantic import Field
+from starlette.exceptions import HTTPException
+
+from backend.schemas import ApiModel
+
+logger = logging.getLogger(__name__)
+
+MEDIA_TYPE: Final = "application/problem+json"
+TYPE_BASE: Final = "urn:wonderland:problem:"
+
+
+class BackendError(Exception):
+    """Base of what the backend raises on purpose."""
+
+
+class SettingsError(BackendError):
+    """A setting, an option or a file named by one is wrong; the text names it."""
+
+
+class DatabaseError(BackendError):
+    """The database is of another channel, of a later version, or cannot be used."""
+
+
+class MirrorHalted(BackendError):  # noqa: N818 - a state that holds until a person acts, not an accident
+    """The ledger's blocks contradict each other or the database; nothing more is mirrored until somebody looks."""
+
+
+class FieldProblem(ApiModel):
+    """What is wrong with one field or parameter of a request."""
+
+    path: str
+    message: str
+
+
+class ProblemDetails(ApiModel):
+    """Why a request was refused (RFC 9457)."""
+
+    type: str = Field(description="URN of the kind of problem; stable, for machines")
+    title: str
+    status: int
+    detail: str = Field(description="What was wrong and what to do")
+    instance: str = Field(description="The path that was asked for")
+    errors: list[FieldProblem] | None = None
+
+
+class Problem(BackendError):  # noqa: N818 - the standard's own word
+    """Raised by an endpoint; becomes a problem+json answer."""
+
+    status: HTTPStatus = HTTPStatus.INTERNAL_SERVER_ERROR
+    code: str = "internal"
+
+    def __init__(self, detail: str, *errors: tuple[str, str], headers: dict[str, str] | None = None) -> None:
+        super().__init__(detail)
+        self.detail = detail
+        self.errors = errors
+        self.headers = headers or {}
+
+
+class NotFound(Problem):
+    """There is no such thing, as far as the ledger was mirrored."""
+
+    status, code = HTTPStatus.NOT_FOUND, "not-found"
+
+
+class BadRequest(Problem):
+    """A cursor or a combination of parameters that means nothing."""
+
+    status, code = HTTPStatus.BAD_REQUEST, "bad-request"
+
+
+class SignInRequired(Problem):
+    """Nobody is signed in."""
+
+    status, code = HTTPStatus.UNAUTHORIZED, "sign-in-required"
+
+
+class Forbidden(Problem):
+    """Not allowed to whoever is signed in."""
+
+    status, code = HTTPStatus.FORBIDDEN, "forbidden"
+
+
+class TooManyRequests(Problem):
+    """Too many requests; try again later."""
+
+    status, code = HTTPStatus.TOO_MANY_REQUESTS, "too-many-requests"
+
+
+def problem_response(
+    path: str,
+    status: int,
+    code: str,
+    detail: str,
+    *,
+    errors: Any = (),
+    headers: dict[str, str] | None = None,
+) -> Response:
+    """An answer in problem+json."""
+    body: dict[str, Any] = {
+        "type": TYPE_BASE + code,
+        "title": HTTPStatus(status).phrase,
+        "status": status,
+        "detail": detail,
+        "instance": path,
+    }
+    if errors:
+        body["errors"] = [{"path": where, "message": message} for where, message in errors]
+    return Response(orjson.dumps(body), status, headers, MEDIA_TYPE)
+
+
+def documented(*problems: type[Problem]) -> dict[int | str, dict[str, Any]]:
+    """The ``responses`` of a route for OpenAPI: these problems beside those that every route can give."""
+    every: tuple[type[Problem], ...] = (SignInRequired, *problems)
+    found = {
+        int(problem.status): {
+            "model": ProblemDetails,
+            "description": (problem.__doc__ or "").strip(),
+            "content": {MEDIA_TYPE: {}},
+        }
+        for problem in every
+    }
+    return {status: _as_problem_json(entry) for status, entry in sorted(found.items())}
+
+
+def _as_problem_json(entry: dict[str, Any]) -> dict[str, Any]:
+    reference = {"schema": {"$ref": "#/components/schemas/ProblemDetails"}}
+    return {"description": entry["description"], "content": {MEDIA_TYPE: reference}}
+
+
+_CODES: Final = {404: "not-found", 405: "method-not-allowed", 413: "too-large", 400: "bad-request"}
+_DETAILS: Final = {
+    404: "There is nothing at this address; see /api/v1/openapi.json for what there is.",
+    405: "This address does not take that method; the Allow header says which it takes.",
+}
+
+
+def install(app: FastAPI) -> None:
+    """Make every error of the application a problem+json answer."""
+
+    async def on_problem(request: Request, error: Exception) -> Response:
+        assert isinstance(error, Problem)
+        return problem_response(
+            request.url.path,
+            int(error.status),
+            error.code,
+            error.detail,
+            errors=error.errors,
+            headers=error.headers,
+        )
+
+    async def on_http(request: Request, error: Exception) -> Response:
+        assert isinstance(error, HTTPException)
+        phrase = HTTPStatus(error.status_code).phrase
+        told = error.detail if error.detail and error.detail != phrase else ""
+        return problem_response(
+            request.url.path,
+            error.status_code,
+            _CODES.get(error.status_code, phrase.lower().replace(" ", "-")),
+            told or _DETAILS.get(error.status_code, phrase),
+            headers=dict(error.headers or {}),
+        )
+
+    async def on_validation(request: Request, error: Exception) -> Response:
+        assert isinstance(error, RequestValidationError)
+        errors = [(".".join(str(part) for part in each["loc"]), str(each["msg"])) for each in error.errors()[:20]]
+        detail = "The request has fields or parameters that are not allowed; each is named in `errors`."
+        return problem_response(request.url.path, 422, "invalid-request", detail, errors=errors)
+
+    async def on_anything(request: Request, error: Exception) -> Response:
+        reference = secrets.token_hex(4)
+        logger.error("unexpected error %s at %s", reference, request.url.path, exc_info=error)
+        detail = f"An unexpected error; the server's log has it under {reference}."
+        return problem_response(request.url.path, 500, "internal", detail)
+
+    app.add_exception_handler(Problem, on_problem)
+    app.add_exception_handler(HTTPException, on_http)
+    app.add_exception_handler(RequestValidationError, on_validation)
+    app.add_exception_handler(Exception, on_anything)

@@ -1,0 +1,64 @@
+"""Query parameters of lists. Unknown ones are refused: a filter with a typing error must not look like no filter."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import Query
+from pydantic import BaseModel, ConfigDict, Field
+
+from backend.pagination import MAX_CURSOR
+from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
+
+_ID = f"^{ID_PATTERN}$"
+
+
+class PageQuery(BaseModel):
+    """Which page of a list."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    limit: int = Field(default=50, ge=1, le=500, description="At most so many items")
+    cursor: str | None = Field(
+        default=None, max_length=MAX_CURSOR, description="`next` of the page before; leave out for the first page"
+    )
+
+
+class TimeQuery(PageQuery):
+    """A span of time."""
+
+    since_ms: int | None = Field(default=None, ge=0, le=MAX_TIME_MS, description="From this time on (Unix, ms)")
+    until_ms: int | None = Field(default=None, ge=0, le=MAX_TIME_MS, description="Until this time, included (Unix, ms)")
+
+
+class SessionQuery(TimeQuery):
+    """Which sessions."""
+
+    pad: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only at this pad")
+    drone: str | None = Field(default=None, pattern=_ID, max_length=40, description="Only of this drone")
+    state: Literal["requested", "decided", "completed", "cancelled"] | None = None
+    outcome: Literal["verified", "refuted", "inconclusive"] | None = None
+
+
+class VerdictQuery(SessionQuery):
+    """Which verdicts."""
+
+    after_block: int | None = Field(
+        default=None,
+        ge=-1,
+        le=2**53,
+        description="Only of later blocks, and oldest first: for filling a gap without loss",
+    )
+
+
+class LatestQuery(PageQuery):
+    """Which drones' last positions."""
+
+    since_ms: int | None = Field(default=None, ge=0, le=MAX_TIME_MS, description="Heard since (Unix, ms)")
+
+
+Paging = Annotated[PageQuery, Query()]
+Spanning = Annotated[TimeQuery, Query()]
+SessionFilters = Annotated[SessionQuery, Query()]
+VerdictFilters = Annotated[VerdictQuery, Query()]
+LatestFilters = Annotated[LatestQuery, Query()]

@@ -1,0 +1,245 @@
+"""What agents send, checked strictly: no unknown fields, no floats, every number and text bounded."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from wonderland.proofs.records import fields
+from wonderland.proofs.records.schema import Integer, Text
+from wonderland.proofs.records.sessions import MAX_ROUNDS
+
+PROTOCOL: Final = "wonderland-ingest/1"
+MAX_SEQ: Final = 2**53 - 1
+_PLAIN: Final = r"^[^\x00-\x1f\x7f]*$"
+
+
+class IngestError(Exception):
+    """A frame or record that is not as it must be. `code` is for machines."""
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+        self.message = message
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+
+def _text(check: Any) -> Any:
+    """A record's text field for pydantic."""
+    (spec,) = [each for each in check.__metadata__ if isinstance(each, Text)]
+    bounds = Field(min_length=spec.min_length, max_length=spec.max_length, pattern=f"^(?:{spec.pattern})$")
+    return Annotated[str, bounds]
+
+
+def _integer(check: Any) -> Any:
+    (spec,) = [each for each in check.__metadata__ if isinstance(each, Integer)]
+    return Annotated[int, Field(ge=spec.minimum, le=spec.maximum)]
+
+
+def _between(minimum: int, maximum: int) -> Any:
+    return Annotated[int, Field(ge=minimum, le=maximum)]
+
+
+def _plain(limit: int) -> Any:
+    return Annotated[str, Field(max_length=limit, pattern=_PLAIN)]
+
+
+_UavId = _text(fields.UavId)
+_PadId = _text(fields.PadId)
+_AnchorId = _text(fields.AnchorId)
+_SessionId = _text(fields.SessionId)
+_TimeMs = _integer(fields.TimeMs)
+_LatE7 = _integer(fields.LatE7)
+_LonE7 = _integer(fields.LonE7)
+_HeightMm = _integer(fields.HeightMm)
+_LocalMm = _integer(fields.LocalMm)
+_Ppm = _integer(fields.Ppm)
+_Mm2 = _between(-(2**52), 2**52)
+
+
+class Hello(_Strict):
+    """Who an agent is, and the proof that it holds its ledger key."""
+
+    type: Literal["hello"]
+    protocol: Literal["wonderland-ingest/1"]
+    agent: Literal["pad", "uav"]
+    id: Annotated[str, Field(min_length=1, max_length=64, pattern=f"^(?:{fields.ID_PATTERN})$")]
+    spool: Annotated[str, Field(pattern="^[0-9a-f]{32}$")]
+    msp_id: _text(fields.MspId)  # type: ignore[valid-type]
+    certificate: Annotated[str, Field(min_length=1, max_length=16_384)]
+    signature: Annotated[str, Field(min_length=8, max_length=128, pattern="^[A-Za-z0-9_-]*$")]
+
+
+class Entry(_Strict):
+    """One record of a spool; its body is checked by its kind, so that a bad one is refused alone."""
+
+    seq: _between(1, MAX_SEQ)  # type: ignore[valid-type]
+    kind: _plain(32)  # type: ignore[valid-type]
+    t_ms: _TimeMs  # type: ignore[valid-type]
+    body: dict[str, Any]
+
+
+class Records(_Strict):
+    """A batch of a spool's records, in order."""
+
+    type: Literal["records"]
+    records: list[Entry]
+
+
+class TrackBody(_Strict):
+    """A Remote ID position heard."""
+
+    uav_id: _UavId  # type: ignore[valid-type]
+    lat_e7: _LatE7  # type: ignore[valid-type]
+    lon_e7: _LonE7  # type: ignore[valid-type]
+    transport: _plain(24)  # type: ignore[valid-type]
+    height_mm: _HeightMm | None = None  # type: ignore[valid-type]
+    accuracy_mm: _between(0, 100_000_000) | None = None  # type: ignore[valid-type]
+    speed_mm_s: _between(0, 1_000_000) | None = None  # type: ignore[valid-type]
+    track_cdeg: _between(0, 36_000) | None = None  # type: ignore[valid-type]
+    vertical_mm_s: _between(-1_000_000, 1_000_000) | None = None  # type: ignore[valid-type]
+    status: _plain(32) | None = None  # type: ignore[valid-type]
+    operator_id: _plain(64) | None = None  # type: ignore[valid-type]
+    claim_t_ms: _TimeMs | None = None  # type: ignore[valid-type]
+    rssi: _between(-200, 100) | None = None  # type: ignore[valid-type]
+
+
+class EstimateBody(_Strict):
+    """A running estimate of a session."""
+
+    session_id: _SessionId  # type: ignore[valid-type]
+    uav_id: _UavId  # type: ignore[valid-type]
+    lat_e7: _LatE7  # type: ignore[valid-type]
+    lon_e7: _LonE7  # type: ignore[valid-type]
+    east_mm: _LocalMm  # type: ignore[valid-type]
+    north_mm: _LocalMm  # type: ignore[valid-type]
+    ee_mm2: _Mm2  # type: ignore[valid-type]
+    en_mm2: _Mm2  # type: ignore[valid-type]
+    nn_mm2: _Mm2  # type: ignore[valid-type]
+    rounds: _between(0, MAX_ROUNDS)  # type: ignore[valid-type]
+    likelihood_ppm: _Ppm  # type: ignore[valid-type]
+    ranges: Annotated[dict[_AnchorId, _between(-1, 1_000_000)], Field(max_length=16)]  # type: ignore[valid-type]
+
+
+class StepBody(_Strict):
+    """A step that was reached, or failed."""
+
+    session_id: _SessionId  # type: ignore[valid-type]
+    uav_id: _UavId  # type: ignore[valid-type]
+    step: Literal["request", "poll", "match", "reply", "range", "confirm", "verdict", "permission"]
+    t_ms: _TimeMs  # type: ignore[valid-type]
+    ok: bool
+    detail: _plain(500) | None = None  # type: ignore[valid-type]
+
+
+class EndStep(_Strict):
+    """A step in the summary of an ended session."""
+
+    step: Literal["request", "poll", "match", "reply", "range", "confirm", "verdict", "permission"]
+    t_ms: _TimeMs  # type: ignore[valid-type]
+    ok: bool = True
+    detail: _plain(500) | None = None  # type: ignore[valid-type]
+
+
+class SessionEndBody(_Strict):
+    """How a session ended."""
+
+    session_id: _SessionId  # type: ignore[valid-type]
+    state: _plain(32)  # type: ignore[valid-type]
+    steps: Annotated[list[EndStep], Field(max_length=32)]
+    end: _plain(64) | None = None  # type: ignore[valid-type]
+    tx_id: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+
+
+class AnchorBody(_Strict):
+    """How an anchor does."""
+
+    anchor_id: _AnchorId  # type: ignore[valid-type]
+    state: Literal["up", "down", "silent"]
+    firmware: _plain(64) | None = None  # type: ignore[valid-type]
+
+
+class SpoolBody(_Strict):
+    """What waits on the agent's disk."""
+
+    records: _between(0, 2**53)  # type: ignore[valid-type]
+    bytes: _between(0, 2**53)  # type: ignore[valid-type]
+    dropped: _between(0, 2**53)  # type: ignore[valid-type]
+
+
+class ReceiverBody(_Strict):
+    """Remote ID frames heard."""
+
+    frames: _between(0, 2**53)  # type: ignore[valid-type]
+    bad: _between(0, 2**53)  # type: ignore[valid-type]
+
+
+class HealthBody(_Strict):
+    """An agent's word on itself."""
+
+    anchors: Annotated[list[AnchorBody], Field(max_length=16)] = []
+    spool: SpoolBody | None = None
+    receiver: ReceiverBody | None = None
+    prekeys: _between(0, 1_000_000) | None = None  # type: ignore[valid-type]
+    version: _plain(64) | None = None  # type: ignore[valid-type]
+
+
+class DroppedBody(_Strict):
+    """A gap in a spool: telemetry that its quota dropped."""
+
+    from_seq: _between(1, MAX_SEQ)  # type: ignore[valid-type]
+    to_seq: _between(1, MAX_SEQ)  # type: ignore[valid-type]
+
+
+Body = TrackBody | EstimateBody | StepBody | SessionEndBody | HealthBody | DroppedBody
+BODIES: Final[dict[str, type[Body]]] = {
+    "track": TrackBody,
+    "estimate": EstimateBody,
+    "step": StepBody,
+    "session_end": SessionEndBody,
+    "health": HealthBody,
+    "dropped": DroppedBody,
+}
+_HELLO: Final = TypeAdapter(Hello)
+_RECORDS: Final = TypeAdapter(Records)
+
+
+def parse_hello(text: str) -> Hello:
+    """An agent's first frame. Raises `IngestError`."""
+    try:
+        return _HELLO.validate_json(text)
+    except ValidationError as cause:
+        raise IngestError("bad_hello", _first(cause)) from None
+
+
+def parse_records(text: str, limit: int) -> list[Entry]:
+    """A batch of at most `limit` records. Raises `IngestError`; bodies are not looked at yet."""
+    try:
+        entries = _RECORDS.validate_json(text).records
+    except ValidationError as cause:
+        raise IngestError("bad_frame", _first(cause)) from None
+    if len(entries) > limit:
+        raise IngestError("bad_frame", f"{len(entries)} records; at most {limit}")
+    return entries
+
+
+def parse_body(entry: Entry) -> Body:
+    """The body of a record. Raises `IngestError`."""
+    kind = BODIES.get(entry.kind)
+    if kind is None:
+        raise IngestError("unknown_kind", f"kind {entry.kind!r}; known are {', '.join(BODIES)}")
+    try:
+        return kind.model_validate(entry.body)
+    except ValidationError as cause:
+        raise IngestError("bad_body", _first(cause)) from None
+
+
+def _first(error: ValidationError) -> str:
+    """The first thing that is wrong, without the input: it may hold anything."""
+    first = error.errors(include_input=False, include_url=False, include_context=False)[0]
+    where = ".".join(str(part)[:40] for part in first["loc"])
+    return f"{where}: {first['msg']}"[:300] if where else str(first["msg"])[:300]

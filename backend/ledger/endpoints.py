@@ -1,0 +1,88 @@
+"""Blocks, transactions, status, health and metrics by REST."""
+
+from __future__ import annotations
+
+import hmac
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response
+
+from backend.auth.endpoints import SIGNED_IN, person_of
+from backend.context import context_of
+from backend.errors import BadRequest, NotFound, documented
+from backend.filters import Paging
+from backend.ledger import queries
+from backend.ledger.schemas import (
+    Alive,
+    BlockPage,
+    LedgerBlockDetail,
+    LedgerTransactionDetail,
+    Status,
+)
+from backend.metrics import CONTENT_TYPE, exposition
+from backend.pagination import decode_cursor
+from backend.responses import Json, page, resource
+
+router = APIRouter(tags=["ledger"], dependencies=SIGNED_IN)
+public = APIRouter(tags=["server"])
+MAX_BLOCK = 2**53
+
+
+@public.get("/health", response_model=Alive)
+async def read_health() -> Response:
+    """Says that the server answers; needs no sign-in and gives no data."""
+    return Json({"status": "ok"}, headers={"Cache-Control": "no-store"})
+
+
+@public.get("/metrics", responses=documented(), response_class=Response)
+async def read_metrics(request: Request) -> Response:
+    """Metrics in Prometheus's text format, for whoever is signed in or bears the metrics token."""
+    context = context_of(request)
+    expected = context.settings.metrics_token
+    given = request.headers.get("authorization", "").removeprefix("Bearer ")
+    if expected is None or not hmac.compare_digest(given.encode(), expected.encode()):
+        await person_of(request)
+    return Response(exposition(context), media_type=CONTENT_TYPE, headers={"Cache-Control": "no-store"})
+
+
+@router.get("/status", response_model=Status, responses=documented())
+async def read_status(request: Request) -> Response:
+    """Which ledger this is, how far its mirror has come, and how much there is."""
+    return Json(context_of(request).board.status(), headers={"Cache-Control": "private, no-store"})
+
+
+@router.get("/blocks", response_model=BlockPage, responses=documented(BadRequest))
+async def list_blocks(request: Request, paging: Paging) -> Response:
+    """Blocks, newest first."""
+    before = decode_cursor(paging.cursor, int)[0] if paging.cursor is not None else None
+    async with context_of(request).database.read() as database:
+        rows = await queries.blocks(database, before=before, limit=paging.limit + 1)
+    return page(((row, queries.shown_block(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.number,))
+
+
+@router.get("/blocks/{number}", response_model=LedgerBlockDetail, responses=documented(NotFound))
+async def read_block(request: Request, number: Annotated[int, Path(ge=0, le=MAX_BLOCK)]) -> Response:
+    """A block with its transactions."""
+    async with context_of(request).database.read() as database:
+        row = await queries.block(database, number)
+        if row is None:
+            raise NotFound(f"Block {number} is not on the ledger, as far as it was mirrored.")
+        items = await queries.transactions_of(database, number)
+    return resource(request, queries.shown_block(row) | {"items": items})
+
+
+@router.get("/transactions/{tx_id}", response_model=LedgerTransactionDetail, responses=documented(NotFound))
+async def read_transaction(
+    request: Request, tx_id: Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="SHA-256, hexadecimal")]
+) -> Response:
+    """A transaction, valid or refused."""
+    async with context_of(request).database.read() as database:
+        found = await queries.transaction(database, tx_id)
+    if found is None:
+        raise NotFound("No transaction with this id is on the ledger, as far as it was mirrored.")
+    row, event = found
+    shown = queries.shown_transaction(row, event)
+    if event is not None:
+        shown["event_payload"] = event.payload
+    return resource(request, shown)

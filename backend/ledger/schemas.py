@@ -1,0 +1,115 @@
+"""Shapes of blocks, transactions and the status."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from backend.schemas import ApiModel, page_of
+
+
+class Creator(ApiModel):
+    """Who signed a transaction."""
+
+    msp_id: str
+    name: str = Field(description="Common name of the certificate")
+    certificate_sha256: str
+
+
+class LedgerTransaction(ApiModel):
+    """A transaction of a block, valid or not."""
+
+    tx_id: str
+    block: int
+    tx_index: int
+    type: Literal["endorser", "config", "unsupported", "malformed"]
+    valid: bool
+    validation: str = Field(description="Fabric's name of the validation code, for example VALID")
+    t_ms: int = Field(description="The sender's word")
+    chaincode: str | None = None
+    function: str | None = None
+    creator: Creator | None = None
+    endorsers: list[str] = Field(description="Organisations that endorsed")
+    event: str | None = Field(default=None, description="Name of the event; only of valid transactions")
+
+
+class LedgerTransactionDetail(LedgerTransaction):
+    """A transaction with its event."""
+
+    event_payload: str | None = Field(default=None, description="As the contract set it: canonical JSON")
+
+
+class LedgerBlock(ApiModel):
+    """A block."""
+
+    number: int
+    header_hash: str
+    previous_hash: str = Field(description="Empty for block 0")
+    data_hash: str
+    t_ms: int = Field(description="Latest time that one of its transactions names")
+    transactions: int
+    valid: int
+    size_bytes: int
+
+
+class LedgerBlockDetail(LedgerBlock):
+    """A block with its transactions."""
+
+    items: list[LedgerTransaction]
+
+
+class LedgerStatus(ApiModel):
+    """Which ledger this is, and how far its mirror has come."""
+
+    kind: Literal["embedded", "fabric", "unknown"]
+    notice: str = Field(description="To be shown wherever the ledger is; empty for none")
+    channel: str
+    height: int = Field(description="Number of blocks that the ledger is known to have")
+    mirrored: int = Field(description="Number of blocks mirrored")
+    lag_ms: int = Field(description="Since when the mirror has not been level with the ledger; 0 when it is")
+    connected: bool
+    halted: str | None = Field(description="Why the mirror stopped until somebody looks; null while it runs")
+    problem: str | None = Field(default=None, description="Why it is not connected just now")
+    organisations: list[str] = Field(description="MSP ids of the channel's member organisations")
+
+
+class ServerStatus(ApiModel):
+    """This backend."""
+
+    version: str
+    epoch: str = Field(description="Changes with each start; see the live interface's resume")
+    demo: bool
+
+
+class Counts(ApiModel):
+    """How many there are."""
+
+    pads: int
+    pads_connected: int
+    drones: int
+    tracks: int = Field(description="Drones heard within the last minute")
+    sessions: int
+    verdicts: int
+    verified: int
+    refuted: int
+    inconclusive: int
+    agents: int
+    viewers: int
+
+
+class Status(ApiModel):
+    """The ledger, this server, and counts."""
+
+    ledger: LedgerStatus
+    server: ServerStatus
+    counts: Counts
+
+
+class Alive(ApiModel):
+    """Says that the server answers, and nothing else."""
+
+    status: Literal["ok"]
+
+
+BlockPage = page_of("BlockPage", LedgerBlock)

@@ -1,0 +1,1 @@
+"""What browsers see at once: one encoded frame per tick for all of them, resumable, never unbounded."""

@@ -1,0 +1,223 @@
+"""The hub: one encoded frame per tick for all clients, a ring to resume from, a bounded queue per client."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import orjson
+
+from backend.live.board import Board
+
+SNAPSHOT_PART_BYTES: Final = 128 * 1024
+STATUS_EVERY_MS: Final = 1_000
+MAX_RING_FRAMES: Final = 5_000
+
+TOO_SLOW: Final = 4408
+SIGNED_OUT: Final = 4401
+TOO_MANY: Final = 4429
+GOING_AWAY: Final = 1001
+
+
+@dataclass(eq=False)
+class Client:
+    """One live connection: frames that wait for it, and why it is to be closed."""
+
+    person: str
+    """Hash of the sign-in's cookie."""
+    limit_bytes: int
+    frames: deque[str] = field(default_factory=deque)
+    waiting_bytes: int = 0
+    close_code: int | None = None
+    closing: asyncio.Event = field(default_factory=asyncio.Event)
+    """Set when `close_code` is; a sender may be stuck in a socket that nobody reads."""
+    _ready: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def offer(self, frame: str) -> None:
+        """Queue a frame; a client that does not keep up is closed, never fed a part."""
+        if self.close_code is not None:
+            return
+        if self.waiting_bytes + len(frame) > self.limit_bytes:
+            self.close(TOO_SLOW)
+            return
+        self.frames.append(frame)
+        self.waiting_bytes += len(frame)
+        self._ready.set()
+
+    def close(self, code: int) -> None:
+        """End the connection with this code; what waits is not sent any more."""
+        if self.close_code is None:
+            self.close_code = code
+            self.frames.clear()
+            self.waiting_bytes = 0
+            self.closing.set()
+            self._ready.set()
+
+    async def next_frame(self) -> str | None:
+        """The next frame; None when the connection is to be closed."""
+        while not self.frames:
+            if self.close_code is not None:
+                return None
+            self._ready.clear()
+            await self._ready.wait()
+        frame = self.frames.popleft()
+        self.waiting_bytes -= len(frame)
+        return frame
+
+
+class Hub:
+    """All live connections."""
+
+    def __init__(
+        self,
+        board: Board,
+        *,
+        epoch: str,
+        clock: Callable[[], int],
+        tick_ms: int,
+        ring_bytes: int,
+        client_queue_bytes: int,
+        max_viewers: int,
+    ) -> None:
+        self.epoch: Final = epoch
+        self.seq = 0
+        self._board = board
+        self._clock = clock
+        self._tick_s = tick_ms / 1000
+        self._ring: deque[tuple[int, str]] = deque()
+        self._ring_bytes = 0
+        self._max_ring_bytes = ring_bytes
+        self._client_queue_bytes = client_queue_bytes
+        self._max_viewers = max_viewers
+        self._clients: set[Client] = set()
+        self._snapshot: tuple[int, list[str]] | None = None
+        self._status_due_ms = 0
+        self._closing = False
+        self.frames = 0
+        self.bytes = 0
+        self.closed_slow = 0
+        board.viewers = lambda: len(self._clients)
+
+    async def run(self) -> None:
+        """Tick until cancelled."""
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        while True:
+            due = max(due + self._tick_s, loop.time())
+            await asyncio.sleep(due - loop.time())
+            self.tick()
+
+    def tick(self) -> None:
+        """Send what changed since the last tick, encoded once."""
+        now = self._clock()
+        with_status = now >= self._status_due_ms or now < self._status_due_ms - STATUS_EVERY_MS
+        if with_status:
+            self._status_due_ms = now + STATUS_EVERY_MS
+        changed = self._board.take(with_status=with_status)
+        if not changed:
+            return
+        self.seq += 1
+        frame = orjson.dumps({"type": "delta", "seq": self.seq, "t_ms": now, **changed}).decode()
+        self._remember(frame)
+        for client in self._clients:
+            client.offer(frame)
+            if client.close_code == TOO_SLOW:
+                self.closed_slow += 1
+        self._clients = {client for client in self._clients if client.close_code is None}
+        self.frames += len(self._clients)
+        self.bytes += len(self._clients) * len(frame)
+
+    def join(self, person: str, since: tuple[str, int] | None) -> tuple[Client, Iterator[str]]:
+        """A new connection: what to send it first, at its own pace; its queue has what comes after that.
+
+        `since` (epoch, seq) is what it has seen already.
+        """
+        client = Client(person, self._client_queue_bytes)
+        if self._closing or len(self._clients) >= self._max_viewers:
+            client.close(GOING_AWAY if self._closing else TOO_MANY)
+            return client, iter(())
+        self.tick()  # so that the snapshot is the state at `seq`, and nothing comes twice
+        self._clients.add(client)
+        missed = self._missed(since)
+        hello = {
+            "type": "hello",
+            "epoch": self.epoch,
+            "seq": self.seq,
+            "t_ms": self._clock(),
+            "resumed": missed is not None,
+        }
+        return client, self._first(orjson.dumps(hello).decode(), self._parts() if missed is None else missed)
+
+    def leave(self, client: Client) -> None:
+        """A connection has ended."""
+        self._clients.discard(client)
+
+    def close_person(self, person: str) -> None:
+        """Close all connections of a sign-in that has ended."""
+        for client in [each for each in self._clients if each.person == person]:
+            client.close(SIGNED_OUT)
+            self._clients.discard(client)
+
+    def people(self) -> set[str]:
+        """The sign-ins that have connections."""
+        return {client.person for client in self._clients}
+
+    def close(self) -> None:
+        """Close all connections: the server stops."""
+        self._closing = True
+        for client in self._clients:
+            client.close(GOING_AWAY)
+        self._clients.clear()
+
+    def __len__(self) -> int:
+        return len(self._clients)
+
+    @staticmethod
+    def _first(hello: str, frames: list[str]) -> Iterator[str]:
+        yield hello
+        yield from frames
+
+    def _remember(self, frame: str) -> None:
+        self._ring.append((self.seq, frame))
+        self._ring_bytes += len(frame)
+        while self._ring and (self._ring_bytes > self._max_ring_bytes or len(self._ring) > MAX_RING_FRAMES):
+            _, oldest = self._ring.popleft()
+            self._ring_bytes -= len(oldest)
+
+    def _missed(self, since: tuple[str, int] | None) -> list[str] | None:
+        """The frames after `since`, or None when the ring does not reach back so far."""
+        if since is None or since[0] != self.epoch or since[1] > self.seq:
+            return None
+        missed = [frame for seq, frame in self._ring if seq > since[1]]
+        if len(missed) != self.seq - since[1] or sum(map(len, missed)) > self._client_queue_bytes:
+            return None
+        return missed
+
+    def _parts(self) -> list[str]:
+        """The snapshot as frames of bounded size; encoded once for all who join at the same `seq`."""
+        if self._snapshot is not None and self._snapshot[0] == self.seq:
+            return self._snapshot[1]
+        parts: list[dict[str, list[bytes]]] = [{}]
+        size = 0
+        for kind, items in self._board.snapshot().items():
+            for item in items:
+                encoded = orjson.dumps(item)
+                if size and size + len(encoded) > SNAPSHOT_PART_BYTES:
+                    parts.append({})
+                    size = 0
+                parts[-1].setdefault(kind, []).append(encoded)
+                size += len(encoded) + 1
+        frames = [self._part(index, len(parts), part) for index, part in enumerate(parts, start=1)]
+        self._snapshot = (self.seq, frames)
+        return frames
+
+    def _part(self, index: int, of: int, part: dict[str, list[bytes]]) -> str:
+        content: dict[str, Any] = {"type": "snapshot", "part": index, "of": of}
+        for kind, items in part.items():
+            content[kind] = [orjson.Fragment(item) for item in items]
+        if index == 1:
+            content["status"] = self._board.status()
+        return orjson.dumps(content).decode()

@@ -1,0 +1,154 @@
+"""Writing derived rows and the checkpoint in one database transaction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+from sqlalchemy import Table, delete, func, insert, select, update
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from backend.db.engine import Database
+from backend.db.models import Checkpoint, LedgerRow, SessionRow, ledger_tables
+from backend.errors import MirrorHalted
+from backend.mirror.derive import APPENDED, REPLACED, Changes, Row
+from wonderland.ledger.blocks import BlockHeader
+
+_KEPT: Final = {SessionRow.__tablename__: ("verdict_tx", "complete_tx")}
+"""Columns that a later write without a value leaves as they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """The checkpoint: the last block whose rows are in the database."""
+
+    channel: str
+    header: BlockHeader
+
+
+async def position(database: Database) -> Position | None:
+    """The checkpoint of the database; None before block 0."""
+    async with database.read() as session:
+        rows = (await session.scalars(select(Checkpoint))).all()
+    if not rows:
+        return None
+    row = rows[0]
+    header = BlockHeader(row.block, bytes.fromhex(row.previous_hash), bytes.fromhex(row.data_hash))
+    if len(rows) > 1 or header.hash.hex() != row.header_hash:
+        raise MirrorHalted(
+            "The checkpoint in the database contradicts itself; `wonderland backend rebuild` makes the rows anew."
+        )
+    return Position(row.channel, header)
+
+
+async def save(database: Database, channel: str, before: Position | None, changes: Changes) -> None:
+    """Write everything, or nothing. Raises `MirrorHalted` when the checkpoint is no longer the one in `before`."""
+    async with database.write() as connection:
+        await _move_checkpoint(connection, channel, before, changes.last)
+        for table, name in APPENDED:
+            await _append(connection, table, getattr(changes, name))
+        if changes.organisations is not None:
+            await connection.execute(delete(REPLACED))
+            await _append(connection, REPLACED, changes.organisations)
+        for table, keys in changes.deletes.items():
+            await _delete(connection, table, keys)
+        for table, rows in changes.upserts.items():
+            await _upsert(connection, table, list(rows.values()))
+
+
+async def clear(database: Database) -> None:
+    """Drop every row that was derived from the ledger, the checkpoint first; what agents reported stays."""
+    async with database.write() as connection:
+        tables: list[type[LedgerRow]] = [Checkpoint]
+        tables += [each for each in ledger_tables() if each is not Checkpoint]
+        for table in tables:
+            await connection.execute(delete(table))
+
+
+async def _move_checkpoint(connection: AsyncConnection, channel: str, before: Position | None, last: Row) -> None:
+    values = {
+        "block": last["number"],
+        "header_hash": last["header_hash"],
+        "data_hash": last["data_hash"],
+        "previous_hash": last["previous_hash"],
+    }
+    if before is None:
+        if (await connection.execute(select(func.count()).select_from(Checkpoint))).scalar_one():
+            raise _other_writer()
+        await connection.execute(insert(Checkpoint), [{"channel": channel, **values}])
+        return
+    moved = await connection.execute(
+        update(Checkpoint)
+        .where(
+            Checkpoint.channel == channel,
+            Checkpoint.block == before.header.number,
+            Checkpoint.header_hash == before.header.hash.hex(),
+        )
+        .values(**values)
+    )
+    if moved.rowcount != 1:
+        raise _other_writer()
+
+
+def _other_writer() -> MirrorHalted:
+    return MirrorHalted(
+        "Another mirror has written to this database, or it was rebuilt meanwhile; let only one backend mirror into "
+        "a database, then start this one again."
+    )
+
+
+async def _append(connection: AsyncConnection, model: type[LedgerRow], rows: list[Row]) -> None:
+    if not rows:
+        return
+    table = _table(model)
+    if connection.dialect.name == "postgresql":
+        await _copy(connection, table, rows)
+    else:
+        await connection.execute(insert(table), rows)
+
+
+async def _copy(connection: AsyncConnection, table: Table, rows: list[Row]) -> None:
+    """COPY: several times as fast as INSERT for many rows."""
+    names = [column.name for column in table.columns]
+    raw = await connection.get_raw_connection()
+    driver = raw.driver_connection
+    assert driver is not None
+    columns = ", ".join(f'"{name}"' for name in names)
+    async with driver.cursor() as cursor, cursor.copy(f'COPY "{table.name}" ({columns}) FROM STDIN') as copy:
+        for row in rows:
+            await copy.write_row([row[name] for name in names])
+
+
+async def _upsert(connection: AsyncConnection, model: type[LedgerRow], rows: list[Row]) -> None:
+    if not rows:
+        return
+    table = _table(model)
+    dialect: Any = postgresql if connection.dialect.name == "postgresql" else sqlite
+    statement = dialect.insert(table)
+    keys = [column.name for column in table.primary_key]
+    kept = _KEPT.get(table.name, ())
+    changed = {
+        column.name: (
+            func.coalesce(statement.excluded[column.name], column)
+            if column.name in kept
+            else statement.excluded[column.name]
+        )
+        for column in table.columns
+        if column.name not in keys
+    }
+    await connection.execute(statement.on_conflict_do_update(index_elements=keys, set_=changed), rows)
+
+
+async def _delete(connection: AsyncConnection, model: type[LedgerRow], keys: set[tuple[str, ...]]) -> None:
+    columns = list(_table(model).primary_key)
+    for key in sorted(keys):
+        await connection.execute(
+            delete(model).where(*(column == value for column, value in zip(columns, key, strict=True)))
+        )
+
+
+def _table(model: type[LedgerRow]) -> Table:
+    table = model.__table__
+    assert isinstance(table, Table)
+    return table

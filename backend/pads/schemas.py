@@ -1,0 +1,67 @@
+"""Shapes of pads."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from backend.schemas import ApiModel, extended, page_of
+from wonderland.proofs.records import pads
+
+
+class AnchorPosition(ApiModel):
+    """Where an anchor stands: in the pad's frame, and on the globe (computed from the commissioning)."""
+
+    anchor_id: str
+    lat_e7: int
+    lon_e7: int
+    east_mm: int
+    north_mm: int
+    up_mm: int
+
+
+class AnchorHealth(ApiModel):
+    """How an anchor does."""
+
+    anchor_id: str
+    state: Literal["up", "down", "silent"]
+    firmware: str | None = None
+
+
+class SpoolHealth(ApiModel):
+    """What waits on the agent's disk to be taken in here."""
+
+    records: int
+    bytes: int
+    dropped: int
+
+
+class ReceiverHealth(ApiModel):
+    """Remote ID frames heard since the agent's start."""
+
+    frames: int
+    bad: int
+
+
+class Health(ApiModel):
+    """The agent's last report of itself. Not from the ledger."""
+
+    t_ms: int
+    connected: bool = Field(description="Whether the agent's connection to this backend stands")
+    anchors: list[AnchorHealth]
+    spool: SpoolHealth | None = None
+    receiver: ReceiverHealth | None = None
+    prekeys: int | None = Field(default=None, description="Unused one-time keys on the ledger, as the agent counts")
+    version: str | None = None
+    verified: Literal[False]
+
+
+Pad = extended(
+    "Pad",
+    pads.Pad,
+    "A landing pad: the ledger's record, the anchors' positions and the agent's own word on its health.",
+    anchors=(list[AnchorPosition], Field(description="Empty until the pad is commissioned")),
+    health=(Health | None, Field(default=None)),
+)
+PadPage = page_of("PadPage", Pad)

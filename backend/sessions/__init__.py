@@ -1,0 +1,1 @@
+"""Sessions: the eight steps of each proof, those that the ledger tells and those that the pad reports."""

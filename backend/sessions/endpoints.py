@@ -1,0 +1,64 @@
+"""Sessions by REST."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import orjson
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response
+
+from backend.auth.endpoints import SIGNED_IN
+from backend.context import context_of
+from backend.errors import BadRequest, NotFound, documented
+from backend.filters import SessionFilters
+from backend.ledger.queries import with_events
+from backend.pagination import decode_cursor
+from backend.responses import page, record, resource
+from backend.sessions import queries
+from backend.sessions.schemas import SessionDetail, SessionPage
+from backend.verdicts import queries as verdicts
+
+router = APIRouter(tags=["sessions"], dependencies=SIGNED_IN)
+SessionIdPath = Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="Transaction id of its RequestProof")]
+
+
+@router.get("/sessions", response_model=SessionPage, responses=documented(BadRequest))
+async def list_sessions(request: Request, filters: SessionFilters) -> Response:
+    """Sessions, newest first."""
+    before = decode_cursor(filters.cursor, int, str) if filters.cursor is not None else None
+    query = queries.listing(filters, before=(before[0], before[1]) if before else None)
+    async with context_of(request).database.read() as database:
+        found = await queries.views(database, query)
+    return page(
+        ((view, view.to_json()) for view in found),
+        filters.limit,
+        cursor_of=lambda view: (view.outline["requested_ms"], view.session_id),
+    )
+
+
+@router.get("/sessions/{session_id}", response_model=SessionDetail, responses=documented(NotFound))
+async def read_session(request: Request, session_id: SessionIdPath) -> Response:
+    """All that is known of a session: its record, verdict, steps, transactions, evidence."""
+    async with context_of(request).database.read() as database:
+        view = await queries.view(database, session_id)
+        row = await queries.row(database, session_id)
+        if view is None or row is None:
+            raise NotFound("No session with this id is on the ledger, as far as it was mirrored.")
+        verdict = await verdicts.find(database, session_id)
+        evidence = await queries.evidence(database, session_id)
+        transactions = await with_events(database, await queries.transactions(database, view))
+        estimates = await queries.estimates(database, session_id)
+        ends = await queries.reported_ends(database, session_id)
+    content: dict[str, Any] = {
+        "summary": view.to_json(),
+        "session": record(row.record),
+        "transactions": transactions,
+        "estimates": [orjson.Fragment(text) for text in estimates],
+        "reported_ends": [orjson.Fragment(each.body) for each in ends],
+    }
+    if verdict is not None:
+        content["verdict"] = verdicts.shown(verdict)
+    if evidence is not None:
+        content["evidence"] = record(evidence.record)
+    return resource(request, content)

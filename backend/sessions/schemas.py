@@ -1,0 +1,75 @@
+"""Shapes of sessions."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from backend.ledger.schemas import LedgerTransaction
+from backend.schemas import ApiModel, model_of, page_of
+from backend.tracks.schemas import Estimate
+from backend.verdicts.schemas import VerdictSummary
+from wonderland.proofs.records import sessions
+
+StepName = Literal["request", "poll", "match", "reply", "range", "confirm", "verdict", "permission"]
+
+
+class Step(ApiModel):
+    """One of the eight steps. Those of source `ledger` are committed; the others are an agent's word."""
+
+    step: StepName
+    t_ms: int
+    ok: bool
+    detail: str | None = None
+    source: Literal["ledger", "pad", "uav"]
+
+
+class SessionState(ApiModel):
+    """A session as lists and the live map show it."""
+
+    session_id: str
+    pad_id: str
+    uav_id: str
+    action: Literal["land", "takeoff", "dock"]
+    state: Literal["requested", "decided", "completed", "cancelled"]
+    requested_ms: int
+    expires_ms: int
+    decided_ms: int | None = None
+    ended_ms: int | None = None
+    steps: list[Step]
+    request_tx: str
+    verdict_tx: str | None = None
+    complete_tx: str | None = Field(default=None, description="The transaction that ended it, done or cancelled")
+    outcome: Literal["verified", "refuted", "inconclusive"] | None = None
+    permission: Literal["granted", "refused"] | None = None
+    rounds: int | None = None
+    end: str | None = None
+
+
+class ReportedEnd(ApiModel):
+    """How an agent says that the session ended. Not from the ledger."""
+
+    source: Literal["pad", "uav"]
+    t_ms: int
+    state: str
+    end: str | None = None
+    tx_id: str | None = None
+    verified: Literal[False]
+
+
+class SessionDetail(ApiModel):
+    """All that is known of a session."""
+
+    summary: SessionState
+    session: model_of(sessions.Session)  # type: ignore[valid-type]
+    verdict: VerdictSummary | None = None  # type: ignore[valid-type]
+    evidence: model_of(sessions.Evidence) | None = Field(  # type: ignore[valid-type]
+        default=None, description="What the pad brought before the contract"
+    )
+    transactions: list[LedgerTransaction] = Field(description="The session's transactions, oldest first")
+    estimates: list[Estimate] = Field(description="Running estimates of the pad, oldest first; unverified")
+    reported_ends: list[ReportedEnd]
+
+
+SessionPage = page_of("SessionPage", SessionState)

@@ -1,0 +1,62 @@
+"""Settings: defaults here, overridden by the environment (``WONDERLAND_BACKEND_…``), then by options."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, Literal
+
+from pydantic import Field, ValidationError
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from backend.errors import SettingsError
+
+PREFIX: Final = "WONDERLAND_BACKEND_"
+
+
+class Settings(BaseSettings):
+    """Everything that an operator can set."""
+
+    model_config = SettingsConfigDict(env_prefix=PREFIX, extra="forbid", frozen=True)
+
+    database: str = Field(default="sqlite:///wonderland.db", description="sqlite:///file or postgresql://…")
+    connection: Path | None = Field(default=None, description="connection.json of the ledger")
+    identity: str = Field(default="mirror", description="Which identity of connection.json reads the blocks")
+    console: Path | None = Field(default=None, description="Directory with the built console")
+    public_url: str | None = Field(
+        default=None, pattern=r"https?://[^/\s]+/?", description="The address that people use, behind a proxy"
+    )
+    demo: bool = Field(default=False, description="Says so in the console; only on loopback")
+
+    token_ttl_s: int = Field(default=900, ge=10, le=86_400, description="How long a one-time token is good")
+    sign_in_ttl_s: int = Field(default=12 * 3600, ge=60, le=30 * 86_400, description="How long a sign-in lasts")
+    sign_in_idle_s: int = Field(default=4 * 3600, ge=60, le=30 * 86_400, description="Unused, it ends after this")
+    metrics_token: str | None = Field(default=None, min_length=16, description="Bearer token for /metrics")
+
+    max_body_bytes: int = Field(default=64 * 1024, ge=1024, description="Largest body of a request")
+    ingest_max_bytes: int = Field(default=256 * 1024, ge=1024, description="Largest frame of an agent")
+    ingest_max_records: int = Field(default=1_000, ge=1, description="Most records in one frame of an agent")
+    ingest_max_agents: int = Field(default=5_000, ge=1, description="Most agents connected at a time")
+
+    tick_ms: int = Field(default=200, ge=20, le=5_000, description="Period of the live interface")
+    ring_bytes: int = Field(default=16 << 20, ge=0, description="Live frames kept for clients that come back")
+    client_queue_bytes: int = Field(default=4 << 20, ge=1024, description="A client further behind is closed")
+    max_viewers: int = Field(default=2_000, ge=1, description="Most live connections at a time")
+
+    track_retention_h: float = Field(default=24 * 7, gt=0, description="How long unverified positions are kept")
+    mirror_batch_transactions: int = Field(default=2_000, ge=1, description="Most transactions in one commit")
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+
+    @property
+    def is_https(self) -> bool:
+        """Whether people reach this server by https."""
+        return self.public_url is not None and self.public_url.startswith("https:")
+
+
+def load(**options: object) -> Settings:
+    """Settings from the environment and these options; those that are None do not count. Raises `SettingsError`."""
+    try:
+        return Settings(**{name: value for name, value in options.items() if value is not None})  # type: ignore[arg-type]
+    except ValidationError as cause:
+        first = cause.errors()[0]
+        name = ".".join(str(part) for part in first["loc"])
+        raise SettingsError(f"{name} (environment: {PREFIX}{name.upper()}): {first['msg']}") from None

@@ -1,0 +1,1 @@
+"""Positions that drones broadcast, as pads heard them. Nothing here is verified."""

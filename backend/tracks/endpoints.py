@@ -1,0 +1,52 @@
+"""Tracks by REST. All of it is unverified, and says so."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import orjson
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response
+
+from backend.auth.endpoints import SIGNED_IN
+from backend.context import context_of
+from backend.errors import BadRequest, documented
+from backend.filters import LatestFilters, Spanning
+from backend.pagination import decode_cursor, encode_cursor
+from backend.responses import Json, page
+from backend.tracks import queries
+from backend.tracks.schemas import TrackHistory, TrackPage
+from wonderland.proofs.records.fields import ID_PATTERN
+
+router = APIRouter(tags=["tracks"], dependencies=SIGNED_IN)
+
+
+@router.get("/tracks", response_model=TrackPage, responses=documented(BadRequest))
+async def list_tracks(request: Request, filters: LatestFilters) -> Response:
+    """The last broadcast position of each drone. Unverified."""
+    after = decode_cursor(filters.cursor, str)[0] if filters.cursor is not None else None
+    async with context_of(request).database.read() as database:
+        rows = await queries.latest(database, since_ms=filters.since_ms, after=after, limit=filters.limit + 1)
+    return page(((row, orjson.Fragment(row.body)) for row in rows), filters.limit, cursor_of=lambda row: (row.uav_id,))
+
+
+@router.get("/tracks/{uav_id}", response_model=TrackHistory, responses=documented(BadRequest))
+async def read_track(
+    request: Request, uav_id: Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=40)], filters: Spanning
+) -> Response:
+    """Broadcast positions of a drone, oldest first. Unverified; empty for a drone never heard."""
+    place = decode_cursor(filters.cursor, int, int) if filters.cursor is not None else None
+    async with context_of(request).database.read() as database:
+        rows = await queries.history(
+            database,
+            uav_id,
+            since_ms=filters.since_ms,
+            until_ms=filters.until_ms,
+            after=(place[0], place[1]) if place else None,
+            limit=filters.limit + 1,
+        )
+    shown = rows[: filters.limit]
+    content: dict[str, object] = {"uav_id": uav_id, "items": [orjson.Fragment(row.body) for row in shown]}
+    if len(rows) > filters.limit:
+        content["next"] = encode_cursor(shown[-1].t_ms, shown[-1].id)
+    return Json(content, headers={"Cache-Control": "private, no-store"})

@@ -1,0 +1,50 @@
+"""Reading tracks from the database, and forgetting old ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sqlalchemy import delete, select, tuple_
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
+
+from backend.db.models import EstimateRow, IrregularRow, LatestTrackRow, TrackRow
+
+
+async def latest(
+    database: AsyncSession, *, since_ms: int | None = None, after: str | None = None, limit: int
+) -> Sequence[LatestTrackRow]:
+    """The last position of each drone, by serial number."""
+    query = select(LatestTrackRow).order_by(LatestTrackRow.uav_id).limit(limit)
+    if since_ms is not None:
+        query = query.where(LatestTrackRow.t_ms >= since_ms)
+    if after is not None:
+        query = query.where(LatestTrackRow.uav_id > after)
+    return (await database.scalars(query)).all()
+
+
+async def history(
+    database: AsyncSession,
+    uav_id: str,
+    *,
+    since_ms: int | None = None,
+    until_ms: int | None = None,
+    after: tuple[int, int] | None = None,
+    limit: int,
+) -> Sequence[TrackRow]:
+    """Positions of a drone, oldest first. `after` is (t_ms, id) of the page before."""
+    query = select(TrackRow).where(TrackRow.uav_id == uav_id).order_by(TrackRow.t_ms, TrackRow.id).limit(limit)
+    if since_ms is not None:
+        query = query.where(TrackRow.t_ms >= since_ms)
+    if until_ms is not None:
+        query = query.where(TrackRow.t_ms <= until_ms)
+    if after is not None:
+        query = query.where(tuple_(TrackRow.t_ms, TrackRow.id) > after)
+    return (await database.scalars(query)).all()
+
+
+async def forget(connection: AsyncConnection, before_ms: int) -> None:
+    """Delete unverified positions and estimates, and irregular records, older than this."""
+    await connection.execute(delete(TrackRow).where(TrackRow.t_ms < before_ms))
+    await connection.execute(delete(LatestTrackRow).where(LatestTrackRow.t_ms < before_ms))
+    await connection.execute(delete(EstimateRow).where(EstimateRow.t_ms < before_ms))
+    await connection.execute(delete(IrregularRow).where(IrregularRow.received_ms < before_ms))

@@ -1,0 +1,1 @@
+"""What the contract decided; only the mirror of the ledger brings verdicts."""
