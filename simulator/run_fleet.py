@@ -5,9 +5,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from uav_agent.position.autopilot import AutopilotPosition
+
 from simulator.fleet import Fleet
 from simulator.plan import Plan, run_until_told
-from uav_agent.position.autopilot import AutopilotPosition
 from wonderland.ledger.connection import Connection
 
 if __name__ == "__main__":

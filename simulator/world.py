@@ -90,10 +90,10 @@ class World:
         self._air = Air(self._measure, rng=random.Random(f"{seed}/air"), data_loss=0.02, intercept=attack.intercept)
         self._serial = []
         for name, (pad_id, site) in self._sites.items():
-            node = VirtualNode(name, self._air, rng=random.Random(f"{seed}/{name}"))
+            node = VirtualNode(name, self._air)
             self._serial.append(PtyPort(node, anchor_path(directory, pad_id, site.anchor_id)))
         for drone in drones:
-            node = VirtualNode(drone.uav_id, self._air, rng=random.Random(f"{seed}/{drone.uav_id}/node"))
+            node = VirtualNode(drone.uav_id, self._air)
             self._serial.append(PtyPort(node, drone_path(directory, drone.uav_id)))
 
     async def run(self) -> None:
