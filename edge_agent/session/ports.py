@@ -57,5 +57,5 @@ class Reporter(Protocol):
     def estimate(self, session: Session, report: do.ReportEstimate) -> None:
         """A running estimate."""
 
-    def finish(self, session: Session, report: do.Finish, steps: dict[str, int]) -> None:
-        """The session is over for this pad."""
+    def finish(self, session: Session, report: do.Finish, steps: dict[str, int], *, settled: bool) -> None:
+        """The session is over for this pad; ``settled`` where the ledger holds the state that the report names."""

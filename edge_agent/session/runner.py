@@ -54,6 +54,8 @@ class SessionRunner:
         self._tasks: set[asyncio.Task[None]] = set()
         self._finish: do.Finish | None = None
         self._cancelled_tx = ""
+        self.settled = True
+        """Whether the ledger holds the state that the end of the session names."""
 
     @property
     def session(self) -> Session:
@@ -134,10 +136,18 @@ class SessionRunner:
                 case do.ReportEstimate():
                     self._reporter.estimate(self.session, action)
                 case do.Finish():
-                    self._reporter.finish(self.session, self._with_tx(action), self._machine.evidence.steps)
                     self._finish = self._with_tx(action)
+                    self.settled = self.settled and self._is_final(action)
+                    steps = self._machine.evidence.steps
+                    self._reporter.finish(self.session, self._finish, steps, settled=self.settled)
                 case _:
                     pass
+
+    def _is_final(self, finish: do.Finish) -> bool:
+        """Whether nothing is left to be done on the ledger; a permission that nobody completed is not final."""
+        verdict = self._machine.verdict
+        permitted = verdict is not None and verdict.permission == "granted"
+        return finish.state in {"cancelled", "completed"} or (finish.state == "decided" and not permitted)
 
     def _with_tx(self, finish: do.Finish) -> do.Finish:
         if finish.tx_id or not self._cancelled_tx:
@@ -206,8 +216,10 @@ class SessionRunner:
             async with asyncio.timeout(CANCEL_PATIENCE_S):
                 _, done = await self._ledger.cancel(self.session.session_id, action.reason, action.note)
         except (AwayError, TimeoutError) as error:
+            self.settled = False
             _log.warning("session %.12s: not cancelled yet, the ledger is away: %s", self.session.session_id, error)
-        except RefusedError as error:
+        except RefusedError as error:  # someone else ended it: the ledger says how
+            self.settled = False
             _log.info("session %.12s: not cancelled: %s", self.session.session_id, error)
         else:
             self._cancelled_tx = done.tx_id

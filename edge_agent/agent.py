@@ -1,0 +1,380 @@
+"""The pad's agent: requests from the ledger in, one session at a time, everything told and ended.
+
+``PadAgent`` puts the parts together and keeps them going; each part stands alone: ``session`` (the eight steps),
+``radios``, ``receiver``, ``prekeys``, ``reconcile``, ``spool``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+from collections.abc import AsyncIterator, Callable
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+from edge_agent.health import health_record, write_status
+from edge_agent.prekeys import PrekeyKeeper, PrekeyLedger
+from edge_agent.reconcile import ReconcileLedger, Reconciler
+from edge_agent.reporting import SpoolReporter
+from edge_agent.session import events as on
+from edge_agent.session.machine import PadSession
+from edge_agent.session.ports import Radios, SessionLedger
+from edge_agent.session.runner import SessionRunner
+from edge_agent.spool import SpoolError
+from wonderland.clock import SteadyClock
+from wonderland.ledger.errors import CheckpointError, LedgerError
+from wonderland.ledger.proof_contract import AwayError, ContractEvent, RefusedError
+from wonderland.proofs import encoding, keys
+from wonderland.proofs.encoding import from_base64url
+from wonderland.proofs.errors import ProofError
+from wonderland.proofs.records.sessions import Session
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from edge_agent.permission import Permission
+    from edge_agent.radios import AnchorState
+    from edge_agent.receiver import RemoteIdReceiver
+    from edge_agent.session.timing import PadTiming
+    from edge_agent.spool import Spool
+    from wonderland.ledger.checkpoints import Checkpointer
+    from wonderland.ledger.identity import Identity
+    from wonderland.proofs.records.pads import Commissioning, Pad
+
+_log = logging.getLogger(__name__)
+
+NAMES: Final = frozenset({"ProofRequested", "ProofCancelled", "InteractionCompleted", "PadCommissioned", "PadRetired"})
+HEALTH_S: Final = 10.0
+CARE_S: Final = 5.0
+"""Between two looks at prekeys and left-over sessions."""
+AGAIN_S: Final = 1.0
+STOP_S: Final = 5.0
+"""Longest that a session under way keeps the agent from stopping."""
+MIN_SESSION_MS: Final = 3_000
+"""With less time than this before its expiry a session is not begun."""
+MAX_WAITING: Final = 64
+"""Requests that wait for the pad; more are cancelled at once, so that a flood costs nobody else's time."""
+
+
+class AgentError(Exception):
+    """The agent cannot work and will not by waiting; the text says what to do."""
+
+
+class PadLedger(SessionLedger, PrekeyLedger, ReconcileLedger, Protocol):
+    """The ledger as a pad uses it (``wonderland.ledger.proof_contract.ProofContract``)."""
+
+    async def read_pad(self, pad_id: str) -> Pad:
+        """This pad, with its commissioning."""
+        ...
+
+    async def height(self) -> int:
+        """How many blocks the channel has."""
+        ...
+
+    def events(
+        self, *, checkpointer: Checkpointer | None = None, start_block: int | None = None, names: frozenset[str]
+    ) -> AsyncIterator[ContractEvent]:
+        """Events with these names, for ever."""
+        ...
+
+
+class PadRadiosPort(Radios, Protocol):
+    """The nodes, and how they are."""
+
+    def states(self) -> list[AnchorState]:
+        """Every anchor's node as it is now."""
+        ...
+
+
+class PadAgent:
+    """One pad. ``run`` works until it is cancelled; then everything under way ends in a recorded state."""
+
+    def __init__(
+        self,
+        pad_id: str,
+        *,
+        ledger: PadLedger,
+        identity: Identity,
+        radios: PadRadiosPort,
+        receiver: RemoteIdReceiver,
+        spool: Spool,
+        permission: Permission,
+        checkpointer: Checkpointer,
+        clock: SteadyClock,
+        prekeys: int = 20,
+        timing: PadTiming | None = None,
+        whole_certificate: bool = False,
+        status_file: Path | None = None,
+        random_octets: Callable[[int], bytes] = os.urandom,
+    ) -> None:
+        self.pad_id: Final = pad_id
+        self._ledger = ledger
+        self._identity = identity
+        self._radios = radios
+        self._receiver = receiver
+        self._spool = spool
+        self._permission = permission
+        self._checkpointer = checkpointer
+        self._clock = clock
+        self._timing = timing
+        self._whole_certificate = whole_certificate
+        self._status_file = status_file
+        self._random_octets = random_octets
+        self._reporter = SpoolReporter(spool)
+        self._prekeys = PrekeyKeeper(pad_id, spool, ledger, clock, prekeys)
+        self._reconciler = Reconciler(ledger, self._reporter, clock)
+        self._requests: asyncio.Queue[Session] = asyncio.Queue(MAX_WAITING)
+        self._runner: SessionRunner | None = None
+        self._pad: Pad | None = None
+        self._care = asyncio.Event()
+        self._started = asyncio.Event()
+        self._idle = asyncio.Event()
+        self._idle.set()
+        self._sessions = 0
+
+    async def wait_ready(self) -> None:
+        """Until prekeys are offered and requests are heard: from now on a drone can ask."""
+        await self._started.wait()
+
+    async def run(self) -> None:
+        """Work until cancelled. Raises AgentError for what no waiting can cure."""
+        interrupted = await self._spool.sessions()
+        self._reconciler.add_interrupted(interrupted)
+        if interrupted:
+            _log.warning("%d sessions were under way when this agent stopped; they are being ended", len(interrupted))
+        parts = (self._listen(), self._serve(), self._take_care(), self._tell_health())
+        tasks = [asyncio.create_task(part) for part in parts]
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        finally:
+            await self._stop(tasks)
+
+    def status(self) -> dict[str, Any]:
+        """How the agent is, for people and for ``wonderland pad status``."""
+        runner = self._runner
+        spool = self._spool.status
+        return {
+            "pad_id": self.pad_id,
+            "process": os.getpid(),
+            "t_ms": self._clock(),
+            "accepts_sessions": self._spool.accepts_sessions,
+            "spool_reason": spool.reason,
+            "session": runner.session.session_id if runner is not None else "",
+            "sessions_run": self._sessions,
+            "requests_waiting": self._requests.qsize(),
+            "sessions_to_end": self._reconciler.waiting,
+            **health_record(self._radios.states(), spool, self._receiver.counts, self._prekeys.available),
+        }
+
+    # --- what the ledger says ----------------------------------------------------------------------------------
+
+    async def _listen(self) -> None:
+        """Events of the contract, from where the last run left off."""
+        start_block: int | None = None
+        while True:
+            try:
+                if start_block is None and self._checkpointer.load() is None:
+                    start_block = await self._ledger.height()
+                async for event in self._ledger.events(
+                    checkpointer=self._checkpointer, start_block=start_block, names=NAMES
+                ):
+                    await self._take(event)
+            except CheckpointError as error:
+                raise AgentError(str(error)) from error
+            except RefusedError as error:
+                if error.code in {"NOT_FOUND", "PERMISSION_DENIED", "UNAUTHENTICATED"}:
+                    raise AgentError(f"the ledger gives this pad no events: {error}") from error
+                _log.warning("the ledger's events stopped: %s", error)
+            except AwayError as error:
+                _log.warning("the ledger's events stopped: %s", error)
+            await asyncio.sleep(AGAIN_S)
+
+    async def _take(self, event: ContractEvent) -> None:
+        if event.record.get("pad_id") != self.pad_id:
+            return
+        match event.name:
+            case "PadCommissioned" | "PadRetired":
+                self._pad = None
+            case "ProofRequested":
+                await self._requested(event)
+            case _:
+                self._ended_elsewhere(event)
+        try:
+            await asyncio.to_thread(self._checkpointer.save, event.checkpoint)
+        except CheckpointError as error:
+            _log.warning("the place in the ledger's events is not kept; after a restart some are seen again: %s", error)
+
+    async def _requested(self, event: ContractEvent) -> None:
+        try:
+            session = Session.parse(event.record)
+        except ProofError as error:
+            _log.warning("transaction %s asks in a way that cannot be read: %s", event.tx_id, error)
+            return
+        await self._remember(session.session_id)
+        try:
+            self._requests.put_nowait(session)
+        except asyncio.QueueFull:
+            self._reconciler.add(session.session_id, "pad_overloaded")
+            self._care.set()
+
+    def _ended_elsewhere(self, event: ContractEvent) -> None:
+        try:
+            session = Session.parse(event.record)
+        except ProofError as error:
+            _log.warning("event %s of transaction %s cannot be read: %s", event.name, event.tx_id, error)
+            return
+        runner = self._runner
+        if runner is not None and runner.session.session_id == session.session_id:
+            if event.name == "ProofCancelled":
+                runner.deliver(on.SessionCancelled(session.ended_by or "", session.end or "cancelled"))
+            else:
+                runner.deliver(on.InteractionCompleted(session.end or "completed"))
+
+    async def _remember(self, session_id: str) -> None:
+        """Note durably that the session has to be ended, whatever happens to this process."""
+        try:
+            await self._spool.put_session(session_id, {"reason": "agent_restart"})
+        except SpoolError as error:  # a full disk must not keep the pad from ending the session
+            _log.error("session %.12s: not noted as in progress: %s", session_id, error)
+
+    # --- one session after the other ---------------------------------------------------------------------------
+
+    async def _serve(self) -> None:
+        while True:
+            session = await self._requests.get()
+            try:
+                await self._serve_one(session)
+            except (AwayError, RefusedError) as error:
+                _log.warning("session %.12s: not begun: %s", session.session_id, error)
+                self._reconciler.add(session.session_id, "not_begun")
+            except ProofError as error:
+                _log.warning("session %.12s: not begun: %s", session.session_id, error)
+                self._reconciler.add(session.session_id, "malformed_session")
+            self._care.set()
+
+    async def _serve_one(self, session: Session) -> None:
+        """Steps 2 to 8 of one request, if it is still to be served."""
+        self._clock.resync()
+        refusal = self._refusal(session)
+        if refusal:
+            self._reconciler.add(session.session_id, refusal)
+            return
+        current, private_key, commissioning = await asyncio.gather(
+            self._ledger.read_session(session.session_id),
+            self._prekeys.take(session.prekey_id),
+            self._commissioning(session),
+        )
+        if current.state != "requested":
+            self._reconciler.add(session.session_id, "not_begun")
+            return
+        if private_key is None or commissioning is None:
+            self._reconciler.add(session.session_id, "commissioning_changed" if private_key else "prekey_lost")
+            return
+        if current.pad.certificate_sha256 != self._identity.certificate_sha256:
+            _log.info("session %.12s: its prekey was published with another certificate", session.session_id)
+        secret = keys.shared_secret(private_key, from_base64url(current.uav_key))
+        session_keys = keys.derive(secret, bytes.fromhex(current.transcript_sha256))
+        uav_id = current.uav_id
+        machine = PadSession(
+            current,
+            commissioning,
+            session_keys,
+            certificate=self._identity.certificate_der,
+            broadcasts=lambda since_ms: self._receiver.recent(uav_id, since_ms),
+            random_octets=self._random_octets,
+            now_ms=self._clock(),
+            timing=self._timing,
+            whole_certificate=self._whole_certificate,
+        )
+        self._receiver.watch(uav_id)
+        runner = self._runner = SessionRunner(
+            machine,
+            radios=self._radios,
+            ledger=self._ledger,
+            permission=self._permission,
+            reporter=self._reporter,
+            clock=self._clock,
+        )
+        self._idle.clear()
+        self._sessions += 1
+        _log.info("session %.12s: %s asks to %s", session.session_id, uav_id, session.action)
+        try:
+            finish = await runner.run()
+        finally:
+            self._runner = None
+            self._idle.set()
+            self._receiver.unwatch(uav_id)
+        _log.info("session %.12s: %s (%s)", session.session_id, finish.state, finish.end)
+        if not runner.settled:
+            self._reconciler.add(session.session_id, finish.end)
+
+    def _refusal(self, session: Session) -> str:
+        """Why the pad does not begin this session; empty where it does."""
+        if self._clock() > session.expires_ms - MIN_SESSION_MS:
+            return "expired"
+        if not self._spool.accepts_sessions:
+            _log.error("session %.12s refused: %s", session.session_id, self._spool.status.reason)
+            return "pad_spool_full"
+        return ""
+
+    async def _commissioning(self, session: Session) -> Commissioning | None:
+        """The survey that the session rests on; None where it is no longer the pad's."""
+        for attempt in range(2):
+            if self._pad is None or attempt:
+                self._pad = await self._ledger.read_pad(self.pad_id)
+            if self._pad.commissioning_sha256 == session.commissioning_sha256:
+                commissioning = self._pad.commissioning
+                # The digest is checked, not believed: the pad tells its ranges in the order of these anchors.
+                if commissioning is not None and (
+                    encoding.digest(commissioning.to_json()).hex() == session.commissioning_sha256
+                ):
+                    return commissioning
+        return None
+
+    # --- what goes on beside -----------------------------------------------------------------------------------
+
+    async def _take_care(self) -> None:
+        """Prekeys and left-over sessions, whenever something changed and every few seconds."""
+        while True:
+            try:
+                if not self._started.is_set() or self._prekeys.low:
+                    await self._prekeys.ensure()
+                self._started.set()
+                await self._reconciler.look()
+            except AwayError as error:
+                _log.warning("the ledger is away: %s", error)
+            except RefusedError as error:
+                _log.error("the ledger refuses this pad: %s", error)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(CARE_S):
+                    await self._care.wait()
+            self._care.clear()
+
+    async def _tell_health(self) -> None:
+        while True:
+            status = self.status()
+            record = health_record(
+                self._radios.states(), self._spool.status, self._receiver.counts, self._prekeys.available
+            )
+            self._reporter.offer("health", status["t_ms"], record)
+            if self._status_file is not None:
+                try:
+                    await asyncio.to_thread(write_status, self._status_file, status)
+                except LedgerError as error:
+                    _log.warning("%s", error)
+            await asyncio.sleep(HEALTH_S)
+
+    async def _stop(self, tasks: list[asyncio.Task[None]]) -> None:
+        """End what is under way in a recorded state, then everything else."""
+        if self._runner is not None:
+            self._runner.deliver(on.Interrupted("agent_stopped"))
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(STOP_S):
+                    await self._idle.wait()
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        await self._reporter.drain()

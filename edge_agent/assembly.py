@@ -1,0 +1,120 @@
+"""A pad's agent put together from its settings, every part opened and closed in order."""
+
+from __future__ import annotations
+
+import contextlib
+import ssl
+from collections.abc import AsyncIterator
+from typing import TYPE_CHECKING
+
+from edge_agent.agent import AgentError, PadAgent
+from edge_agent.permission import CommandPermission, LogPermission, Permissions
+from edge_agent.radios import AnchorPort, PadRadios
+from edge_agent.receiver import Heard, ReceiverError, RemoteIdReceiver
+from edge_agent.reporting import SpoolReporter
+from edge_agent.spool import Spool, SpoolError
+from wonderland.clock import SteadyClock
+from wonderland.ledger.checkpoints import FileCheckpointer
+from wonderland.ledger.connection import Connection
+from wonderland.ledger.errors import LedgerError
+from wonderland.ledger.gateway import Gateway
+from wonderland.ledger.proof_contract import ProofContract
+
+if TYPE_CHECKING:
+    from edge_agent.session.timing import PadTiming
+    from edge_agent.settings import PadSettings
+    from edge_agent.uplink import Uplink
+    from wonderland.ledger.identity import Identity
+    from wonderland.ledger.signing import Signer
+
+
+@contextlib.asynccontextmanager
+async def open_pad(settings: PadSettings, *, timing: PadTiming | None = None) -> AsyncIterator[PadAgent]:
+    """The agent of these settings; ``run`` it inside. Raises AgentError with what is wrong and what to do."""
+    async with contextlib.AsyncExitStack() as stack:
+        try:
+            yield await _open(settings, stack, timing)
+        except (LedgerError, SpoolError, ReceiverError) as cause:
+            raise AgentError(str(cause)) from cause
+
+
+async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing: PadTiming | None) -> PadAgent:
+    clock = SteadyClock()
+    connection = Connection.load(settings.connection)
+    identity, signer = connection.identity(settings.identity), connection.signer(settings.identity)
+    if identity.pol_id != settings.pad_id or identity.role != "pad":
+        raise AgentError(
+            f"identity {settings.identity}: its certificate is for {identity.role or 'no role'} "
+            f"{identity.pol_id or '(no id)'}, not for pad {settings.pad_id}; "
+            f"enrol one for it (wonderland ledger ca enrol {settings.pad_id} --role pad)"
+        )
+    spool = await stack.enter_async_context(
+        await Spool.open(settings.spool, owner=settings.pad_id, quota_bytes=settings.quota_bytes)
+    )
+    channel = await stack.enter_async_context(connection.open_channel())
+    ledger = ProofContract(Gateway(channel, identity, signer).network(connection.channel), connection.chaincode)
+    tracks = SpoolReporter(spool)
+    receiver = RemoteIdReceiver(
+        listen=settings.remote_id_listen,
+        serial_ports=settings.remote_id_serial,
+        on_heard=lambda heard: _tell(tracks, heard),
+        clock_ms=clock,
+    )
+    await receiver.start()
+    stack.push_async_callback(receiver.close)
+    uplink = _uplink(settings, identity, signer, spool)
+    if uplink is not None:
+        await uplink.start()
+        stack.push_async_callback(uplink.close)
+    radios = await stack.enter_async_context(
+        PadRadios([AnchorPort(anchor.anchor_id, anchor.port) for anchor in settings.anchors], clock)
+    )
+    command = [CommandPermission(settings.permission_command)] if settings.permission_command else []
+    return PadAgent(
+        settings.pad_id,
+        ledger=ledger,
+        identity=identity,
+        radios=radios,
+        receiver=receiver,
+        spool=spool,
+        permission=Permissions(LogPermission(), *command),
+        checkpointer=FileCheckpointer(settings.checkpoint_file),
+        clock=clock,
+        prekeys=settings.prekeys,
+        timing=timing,
+        whole_certificate=settings.whole_certificate,
+        status_file=settings.status_file,
+    )
+
+
+def _tell(tracks: SpoolReporter, heard: Heard) -> None:
+    tracks.offer("track", heard.t_ms, heard.track())
+
+
+def _uplink(settings: PadSettings, identity: Identity, signer: Signer, spool: Spool) -> Uplink | None:
+    if not settings.backend_url:
+        return None
+    # A pad without a backend need not carry a WebSocket client's memory.
+    from edge_agent.uplink import Credentials, Uplink, UplinkError  # noqa: PLC0415
+
+    context: ssl.SSLContext | None = None
+    if settings.backend_url.startswith("wss:"):
+        try:
+            context = ssl.create_default_context(
+                cafile=str(settings.backend_tls_ca) if settings.backend_tls_ca is not None else None
+            )
+        except (OSError, ssl.SSLError) as cause:
+            raise AgentError(
+                f"backend.tls_ca: {settings.backend_tls_ca} is no certificate authority ({cause})"
+            ) from cause
+    try:
+        credentials = Credentials(
+            agent="pad",
+            id=settings.pad_id,
+            msp_id=identity.msp_id,
+            certificate_pem=identity.certificate_pem.decode("ascii", "replace"),
+            sign=signer,
+        )
+        return Uplink(settings.backend_url, credentials, spool, ssl_context=context)
+    except UplinkError as cause:
+        raise AgentError(f"backend: {cause}") from cause

@@ -1,0 +1,135 @@
+"""``wonderland pad``: run a pad's agent, and see how it is."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from edge_agent.settings import SettingsError, load
+
+_config = click.option(
+    "--config",
+    "path",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="The pad's settings (TOML).",
+)
+STALE_S = 30
+
+
+@click.group()
+def pad() -> None:
+    """Run the agent of a landing pad.
+
+    \b
+    A pad is known to the ledger (RegisterPad), surveyed (CommissionPad) and has an identity with the role "pad".
+      wonderland pad run --config pad.toml
+      wonderland pad status --config pad.toml
+
+    pad.toml names the pad, connection.json with the identity, a directory for the spool, one serial port for each
+    anchor, where Remote ID is heard, and the backend. A mistake in it is reported with the field's name.
+    """  # noqa: D301 - \b is click's mark for "do not wrap"
+
+
+@pad.command()
+@_config
+@click.option("--json", "as_json", is_flag=True, help="One JSON line when the pad is ready, instead of text.")
+@click.option("-v", "--verbose", is_flag=True, help="Say more in the log.")
+def run(*, path: Path, as_json: bool, verbose: bool) -> None:
+    """Work until told to stop (Ctrl-C or SIGTERM); what is under way then ends in a recorded state."""
+    from edge_agent.agent import AgentError  # noqa: PLC0415 - `pad status` needs none of it
+
+    logging.basicConfig(
+        level=logging.DEBUG if verbose else logging.INFO,
+        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
+        stream=sys.stderr,
+    )
+    logging.getLogger("websockets").setLevel(logging.WARNING)
+    try:
+        asyncio.run(_run(path, as_json=as_json))
+    except (SettingsError, AgentError) as error:
+        raise click.ClickException(str(error)) from error
+
+
+async def _run(path: Path, *, as_json: bool) -> None:
+    from edge_agent.assembly import open_pad  # noqa: PLC0415 - `pad status` needs none of it
+
+    settings = load(path)
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    async with open_pad(settings) as agent:
+        working = asyncio.create_task(agent.run())
+        ready = asyncio.create_task(agent.wait_ready())
+        stopping = asyncio.create_task(stop.wait())
+        try:
+            await asyncio.wait({working, ready, stopping}, return_when=asyncio.FIRST_COMPLETED)
+            if ready.done():
+                click.echo(
+                    json.dumps({"ready": True, "pad_id": settings.pad_id})
+                    if as_json
+                    else f"Pad {settings.pad_id} is ready. Ctrl-C stops it."
+                )
+            await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in (ready, stopping, working):
+                task.cancel()
+            outcome = (await asyncio.gather(working, ready, stopping, return_exceptions=True))[0]
+    if isinstance(outcome, Exception):
+        raise outcome
+
+
+@pad.command()
+@_config
+@click.option("--json", "as_json", is_flag=True, help="One JSON document.")
+def status(*, path: Path, as_json: bool) -> None:
+    """Say how the pad's agent is. Exit code 1 when it has said nothing for half a minute."""
+    from edge_agent.health import read_status  # noqa: PLC0415 - the others need none of it
+    from wonderland.ledger.errors import LedgerError  # noqa: PLC0415
+
+    try:
+        settings = load(path)
+        said = read_status(settings.status_file)
+    except (SettingsError, LedgerError) as error:
+        raise click.ClickException(str(error)) from error
+    t_ms = said.get("t_ms")
+    age_s = time.time() - t_ms / 1000 if isinstance(t_ms, int) else float("inf")
+    alive = age_s <= STALE_S
+    if as_json:
+        click.echo(json.dumps({**said, "alive": alive, "age_s": round(min(age_s, 1e9), 1)}))
+    else:
+        _show(said, alive=alive, age_s=age_s)
+    sys.exit(0 if alive else 1)
+
+
+def _show(said: dict[str, Any], *, alive: bool, age_s: float) -> None:
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    console = Console()
+    state = "working" if alive else f"silent for {age_s:.0f} s: it is not running, or hangs"
+    console.print(f"Pad {said.get('pad_id', '?')}: {state}")
+    table = Table(box=None, show_header=False)
+    with contextlib.suppress(KeyError, TypeError):
+        table.add_row("session", said["session"] or "none under way")
+        table.add_row("run since start", str(said["sessions_run"]))
+        table.add_row("waiting, to be ended", f"{said['requests_waiting']}, {said['sessions_to_end']}")
+        table.add_row("prekeys offered", str(said["prekeys"]))
+        spool = said["spool"]
+        table.add_row("spool", f"{spool['records']} records, {spool['bytes']} bytes, {spool['dropped']} dropped")
+        if not said["accepts_sessions"]:
+            table.add_row("no new sessions", str(said["spool_reason"]))
+        table.add_row("Remote ID", f"{said['receiver']['frames']} frames, {said['receiver']['bad']} bad")
+        for anchor in said["anchors"]:
+            table.add_row(f"anchor {anchor['anchor_id']}", f"{anchor['state']} {anchor.get('firmware', '')}")
+    console.print(table)

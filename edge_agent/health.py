@@ -1,0 +1,53 @@
+"""How the pad is: told to the backend as telemetry, and to ``wonderland pad status`` by a small file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from edge_agent.radios import AnchorState
+from edge_agent.receiver import ReceiverCounts
+from edge_agent.spool import SpoolStatus
+from wonderland import __version__
+from wonderland.ledger.errors import LedgerError
+from wonderland.ledger.files import read_bounded, write_atomic
+
+
+class StatusError(LedgerError):
+    """The agent's status file is missing or no status; the text says what to do."""
+
+
+def health_record(
+    anchors: Sequence[AnchorState], spool: SpoolStatus, receiver: ReceiverCounts, prekeys: int
+) -> dict[str, Any]:
+    """The body of a ``health`` record (docs/seams.md, "ingest")."""
+    return {
+        "anchors": [
+            {"anchor_id": anchor.anchor_id, "state": anchor.state}
+            | ({"firmware": anchor.firmware} if anchor.firmware else {})
+            for anchor in anchors
+        ],
+        "spool": spool.health(),
+        "receiver": receiver.health(),
+        "prekeys": prekeys,
+        "version": __version__,
+    }
+
+
+def write_status(path: Path, status: dict[str, Any]) -> None:
+    """Replace the status file. Raises LedgerError (FileWriteError) when the disk does not take it."""
+    write_atomic(path, json.dumps(status, indent=2, ensure_ascii=False).encode() + b"\n")
+
+
+def read_status(path: Path) -> dict[str, Any]:
+    """What the agent last said of itself. Raises StatusError."""
+    data = read_bounded(path, StatusError, "status", limit=1 << 20)
+    try:
+        status = json.loads(data.decode())
+    except (ValueError, RecursionError) as cause:
+        raise StatusError(f"{path} is no status file ({cause}); the agent writes it anew when it runs") from cause
+    if not isinstance(status, dict):
+        raise StatusError(f"{path} is no status file; the agent writes it anew when it runs")
+    return status

@@ -1,0 +1,237 @@
+"""What a pad's agent is told in ``pad.toml``; every complaint names the field.
+
+pad_id = "pad-1"
+connection = "ledger/connection.json"   # paths are relative to this file
+identity = "pad"                        # a name in connection.json
+spool = "spool"                         # a directory of this pad's own
+
+[[anchors]]                             # the first one also speaks to the drone
+anchor_id = "A1"                        # as commissioned
+port = "/dev/serial/by-id/usb-…"
+
+[remote_id]
+listen = "0.0.0.0:5480"                 # UDP; or serial = ["/dev/ttyUSB4"]
+
+[backend]
+url = "wss://console.example/ingest"    # optional: where telemetry goes
+tls_ca = "console-ca.pem"               # optional: its certificate authority, where it is not a public one
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, TypeVar
+from urllib.parse import urlsplit
+
+from wonderland.proofs.records.fields import ID_PATTERN
+
+MAX_FILE_BYTES: Final = 256 * 1024
+MAX_ANCHORS: Final = 8
+MIN_ANCHORS: Final = 3
+_ID: Final = re.compile(ID_PATTERN)
+_MIB: Final = 1 << 20
+Value = TypeVar("Value")
+
+
+class SettingsError(Exception):
+    """pad.toml is missing, is no TOML, or holds something that a pad cannot work with; the text names the field."""
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorSetting:
+    """One UWB node: the anchor's name as commissioned, and its serial port."""
+
+    anchor_id: str
+    port: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PadSettings:
+    """Everything that a pad's agent is told. Paths are absolute."""
+
+    pad_id: str
+    connection: Path
+    identity: str
+    spool: Path
+    anchors: tuple[AnchorSetting, ...]
+    quota_bytes: int = 64 * _MIB
+    prekeys: int = 20
+    whole_certificate: bool = False
+    permission_command: tuple[str, ...] = ()
+    remote_id_listen: tuple[str, int] | None = None
+    remote_id_serial: tuple[str, ...] = ()
+    backend_url: str = ""
+    backend_tls_ca: Path | None = None
+
+    @property
+    def status_file(self) -> Path:
+        """Where the agent says how it is, for ``wonderland pad status``."""
+        return self.spool / "status.json"
+
+    @property
+    def checkpoint_file(self) -> Path:
+        """Where the agent notes how far it has read the ledger's events."""
+        return self.spool / "events.json"
+
+
+def load(path: Path) -> PadSettings:
+    """Read a file. Raises SettingsError."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+    except OSError as cause:
+        raise SettingsError(f"{path}: cannot be read ({cause.strerror or cause})") from cause
+    if len(data) > MAX_FILE_BYTES:
+        raise SettingsError(f"{path}: larger than {MAX_FILE_BYTES} bytes; is it the right file?")
+    try:
+        document = tomllib.loads(data.decode("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as cause:
+        raise SettingsError(f"{path}: no TOML: {cause}") from cause
+    return parse(document, path)
+
+
+def parse(document: dict[str, Any], path: Path) -> PadSettings:
+    """Settings from a decoded document; ``path`` is the file's, for relative paths and for error texts."""
+    top = _Table(document, path, "")
+    remote_id = top.table("remote_id")
+    backend = top.table("backend")
+    anchors = tuple(AnchorSetting(entry.identifier("anchor_id"), entry.text("port")) for entry in top.tables("anchors"))
+    if not MIN_ANCHORS <= len(anchors) <= MAX_ANCHORS:
+        raise top.wrong("anchors", f"has {len(anchors)} entries; a pad has {MIN_ANCHORS} to {MAX_ANCHORS}")
+    for name in ("anchor_id", "port"):
+        if len({getattr(anchor, name) for anchor in anchors}) != len(anchors):
+            raise top.wrong("anchors", f"two entries have the same {name}")
+    settings = PadSettings(
+        pad_id=top.identifier("pad_id"),
+        connection=top.path("connection"),
+        identity=top.text("identity", "pad"),
+        spool=top.path("spool"),
+        anchors=anchors,
+        quota_bytes=top.integer("quota_mb", 64, 1, 1_000_000) * _MIB,
+        prekeys=top.integer("prekeys", 20, 1, 50),
+        whole_certificate=top.flag("whole_certificate", default=False),
+        permission_command=top.texts("permission_command"),
+        remote_id_listen=remote_id.address("listen"),
+        remote_id_serial=remote_id.texts("serial"),
+        backend_url=backend.url("url"),
+        backend_tls_ca=backend.path("tls_ca") if backend.has("tls_ca") else None,
+    )
+    for table in (top, remote_id, backend):
+        table.refuse_unknown()
+    return settings
+
+
+class _Table:
+    """One table of the file; each getter checks a field and remembers that it is known."""
+
+    def __init__(self, fields: dict[str, Any], path: Path, prefix: str) -> None:
+        self._fields = fields
+        self._path = path
+        self._prefix = prefix
+        self._known: set[str] = set()
+
+    def wrong(self, name: str, why: str) -> SettingsError:
+        """The error for a field."""
+        return SettingsError(f"{self._path}: {self._prefix}{name} {why}")
+
+    def has(self, name: str) -> bool:
+        """Whether the field is there."""
+        self._known.add(name)
+        return name in self._fields
+
+    def text(self, name: str, default: str | None = None) -> str:
+        """A non-empty string."""
+        value = self._get(name, str, "a text in quotes", default)
+        if not value or "\0" in value:
+            raise self.wrong(name, "is empty" if not value else "holds a NUL character")
+        return value
+
+    def identifier(self, name: str) -> str:
+        """A name as the ledger's records allow it."""
+        value = self.text(name)
+        if not _ID.fullmatch(value):
+            raise self.wrong(
+                name, f"is {value!r}; letters, digits and . _ : - are allowed, beginning with one of the first"
+            )
+        return value
+
+    def path(self, name: str) -> Path:
+        """A path, relative to the file."""
+        return (self._path.resolve().parent / Path(self.text(name)).expanduser()).absolute()
+
+    def texts(self, name: str) -> tuple[str, ...]:
+        """A list of non-empty strings; empty where it is missing."""
+        values = self._get(name, list, "a list of texts", [])
+        if any(not isinstance(value, str) or not value for value in values):
+            raise self.wrong(name, "is not a list of texts")
+        return tuple(values)
+
+    def integer(self, name: str, default: int, minimum: int, maximum: int) -> int:
+        """A whole number within bounds."""
+        value = self._get(name, int, "a whole number", default)
+        if isinstance(value, bool) or not minimum <= value <= maximum:
+            raise self.wrong(name, f"is {value}; {minimum} to {maximum} are allowed")
+        return value
+
+    def flag(self, name: str, *, default: bool) -> bool:
+        """True or false."""
+        return self._get(name, bool, "true or false", default)
+
+    def address(self, name: str) -> tuple[str, int] | None:
+        """``host:port``; None where it is missing."""
+        if not self.has(name):
+            return None
+        host, separator, port = self.text(name).rpartition(":")
+        if not (separator and port.isascii() and port.isdigit() and len(port) <= 5 and int(port) < 65_536):
+            raise self.wrong(name, "is not host:port, for example 0.0.0.0:5480")
+        return host.strip("[]") or "0.0.0.0", int(port)  # noqa: S104 - a receiver listens to whoever broadcasts
+
+    def url(self, name: str) -> str:
+        """A WebSocket address; empty where it is missing."""
+        if not self.has(name):
+            return ""
+        value = self.text(name)
+        try:
+            parts = urlsplit(value)
+            usable = parts.scheme in {"ws", "wss"} and bool(parts.hostname) and parts.port != 0
+        except ValueError:
+            usable = False
+        if not usable:
+            raise self.wrong(name, "is no WebSocket address, for example wss://console.example/ingest")
+        return value
+
+    def table(self, name: str) -> _Table:
+        """A table; empty where it is missing."""
+        return _Table(self._get(name, dict, "a table", {}), self._path, f"{self._prefix}{name}.")
+
+    def tables(self, name: str) -> list[_Table]:
+        """A list of tables, each of whose fields must be known."""
+        entries = self._get(name, list, "a list of tables", [])
+        out = []
+        for index, entry in enumerate(entries):
+            if not isinstance(entry, dict):
+                raise self.wrong(f"{name}[{index}]", "is not a table")
+            table = _Table(entry, self._path, f"{self._prefix}{name}[{index}].")
+            unknown = sorted(set(entry) - {"anchor_id", "port"})
+            if unknown:
+                raise table.wrong(unknown[0], "is unknown")
+            out.append(table)
+        return out
+
+    def refuse_unknown(self) -> None:
+        """A misspelt field must not be ignored."""
+        unknown = sorted(set(self._fields) - self._known)
+        if unknown:
+            raise self.wrong(unknown[0], f"is unknown; known are {', '.join(sorted(self._known))}")
+
+    def _get(self, name: str, kind: type[Value], what: str, default: Value | None) -> Value:
+        self._known.add(name)
+        value = self._fields.get(name, default)
+        if value is None:
+            raise self.wrong(name, "is missing")
+        if not isinstance(value, kind):
+            raise self.wrong(name, f"is not {what}")
+        return value

@@ -1,0 +1,198 @@
+"""``wonderland uav``: one proof from the drone's companion computer."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import signal
+import sys
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wonderland.clock import Clock, SteadyClock
+from wonderland.proofs.records.fields import ACTIONS
+from wonderland.proofs.records.sessions import STEP_NAMES
+
+if TYPE_CHECKING:
+    from uav_agent.agent import ProofResult
+    from uav_agent.position import PositionSource
+    from uav_agent.session.ports import Act
+    from wonderland.proofs.records.verdicts import Verdict
+
+POSITION_PATIENCE_S = 10.0
+
+
+@click.group()
+def uav() -> None:
+    """The drone's side: ask a pad for a proof of location, take part in it, and act when it is granted.
+
+    \b
+      wonderland uav prove --connection ledger/connection.json --identity uav --port /dev/ttyUSB0 \\
+          --position udp:127.0.0.1:5500 --pad pad-1 --action land
+    """  # noqa: D301 - \b is click's mark for "do not wrap"
+
+
+@uav.command()
+@click.option("--connection", required=True, type=click.Path(path_type=Path), help="connection.json of the ledger.")
+@click.option("--identity", default="uav", show_default=True, help="A name in connection.json.")
+@click.option("--port", required=True, help="Serial port of the drone's UWB node.")
+@click.option(
+    "--position",
+    required=True,
+    metavar="udp:HOST:PORT|track:FILE",
+    help="Where the drone's position comes from: datagrams of the autopilot, or a recorded track (CSV).",
+)
+@click.option("--pad", "pad_id", required=True, help="The landing pad.")
+@click.option("--action", type=click.Choice(ACTIONS), default="land", show_default=True)
+@click.option(
+    "--then",
+    "command",
+    metavar="PROGRAM",
+    help="Run with the action and the session's id once it is permitted; exit status 0 means done.",
+)
+@click.option("--whole-certificate", is_flag=True, help="Say the whole certificate over UWB, not its hash.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON document with the result.")
+@click.option("-v", "--verbose", is_flag=True, help="Say more in the log.")
+def prove(*, as_json: bool, verbose: bool, **options: Any) -> None:
+    """Prove where the drone is. Exit code 0 when permitted and done, 2 when refused, 1 when no proof came about."""
+    from uav_agent.agent import UavAgentError  # noqa: PLC0415 - `--help` needs none of it
+    from uav_agent.position import PositionError  # noqa: PLC0415
+    from wonderland.ledger.errors import LedgerError  # noqa: PLC0415
+
+    logging.basicConfig(
+        level=logging.DEBUG if verbose else logging.WARNING,
+        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
+        stream=sys.stderr,
+    )
+    try:
+        result = asyncio.run(_prove(**options, quiet=as_json))
+    except (LedgerError, UavAgentError, PositionError) as error:
+        raise click.ClickException(str(error)) from error
+    if as_json:
+        click.echo(json.dumps(_document(result)))
+    else:
+        _show(result)
+    sys.exit(0 if (result.state, result.end) == ("completed", "done") else 2)
+
+
+async def _prove(
+    *,
+    connection: Path,
+    identity: str,
+    port: str,
+    position: str,
+    pad_id: str,
+    action: str,
+    command: str | None,
+    whole_certificate: bool,
+    quiet: bool,
+) -> ProofResult:
+    from uav_agent.agent import UavAgent  # noqa: PLC0415 - `--help` needs none of it
+    from uav_agent.ledger_events import LedgerEvents  # noqa: PLC0415
+    from uav_agent.radio import UavRadio  # noqa: PLC0415
+    from wonderland.ledger.connection import Connection  # noqa: PLC0415
+    from wonderland.ledger.gateway import Gateway  # noqa: PLC0415
+    from wonderland.ledger.proof_contract import ProofContract  # noqa: PLC0415
+
+    clock = SteadyClock()
+    where = Connection.load(connection)
+    who, signer = where.identity(identity), where.signer(identity)
+    async with contextlib.AsyncExitStack() as stack:
+        channel = await stack.enter_async_context(where.open_channel())
+        ledger = ProofContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
+        source = await stack.enter_async_context(_position(position, clock))
+        radio = await stack.enter_async_context(UavRadio(port, clock))
+        events = await stack.enter_async_context(LedgerEvents(ledger))
+        agent = UavAgent(
+            uav_id=who.pol_id,
+            ledger=ledger,
+            events=events,
+            identity=who,
+            signer=signer,
+            radio=radio,
+            position=source,
+            act=_act(command),
+            clock=clock,
+            whole_certificate=whole_certificate,
+            on_step=None if quiet else _progress,
+        )
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, agent.stop)
+        return await agent.prove(pad_id, action)
+
+
+@contextlib.asynccontextmanager
+async def _position(text: str, clock: Clock) -> AsyncIterator[PositionSource]:
+    from uav_agent.position import AutopilotPosition, PositionError, TrackPosition  # noqa: PLC0415
+
+    kind, _, rest = text.partition(":")
+    if kind == "track" and rest:
+        yield TrackPosition.load(Path(rest), clock())
+        return
+    host, _, port = rest.rpartition(":")
+    if kind != "udp" or not host or not port.isdigit() or int(port) > 0xFFFF:
+        raise PositionError(f"--position {text}: give udp:HOST:PORT or track:FILE")
+    async with AutopilotPosition((host, int(port)), clock) as source:
+        await source.wait(POSITION_PATIENCE_S)
+        yield source
+
+
+def _act(command: str | None) -> Act:
+    """What a permission sets off: the given program, or nothing but the word that it is done."""
+
+    async def act(verdict: Verdict) -> str:
+        if command is None:
+            return "done"
+        try:
+            process = await asyncio.create_subprocess_exec(
+                command, verdict.action, verdict.session_id, stdin=asyncio.subprocess.DEVNULL
+            )
+        except OSError as error:
+            return f"{command} cannot be run: {error.strerror or error}"
+        try:
+            status = await process.wait()
+        except asyncio.CancelledError:
+            process.terminate()
+            raise
+        return "done" if status == 0 else f"{command} ended with status {status}"
+
+    return act
+
+
+def _progress(_session: object, report: Any) -> None:
+    mark = "✓" if report.ok else "✗"
+    click.echo(f"  {mark} {report.step:<11}{report.detail}", err=True)
+
+
+def _document(result: ProofResult) -> dict[str, Any]:
+    return {
+        "session_id": result.session_id,
+        "uav_id": result.uav_id,
+        "pad_id": result.pad_id,
+        "action": result.action,
+        "state": result.state,
+        "end": result.end,
+        "detail": result.detail,
+        "outcome": result.verdict.outcome if result.verdict is not None else None,
+        "permission": result.verdict.permission if result.verdict is not None else None,
+        "verdict": result.verdict.to_json() if result.verdict is not None else None,
+        "verdict_tx": result.verdict_tx,
+        "closing_tx": result.closing_tx,
+        "steps": [{"step": step, "t_ms": result.steps[step]} for step in STEP_NAMES if step in result.steps],
+    }
+
+
+def _show(result: ProofResult) -> None:
+    verdict = result.verdict
+    if verdict is None:
+        click.echo(f"No verdict: {result.end.replace('_', ' ')}. {result.detail}".rstrip())
+        return
+    click.echo(f"{verdict.outcome.capitalize()}, permission {verdict.permission} (session {result.session_id[:12]}…)")
+    for reason in verdict.reasons:
+        click.echo(f"  {reason.text}")
