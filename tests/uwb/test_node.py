@@ -186,8 +186,8 @@ async def test_a_wrong_sts_key_gives_no_range_and_no_words(world, plan: Plan) ->
         session = await pad.open_session(plan().pad_ranging(0))
         session.events_nowait()
         await lead.send(b"hello")
-        await asyncio.sleep(0.3)
-        events = session.events_nowait()
+        events: list[object] = []
+        await until(lambda: bool(events.extend(session.events_nowait())) or len(events) >= 5)
         ranges = [e for e in events if isinstance(e, RangeMeasurement)]
         assert {(m.status, m.range_mm) for m in ranges} == {(Status.RANGING_RX_PHY_STS_FAILED, None)}
         assert not [e for e in events if isinstance(e, DataReceived)]
@@ -343,3 +343,42 @@ async def test_giving_up_on_a_session_leaves_nothing_behind(world, plan: Plan) -
             await task
         await until(lambda: world.ports["anchor-1"].node.sessions == {})
         assert (await pad.open_session(plan().pad_ranging(0))).active
+
+
+async def test_an_attacker_on_the_air_can_drop_and_change_words_and_distance_can_end_them(world, plan: Plan) -> None:
+    plan_ = plan()
+    world.air.intercept = lambda sender, receiver, data: None if data == b"drop" else data.upper()
+    async with node(world.add("uav")) as uav, node(world.add("anchor-1")) as pad:
+        lead = await uav.open_session(plan_.uav_ranging())
+        session = await pad.open_session(plan_.pad_ranging(0))
+        await lead.send(b"drop")
+        await lead.send(b"word")
+        heard: list[bytes] = []
+
+        def listen() -> bool:
+            heard.extend(e.data for e in session.events_nowait() if isinstance(e, DataReceived))
+            return bool(heard)
+
+        await until(listen)
+        assert heard == [b"WORD"]
+        world.distances["anchor-1"] = None
+        await lead.send(b"nobody hears this")
+        missed: list[RangeMeasurement] = []
+
+        def misses() -> int:
+            reports = [e for e in lead.events_nowait() if isinstance(e, RangeMeasurement)]
+            missed.extend(e for e in reports if e.peer_mac == plan_.pad_macs[0] and e.range_mm is None)
+            return len(missed)
+
+        await until(lambda: misses() >= 4)
+        assert {e.status for e in missed} == {Status.RANGING_RX_TIMEOUT}
+        assert not [e for e in session.events_nowait() if isinstance(e, DataReceived)]
+
+
+async def test_the_newest_events_are_kept_when_nobody_reads(world, plan: Plan) -> None:
+    async with node(world.add("anchor-1")) as pad:
+        session = await pad.open_session(plan().pad_ranging(0))
+        for number in range(5_000):
+            session.push(RangingSilent(0, 0, number))
+        assert session.events_dropped >= 900
+        assert session.events_nowait()[-1] == RangingSilent(0, 0, 4_999)

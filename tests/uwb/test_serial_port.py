@@ -100,8 +100,8 @@ async def test_what_vanishes_is_looked_for_with_growing_pauses_and_found_again(s
     assert port.last_error == "not there"
     port.write(b"lost")
     pauses = [b - a for a, b in zip(plug.attempts[1:], plug.attempts[2:], strict=False)]
-    assert pauses[0] < pauses[1] < 0.08
-    assert all(pause >= 0.019 for pause in pauses)
+    assert pauses[0] >= 0.019
+    assert all(pause >= 0.039 for pause in pauses[1:])
     plug.present = True
     await until(lambda: port.is_up)
     assert observer.log[-1] == "up"

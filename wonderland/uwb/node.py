@@ -392,7 +392,7 @@ class UwbNode:
         now_ms = self._clock()
         session_id = session.session_id
         if isinstance(message, RangeData):
-            if not message.two_way:
+            if not message.two_way and not message.one_way:
                 session.push(RangingSilent(now_ms, session_id, message.sequence))
             for m in message.two_way:
                 session.push(

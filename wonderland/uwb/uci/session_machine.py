@@ -102,7 +102,7 @@ class SessionMachine:
         """The node has lost everything. Returns whether the session was there."""
         was = self.state is not None
         self.state, self._configured, self._verify, self._awaiting = None, False, False, False
-        self._duplicates, self._remove_first = 0, False
+        self._setups, self._duplicates, self._remove_first = 0, 0, False  # the node's fault, not the session's
         self.handle = self.config.session_id
         self.credit, self._credit_deadline_ms = True, None
         self.ended = self.ended or not self.wanted
@@ -122,18 +122,19 @@ class SessionMachine:
                 self._awaiting = False
                 return get_state_command(self.handle)
             self._awaiting = False
+        if self._remove_first:
+            self._remove_first = False
+            return deinit_command(self.handle)
         if not self.wanted:
             if self.state is None:
                 self.ended = True
                 return None
             return stop_command(self.handle) if self.active else deinit_command(self.handle)
-        if self._remove_first:
-            self._remove_first = False
-            return deinit_command(self.handle)
         if self.state is None:
             self._setups += 1
             if self._setups > MAX_SETUPS:
                 self._give_up(UciStateError(f"the session was lost {MAX_SETUPS} times before it became active"))
+                self.ended = True
                 return None
             return init_command(self.session_id, self.config.session_type)
         if not self._configured:
@@ -226,6 +227,8 @@ class SessionMachine:
             self._duplicates += 1
             self._remove_first = self._duplicates > 1
         else:
+            # The octet may have been damaged on the line, so make sure that nothing stays behind.
+            self._remove_first = True
             self._refused(response)
 
     def _on_config(self, response: Response, now_ms: int) -> None:
