@@ -253,7 +253,7 @@ def _authentication(frame: bytes, start: int, version: ProtocolVersion) -> Authe
         data=data,
         last_page=last_page,
         length=length,
-        t_ms=EPOCH_2019_MS + seconds * 1000,
+        t_ms=EPOCH_2019_MS + seconds * 1000 if seconds else None,
         version=version,
     )
 
