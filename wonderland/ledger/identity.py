@@ -136,7 +136,7 @@ class Identity:
         return [value for value in values if isinstance(value, str)]
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=1024)
 def _from_creator(creator: bytes) -> Identity:
     if len(creator) > MAX_CREATOR_BYTES:
         raise IdentityError(f"a serialised identity of {len(creator)} bytes; the limit is {MAX_CREATOR_BYTES}")

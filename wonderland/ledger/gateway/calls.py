@@ -10,9 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import grpc
-from fabric_protos.gateway import gateway_pb2_grpc
-from fabric_protos.peer import events_pb2_grpc
-from google.protobuf.message import DecodeError
+from fabric_protos.gateway import gateway_pb2
 
 from wonderland.ledger.gateway.errors import (
     CommitStatusError,
@@ -24,6 +22,7 @@ from wonderland.ledger.gateway.errors import (
     UnsignedError,
     from_rpc,
 )
+from wonderland.ledger.protobuf import decode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -69,45 +68,63 @@ class Environment:
 
 
 class Calls:
-    """Stubs on a channel that the caller owns."""
+    """The methods of a Gateway and a peer on a channel that the caller owns.
+
+    Answers are taken as bytes and parsed here: gRPC's own way with an answer that it cannot parse is a line in the
+    log and None.
+    """
 
     def __init__(self, channel: grpc.aio.Channel, deadlines: Deadlines) -> None:
-        gateway = gateway_pb2_grpc.GatewayStub(channel)
-        deliver = events_pb2_grpc.DeliverStub(channel)
         self.deadlines: Final = deadlines
-        self.open_chaincode_events: Final = gateway.ChaincodeEvents
-        self.open_deliver: Final = deliver.Deliver
-        self.open_deliver_filtered: Final = deliver.DeliverFiltered
-        self._evaluate = gateway.Evaluate
-        self._endorse = gateway.Endorse
-        self._submit = gateway.Submit
-        self._commit_status = gateway.CommitStatus
+
+        def unary(name: str) -> grpc.aio.UnaryUnaryMultiCallable[Any, bytes]:
+            return channel.unary_unary(f"/gateway.Gateway/{name}", _to_bytes)
+
+        def both_streams(name: str) -> grpc.aio.StreamStreamMultiCallable[Any, bytes]:
+            return channel.stream_stream(f"/protos.Deliver/{name}", _to_bytes)
+
+        events: grpc.aio.UnaryStreamMultiCallable[Any, bytes] = channel.unary_stream(
+            "/gateway.Gateway/ChaincodeEvents", _to_bytes
+        )
+        self.open_chaincode_events: Final = events
+        self.open_deliver: Final = both_streams("Deliver")
+        self.open_deliver_filtered: Final = both_streams("DeliverFiltered")
+        self._evaluate = unary("Evaluate")
+        self._endorse = unary("Endorse")
+        self._submit = unary("Submit")
+        self._commit_status = unary("CommitStatus")
 
     async def evaluate(self, request: Any, tx_id: str, timeout_s: float | None) -> Any:
         """Evaluate: run the contract on one peer, record nothing. Raises `EvaluateError`."""
-        return await _call(self._evaluate, request, timeout_s or self.deadlines.evaluate_s, EvaluateError, tx_id)
+        limit_s = self.deadlines.evaluate_s if timeout_s is None else timeout_s
+        data = await _call(self._evaluate, request, limit_s, EvaluateError, tx_id)
+        return decode(gateway_pb2.EvaluateResponse, data, "the gateway's answer", MalformedError)
 
     async def endorse(self, request: Any, tx_id: str, timeout_s: float | None) -> Any:
         """Endorse: gather the signatures that the policy demands. Raises `EndorseError`."""
-        return await _call(self._endorse, request, timeout_s or self.deadlines.endorse_s, EndorseError, tx_id)
+        limit_s = self.deadlines.endorse_s if timeout_s is None else timeout_s
+        data = await _call(self._endorse, request, limit_s, EndorseError, tx_id)
+        return decode(gateway_pb2.EndorseResponse, data, "the gateway's answer", MalformedError)
 
-    async def submit(self, request: Any, tx_id: str, timeout_s: float | None) -> Any:
+    async def submit(self, request: Any, tx_id: str, timeout_s: float | None) -> None:
         """Submit: hand the transaction to the orderer. Raises `SubmitError`."""
-        return await _call(self._submit, request, timeout_s or self.deadlines.submit_s, SubmitError, tx_id)
+        limit_s = self.deadlines.submit_s if timeout_s is None else timeout_s
+        await _call(self._submit, request, limit_s, SubmitError, tx_id)
 
     async def commit_status(self, request: Any, tx_id: str, timeout_s: float | None) -> Any:
         """CommitStatus: wait for the block. Raises `CommitStatusError`."""
-        limit = timeout_s or self.deadlines.commit_status_s
-        return await _call(self._commit_status, request, limit, CommitStatusError, tx_id)
+        limit_s = self.deadlines.commit_status_s if timeout_s is None else timeout_s
+        data = await _call(self._commit_status, request, limit_s, CommitStatusError, tx_id)
+        return decode(gateway_pb2.CommitStatusResponse, data, "the gateway's answer", MalformedError)
 
 
 async def _call(
-    method: Callable[..., Any],
+    method: grpc.aio.UnaryUnaryMultiCallable[Any, bytes],
     request: Any,
     timeout_s: float,
     error: type[GatewayError],
     tx_id: str,
-) -> Any:
+) -> bytes:
     try:
         with unusable_channel_is_an_error(error, tx_id):
             return await method(request, timeout=timeout_s)
@@ -118,8 +135,10 @@ async def _call(
             raise
         # gRPC says the same when the channel is closed under a call; the caller's task goes on.
         raise error("the channel was closed", tx_id=tx_id, status_code=grpc.StatusCode.CANCELLED) from cause
-    except DecodeError as cause:
-        raise MalformedError(f"the gateway's answer cannot be read ({cause})", tx_id=tx_id) from cause
+
+
+def _to_bytes(message: Any) -> bytes:
+    return bytes(message.SerializeToString())
 
 
 @contextlib.contextmanager

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import grpc
 from fabric_protos.common import common_pb2
 from fabric_protos.orderer import ab_pb2
-from google.protobuf.message import DecodeError
+from fabric_protos.peer import events_pb2
 
 from wonderland.ledger.blocks import Block, parse_block
 from wonderland.ledger.checkpoints import MAX_BLOCK_NUMBER, Checkpoint
 from wonderland.ledger.gateway.calls import cancelled_from_outside, unusable_channel_is_an_error
 from wonderland.ledger.gateway.errors import MalformedError, StreamError, UnknownTransactionError, from_rpc
+from wonderland.ledger.protobuf import decode
 from wonderland.ledger.transactions import code_name
 
 if TYPE_CHECKING:
@@ -115,10 +116,11 @@ class BlockSource(_Source):
         """A new call. Raises `StreamError`, `UnknownTransactionError`."""
         return await self._open(self._environment.calls.open_deliver)
 
-    def items(self, answer: Any) -> Iterator[Block]:
+    def items(self, answer: bytes) -> Iterator[Block]:
         """The block of an answer, which must be the next one. Raises `BlockError`, `StreamError`."""
-        _require_block(answer, "block")
-        yield self._require_next(parse_block(answer.block))
+        message = _answer(answer)
+        _require_block(message, "block")
+        yield self._require_next(parse_block(message.block))
 
     def delivered(self, item: Block) -> None:
         """Note that the consumer has it."""
@@ -132,10 +134,11 @@ class FilteredBlockSource(_Source):
         """A new call. Raises `StreamError`, `UnknownTransactionError`."""
         return await self._open(self._environment.calls.open_deliver_filtered)
 
-    def items(self, answer: Any) -> Iterator[FilteredBlock]:
+    def items(self, answer: bytes) -> Iterator[FilteredBlock]:
         """The filtered block of an answer, which must be the next one. Raises `StreamError`."""
-        _require_block(answer, "filtered_block")
-        yield self._require_next(_filtered(answer.filtered_block))
+        message = _answer(answer)
+        _require_block(message, "filtered_block")
+        yield self._require_next(_filtered(message.filtered_block))
 
     def delivered(self, item: FilteredBlock) -> None:
         """Note that the consumer has it."""
@@ -199,18 +202,17 @@ async def _read_one(environment: Environment, channel: str, number: int | None) 
         answer = await call.read()
         if answer is grpc.aio.EOF:
             raise StreamError("the peer ended the stream without a block", status_code=grpc.StatusCode.UNAVAILABLE)
-        if answer.WhichOneof("Type") == "status" and answer.status == common_pb2.NOT_FOUND:
+        message = _answer(answer)
+        if message.WhichOneof("Type") == "status" and message.status == common_pb2.NOT_FOUND:
             return None
-        _require_block(answer, "filtered_block")
-        return _filtered(answer.filtered_block)
+        _require_block(message, "filtered_block")
+        return _filtered(message.filtered_block)
     except grpc.aio.AioRpcError as cause:
         raise from_rpc(cause, StreamError) from cause
     except asyncio.CancelledError as cause:
         if cancelled_from_outside():
             raise
         raise StreamError("the channel was closed", status_code=grpc.StatusCode.CANCELLED) from cause
-    except DecodeError as cause:
-        raise MalformedError(f"the peer's block cannot be read ({cause})") from cause
     finally:
         call.cancel()
 
@@ -219,6 +221,10 @@ async def _send(call: Any, request: Any) -> None:
     # When the call has failed already, the read that follows says why.
     with contextlib.suppress(grpc.aio.AioRpcError):
         await call.write(request)
+
+
+def _answer(data: Any) -> Any:
+    return decode(events_pb2.DeliverResponse, data, "the peer's answer", MalformedError)
 
 
 def _require_block(answer: Any, kind: str) -> None:

@@ -17,7 +17,8 @@ from wonderland.ledger.checkpoints import Checkpoint
 from wonderland.ledger.gateway.calls import unusable_channel_is_an_error
 from wonderland.ledger.gateway.commit import new_commit
 from wonderland.ledger.gateway.deliver import FilteredBlock, height, read_filtered_block, require_reached
-from wonderland.ledger.gateway.errors import CommitStatusError, StreamError, UnknownTransactionError
+from wonderland.ledger.gateway.errors import CommitStatusError, MalformedError, StreamError, UnknownTransactionError
+from wonderland.ledger.protobuf import decode
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -66,10 +67,11 @@ class EventSource:
         with unusable_channel_is_an_error(StreamError):
             return self._environment.calls.open_chaincode_events(signed)
 
-    def items(self, answer: Any) -> Iterator[Event]:
-        """The events of one block."""
-        number = int(answer.block_number)
-        for event in answer.events:
+    def items(self, answer: bytes) -> Iterator[Event]:
+        """The events of one block. Raises `MalformedError`."""
+        message = decode(gateway_pb2.ChaincodeEventsResponse, answer, "the gateway's answer", MalformedError)
+        number = int(message.block_number)
+        for event in message.events:
             if event.tx_id not in self._left_out:
                 yield Event(number, event.tx_id, event.chaincode_id, event.event_name, event.payload)
 

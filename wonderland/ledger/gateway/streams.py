@@ -7,12 +7,11 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, Self, TypeVar
 
 import grpc
-from google.protobuf.message import DecodeError
 
 from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.gateway.backoff import Backoff
 from wonderland.ledger.gateway.calls import cancelled_from_outside
-from wonderland.ledger.gateway.errors import MalformedError, StreamError, from_rpc
+from wonderland.ledger.gateway.errors import StreamError, from_rpc
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Generator, Iterator
@@ -40,7 +39,7 @@ class Source(Protocol[Item]):
         """A new call that continues after the last item delivered."""
         ...
 
-    def items(self, answer: Any) -> Iterator[Item]:
+    def items(self, answer: bytes) -> Iterator[Item]:
         """What one answer holds."""
         ...
 
@@ -118,9 +117,6 @@ class Stream(Generic[Item]):
                 ended.__cause__ = cause
             except StreamError as error:
                 ended = error
-            except DecodeError as cause:
-                self.close()
-                raise MalformedError(f"the gateway's answer cannot be read ({cause})") from cause
             except LedgerError:
                 self.close()
                 raise
