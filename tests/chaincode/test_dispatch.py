@@ -3,6 +3,7 @@ from __future__ import annotations
 import ast
 import json
 import random
+import re
 from pathlib import Path
 
 import pytest
@@ -259,28 +260,30 @@ def test_a_good_argument_with_one_thing_wrong_is_answered_or_refused_by_name(mak
     assert _status(lambda: scene.raw(who, function, [changed])) in STATUSES
 
 
-# no refusal without its test
+# no refusal without its test and its line in the reference
+
+STATUS_OF = {"bad_input": 400, "not_allowed": 403, "not_there": 404, "conflict": 409, "refused": 422}
 
 
 def _codes():
-    """The code of every refusal in the contract's source."""
-    found = set()
+    """Code and status of every refusal in the contract's source."""
+    found = {(f"SESSION_{state}", 422) for state in ("REQUESTED", "DECIDED", "COMPLETED", "CANCELLED")}
     for path in Path(chaincode.contract.__file__).parent.glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-                where = {"bad_input": 0, "not_allowed": 0, "not_there": 0, "conflict": 0, "refused": 0}.get(
-                    node.func.id
-                )
-                where = 1 if node.func.id == "ContractError" else where
-                if where is not None and isinstance(node.args[where], ast.Constant):
-                    found.add(node.args[where].value)
-    return found | {f"SESSION_{state}" for state in ("REQUESTED", "DECIDED", "COMPLETED", "CANCELLED")}
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in STATUS_OF:
+                assert isinstance(node.args[0], ast.Constant), ast.unparse(node)
+                found.add((node.args[0].value, STATUS_OF[node.func.id]))
+    return found | {("STATE_UNREADABLE", 500)}
 
 
 def test_every_refusal_has_its_test():
     tests = "".join(path.read_text("utf-8") for path in Path(__file__).parent.glob("test_*.py"))
-    codes = _codes()
-    assert len(codes) > 40
-    assert not {
-        code for code in codes if f'"{code}"' not in tests and f'"^{code}: ' not in tests and f'r"^{code}' not in tests
-    }
+    codes = {code for code, _ in _codes()}
+    assert len(codes) > 50
+    assert not {code for code in codes if f'"{code}"' not in tests and f'r"^{code}: ' not in tests}
+
+
+def test_the_reference_lists_every_refusal():
+    page = Path(__file__).parents[2].joinpath("docs", "reference", "refusals.md").read_text("utf-8")
+    listed = {(code, int(status)) for code, status in re.findall(r"^\| `([A-Z_]+)` \| (\d+) \|", page, re.MULTILINE)}
+    assert listed == _codes()

@@ -108,8 +108,8 @@ def test_anchors_can_measure_a_position(empty, positions, code):
         empty.refuse(400, code, empty.operator, "CommissionPad", argument)
 
 
-def test_the_surveys_of_the_recordings_pass(empty):
-    """Four nodes on a roof, three of them nearly in a row."""
+def test_a_roof_with_three_nodes_nearly_in_a_row_passes(empty):
+    """The fourth gives the second dimension."""
     positions = [(0, 0, 0), (12_000, 150, 2_500), (25_000, -40, 0), (13_000, 9_000, 2_500)]
     empty.call(empty.operator, "RegisterPad", empty.pad_argument())
     commissioning = empty.commissioning(anchors=_anchors(empty, *positions))
