@@ -218,6 +218,7 @@ class UwbNode:
         self._port = ReconnectingPort(opener, self, timings=port_timings)
         self._sessions: dict[int, UwbSession] = {}
         self._status_changed = asyncio.Event()
+        self._session_gone = asyncio.Event()
         self._timer: asyncio.TimerHandle | None = None
         self._timer_ms = 0
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -267,19 +268,25 @@ class UwbNode:
         """
         if self._closed or self._loop is None:
             raise NodeClosedError(f"{self.name} is closed or was never entered")
-        self.device.open_session(config, monotonic_ms())
-        session = self._sessions[config.session_id] = UwbSession(self, config)
-        self._after_input()
+        session: UwbSession | None = None
         try:
             async with asyncio.timeout(timeout_s):
+                while self.device.is_closing(config.session_id):  # its predecessor, not yet confirmed gone
+                    self._session_gone.clear()
+                    await self._session_gone.wait()
+                self.device.open_session(config, monotonic_ms())
+                session = self._sessions[config.session_id] = UwbSession(self, config)
+                self._after_input()
                 await session.wait_active()
         except TimeoutError as error:
-            await session.close()
+            if session is not None:
+                await session.close()
             text = f"{self.name}: session {config.session_id:#010x} not active within {timeout_s:g} s"
             raise NodeUnavailableError(f"{text}: {self._reason()}") from error
         except asyncio.CancelledError:
-            self.close_session(session)
-            session.ended(None)
+            if session is not None:
+                self.close_session(session)
+                session.ended(None)
             raise
         return session
 
@@ -384,6 +391,7 @@ class UwbNode:
             session.settle(None)
         else:
             del self._sessions[event.session_id]
+            self._session_gone.set()
             if event.error is not None:
                 session.push(SessionFailed(now_ms, event.session_id, event.error))
             session.ended(event.error)

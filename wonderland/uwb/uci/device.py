@@ -177,6 +177,11 @@ class UciDevice:
         else:
             self._pump(now_ms)
 
+    def is_closing(self, session_id: int) -> bool:
+        """Whether a session of that id is still being taken down; ``SessionEnded`` follows."""
+        session = self._sessions.get(session_id)
+        return session is not None and not session.wanted
+
     def has_credit(self, session_id: int) -> bool:
         """Whether ``send_data`` would be taken."""
         session = self._sessions.get(session_id)
