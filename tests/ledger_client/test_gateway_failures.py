@@ -29,6 +29,7 @@ from wonderland.ledger.gateway import (
     MalformedError,
     StreamError,
     SubmitError,
+    UnknownTransactionError,
 )
 from wonderland.ledger.gateway.backoff import Backoff
 from wonderland.ledger.signing import SignatureError, verify
@@ -60,7 +61,7 @@ class Scripted:
         self.maker = maker
         self.calls = []
         self.script = {}
-        self.ledger_blocks = []
+        self.newest = 7
 
     def line_up(self, method, *answers):
         self.script.setdefault(method, []).extend(answers)
@@ -108,7 +109,8 @@ class Scripted:
         async for data in requests:
             self.calls.append((method, data))
             queue = self.script.get(method, [])
-            for answer in queue.pop(0) if queue else [events_pb2.DeliverResponse(status=common_pb2.NOT_FOUND)]:
+            newest = events_pb2.DeliverResponse(filtered_block=events_pb2.FilteredBlock(number=self.newest))
+            for answer in queue.pop(0) if queue else [newest]:
                 if isinstance(answer, FailError):
                     await context.abort(answer.code, answer.text)
                 if answer is None:
@@ -415,10 +417,21 @@ async def test_a_stream_continues_where_it_was_interrupted(network, server, chai
     assert [block.number for block in blocks] == [5, 6, 7]
     starts = []
     for name, data in server.calls:
-        assert name == "Deliver"
+        if name == "DeliverFiltered":  # how long the chain is, before continuing
+            continue
         payload = common_pb2.Payload.FromString(common_pb2.Envelope.FromString(data).payload)
         starts.append(ab_pb2.SeekInfo.FromString(payload.data).start.specified.number)
     assert starts == [5, 6, 6, 7]
+
+
+async def test_a_ledger_that_became_shorter_is_noticed(network, server, chain):
+    """Set up anew behind our back: waiting for its blocks would be silence, then another history."""
+    server.line_up("Deliver", [chain[0], chain[1], UNAVAILABLE])
+    server.newest = 3
+    stream = network.blocks(start_block=5, reconnect=True)
+    assert [(await anext(stream)).number for _ in range(2)] == [5, 6]
+    with pytest.raises(UnknownTransactionError, match="4 blocks"):
+        await anext(stream)
 
 
 @pytest.mark.parametrize("ended", [[], [status("SUCCESS")]])

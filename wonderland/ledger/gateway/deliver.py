@@ -103,6 +103,10 @@ class _Source:
         await _send(call, request)
         return call
 
+    def _note(self, delivered: int) -> None:
+        self._next = delivered + 1
+        self._must_be_reached = True  # opened again, a ledger that has become shorter is another one
+
     def _require_next(self, block: AnyBlock) -> AnyBlock:
         if block.number != self._next:
             raise StreamError(f"the peer sent block {block.number} instead of {self._next}")
@@ -124,7 +128,7 @@ class BlockSource(_Source):
 
     def delivered(self, item: Block) -> None:
         """Note that the consumer has it."""
-        self._next = item.number + 1
+        self._note(item.number)
 
 
 class FilteredBlockSource(_Source):
@@ -142,7 +146,7 @@ class FilteredBlockSource(_Source):
 
     def delivered(self, item: FilteredBlock) -> None:
         """Note that the consumer has it."""
-        self._next = item.number + 1
+        self._note(item.number)
 
 
 async def height(environment: Environment, channel: str) -> int:
