@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
+import os
 import sys
 from pathlib import Path
 
 import click
+
+# The demo starts processes while gRPC's threads run; its own fork handlers would only complain about it.
+os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "0")
 
 
 @click.command()
@@ -34,3 +39,72 @@ def demo(*, headless: bool, as_json: bool, until: int, seed: int, port: int, dir
     from simulator.demo import DemoSettings, main  # noqa: PLC0415 - --help must not load the world
 
     sys.exit(main(DemoSettings(headless or as_json, as_json, until, seed, port, directory)))
+
+
+@click.command()
+@click.option(
+    "--recording",
+    required=True,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="CSV",
+    help="Ranges with truth: columns t, anchor, range, gt_x, gt_y, gt_z (s, m).",
+)
+@click.option(
+    "--anchors",
+    required=True,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="CSV",
+    help="Anchors: columns anchor, x, y, z (m).",
+)
+@click.option(
+    "--claim",
+    default="truth",
+    show_default=True,
+    metavar="truth|offset:E,N,U",
+    help="What the drone claims: the truth, or the truth and an error in metres.",
+)
+@click.option("--truth-shift", default=0.0, metavar="S", help="The truth of a range at t is the one at t + S seconds.")
+@click.option("--truth-raise", default=0.0, metavar="M", help="Metres to add to the truth's height.")
+@click.option("--rounds", default=20, show_default=True, type=click.IntRange(10, 160), help="Rounds of a window.")
+@click.option("--windows", default=0, type=click.IntRange(0), metavar="N", help="Stop after N windows (0: never).")
+@click.option(
+    "--commissioning",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="JSON",
+    help="Commissioning record of these anchors; otherwise what is known of uncalibrated DW1000 anchors.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One line of JSON for each window on standard output.")
+def simulate(
+    *,
+    recording: Path,
+    anchors: Path,
+    claim: str,
+    truth_shift: float,
+    truth_raise: float,
+    rounds: int,
+    windows: int,
+    commissioning: Path | None,
+    as_json: bool,
+) -> None:
+    """Play recorded UWB ranges the whole way, and print the verdict of each window.
+
+    The recording is the air: virtual nodes speak it on serial ports, agents range and sign, the contract on an
+    embedded ledger judges, the mirror reads the blocks. A window is one session of --rounds rounds.
+
+    \b
+    wonderland simulate --recording ranges.csv --anchors anchors.csv
+    wonderland simulate --recording ranges.csv --anchors anchors.csv --claim offset:3,0,0 --json
+    """  # noqa: D301
+    from simulator.recording import RecordingError  # noqa: PLC0415
+    from simulator.simulate import SimulateSettings, run  # noqa: PLC0415
+    from simulator.stage import ProcessError  # noqa: PLC0415
+
+    settings = SimulateSettings(
+        recording, anchors, claim, truth_shift, truth_raise, rounds, windows, commissioning, as_json
+    )
+    try:
+        sys.exit(asyncio.run(run(settings)))
+    except (RecordingError, ProcessError) as error:
+        raise click.ClickException(str(error)) from error
+    except KeyboardInterrupt:
+        sys.exit(130)

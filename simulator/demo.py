@@ -60,13 +60,15 @@ async def run(settings: DemoSettings) -> int:
         if stop.is_set() and not main.done():
             console.print("\nStopping…")
             main.cancel()
+        code = 0
         with contextlib.suppress(asyncio.CancelledError):
-            return await main
-        return 0
+            code = await main
     except ProcessError as error:
         console.print(f"[red]{error}[/red]")
         console.print(f"Logs are in {directory / 'logs'}")
         return 1
+    else:
+        return code
     finally:
         stopping.cancel()
         if settings.directory is None:

@@ -22,7 +22,7 @@ from uav_agent.agent import ProofResult, UavAgent, UavAgentError
 from uav_agent.ledger_events import LedgerEvents
 from uav_agent.position import PositionSource
 from uav_agent.radio import UavRadio
-from wonderland.clock import SteadyClock
+from wonderland.clock import Clock, SteadyClock
 from wonderland.ledger.connection import Connection
 from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.gateway import Gateway
@@ -33,8 +33,8 @@ _log = logging.getLogger(__name__)
 RETRY_S: Final = 2.0
 ATTEMPTS: Final = 3
 ACT_LIMIT_S: Final = 60.0
-OpenPosition = Callable[[int], Any]
-"""Port → an asynchronous context whose value is a PositionSource."""
+OpenPosition = Callable[[int, Clock], Any]
+"""Port and clock → an asynchronous context whose value is a PositionSource."""
 
 
 class Modes(asyncio.DatagramProtocol):
@@ -95,8 +95,8 @@ class Fleet:
         self._modes = Modes()
         self._out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
-    async def run(self) -> None:
-        """Until cancelled."""
+    async def run(self, ready: Callable[[], None]) -> None:
+        """Until cancelled; calls ``ready`` once the autopilots are heard."""
         self._out.setblocking(False)
         loop = asyncio.get_running_loop()
         async with AsyncExitStack() as stack:
@@ -107,6 +107,7 @@ class Fleet:
             stack.callback(ear.close)
             channel = self._connection.open_channel()
             stack.push_async_callback(channel.close)
+            ready()
             async with asyncio.TaskGroup() as group:
                 for drone in self._drones:
                     group.create_task(self._drone(drone, channel), name=drone.uav_id)
@@ -119,7 +120,7 @@ class Fleet:
         async with AsyncExitStack() as stack:
             radio = await stack.enter_async_context(UavRadio(drone_path(self._directory, drone.uav_id), clock))
             position: PositionSource = await stack.enter_async_context(
-                self._open_position(self._ports.position[drone.uav_id])
+                self._open_position(self._ports.position[drone.uav_id], clock)
             )
             events = await stack.enter_async_context(LedgerEvents(contract))
             agent = UavAgent(

@@ -9,7 +9,7 @@ import json
 import logging
 import signal
 import sys
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,16 +61,22 @@ class Plan:
         )
 
 
-def run_until_told(work: Coroutine[Any, Any, None]) -> None:
-    """Run a process's one task until SIGTERM or SIGINT; says on standard output when it begins."""
+def _say_ready() -> None:
+    print(json.dumps({"ready": True}), flush=True)  # noqa: T201 - the parent waits for this line
+
+
+Ready = Callable[[], None]
+
+
+def run_until_told(work: Callable[[Ready], Coroutine[Any, Any, None]]) -> None:
+    """Run a process's one task until SIGTERM or SIGINT; it calls what it is given once it is ready."""
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
 
     async def run() -> None:
-        task = asyncio.ensure_future(work)
+        task = asyncio.ensure_future(work(_say_ready))
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, task.cancel)
-        print(json.dumps({"ready": True}), flush=True)  # noqa: T201 - the parent waits for this line
         with contextlib.suppress(asyncio.CancelledError):
             await task
 

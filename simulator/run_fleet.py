@@ -5,10 +5,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from uav_agent.position.autopilot import AutopilotPosition
-
 from simulator.fleet import Fleet
 from simulator.plan import Plan, run_until_told
+from uav_agent.position.autopilot import AutopilotPosition
 from wonderland.ledger.connection import Connection
 
 if __name__ == "__main__":
@@ -18,6 +17,6 @@ if __name__ == "__main__":
         plan.drones,
         plan.directory,
         plan.ports,
-        open_position=lambda port: AutopilotPosition("127.0.0.1", port),
+        open_position=lambda port, clock: AutopilotPosition(("127.0.0.1", port), clock),
     )
-    run_until_told(fleet.run())
+    run_until_told(fleet.run)

@@ -10,4 +10,4 @@ from simulator.world import World
 
 if __name__ == "__main__":
     plan = Plan.read(Path(sys.argv[1]))
-    run_until_told(World(plan.pads, plan.drones, plan.directory, plan.ports, seed=plan.seed).run())
+    run_until_told(World(plan.pads, plan.drones, plan.directory, plan.ports, seed=plan.seed).run)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,7 +82,7 @@ class CommittedVerdict:
 
 async def committed(
     connection: Connection, channel: Any, *, identity: str = "mirror"
-) -> AsyncIterator[CommittedVerdict]:
+) -> AsyncGenerator[CommittedVerdict]:
     """Every verdict from now on, in order of the ledger; survives a restart of the ledger."""
     gateway = Gateway(channel, connection.identity(identity), connection.signer(identity))
     stream = await gateway.network(connection.channel).blocks(start_block=0, reconnect=True)

@@ -13,6 +13,7 @@ import math
 import random
 import socket
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -26,12 +27,20 @@ from simulator.scenario import Behaviour, DroneSpec, PadSite
 from simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.frame import to_local
+from wonderland.proofs.records.sessions import Claim
 
 TICK_S: Final = 0.05
 POSITION_EVERY: Final = 2
 BROADCAST_EVERY: Final = 10
 EARSHOT_M: Final = 1_500.0
 OPERATOR_ID: Final = "FIN87astrdge12k8"
+
+
+def plug(ports: Sequence[PtyPort]) -> None:
+    """Make the serial devices appear under their paths."""
+    for port in ports:
+        port.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        port.plug()
 
 
 @dataclass(frozen=True)
@@ -96,16 +105,16 @@ class World:
             node = VirtualNode(drone.uav_id, self._air)
             self._serial.append(PtyPort(node, drone_path(directory, drone.uav_id)))
 
-    async def run(self) -> None:
-        """Until cancelled."""
-        for port in self._serial:
-            port.plug()
+    async def run(self, ready: Callable[[], None]) -> None:
+        """Until cancelled; calls ``ready`` once every serial device is there."""
+        plug(self._serial)
         out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         out.setblocking(False)
         loop = asyncio.get_running_loop()
         ear, _ = await loop.create_datagram_endpoint(
             lambda: _Commands(self._command), local_addr=("127.0.0.1", self._ports.commands)
         )
+        ready()
         self._start_s = time.monotonic()
         due = self._start_s
         tick = 0
@@ -131,7 +140,7 @@ class World:
             mission.step(t_s, TICK_S)
             if tick % POSITION_EVERY == 0:
                 fix = mission.fix(t_s, t_ms)
-                _send(out, self._ports.position[uav_id], _claim(fix))
+                send_position(out, self._ports.position[uav_id], _claim(fix))
                 _send(out, self._ports.modes, {"uav_id": uav_id, "mode": mission.mode.value, "proofs": mission.proofs})
                 if (tick + index * 2) % BROADCAST_EVERY == 0 and mission.mode is not Mode.WAITING:
                     self._broadcast(out, uav_id, mission, fix)
@@ -188,15 +197,20 @@ class _Commands(asyncio.DatagramProtocol):
             return
 
 
-def _claim(fix: Fix) -> dict[str, int]:
-    return {
-        "lat_e7": fix.lat_e7,
-        "lon_e7": fix.lon_e7,
-        "height_mm": fix.height_mm,
-        "accuracy_mm": fix.accuracy_mm,
-        "height_accuracy_mm": fix.height_accuracy_mm,
-        "t_ms": fix.t_ms,
-    }
+def send_position(out: socket.socket, port: int, claim: Claim) -> None:
+    """A position as an autopilot's bridge would send it to the drone's agent."""
+    _send(out, port, claim.to_json())
+
+
+def _claim(fix: Fix) -> Claim:
+    return Claim(
+        lat_e7=fix.lat_e7,
+        lon_e7=fix.lon_e7,
+        height_mm=fix.height_mm,
+        accuracy_mm=fix.accuracy_mm,
+        height_accuracy_mm=fix.height_accuracy_mm,
+        t_ms=fix.t_ms,
+    )
 
 
 def _send(out: socket.socket, port: int, value: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.proofs.records.sessions import AnchorRanges, Evidence, Radio, RangeTable
+from wonderland.proofs.records.sessions import AnchorRanges, BroadcastClaim, Evidence, Radio, RangeTable
 from wonderland.proofs.records.verdicts import Reason, Verdict
 from wonderland.proofs.verdict import decide, preview
 
@@ -81,6 +81,24 @@ def test_truth_to_the_pad_and_a_lie_to_the_public_is_refuted(world, now_ms):
     assert verdict.outcome == "refuted"
     assert "broadcast_contradicts" in codes(verdict)
     assert verdict.broadcast.error_mm == pytest.approx(31_000, abs=300)
+
+
+def heard_before(world, now_ms, away_mm, *, early_ms):
+    """A drone that signs from where it is; one broadcast ``early_ms`` before its first signed claim."""
+    evidence = world.evidence(at(*HERE), at(*HERE))
+    elsewhere = world.claim((HERE[0] + away_mm, HERE[1], HERE[2]), 0)
+    session = world.session(dataclasses.replace(session_claim := world.claim(HERE, 1_800_000_000_000)))
+    heard = BroadcastClaim(lat_e7=elsewhere.lat_e7, lon_e7=elsewhere.lon_e7, t_ms=session_claim.t_ms - early_ms)
+    return preview(session, world.commissioning, dataclasses.replace(evidence, broadcast=(heard,)), now_ms)
+
+
+def test_a_broadcast_from_before_the_claims_is_judged_with_what_the_drone_may_have_flown(world, now_ms):
+    approaching = heard_before(world, now_ms, 6_000, early_ms=1_500)
+    assert approaching.outcome == "verified"
+    assert approaching.broadcast.outcome == "inconclusive"
+    assert heard_before(world, now_ms, 6_000, early_ms=100).outcome == "refuted"
+    assert heard_before(world, now_ms, 60_000, early_ms=1_500).outcome == "refuted"
+    assert heard_before(world, now_ms, 60_000, early_ms=5_000).broadcast is None
 
 
 def test_a_moving_drone_is_judged_along_its_claimed_path(world, now_ms):

@@ -44,7 +44,11 @@ LOOK_INFLATION: Final = (LOOK_Z * LOOK_Z) / (SINGLE_Z * SINGLE_Z)
 REFUTING_ANCHORS: Final = 4
 """Three anchors leave no redundancy: one bad range could refute an honest drone."""
 NEAR_CLAIM_MS: Final = 3_000
-"""How far a broadcast may lie from the rounds in time and still be judged by them."""
+"""How far a broadcast may lie from the signed claims in time and still be judged by them."""
+SAME_TIME_MS: Final = 250
+"""Within this the nearest signed claim stands for the moment of a broadcast."""
+UNCLAIMED_SPEED_MM_MS: Final = 10
+"""Between a broadcast and the signed claims a drone may have moved at this speed (10 m/s, one standard deviation)."""
 BROADCAST_LATENCY_SIGMA_MS: Final = 300
 """Age of a position when it is heard: Remote ID sends once a second and stamps tenths."""
 MAX_MORE_ROUNDS: Final = 10_000
@@ -311,14 +315,19 @@ def _judge_broadcast(
     may_refute: bool,
 ) -> Judgement | None:
     """The public claim: mean of (broadcast − signed claim) when it was heard; None where nothing was heard."""
-    rounds = evidence.ranges.t_ms
+    first_ms, last_ms = path.points[0].t_ms, path.points[-1].t_ms
+    gaps = [max(first_ms - heard.t_ms, heard.t_ms - last_ms, 0) for heard in evidence.broadcast]
+    nearest_ms = min(gaps, default=NEAR_CLAIM_MS + 1)
+    if nearest_ms > NEAR_CLAIM_MS:
+        return None
+    # Those heard while claims were signed; where there are none, the nearest alone, and it may have moved since.
+    reach_ms = max(nearest_ms, SAME_TIME_MS)
+    moved_mm = float(nearest_ms * UNCLAIMED_SPEED_MM_MS) if nearest_ms > SAME_TIME_MS else 0.0
     east = north = speed = 0.0
     count = 0
-    for heard in evidence.broadcast:
-        if not rounds or not rounds[0] - NEAR_CLAIM_MS <= heard.t_ms <= rounds[-1] + NEAR_CLAIM_MS:
-            continue
-        claimed = path.at(heard.t_ms)
-        if claimed is None:
+    for heard, gap_ms in zip(evidence.broadcast, gaps, strict=True):
+        claimed = path.at(heard.t_ms) or path.points[0 if heard.t_ms < first_ms else -1]
+        if gap_ms > reach_ms:
             continue
         height = heard.height_mm if heard.height_mm is not None else session.claim.height_mm
         try:
@@ -332,12 +341,11 @@ def _judge_broadcast(
             dx, dy = later.east - claimed.east, later.north - claimed.north
             speed += sqrt(dx * dx + dy * dy) / 500
         count += 1
-    if not count:
-        return None
     latency = BROADCAST_LATENCY_SIGMA_MS * speed / count
     limit = 50_000_000.0
     shift = (max(-limit, min(limit, east / count)), max(-limit, min(limit, north / count)))
-    extra = Matrix2(latency * latency, 0.0, latency * latency)
+    variance = latency * latency + moved_mm * moved_mm
+    extra = Matrix2(variance, 0.0, variance)
     return _judge(session, commissioning, measured, extra, shift, may_verify=measured.consistent, may_refute=may_refute)
 
 
