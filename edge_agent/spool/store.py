@@ -173,6 +173,7 @@ class SpoolStore:
                 seq += self._lost
                 self._dropped += self._lost
                 self._lost = 0
+                self._save("dropped", self._dropped)
             rows: list[tuple[int, int, str, int, bytes]] = []
             kept, telemetry = self._kept_bytes, self._telemetry_bytes
             for entry in entries:
