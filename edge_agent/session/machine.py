@@ -33,6 +33,7 @@ from wonderland.proofs.keys import SessionKeys
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import BroadcastClaim, Evidence, Radio, Session
 from wonderland.proofs.records.verdicts import Verdict
+from wonderland.proofs.rounds import MIN_ANCHORS
 from wonderland.proofs.verdict import LOOKS, NEAR_CLAIM_MS, preview
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.link.messages import AbortReason
@@ -112,6 +113,7 @@ class PadSession:
         self._hopeless = 0
         self._told = 0
         self._last_usable_ms = now_ms
+        self._partial = 0
         self._last_claim_ms: int | None = None
         self._times: dict[str, int] = {}
         """Deadlines and moments by name; each is taken out when it is met."""
@@ -263,10 +265,12 @@ class PadSession:
         if self.phase is not Phase.RANGING or self._look_due:
             return
         for gathered in rounds:
+            if gathered.count < MIN_ANCHORS:  # it decides nothing, and would only cost time on the air
+                self._partial += 1
+                continue
             if not self._gathered.add_round(gathered):
                 return
-            if gathered.count >= min(3, len(gathered.range_mm)):
-                self._last_usable_ms = now_ms
+            self._last_usable_ms, self._partial = now_ms, 0
             if self._gathered.rounds in LOOKS or self._gathered.rounds >= self.session.policy.max_rounds:
                 self._look_due = True
                 self._times["look"] = now_ms + self._timing.look_patience_ms
@@ -449,7 +453,8 @@ class PadSession:
         elif now_ms >= self._cutoff_ms:
             self._fail("out_of_time", "the session is about to expire", now_ms, actions)
         elif self.phase is Phase.RANGING and now_ms >= self._last_usable_ms + self._timing.silence_ms:
-            self._fail("drone_lost", "no usable round any more", now_ms, actions)
+            reason = "too_few_anchors" if self._partial else "drone_lost"
+            self._fail(reason, f"{self._partial} rounds with fewer than {MIN_ANCHORS} ranges", now_ms, actions)
 
     # --- ends --------------------------------------------------------------------------------------------------
 

@@ -36,6 +36,12 @@ from wonderland.uwb.link.proof_payloads import RangesPart
 Claims = Callable[[int], Claim | None]
 """The drone's position at a time (ms); None while it has none."""
 
+_ABORTS: Final = {
+    "identity_mismatch": AbortReason.IDENTITY_MISMATCH,
+    "ranging_timeout": AbortReason.TIMEOUT,
+    "pad_silent": AbortReason.TIMEOUT,
+    "radios_lost": AbortReason.INTERNAL,
+}
 RESERVED_CLAIMS: Final = 2
 """Kept for the end: the claim of the last rounds is the one that matters most."""
 
@@ -277,6 +283,7 @@ class UavSession:
         """The exchange with the pad is over; the pad still brings what it has before the contract."""
         if self.phase is Phase.WAITING:
             return
+        self._words.abort(_ABORTS.get(reason, AbortReason.UNSPECIFIED), reason, now_ms)
         step = {Phase.LISTENING: "poll", Phase.RANGING: "range"}.get(self.phase, "confirm")
         actions.append(do.ReportStep(step, now_ms, ok=False, detail=f"{reason}: {detail}" if detail else reason))
         self._wait(reason)

@@ -1,0 +1,325 @@
+"""Both machines of a proof in virtual time: the eight steps, and every way in which they can be broken off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from edge_agent.session import actions as pad_do
+from edge_agent.session import events as pad_on
+from edge_agent.session.machine import Phase as PadPhase
+from uav_agent.session import actions as uav_do
+from uav_agent.session import events as uav_on
+from uav_agent.session.machine import Phase as UavPhase
+from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.sessions import STEP_NAMES, Evidence
+
+
+def test_eight_steps_in_order_each_with_its_time(make_duo):
+    duo = make_duo()
+    duo.run()
+    assert duo.verdict.outcome == "verified"
+    assert (duo.ledger_state, duo.ledger_end) == ("completed", "done")
+    assert duo.failures() == []
+    reached = [action.step for action in duo.of(duo.pad_actions, pad_do.ReportStep)]
+    assert reached == list(STEP_NAMES)
+    times = list(duo.pad.evidence.steps.values())
+    assert times == sorted(times)
+    assert [step.step for step in duo.evidence.steps] == list(STEP_NAMES[:6])
+    assert list(duo.uav.steps) == ["request", "poll", "match", "reply", "range", "confirm", "verdict", "permission"]
+    assert Evidence.parse(duo.evidence.to_json()) == duo.evidence
+
+
+def test_an_honest_hovering_drone_is_settled_at_the_first_look(make_duo):
+    duo = make_duo()
+    duo.run()
+    assert len(duo.evidence.ranges.t_ms) == 10
+    assert duo.now_ms - duo.START_MS < 1_500
+
+
+def test_permission_is_given_after_the_committed_verdict_and_not_before(make_duo):
+    duo = make_duo()
+    duo.ledger_away = True
+    seen = []
+    duo.on(lambda d: d.now_ms > d.START_MS + 20_000, lambda d: seen.append((list(d.pad_actions), list(d.uav_actions))))
+    duo.on(lambda d: d.now_ms > d.START_MS + 20_005, lambda d: d._decide(d.evidence))
+    duo.run()
+    pad_before, uav_before = seen[0]
+    assert duo.of(pad_before, pad_do.Submit)
+    assert not duo.of(pad_before, pad_do.Permit)
+    assert not duo.of(uav_before, uav_do.Act)
+    assert duo.of(duo.pad_actions, pad_do.Permit)
+    assert duo.of(duo.uav_actions, uav_do.Act)
+
+
+def test_whole_certificates_travel_too(make_duo):
+    duo = make_duo(whole_certificate=True, pad_certificate=b"pad certificate", uav_certificate=b"uav certificate")
+    duo.run()
+    assert duo.verdict.outcome == "verified"
+
+
+@pytest.mark.parametrize("who", ["pad", "uav"])
+def test_another_certificate_than_the_ledgers_ends_in_a_refusal(make_duo, who):
+    duo = make_duo(**{f"{who}_certificate": b"somebody else's"})
+    duo.run()
+    assert duo.verdict.permission == "refused"
+    assert "identity_mismatch" in duo.evidence.failure
+    assert duo.ledger_state == "decided"
+
+
+@pytest.mark.parametrize("liar", ["pad", "uav"])
+def test_another_session_code_ends_in_a_refusal(make_duo, liar):
+    duo = make_duo()
+    name = f"code_{liar}"
+    other = replace(duo.keys, **{name: b"\x00" * 16})
+    duo = make_duo(**{f"{liar}_keys": other})
+    duo.run()
+    assert duo.verdict.permission == "refused"
+    assert duo.evidence.matched == "none"
+    assert duo.evidence.failure in {"code_mismatch", "drone_saw_code_mismatch"}
+    assert not duo.evidence.ranges.t_ms
+
+
+def test_a_drone_with_other_keys_is_not_understood_and_not_permitted(make_duo):
+    stranger = replace(make_duo().keys, key_uav_to_pad=b"x" * 16, key_pad_to_uav=b"y" * 16)
+    duo = make_duo(uav_keys=stranger)
+    duo.run()
+    assert duo.verdict.permission == "refused"
+    assert duo.evidence.failure == "no_reply"
+    assert duo.uav_end.state == "decided"
+
+
+def test_a_drone_elsewhere_is_refuted(make_duo, make_flight):
+    flight = make_flight(truth=(14_000.0, 3_000.0, 6_000.0))
+    duo = make_duo(flight=flight)
+    duo.run()
+    assert duo.verdict.outcome == "refuted"
+    assert duo.uav_end.end == "refused"
+    assert not duo.of(duo.uav_actions, uav_do.Act)
+    assert not duo.of(duo.pad_actions, pad_do.Permit)
+
+
+def test_a_silent_anchor_leaves_three_and_a_verdict(make_duo, make_flight):
+    duo = make_duo(flight=make_flight(silent={"A3"}))
+    duo.run()
+    assert duo.ledger_state in {"completed", "decided"}
+    assert set(duo.evidence.ranges.anchors[2].range_mm) == {-1}
+    assert any(reason.code == "anchor_silent" for reason in duo.verdict.reasons)
+
+
+def test_two_silent_anchors_are_no_ranging(make_duo, make_flight):
+    duo = make_duo(flight=make_flight(silent={"A3", "A4"}))
+    duo.run()
+    assert duo.evidence.failure == "too_few_anchors"
+    assert duo.evidence.ranges.t_ms == ()
+    assert duo.verdict.permission == "refused"
+
+
+def test_a_hopeless_session_is_not_ranged_to_the_end(make_duo, make_flight):
+    flight = make_flight(noise_mm=20.0)
+    flight.truth = (flight.claimed[0] + 960.0, *flight.claimed[1:])  # at the very rim of the buffer
+    duo = make_duo(flight=flight, policy=Policy(max_rounds=500))
+    duo.run()
+    assert duo.verdict.permission == "refused"
+    assert len(duo.evidence.ranges.t_ms) <= 160
+
+
+def test_ranging_stops_at_the_most_rounds_of_the_policy(make_duo, make_flight):
+    flight = make_flight()
+    flight.truth = (flight.claimed[0] + 900.0, *flight.claimed[1:])
+    duo = make_duo(flight=flight, policy=Policy(max_rounds=20))
+    duo.run()
+    assert len(duo.evidence.ranges.t_ms) <= 20
+
+
+# --- who dies when ------------------------------------------------------------------------------------------------
+
+
+def phase_is(machine, phase):
+    return lambda duo: getattr(duo, machine).phase is phase
+
+
+STEPS = {
+    "pad opens": phase_is("pad", PadPhase.OPENING),
+    "pad polls": phase_is("pad", PadPhase.POLLING),
+    "drone replied": phase_is("uav", UavPhase.RANGING),
+    "pad ranges": phase_is("pad", PadPhase.RANGING),
+    "half of the rounds": lambda duo: duo.pad.evidence.rounds >= 5,
+    "pad confirms": phase_is("pad", PadPhase.CONFIRMING),
+    "drone signed": lambda duo: "confirm" in duo.uav.steps,
+    "submitted": lambda duo: duo.evidence is not None,
+    "decided": lambda duo: duo.ledger_state == "decided",
+}
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_a_drone_that_dies_leaves_a_recorded_end(make_duo, step):
+    duo = make_duo()
+    if step == "pad opens":
+        duo.dead.add("uav")
+    else:
+        duo.on(STEPS[step], lambda d: d.dead.add("uav"))
+    duo.run()
+    assert duo.pad_end is not None
+    assert duo.pad.phase is PadPhase.ENDED
+    assert duo.ledger_state in {"decided", "cancelled"}
+    if duo.verdict is not None and duo.verdict.permission == "granted":  # it had signed everything before it died
+        assert (duo.ledger_state, duo.pad_end.end) == ("cancelled", "permission_expired")
+        assert duo.of(duo.pad_actions, pad_do.Withdraw)
+    else:
+        assert duo.evidence.failure is not None
+        assert not duo.of(duo.pad_actions, pad_do.Permit)
+
+
+@pytest.mark.parametrize("step", [step for step in STEPS if step not in {"decided", "submitted"}])
+def test_a_pad_that_dies_leaves_an_end_recorded_by_the_drone(make_duo, step):
+    duo = make_duo()
+    if step == "pad opens":
+        duo.dead.add("pad")
+    else:
+        duo.on(STEPS[step], lambda d: d.dead.add("pad"))
+    duo.run()
+    assert duo.uav.phase is UavPhase.ENDED
+    if duo.verdict is None:
+        assert (duo.ledger_state, duo.uav_end.state) == ("cancelled", "cancelled")
+        assert not duo.of(duo.uav_actions, uav_do.Act)
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_a_ledger_that_is_away_from_a_step_on_permits_nothing(make_duo, step):
+    duo = make_duo()
+    duo.ledger_away = step != "decided"
+    duo.on(lambda d: d.evidence is not None, lambda d: d.tell_pad(pad_on.LedgerLost("away")))
+    duo.run()
+    if duo.verdict is None:
+        assert not duo.of(duo.pad_actions, pad_do.Permit)
+        assert not duo.of(duo.uav_actions, uav_do.Act)
+        assert duo.pad_end.end == "ledger_lost"
+
+
+@pytest.mark.parametrize("mute", ["pad", "uav"])
+def test_a_radio_that_falls_silent_is_noticed(make_duo, mute):
+    duo = make_duo()
+    duo.on(lambda d: d.pad.evidence.rounds >= 5, lambda d: d.mute.add(mute))
+    duo.run()
+    assert duo.pad_end is not None
+    assert duo.uav_end is not None
+    assert duo.verdict.permission == "refused"
+    assert duo.evidence.failure in {"drone_lost", "not_countersigned", "no_echo", "link_undelivered", "no_identity"}
+
+
+def test_nodes_that_do_not_open_end_in_a_cancellation(make_duo):
+    duo = make_duo()
+    duo.dead.add("pad radios")
+    duo.run()
+    assert (duo.ledger_state, duo.ledger_end) == ("cancelled", "radios_unavailable")
+    assert duo.uav_end.state == "cancelled"
+
+
+def test_the_drones_own_node_failing_ends_in_a_cancellation(make_duo):
+    duo = make_duo()
+    duo.dead.add("uav radios")
+    duo.run()
+    assert duo.ledger_state in {"cancelled", "decided"}
+    assert duo.uav_end is not None
+    assert duo.pad_end is not None
+
+
+def test_nodes_lost_while_ranging_are_judged_with_their_reason(make_duo):
+    duo = make_duo()
+    duo.on(lambda d: d.pad.evidence.rounds >= 3, lambda d: d.tell_pad(pad_on.RadiosFailed("unplugged")))
+    duo.run()
+    assert duo.evidence.failure == "radios_lost"
+    assert duo.verdict.permission == "refused"
+
+
+@pytest.mark.parametrize("step", [step for step in STEPS if step not in {"pad opens", "decided", "submitted"}])
+def test_an_agent_told_to_stop_ends_the_session(make_duo, step):
+    duo = make_duo()
+    duo.on(STEPS[step], lambda d: d.tell_pad(pad_on.Interrupted("agent_stopped")))
+    duo.run()
+    assert duo.pad_end is not None
+    assert duo.uav_end is not None
+    assert not duo.of(duo.pad_actions, pad_do.Permit) or duo.ledger_state == "completed"
+
+
+def test_a_cancelled_session_is_left_at_once(make_duo):
+    duo = make_duo()
+    duo.on(
+        lambda d: d.pad.evidence.rounds >= 3,
+        lambda d: (
+            d.tell_pad(pad_on.SessionCancelled("authority", "stop")),
+            d.tell_uav(uav_on.SessionCancelled("authority", "stop")),
+        ),
+    )
+    duo.run()
+    assert duo.pad_end.end == duo.uav_end.end == "stop"
+    assert duo.of(duo.pad_actions, pad_do.CloseRadios)
+    assert duo.evidence is None
+
+
+# --- what the other side may not do -------------------------------------------------------------------------------
+
+
+def test_a_pad_that_tells_other_ranges_gets_no_signature(make_duo):
+    duo = make_duo()
+    honest = duo.uav.handle
+
+    def shifted(event, now_ms):
+        if isinstance(event, uav_on.OwnRange):
+            event = replace(event, range_mm=event.range_mm + 2_000)
+        return honest(event, now_ms)
+
+    duo.uav.handle = shifted
+    duo.run()
+    assert duo.evidence.uav_signature is None
+    assert duo.evidence.failure == "ranges_refused"
+    assert duo.verdict.permission == "refused"
+    assert duo.uav.failure == "ranges_disagree"
+
+
+def test_a_signature_that_does_not_fit_verifies_nothing(make_duo):
+    duo = make_duo()
+    honest = duo.uav.handle
+
+    def forged(event, now_ms):
+        return honest(uav_on.Signed(b"\x01" * 64) if isinstance(event, uav_on.Signed) else event, now_ms)
+
+    duo.uav.handle = forged
+    duo.run()
+    assert duo.verdict.outcome != "verified"
+    assert [step.ok for step in duo.of(duo.pad_actions, pad_do.ReportStep) if step.step == "confirm"] == [False]
+
+
+def test_garbage_and_strangers_frames_change_nothing(make_duo):
+    duo = make_duo()
+    for after in range(0, 10, 2):
+        duo.on(
+            lambda d, after=after: d.pad.evidence.rounds >= after,
+            lambda d: (
+                d.tell_pad(pad_on.DataHeard(b"\xff" * 40)),
+                d.tell_uav(uav_on.DataHeard(b"")),
+                d.tell_pad(pad_on.AnchorRange("Z9", d.now_ms, 5_000)),
+            ),
+        )
+    duo.run()
+    assert duo.verdict.outcome == "verified"
+
+
+def test_a_drone_without_a_position_claims_nothing_and_is_not_verified_elsewhere(make_duo, make_flight):
+    flight = make_flight()
+    duo = make_duo(flight=flight)
+    duo.uav._claims_now = lambda now_ms: None
+    duo.run()
+    assert duo.evidence.claims == ()
+    assert duo.pad_end is not None
+
+
+def test_claims_keep_to_what_a_session_may_hold(make_duo, make_flight):
+    flight = make_flight()
+    flight.truth = (flight.claimed[0] + 700.0, *flight.claimed[1:])
+    duo = make_duo(flight=flight, policy=Policy(verify_ppm=999_999, refute_ppm=1))
+    duo.run()
+    assert len(duo.evidence.claims) <= 200
+    assert [claim.t_ms for claim in duo.evidence.claims] == sorted(claim.t_ms for claim in duo.evidence.claims)
