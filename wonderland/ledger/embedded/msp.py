@@ -126,34 +126,38 @@ class ChannelMembership:
 
     def _check(self, creator: bytes) -> Member:
         try:
-            identity = Identity.from_creator(creator)
-            organisation = self._organisations.get(identity.msp_id)
-            if organisation is None:
-                raise AccessDeniedError(f"creator org unknown: {identity.msp_id!r} is no organisation of this channel")
-            chain = _chain(organisation, identity.certificate)
-            if _is_ca(identity.certificate):
-                raise AccessDeniedError(f"{identity.msp_id}: a CA certificate cannot be used as an identity")
-            for certificate, issuer in itertools.pairwise(chain):
-                if (_subject_key_id(issuer), certificate.serial_number) in organisation.revoked:
-                    raise AccessDeniedError(
-                        f"{identity.msp_id}: the certificate of {identity.common_name!r} is revoked"
-                    )
-            if not identity.node_ou:
-                raise AccessDeniedError(
-                    f"{identity.msp_id}: the certificate must name exactly one of the OUs client, peer, admin, orderer"
-                )
-            view = Creator(
-                msp_id=identity.msp_id,
-                role=identity.role,
-                pol_id=identity.pol_id,
-                common_name=identity.common_name,
-                attributes=dict(identity.attributes),
-                certificate_sha256=identity.certificate_sha256,
-                public_key=identity.public_key_bytes,
-                node_ou=identity.node_ou,
+            return self._admit(Identity.from_creator(creator))
+        except AccessDeniedError:
+            raise
+        except Exception as cause:  # the X.509 library has many ways (KeyError among them) to say that bytes are odd
+            what = cause if isinstance(cause, IdentityError) else f"its certificate cannot be read ({cause!r})"
+            raise AccessDeniedError(f"creator is malformed: {what}") from cause
+
+    def _admit(self, identity: Identity) -> Member:
+        msp_id = identity.msp_id
+        organisation = self._organisations.get(msp_id)
+        if organisation is None:
+            raise AccessDeniedError(f"creator org unknown: {msp_id!r} is no organisation of this channel")
+        chain = _chain(organisation, identity.certificate)
+        if _is_ca(identity.certificate):
+            raise AccessDeniedError(f"{msp_id}: a CA certificate cannot be used as an identity")
+        for certificate, issuer in itertools.pairwise(chain):
+            if (_subject_key_id(issuer), certificate.serial_number) in organisation.revoked:
+                raise AccessDeniedError(f"{msp_id}: the certificate of {identity.common_name!r} is revoked")
+        if not identity.node_ou:
+            raise AccessDeniedError(
+                f"{msp_id}: the certificate must name exactly one of the OUs client, peer, admin, orderer"
             )
-        except IdentityError as cause:
-            raise AccessDeniedError(f"creator is malformed: {cause}") from cause
+        view = Creator(
+            msp_id=msp_id,
+            role=identity.role,
+            pol_id=identity.pol_id,
+            common_name=identity.common_name,
+            attributes=dict(identity.attributes),
+            certificate_sha256=identity.certificate_sha256,
+            public_key=identity.public_key_bytes,
+            node_ou=identity.node_ou,
+        )
         return Member(
             identity,
             view,
