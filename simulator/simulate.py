@@ -44,6 +44,10 @@ UAV_ID: Final = "RECORDED"
 VERDICT_S: Final = 20.0
 MIRROR_S: Final = 15.0
 TRIES: Final = 5
+RETRY_S: Final = 1.0
+POSITION_S: Final = 10.0
+MIN_ROUNDS: Final = 5
+"""Recordings have rounds with too few anchors, so that a window of N rounds must not need N usable ones."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +100,9 @@ async def run(settings: SimulateSettings) -> int:
             StageSettings(
                 (pad,),
                 (drone,),
-                policy=lambda _: Policy(min_rounds=settings.rounds, max_rounds=settings.rounds, min_assurance=2),
+                policy=lambda _: Policy(
+                    min_rounds=max(MIN_ROUNDS, settings.rounds // 2), max_rounds=settings.rounds, min_assurance=2
+                ),
                 commissioning=_commissioning(settings.commissioning),
             ),
             say=lambda text: progress.update(task, description=text),
@@ -107,33 +113,43 @@ async def run(settings: SimulateSettings) -> int:
             try:
                 await stage.start_pads()
                 progress.update(task, description="Playing")
-                player = _Player(settings, stage, playback, console)
-                await player.play(lambda: progress.update(task, completed=playback.played))
+                printer = _Printer(console, as_json=settings.as_json)
+                player = Player(stage, playback, UAV_ID, console, printer.show)
+                await player.play(
+                    windows=settings.windows,
+                    rounds=settings.rounds,
+                    progress=lambda: progress.update(task, completed=playback.played),
+                )
                 mirrored = await _mirrored(stage, player.count)
             finally:
                 air.cancel()
                 with contextlib.suppress(asyncio.CancelledError):
                     await air
-        counts = ", ".join(f"{player.outcomes[name]} {name}" for name in OUTCOMES)
+        counts = ", ".join(f"{printer.outcomes[name]} {name}" for name in OUTCOMES)
         console.print(f"{player.count} windows: {counts}; {player.failed} without a verdict; {mirrored} in the mirror")
     return 0 if player.count and mirrored == player.count else 1
 
 
-class _Player:
+Show = Callable[[CommittedVerdict, float, float], None]
+"""Hears each verdict with the recorded time (s) at which its window began and ended."""
+
+
+class Player:
     """Proves window after window until the recording is over."""
 
-    def __init__(self, settings: SimulateSettings, stage: Stage, playback: Playback, console: Console) -> None:
-        self._settings = settings
+    def __init__(self, stage: Stage, playback: Playback, uav_id: str, console: Console, show: Show) -> None:
         self._stage = stage
         self._playback = playback
+        self._uav_id = uav_id
         self._console = console
+        self._show = show
         self.count = 0
         self.failed = 0
-        self.outcomes = dict.fromkeys(OUTCOMES, 0)
 
-    async def play(self, progress: Callable[[], None]) -> None:
+    async def play(self, *, windows: int, rounds: int, progress: Callable[[], None] = lambda: None) -> None:
+        """Until ``windows`` have a verdict (0: all), or fewer than ``rounds`` rounds are left."""
         connection = self._stage.connection
-        identity, signer, clock = connection.identity(UAV_ID), connection.signer(UAV_ID), SteadyClock()
+        identity, signer, clock = connection.identity(self._uav_id), connection.signer(self._uav_id), SteadyClock()
         async with AsyncExitStack() as stack:
             channel = connection.open_channel()
             stack.push_async_callback(channel.close)
@@ -142,12 +158,12 @@ class _Player:
             )
             verdicts = committed(connection, channel)
             stack.push_async_callback(verdicts.aclose)
-            radio = await stack.enter_async_context(UavRadio(drone_path(self._stage.directory, UAV_ID), clock))
-            port = self._stage.ports.position[UAV_ID]
+            radio = await stack.enter_async_context(UavRadio(drone_path(self._stage.directory, self._uav_id), clock))
+            port = self._stage.ports.position[self._uav_id]
             position = await stack.enter_async_context(AutopilotPosition(("127.0.0.1", port), clock))
             events = await stack.enter_async_context(LedgerEvents(contract))
             agent = UavAgent(
-                uav_id=UAV_ID,
+                uav_id=self._uav_id,
                 ledger=contract,
                 events=events,
                 identity=identity,
@@ -157,17 +173,16 @@ class _Player:
                 act=_land_at_once,
                 clock=clock,
             )
+            await position.wait(POSITION_S)
             tries = 0
-            while self._playback.left >= self._settings.rounds and tries < TRIES:
-                if self._settings.windows and self.count >= self._settings.windows:
-                    return
+            while self._playback.left >= rounds and tries < TRIES and not (windows and self.count >= windows):
                 first_s = self._playback.position_s
                 try:
                     result = await agent.prove(self._stage.settings.pads[0].pad_id, "land")
                 except (UavAgentError, LedgerError) as error:
                     tries += 1
                     self._console.print(f"[yellow]No proof at {first_s:.1f} s: {error}[/yellow]")
-                    await asyncio.sleep(1.0)
+                    await asyncio.sleep(RETRY_S)
                     continue
                 if result.verdict is None:
                     self.failed += 1
@@ -177,14 +192,23 @@ class _Player:
                 tries = 0
                 async with asyncio.timeout(VERDICT_S):
                     item = await _of_session(verdicts, result.session_id)
+                self.count += 1
                 self._show(item, first_s, self._playback.position_s)
                 progress()
 
-    def _show(self, item: CommittedVerdict, first_s: float, last_s: float) -> None:
-        self.count += 1
+
+class _Printer:
+    """A line for each window, for people or for machines."""
+
+    def __init__(self, console: Console, *, as_json: bool) -> None:
+        self._console = console
+        self._as_json = as_json
+        self.outcomes = dict.fromkeys(OUTCOMES, 0)
+
+    def show(self, item: CommittedVerdict, first_s: float, last_s: float) -> None:
         self.outcomes[item.verdict.outcome] += 1
         line: dict[str, Any] = {"from_s": round(first_s, 3), "to_s": round(last_s, 3), **item.line()}
-        if self._settings.as_json:
+        if self._as_json:
             print(json.dumps(line), flush=True)  # noqa: T201 - the product of --json
             return
         error = f"{line['error_m']:.2f} m" if "error_m" in line else "–"
