@@ -16,8 +16,8 @@ class DiskReserve:
     def __init__(self, path: Path, size: int) -> None:
         self._path = path
         self._size = size
-        self.held = False
-        """Whether the space is put aside (always with a size of 0, until a release)."""
+        self.held = path.exists()
+        """Whether the space is put aside: also by an earlier process; always with a size of 0, until a release."""
 
     def restore(self) -> bool:
         """Put the space aside; False when the disk has not as much."""

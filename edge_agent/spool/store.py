@@ -10,21 +10,24 @@ import contextlib
 import sqlite3
 import uuid
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from functools import partial
+from typing import TYPE_CHECKING, Final, TypeVar
 
-from edge_agent.spool.errors import SpoolError, SpoolFull
+from edge_agent.spool.errors import SpoolCorruptError, SpoolError, SpoolFull
 from edge_agent.spool.reserve import DiskReserve
 from edge_agent.spool.schema import EVIDENCE, MARKER, TELEMETRY, open_database, translated
 from wonderland.proofs import encoding
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
 ROW_BYTES: Final = 64
 """What a row costs besides its body: numbers, index entry, its share of a page."""
 MIN_QUOTA_BYTES: Final = 256 * 1024
 DROPPED: Final = "dropped"
+
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,17 +83,28 @@ class SpoolStore:
         self._what = f"spool {path}"
         self._quota = quota_bytes
         self._headroom = max(quota_bytes // 16, 64 * 1024)
-        # Pages fill only in part: the file may take twice what is counted before SQLite stops it.
-        self._db = open_database(path, owner=owner, max_bytes=2 * quota_bytes + (1 << 20))
         self._reserve = DiskReserve(path.with_suffix(".reserve"), reserve_bytes)
-        self._reserve.restore()
         self._disk_full = False
         self._lost = 0
+        # Pages fill only in part: the file may take twice what is counted before SQLite stops it.
+        max_bytes = 2 * quota_bytes + (1 << 20)
+        try:
+            self._db = open_database(path, owner=owner, max_bytes=max_bytes)
+        except SpoolFull:
+            # Even to read takes a little space; the agent must be able to start and end what was interrupted.
+            if not self._reserve.release():
+                raise
+            self._disk_full = True
+            self._db = open_database(path, owner=owner, max_bytes=max_bytes)
+        self._reserve.restore()
         try:
             self._load()
         except sqlite3.Error as cause:
             self._db.close()
             raise translated(cause, self._what) from cause
+        except (KeyError, ValueError, TypeError) as cause:
+            self._db.close()
+            raise SpoolCorruptError(f"{self._what}: its numbers cannot be read; move the directory aside") from cause
 
     def _load(self) -> None:
         meta = dict(self._db.execute("SELECT name, value FROM meta").fetchall())
@@ -226,8 +240,10 @@ class SpoolStore:
         """
         if seq > self._last_seq:
             raise SpoolError(f"{self._what}: {seq} was acknowledged, but the last record is {self._last_seq}")
-        if seq <= self._acknowledged:
-            return
+        if seq > self._acknowledged:
+            self._with_reserve(partial(self._acknowledge, seq))
+
+    def _acknowledge(self, seq: int) -> None:
         with self._transaction(durable=False):
             for number, rows, size in self._db.execute(
                 "SELECT class, count(*), sum(length(body)) FROM records WHERE seq <= ? GROUP BY class", (seq,)
@@ -285,14 +301,19 @@ class SpoolStore:
 
     def take_secret(self, name: str) -> bytes | None:
         """A secret, which is durably gone from here with that; None when there is none (any more)."""
+        secret = self._with_reserve(partial(self._take_secret, name))
+        if secret is not None:
+            # The log still holds the page with the secret: put the overwritten one in its place, and cut the log.
+            with contextlib.suppress(sqlite3.Error):
+                self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+        return secret
+
+    def _take_secret(self, name: str) -> bytes | None:
         with self._transaction():
             row = self._db.execute("SELECT value FROM secrets WHERE name = ?", (name,)).fetchone()
             if row is None:
                 return None
             self._db.execute("DELETE FROM secrets WHERE name = ?", (name,))
-        # The log still holds the page with the secret: put the overwritten one in its place, and cut the log.
-        with contextlib.suppress(sqlite3.Error):
-            self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
         return bytes(row[0])
 
     def secret_names(self) -> list[str]:
@@ -302,13 +323,11 @@ class SpoolStore:
 
     def put_session(self, session_id: str, state: bytes) -> None:
         """Store or replace the state of a session in progress."""
-        with self._transaction():
-            self._db.execute("INSERT OR REPLACE INTO sessions VALUES (?, ?)", (session_id, state))
+        self._execute("INSERT OR REPLACE INTO sessions VALUES (?, ?)", session_id, state)
 
     def remove_session(self, session_id: str) -> None:
         """Forget a session that has ended."""
-        with self._transaction():
-            self._db.execute("DELETE FROM sessions WHERE session_id = ?", (session_id,))
+        self._execute("DELETE FROM sessions WHERE session_id = ?", session_id)
 
     def sessions(self) -> dict[str, bytes]:
         """Sessions in progress: after a start, those that a crash or power cut interrupted."""
@@ -317,8 +336,7 @@ class SpoolStore:
 
     def put_note(self, name: str, value: bytes) -> None:
         """Store or replace a small value of the agent's own, for example where it stands in the event stream."""
-        with self._transaction():
-            self._db.execute("INSERT OR REPLACE INTO notes VALUES (?, ?)", (name, value))
+        self._execute("INSERT OR REPLACE INTO notes VALUES (?, ?)", name, value)
 
     def note(self, name: str) -> bytes | None:
         """A value of the agent's own; None when it was never put."""
@@ -327,6 +345,23 @@ class SpoolStore:
         return None if row is None else bytes(row[0])
 
     # Inside
+
+    def _execute(self, statement: str, *values: str | bytes) -> None:
+        def work() -> None:
+            with self._transaction():
+                self._db.execute(statement, values)
+
+        self._with_reserve(work)
+
+    def _with_reserve(self, work: Callable[[], _Result]) -> _Result:
+        """Do what a running session needs, in the reserve's space when there is no other."""
+        try:
+            return work()
+        except SpoolFull:
+            self._disk_full = True
+            if not self._reserve.release():
+                raise
+        return work()
 
     def _drop_all_telemetry(self) -> None:
         with self._transaction():
