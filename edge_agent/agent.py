@@ -23,6 +23,7 @@ from edge_agent.session.ports import Radios, SessionLedger
 from edge_agent.session.runner import SessionRunner
 from edge_agent.spool import SpoolError
 from wonderland.clock import SteadyClock
+from wonderland.ledger.checkpoints import Checkpoint
 from wonderland.ledger.errors import CheckpointError, LedgerError
 from wonderland.ledger.proof_contract import AwayError, ContractEvent, RefusedError
 from wonderland.proofs import encoding, keys
@@ -73,9 +74,9 @@ class PadLedger(SessionLedger, PrekeyLedger, ReconcileLedger, Protocol):
         ...
 
     def events(
-        self, *, checkpointer: Checkpointer | None = None, start_block: int | None = None, names: frozenset[str]
+        self, *, checkpointer: Checkpointer | None = None, names: frozenset[str]
     ) -> AsyncIterator[ContractEvent]:
-        """Events with these names, for ever."""
+        """Events with these names, for ever, from where the checkpoint says."""
         ...
 
 
@@ -128,6 +129,8 @@ class PadAgent:
         self._runner: SessionRunner | None = None
         self._pad: Pad | None = None
         self._care = asyncio.Event()
+        self._placed = asyncio.Event()
+        """The place in the ledger's events is kept: no request that comes from now on can be missed."""
         self._started = asyncio.Event()
         self._idle = asyncio.Event()
         self._idle.set()
@@ -173,14 +176,12 @@ class PadAgent:
 
     async def _listen(self) -> None:
         """Events of the contract, from where the last run left off."""
-        start_block: int | None = None
         while True:
             try:
-                if start_block is None and self._checkpointer.load() is None:
-                    start_block = await self._ledger.height()
-                async for event in self._ledger.events(
-                    checkpointer=self._checkpointer, start_block=start_block, names=NAMES
-                ):
+                if self._checkpointer.load() is None:  # the first start: what was before cannot concern this agent
+                    self._checkpointer.save(Checkpoint(await self._ledger.height()))
+                self._placed.set()
+                async for event in self._ledger.events(checkpointer=self._checkpointer, names=NAMES):
                     await self._take(event)
             except CheckpointError as error:
                 raise AgentError(str(error)) from error
@@ -338,6 +339,7 @@ class PadAgent:
 
     async def _take_care(self) -> None:
         """Prekeys and left-over sessions, whenever something changed and every few seconds."""
+        await self._placed.wait()
         while True:
             try:
                 if not self._started.is_set() or self._prekeys.low:

@@ -251,23 +251,35 @@ class World:
             }
             yield UavAgent(**(arguments | more))
 
+    async def restart_ledger(self, pause_s: float) -> None:
+        """Gone for a while, then there again at the same address."""
+        address = self.connection.gateway.address
+        await self.ledger.stop()
+        await asyncio.sleep(pause_s)
+        self.ledger = open_ledger(self.directory, listen=address)
+        await self.ledger.start()
+
     def close(self) -> None:
         for port in self.ports.values():
             port.close()
         self.air.close()
 
 
+def open_ledger(directory: Path, **where) -> EmbeddedLedger:
+    settings = LedgerSettings(limits=BatchLimits(time_ms=1), **where)
+    return EmbeddedLedger(directory / "ledger", {"pol": CONTRACT}, settings)
+
+
 @pytest.fixture
 async def world(tmp_path):
-    settings = LedgerSettings(limits=BatchLimits(time_ms=1))
-    async with (
-        EmbeddedLedger(tmp_path / "ledger", {"pol": CONTRACT}, settings) as ledger,
-        ledger.connection.open_channel() as channel,
-    ):
+    ledger = open_ledger(tmp_path)
+    await ledger.start()
+    async with ledger.connection.open_channel() as channel:
         made = World(tmp_path, ledger, channel)
         await made.set_up()
         yield made
         made.close()
+    await made.ledger.stop()
 
 
 @pytest.fixture

@@ -2,10 +2,264 @@
 
 from __future__ import annotations
 
+import asyncio
+import json
+
+import pytest
+
+from edge_agent.agent import AgentError
+from edge_agent.spool import Spool
+from uav_agent.agent import UavAgentError
+from wonderland.ledger.proof_contract import RefusedError
+from wonderland.proofs.records.sessions import STEP_NAMES
+
+
+async def records(world):
+    """What the pad's spool holds for the backend, by kind, once its agent has gone."""
+    async with await Spool.open(world.directory / "spool", owner="pad-1") as spool:
+        found = await spool.pending(0, max_records=10_000, max_bytes=1 << 24)
+        left = await spool.sessions()
+    by_kind = {}
+    for record in found:
+        by_kind.setdefault(record.kind, []).append(json.loads(record.body))
+    return by_kind, left
+
+
+async def until(condition, limit_s=10.0):
+    async with asyncio.timeout(limit_s):
+        while not condition():
+            await asyncio.sleep(0.01)
+
+
+async def until_state(world, session_id, *states, limit_s=15.0):
+    ledger = world.contract("mirror")
+    async with asyncio.timeout(limit_s):
+        while (session := await ledger.read_session(session_id)).state not in states:
+            await asyncio.sleep(0.05)
+    return session
+
 
 async def test_an_honest_drone_is_verified_permitted_and_completes(world):
     async with world.pad(), world.uav() as uav:
         result = await uav.prove("pad-1", "land")
-    assert (result.state, result.end) == ("completed", "done"), result
+        session = await until_state(world, result.session_id, "completed")
+    assert (result.state, result.end) == ("completed", "done")
     assert result.verdict.outcome == "verified"
-    print(result.steps, result.verdict.reasons, result.verdict.rounds)
+    assert result.verdict.assurance == 2
+    assert session.end == "done"
+    assert [verdict.session_id for verdict in world.acted] == [result.session_id]
+    assert list(result.steps) == list(STEP_NAMES)
+    told, left = await records(world)
+    assert left == {}
+    assert [step["step"] for step in told["step"]] == list(STEP_NAMES)
+    assert [end["state"] for end in told["session_end"]] == ["completed"]
+    assert told["estimate"][-1]["rounds"] >= 10
+    assert set(told["estimate"][-1]["ranges"]) == {"A1", "A2", "A3", "A4"}
+    assert told["health"]
+
+
+async def test_several_proofs_one_after_the_other_each_with_its_own_prekey(world):
+    async with world.pad() as pad, world.uav() as uav:
+        results = [await uav.prove("pad-1", action) for action in ("land", "takeoff", "land", "takeoff")]
+        await until(lambda: pad.status()["prekeys"] >= 4)
+    assert {result.verdict.outcome for result in results} == {"verified"}
+    assert len({result.session_id for result in results}) == 4
+
+
+async def test_whole_certificates_over_the_radio(world):
+    async with world.pad(whole_certificate=True), world.uav(whole_certificate=True) as uav:
+        result = await uav.prove("pad-1", "land")
+    assert result.verdict.outcome == "verified"
+
+
+async def test_a_drone_that_is_elsewhere_is_refuted_and_does_not_act(world):
+    world.flight.truth = (16_000.0, 3_000.0, 6_000.0)
+    async with world.pad(), world.uav() as uav:
+        result = await uav.prove("pad-1", "land")
+    assert (result.state, result.end) == ("decided", "refused")
+    assert result.verdict.outcome == "refuted"
+    assert not world.acted
+    told, left = await records(world)
+    assert left == {}
+    assert told["session_end"][0]["end"] == "refused"
+
+
+async def test_a_drone_without_authorisation_is_verified_and_refused(world):
+    await world.call("admin", "RevokeAuthorisation", uav_id="uav-1", authorisation_id="a1", reason="test")
+    async with world.pad(), world.uav() as uav:
+        result = await uav.prove("pad-1", "land")
+    assert (result.verdict.outcome, result.verdict.permission) == ("verified", "refused")
+    assert not world.acted
+
+
+async def test_a_suspended_drone_asks_in_vain(world):
+    await world.call("admin", "SetUavStatus", uav_id="uav-1", status="suspended", reason="test")
+    async with world.pad(), world.uav() as uav:
+        result = await uav.prove("pad-1", "land")
+    assert result.verdict.permission == "refused"
+
+
+async def test_an_action_that_fails_is_recorded_as_aborted(world):
+    async def crash(verdict):
+        raise OSError("the landing gear\nis stuck")
+
+    async with world.pad(), world.uav(act=crash) as uav:
+        result = await uav.prove("pad-1", "land")
+        session = await until_state(world, result.session_id, "completed")
+    assert (result.end, session.end) == ("aborted", "aborted")
+    assert "landing gear is stuck" in session.note
+
+
+async def test_a_drone_whose_node_is_off_the_air_leaves_a_recorded_end(world):
+    world.ports["uav"].unplug()
+    async with world.pad(), world.uav() as uav:
+        result = await uav.prove("pad-1", "land")
+        session = await until_state(world, result.session_id, "cancelled", "decided")
+    assert not world.acted
+    assert session.state == "cancelled" or (await world.contract("mirror").read_verdict(session.session_id))
+
+
+async def test_a_drone_that_vanishes_after_its_request_is_judged_without_it(world):
+    async with world.pad(), world.uav() as uav:
+        working = asyncio.create_task(uav.prove("pad-1", "land"))
+        await until(lambda: uav._runner is not None)
+        session_id = uav._runner.session.session_id
+        working.cancel()
+        await asyncio.gather(working, return_exceptions=True)
+        await until_state(world, session_id, "decided")
+    verdict = await world.contract("mirror").read_verdict(session_id)
+    assert verdict.permission == "refused"
+    assert any("no reply" in reason.text for reason in verdict.reasons)
+
+
+async def test_three_of_four_anchors_still_range(world):
+    world.ports["A3"].unplug()
+    await world.policy(max_rounds=20)
+    async with world.pad(), world.uav() as uav:
+        result = await uav.prove("pad-1", "land")
+    assert result.verdict is not None
+    assert any(reason.code == "anchor_silent" for reason in result.verdict.reasons)
+
+
+async def test_a_pad_without_the_node_that_speaks_cancels(world):
+    world.ports["A1"].unplug()
+    async with world.pad(), world.uav() as uav:
+        result = await uav.prove("pad-1", "land")
+    assert (result.state, result.end) == ("cancelled", "radios_unavailable")
+
+
+async def test_an_anchor_pulled_and_put_back_while_ranging_does_not_end_the_session(world):
+    await world.policy(verify_ppm=999_999, refute_ppm=1, max_rounds=80)
+    world.flight.truth = (world.flight.claimed[0] + 600.0, *world.flight.claimed[1:])
+    async with world.pad() as pad, world.uav() as uav:
+        working = asyncio.create_task(uav.prove("pad-1", "land"))
+        await until(lambda: pad._runner is not None and pad._runner._machine.evidence.rounds >= 3)
+        world.ports["A4"].unplug()
+        await asyncio.sleep(0.3)
+        world.ports["A4"].plug()
+        result = await working
+    assert result.verdict is not None
+    assert not any(reason.code == "session_stopped" for reason in result.verdict.reasons)
+
+
+async def test_a_pad_that_is_stopped_in_mid_session_ends_it(world):
+    async with world.uav() as uav:
+        async with world.pad() as pad:
+            working = asyncio.create_task(uav.prove("pad-1", "land"))
+            await until(lambda: pad._runner is not None and pad._runner._machine.evidence.rounds >= 2)
+        result = await working
+    assert (result.state, result.end) == ("cancelled", "agent_stopped")
+    _, left = await records(world)
+    assert left == {}
+
+
+async def test_a_pad_that_was_killed_ends_the_session_when_it_is_back(world, monkeypatch):
+    async with world.uav() as uav:
+        async with world.pad() as pad:
+            working = asyncio.create_task(uav.prove("pad-1", "land"))
+            await until(lambda: pad._runner is not None and pad._runner._machine.evidence.rounds >= 2)
+            monkeypatch.setattr(pad, "_stop", _die)  # as after kill -9: nothing is said any more
+        async with world.pad():
+            result = await working
+    assert (result.state, result.end) == ("cancelled", "agent_restart")
+    told, left = await records(world)
+    assert left == {}
+    assert [end["end"] for end in told["session_end"]] == ["agent_restart"]
+
+
+async def _die(tasks):
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def test_a_request_made_while_the_pad_was_away_is_served_when_it_comes(world):
+    async with world.pad():
+        pass
+    async with world.uav() as uav:
+        working = asyncio.create_task(uav.prove("pad-1", "land"))
+        await asyncio.sleep(0.3)
+        async with world.pad():
+            result = await working
+    assert result.verdict.outcome == "verified"
+
+
+async def test_a_permission_that_nobody_completes_lapses(world):
+    await world.policy(session_ttl_ms=5_000)
+
+    async def hover(verdict):
+        await asyncio.sleep(60)
+
+    async with world.pad(), world.uav(act=hover) as uav:
+        working = asyncio.create_task(uav.prove("pad-1", "land"))
+        result = await working
+        session = await until_state(world, result.session_id, "cancelled")
+    assert (result.state, session.end) == ("cancelled", "permission_expired")
+
+
+async def test_a_second_agent_of_the_same_pad_is_refused_in_words(world):
+    async with world.pad():
+        with pytest.raises(AgentError, match="another agent"):
+            async with world.pad():
+                pass
+
+
+async def test_an_identity_of_someone_else_is_refused_before_anything_opens(world):
+    with pytest.raises(AgentError, match="not for pad pad-1"):
+        async with world.pad(identity="uav"):
+            pass
+
+
+async def test_a_full_spool_refuses_sessions_and_says_so(world, monkeypatch):
+    async with world.pad() as pad, world.uav() as uav:
+        monkeypatch.setattr(type(pad._spool), "accepts_sessions", property(lambda spool: False))
+        result = await uav.prove("pad-1", "land")
+    assert (result.state, result.end) == ("cancelled", "pad_spool_full")
+
+
+async def test_what_cannot_begin_is_said(world):
+    async with world.uav() as uav:
+        with pytest.raises(UavAgentError, match="offers no prekey"):
+            await uav.prove("pad-1", "land")
+        with pytest.raises(RefusedError, match="PAD_UNKNOWN"):
+            await uav.prove("pad-9", "land")
+
+
+async def test_a_ledger_that_restarts_in_mid_session_costs_nothing_but_time(world):
+    async with world.pad() as pad, world.uav() as uav:
+        working = asyncio.create_task(uav.prove("pad-1", "land"))
+        await until(lambda: pad._runner is not None and pad._runner._machine.evidence.rounds >= 2)
+        await world.restart_ledger(pause_s=1.0)
+        result = await working
+    assert result.verdict.outcome == "verified"
+    assert (result.state, result.end) == ("completed", "done")
+
+
+async def test_status_says_how_the_pad_is(world):
+    async with world.pad() as pad:
+        await until(lambda: all(anchor["state"] == "up" for anchor in pad.status()["anchors"]))
+        status = pad.status()
+        await until((world.directory / "spool" / "status.json").exists)
+    assert status["prekeys"] == 6
+    assert status["accepts_sessions"] is True
+    assert json.loads((world.directory / "spool" / "status.json").read_text())["pad_id"] == "pad-1"
