@@ -8,6 +8,7 @@ durable.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor
@@ -31,7 +32,16 @@ from wonderland.ledger.embedded.errors import (
 from wonderland.ledger.embedded.integrity import verify_tip
 from wonderland.ledger.embedded.msp import ChannelMembership
 from wonderland.ledger.embedded.orderer import BatchCutter, BatchLimits, BlockAssembler
-from wonderland.ledger.embedded.state import CommittedTx, StateReader, StateWriter, Tip, TxLocation, create
+from wonderland.ledger.embedded.state import (
+    CommittedTx,
+    StateReader,
+    StateWriter,
+    Tip,
+    TxLocation,
+    create,
+    reading,
+)
+from wonderland.ledger.errors import BlockError
 from wonderland.ledger.transactions import ValidationCode
 
 if TYPE_CHECKING:
@@ -61,11 +71,8 @@ class ChainSettings:
 def initialise(path: Path, genesis: Callable[[], tuple[BlockHeader, bytes]]) -> None:
     """Make the store and, if it is empty, commit block 0. Raises `DirectoryError`, `StorageError`."""
     create(path)
-    reader = StateReader(path)
-    try:
+    with reading(path), contextlib.closing(StateReader(path)) as reader:
         empty = reader.tip().number < 0
-    finally:
-        reader.close()
     if not empty:
         return
     header, raw = genesis()
@@ -86,10 +93,13 @@ class Chain:
         """Open an initialised store and check its end. Raises `LedgerCorruptedError`, `DirectoryError`."""
         self.settings: Final = settings
         self.reader: Final = StateReader(path)
-        verify_tip(self.reader)
+        with contextlib.ExitStack() as on_failure, reading(path):
+            on_failure.callback(self.reader.close)
+            verify_tip(self.reader)
+            self._tip = self.reader.tip()
+            self._last_config, self._config_data, self.membership = self._load_config()
+            on_failure.pop_all()
         self.writer: Final = StateWriter(path)
-        self._tip = self.reader.tip()
-        self._last_config, self._config_data, self.membership = self._load_config()
         self._cutter = BatchCutter(settings.limits)
         self._assembler = BlockAssembler(settings.signers.orderer, settings.random)
         self._lists: list[tuple[Mapping[str, Sequence[bytes]], asyncio.Future[int | None]]] = []
@@ -348,9 +358,13 @@ class Chain:
         grown.set()
 
     def _load_config(self) -> tuple[int, bytes, ChannelMembership]:
-        number = int(self.reader.meta(_LAST_CONFIG) or b"0")
+        text = self.reader.meta(_LAST_CONFIG) or b""
+        number = int(text) if text.isdigit() and len(text) < 19 else -1
         raw = self.reader.block(number)
-        block = None if raw is None else parse_block(raw)
+        try:
+            block = None if raw is None else parse_block(raw)
+        except BlockError as cause:
+            raise LedgerCorruptedError(f"stored block {number}: {cause}") from cause
         if block is None or block.config is None:
             raise LedgerCorruptedError(f"block {number} should carry the channel's configuration, and does not")
         channel = block.transactions[0].channel

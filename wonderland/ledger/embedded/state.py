@@ -30,20 +30,20 @@ LOWEST_KEY: Final = b"\x01"
 """Where an open range starts: composite keys begin with U+0000 and are only found by asking for them, as in Fabric."""
 
 _SCHEMA: Final = """
-CREATE TABLE meta (name TEXT PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID;
-CREATE TABLE block (number INTEGER PRIMARY KEY, header_hash BLOB NOT NULL UNIQUE, raw BLOB NOT NULL);
+CREATE TABLE meta (name TEXT PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID, STRICT;
+CREATE TABLE block (number INTEGER PRIMARY KEY, header_hash BLOB NOT NULL UNIQUE, raw BLOB NOT NULL) STRICT;
 CREATE TABLE tx (
   tx_id TEXT PRIMARY KEY, block INTEGER NOT NULL, position INTEGER NOT NULL, code INTEGER NOT NULL
-) WITHOUT ROWID;
+) WITHOUT ROWID, STRICT;
 CREATE TABLE state (
   namespace TEXT NOT NULL, key BLOB NOT NULL, value BLOB NOT NULL, block INTEGER NOT NULL, position INTEGER NOT NULL,
   PRIMARY KEY (namespace, key)
-) WITHOUT ROWID;
+) WITHOUT ROWID, STRICT;
 CREATE TABLE history (
   namespace TEXT NOT NULL, key BLOB NOT NULL, block INTEGER NOT NULL, position INTEGER NOT NULL,
   tx_id TEXT NOT NULL, timestamp_ms INTEGER NOT NULL, value BLOB,
   PRIMARY KEY (namespace, key, block, position)
-) WITHOUT ROWID;
+) WITHOUT ROWID, STRICT;
 """
 
 
@@ -88,6 +88,15 @@ def create(path: Path) -> None:
     """Make an empty store unless there is one. Raises `DirectoryError` if the file is something else."""
     with contextlib.closing(_connect(path)) as db:
         _check_or_create_schema(db, path)
+
+
+@contextlib.contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Turn what SQLite says of a damaged file into `LedgerCorruptedError`."""
+    try:
+        yield
+    except sqlite3.DatabaseError as cause:
+        raise LedgerCorruptedError(f"{path} is damaged ({cause}); restore it from a copy") from cause
 
 
 class StateReader:
