@@ -1,0 +1,121 @@
+import { useMutation, useQuery, useQueryClient } from "@tanstack/react-query";
+import { useCallback, useEffect, useState, type ReactElement } from "react";
+import { ApiError, useApi } from "../shared/api/api";
+import type { SignedIn } from "../shared/api/records";
+import { useLiveStore } from "../shared/live/useLive";
+import type { LiveSource } from "../shared/live/source";
+import { fillHistory } from "../shared/live/history";
+import { useKeys } from "../shared/ui/useKeys";
+import { LivePage } from "../live-map/LivePage";
+import { SessionPage } from "../sessions/SessionPage";
+import { SessionsPage } from "../sessions/SessionsPage";
+import { VerdictsPage } from "../verdicts/VerdictsPage";
+import { Banner } from "./Banner";
+import { Header, nextTheme } from "./Header";
+import { KeyboardHelp } from "./KeyboardHelp";
+import { go, usePlace } from "./location";
+import { NavRail } from "./NavRail";
+import { SignInPage } from "./SignIn";
+import { setThemeChoice, useTheme } from "./theme";
+
+const STATUS_MS = 10_000;
+
+/** Takes the one-time token out of the address (and of the browser's history) and gives it back. */
+function takeToken(): string | undefined {
+  const match = /^#token=([^&]+)/.exec(location.hash);
+  if (match?.[1] === undefined) return undefined;
+  history.replaceState(null, "", `${location.pathname}${location.search}#/live`);
+  return decodeURIComponent(match[1]);
+}
+
+/** Signs in, then shows the rooms. */
+export function App({ source }: { source: LiveSource }): ReactElement | null {
+  const api = useApi();
+  const client = useQueryClient();
+  const [token] = useState(takeToken);
+  const who = useQuery({
+    queryKey: ["who"],
+    queryFn: () => (token === undefined ? api.whoAmI() : api.signIn(token).catch((problem: unknown) => afterToken(problem, () => api.whoAmI()))),
+    retry: (failures, error) => failures < 3 && error instanceof ApiError && error.status === 0,
+    staleTime: Infinity,
+  });
+  const signOut = useMutation({
+    mutationFn: () => api.signOut(),
+    onSettled: () => {
+      source.stop();
+      client.clear();
+      location.reload();
+    },
+  });
+  const signedOut = useCallback(() => void client.resetQueries({ queryKey: ["who"] }), [client]);
+  if (who.data !== undefined) {
+    return <Rooms person={who.data} source={source} onSignOut={() => signOut.mutate()} onSignedOut={signedOut} />;
+  }
+  if (who.isPending) return null;
+  const problem = who.error instanceof ApiError && who.error.status === 401 ? undefined : who.error.message;
+  return <SignInPage problem={problem ?? (token === undefined ? undefined : USED)} onRetry={() => void who.refetch()} />;
+}
+
+const USED = "This link has been used before, or is too old.";
+
+/** A link opened twice in a browser that is signed in already is no problem. */
+async function afterToken(problem: unknown, whoAmI: () => Promise<SignedIn>): Promise<SignedIn> {
+  if (problem instanceof ApiError && problem.status === 0) throw problem;
+  return whoAmI();
+}
+
+type RoomsProperties = { person: SignedIn; source: LiveSource; onSignOut: () => void; onSignedOut: () => void };
+
+function Rooms({ person, source, onSignOut, onSignedOut }: RoomsProperties): ReactElement {
+  const api = useApi();
+  const store = useLiveStore();
+  const place = usePlace();
+  const { choice } = useTheme();
+  const [help, setHelp] = useState(false);
+
+  useEffect(() => {
+    source.start((event) => {
+      store.receive(event);
+      if (event.kind === "state" && event.state.phase === "signed-out") onSignedOut();
+      if (store.gap && store.connection.phase === "open") {
+        store.gapFilled();
+        fillHistory(api, store).catch((problem: unknown) => {
+          // The live connection goes on; the next one that opens fills the gap again.
+          if (!(problem instanceof ApiError)) throw problem;
+        });
+      }
+    });
+    return () => source.stop();
+  }, [api, store, source, onSignedOut]);
+
+  const status = useQuery({ queryKey: ["status"], queryFn: () => api.status(), refetchInterval: STATUS_MS, retry: false });
+  useEffect(() => {
+    if (status.data !== undefined) store.merge({ status: status.data });
+  }, [store, status.data]);
+  useEffect(() => {
+    if (status.error instanceof ApiError && status.error.status === 401) onSignedOut();
+  }, [status.error, onSignedOut]);
+
+  useKeys({
+    "?": () => setHelp(true),
+    l: () => go({ room: "live" }),
+    s: () => go({ room: "sessions" }),
+    v: () => go({ room: "verdicts", filters: {} }),
+    t: () => setThemeChoice(nextTheme(choice)),
+  });
+
+  return (
+    <div className="shell">
+      <Header person={person} onHelp={() => setHelp(true)} onSignOut={onSignOut} />
+      <NavRail room={place.room} />
+      <main className="room" aria-label={place.room}>
+        <Banner source={source} />
+        {place.room === "live" && <LivePage place={place} />}
+        {place.room === "sessions" && place.session === undefined && <SessionsPage />}
+        {place.room === "sessions" && place.session !== undefined && <SessionPage session_id={place.session} />}
+        {place.room === "verdicts" && <VerdictsPage filters={place.filters} />}
+      </main>
+      <KeyboardHelp open={help} onClose={() => setHelp(false)} />
+    </div>
+  );
+}

@@ -1,0 +1,120 @@
+import type { ReactElement } from "react";
+import type { SignedIn, Status } from "../shared/api/records";
+import { count, duration } from "../shared/format";
+import { useLive } from "../shared/live/useLive";
+import type { Topic } from "../shared/live/store";
+import { setThemeChoice, useTheme, type Choice } from "./theme";
+
+const TOPICS: readonly Topic[] = ["status", "pads", "connection"];
+/** Up to here the mirror keeps up. */
+export const LAG_MS = 5_000;
+
+function Mark(): ReactElement {
+  return (
+    <svg width="24" height="24" viewBox="0 0 24 24" aria-hidden="true">
+      <circle cx="12" cy="12" r="9.5" fill="none" stroke="var(--accent)" strokeWidth="1.4" strokeDasharray="3 2.6" />
+      <path d="M12 6.5l5 5.5-5 5.5-5-5.5z" fill="var(--accent)" />
+    </svg>
+  );
+}
+
+function LedgerChip({ status }: { status: Status }): ReactElement {
+  const { ledger } = status;
+  const embedded = ledger.kind === "embedded";
+  const organisations = `${count(ledger.organisations.length)} organisation${ledger.organisations.length === 1 ? "" : "s"}`;
+  const stopped = typeof ledger.halted === "string";
+  const health = stopped ? "bad" : ledger.lag_ms > LAG_MS ? "maybe" : "ok";
+  return (
+    <>
+      {(embedded || ledger.notice !== "") && (
+        <span className="chip chip-maybe" data-testid="ledger-notice" title={ledger.notice}>
+          {embedded ? "Embedded ledger, no multi-party trust" : ledger.notice}
+        </span>
+      )}
+      <span className="chip num" title={`Channel ${ledger.channel}: ${ledger.organisations.join(", ")}`}>
+        <i className={`dot dot-${health}`} />
+        {embedded ? "" : `${ledger.kind === "fabric" ? "Fabric" : "Ledger"} · `}
+        {organisations} · {count(ledger.height)} blocks ·{" "}
+        {stopped ? "mirror halted" : ledger.lag_ms < 1000 ? "up to date" : `${duration(ledger.lag_ms)} behind`}
+      </span>
+    </>
+  );
+}
+
+const NEXT: Record<Choice, Choice> = { system: "light", light: "dark", dark: "system" };
+const THEME_WORDS: Record<Choice, string> = { system: "as the system", light: "light", dark: "dark" };
+
+export function ThemeButton(): ReactElement {
+  const { choice } = useTheme();
+  return (
+    <button
+      type="button"
+      className="icon-button"
+      title={`Theme: ${THEME_WORDS[choice]} (t)`}
+      aria-label={`Theme: ${THEME_WORDS[choice]}. Change to ${THEME_WORDS[NEXT[choice]]}`}
+      onClick={() => setThemeChoice(NEXT[choice])}
+    >
+      <svg viewBox="0 0 20 20" aria-hidden="true">
+        {choice === "light" ? (
+          <>
+            <circle cx="10" cy="10" r="3.4" />
+            <path d="M10 1.8v2M10 16.2v2M1.8 10h2M16.2 10h2M4.2 4.2l1.4 1.4M14.4 14.4l1.4 1.4M15.8 4.2l-1.4 1.4M5.6 14.4l-1.4 1.4" />
+          </>
+        ) : choice === "dark" ? (
+          <path d="M16.5 12.2A7 7 0 0 1 7.8 3.5a7 7 0 1 0 8.7 8.7z" />
+        ) : (
+          <>
+            <circle cx="10" cy="10" r="7" />
+            <path d="M10 3a7 7 0 0 1 0 14z" fill="currentColor" />
+          </>
+        )}
+      </svg>
+    </button>
+  );
+}
+
+export function nextTheme(choice: Choice): Choice {
+  return NEXT[choice];
+}
+
+type Properties = { person: SignedIn; onHelp: () => void; onSignOut: () => void };
+
+/** The ledger is always in sight: which one, how many organisations, height, lag. */
+export function Header({ person, onHelp, onSignOut }: Properties): ReactElement {
+  const { status, pads, silent } = useLive(TOPICS, (store) => {
+    const all = [...store.pads.values()].filter((pad) => pad.status !== "retired");
+    return {
+      status: store.status,
+      pads: all.length,
+      silent: all.filter((pad) => pad.health?.connected === false).length,
+    };
+  });
+  return (
+    <header className="header">
+      <span className="mark">
+        <Mark />
+      </span>
+      <span className="brand">Wonderland</span>
+      {status !== undefined && <LedgerChip status={status} />}
+      {status !== undefined && (
+        <span className="header-pads quiet num">
+          {count(pads)} {pads === 1 ? "pad" : "pads"}
+          {silent > 0 ? `, ${count(silent)} silent` : ""}
+        </span>
+      )}
+      <span className="header-end">
+        <ThemeButton />
+        <button type="button" className="icon-button" title="Keyboard help (?)" aria-label="Keyboard help" onClick={onHelp}>
+          <svg viewBox="0 0 20 20" aria-hidden="true">
+            <circle cx="10" cy="10" r="7.6" />
+            <path d="M7.8 7.8a2.3 2.3 0 1 1 3.3 2c-.8.5-1.1.9-1.1 1.8M10 14.2v.1" />
+          </svg>
+        </button>
+        <span className="person quiet">{person.name}</span>
+        <button type="button" className="button" onClick={onSignOut}>
+          Sign out
+        </button>
+      </span>
+    </header>
+  );
+}

@@ -1,0 +1,58 @@
+import type { ExpressionSpecification, LayerSpecification } from "maplibre-gl";
+import type { Palette } from "./icons";
+import { COAST_FADES, FINE_ZOOM, MEDIUM } from "./scales";
+
+/** The bundled base map: two greys, water, and the countries' names. */
+export function baseLayers(colours: Palette): LayerSpecification[] {
+  const sea = colours["sea"] ?? "";
+  const land = colours["land"] ?? "";
+  const [from, to] = COAST_FADES;
+  const fading: ExpressionSpecification = ["interpolate", ["linear"], ["zoom"], from, 1, to, 0];
+  return [
+    {
+      id: "sea",
+      type: "background",
+      paint: { "background-color": ["interpolate", ["linear"], ["zoom"], from, sea, to, land] },
+    },
+    { id: "land-coarse", type: "fill", source: "land-coarse", paint: { "fill-color": land } },
+    { id: "land-fine", type: "fill", source: "land-fine", minzoom: FINE_ZOOM, paint: { "fill-color": land } },
+    {
+      id: "coast",
+      type: "line",
+      source: "land-fine",
+      minzoom: FINE_ZOOM,
+      maxzoom: to,
+      paint: { "line-color": colours["coast"] ?? "", "line-width": 1, "line-opacity": fading },
+    },
+    {
+      id: "borders-coarse",
+      type: "line",
+      source: "borders-coarse",
+      maxzoom: to,
+      paint: { "line-color": colours["border"] ?? "", "line-width": 0.8, "line-opacity": fading },
+    },
+    {
+      id: "borders-fine",
+      type: "line",
+      source: "borders-fine",
+      minzoom: FINE_ZOOM,
+      maxzoom: to,
+      paint: { "line-color": colours["border"] ?? "", "line-width": 1.2, "line-opacity": fading },
+    },
+    {
+      id: "country-names",
+      type: "symbol",
+      source: "country-names",
+      maxzoom: 7,
+      layout: {
+        "text-field": ["get", "name"],
+        "text-font": MEDIUM,
+        "text-size": 11.5,
+        "text-letter-spacing": 0.06,
+        "symbol-sort-key": ["-", ["get", "area"]],
+        "text-max-width": 7,
+      },
+      paint: { "text-color": colours["ink3"] ?? "", "text-halo-color": land, "text-halo-width": 1.2 },
+    },
+  ];
+}

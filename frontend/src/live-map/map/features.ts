@@ -1,0 +1,278 @@
+import type { Feature, LineString, Point, Polygon, Position } from "geojson";
+import type { Estimate, Frame, Judgement, Pad, Track, VerdictSummary } from "../../shared/api/records";
+import { TONE_OF, type Tone } from "../../shared/design/symbols";
+import type { Drone } from "../../shared/drones";
+import { length } from "../../shared/format";
+import { circle, ellipse, outline } from "../../shared/geo/ellipse";
+import { distance_mm, frameOf, lonLat, toGlobe, type Local, type LonLat } from "../../shared/geo/frame";
+import type { TrailPoint } from "../../shared/live/store";
+
+/** A verified drone's evidence stays on the map this long; what needs the officer stays while it does. */
+export const VERIFIED_SHOWN_MS = 60_000;
+
+function point(at: LonLat, properties: Record<string, unknown>): Feature<Point> {
+  return { type: "Feature", geometry: { type: "Point", coordinates: at }, properties };
+}
+
+function line(coordinates: Position[], properties: Record<string, unknown>): Feature<LineString> {
+  return { type: "Feature", geometry: { type: "LineString", coordinates }, properties };
+}
+
+function area(frame: Frame, ring: readonly Local[], properties: Record<string, unknown>): Feature<Polygon> {
+  return {
+    type: "Feature",
+    geometry: { type: "Polygon", coordinates: [ring.map((local) => toGlobe(frame, local))] },
+    properties,
+  };
+}
+
+/** The anchors' outline: in order of direction from their middle. */
+export function hull(points: readonly Local[]): Local[] {
+  const east = points.reduce((sum, { east_mm }) => sum + east_mm, 0) / points.length;
+  const north = points.reduce((sum, { north_mm }) => sum + north_mm, 0) / points.length;
+  const sorted = [...points].sort(
+    (a, b) => Math.atan2(a.north_mm - north, a.east_mm - east) - Math.atan2(b.north_mm - north, b.east_mm - east),
+  );
+  const [first] = sorted;
+  return first === undefined ? [] : [...sorted, first];
+}
+
+export function padFeatures(pads: Iterable<Pad>): Feature[] {
+  const features: Feature[] = [];
+  for (const pad of pads) {
+    if (pad.status === "retired") continue;
+    const frame = frameOf(pad);
+    const commissioning = pad.commissioning ?? undefined;
+    const reach = commissioning === undefined ? "not commissioned" : `ranges to ${length(commissioning.max_range_mm, true)}`;
+    features.push(point(lonLat(pad), { kind: "pad", pad_id: pad.pad_id, name: pad.name, note: reach }));
+    if (commissioning === undefined) continue;
+    features.push(area(frame, circle(commissioning.max_range_mm, { east_mm: 0, north_mm: 0 }, 96), { kind: "reach" }));
+    features.push(area(frame, hull(commissioning.anchors), { kind: "square" }));
+    const south_mm = Math.min(...commissioning.anchors.map(({ north_mm }) => north_mm));
+    const middle_mm = commissioning.anchors.reduce((sum, { east_mm }) => sum + east_mm, 0) / commissioning.anchors.length;
+    features.push(point(toGlobe(frame, { east_mm: middle_mm, north_mm: south_mm }), { kind: "edge", name: pad.name }));
+    for (const anchor of commissioning.anchors) {
+      const state = pad.health?.anchors?.find(({ anchor_id }) => anchor_id === anchor.anchor_id)?.state;
+      features.push(point(toGlobe(frame, anchor), { kind: "anchor", up: state === undefined || state === "up" }));
+    }
+  }
+  return features;
+}
+
+/** Pads nearer to each other than this are one site, seen from afar. */
+const SITE_MM = 30_000_000;
+
+/** What stands together, seen from the country's height: how many pads and drones, and the gravest of what they see. */
+export function siteFeatures(pads: Iterable<Pad>, drones: readonly Drone[]): Feature<Point>[] {
+  const sites: { pads: Pad[]; drones: Drone[] }[] = [];
+  for (const pad of pads) {
+    if (pad.status === "retired") continue;
+    const near = sites.find((site) => site.pads.some((other) => distance_mm(other, pad) < SITE_MM));
+    if (near === undefined) sites.push({ pads: [pad], drones: [] });
+    else near.pads.push(pad);
+  }
+  for (const drone of drones) {
+    const pad_id = drone.nearest?.pad.pad_id ?? drone.session?.pad_id;
+    sites.find((site) => site.pads.some((pad) => pad.pad_id === pad_id))?.drones.push(drone);
+  }
+  return sites.map((site) => {
+    const lon = site.pads.reduce((sum, pad) => sum + pad.lon_e7, 0) / site.pads.length / 1e7;
+    const lat = site.pads.reduce((sum, pad) => sum + pad.lat_e7, 0) / site.pads.length / 1e7;
+    const gravest = site.drones.find(({ group }) => group === "needs-you") ?? site.drones.find(({ group }) => group === "proving");
+    const needing = site.drones.filter(({ group }) => group === "needs-you").length;
+    const [first] = site.pads;
+    const name = site.pads.length === 1 ? (first?.name ?? "") : `${site.pads.length} pads`;
+    const drone = `${site.drones.length} ${site.drones.length === 1 ? "drone" : "drones"}`;
+    const note = needing === 0 ? drone : `${drone}, ${needing} ${needing === 1 ? "needs" : "need"} you`;
+    const look = gravest?.look ?? (site.drones.some((each) => each.look === "verified") ? "verified" : undefined);
+    return point([lon, lat], {
+      name,
+      note,
+      icon: look === undefined ? "pad" : `look-${look}`,
+      pads: site.pads.map((pad) => pad.pad_id).join(" "),
+    });
+  });
+}
+
+export type TrackPoint = { id: string; at: LonLat; properties: Record<string, unknown> };
+
+export function trackPoints(drones: readonly Drone[], selected: string | undefined): TrackPoint[] {
+  const points: TrackPoint[] = [];
+  drones.forEach((drone, rank) => {
+    if (drone.track === undefined) return;
+    const tone = TONE_OF[drone.look];
+    const judged = ["verified", "refuted", "inconclusive", "proving"].includes(drone.look);
+    points.push({
+      id: drone.uav_id,
+      at: lonLat(drone.track),
+      properties: {
+        id: drone.uav_id,
+        icon: `look-${drone.look}`,
+        closeIcon: judged && drone.look !== "proving" ? `claim-${tone}` : `look-${drone.look}`,
+        label: drone.uav_id,
+        rank: drone.uav_id === selected ? -1 : rank,
+        selected: drone.uav_id === selected,
+        strong: drone.uav_id === selected || drone.group !== "other",
+      },
+    });
+  });
+  return points;
+}
+
+export function trailFeatures(
+  drones: readonly Drone[],
+  trails: ReadonlyMap<string, readonly TrailPoint[]>,
+  selected: string | undefined,
+): Feature[] {
+  const features: Feature[] = [];
+  for (const drone of drones) {
+    const trail = trails.get(drone.uav_id);
+    if (trail === undefined || trail.length < 2) continue;
+    features.push(
+      line(
+        trail.map((place) => lonLat(place)),
+        { tone: TONE_OF[drone.look], strong: drone.uav_id === selected || drone.group === "needs-you" },
+      ),
+    );
+  }
+  return features;
+}
+
+function toneOf(verdict: VerdictSummary, judgement: Judgement): Tone {
+  return TONE_OF[judgement === verdict.signed && verdict.signed.outcome !== "verified" ? verdict.outcome : judgement.outcome];
+}
+
+/** Two labels of one drone are told apart from here. */
+const LABEL_APART_MM = 8_000;
+const RING_APART_MM = 1_500;
+
+/** The judged claim, the measurement and all between them. */
+function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, track?: Track): Feature[] {
+  const { estimate, covariance, signed, broadcast } = verdict;
+  if (estimate === undefined) return [];
+  const frame = frameOf(pad);
+  const measuredAt = toGlobe(frame, estimate);
+  const tone = TONE_OF[verdict.outcome];
+  const features: Feature[] = [];
+  const judged = [
+    { judgement: signed, words: "says it is here" },
+    // Both claims are shown where they differ; where they agree, one ring says it.
+    ...(broadcast?.outcome === "refuted" && signed?.outcome !== "refuted"
+      ? [{ judgement: broadcast, words: "broadcasts that it is here" }]
+      : []),
+  ];
+  for (const { judgement, words } of judged) {
+    if (judgement === undefined) continue;
+    const claimAt = toGlobe(frame, judgement.claim);
+    const claimTone = toneOf(verdict, judgement);
+    features.push(area(frame, circle(verdict.buffer_mm, judgement.claim), { kind: "buffer", tone: claimTone }));
+    features.push(line([claimAt, measuredAt], { kind: "difference", tone: claimTone }));
+    // The drone's own label says who it is while it is still there.
+    const left = track === undefined || distance_mm(track, judgement.claim) > LABEL_APART_MM;
+    const label = [...(left ? [verdict.uav_id] : []), ...(selected ? [words] : [])].join("\n");
+    // A drone that still is where it said is its own ring.
+    if (track === undefined || distance_mm(track, judgement.claim) > RING_APART_MM) {
+      features.push(point(claimAt, { kind: "claim", tone: claimTone, label }));
+    }
+  }
+  if (covariance !== undefined) {
+    features.push(area(frame, outline(ellipse(covariance), estimate), { kind: "ellipse", tone }));
+  }
+  const worst = broadcast?.outcome === "refuted" && signed?.outcome !== "refuted" ? broadcast : signed;
+  const away = worst === undefined ? "" : `, ${length(worst.error_mm, true)} away`;
+  const label = selected ? `measured here${verdict.outcome === "verified" ? "" : away}` : "";
+  features.push(point(measuredAt, { kind: "measured", tone, icon: `measured-${tone}`, label }));
+  if (selected) features.push(...sights(frame, pad, measuredAt));
+  return features;
+}
+
+function sights(frame: Frame, pad: Pad, to: LonLat): Feature[] {
+  return (pad.commissioning?.anchors ?? []).map((anchor) => line([toGlobe(frame, anchor), to], { kind: "sight" }));
+}
+
+/** What the pad measures while it ranges, and how far that is from the broadcast: nobody's verdict yet. */
+function estimateFeatures(estimate: Estimate, drone: Drone, pad: Pad, selected: boolean): Feature[] {
+  const frame = frameOf(pad);
+  const at = toGlobe(frame, estimate);
+  const tone: Tone = "accent";
+  const features: Feature[] = [
+    area(frame, outline(ellipse(estimate), estimate), { kind: "ellipse", tone }),
+    point(at, {
+      kind: "measured",
+      tone,
+      icon: `measuring-${tone}`,
+      label: selected ? "measuring, unverified" : "",
+    }),
+    ...sights(frame, pad, at),
+  ];
+  if (drone.track !== undefined) features.push(line([lonLat(drone.track), at], { kind: "difference", tone }));
+  return features;
+}
+
+export function evidenceFeatures(
+  drones: readonly Drone[],
+  pads: ReadonlyMap<string, Pad>,
+  selected: string | undefined,
+  shown: VerdictSummary | undefined,
+  now_ms: number,
+): Feature[] {
+  const features: Feature[] = [];
+  for (const drone of drones) {
+    const isSelected = drone.uav_id === selected;
+    const { session, verdict, estimate } = drone;
+    if (session === undefined) continue;
+    const pad = pads.get(session.pad_id);
+    if (pad === undefined) continue;
+    if (session.state === "requested") {
+      if (estimate?.session_id === session.session_id) features.push(...estimateFeatures(estimate, drone, pad, isSelected));
+    } else if (verdict?.session_id === session.session_id && verdict.session_id !== shown?.session_id) {
+      const fresh = now_ms - verdict.decided_ms < VERIFIED_SHOWN_MS;
+      if (isSelected || fresh || drone.group === "needs-you") {
+        features.push(...verdictFeatures(verdict, pad, isSelected, drone.track));
+      }
+    }
+  }
+  const pad = shown === undefined ? undefined : pads.get(shown.pad_id);
+  if (shown !== undefined && pad !== undefined) features.push(...verdictFeatures(shown, pad, true));
+  return features;
+}
+
+const STEPS_M = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] as const;
+/** Grid lines are at least this far apart on the screen. */
+const GRID_PIXELS = 56;
+
+/** Metres of one screen pixel (MapLibre's zoom: a world of 512 · 2^zoom pixels). */
+export function metresPerPixel(zoom: number, lat: number): number {
+  return (40_075_016.686 * Math.cos((lat * Math.PI) / 180)) / (512 * 2 ** zoom);
+}
+
+/** The spacing of the metre grid at a scale; undefined where a metre grid says nothing. */
+export function gridSpacing_m(zoom: number, lat: number): number | undefined {
+  const least = metresPerPixel(zoom, lat) * GRID_PIXELS;
+  return STEPS_M.find((step) => step >= least);
+}
+
+export type View = { west: number; east: number; south: number; north: number };
+
+/** A metre grid in a pad's frame over a view. */
+export function gridFeatures(pad: Pad, view: View, spacing_m: number): Feature[] {
+  const origin = lonLat(pad);
+  const frame = frameOf(pad);
+  const perLat = distance_mm(pad, { lat_e7: pad.lat_e7 + 10_000, lon_e7: pad.lon_e7 }) / 0.001;
+  const perLon = distance_mm(pad, { lat_e7: pad.lat_e7, lon_e7: pad.lon_e7 + 10_000 }) / 0.001;
+  const step = spacing_m * 1000;
+  const lines = (from: number, to: number): number[] => {
+    const first = Math.floor(from / step);
+    const count = Math.min(200, Math.ceil(to / step) - first);
+    return Array.from({ length: count + 1 }, (_, i) => (first + i) * step);
+  };
+  const east = lines((view.west - origin[0]) * perLon, (view.east - origin[0]) * perLon);
+  const north = lines((view.south - origin[1]) * perLat, (view.north - origin[1]) * perLat);
+  const [west_mm = 0, east_mm = 0] = [east[0], east.at(-1)];
+  const [south_mm = 0, north_mm = 0] = [north[0], north.at(-1)];
+  const globe = (e: number, n: number): LonLat => toGlobe(frame, { east_mm: e, north_mm: n });
+  return [
+    ...east.map((e) => line([globe(e, south_mm), globe(e, north_mm)], { axis: e === 0 })),
+    ...north.map((n) => line([globe(west_mm, n), globe(east_mm, n)], { axis: n === 0 })),
+  ];
+}

@@ -1,0 +1,75 @@
+import type { ExpressionSpecification, LayerSpecification, StyleSpecification } from "maplibre-gl";
+import { borders10, borders50, land10, land50, names } from "virtual:base-map";
+import { baseLayers } from "./baseLayers";
+import type { Palette } from "./icons";
+import { evidenceLayers, padLayers, pointLayers, siteLayers } from "./liveLayers";
+
+/** The colours of tokens.css that the map needs. */
+export const MAP_COLOURS = [
+  "ok",
+  "bad",
+  "maybe",
+  "none",
+  "accent",
+  "panel",
+  "line",
+  "land",
+  "sea",
+  "coast",
+  "border",
+  "grid",
+  "ink",
+  "ink2",
+  "ink3",
+] as const;
+
+/** The finer base map is megabytes: fetched only once somebody looks where it can be seen. */
+export const FINE_FILES = { "land-fine": land10, "borders-fine": borders10 } as const;
+
+const EMPTY: GeoJSON.FeatureCollection = { type: "FeatureCollection", features: [] };
+
+function layers(colours: Palette): LayerSpecification[] {
+  return [...baseLayers(colours), ...padLayers(colours), ...evidenceLayers(colours), ...pointLayers(colours), ...siteLayers(colours)];
+}
+
+/** The whole style: bundled base map, pad grid, evidence and tracks. */
+export function style(colours: Palette): StyleSpecification {
+  const file = (data: string | GeoJSON.FeatureCollection, maxzoom: number): StyleSpecification["sources"][string] => ({
+    type: "geojson",
+    data,
+    maxzoom,
+    tolerance: 0.3,
+  });
+  // Tiles of zoom 20 are cut to a thousandth of a pixel there: millimetres.
+  const own = (): StyleSpecification["sources"][string] => ({ type: "geojson", data: EMPTY, maxzoom: 20, tolerance: 0 });
+  return {
+    version: 8,
+    sources: {
+      "land-coarse": file(land50, 5),
+      "land-fine": file(EMPTY, 9),
+      "borders-coarse": file(borders50, 5),
+      "borders-fine": file(EMPTY, 9),
+      "country-names": file(names, 7),
+      grid: own(),
+      pads: own(),
+      sites: own(),
+      trails: own(),
+      evidence: own(),
+      tracks: { type: "geojson", data: EMPTY, maxzoom: 20, promoteId: "id" },
+    },
+    layers: layers(colours),
+    transition: { duration: 0, delay: 0 },
+  };
+}
+
+/** What each layer is painted with in these colours, to change the theme without loading the style again. */
+export function paints(colours: Palette): { id: string; paint: Record<string, unknown> }[] {
+  return layers(colours).map((layer) => ({ id: layer.id, paint: (layer.paint ?? {}) }));
+}
+
+/** The pads' label names a colour within its text. */
+export function padLabel(colours: Palette): ExpressionSpecification {
+  const layer = pointLayers(colours).find(({ id }) => id === "pads");
+  const layout = (layer?.type === "symbol" ? layer.layout : undefined) ?? {};
+  return layout["text-field"] as ExpressionSpecification;
+}

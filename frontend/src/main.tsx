@@ -1,0 +1,52 @@
+import "@fontsource-variable/inter/wght.css";
+import "@fontsource-variable/jetbrains-mono/wght.css";
+import "./shared/design/tokens.css";
+import "./shared/design/base.css";
+import "./app/app.css";
+import "./live-map/live.css";
+import "./sessions/sessions.css";
+import { QueryClient, QueryClientProvider } from "@tanstack/react-query";
+import { StrictMode } from "react";
+import { createRoot } from "react-dom/client";
+import { App } from "./app/App";
+import { Api, ApiContext, ApiError } from "./shared/api/api";
+import { workerSource, type LiveSource } from "./shared/live/source";
+import { LiveStore } from "./shared/live/store";
+import { LiveContext } from "./shared/live/useLive";
+
+const API_BASE = "api/v1";
+
+async function start(): Promise<void> {
+  const store = new LiveStore();
+  let api = new Api(API_BASE);
+  let source: LiveSource = workerSource(API_BASE);
+  if (__FAKE__) {
+    const { fakeOptions, fakeSource } = await import("./shared/fake/source");
+    const options = fakeOptions(location.search);
+    if (options !== undefined) {
+      const { fakeFetch } = await import("./shared/fake/api");
+      source = fakeSource(options).source;
+      api = new Api(API_BASE, fakeFetch(store, options.flags));
+    }
+  }
+  const client = new QueryClient({
+    defaultOptions: {
+      queries: { retry: (failures, error) => failures < 2 && error instanceof ApiError && error.status === 0 },
+    },
+  });
+  const root = document.getElementById("root");
+  if (root === null) throw new Error("index.html has no #root");
+  createRoot(root).render(
+    <StrictMode>
+      <QueryClientProvider client={client}>
+        <ApiContext value={api}>
+          <LiveContext value={store}>
+            <App source={source} />
+          </LiveContext>
+        </ApiContext>
+      </QueryClientProvider>
+    </StrictMode>,
+  );
+}
+
+void start();

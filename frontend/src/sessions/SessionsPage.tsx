@@ -1,0 +1,116 @@
+import { useInfiniteQuery, useQueryClient } from "@tanstack/react-query";
+import { useEffect, type ReactElement } from "react";
+import { placeHash } from "../app/location";
+import { useApi } from "../shared/api/api";
+import type { SessionState } from "../shared/api/records";
+import { LOOK_WORDS } from "../shared/design/symbols";
+import type { Look } from "../shared/drones";
+import { actionVerb, dayAndTime, duration } from "../shared/format";
+import { useLive, useServerNow } from "../shared/live/useLive";
+import type { Topic } from "../shared/live/store";
+import { Hash } from "../shared/ui/Hash";
+import { More } from "../shared/ui/More";
+import { Symbol } from "../shared/ui/Symbol";
+import { stepNumber } from "./words";
+
+const PADS: readonly Topic[] = ["pads"];
+const SESSIONS: readonly Topic[] = ["sessions"];
+const PAGE = 50;
+
+export function sessionLook(session: SessionState): Look {
+  if (session.state === "requested") return "proving";
+  return session.outcome ?? "unproved";
+}
+
+function state(session: SessionState): string {
+  switch (session.state) {
+    case "requested":
+      return `step ${stepNumber(session)} of 8`;
+    case "cancelled":
+      return `cancelled${session.end ? `: ${session.end.replaceAll("_", " ")}` : ""}`;
+    case "decided":
+      return session.permission === "granted" ? "permitted" : "refused";
+    case "completed":
+      return session.end === "aborted" ? "aborted" : "completed";
+  }
+}
+
+/** From the request to the last step that is known. */
+function took(session: SessionState): string {
+  const decided = session.steps.find(({ step }) => step === "verdict")?.t_ms ?? session.decided_ms;
+  return decided === undefined || decided <= session.requested_ms ? "–" : duration(decided - session.requested_ms);
+}
+
+/** All sessions, the newest first. */
+export function SessionsPage(): ReactElement {
+  const api = useApi();
+  const client = useQueryClient();
+  const now_ms = useServerNow(10_000);
+  const pads = useLive(PADS, (store) => new Map([...store.pads.values()].map((pad) => [pad.pad_id, pad.name])));
+  const live = useLive(SESSIONS, (store) => ({ newest: store.sessionsByTime()[0]?.session_id, known: store.sessions }));
+  const query = useInfiniteQuery({
+    queryKey: ["sessions"],
+    queryFn: ({ pageParam }) => api.sessions({ limit: PAGE, ...(pageParam !== undefined && { cursor: pageParam }) }),
+    initialPageParam: undefined as string | undefined,
+    getNextPageParam: (last) => last.next ?? undefined,
+  });
+  useEffect(() => {
+    void client.invalidateQueries({ queryKey: ["sessions"] });
+  }, [client, live.newest]);
+  const rows = (query.data?.pages.flatMap((page) => page.items) ?? []).map(
+    // What is under way moves faster than the table is fetched.
+    (session) => live.known.get(session.session_id) ?? session,
+  );
+  return (
+    <div className="page">
+      <div className="page-head">
+        <h1>Sessions</h1>
+      </div>
+      <div className="table-frame float">
+        <table className="table num">
+          <thead>
+            <tr>
+              <th scope="col">Verdict</th>
+              <th scope="col">Drone</th>
+              <th scope="col">Pad</th>
+              <th scope="col">Asked to</th>
+              <th scope="col">State</th>
+              <th scope="col">Requested</th>
+              <th scope="col" className="right">
+                Until the verdict
+              </th>
+              <th scope="col">Request</th>
+            </tr>
+          </thead>
+          <tbody>
+            {rows.map((session) => {
+              const look = sessionLook(session);
+              return (
+                <tr key={session.session_id}>
+                  <td>
+                    <a className={`outcome look-${look}`} href={placeHash({ room: "sessions", session: session.session_id })}>
+                      <Symbol look={look} size={18} />
+                      {session.state === "cancelled" ? "No verdict" : LOOK_WORDS[look]}
+                    </a>
+                  </td>
+                  <td>
+                    <b>{session.uav_id}</b>
+                  </td>
+                  <td>{pads.get(session.pad_id) ?? session.pad_id}</td>
+                  <td>{actionVerb(session.action)}</td>
+                  <td>{state(session)}</td>
+                  <td>{dayAndTime(session.requested_ms, now_ms)}</td>
+                  <td className="right">{took(session)}</td>
+                  <td>
+                    <Hash value={session.request_tx} label="transaction" />
+                  </td>
+                </tr>
+              );
+            })}
+          </tbody>
+        </table>
+        <More query={query} empty="No session yet." count={rows.length} />
+      </div>
+    </div>
+  );
+}

@@ -1,0 +1,111 @@
+import type { Page } from "../api/api";
+import type { SessionDetail, SessionState, VerdictSummary } from "../api/records";
+import type { LiveStore } from "../live/store";
+import { sessionOf } from "../drones";
+import { hex } from "./random";
+
+function json(value: unknown, status = 200): Response {
+  return new Response(JSON.stringify(value), { status, headers: { "Content-Type": "application/json" } });
+}
+
+function page<T>(items: readonly T[], query: URLSearchParams, keep: (item: T) => boolean): Page<T> {
+  const kept = items.filter(keep);
+  const start = Number(query.get("cursor") ?? 0);
+  const limit = Number(query.get("limit") ?? 50);
+  const next = start + limit < kept.length ? { next: String(start + limit) } : {};
+  return { items: kept.slice(start, start + limit), ...next };
+}
+
+function detail(session: SessionState, verdict: VerdictSummary | undefined, store: LiveStore): SessionDetail {
+  const pad = store.pads.get(session.pad_id);
+  const anchors = pad?.commissioning?.anchors ?? [];
+  const at = verdict?.signed?.claim ?? { lat_e7: pad?.lat_e7 ?? 0, lon_e7: pad?.lon_e7 ?? 0, east_mm: 0, north_mm: 0 };
+  const rounds = session.rounds ?? 0;
+  const found = verdict?.estimate ?? at;
+  const transaction = (tx_id: string, name: string, block: number, t_ms: number): SessionDetail["transactions"][number] => ({
+    tx_id,
+    block,
+    tx_index: 0,
+    valid: true,
+    validation: "VALID",
+    t_ms,
+    function: name,
+    creator: { msp_id: name === "SubmitProof" ? "PadMSP" : "FleetMSP", name: session.uav_id },
+    endorsers: ["AuthorityMSP", "PadMSP"],
+  });
+  const base = verdict?.block ?? 18_001;
+  return {
+    summary: session,
+    session: {
+      session_id: session.session_id,
+      claim: { lat_e7: at.lat_e7, lon_e7: at.lon_e7, height_mm: 45_000, accuracy_mm: 1_000, height_accuracy_mm: 1_500, t_ms: session.requested_ms },
+      policy: { buffer_mm: 1_000, verify_ppm: 990_000, refute_ppm: 10_000, max_rounds: 160 },
+      pad: { msp_id: "PadMSP", certificate_sha256: hex(session.pad_id) },
+      uav: { msp_id: "FleetMSP", certificate_sha256: hex(session.uav_id) },
+      transcript_sha256: hex(`${session.session_id}/transcript`),
+      expires_ms: session.requested_ms + 60_000,
+    },
+    ...(verdict !== undefined && { verdict }),
+    evidence: {
+      ranges: {
+        t_ms: Array.from({ length: rounds }, (_, i) => session.requested_ms + 1_700 + i * 40),
+        anchors: anchors.map((anchor, a) => ({
+          anchor_id: anchor.anchor_id,
+          range_mm: Array.from({ length: rounds }, (_, i) =>
+            (i * 7 + a * 3) % 23 === 0
+              ? -1
+              : Math.round(Math.hypot(found.east_mm - anchor.east_mm, found.north_mm - anchor.north_mm, 11_000) + 90 * Math.sin(i * 12.9898 + a * 4)),
+          ),
+        })),
+      },
+      claims: [],
+      radio: { measured_by: "pad", sts: "provisioned", firmware: "wonderland-uci 0.1" },
+    },
+    transactions: [
+      transaction(session.request_tx, "RequestProof", base - 1, session.requested_ms),
+      ...(session.verdict_tx === undefined ? [] : [transaction(session.verdict_tx, "SubmitProof", base, session.requested_ms + 6_100)]),
+      ...(session.complete_tx === undefined ? [] : [transaction(session.complete_tx, "CompleteInteraction", base + 2, session.requested_ms + 20_000)]),
+    ],
+  };
+}
+
+/** Answers the REST calls of the console from what the scripted world has told the live store. */
+export function fakeFetch(store: LiveStore, flags: ReadonlySet<string>): (input: string, init?: RequestInit) => Promise<Response> {
+  let signedIn = !flags.has("signed-out");
+  return (input, init) => {
+    const url = new URL(input, "http://fake");
+    const path = url.pathname.replace(/^.*\/api\/v1/, "");
+    const query = url.searchParams;
+    const match = (item: { pad_id: string; uav_id: string; outcome?: string; state?: string }): boolean =>
+      (query.get("pad") ?? item.pad_id) === item.pad_id &&
+      (query.get("drone") ?? item.uav_id) === item.uav_id &&
+      (query.get("outcome") ?? item.outcome) === item.outcome &&
+      (query.get("state") ?? item.state) === item.state;
+    if (path === "/session") {
+      if (init?.method === "POST") signedIn = true;
+      if (init?.method === "DELETE") {
+        signedIn = false;
+        return Promise.resolve(new Response(null, { status: 204 }));
+      }
+      return Promise.resolve(
+        signedIn
+          ? json({ name: "M. Inspector", roles: ["inspector"], signed_in_ms: Date.now(), expires_ms: Date.now() + 3.6e6 })
+          : json({ detail: "Sign in first." }, 401),
+      );
+    }
+    if (!signedIn) return Promise.resolve(json({ detail: "Sign in first." }, 401));
+    if (path === "/status") return Promise.resolve(json(store.status));
+    if (path === "/verdicts") return Promise.resolve(json(page(store.verdictsByTime(), query, match)));
+    const known = [...store.sessionsByTime()];
+    for (const verdict of store.verdictsByTime()) {
+      if (!store.sessions.has(verdict.session_id)) known.push(sessionOf(verdict));
+    }
+    if (path === "/sessions") return Promise.resolve(json(page(known, query, match)));
+    const id = /^\/sessions\/([^/]+)$/.exec(path)?.[1];
+    const session = known.find(({ session_id }) => session_id === id);
+    if (session !== undefined) {
+      return Promise.resolve(json(detail(session, store.verdicts.get(session.session_id), store)));
+    }
+    return Promise.resolve(json({ detail: "There is nothing at this address." }, 404));
+  };
+}

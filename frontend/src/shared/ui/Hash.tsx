@@ -1,0 +1,23 @@
+import { useEffect, useState, type ReactElement } from "react";
+import { shortHash } from "../format";
+
+/** A hash in short; pressing it copies the whole. */
+export function Hash({ value, label }: { value: string; label: string }): ReactElement {
+  const [copied, setCopied] = useState(false);
+  useEffect(() => {
+    if (!copied) return undefined;
+    const timer = setTimeout(() => setCopied(false), 1500);
+    return () => clearTimeout(timer);
+  }, [copied]);
+  const copy = (): void => {
+    navigator.clipboard.writeText(value).then(
+      () => setCopied(true),
+      () => setCopied(false),
+    );
+  };
+  return (
+    <button type="button" className="copy mono" title={`${label} ${value}`} aria-label={`Copy ${label} ${value}`} onClick={copy}>
+      <span aria-live="polite">{copied ? "copied" : shortHash(value)}</span>
+    </button>
+  );
+}
