@@ -68,7 +68,7 @@ def _panel(
             fontsize=9,
             color=INK,
         )
-    axis.set_aspect("equal")
+    axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("x (m)")
     axis.set_ylabel("y (m)")
     axis.grid(alpha=0.25)
