@@ -1,0 +1,89 @@
+"""The pad's agent as a process of its own: ready, small, stopped by a signal, killed and back."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+
+import psutil
+import pytest
+
+CONFIG = """
+pad_id = "pad-1"
+connection = "ledger/connection.json"
+spool = "spool"
+prekeys = 6
+{anchors}
+[remote_id]
+listen = "127.0.0.1:0"
+"""
+MAX_RSS_BYTES = 60 << 20
+
+
+@pytest.fixture
+async def start_pad(world):
+    path = world.directory / "pad.toml"
+    anchors = "".join(
+        f'[[anchors]]\nanchor_id = "{name}"\nport = "{world.directory / f"tty-{name}"}"\n'
+        for name in ("A1", "A2", "A3", "A4")
+    )
+    path.write_text(CONFIG.format(anchors=anchors))
+    started = []
+
+    async def start():
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-c",
+            "from wonderland.cli import main; main()",
+            "pad",
+            "run",
+            "--json",
+            "--config",
+            str(path),
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            env={**os.environ, "PYTHONWARNINGS": "error"},
+        )
+        started.append(process)
+        async with asyncio.timeout(20):
+            line = await process.stdout.readline()
+        assert line, (await process.stderr.read()).decode()
+        assert json.loads(line) == {"ready": True, "pad_id": "pad-1"}
+        return process
+
+    yield start
+    for process in started:
+        if process.returncode is None:
+            process.kill()
+        await process.communicate()
+
+
+async def test_ready_small_and_stopped_by_a_signal(world, start_pad):
+    process = await start_pad()
+    async with world.uav() as uav:
+        result = await uav.prove("pad-1", "land")
+    assert result.verdict.outcome == "verified"
+    assert psutil.Process(process.pid).memory_info().rss <= MAX_RSS_BYTES
+    process.send_signal(signal.SIGTERM)
+    async with asyncio.timeout(10):
+        _, errors = await process.communicate()
+    assert process.returncode == 0, errors.decode()
+    assert b"Traceback" not in errors, errors.decode()
+
+
+async def test_killed_in_mid_session_and_back_the_end_is_on_the_ledger(world, start_pad):
+    process = await start_pad()
+    async with world.uav() as uav:
+        working = asyncio.create_task(uav.prove("pad-1", "land"))
+        async with asyncio.timeout(10):
+            while uav._runner is None or "reply" not in uav._runner._machine.steps:
+                await asyncio.sleep(0.01)
+        process.kill()
+        await process.wait()
+        await start_pad()
+        result = await working
+    assert (result.state, result.end) == ("cancelled", "agent_restart")
+    assert not world.acted

@@ -1,0 +1,158 @@
+"""pad.toml: every complaint names the field."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edge_agent.commands import pad
+from edge_agent.settings import SettingsError, load, parse
+from uav_agent.commands import uav
+
+GOOD = """
+pad_id = "pad-1"
+connection = "ledger/connection.json"
+spool = "spool"
+permission_command = ["/usr/local/bin/lights", "pad-1"]
+
+[[anchors]]
+anchor_id = "A1"
+port = "/dev/ttyUSB0"
+[[anchors]]
+anchor_id = "A2"
+port = "/dev/ttyUSB1"
+[[anchors]]
+anchor_id = "A3"
+port = "/dev/ttyUSB2"
+
+[remote_id]
+listen = "[::]:5480"
+
+[backend]
+url = "wss://console.example/ingest"
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "pad.toml"
+    path.write_text(GOOD)
+    return path
+
+
+def test_a_good_file_is_read_with_paths_relative_to_it(file):
+    settings_ = load(file)
+    assert settings_.connection == file.parent / "ledger" / "connection.json"
+    assert settings_.spool == file.parent / "spool"
+    assert settings_.identity == "pad"
+    assert [anchor.port for anchor in settings_.anchors] == ["/dev/ttyUSB0", "/dev/ttyUSB1", "/dev/ttyUSB2"]
+    assert settings_.remote_id_listen == ("::", 5480)
+    assert settings_.quota_bytes == 64 << 20
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "complaint"),
+    [
+        ('pad_id = "pad-1"', "", "pad_id is missing"),
+        ('pad_id = "pad-1"', "pad_id = 7", "pad_id is not a text"),
+        ('pad_id = "pad-1"', 'pad_id = "päd"', "pad_id is 'päd'"),
+        ('spool = "spool"', 'spool = ""', "spool is empty"),
+        ('anchor_id = "A2"', 'anchor_id = "A1"', "same anchor_id"),
+        ('port = "/dev/ttyUSB2"', 'port = "/dev/ttyUSB1"', "same port"),
+        ('[[anchors]]\nanchor_id = "A3"\nport = "/dev/ttyUSB2"', "", "anchors has 2 entries"),
+        ('port = "/dev/ttyUSB1"', 'device = "/dev/ttyUSB1"', r"anchors\[1\].device is unknown"),
+        ('listen = "[::]:5480"', 'listen = "5480"', "remote_id.listen is not host:port"),
+        ('listen = "[::]:5480"', 'listen = "0.0.0.0:99999"', "remote_id.listen"),
+        ('url = "wss', 'url = "https', "backend.url"),
+        ('url = "wss', 'utl = "wss', "backend.utl is unknown"),
+        ('pad_id = "pad-1"', 'pad_id = "pad-1"\nquota_mb = 0', "quota_mb is 0"),
+        ('pad_id = "pad-1"', 'pad_id = "pad-1"\nprekeys = true', "prekeys is True"),
+        ('pad_id = "pad-1"', 'pad_id = "pad-1"\nwhole_certificate = "yes"', "whole_certificate is not true or false"),
+        ('pad_id = "pad-1"', "pad_id = ", "no TOML"),
+    ],
+)
+def test_a_mistake_is_named(file, before, after, complaint):
+    assert before in GOOD
+    file.write_text(GOOD.replace(before, after))
+    with pytest.raises(SettingsError, match=complaint):
+        load(file)
+
+
+def test_a_missing_huge_or_binary_file_is_refused(tmp_path):
+    with pytest.raises(SettingsError, match="cannot be read"):
+        load(tmp_path / "none.toml")
+    (tmp_path / "huge.toml").write_bytes(b"#" * 300_000)
+    with pytest.raises(SettingsError, match="larger"):
+        load(tmp_path / "huge.toml")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(SettingsError, match="no TOML"):
+        load(tmp_path / "binary.toml")
+
+
+values = st.recursive(
+    st.one_of(st.text(max_size=12), st.integers(), st.booleans(), st.floats(allow_nan=False)),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+    max_leaves=12,
+)
+names = st.sampled_from(
+    ["pad_id", "connection", "identity", "spool", "anchors", "remote_id", "backend", "quota_mb", "prekeys", "other"]
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(document=st.dictionaries(names, values, max_size=10))
+def test_any_document_is_settings_or_a_settings_error(document):
+    with contextlib.suppress(SettingsError):
+        parse(document, Path("/etc/pad.toml"))
+
+
+# --- the commands -------------------------------------------------------------------------------------------------
+
+
+def test_pad_run_says_what_is_wrong_in_one_line(file):
+    result = CliRunner().invoke(pad, ["run", "--config", str(file)])
+    assert result.exit_code == 1
+    assert "connection file: cannot read" in result.output
+
+
+def test_pad_status_before_the_first_run_and_after(file):
+    result = CliRunner().invoke(pad, ["status", "--config", str(file)])
+    assert result.exit_code == 1
+    assert "status: cannot read" in result.output
+    (file.parent / "spool").mkdir()
+    status = {
+        "pad_id": "pad-1",
+        "t_ms": 1_000,
+        "session": "",
+        "sessions_run": 3,
+        "requests_waiting": 0,
+        "sessions_to_end": 0,
+        "prekeys": 20,
+        "accepts_sessions": False,
+        "spool_reason": "the disk is full",
+        "spool": {"records": 1, "bytes": 2, "dropped": 0},
+        "receiver": {"frames": 4, "bad": 1},
+        "anchors": [{"anchor_id": "A1", "state": "up"}],
+    }
+    (file.parent / "spool" / "status.json").write_text(json.dumps(status))
+    result = CliRunner().invoke(pad, ["status", "--config", str(file)])
+    assert result.exit_code == 1
+    assert "silent for" in result.output
+    assert "the disk is full" in result.output
+    document = json.loads(CliRunner().invoke(pad, ["status", "--config", str(file), "--json"]).output)
+    assert document["alive"] is False
+    (file.parent / "spool" / "status.json").write_text("[]")
+    assert "no status file" in CliRunner().invoke(pad, ["status", "--config", str(file)]).output
+
+
+def test_uav_prove_says_what_is_wrong_in_one_line(tmp_path):
+    arguments = ["prove", "--connection", str(tmp_path), "--port", "/dev/null", "--position", "x", "--pad", "pad-1"]
+    result = CliRunner().invoke(uav, arguments)
+    assert result.exit_code == 1
+    assert "connection file: cannot read" in result.output
