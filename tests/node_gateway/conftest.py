@@ -1,0 +1,24 @@
+"""The same ledger and contract as in tests/ledger_embedded."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+_path = Path(__file__).parent.parent / "ledger_embedded" / "conftest.py"
+_spec = importlib.util.spec_from_file_location("embedded_conftest", _path)
+_helpers = importlib.util.module_from_spec(_spec)
+sys.modules["embedded_conftest"] = _helpers
+_spec.loader.exec_module(_helpers)
+
+
+@pytest.fixture(name="open_world")
+def _open_world():
+    return _helpers.open_world
+
+
+@pytest.fixture
+async def world(tmp_path):
+    async with _helpers.open_world(tmp_path / "ledger") as running:
+        yield running
