@@ -10,6 +10,7 @@ from typing import Final
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from backend.errors import problem_response
@@ -31,10 +32,6 @@ HEADERS: Final[Mapping[str, str]] = {
     "X-Frame-Options": "DENY",
 }
 SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
-
-
-class TooLarge(Exception):  # noqa: N818 - becomes an answer here
-    """A body grew beyond the limit while it was read."""
 
 
 class Boundary:
@@ -72,27 +69,18 @@ class Boundary:
 
     async def _limited(self, scope: Scope, receive: Receive, send: Send) -> None:
         received = 0
-        started = False
 
         async def counting() -> Message:
             nonlocal received
             message = await receive()
             received += len(message.get("body", b""))
             if received > self._max_body_bytes:
-                raise TooLarge
+                # The framework passes this kind on, whoever it was that read the body.
+                status, _, detail = self._too_large()
+                raise HTTPException(status, detail)
             return message
 
-        async def noting(message: Message) -> None:
-            nonlocal started
-            started = True
-            await send(message)
-
-        try:
-            await self._app(scope, counting, noting)
-        except TooLarge:
-            if started:
-                raise
-            await problem_response(scope["path"], *self._too_large())(scope, receive, send)
+        await self._app(scope, counting, send)
 
     def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str, str] | None:
         host = headers.get("host", "")

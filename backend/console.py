@@ -9,6 +9,7 @@ from fastapi import FastAPI
 from starlette.exceptions import HTTPException
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
@@ -49,7 +50,9 @@ def find(directory: Path | None) -> Path | None:
 def install(app: FastAPI, directory: Path | None) -> None:
     """Serve the console at /; without one, a text that says so."""
     if directory is not None:
-        app.mount("/", GZipMiddleware(_Console(directory=directory, html=True), minimum_size=1024))
+        files = GZipMiddleware(_Console(directory=directory, html=True), minimum_size=1024)
+        # A route and no mount: a mount would take what other routes have with another method.
+        app.router.routes.append(Route("/{path:path}", files, methods=["GET"], include_in_schema=False))
         return
 
     async def not_built() -> Response:

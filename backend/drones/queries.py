@@ -49,6 +49,6 @@ async def details(database: AsyncSession, rows: Sequence[DroneRow]) -> list[Any]
     for uav_id, text in await database.execute(query):
         allowed.setdefault(uav_id, []).append(text)
     positions = select(LatestTrackRow.uav_id, LatestTrackRow.body).where(LatestTrackRow.uav_id.in_(names))
-    tracks = dict((await database.execute(positions)).tuples())
+    tracks = {row.uav_id: row.body for row in await database.execute(positions)}
     last = await verdicts.latest_of(database, names)
     return [shown(row, allowed.get(row.uav_id, []), tracks.get(row.uav_id), last.get(row.uav_id)) for row in rows]

@@ -33,7 +33,7 @@ from backend.app import Backend
 from backend.db.engine import Database
 from backend.db.migrate import migrate
 from backend.ingest.identity import signed_text
-from backend.serve import new_server
+from backend.serve import Listen, new_server
 from backend.settings import Settings
 from wonderland.ledger.blocks import BlockHeader, data_hash, parse_block
 from wonderland.ledger.ca.local import LocalCa
@@ -584,9 +584,10 @@ def postgres(request):
             server.stop()
 
 
-@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)])
+@pytest.fixture
 def database_url(request, tmp_path):
-    if request.param == "sqlite":
+    """SQLite, unless a test asks for both kinds by ``parametrize(..., indirect=True)``."""
+    if getattr(request, "param", "sqlite") == "sqlite":
         return f"sqlite:///{tmp_path / 'test.db'}"
     return request.getfixturevalue("postgres").new_database()
 
@@ -661,9 +662,7 @@ class Running:
 async def serving(backend):
     """Serve a backend on a free port; yields a signed-in client."""
     server = new_server(backend.app, backend.settings)
-    import socket
-
-    bound = socket.create_server(("127.0.0.1", 0))
+    bound = Listen("127.0.0.1", 0).open()
     url = f"http://127.0.0.1:{bound.getsockname()[1]}"
     async with backend.running():
         task = asyncio.create_task(server.serve([bound]))
@@ -700,6 +699,7 @@ def _new_backend(database, clock):
             ledger_notice="no multi-party trust",
             allowed_hosts=allowed_hosts,
             clock=clock,
+            console_directory=Path("/nowhere"),
         )
 
     return make

@@ -12,7 +12,11 @@ from backend.db.engine import Database, parse_url
 from backend.db.models import Base
 from backend.errors import DatabaseError, SettingsError
 
+BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
+both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
 
+
+@both
 async def test_migrated_tables_are_those_of_the_models(database):
     def differences(connection):
         context = MigrationContext.configure(connection, opts={"compare_type": True})
@@ -23,11 +27,13 @@ async def test_migrated_tables_are_those_of_the_models(database):
     assert await migrations.revision(database) == migrations.head()
 
 
+@both
 async def test_migrating_twice_changes_nothing(database):
     await migrations.migrate(database)
     assert await migrations.revision(database) == migrations.head()
 
 
+@both
 async def test_back_to_nothing_and_again(database_url):
     from alembic.config import Config
 
@@ -53,6 +59,7 @@ async def test_back_to_nothing_and_again(database_url):
         await database.close()
 
 
+@both
 async def test_a_database_of_a_later_version_is_refused(database):
     async with database.write() as connection:
         await connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))

@@ -34,6 +34,9 @@ from wonderland.ledger.errors import LedgerError
 from wonderland.proofs.records import keys
 from wonderland.proofs.records.verdicts import Verdict
 
+BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
+both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
+
 
 @pytest.fixture
 def new_mirror(database, clock):
@@ -54,6 +57,7 @@ async def rows(database, model):
         return (await session.scalars(select(model).order_by(*model.__table__.primary_key))).all()
 
 
+@both
 async def test_every_kind_of_record_becomes_its_row(database, new_mirror, chain, source_of, facts, tx):
     asset = facts.asset()
     key = keys.composite(keys.ASSET, "thing")
@@ -115,6 +119,7 @@ async def test_refused_transactions_are_listed_and_change_nothing(database, new_
     assert [(row.transactions, row.valid) for row in await rows(database, BlockRow)] == [(1, 1), (1, 1), (3, 1)]
 
 
+@both
 async def test_deleted_assets_go_and_may_come_back(database, new_mirror, chain, source_of, facts, tx):
     key = keys.composite(keys.ASSET, "thing")
     chain.add(tx("CreateAsset", {}, {key: facts.asset().encode()}))
@@ -158,6 +163,7 @@ async def test_what_cannot_be_read_is_kept_and_counted(
     assert len(await rows(database, DroneRow)) == 1
 
 
+@both
 async def test_other_chaincodes_and_odd_texts_do_no_harm(database, new_mirror, chain, source_of, tx, facts):
     pad = keys.composite(keys.PAD, "pad-1")
     chain.add(
@@ -175,6 +181,7 @@ async def test_other_chaincodes_and_odd_texts_do_no_harm(database, new_mirror, c
     assert len(functions[2]) == 128
 
 
+@both
 async def test_block_by_block_and_in_batches_come_to_the_same(
     database, new_mirror, new_chain, source_of, facts, tmp_path
 ):
@@ -208,6 +215,7 @@ def fill(chain, facts, sessions):
             chain.add(facts.complete(index, **names), facts.complete(("b", index), state="cancelled", **names))
 
 
+@both
 async def test_rebuilding_gives_identical_content(database, new_mirror, chain, source_of, facts):
     fill(chain, facts, 9)
     source = source_of(chain)
@@ -231,6 +239,7 @@ async def test_rebuilding_gives_identical_content(database, new_mirror, chain, s
     assert (await digest(database)).sha256 != before.sha256
 
 
+@both
 async def test_it_continues_where_it_stopped(database, new_mirror, chain, source_of, facts):
     fill(chain, facts, 3)
     mirror, _ = new_mirror(source_of(chain))
@@ -328,6 +337,7 @@ async def test_another_channel_is_refused(new_mirror, chain, source_of):
     assert "mirrors channel wonderland" in status.halted
 
 
+@both
 async def test_two_mirrors_of_one_database_do_not_both_write(database, new_mirror, chain, source_of, facts):
     chain.add(facts.put_pad())
     first, _ = new_mirror(source_of(chain))

@@ -1,0 +1,63 @@
+"""Serving the built console."""
+
+from __future__ import annotations
+
+import httpx
+import pytest
+
+from backend.app import new_app
+from backend.console import find
+from backend.settings import Settings
+
+
+@pytest.fixture
+def built(tmp_path):
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "index.html").write_text("<!doctype html><title>Wonderland</title>")
+    (tmp_path / "assets" / "app-1a2b.js").write_text("export const answer = 42;\n" * 100)
+    return tmp_path
+
+
+async def get(app, path, **headers):
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://localhost") as http:
+        return await http.get(path, headers=headers)
+
+
+@pytest.mark.parametrize("path", ["/", "/sessions", "/pads/pad-1"])
+async def test_the_page_stands_at_every_address_of_its_own(built, path):
+    app = new_app(Settings(), frozenset(), built)
+    answer = await get(app, path)
+    assert answer.status_code == 200
+    assert "Wonderland" in answer.text
+    assert answer.headers["cache-control"] == "no-cache"
+
+
+async def test_assets_are_kept_and_compressed(built):
+    app = new_app(Settings(), frozenset(), built)
+    answer = await get(app, "/assets/app-1a2b.js")
+    assert "immutable" in answer.headers["cache-control"]
+    assert answer.headers["content-encoding"] == "gzip"
+    assert answer.headers["content-type"].startswith("text/javascript")
+
+
+@pytest.mark.parametrize(
+    "path", ["/assets/gone.js", "/../../etc/passwd.txt", "/%2e%2e/%2e%2e/etc/passwd.txt", "/api/v2/x"]
+)
+async def test_what_is_not_there_is_a_problem(built, path):
+    answer = await get(new_app(Settings(), frozenset(), built), path)
+    assert answer.status_code == 404
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+async def test_other_methods_are_told_what_is_allowed(built):
+    app = new_app(Settings(), frozenset(), built)
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://localhost") as http:
+        assert (await http.put("/api/v1/pads")).headers["allow"] == "GET"
+        assert (await http.put("/sessions")).status_code == 405
+
+
+async def test_without_a_console_it_says_so(tmp_path):
+    app = new_app(Settings(), frozenset(), tmp_path)
+    answer = await get(app, "/")
+    assert "not built" in answer.text
+    assert find(tmp_path) is None
