@@ -1,0 +1,54 @@
+"""The house keeps its promises: references are fresh, layers hold, help teaches."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_the_reference_of_records_is_fresh(tmp_path):
+    subprocess.run(
+        [sys.executable, str(ROOT / "scripts" / "reference.py"), str(tmp_path / "records.md")], check=True, cwd=ROOT
+    )
+    assert (tmp_path / "records.md").read_text() == (ROOT / "docs/reference/records.md").read_text(), "run: make docs"
+
+
+@pytest.mark.parametrize("command", ["demo", "simulate", "reproduce", "ledger", "backend", "pad", "uav"])
+def test_each_command_explains_itself(command):
+    done = subprocess.run(
+        [sys.executable, "-m", "wonderland.cli", command, "--help"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout) > 200
+
+
+def test_links_in_the_documentation_lead_somewhere():
+    broken = []
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md")]:
+        targets = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text())
+        broken += [f"{page.relative_to(ROOT)}: {target}" for target in targets if not (page.parent / target).exists()]
+    assert not broken
+
+
+def test_a_pad_needs_no_web_stack_and_no_numbers():
+    """What `wonderland pad run` imports stays light: the whole agent has to fit into 60 MB."""
+    program = (
+        "import sys, edge_agent.commands, edge_agent.assembly, edge_agent.agent; "
+        "print(sorted({'fastapi','sqlalchemy','uvicorn','numpy','scipy','pyproj','matplotlib','pydantic'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_no_lock_names_where_packages_come_from():
+    for lock in [*ROOT.glob("requirements/*.txt"), ROOT / "frontend" / "package-lock.json"]:
+        text = lock.read_text()
+        assert "--index-url" not in text
+        assert '"resolved"' not in text
+        assert not re.search(r"@ https?://", text)

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import httpx
+import pytest
+
+HONEST = {"OH-DRN-0233", "OH-DRN-0377", "OH-DRN-0118", "OH-DRN-0102"}
+EXPECTED = {
+    "OH-DRN-0417": ("refuted", "outside_buffer"),
+    "OH-DRN-0640": ("refuted", "broadcast_contradicts"),
+    "OH-DRN-0871": ("inconclusive", "codes_not_matched"),
+    "OH-DRN-0925": ("unauthorised", "maintenance_lapsed"),
+}
+
+
+@pytest.mark.timeout(150)
+def test_eight_verdicts_honest_drones_verified_and_each_liar_not(wonderland, no_process_left):
+    code, lines, errors = wonderland("demo", "--headless", "--json", "--until", "8")
+    assert code == 0, errors
+    assert len(lines) == 8
+    by_drone = {line["drone"]: line for line in lines}
+    assert set(by_drone) == HONEST | set(EXPECTED)
+    for drone in HONEST:
+        line = by_drone[drone]
+        assert (line["outcome"], line["permission"]) == ("verified", "granted"), line
+        assert line["likelihood"] >= 0.99
+        assert line["error_m"] < 1.0
+        assert len(line["transaction"]) == 64
+        assert {"poll", "range", "confirm", "verdict"} <= set(line["steps_ms"])
+    for drone, (outcome, reason) in EXPECTED.items():
+        line = by_drone[drone]
+        assert (line["outcome"], line["permission"]) == (outcome, "refused"), line
+        assert reason in line["reasons"]
+    assert by_drone["OH-DRN-0417"]["error_m"] == pytest.approx(4.2, abs=0.5)
+    assert by_drone["OH-DRN-0640"]["broadcast_error_m"] == pytest.approx(30.4, abs=1.5)
+    assert "no multi-party trust" in " ".join(errors.split())
+
+
+@pytest.mark.timeout(150)
+def test_two_demos_side_by_side_each_with_a_link_that_works_once_and_ctrl_c_ends_both(no_process_left):
+    command = [sys.executable, "-m", "wonderland.cli", "demo"]
+    demos = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) for _ in range(2)]
+    try:
+        links = []
+        for demo in demos:
+            for line in demo.stdout:
+                if match := re.search(r"(http://127\.0\.0\.1:\d+)/#token=(\S+)", line):
+                    links.append(match.groups())
+                    break
+        assert len({base for base, _ in links}) == 2
+        for base, token in links:
+            with httpx.Client(base_url=base, timeout=10) as client:
+                assert client.get("/").status_code == 200
+                assert client.get("/api/v1/pads").status_code == 401
+                assert client.post("/api/v1/session", json={"token": token}).status_code < 300
+                pads = wait_for(lambda client=client: client.get("/api/v1/pads").json()["items"], 3)
+                assert {pad["status"] for pad in pads} == {"commissioned"}
+                status = client.get("/api/v1/status").json()
+                assert status["ledger"]["kind"] == "embedded"
+                assert "no multi-party trust" in status["ledger"]["notice"]
+            with httpx.Client(base_url=base, timeout=10) as other:
+                assert other.post("/api/v1/session", json={"token": token}).status_code in {401, 403}
+    finally:
+        for demo in demos:
+            demo.send_signal(signal.SIGINT)
+        codes = [demo.wait(timeout=30) for demo in demos]
+        for demo in demos:
+            demo.stdout.close()
+    assert codes == [0, 0]
+
+
+def wait_for(ask, count, limit_s: float = 30.0):
+    """What ``ask`` returns once it has so many items: the mirror is a moment behind the ledger."""
+    deadline = time.monotonic() + limit_s
+    while True:
+        found = ask()
+        if len(found) >= count or time.monotonic() > deadline:
+            return found
+        time.sleep(0.1)
