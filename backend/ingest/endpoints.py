@@ -96,8 +96,8 @@ async def _records(socket: WebSocket, context: Context, agent: Agent) -> None:
     acknowledged = await context.intake.acknowledged(agent)
     await _send(socket, {"type": "welcome", "acknowledged": acknowledged})
     while True:
-        text = await _receive(socket, context)
         try:
+            text = await _receive(socket, context)
             entries = parse_records(text, context.settings.ingest_max_records)
             batch = batches.read(agent, entries, acknowledged=acknowledged, now_ms=context.clock())
         except IngestError as problem:

@@ -15,7 +15,16 @@ import orjson
 from sqlalchemy import func, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.db.models import DroneRow, HealthRow, LatestTrackRow, OrganisationRow, PadRow, SessionRow, VerdictRow
+from backend.db.models import (
+    DroneRow,
+    EvidenceRow,
+    HealthRow,
+    LatestTrackRow,
+    OrganisationRow,
+    PadRow,
+    SessionRow,
+    VerdictRow,
+)
 from backend.filters import SessionQuery, VerdictQuery
 from backend.ingest.agents import Agents
 from backend.ledger.status import MirrorStatus
@@ -112,8 +121,9 @@ class Board:
             elif table is DroneRow:
                 self._drones.update(row["uav_id"] for row in rows.values())
         decided = {row["session_id"]: row for row in changes.verdict_writes}
+        evidence = {key[0]: row["steps"] for key, row in changes.upserts.get(EvidenceRow, {}).items()}
         for row in changes.session_writes:
-            self._put_session(row, decided)
+            self._put_session(row, decided.get(row["session_id"]), evidence.get(row["session_id"]))
         for row in changes.verdict_writes:
             shown = record(row["record"], tx_id=row["tx_id"], block=row["block"], tx_index=row["tx_index"])
             self._verdicts.append(shown)
@@ -226,7 +236,7 @@ class Board:
             pad.record = row["record"]
         self._changed_pads.add(row["pad_id"])
 
-    def _put_session(self, row: Row, decided: dict[str, Row]) -> None:
+    def _put_session(self, row: Row, verdict: Row | None, evidence_steps: str | None) -> None:
         session_id = row["session_id"]
         outline = {name: row[name] for name in OUTLINE}
         view = self._sessions.get(session_id)
@@ -240,11 +250,13 @@ class Board:
             view.outline = outline
         if row["state"] == "requested":
             self._counts["sessions"] += 1
-        verdict = decided.get(session_id)
-        if verdict is not None and row["state"] != "requested":
-            view.outcome, view.permission, view.rounds = (verdict[name] for name in ("outcome", "permission", "rounds"))
-        if row["state"] != "requested":
+        else:
             self._end_estimate(row["uav_id"], session_id)
+            view.take_evidence(evidence_steps)
+            if verdict is not None:
+                view.outcome, view.permission, view.rounds = (
+                    verdict[name] for name in ("outcome", "permission", "rounds")
+                )
         self._changed_sessions.append(view.to_json())
         self._forget_sessions()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -159,7 +160,7 @@ async def test_etags(running):
 async def test_blocks_and_transactions(running):
     blocks = (await running.json("/blocks"))["items"]
     assert [block["number"] for block in blocks] == [6, 5, 4, 3, 2, 1, 0]
-    for later, earlier in zip(blocks, blocks[1:], strict=False):
+    for later, earlier in pairwise(blocks):
         assert later["previous_hash"] == earlier["header_hash"]
     block = await running.json("/blocks/3")
     assert [(each["valid"], each["validation"]) for each in block["items"]] == [

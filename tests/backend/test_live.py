@@ -1,0 +1,361 @@
+"""The live interface: the state once, then what changes; resumable, and nothing unbounded."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+
+import pytest
+import websockets
+
+from backend.live.hub import Client, Hub
+
+START_MS = 1_800_000_000_000
+TRACK = {"uav_id": "uav-1", "lat_e7": 604_518_000, "lon_e7": 222_666_000, "transport": "wifi"}
+
+
+async def receive(socket):
+    return json.loads(await asyncio.wait_for(socket.recv(), 5))
+
+
+async def snapshot(socket):
+    """(hello, merged parts)"""
+    hello = await receive(socket)
+    merged = {}
+    if not hello["resumed"]:
+        part = 0
+        of = 1
+        while part < of:
+            frame = await receive(socket)
+            assert frame["type"] == "snapshot"
+            assert frame["part"] == part + 1
+            part, of = frame["part"], frame["of"]
+            for kind, items in frame.items():
+                if isinstance(items, list):
+                    merged.setdefault(kind, []).extend(items)
+                elif kind == "status":
+                    merged["status"] = items
+    return hello, merged
+
+
+async def deltas(socket, *kinds):
+    """The next delta that has one of these kinds."""
+    while True:
+        frame = await receive(socket)
+        assert frame["type"] == "delta"
+        if any(kind in frame for kind in kinds):
+            return frame
+
+
+async def test_hello_and_the_whole_state(running, number):
+    async with running.live() as socket:
+        hello, state = await snapshot(socket)
+        assert hello["epoch"] == running.context.epoch
+        assert hello["resumed"] is False
+        assert [pad["pad_id"] for pad in state["pads"]] == ["pad-1", "pad-2"]
+        assert len(state["pads"][0]["anchors"]) == 4
+        assert [each["session_id"] for each in state["sessions"]] == [
+            number("session", name) for name in ("one", "two", "three")
+        ]
+        assert [each["outcome"] for each in state["verdicts"]] == ["verified", "refuted"]
+        assert state["verdicts"][0]["block"] == 3
+        assert state["status"]["ledger"]["mirrored"] == 7
+
+
+async def test_a_restart_shows_the_same_state(running, new_backend, serving, source_of, chain):
+    async with running.live() as socket:
+        _, before = await snapshot(socket)
+    async with serving(new_backend(source_of(chain))) as again:
+        await again.mirrored(chain.height)
+        async with again.live() as socket:
+            hello, after = await snapshot(socket)
+            assert hello["epoch"] != running.context.epoch
+        for kind in ("pads", "sessions", "verdicts"):
+            assert after[kind] == before[kind]
+
+
+async def test_a_proof_appears_as_it_happens(running, chain, facts, number):
+    session_id = number("session", "four")
+    async with running.live() as socket:
+        hello, _ = await snapshot(socket)
+        chain.add(facts.request("four", t_ms=START_MS + 30_000))
+        first = await deltas(socket, "sessions")
+        assert first["seq"] > hello["seq"]
+        assert [(each["session_id"], each["state"]) for each in first["sessions"]] == [(session_id, "requested")]
+        chain.add(facts.decide("four", t_ms=START_MS + 30_000))
+        second = await deltas(socket, "verdicts")
+        (verdict,) = second["verdicts"]
+        assert (verdict["session_id"], verdict["permission"], verdict["block"]) == (session_id, "granted", 8)
+        (session,) = second["sessions"]
+        assert (session["state"], session["outcome"], session["verdict_tx"]) == (
+            "decided",
+            "verified",
+            verdict["tx_id"],
+        )
+        chain.add(facts.complete("four", t_ms=START_MS + 30_000))
+        (session,) = (await deltas(socket, "sessions"))["sessions"]
+        assert session["state"] == "completed"
+        assert session["outcome"] == "verified"
+        assert session["verdict_tx"] == verdict["tx_id"] != session["complete_tx"]
+        assert session == (await running.json(f"/sessions/{session_id}"))["summary"]
+
+
+async def test_positions_are_coalesced_and_session_changes_are_not(running, agent_client, chain, facts):
+    async with running.live() as socket, running.connect("/ingest") as other:
+        await snapshot(socket)
+        agent = agent_client(other)
+        await agent.hello()
+        running.context.hub._tick_s = 0.3
+        await asyncio.sleep(0.1)
+        chain.add(facts.request("four"), facts.decide("five"), facts.complete("five"))
+        await running.mirrored(chain.height)
+        await agent.report(*(("track", TRACK | {"lat_e7": index}) for index in range(50)))
+        tracks, sessions = [], []
+        while len(sessions) < 3 or not tracks:
+            frame = await deltas(socket, "tracks", "sessions")
+            tracks += frame.get("tracks", [])
+            sessions += [each["state"] for each in frame.get("sessions", [])]
+        assert sessions == ["requested", "decided", "completed"]
+        assert [track["lat_e7"] for track in tracks] == [49]
+        assert tracks[0]["verified"] is False
+
+
+async def test_steps_fill_in_also_when_they_come_before_the_block(running, agent_client, chain, facts, number):
+    session_id = number("session", "early")
+    body = {"session_id": session_id, "uav_id": "uav-1", "step": "poll", "t_ms": START_MS + 7, "ok": True}
+    async with running.live() as socket, running.connect("/ingest") as other:
+        await snapshot(socket)
+        agent = agent_client(other)
+        await agent.hello()
+        await agent.report(("step", body))
+        chain.add(facts.request("early"))
+        frame = await deltas(socket, "sessions")
+        assert [each["step"] for each in frame["sessions"][0]["steps"]] == ["request", "poll"]
+        await agent.report(("step", body | {"step": "range", "ok": False, "detail": "anchors silent"}))
+        frame = await deltas(socket, "sessions")
+        assert frame["sessions"][0]["steps"][-1]["detail"] == "anchors silent"
+
+
+async def test_health_and_connection_of_a_pad(running, agent_client):
+    async with running.live() as socket:
+        await snapshot(socket)
+        async with running.connect("/ingest") as other:
+            agent = agent_client(other)
+            await agent.hello()
+            await agent.report(("health", {"anchors": [{"anchor_id": "A0", "state": "up"}]}))
+            while True:
+                (pad,) = (await deltas(socket, "pads"))["pads"]
+                if "health" in pad:
+                    break
+            assert pad["health"]["connected"] is True
+            assert pad["health"]["verified"] is False
+        (pad,) = (await deltas(socket, "pads"))["pads"]
+        assert pad["health"]["connected"] is False
+
+
+async def test_resuming_misses_nothing(running, chain, facts):
+    async with running.live() as socket:
+        hello, _ = await snapshot(socket)
+        chain.add(facts.request("four"))
+        frame = await deltas(socket, "sessions")
+    chain.add(facts.decide("four"))
+    await running.mirrored(chain.height)
+    await asyncio.sleep(0.1)
+    async with running.live(f"{hello['epoch']}:{frame['seq']}") as socket:
+        again = await receive(socket)
+        assert again["resumed"] is True
+        following = await receive(socket)
+        assert following["seq"] == frame["seq"] + 1
+        while "verdicts" not in following:
+            following = await receive(socket)
+        assert len(following["verdicts"]) == 1
+    for since in (f"{hello['epoch']}:{10**9}", f"{'0' * 16}:1", "rubbish", f"{hello['epoch']}:-1"):
+        async with running.live(since) as socket:
+            assert (await receive(socket))["resumed"] is False
+
+
+async def test_strangers_are_closed_after_the_handshake(running):
+    async with running.connect("/api/v1/live") as socket:
+        with pytest.raises(websockets.ConnectionClosed) as closed:
+            await asyncio.wait_for(socket.recv(), 5)
+        assert closed.value.rcvd.code == 4401
+
+
+async def test_foreign_origins_are_refused(running):
+    with pytest.raises(websockets.InvalidStatus) as refused:
+        async with running.live(origin="http://evil.example"):
+            pass
+    assert refused.value.response.status_code == 403
+    async with running.live(origin=running.url) as socket:
+        assert (await receive(socket))["type"] == "hello"
+
+
+async def test_signing_out_closes_live_connections(running):
+    async with running.live() as socket:
+        await snapshot(socket)
+        assert (await running.http.delete("/api/v1/session")).status_code == 204
+        with pytest.raises(websockets.ConnectionClosed) as closed:
+            while True:
+                await receive(socket)
+        assert closed.value.rcvd.code == 4401
+    assert len(running.context.hub) == 0
+
+
+async def test_stopping_the_server_says_so(running):
+    async with running.live() as socket:
+        await snapshot(socket)
+        running.context.hub.close()
+        with pytest.raises(websockets.ConnectionClosed) as closed:
+            while True:
+                await receive(socket)
+        assert closed.value.rcvd.code == 1001
+
+
+async def test_a_client_that_does_not_read_is_closed_and_the_others_go_on(
+    new_backend, serving, source_of, chain, facts
+):
+    chain.add(facts.put_pad())
+    backend = new_backend(source_of(chain), client_queue_bytes=200_000)
+    async with serving(backend) as running:
+        await running.mirrored(chain.height)
+        async with running.live(max_queue=1) as slow, running.live() as quick:
+            await snapshot(slow)
+            await snapshot(quick)
+            slow.transport.pause_reading()
+            reading = asyncio.create_task(read_all(quick))
+            board = running.context.board
+            for index in range(4_000):
+                for uav in range(20):
+                    board.hear(f"uav-{uav}", START_MS + index, json.dumps(TRACK | {"detail": "x" * 500}))
+                running.context.hub.tick()
+                await asyncio.sleep(0)
+                if running.context.hub.closed_slow:
+                    break
+            assert running.context.hub.closed_slow == 1
+            assert len(running.context.hub) == 1
+            await asyncio.sleep(0.1)
+            assert not reading.done(), "the quick client is still connected"
+            slow.transport.resume_reading()
+            with pytest.raises(websockets.ConnectionClosed) as closed:
+                while True:
+                    await receive(slow)
+            assert closed.value.rcvd is None or closed.value.rcvd.code == 4408
+            reading.cancel()
+            await asyncio.gather(reading, return_exceptions=True)
+
+
+async def read_all(socket):
+    while True:
+        await socket.recv()
+
+
+async def test_large_snapshots_come_in_parts(running, number):
+    board = running.context.board
+    for uav in range(2_000):
+        board.hear(f"uav-{uav:04}", START_MS, json.dumps(TRACK | {"uav_id": f"uav-{uav:04}", "pad": "x" * 150}))
+    async with running.live() as socket:
+        hello = await receive(socket)
+        frame = await receive(socket)
+        assert frame["of"] > 3
+        sizes = []
+        for _ in range(frame["of"] - 1):
+            text = await socket.recv()
+            sizes.append(len(text))
+        assert max(sizes) < 140_000
+        assert hello["seq"] <= running.context.hub.seq
+
+
+class FakeBoard:
+    """A board with whatever a test puts there."""
+
+    def __init__(self):
+        self.changes = []
+        self.viewers = None
+        self.taken = 0
+
+    def take(self, *, with_status):
+        self.taken += 1
+        return {"tracks": self.changes.pop(0)} if self.changes else {}
+
+    def snapshot(self):
+        return {"pads": ["p"], "tracks": []}
+
+    def status(self):
+        return {}
+
+
+@pytest.fixture
+def hub(clock):
+    return new_hub(clock)
+
+
+def new_hub(clock, **options):
+    options = {"tick_ms": 20, "ring_bytes": 10_000, "client_queue_bytes": 1_000, "max_viewers": 3} | options
+    return Hub(FakeBoard(), epoch="e" * 16, clock=clock, **options)
+
+
+def test_nothing_changed_nothing_sent(hub):
+    client, _ = hub.join("p", None)
+    hub.tick()
+    assert (hub.seq, len(client.frames)) == (0, 0)
+
+
+def test_one_encoding_for_all(hub):
+    clients = [hub.join("p", None)[0] for _ in range(3)]
+    hub._board.changes = [[1, 2]]
+    hub.tick()
+    frames = {id(client.frames[0]) for client in clients}
+    assert len(frames) == 1
+
+
+def test_what_is_pending_goes_out_before_a_snapshot(hub):
+    first, _ = hub.join("p", None)
+    hub._board.changes = [[1]]
+    _, frames = hub.join("p", None)
+    assert json.loads(next(frames))["seq"] == 1
+    assert len(first.frames) == 1
+
+
+def test_the_ring_is_bounded(clock):
+    hub = new_hub(clock, ring_bytes=600)
+    hub._board.changes = [["x" * 100] for _ in range(50)]
+    for _ in range(50):
+        hub.tick()
+    assert hub._ring_bytes <= 600
+    assert sum(len(frame) for _, frame in hub._ring) == hub._ring_bytes
+    _, frames = hub.join("p", ("e" * 16, 49))
+    assert json.loads(next(frames))["resumed"] is True
+    assert json.loads(next(frames))["seq"] == 50
+    _, frames = hub.join("p", ("e" * 16, 1))
+    assert json.loads(next(frames))["resumed"] is False
+
+
+async def test_a_full_queue_closes_and_forgets(hub):
+    client, _ = hub.join("p", None)
+    hub._board.changes = [["x" * 400] for _ in range(5)]
+    for _ in range(5):
+        hub.tick()
+    assert client.close_code == 4408
+    assert client.closing.is_set()
+    assert (len(client.frames), client.waiting_bytes) == (0, 0)
+    assert await client.next_frame() is None
+    assert len(hub) == 0
+
+
+def test_too_many_viewers(hub):
+    for _ in range(3):
+        hub.join("p", None)
+    client, frames = hub.join("p", None)
+    assert client.close_code == 4429
+    assert list(frames) == []
+    assert len(hub) == 3
+
+
+async def test_frames_come_in_order_to_one_who_waits():
+    client = Client("p", 100)
+    waiting = asyncio.create_task(client.next_frame())
+    await asyncio.sleep(0)
+    client.offer("a")
+    client.offer("b")
+    assert [await waiting, await client.next_frame()] == ["a", "b"]
+    assert client.waiting_bytes == 0
