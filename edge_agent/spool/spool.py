@@ -188,40 +188,40 @@ class Spool:
 
     async def put_secret(self, name: str, value: bytes) -> None:
         """Keep a private key. Raises `SpoolError` for a name that exists."""
-        await self._run(partial(self._store.put_secrets, {name: value}))
+        await self._run(partial(self._store.state.put_secrets, {name: value}))
 
     async def put_secrets(self, secrets: Mapping[str, bytes]) -> None:
         """Keep several private keys, all or none."""
-        await self._run(partial(self._store.put_secrets, dict(secrets)))
+        await self._run(partial(self._store.state.put_secrets, dict(secrets)))
 
     async def take_secret(self, name: str) -> bytes | None:
         """A private key, once: it is durably gone from the spool before this returns; None when it was taken."""
-        return await self._run(partial(self._store.take_secret, name))
+        return await self._run(partial(self._store.state.take_secret, name))
 
     async def secret_names(self) -> list[str]:
         """Names of the private keys that are left."""
-        return await self._run(self._store.secret_names)
+        return await self._run(self._store.state.secret_names)
 
     async def put_session(self, session_id: str, state: Mapping[str, Any]) -> None:
         """Keep the state (canonical JSON) of a session in progress, so that a restarted agent can end it."""
-        await self._run(partial(self._store.put_session, session_id, _encoded(state, "session state")))
+        await self._run(partial(self._store.state.put_session, session_id, _encoded(state, "session state")))
 
     async def remove_session(self, session_id: str) -> None:
         """Forget a session; where its end is recorded, give `append` ``ends_session`` instead."""
-        await self._run(partial(self._store.remove_session, session_id))
+        await self._run(partial(self._store.state.remove_session, session_id))
 
     async def sessions(self) -> dict[str, dict[str, Any]]:
         """Sessions in progress by id; right after `open`: those that were interrupted."""
-        stored = await self._run(self._store.sessions)
+        stored = await self._run(self._store.state.sessions)
         return {session_id: encoding.decode(state) for session_id, state in stored.items()}
 
     async def put_note(self, name: str, value: bytes) -> None:
         """Keep a small value of the agent's own."""
-        await self._run(partial(self._store.put_note, name, value))
+        await self._run(partial(self._store.state.put_note, name, value))
 
     async def note(self, name: str) -> bytes | None:
         """A value kept by `put_note`; None when there is none."""
-        return await self._run(partial(self._store.note, name))
+        return await self._run(partial(self._store.state.note, name))
 
     # Inside
 

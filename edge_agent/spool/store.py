@@ -7,27 +7,25 @@ all that it says, durably, or raised and changed nothing.
 from __future__ import annotations
 
 import contextlib
-import sqlite3
 import uuid
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Final
 
+from edge_agent.spool.database import SpoolDatabase
 from edge_agent.spool.errors import SpoolCorruptError, SpoolError, SpoolFull
-from edge_agent.spool.reserve import DiskReserve
-from edge_agent.spool.schema import EVIDENCE, MARKER, TELEMETRY, open_database, translated
+from edge_agent.spool.schema import EVIDENCE, MARKER, TELEMETRY
+from edge_agent.spool.state import AgentState
 from wonderland.proofs import encoding
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
 ROW_BYTES: Final = 64
 """What a row costs besides its body: numbers, index entry, its share of a page."""
 MIN_QUOTA_BYTES: Final = 256 * 1024
 DROPPED: Final = "dropped"
-
-_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,84 +72,98 @@ class SpoolStatus:
         return {"records": self.records, "bytes": self.bytes, "dropped": self.dropped}
 
 
+@dataclass(slots=True)
+class _Totals:
+    """What the tables hold, kept in memory so that no write has to count."""
+
+    spool: str
+    last_seq: int
+    acknowledged: int
+    dropped: int
+    records: int
+    telemetry_bytes: int
+    kept_bytes: int
+    """Evidence, and markers with it."""
+    lost: int = 0
+    """Telemetry given up before it had a number; the next write marks it."""
+
+
 class SpoolStore:
-    """Records by number, secrets, sessions in progress and notes of the agent. Raises `SpoolError` only."""
+    """Records by number, and the agent's own state in `state`. Raises `SpoolError` only."""
 
     def __init__(self, path: Path, *, owner: str, quota_bytes: int, reserve_bytes: int) -> None:
         if quota_bytes < MIN_QUOTA_BYTES:
             raise SpoolError(f"a quota of {quota_bytes} bytes is too small; give at least {MIN_QUOTA_BYTES}")
-        self._what = f"spool {path}"
         self._quota = quota_bytes
         self._headroom = max(quota_bytes // 16, 64 * 1024)
-        self._reserve = DiskReserve(path.with_suffix(".reserve"), reserve_bytes)
-        self._disk_full = False
-        self._lost = 0
         # Pages fill only in part: the file may take twice what is counted before SQLite stops it.
         max_bytes = 2 * quota_bytes + (1 << 20)
+        self._database = SpoolDatabase(path, owner=owner, max_bytes=max_bytes, reserve_bytes=reserve_bytes)
+        self._db = self._database.connection
+        self.state = AgentState(self._database)
+        """Secrets, sessions in progress and notes of the agent."""
         try:
-            self._db = open_database(path, owner=owner, max_bytes=max_bytes)
-        except SpoolFull:
-            # Even to read takes a little space; the agent must be able to start and end what was interrupted.
-            if not self._reserve.release():
-                raise
-            self._disk_full = True
-            self._db = open_database(path, owner=owner, max_bytes=max_bytes)
-        self._reserve.restore()
-        try:
-            self._load()
-        except sqlite3.Error as cause:
-            self._db.close()
-            raise translated(cause, self._what) from cause
-        except (KeyError, ValueError, TypeError) as cause:
-            self._db.close()
-            raise SpoolCorruptError(f"{self._what}: its numbers cannot be read; move the directory aside") from cause
+            self._totals = self._count()
+        except SpoolError:
+            self._database.close()
+            raise
 
-    def _load(self) -> None:
-        meta = dict(self._db.execute("SELECT name, value FROM meta").fetchall())
-        self._spool = str(meta["spool"])
-        self._last_seq = int(meta["last_seq"])
-        self._acknowledged = int(meta["acknowledged"])
-        self._dropped = int(meta["dropped"])
-        totals = {
-            int(number): (int(rows), int(size) + int(rows) * ROW_BYTES)
-            for number, rows, size in self._db.execute(
-                "SELECT class, count(*), coalesce(sum(length(body)), 0) FROM records GROUP BY class"
+    def _count(self) -> _Totals:
+        with self._database.reading():
+            meta = dict(self._db.execute("SELECT name, value FROM meta").fetchall())
+            sizes = {
+                int(number): (int(rows), int(size) + int(rows) * ROW_BYTES)
+                for number, rows, size in self._db.execute(
+                    "SELECT class, count(*), coalesce(sum(length(body)), 0) FROM records GROUP BY class"
+                )
+            }
+        try:
+            return _Totals(
+                spool=str(meta["spool"]),
+                last_seq=int(meta["last_seq"]),
+                acknowledged=int(meta["acknowledged"]),
+                dropped=int(meta["dropped"]),
+                records=sum(rows for rows, _ in sizes.values()),
+                telemetry_bytes=sizes.get(TELEMETRY, (0, 0))[1],
+                kept_bytes=sizes.get(EVIDENCE, (0, 0))[1] + sizes.get(MARKER, (0, 0))[1],
             )
-        }
-        self._records = sum(rows for rows, _ in totals.values())
-        self._telemetry_bytes = totals.get(TELEMETRY, (0, 0))[1]
-        self._kept_bytes = totals.get(EVIDENCE, (0, 0))[1] + totals.get(MARKER, (0, 0))[1]
+        except (KeyError, ValueError, TypeError) as cause:
+            raise SpoolCorruptError(
+                f"{self._database.what}: its numbers cannot be read; move the directory aside"
+            ) from cause
 
     def close(self) -> None:
         """Give the file back; everything stored stays."""
-        with contextlib.suppress(sqlite3.Error):
-            self._db.close()
+        self._database.close()
 
     @property
     def degraded(self) -> bool:
         """Whether the disk was full, and `maintain` has not found yet that it no longer is."""
-        return self._disk_full or not self._reserve.held
+        return self._database.degraded
+
+    def maintain(self) -> None:
+        """Look whether a full disk has room again."""
+        self._database.maintain()
 
     @property
     def status(self) -> SpoolStatus:
         """Where the spool stands."""
+        totals = self._totals
         reason = ""
         if self.degraded:
             reason = "the disk is full: free space on it"
-        elif self._kept_bytes + self._headroom > self._quota:
+        elif totals.kept_bytes + self._headroom > self._quota:
             reason = "unsent evidence fills the spool: restore the connection to the server, or raise the quota"
         return SpoolStatus(
-            spool=self._spool,
-            records=self._records,
-            bytes=self._telemetry_bytes + self._kept_bytes,
-            evidence_bytes=self._kept_bytes,
-            dropped=self._dropped + self._lost,
-            last_seq=self._last_seq,
-            acknowledged=self._acknowledged,
+            spool=totals.spool,
+            records=totals.records,
+            bytes=totals.telemetry_bytes + totals.kept_bytes,
+            evidence_bytes=totals.kept_bytes,
+            dropped=totals.dropped + totals.lost,
+            last_seq=totals.last_seq,
+            acknowledged=totals.acknowledged,
             reason=reason,
         )
-
-    # Records
 
     def write(self, entries: Sequence[Entry], lost: int = 0) -> list[int | SpoolFull]:
         """Store entries in one durable transaction; their numbers, or why one of them found no room.
@@ -160,36 +172,36 @@ class SpoolStore:
         telemetry is given up, too; for evidence the reserve is released. Raises `SpoolFull` when even that did not
         help, or there was no evidence; then nothing of the batch is stored.
         """
-        self._lost += lost
+        self._totals.lost += lost
         evidence = [entry for entry in entries if entry.evidence]
         try:
             return self._write(entries)
         except SpoolFull:
-            self._disk_full = True
-            self._lost += len(entries) - len(evidence)
-            if not evidence or not self._reserve.release():
+            self._database.note_full()
+            self._totals.lost += len(entries) - len(evidence)
+            if not evidence or not self._database.use_reserve():
                 raise
         except SpoolError:
-            self._lost += len(entries) - len(evidence)
+            self._totals.lost += len(entries) - len(evidence)
             raise
         with contextlib.suppress(SpoolError):
             self._drop_all_telemetry()
         numbers = iter(self._write(evidence))
-        full = SpoolFull(f"{self._what}: the disk is full; this telemetry was dropped")
+        full = SpoolFull(f"{self._database.what}: the disk is full; this telemetry was dropped")
         return [next(numbers) if entry.evidence else full for entry in entries]
 
     def _write(self, entries: Sequence[Entry]) -> list[int | SpoolFull]:
         results: list[int | SpoolFull] = []
         with self._transaction():
-            seq = self._last_seq
-            if self._lost:
-                self._mark(seq + 1, seq + self._lost)
-                seq += self._lost
-                self._dropped += self._lost
-                self._lost = 0
-                self._save("dropped", self._dropped)
+            seq = self._totals.last_seq
+            if self._totals.lost:
+                self._mark(seq + 1, seq + self._totals.lost)
+                seq += self._totals.lost
+                self._totals.dropped += self._totals.lost
+                self._totals.lost = 0
+                self._save("dropped", self._totals.dropped)
             rows: list[tuple[int, int, str, int, bytes]] = []
-            kept, telemetry = self._kept_bytes, self._telemetry_bytes
+            kept, telemetry = self._totals.kept_bytes, self._totals.telemetry_bytes
             for entry in entries:
                 size = entry.bytes
                 if entry.evidence:
@@ -205,12 +217,12 @@ class SpoolStore:
                 if entry.ends_session is not None:
                     self._db.execute("DELETE FROM sessions WHERE session_id = ?", (entry.ends_session,))
             self._db.executemany("INSERT INTO records VALUES (?, ?, ?, ?, ?)", rows)
-            self._records += len(rows)
-            self._kept_bytes, self._telemetry_bytes, self._last_seq = kept, telemetry, seq
+            self._totals.records += len(rows)
+            self._totals.kept_bytes, self._totals.telemetry_bytes, self._totals.last_seq = kept, telemetry, seq
             if telemetry and kept + telemetry > self._quota:
                 # A little more than needed, so that not every write drops.
                 self._drop_telemetry(kept + telemetry - self._quota + self._quota // 8)
-            self._save("last_seq", self._last_seq)
+            self._save("last_seq", self._totals.last_seq)
         return results
 
     def pending(self, after_seq: int, max_records: int, max_bytes: int) -> list[StoredRecord]:
@@ -218,7 +230,7 @@ class SpoolStore:
         found: list[StoredRecord] = []
         size = 0
         with (
-            self._reading(),
+            self._database.reading(),
             contextlib.closing(
                 self._db.execute(
                     "SELECT seq, kind, t_ms, body FROM records WHERE seq > ? ORDER BY seq LIMIT ?",
@@ -238,10 +250,12 @@ class SpoolStore:
 
         Needs no disk flush: a forgotten acknowledgement only has the server say it again.
         """
-        if seq > self._last_seq:
-            raise SpoolError(f"{self._what}: {seq} was acknowledged, but the last record is {self._last_seq}")
-        if seq > self._acknowledged:
-            self._with_reserve(partial(self._acknowledge, seq))
+        if seq > self._totals.last_seq:
+            raise SpoolError(
+                f"{self._database.what}: {seq} was acknowledged, but the last record is {self._totals.last_seq}"
+            )
+        if seq > self._totals.acknowledged:
+            self._database.with_reserve(partial(self._acknowledge, seq))
 
     def _acknowledge(self, seq: int) -> None:
         with self._transaction(durable=False):
@@ -256,7 +270,7 @@ class SpoolStore:
             if marker is not None and _range(marker[1])[0] <= seq:
                 self._unmark(marker[0], marker[1])
                 self._mark(seq + 1, marker[0])
-            self._acknowledged = seq
+            self._totals.acknowledged = seq
             self._save("acknowledged", seq)
 
     def renew(self) -> None:
@@ -275,97 +289,13 @@ class SpoolStore:
             )
             for name, value in (("spool", uuid.uuid4().hex), ("last_seq", len(rows)), ("acknowledged", 0)):
                 self._save(name, value)
-            self._load()
-
-    def maintain(self) -> None:
-        """Try to leave the emergency: move the log into the file, take the reserve again, write something."""
-        if not self.degraded:
-            return
-        with contextlib.suppress(sqlite3.Error):
-            self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
-        if not self._reserve.restore():
-            return
-        with contextlib.suppress(SpoolError), self._transaction():
-            self._save("dropped", self._dropped)
-            self._disk_full = False
-
-    # Secrets, sessions and notes
-
-    def put_secrets(self, secrets: Mapping[str, bytes]) -> None:
-        """Store secrets under new names. Raises `SpoolError` for a name that exists."""
-        with self._transaction():
-            for name, value in secrets.items():
-                if self._db.execute("SELECT 1 FROM secrets WHERE name = ?", (name,)).fetchone():
-                    raise SpoolError(f"{self._what}: a secret {name!r} exists already")
-                self._db.execute("INSERT INTO secrets VALUES (?, ?)", (name, value))
-
-    def take_secret(self, name: str) -> bytes | None:
-        """A secret, which is durably gone from here with that; None when there is none (any more)."""
-        secret = self._with_reserve(partial(self._take_secret, name))
-        if secret is not None:
-            # The log still holds the page with the secret: put the overwritten one in its place, and cut the log.
-            with contextlib.suppress(sqlite3.Error):
-                self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
-        return secret
-
-    def _take_secret(self, name: str) -> bytes | None:
-        with self._transaction():
-            row = self._db.execute("SELECT value FROM secrets WHERE name = ?", (name,)).fetchone()
-            if row is None:
-                return None
-            self._db.execute("DELETE FROM secrets WHERE name = ?", (name,))
-        return bytes(row[0])
-
-    def secret_names(self) -> list[str]:
-        """Names of the secrets that are there."""
-        with self._reading():
-            return [name for (name,) in self._db.execute("SELECT name FROM secrets ORDER BY name")]
-
-    def put_session(self, session_id: str, state: bytes) -> None:
-        """Store or replace the state of a session in progress."""
-        self._execute("INSERT OR REPLACE INTO sessions VALUES (?, ?)", session_id, state)
-
-    def remove_session(self, session_id: str) -> None:
-        """Forget a session that has ended."""
-        self._execute("DELETE FROM sessions WHERE session_id = ?", session_id)
-
-    def sessions(self) -> dict[str, bytes]:
-        """Sessions in progress: after a start, those that a crash or power cut interrupted."""
-        with self._reading():
-            return dict(self._db.execute("SELECT session_id, state FROM sessions ORDER BY session_id").fetchall())
-
-    def put_note(self, name: str, value: bytes) -> None:
-        """Store or replace a small value of the agent's own, for example where it stands in the event stream."""
-        self._execute("INSERT OR REPLACE INTO notes VALUES (?, ?)", name, value)
-
-    def note(self, name: str) -> bytes | None:
-        """A value of the agent's own; None when it was never put."""
-        with self._reading():
-            row = self._db.execute("SELECT value FROM notes WHERE name = ?", (name,)).fetchone()
-        return None if row is None else bytes(row[0])
+            self._totals = replace(self._count(), lost=self._totals.lost)
 
     # Inside
 
-    def _execute(self, statement: str, *values: str | bytes) -> None:
-        def work() -> None:
-            with self._transaction():
-                self._db.execute(statement, values)
-
-        self._with_reserve(work)
-
-    def _with_reserve(self, work: Callable[[], _Result]) -> _Result:
-        """Do what a running session needs, in the reserve's space when there is no other."""
-        try:
-            return work()
-        except SpoolFull:
-            self._disk_full = True
-            if not self._reserve.release():
-                raise
-        return work()
-
     def _drop_all_telemetry(self) -> None:
         with self._transaction():
-            self._drop_telemetry(self._telemetry_bytes)
+            self._drop_telemetry(self._totals.telemetry_bytes)
 
     def _drop_telemetry(self, needed_bytes: int) -> None:
         """Delete the oldest telemetry until that much is free, and say so in markers."""
@@ -379,10 +309,10 @@ class SpoolStore:
         if not rows:
             return
         self._db.execute("DELETE FROM records WHERE class = ? AND seq <= ?", (TELEMETRY, last))
-        self._telemetry_bytes -= freed
-        self._records -= rows
-        self._dropped += rows
-        self._save("dropped", self._dropped)
+        self._totals.telemetry_bytes -= freed
+        self._totals.records -= rows
+        self._totals.dropped += rows
+        self._save("dropped", self._totals.dropped)
         self._mark_gaps(last)
 
     def _mark_gaps(self, last: int) -> None:
@@ -391,7 +321,7 @@ class SpoolStore:
             "SELECT seq, body FROM records WHERE class = ? AND seq <= ?", (MARKER, last)
         ).fetchall():
             self._unmark(seq, body)
-        before = self._acknowledged
+        before = self._totals.acknowledged
         for (seq,) in self._db.execute(
             "SELECT seq FROM records WHERE class = ? AND seq <= ? ORDER BY seq", (EVIDENCE, last)
         ).fetchall():
@@ -413,64 +343,39 @@ class SpoolStore:
         t_ms = 0 if row is None else row[0]
         body = encoding.encode({"from_seq": from_seq, "to_seq": to_seq})
         self._db.execute("INSERT INTO records VALUES (?, ?, ?, ?, ?)", (to_seq, MARKER, DROPPED, t_ms, body))
-        self._records += 1
-        self._kept_bytes += ROW_BYTES + len(body)
+        self._totals.records += 1
+        self._totals.kept_bytes += ROW_BYTES + len(body)
 
     def _unmark(self, seq: int, body: bytes) -> None:
         self._db.execute("DELETE FROM records WHERE seq = ?", (seq,))
         self._forget(MARKER, 1, len(body))
 
     def _forget(self, number: int, rows: int, size: int) -> None:
-        self._records -= rows
+        self._totals.records -= rows
         if number == TELEMETRY:
-            self._telemetry_bytes -= size + rows * ROW_BYTES
+            self._totals.telemetry_bytes -= size + rows * ROW_BYTES
         else:
-            self._kept_bytes -= size + rows * ROW_BYTES
+            self._totals.kept_bytes -= size + rows * ROW_BYTES
 
     def _save(self, name: str, value: int | str) -> None:
         self._db.execute("UPDATE meta SET value = ? WHERE name = ?", (value, name))
 
     def _quota_full(self) -> SpoolFull:
         return SpoolFull(
-            f"{self._what}: {self._kept_bytes} bytes of unsent evidence fill the quota of {self._quota}; "
-            "restore the connection to the server, or raise the quota"
+            f"{self._database.what}: {self._totals.kept_bytes} bytes of unsent evidence fill the quota of "
+            f"{self._quota}; restore the connection to the server, or raise the quota"
         )
 
     @contextlib.contextmanager
     def _transaction(self, *, durable: bool = True) -> Iterator[None]:
-        """All or nothing, in the file as in the totals kept in memory."""
-        totals = (
-            self._last_seq, self._acknowledged, self._dropped, self._lost, self._records, self._telemetry_bytes,
-            self._kept_bytes, self._spool,
-        )  # fmt: skip
+        """All or nothing, in the file as in the totals."""
+        before = replace(self._totals)
         try:
-            if not durable:
-                self._db.execute("PRAGMA synchronous = NORMAL")
-            try:
-                self._db.execute("BEGIN IMMEDIATE")
+            with self._database.transaction(durable=durable):
                 yield
-                self._db.execute("COMMIT")
-            finally:
-                if self._db.in_transaction:
-                    with contextlib.suppress(sqlite3.Error):
-                        self._db.execute("ROLLBACK")
-                if not durable:
-                    self._db.execute("PRAGMA synchronous = FULL")
-        except BaseException as error:
-            (
-                self._last_seq, self._acknowledged, self._dropped, self._lost, self._records, self._telemetry_bytes,
-                self._kept_bytes, self._spool,
-            ) = totals  # fmt: skip
-            if isinstance(error, sqlite3.Error):
-                raise translated(error, self._what) from error
+        except BaseException:
+            self._totals = before
             raise
-
-    @contextlib.contextmanager
-    def _reading(self) -> Iterator[None]:
-        try:
-            yield
-        except sqlite3.Error as cause:
-            raise translated(cause, self._what) from cause
 
 
 def _range(body: bytes) -> tuple[int, int]:

@@ -179,17 +179,17 @@ def test_renewing_numbers_what_is_pending_from_one(tmp_path: Path) -> None:
 def test_a_secret_is_taken_once_and_leaves_nothing_behind(tmp_path: Path) -> None:
     store = open_store(tmp_path)
     secret = b"\x5a-private-key-\xa5" * 2
-    store.put_secrets({"prekey/1": secret, "prekey/2": b"other"})
+    store.state.put_secrets({"prekey/1": secret, "prekey/2": b"other"})
     with pytest.raises(SpoolError, match="exists already"):
-        store.put_secrets({"prekey/3": b"x", "prekey/1": b"y"})
-    assert store.secret_names() == ["prekey/1", "prekey/2"]
-    assert store.take_secret("prekey/1") == secret
-    assert store.take_secret("prekey/1") is None
+        store.state.put_secrets({"prekey/3": b"x", "prekey/1": b"y"})
+    assert store.state.secret_names() == ["prekey/1", "prekey/2"]
+    assert store.state.take_secret("prekey/1") == secret
+    assert store.state.take_secret("prekey/1") is None
     for path in tmp_path.iterdir():
         assert secret not in path.read_bytes(), path.name
     store.close()
     store = open_store(tmp_path)
-    assert store.secret_names() == ["prekey/2"]
+    assert store.state.secret_names() == ["prekey/2"]
     store.close()
 
 
@@ -204,26 +204,26 @@ def test_the_files_are_private(tmp_path: Path) -> None:
 
 def test_sessions_and_notes(tmp_path: Path) -> None:
     store = open_store(tmp_path)
-    store.put_session("s1", b'{"step":"poll"}')
-    store.put_session("s1", b'{"step":"range"}')
-    store.put_session("s2", b"{}")
-    assert store.sessions() == {"s1": b'{"step":"range"}', "s2": b"{}"}
+    store.state.put_session("s1", b'{"step":"poll"}')
+    store.state.put_session("s1", b'{"step":"range"}')
+    store.state.put_session("s2", b"{}")
+    assert store.state.sessions() == {"s1": b'{"step":"range"}', "s2": b"{}"}
     store.write([Entry("session_end", T0, b"{}", evidence=True, ends_session="s1")])
-    store.remove_session("s2")
-    assert store.sessions() == {}
-    assert store.note("checkpoint") is None
-    store.put_note("checkpoint", b"17")
-    store.put_note("checkpoint", b"18")
-    assert store.note("checkpoint") == b"18"
+    store.state.remove_session("s2")
+    assert store.state.sessions() == {}
+    assert store.state.note("checkpoint") is None
+    store.state.put_note("checkpoint", b"17")
+    store.state.put_note("checkpoint", b"18")
+    assert store.state.note("checkpoint") == b"18"
     store.close()
 
 
 def test_a_session_that_finds_no_room_for_its_end_is_still_there(tmp_path: Path) -> None:
     store = open_store(tmp_path)
-    store.put_session("s1", b"{}")
+    store.state.put_session("s1", b"{}")
     (result,) = store.write([Entry("session_end", T0, b"x" * QUOTA, evidence=True, ends_session="s1")])
     assert isinstance(result, SpoolFull)
-    assert list(store.sessions()) == ["s1"]
+    assert list(store.state.sessions()) == ["s1"]
     store.close()
 
 
