@@ -33,3 +33,7 @@ class CheckpointError(LedgerError):
 
 class FileWriteError(LedgerError):
     """A file could not be written durably (no space, no permission, a failing disk); what stood there still does."""
+
+
+class RevocationListError(LedgerError):
+    """A revocation list that must not get onto the channel: foreign, wrongly signed, or without its issuer's key id."""

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
     from cryptography.hazmat.primitives.asymmetric import ec
 
+    from wonderland.ledger.signing import Signer
+
 MAX_CREATOR_BYTES: Final = 65_536
 MAX_MSP_ID_CHARS: Final = 128
 NODE_OUS: Final = frozenset({"client", "peer", "admin", "orderer"})
@@ -134,6 +136,19 @@ class Identity:
         except ValueError as cause:
             raise IdentityError(f"{self.msp_id}: the certificate's subject cannot be read ({cause})") from cause
         return [value for value in values if isinstance(value, str)]
+
+
+@dataclass(frozen=True)
+class SigningIdentity:
+    """An identity together with the means to sign as it."""
+
+    identity: Identity
+    sign: Signer
+
+    @property
+    def creator(self) -> bytes:
+        """The SerializedIdentity."""
+        return self.identity.creator
 
 
 @lru_cache(maxsize=1024)

@@ -13,32 +13,21 @@ from typing import TYPE_CHECKING, Final
 from fabric_protos.common import common_pb2, configtx_pb2
 from fabric_protos.msp import msp_config_pb2
 
-from wonderland.ledger.embedded.genesis import serialise
-from wonderland.ledger.embedded.msp import OrganisationTrust, check_revocation_list
+from wonderland.ledger.channel_groups import serialise
+from wonderland.ledger.embedded.msp import OrganisationTrust
 from wonderland.ledger.errors import BlockError
+from wonderland.ledger.identity import SigningIdentity
 from wonderland.ledger.protobuf import decode
+from wonderland.ledger.revocation import check_revocation_list
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from wonderland.ledger.channel_config import ChannelConfig
-    from wonderland.ledger.identity import Identity
-    from wonderland.ledger.signing import Signer
+
+__all__ = ["ConfigSigners", "SigningIdentity", "config_data", "revocation_transaction", "trust_of"]
 
 NONCE_BYTES: Final = 24
-
-
-@dataclass(frozen=True)
-class SigningIdentity:
-    """An identity together with the means to sign as it."""
-
-    identity: Identity
-    sign: Signer
-
-    @property
-    def creator(self) -> bytes:
-        """The SerializedIdentity."""
-        return self.identity.creator
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,24 @@
 
 from __future__ import annotations
 
-from wonderland.ledger.errors import LedgerError
+from wonderland.ledger.errors import LedgerError, RevocationListError
+
+__all__ = [
+    "AccessDeniedError",
+    "ContractFailedError",
+    "ContractLoadError",
+    "DirectoryError",
+    "EmbeddedLedgerError",
+    "LedgerCorruptedError",
+    "LedgerLockedError",
+    "LedgerOverloadedError",
+    "LedgerUnavailableError",
+    "MalformedRequestError",
+    "ProposalRefusedError",
+    "RequestRefusedError",
+    "RevocationListError",
+    "StorageError",
+]
 
 
 class EmbeddedLedgerError(LedgerError):
@@ -33,12 +50,12 @@ class LedgerUnavailableError(EmbeddedLedgerError):
     """The ledger takes no transactions now: it is stopping, overloaded, or cannot write. What was committed stays."""
 
 
+class LedgerOverloadedError(LedgerUnavailableError):
+    """Too much is waiting already; what was asked was not begun."""
+
+
 class ContractLoadError(EmbeddedLedgerError):
     """No contract of that name is installed, or what is installed is none."""
-
-
-class RevocationListError(EmbeddedLedgerError):
-    """A revocation list that must not get onto the channel: foreign, wrongly signed, or without its issuer's key id."""
 
 
 class RequestRefusedError(EmbeddedLedgerError):

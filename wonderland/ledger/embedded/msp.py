@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Final
 
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
-from cryptography.hazmat.primitives.asymmetric import ec
 
-from wonderland.ledger.embedded.errors import AccessDeniedError, RevocationListError
+from wonderland.ledger.embedded.errors import AccessDeniedError
 from wonderland.ledger.errors import IdentityError, SignatureError
 from wonderland.ledger.identity import Identity
+from wonderland.ledger.revocation import check_revocation_list, subject_key_id
 from wonderland.ledger.signing import verify
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ class ChannelMembership:
         if _is_ca(identity.certificate):
             raise AccessDeniedError(f"{msp_id}: a CA certificate cannot be used as an identity")
         for certificate, issuer in itertools.pairwise(chain):
-            if (_subject_key_id(issuer), certificate.serial_number) in organisation.revoked:
+            if (subject_key_id(issuer), certificate.serial_number) in organisation.revoked:
                 raise AccessDeniedError(f"{msp_id}: the certificate of {identity.common_name!r} is revoked")
         if not identity.node_ou:
             raise AccessDeniedError(
@@ -164,31 +164,6 @@ class ChannelMembership:
             max(_ms(certificate.not_valid_before_utc) for certificate in chain),
             min(_ms(certificate.not_valid_after_utc) for certificate in chain),
         )
-
-
-def check_revocation_list(crl_pem: bytes, roots: Iterable[bytes]) -> x509.CertificateRevocationList:
-    """Parse a PEM list that one of these CA certificates issued. Raises `RevocationListError`.
-
-    Stricter than Fabric on purpose: it silently ignores a list signed by another key, and a list without the
-    authority key identifier makes every identity of the organisation invalid.
-    """
-    try:
-        crl = x509.load_pem_x509_crl(crl_pem)
-        key_id = crl.extensions.get_extension_for_class(x509.AuthorityKeyIdentifier).value.key_identifier
-    except x509.ExtensionNotFound as cause:
-        raise RevocationListError("the revocation list has no authority key identifier; issue it again") from cause
-    except (ValueError, UnsupportedAlgorithm, x509.DuplicateExtension) as cause:
-        raise RevocationListError(f"no PEM revocation list ({cause})") from cause
-    for pem in roots:
-        issuer = x509.load_pem_x509_certificate(pem)
-        if issuer.subject == crl.issuer and _subject_key_id(issuer) == key_id:
-            public_key = issuer.public_key()
-            if isinstance(public_key, ec.EllipticCurvePublicKey) and crl.is_signature_valid(public_key):
-                return crl
-            raise RevocationListError("the revocation list was not signed by the CA that it names")
-    raise RevocationListError(
-        f"the revocation list's issuer {crl.issuer.rfc4514_string()!r} is no CA of that organisation"
-    )
 
 
 def _load(trust: OrganisationTrust) -> _Organisation:
@@ -234,15 +209,6 @@ def _is_ca(certificate: x509.Certificate) -> bool:
         return certificate.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
     except x509.ExtensionNotFound:
         return False
-    except (ValueError, x509.DuplicateExtension) as cause:
-        raise IdentityError(f"a certificate's extensions cannot be read ({cause})") from cause
-
-
-def _subject_key_id(certificate: x509.Certificate) -> bytes:
-    try:
-        return certificate.extensions.get_extension_for_class(x509.SubjectKeyIdentifier).value.digest
-    except x509.ExtensionNotFound:
-        return b""
     except (ValueError, x509.DuplicateExtension) as cause:
         raise IdentityError(f"a certificate's extensions cannot be read ({cause})") from cause
 

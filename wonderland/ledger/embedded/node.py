@@ -19,10 +19,10 @@ from wonderland.ledger.embedded.contracts import check_contract
 from wonderland.ledger.embedded.directory import LedgerDirectory
 from wonderland.ledger.embedded.errors import DirectoryError
 from wonderland.ledger.embedded.genesis import ChannelDescription, OrganisationDescription, genesis_block
-from wonderland.ledger.embedded.msp import check_revocation_list
 from wonderland.ledger.embedded.orderer import BatchLimits
 from wonderland.ledger.embedded.server import LedgerServer, bracketed, split_address
 from wonderland.ledger.embedded.system import KIND
+from wonderland.ledger.revocation import check_revocation_list
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
