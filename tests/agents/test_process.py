@@ -20,7 +20,8 @@ prekeys = 6
 [remote_id]
 listen = "127.0.0.1:0"
 """
-MAX_RSS_BYTES = 60 << 20
+MAX_PRIVATE_BYTES = 40 << 20
+"""What a second agent on the same machine would cost; the code of gRPC, OpenSSL and Python (34 MB) is shared."""
 
 
 @pytest.fixture
@@ -66,7 +67,8 @@ async def test_ready_small_and_stopped_by_a_signal(world, start_pad):
     async with world.uav() as uav:
         result = await uav.prove("pad-1", "land")
     assert result.verdict.outcome == "verified"
-    assert psutil.Process(process.pid).memory_info().rss <= MAX_RSS_BYTES
+    memory = psutil.Process(process.pid).memory_info()
+    assert memory.rss - memory.shared <= MAX_PRIVATE_BYTES
     process.send_signal(signal.SIGTERM)
     async with asyncio.timeout(10):
         _, errors = await process.communicate()
