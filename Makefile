@@ -19,6 +19,7 @@ $(VENV)/.ready: requirements/dev.txt pyproject.toml
 	@echo "Installing Python packages (about a minute the first time)…"
 	@$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/dev.txt
 	@$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --editable .
+	@$(BIN)/python -m compileall -q $(PACKAGES)
 	@touch $@
 
 CONSOLE_SOURCES := $(shell git ls-files frontend 2>/dev/null)

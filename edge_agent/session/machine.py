@@ -277,11 +277,10 @@ class PadSession:
                 return
 
     def _range(self, now_ms: int, actions: list[do.PadAction]) -> None:
-        """What ranging brought since the last event: first round, running estimates, looks."""
+        """What ranging brought since the last event: running estimates, looks."""
         rounds = self._gathered.rounds
         if not rounds:
             return
-        self._reach("range", self._gathered.table(0, 1).t_ms[0], actions)
         if self._look_due and self._claim_is_fresh(now_ms):
             self._look(now_ms, actions)
         elif rounds >= self._told + self._timing.estimate_every_rounds and self._gathered.claims:
@@ -312,15 +311,16 @@ class PadSession:
         self._hopeless = self._hopeless + 1 if undecided and verdict.more_rounds < 0 else 0
         last = self._gathered.rounds >= min(self.session.policy.max_rounds, LOOKS[-1])
         if not undecided or last or self._hopeless >= HOPELESS_LOOKS:
-            self._confirm(now_ms)
+            self._confirm(now_ms, actions)
         else:
             self._words.tell(self._gathered, now_ms, final=False)
 
     def _preview(self, now_ms: int) -> Verdict:
         return self._judge(self.session, self.commissioning, self._evidence(now_ms), now_ms)
 
-    def _confirm(self, now_ms: int) -> None:
-        """Step 6: tell all ranges and ask for the countersignature."""
+    def _confirm(self, now_ms: int, actions: list[do.PadAction]) -> None:
+        """Step 5 is over; step 6: tell all ranges and ask for the countersignature."""
+        self._reach("range", self._gathered.table(self._gathered.rounds - 1).t_ms[0], actions)
         self._gathered.frozen = True
         self.phase = Phase.CONFIRMING
         if "challenge" in self._times:  # ranging was over before its moment came

@@ -241,10 +241,9 @@ class UavSession:
         self._t_ms.extend(part.table.t_ms)
         for anchor in part.table.anchors:
             self._columns[anchor.anchor_id].extend(anchor.range_mm)
-        if "range" not in self.steps and part.table.t_ms:
-            self._reach("range", now_ms, actions)
         if not part.final:
             return
+        self._reach("range", now_ms, actions)
         table = RangeTable(
             t_ms=tuple(self._t_ms),
             anchors=tuple(

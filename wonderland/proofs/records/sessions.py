@@ -101,7 +101,7 @@ class Radio(Record):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StepTime(Record):
-    """When a step of the proof was reached, by the clock of the one who reports it."""
+    """When a step of the proof was completed, by the clock of the one who reports it."""
 
     step: Annotated[str, Choice(STEP_NAMES)]
     t_ms: TimeMs
