@@ -9,12 +9,16 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import json
+import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+# Children are started while gRPC's threads run; its own fork handlers would only complain about it.
+os.environ["GRPC_ENABLE_FORK_SUPPORT"] = "0"
 
 from simulator.stage.processes import Processes
 from wonderland.ledger.connection import Connection

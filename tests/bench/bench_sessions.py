@@ -1,0 +1,107 @@
+"""Whole sessions, one after the other: ledger, backend and pad are processes, the air and the drone's agent are here."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import random
+
+from simulator.channel import Channel
+from simulator.playback import Playback
+from simulator.recording import RecordedRound, Recording
+from simulator.scenario import PADS, Behaviour, DroneSpec
+from simulator.stage import Stage, StageSettings
+from simulator.world import drone_path
+from uav_agent.agent import UavAgent
+from uav_agent.ledger_events import LedgerEvents
+from uav_agent.position.autopilot import AutopilotPosition
+from uav_agent.radio import UavRadio
+from wonderland.clock import SteadyClock
+from wonderland.ledger.gateway import Gateway
+from wonderland.ledger.proof_contract import ProofContract
+
+UAV_ID = "BENCH"
+HOVER_M = (5.0, -6.0, 6.0)
+
+
+def hovering(pad, rounds, seed=1):
+    """A recording of a drone that hovers, drawn from the demo's radio channel, nothing lost."""
+    channel = Channel(random.Random(seed), anchor_bias_m={site.mac: site.bias_m for site in pad.anchors}, loss=0.0)
+    sites = {site.anchor_id: (site.east_m, site.north_m, site.up_m) for site in pad.anchors}
+
+    def ranged():
+        return {
+            site.anchor_id: channel.measure(math.dist(sites[site.anchor_id], HOVER_M), site.mac).range_m
+            for site in pad.anchors
+        }
+
+    return Recording(tuple(RecordedRound(0.05 * number, ranged(), HOVER_M) for number in range(rounds)), sites)
+
+
+class Sessions:
+    """Proves on demand at one pad."""
+
+    def __init__(self, stage, agent, identity):
+        self.stage = stage
+        self.agent = agent
+        self.identity = identity
+        self.pad_id = stage.settings.pads[0].pad_id
+
+    async def prove(self):
+        """One proof; asserts that it was verified."""
+        result = await self.agent.prove(self.pad_id, "land")
+        assert result.verdict is not None, (result.end, result.detail)
+        assert result.verdict.outcome == "verified", result.verdict.reasons
+        return result
+
+    def pid(self, name):
+        """Process id of one of the stage's children."""
+        return next(child.handle.pid for child in self.stage.processes._children if child.name == name)
+
+
+@contextlib.asynccontextmanager
+async def sessions(directory, *, policy, rounds=10_000):
+    """A stage with one pad and one drone, ready to prove. ``policy``: of the pad; ``rounds``: of the recording."""
+    pad = PADS[0]
+    drone = DroneSpec(UAV_ID, "Bench", pad.pad_id, "land", Behaviour.HONEST, HOVER_M, HOVER_M, 0.0)
+    stage = Stage(directory, StageSettings((pad,), (drone,), policy=lambda _: policy))
+    async with contextlib.AsyncExitStack() as stack:
+        await stack.enter_async_context(stage)
+        playback = Playback(
+            hovering(pad, rounds), pad, UAV_ID, directory, stage.ports.position[UAV_ID], lambda truth: truth
+        )
+        air = asyncio.ensure_future(playback.run())
+        try:
+            await asyncio.sleep(0)
+            await stage.start_pads()
+            connection, clock = stage.connection, SteadyClock()
+            identity, signer = connection.identity(UAV_ID), connection.signer(UAV_ID)
+            channel = await stack.enter_async_context(connection.open_channel())
+            network = Gateway(channel, identity, signer).network(connection.channel)
+            contract = ProofContract(network, connection.chaincode)
+            radio = await stack.enter_async_context(UavRadio(drone_path(directory, UAV_ID), clock))
+            port = ("127.0.0.1", stage.ports.position[UAV_ID])
+            position = await stack.enter_async_context(AutopilotPosition(port, clock))
+            events = await stack.enter_async_context(LedgerEvents(contract))
+
+            async def land(_verdict):
+                return "done"
+
+            agent = UavAgent(
+                uav_id=UAV_ID,
+                ledger=contract,
+                events=events,
+                identity=identity,
+                signer=signer,
+                radio=radio,
+                position=position,
+                act=land,
+                clock=clock,
+            )
+            await position.wait(10)
+            yield Sessions(stage, agent, identity)
+        finally:
+            air.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await air

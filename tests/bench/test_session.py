@@ -1,0 +1,118 @@
+"""A whole session beside what it cannot do without: two commits by the official client, and its time on the air."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from bench_sessions import sessions
+from bench_tools import p50, p95, show
+
+from wonderland.ledger.gateway import Gateway
+from wonderland.proofs import encoding
+from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.transactions import SubmitProof
+from wonderland.uwb.layout import RangingPlan
+from wonderland.uwb.link.segments import MAX_TEXT_OCTETS
+
+SESSIONS = 24
+COMMITS = 6
+PART_HEAD, TABLE_HEAD, PER_ROUND = 3, 8, 2
+"""Octets of a part of the ranges, of its table, and of each time or range in it."""
+FRAMES_A_ROUND = 4
+
+pytestmark = [pytest.mark.bench, pytest.mark.node]
+
+
+def airtime_ms(rounds, anchors, plan):
+    """What the radio needs, in parts: nothing is lost, nobody thinks, and a word waits half an interval on average.
+
+    Poll (B), reply (A), the rounds (A), the ranges in segments (B), the countersignature (A). Identities, claims,
+    challenge and echo travel while it ranges.
+    """
+    octets = 1 + PART_HEAD + TABLE_HEAD + PER_ROUND * rounds * (1 + anchors)
+    segments = -(-octets // MAX_TEXT_OCTETS)
+    a_ms, b_ms = plan.interval_a_ms, plan.interval_b_ms
+    return {
+        "poll": b_ms // 2,
+        "reply": a_ms // 2,
+        "rounds": rounds * a_ms,
+        "ranges told": -(-segments // FRAMES_A_ROUND) * b_ms - b_ms // 2,
+        "countersignature": a_ms // 2,
+    }
+
+
+async def test_request_to_verdict(tmp_path, node_client, keep):
+    plan = RangingPlan(session_a_id=2, session_b_id=3, pad_macs=(1, 2, 3, 4), uav_mac=9, sts_key=bytes(16))
+    walls, floors, commits, parts = [], [], [], {}
+    async with sessions(tmp_path, policy=Policy(min_assurance=2)) as proving:
+        connection = proving.stage.connection
+        home = SimpleNamespace(ready={"connection": str(Path(tmp_path) / "ledger" / "connection.json")})
+        node = await node_client(home, "pad_operator")
+        await node.submit("CreateAsset", assets("warm", 20))
+        await proving.prove()
+        results = []
+        for number in range(SESSIONS):
+            results.append(await proving.prove())
+            commits += await node.submit("CreateAsset", assets(f"n{number}", COMMITS))
+        async with connection.open_channel() as channel:
+            gateway = Gateway(channel, connection.identity("mirror"), connection.signer("mirror"))
+            network = gateway.network(connection.channel)
+            evidence = await submitted(network)
+            contract = network.contract(connection.chaincode)
+            for result in results:
+                session = encoding.decode(
+                    await contract.evaluate("ReadSession", encoding.encode({"session_id": result.session_id}))
+                )
+                brought = evidence[result.session_id]
+                steps = {each.step: each.t_ms for each in brought.steps}
+                verdict_ms = result.steps["verdict"]
+                walls.append(verdict_ms - session["requested_ms"])
+                floors.append(sum(airtime_ms(result.verdict.rounds, len(brought.ranges.anchors), plan).values()))
+                times = {"request committed": result.steps["request"], **steps, "verdict committed": verdict_ms}
+                del times["request"]
+                before = session["requested_ms"]
+                for name in ("request committed", "poll", "match", "reply", "range", "confirm", "verdict committed"):
+                    parts.setdefault(name, []).append(times[name] - before)
+                    before = times[name]
+    rounds = [result.verdict.rounds for result in results]
+    floor_ms = 2 * p50(commits) + p50(floors)
+    on_air = airtime_ms(p50(rounds), 4, plan)
+    show(
+        f"Request → committed verdict, {SESSIONS} sessions of {min(rounds)}–{max(rounds)} rounds",
+        ("what", "p50 ms", "p95 ms"),
+        [
+            ("whole session", p50(walls), p95(walls)),
+            *((f"  … until {name}", p50(values), p95(values)) for name, values in parts.items()),
+            ("floor", f"{floor_ms:.0f}", ""),
+            ("  two commits by the Node client", f"{2 * p50(commits):.0f}", ""),
+            *((f"  air: {name}", value, "") for name, value in on_air.items()),
+            ("ratio (goal ≤ 1.25)", f"{p50(walls) / floor_ms:.2f}", ""),
+        ],
+    )
+    keep(session_p50_ms=p50(walls), floor_ms=floor_ms, ratio=p50(walls) / floor_ms)
+
+
+def assets(prefix, count):
+    return [
+        encoding.encode(
+            {"id": f"{prefix}-{n}", "type": "std_msgs/msg/String", "media_type": "text/plain", "value": "x"}
+        )
+        for n in range(count)
+    ]
+
+
+async def submitted(network):
+    """The evidence of every session on the ledger."""
+    found = {}
+    height = await network.height()
+    async with network.blocks(start_block=0) as stream:
+        async for block in stream:
+            for transaction in block.transactions:
+                if transaction.is_valid and transaction.invocation and transaction.invocation.function == "SubmitProof":
+                    argument = SubmitProof.decode(transaction.invocation.args[1])
+                    found[argument.session_id] = argument.evidence
+            if block.number == height - 1:
+                return found
+    return found
