@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -29,8 +30,18 @@ class Agents:
 
     def __init__(self) -> None:
         self._agents: dict[tuple[str, str], Agent] = {}
+        self.unproven = 0
         self.on_change: Callable[[str], None] = lambda _pad_id: None
         """Called with a pad's id when its agent came or went."""
+
+    @contextlib.contextmanager
+    def proving(self) -> Iterator[None]:
+        """While a connection has yet to say who it is."""
+        self.unproven += 1
+        try:
+            yield
+        finally:
+            self.unproven -= 1
 
     def join(self, agent: Agent) -> None:
         """Take a connection in. The same agent's older one, which may hang half open, is replaced.

@@ -37,27 +37,29 @@ class Batch:
     """Calls to the board, by name, to be made after the commit."""
 
 
-def read(agent: Agent, entries: list[Entry], *, acknowledged: int, now_ms: int) -> Batch:
+def read(agent: Agent, records: list[Row], *, acknowledged: int, now_ms: int) -> Batch:
     """Check each record; a bad one is refused alone. Records that were acknowledged already are left out.
 
     Raises `IngestError` when sequence numbers do not rise: then nothing of the frame can be trusted.
     """
     batch = Batch(agent, now_ms, last_seq=acknowledged)
     previous = 0
-    for entry in entries:
-        if entry.seq <= previous:
-            raise IngestError("bad_order", f"record {entry.seq} came after {previous}; send them in order")
-        previous = entry.seq
-        if entry.seq <= acknowledged:
+    for record in records:
+        seq = messages.sequence_of(record)
+        if seq <= previous:
+            raise IngestError("bad_order", f"record {seq} came after {previous}; send them in order")
+        previous = seq
+        if seq <= acknowledged:
             continue
-        batch.last_seq = entry.seq
+        batch.last_seq = seq
         try:
+            entry = messages.parse_entry(record)
             body = messages.parse_body(entry)
             _require_not_ahead(entry, now_ms)
             _take(batch, entry, body)
         except IngestError as problem:
-            batch.rejected.append((entry.seq, problem.code, problem.message))
-            _irregular(batch, entry, problem.code, problem.message)
+            batch.rejected.append((seq, problem.code, problem.message))
+            _irregular(batch, record, problem.code, problem.message)
     return batch
 
 
@@ -74,7 +76,7 @@ def _take(batch: Batch, entry: Entry, body: messages.Body) -> None:
     elif isinstance(body, messages.HealthBody):
         _health(batch, entry, body)
     elif isinstance(body, messages.DroppedBody):
-        _irregular(batch, entry, "dropped", f"the agent dropped records {body.from_seq} to {body.to_seq}")
+        _irregular(batch, entry.model_dump(), "dropped", f"the agent dropped records {body.from_seq} to {body.to_seq}")
     elif batch.agent.kind != PAD:
         raise IngestError("not_allowed", f"only pads report {entry.kind}")
     elif isinstance(body, messages.TrackBody):
@@ -140,20 +142,21 @@ def _health(batch: Batch, entry: Entry, body: messages.HealthBody) -> None:
         batch.tell.append(("health", (batch.agent.id, shown)))
 
 
-def _irregular(batch: Batch, entry: Entry, code: str, message: str) -> None:
+def _irregular(batch: Batch, record: Row, code: str, message: str) -> None:
     try:
-        body = orjson.dumps(entry.body).decode()[:MAX_KEPT_BODY]
-    except (TypeError, orjson.JSONEncodeError):
+        body = orjson.dumps(record.get("body")).decode()[:MAX_KEPT_BODY]
+    except orjson.JSONEncodeError:  # a number that no other reader would take either
         body = ""
+    kind = record.get("kind")
     batch.irregular.append(
         {
             "agent": batch.agent.kind,
             "agent_id": batch.agent.id,
             "spool": batch.agent.spool,
-            "seq": entry.seq,
-            "kind": entry.kind,
+            "seq": record["seq"],
+            "kind": kind if isinstance(kind, str) and kind in messages.BODIES else "unknown",
             "code": code,
-            "message": message,
+            "message": message.replace("\x00", "\ufffd"),
             "body": body,
             "received_ms": batch.received_ms,
         }

@@ -24,6 +24,8 @@ router = APIRouter()
 SERVER: Final = "wonderland"
 NONCE_BYTES: Final = 32
 HELLO_S: Final = 10.0
+MAX_UNPROVEN: Final = 500
+"""Connections that have not said who they are yet; anybody can open one."""
 NOT_AUTHENTICATED: Final = 4401
 REFUSED: Final = 4403
 BAD_FRAME: Final = 4400
@@ -36,9 +38,13 @@ async def ingest(socket: WebSocket) -> None:
     """Take in what an agent reports; see docs/seams.md, "Agents to backend: ingest"."""
     context = context_of(socket)
     await socket.accept()
+    if context.agents.unproven >= MAX_UNPROVEN:
+        await socket.close(TRY_LATER, "too many connections that say nothing")
+        return
     with contextlib.suppress(WebSocketDisconnect):
         try:
-            agent = await _admit(socket, context)
+            with context.agents.proving():
+                agent = await _admit(socket, context)
         except IngestError as problem:
             logger.warning("an agent was refused: %s: %s", problem.code, problem.message)
             await _send(socket, {"type": "refused", "code": problem.code, "message": problem.message})
@@ -98,8 +104,8 @@ async def _records(socket: WebSocket, context: Context, agent: Agent) -> None:
     while True:
         try:
             text = await _receive(socket, context)
-            entries = parse_records(text, context.settings.ingest_max_records)
-            batch = batches.read(agent, entries, acknowledged=acknowledged, now_ms=context.clock())
+            records = parse_records(text, context.settings.ingest_max_records)
+            batch = batches.read(agent, records, acknowledged=acknowledged, now_ms=context.clock())
         except IngestError as problem:
             await _send(socket, {"type": "refused", "code": problem.code, "message": problem.message})
             await socket.close(BAD_FRAME, problem.code)

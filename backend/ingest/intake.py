@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 from collections.abc import Callable
 from typing import Any, Final
 
-from sqlalchemy import insert, select
+from sqlalchemy import insert
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncConnection
@@ -67,16 +66,15 @@ class Intake:
                 waiting.append(self._queue.get_nowait())
             try:
                 await self._write([batch for batch, _ in waiting])
-            except (SQLAlchemyError, OSError) as cause:
-                logger.error("agents' records could not be written: %s", getattr(cause, "orig", None) or cause)  # noqa: TRY400 - the text says it all
-                for _, done in waiting:
-                    with contextlib.suppress(asyncio.InvalidStateError):
-                        done.set_exception(DatabaseError("the database does not take records just now; try again"))
-                continue
-            except BaseException:
-                for _, done in waiting:
-                    done.cancel()
+            except asyncio.CancelledError:
+                _fail(waiting, DatabaseError("the server stops; try again later"))
                 raise
+            except Exception as cause:
+                expected = isinstance(cause, SQLAlchemyError | OSError)
+                problem = getattr(cause, "orig", None) or cause
+                logger.error("agents' records could not be written: %s", problem, exc_info=not expected)  # noqa: TRY400 - a full disk needs no stack trace
+                _fail(waiting, DatabaseError("the database does not take records just now; try again"))
+                continue
             for batch, done in waiting:
                 self._tell(batch)
                 if not done.done():
@@ -117,10 +115,10 @@ class Intake:
             await _upsert(connection, IrregularRow, _last(irregular, "agent", "agent_id", "spool", "seq"))
 
 
-async def known_spools(database: Database) -> int:
-    """How many spools have ever reported."""
-    async with database.read() as session:
-        return len((await session.scalars(select(SpoolRow.spool))).all())
+def _fail(waiting: list[tuple[Batch, asyncio.Future[None]]], error: DatabaseError) -> None:
+    for _, done in waiting:
+        if not done.done():
+            done.set_exception(error)
 
 
 def _last(rows: list[Row], *keys: str) -> list[Row]:

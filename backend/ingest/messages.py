@@ -87,7 +87,7 @@ class Records(_Strict):
     """A batch of a spool's records, in order."""
 
     type: Literal["records"]
-    records: list[Entry]
+    records: list[dict[str, Any]]
 
 
 class TrackBody(_Strict):
@@ -216,8 +216,8 @@ def parse_hello(text: str) -> Hello:
         raise IngestError("bad_hello", _first(cause)) from None
 
 
-def parse_records(text: str, limit: int) -> list[Entry]:
-    """A batch of at most `limit` records. Raises `IngestError`; bodies are not looked at yet."""
+def parse_records(text: str, limit: int) -> list[dict[str, Any]]:
+    """A batch of at most `limit` records. Raises `IngestError`; the records are not looked at yet."""
     try:
         entries = _RECORDS.validate_json(text).records
     except ValidationError as cause:
@@ -225,6 +225,22 @@ def parse_records(text: str, limit: int) -> list[Entry]:
     if len(entries) > limit:
         raise IngestError("bad_frame", f"{len(entries)} records; at most {limit}")
     return entries
+
+
+def sequence_of(record: dict[str, Any]) -> int:
+    """A record's sequence number, without which nothing can be said about it. Raises `IngestError`."""
+    seq = record.get("seq")
+    if type(seq) is not int or not 1 <= seq <= MAX_SEQ:
+        raise IngestError("bad_frame", f"records: seq must be an integer from 1 to {MAX_SEQ}")
+    return seq
+
+
+def parse_entry(record: dict[str, Any]) -> Entry:
+    """A record, its body not looked at yet. Raises `IngestError`."""
+    try:
+        return Entry.model_validate(record)
+    except ValidationError as cause:
+        raise IngestError("bad_record", _first(cause)) from None
 
 
 def parse_body(entry: Entry) -> Body:

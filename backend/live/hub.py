@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -11,6 +12,8 @@ from typing import Any, Final
 import orjson
 
 from backend.live.board import Board
+
+logger = logging.getLogger(__name__)
 
 SNAPSHOT_PART_BYTES: Final = 128 * 1024
 STATUS_EVERY_MS: Final = 1_000
@@ -108,7 +111,11 @@ class Hub:
         while True:
             due = max(due + self._tick_s, loop.time())
             await asyncio.sleep(due - loop.time())
-            self.tick()
+            try:
+                self.tick()
+            except Exception:
+                # One change that cannot be shown must not silence all that follow.
+                logger.exception("a live frame was lost")
 
     def tick(self) -> None:
         """Send what changed since the last tick, encoded once."""

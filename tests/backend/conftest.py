@@ -545,6 +545,9 @@ class Postgres:
             owner = pwd.getpwnam(self.user)
             os.chown(self.directory, owner.pw_uid, owner.pw_gid)
         self.run("initdb", "-D", str(self.data), "-U", "wonderland", "-A", "trust", "-E", "UTF8", "--no-sync")
+        self.restart()
+
+    def restart(self):
         options = f"-c listen_addresses='' -c unix_socket_directories={self.directory} -c fsync=on"
         self.run("pg_ctl", "-D", str(self.data), "-w", "-l", str(self.directory / "log"), "-o", options, "start")
 

@@ -331,11 +331,13 @@ async def test_drones_report_their_own_steps_only(running, agent_client, number)
         "[]",
         '{"type":"records"}',
         '{"type":"records","records":[{"seq":0,"kind":"track","t_ms":1,"body":{}}]}',
-        '{"type":"records","records":[{"seq":1,"kind":"track","t_ms":1,"body":5}]}',
+        '{"type":"records","records":[{"kind":"track","t_ms":1,"body":{}}]}',
+        '{"type":"records","records":[5]}',
         '{"type":"records","records":[{"seq":2,"kind":"x","t_ms":1,"body":{}},{"seq":2,"kind":"x","t_ms":1,"body":{}}]}',
         '{"type":"records","records":[{"seq":1e99,"kind":"track","t_ms":1,"body":{}}]}',
         b"binary",
         "{" * 10_000,
+        '{"type":"records","records":[{"seq":' + "9" * 5_000 + ',"kind":"track","t_ms":1,"body":{}}]}',
     ],
 )
 async def test_frames_that_are_none_close_the_connection(running, agent_client, frame):
@@ -380,6 +382,44 @@ async def test_nothing_is_acknowledged_while_the_database_fails(running, agent_c
         agent = agent_client(socket)
         assert (await agent.hello())["acknowledged"] == 0
         assert (await agent.report(("track", TRACK)))["seq"] == 1
+
+
+async def test_absurd_records_are_refused_alone(running, agent_client):
+    records = [
+        '"kind":"track","t_ms":1,"body":{"x":' + "9" * 200 + "}",
+        '"kind":"track","t_ms":1,"body":{"x":' + "[" * 150 + "]" * 150 + "}",
+        '"kind":"track","t_ms":1,"body":{"x":NaN}',
+        '"kind":"track","t_ms":1,"body":{"lat_e7":1e400}',
+        '"kind":"\\u0000' + "x" * 500 + '","t_ms":1,"body":{}',
+        '"kind":"track","t_ms":-1,"body":{}',
+        '"kind":"track","t_ms":1,"body":5',
+        '"kind":"track"',
+    ]
+    async with running.connect("/ingest") as socket:
+        agent = agent_client(socket)
+        await agent.hello()
+        for seq, record in enumerate(records, start=1):
+            await agent.send(f'{{"type":"records","records":[{{"seq":{seq},{record}}}]}}')
+            rejected = await agent.receive()
+            assert (rejected["type"], rejected["code"] in {"bad_body", "bad_record", "unknown_kind"}) == (
+                "rejected",
+                True,
+            ), rejected
+            assert await agent.receive() == {"type": "ack", "seq": seq}
+    assert await count(running, IrregularRow) == len(records)
+
+
+async def test_too_many_silent_connections_are_turned_away(running, agent_client, monkeypatch):
+    monkeypatch.setattr("backend.ingest.endpoints.MAX_UNPROVEN", 1)
+    async with running.connect("/ingest") as silent:
+        await asyncio.wait_for(silent.recv(), 5)
+        async with running.connect("/ingest") as socket:
+            await closed_with(socket, 1013)
+    async with asyncio.timeout(5):
+        while running.context.agents.unproven:
+            await asyncio.sleep(0.01)
+    async with running.connect("/ingest") as socket:
+        assert (await agent_client(socket).hello())["type"] == "welcome"
 
 
 async def test_browsers_of_other_origins_get_no_further(running):

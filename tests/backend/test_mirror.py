@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import re
+from pathlib import Path
 
 import orjson
 import pytest
@@ -156,8 +158,6 @@ async def test_what_cannot_be_read_is_kept_and_counted(
     mirror, status = new_mirror(source_of(chain))
     await mirror.run_until(chain.height)
     (unread,) = await rows(database, UnreadRow)
-    import re
-
     assert re.search(said, unread.problem)
     assert status.unread == 1
     assert len(await rows(database, DroneRow)) == 1
@@ -287,6 +287,38 @@ async def until(condition):
     async with asyncio.timeout(10):
         while not condition():
             await asyncio.sleep(0.002)
+
+
+@pytest.mark.postgres
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+async def test_a_database_that_restarts_is_survived(database, new_mirror, chain, source_of, facts, postgres):
+    mirror, status = new_mirror(source_of(chain), sleep=asyncio.sleep)
+    running = asyncio.create_task(mirror.run())
+    try:
+        await until(lambda: status.mirrored == 1)
+        await asyncio.to_thread(postgres.stop)
+        chain.add(facts.put_pad())
+        await until(lambda: status.problem is not None)
+        assert status.halted is None
+        await asyncio.to_thread(postgres.restart)
+        await until(lambda: status.mirrored == 2)
+        assert status.problem is None
+        assert len(await rows(database, PadRow)) == 1
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+
+def test_nothing_but_the_mirror_writes_what_the_ledger_says():
+    from backend.db.models import ledger_tables
+
+    package = Path(store.__file__).parents[1]
+    tables = "|".join(each.__name__ for each in ledger_tables())
+    writes = re.compile(rf"\b(insert|update|delete|_upsert|_insert)\([^()]*\b({tables})\b")
+    files = [file for file in package.rglob("*.py") if "mirror" not in file.parent.name]
+    assert len(files) > 40
+    assert [file.name for file in files if writes.search(file.read_text())] == []
+    assert writes.search("insert(VerdictRow)"), "the check itself"
 
 
 @pytest.mark.parametrize("how", ["gap", "previous", "data", "reset"])
