@@ -50,6 +50,7 @@ HEALTH_S: Final = 10.0
 CARE_S: Final = 5.0
 """Between two looks at prekeys and left-over sessions."""
 AGAIN_S: Final = 1.0
+FOREIGN_EVENTS: Final = 256
 STOP_S: Final = 5.0
 """Longest that a session under way keeps the agent from stopping."""
 MIN_SESSION_MS: Final = 3_000
@@ -135,6 +136,7 @@ class PadAgent:
         self._idle = asyncio.Event()
         self._idle.set()
         self._sessions = 0
+        self._foreign = 0
 
     async def wait_ready(self) -> None:
         """Until prekeys are offered and requests are heard: from now on a drone can ask."""
@@ -194,7 +196,10 @@ class PadAgent:
             await asyncio.sleep(AGAIN_S)
 
     async def _take(self, event: ContractEvent) -> None:
+        self._foreign += 1
         if event.record.get("pad_id") != self.pad_id:
+            if self._foreign >= FOREIGN_EVENTS:  # so that a restart has not all other pads' history to read again
+                await self._keep_place(event)
             return
         match event.name:
             case "PadCommissioned" | "PadRetired":
@@ -203,6 +208,10 @@ class PadAgent:
                 await self._requested(event)
             case _:
                 self._ended_elsewhere(event)
+        await self._keep_place(event)
+
+    async def _keep_place(self, event: ContractEvent) -> None:
+        self._foreign = 0
         try:
             await asyncio.to_thread(self._checkpointer.save, event.checkpoint)
         except CheckpointError as error:
@@ -248,7 +257,11 @@ class PadAgent:
             session = await self._requests.get()
             try:
                 await self._serve_one(session)
-            except (AwayError, RefusedError) as error:
+            except AwayError as error:  # nothing was begun: in a while, unless it has expired by then
+                _log.warning("session %.12s: waits for the ledger: %s", session.session_id, error)
+                await asyncio.sleep(AGAIN_S)
+                self._again(session)
+            except RefusedError as error:
                 _log.warning("session %.12s: not begun: %s", session.session_id, error)
                 self._reconciler.add(session.session_id, "not_begun")
             except ProofError as error:
@@ -256,23 +269,28 @@ class PadAgent:
                 self._reconciler.add(session.session_id, "malformed_session")
             self._care.set()
 
+    def _again(self, session: Session) -> None:
+        try:
+            self._requests.put_nowait(session)
+        except asyncio.QueueFull:
+            self._reconciler.add(session.session_id, "pad_overloaded")
+
     async def _serve_one(self, session: Session) -> None:
-        """Steps 2 to 8 of one request, if it is still to be served."""
+        """Steps 2 to 8 of one request, if it is still to be served. Raises AwayError before anything was begun."""
         self._clock.resync()
         refusal = self._refusal(session)
         if refusal:
             self._reconciler.add(session.session_id, refusal)
             return
-        current, private_key, commissioning = await asyncio.gather(
-            self._ledger.read_session(session.session_id),
-            self._prekeys.take(session.prekey_id),
-            self._commissioning(session),
+        current, commissioning = await asyncio.gather(
+            self._ledger.read_session(session.session_id), self._commissioning(session)
         )
-        if current.state != "requested":
-            self._reconciler.add(session.session_id, "not_begun")
+        if current.state != "requested" or commissioning is None:
+            self._reconciler.add(session.session_id, "commissioning_changed")
             return
-        if private_key is None or commissioning is None:
-            self._reconciler.add(session.session_id, "commissioning_changed" if private_key else "prekey_lost")
+        private_key = await self._prekeys.take(session.prekey_id)
+        if private_key is None:
+            self._reconciler.add(session.session_id, "prekey_lost")
             return
         if current.pad.certificate_sha256 != self._identity.certificate_sha256:
             _log.info("session %.12s: its prekey was published with another certificate", session.session_id)

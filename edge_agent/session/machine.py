@@ -58,6 +58,9 @@ class Phase(Enum):
     ENDED = "ended"
 
 
+_SPEAKING: Final = frozenset({Phase.POLLING, Phase.RANGING, Phase.CONFIRMING, Phase.SUBMITTING})
+
+
 class PadSession:
     """One proof at one pad.
 
@@ -173,13 +176,11 @@ class PadSession:
 
     def frames_to_send(self, now_ms: int, budget: int) -> list[bytes]:
         """At most ``budget`` frames for the node that speaks; call it when ``next_frames_ms`` has come."""
-        if self.phase in {Phase.OPENING, Phase.PERMITTED, Phase.ENDED}:
-            return []
-        return self._words.frames_to_send(now_ms, budget)
+        return self._words.frames_to_send(now_ms, budget) if self.phase in _SPEAKING else []
 
     def next_frames_ms(self) -> int | None:
         """When ``frames_to_send`` will have something; None while all is quiet."""
-        return None if self.phase is Phase.OPENING else self._words.next_wakeup_ms()
+        return self._words.next_wakeup_ms() if self.phase in _SPEAKING else None
 
     def next_tick_ms(self) -> int | None:
         """When the machine wants a Tick if nothing else happens; None once it has ended."""

@@ -1,6 +1,6 @@
 """What pad and drone say to each other inside the link: message types and the payloads that are plain bytes.
 
-CLAIMS, RANGES and VERDICT carry canonical JSON, which the proofs package defines; here they stay bytes.
+CLAIMS and RANGES carry records of a proof: their payloads are in ``proof_payloads``. VERDICT is not sent yet.
 Integers are big-endian.
 """
 
@@ -31,13 +31,13 @@ class MessageType(IntEnum):
     IDENTITY = 3
     """Both ways: ``Identity``: certificate hash or whole certificate."""
     CLAIMS = 4
-    """UAV → pad: positions claimed during the session (canonical JSON)."""
+    """UAV → pad: positions claimed during the session (``proof_payloads.ClaimBatch``)."""
     CHALLENGE = 5
     """pad → UAV: 8 unpredictable octets."""
     ECHO = 6
     """UAV → pad: ``Echo``: the challenge and when it was heard."""
     RANGES = 7
-    """pad → UAV: the ranges that the UAV shall countersign (canonical JSON)."""
+    """pad → UAV: the ranges that the UAV shall countersign (``proof_payloads.RangesPart``)."""
     SIGNATURE = 8
     """UAV → pad: ECDSA P-256 signature r ‖ s over the transcript (64 octets)."""
     VERDICT = 9
