@@ -13,7 +13,7 @@ class ReceiverLimits:
     """
 
     frames_per_s: int = 1_000
-    frames_per_source_s: int = 200
+    frames_per_source_s: int = 500
     positions_per_drone_s: int = 25
     new_drones_per_s: int = 10
     sources: int = 256

@@ -11,6 +11,7 @@ import contextlib
 import ipaddress
 import logging
 import random
+import ssl
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
@@ -39,7 +40,6 @@ from edge_agent.uplink.protocol import (
 )
 
 if TYPE_CHECKING:
-    import ssl
     from collections.abc import Coroutine
 
     from websockets.asyncio.client import ClientConnection
@@ -104,7 +104,8 @@ class Uplink:
         self._url = url
         self._credentials = credentials
         self._spool = spool
-        self._ssl = ssl_context
+        # Without a context of the caller's, the machine's trusted authorities decide.
+        self._ssl = (ssl_context or ssl.create_default_context()) if urlsplit(url).scheme == "wss" else None
         self._timings = timings
         self._random = randomness or random.SystemRandom()
         self._on_status = on_status
@@ -151,6 +152,10 @@ class Uplink:
                 error = f"the server answered HTTP {cause.response.status_code} instead of a WebSocket"
             except (OSError, WebSocketException) as cause:  # a TimeoutError is an OSError
                 error = f"no connection to {self._url} ({str(cause) or type(cause).__name__})"
+            except Exception as cause:  # noqa: BLE001 - see below
+                # A mistake in here must not leave a pad silent for good: it is told with its origin, and tried again.
+                _log.exception("uplink: unexpected error")
+                error = f"unexpected error ({cause!r})"
             if error != self._status.error:
                 _log.warning("uplink: %s; trying again", error)
             if self._status.acknowledged_seq > acknowledged:

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import random
+import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from websockets.exceptions import ConnectionClosed
 
 from edge_agent.spool import Spool
 from edge_agent.uplink import Credentials, Uplink, UplinkConfigurationError, UplinkTimings, challenge_bytes
+from wonderland.ledger.ca import Kind
+from wonderland.ledger.ca.local import LocalCa
 from wonderland.ledger.signing import key_signer, verify
 from wonderland.proofs import encoding
 
@@ -290,6 +293,46 @@ async def test_an_http_server_that_is_no_ingest(spool: Spool, start: StartUplink
         await uplink.close()
 
 
+async def test_an_encrypted_connection_and_a_server_that_nobody_vouches_for(
+    ingest: Ingest, spool: Spool, start: StartUplink, tmp_path: Path
+) -> None:
+    authority = LocalCa.create(tmp_path / "ca", "AuthorityMSP")
+    issued = authority.enrol("ingest", kind=Kind.TLS, hosts=["localhost"])
+    assert issued.private_key_pem is not None
+    (tmp_path / "server.pem").write_bytes(issued.certificate_pem + issued.private_key_pem)
+    serving = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    serving.load_cert_chain(tmp_path / "server.pem")
+    trusting = ssl.create_default_context(cadata=authority.root_pem(Kind.TLS).decode())
+    async with serve(ingest.handle, "localhost", 0, ssl=serving) as server:
+        address = f"wss://localhost:{next(iter(server.sockets)).getsockname()[1]}/ingest"
+        await fill(spool, 5)
+        doubting = await start(address)
+        await until(lambda: "certificate verify failed" in doubting.status.error.lower())
+        await doubting.close()
+        assert spool.status.records == 6
+        await start(address, ssl_context=trusting)
+        await until(lambda: spool.status.records == 0)
+        assert len(ingest.records[spool.id]) == 6
+
+
+async def test_a_mistake_in_the_agent_does_not_silence_it(
+    ingest: Ingest, server: Server, spool: Spool, start: StartUplink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pending, faults = Spool.pending, iter([RuntimeError("a mistake")])
+
+    async def failing(self: Spool, *args: Any, **options: Any) -> Any:
+        for fault in faults:
+            raise fault
+        return await pending(self, *args, **options)
+
+    monkeypatch.setattr(Spool, "pending", failing)
+    await fill(spool, 5)
+    errors: list[str] = []
+    await start(url(server), on_status=lambda status: errors.append(status.error))
+    await until(lambda: spool.status.records == 0)
+    assert any("a mistake" in error for error in errors)
+
+
 async def test_the_spool_may_be_closed_first(ingest: Ingest, server: Server, tmp_path: Path) -> None:
     spool = await Spool.open(tmp_path / "other", owner="pad-1", reserve_bytes=0)
     uplink = Uplink(url(server), CREDENTIALS, spool, timings=FAST)
@@ -326,7 +369,7 @@ def test_addresses_with_which_nothing_can_work(address: str, says: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "address", ["ws://localhost:1/", "ws://127.0.0.9/", "ws://[::1]:80/", "wss://example.org/ingest"]
+    "address", ["ws://localhost:1/", "ws://127.0.0.9/", "ws://[::1]:80/", "WSS://example.org/ingest"]
 )
 def test_addresses_that_are_fine(address: str) -> None:
     Uplink(address, CREDENTIALS, None)  # type: ignore[arg-type]
