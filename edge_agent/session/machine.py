@@ -25,25 +25,24 @@ from typing import Final
 from edge_agent.session import actions as do
 from edge_agent.session import events as on
 from edge_agent.session.evidence import GatheredEvidence
-from edge_agent.session.gather import Round, RoundGatherer
+from edge_agent.session.ranging import Progress, Ranging
 from edge_agent.session.timing import PadTiming
 from edge_agent.session.words import PadWords, Word
 from wonderland.proofs.encoding import to_base64url
+from wonderland.proofs.judgement import NEAR_CLAIM_MS
 from wonderland.proofs.keys import SessionKeys
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import BroadcastClaim, Evidence, Radio, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.rounds import MIN_ANCHORS
-from wonderland.proofs.verdict import LOOKS, NEAR_CLAIM_MS, preview
+from wonderland.proofs.stopping import LOOKS
+from wonderland.proofs.verdict import preview
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.link.messages import AbortReason
 
 Judge = Callable[[Session, Commissioning, Evidence, int], Verdict]
 Broadcasts = Callable[[int], tuple[BroadcastClaim, ...]]
 """What the receiver heard of this drone since a time (ms)."""
-
-HOPELESS_LOOKS: Final = 2
-"""Looks in a row that must say that no number of rounds would settle it: a single one may be noise."""
 
 
 class Phase(Enum):
@@ -89,7 +88,6 @@ class PadSession:
         self.verdict: Verdict | None = None
         self._timing = timing or PadTiming()
         self._broadcasts = broadcasts
-        self._judge = judge
         anchor_ids = [anchor.anchor_id for anchor in commissioning.anchors]
         self._plan = RangingPlan(
             session_a_id=keys.session_a,
@@ -98,8 +96,14 @@ class PadSession:
             uav_mac=keys.uav_mac,
             sts_key=keys.sts_key,
         )
-        self._gatherer = RoundGatherer(anchor_ids, self._plan.interval_a_ms)
         self._gathered = GatheredEvidence(anchor_ids)
+        self._ranging = Ranging(
+            self._gathered,
+            lambda at_ms: judge(session, commissioning, self._evidence(at_ms), at_ms),
+            interval_ms=self._plan.interval_a_ms,
+            max_rounds=session.policy.max_rounds,
+            timing=self._timing,
+        )
         self._words = PadWords(
             session, keys, certificate=certificate, whole_certificate=whole_certificate, now_ms=now_ms
         )
@@ -111,13 +115,6 @@ class PadSession:
         self._matched = False
         self._signature: str | None = None
         self._failure: str | None = None
-        self._look_due = False
-        self._looks = 0
-        self._hopeless = 0
-        self._told = 0
-        self._last_usable_ms = now_ms
-        self._partial = 0
-        self._last_claim_ms: int | None = None
         self._times: dict[str, int] = {}
         """Deadlines and moments by name; each is taken out when it is met."""
         self._times["open"] = now_ms + self._timing.open_ms
@@ -149,7 +146,7 @@ class PadSession:
             return actions
         match event:
             case on.AnchorRange():
-                self._rounds(self._gatherer.add(event.anchor_id, event.t_ms, event.range_mm, nlos=event.nlos), now_ms)
+                self._ranging.take(event.anchor_id, event.t_ms, event.range_mm, nlos=event.nlos, now_ms=now_ms)
             case on.DataHeard():
                 self._words.receive(event.data, now_ms)
             case on.RadiosOpened():
@@ -187,11 +184,8 @@ class PadSession:
         if self.phase is Phase.ENDED:
             return None
         times = list(self._times.values())
-        closes_ms = self._gatherer.closes_ms
         if self.phase is Phase.RANGING:
-            times.append(self._last_usable_ms + self._timing.silence_ms)
-            if closes_ms is not None:
-                times.append(closes_ms)
+            times.append(self._ranging.next_ms())
         if self.phase in {Phase.POLLING, Phase.RANGING, Phase.CONFIRMING}:
             times.append(self._cutoff_ms)
         return min(times, default=self.session.expires_ms)
@@ -229,7 +223,7 @@ class PadSession:
                 case Word.CLAIMS:
                     if heard.claims is None or not self._gathered.add_claims(heard.claims):
                         self._fail("claims_out_of_order", "claims do not follow on one another", now_ms, actions)
-                    self._last_claim_ms = now_ms
+                    self._ranging.heard_claim(now_ms)
                 case Word.IDENTITY:
                     self._times.pop("identity", None)
                 case Word.ECHO:
@@ -256,72 +250,24 @@ class PadSession:
         self._reach("match", now_ms, actions)
         self._reach("reply", now_ms, actions)
         self.phase = Phase.RANGING
-        self._last_usable_ms = now_ms
+        self._ranging.start(now_ms)
         self._words.introduce(now_ms)
         self._times["identity"] = now_ms + self._timing.identity_ms
         self._times["challenge"] = now_ms + self._challenge_delay_ms
 
-    def _rounds(self, rounds: list[Round], now_ms: int) -> None:
-        """Step 5: a round is complete. What arrived before the codes matched proves nothing and is left out."""
-        if self.phase is not Phase.RANGING or self._look_due:
-            return
-        for gathered in rounds:
-            if gathered.count < MIN_ANCHORS:  # it decides nothing, and would only cost time on the air
-                self._partial += 1
-                continue
-            if not self._gathered.add_round(gathered):
-                return
-            self._last_usable_ms, self._partial = now_ms, 0
-            if self._gathered.rounds in LOOKS or self._gathered.rounds >= self.session.policy.max_rounds:
-                self._look_due = True
-                self._times["look"] = now_ms + self._timing.look_patience_ms
-                return
-
     def _range(self, now_ms: int, actions: list[do.PadAction]) -> None:
-        """What ranging brought since the last event: running estimates, looks."""
-        rounds = self._gathered.rounds
-        if not rounds:
-            return
-        if self._look_due and self._claim_is_fresh(now_ms):
-            self._look(now_ms, actions)
-        elif rounds >= self._told + self._timing.estimate_every_rounds and self._gathered.claims:
-            self._told = rounds
-            actions.append(
-                do.ReportEstimate(
-                    self._preview(now_ms), self._gathered.latest(), self._gathered.table(rounds - 1).t_ms[0]
-                )
-            )
-
-    def _claim_is_fresh(self, now_ms: int) -> bool:
-        """Whether the newest claim is of the newest rounds' time; a look waits a little for one."""
-        fresh = self._last_claim_ms is not None and now_ms - self._last_claim_ms <= self._timing.fresh_claim_ms
-        return fresh or now_ms >= self._times.get("look", now_ms)
-
-    def _look(self, now_ms: int, actions: list[do.PadAction]) -> None:
-        """Would the contract be settled? Then, or when no rounds are left, the ranges are told and signed."""
-        self._look_due = False
-        self._times.pop("look", None)
-        self._looks += 1
-        self._last_usable_ms = now_ms
-        verdict = self._preview(now_ms)
-        self._told = self._gathered.rounds
-        actions.append(
-            do.ReportEstimate(verdict, self._gathered.latest(), self._gathered.table(self._gathered.rounds - 1).t_ms[0])
-        )
-        undecided = verdict.outcome == "inconclusive"
-        self._hopeless = self._hopeless + 1 if undecided and verdict.more_rounds < 0 else 0
-        last = self._gathered.rounds >= min(self.session.policy.max_rounds, LOOKS[-1])
-        if not undecided or last or self._hopeless >= HOPELESS_LOOKS:
+        """Step 5: what ranging brought by now."""
+        progress, estimate = self._ranging.advance(now_ms)
+        if estimate is not None:
+            actions.append(estimate)
+        if progress is Progress.ENOUGH:
             self._confirm(now_ms, actions)
-        else:
+        elif progress is Progress.GO_ON:
             self._words.tell(self._gathered, now_ms, final=False)
-
-    def _preview(self, now_ms: int) -> Verdict:
-        return self._judge(self.session, self.commissioning, self._evidence(now_ms), now_ms)
 
     def _confirm(self, now_ms: int, actions: list[do.PadAction]) -> None:
         """Step 5 is over; step 6: tell all ranges and ask for the countersignature."""
-        self._reach("range", self._gathered.table(self._gathered.rounds - 1).t_ms[0], actions)
+        self._reach("range", self._gathered.last_ms, actions)
         self._gathered.frozen = True
         self.phase = Phase.CONFIRMING
         if "challenge" in self._times:  # ranging was over before its moment came
@@ -425,7 +371,6 @@ class PadSession:
 
     def _time_passed(self, now_ms: int, actions: list[do.PadAction]) -> None:
         if self.phase is Phase.RANGING:
-            self._rounds(self._gatherer.expire(now_ms), now_ms)
             self._range(now_ms, actions)
         due = {name for name, t_ms in self._times.items() if now_ms >= t_ms}
         match self.phase:
@@ -453,9 +398,10 @@ class PadSession:
             self._fail("not_countersigned", "the drone did not countersign the ranges", now_ms, actions)
         elif now_ms >= self._cutoff_ms:
             self._fail("out_of_time", "the session is about to expire", now_ms, actions)
-        elif self.phase is Phase.RANGING and now_ms >= self._last_usable_ms + self._timing.silence_ms:
-            reason = "too_few_anchors" if self._partial else "drone_lost"
-            self._fail(reason, f"{self._partial} rounds with fewer than {MIN_ANCHORS} ranges", now_ms, actions)
+        elif self.phase is Phase.RANGING and now_ms >= self._ranging.silent_ms:
+            partial = self._ranging.partial
+            reason = "too_few_anchors" if partial else "drone_lost"
+            self._fail(reason, f"{partial} rounds with fewer than {MIN_ANCHORS} ranges", now_ms, actions)
 
     # --- ends --------------------------------------------------------------------------------------------------
 

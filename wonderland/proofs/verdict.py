@@ -11,67 +11,41 @@
  9. likelihood      that the drone is within the buffer of its claim
 10. outcome         verified, refuted or inconclusive, and permission
 
-Steps 4, 7 and 8 are in ``estimate``, step 9 in ``likelihood``. Two claims are judged: the one that the drone signed
-for this session and the one that it broadcast. Integers and exactly rounded operations only (``special``).
+Steps 4, 7 and 8 are in ``estimate``, 9 and 10 for one claim in ``judgement``, when to look in ``stopping``. Two claims
+are judged: the one that the drone signed for this session and the one that it broadcast. Integers and exactly rounded
+operations only (``special``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from math import sqrt
 from typing import Final
 
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.errors import GeometryError
-from wonderland.proofs.estimate import Offset, Reduced, reduce, solve
-from wonderland.proofs.frame import to_local, to_wgs84
-from wonderland.proofs.likelihood import Matrix2, distance_to_disc, inside_disc
+from wonderland.proofs.estimate import reduce, solve
+from wonderland.proofs.judgement import (
+    LARGEST,
+    Measured,
+    Reasons,
+    decimal,
+    judge,
+    judge_broadcast,
+    metres,
+    place,
+    rounded,
+)
+from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import Covariance, Judgement, Position, Reason, Verdict
 from wonderland.proofs.rounds import UsableRounds, usable
 from wonderland.proofs.special import CHI2_LIMITS
+from wonderland.proofs.stopping import LOOK_Z, more_rounds
 
-LOOKS: Final = (10, 20, 40, 80, 160)
-"""Rounds after which a pad may look whether the session is settled."""
-LOOK_Z: Final = 2.83
-"""Standard deviations that hold 1 % error at each side under these five looks (simulated; ``docs/method.md``)."""
-SINGLE_Z: Final = 2.3263478740408408
-"""Standard deviations of 1 % in a single look."""
-LOOK_INFLATION: Final = (LOOK_Z * LOOK_Z) / (SINGLE_Z * SINGLE_Z)
-"""Looking five times costs this factor of variance."""
 REFUTING_ANCHORS: Final = 4
 """Three anchors leave no redundancy: one bad range could refute an honest drone."""
-NEAR_CLAIM_MS: Final = 3_000
-"""How far a broadcast may lie from the signed claims in time and still be judged by them."""
-SAME_TIME_MS: Final = 250
-"""Within this the nearest signed claim stands for the moment of a broadcast."""
-UNCLAIMED_SPEED_MM_MS: Final = 10
-"""Between a broadcast and the signed claims a drone may have moved at this speed (10 m/s, one standard deviation)."""
-BROADCAST_LATENCY_SIGMA_MS: Final = 300
-"""Age of a position when it is heard: Remote ID sends once a second and stamps tenths."""
-MAX_MORE_ROUNDS: Final = 10_000
-_MILLI_LIMIT: Final = 1e12
-
-
-@dataclass
-class _Reasons:
-    """Collects why, in the order of the steps."""
-
-    items: list[Reason] = field(default_factory=list)
-
-    def add(self, code: str, text: str) -> None:
-        self.items.append(Reason(code=code, text=text[:300]))
-
-
-@dataclass(frozen=True, slots=True)
-class _Measured:
-    """What the rounds say, before any claim is judged."""
-
-    reduced: Reduced
-    offset: Offset
-    consistent: bool
 
 
 def decide(
@@ -91,7 +65,7 @@ def decide(
     none. ``authorisation``: reasons why the drone may not do what it asks, none where it may.
     """
     policy = session.policy
-    reasons = _Reasons()
+    reasons = Reasons()
     blocked = not _fresh(session, evidence, now_ms, reasons)  # 1
     blocked = not _confirmed(evidence, confirmed, signature_valid, reasons) or blocked  # 2
     assurance = _assurance(evidence)
@@ -99,7 +73,7 @@ def decide(
         reasons.add("assurance_too_low", f"Assurance {assurance}; this policy demands {policy.min_assurance}.")
         blocked = True
     rounds = _usable(evidence, commissioning, policy.min_rounds, reasons)  # 3
-    measured: _Measured | None = None
+    measured: Measured | None = None
     path: ClaimedPath | None = None
     try:
         path = ClaimedPath(commissioning.frame, (session.claim, *evidence.claims))
@@ -108,7 +82,7 @@ def decide(
     if path is not None and rounds is not None:
         if path.accuracy_mm > policy.max_claim_accuracy_mm:
             reasons.add(
-                "claim_vague", f"The claim is good to {_m(path.accuracy_mm)} only; a vague claim proves nothing."
+                "claim_vague", f"The claim is good to {metres(path.accuracy_mm)} only; a vague claim proves nothing."
             )
             blocked = True
         measured = _measure(rounds, commissioning, path, reasons)  # 4, 5, 7, 8
@@ -119,7 +93,7 @@ def decide(
     more = -1
     if measured is not None and path is not None:
         may_refute = measured.consistent and len(measured.reduced.anchors) >= REFUTING_ANCHORS and enough
-        signed = _judge(
+        signed = judge(
             session,
             commissioning,
             measured,
@@ -128,8 +102,8 @@ def decide(
             may_verify=not blocked and measured.consistent and enough,
             may_refute=may_refute,
         )  # 9, 10
-        broadcast = _judge_broadcast(session, commissioning, evidence, measured, path, may_refute=may_refute)
-        more = _more_rounds(measured, float(policy.buffer_mm))
+        broadcast = judge_broadcast(session, commissioning, evidence, measured, path, may_refute=may_refute)
+        more = more_rounds(measured.offset, measured.reduced.rounds, float(policy.buffer_mm))
     outcome = _outcome(signed, broadcast, reasons)
     authorised = not authorisation
     reasons.items.extend(authorisation)
@@ -174,7 +148,7 @@ def preview(session: Session, commissioning: Commissioning, evidence: Evidence, 
     )
 
 
-def _fresh(session: Session, evidence: Evidence, now_ms: int, reasons: _Reasons) -> bool:
+def _fresh(session: Session, evidence: Evidence, now_ms: int, reasons: Reasons) -> bool:
     """Step 1: rounds and claims lie between the request and now, give or take the tolerated skew."""
     skew = session.policy.max_clock_skew_ms
     earliest = session.requested_ms - skew
@@ -192,7 +166,7 @@ def _fresh(session: Session, evidence: Evidence, now_ms: int, reasons: _Reasons)
     return fresh
 
 
-def _confirmed(evidence: Evidence, confirmed: bool, signature_valid: bool | None, reasons: _Reasons) -> bool:
+def _confirmed(evidence: Evidence, confirmed: bool, signature_valid: bool | None, reasons: Reasons) -> bool:
     """Step 2: without both codes and the drone's countersignature nothing can be verified."""
     if not confirmed:
         reasons.add("codes_not_matched", "The session codes did not match over UWB: another drone, or a replay.")
@@ -212,9 +186,7 @@ def _assurance(evidence: Evidence) -> int:
     return 2 if evidence.radio.sts == "provisioned" else 1
 
 
-def _usable(
-    evidence: Evidence, commissioning: Commissioning, min_rounds: int, reasons: _Reasons
-) -> UsableRounds | None:
+def _usable(evidence: Evidence, commissioning: Commissioning, min_rounds: int, reasons: Reasons) -> UsableRounds | None:
     """Step 3."""
     anchor_ids = [anchor.anchor_id for anchor in commissioning.anchors]
     rounds = usable(evidence.ranges, anchor_ids, commissioning.max_range_mm)
@@ -230,8 +202,8 @@ def _usable(
 
 
 def _measure(
-    rounds: UsableRounds, commissioning: Commissioning, path: ClaimedPath, reasons: _Reasons
-) -> _Measured | None:
+    rounds: UsableRounds, commissioning: Commissioning, path: ClaimedPath, reasons: Reasons
+) -> Measured | None:
     """Steps 4 to 8: estimate, covariance, and whether the ranges agree with one another."""
     reduced = reduce(rounds, commissioning, path)
     if reduced is None:
@@ -246,144 +218,27 @@ def _measure(
     if not consistent:
         reasons.add(
             "ranges_inconsistent",
-            f"The ranges contradict one another: χ² {_decimal(offset.chi2)}, limit {_decimal(limit)}.",
+            f"The ranges contradict one another: χ² {decimal(offset.chi2)}, limit {decimal(limit)}.",
         )
     if reduced.bursts:
         reasons.add("bursts", f"{reduced.bursts} ranges left out as bursts of error.")
-    return _Measured(reduced, offset, consistent)
+    return Measured(reduced, offset, consistent)
 
 
-def _judge(
-    session: Session,
-    commissioning: Commissioning,
-    measured: _Measured,
-    extra: Matrix2,
-    shift: tuple[float, float],
-    *,
-    may_verify: bool,
-    may_refute: bool,
-) -> Judgement:
-    """Steps 9 and 10 for one claim, which lies at ``shift`` from the signed one and adds ``extra`` uncertainty."""
-    policy = session.policy
-    radius = float(policy.buffer_mm)
-    east, north = measured.offset.east - shift[0], measured.offset.north - shift[1]
-    covariance = measured.offset.covariance + extra
-    guarded = covariance.scaled(LOOK_INFLATION)
-    likelihood_ppm = _ppm(inside_disc(east, north, covariance, radius))
-    guarded_ppm = _ppm(inside_disc(east, north, guarded, radius))
-    significance = distance_to_disc(east, north, covariance, radius)
-    error = sqrt(east * east + north * north)
-    reasons = _Reasons()
-    if guarded_ppm >= policy.verify_ppm:
-        outcome = "verified" if may_verify else "inconclusive"
-        if may_verify:
-            reasons.add("within_buffer", f"Measured {_m(error)} from the claim, within {_m(radius)}.")
-    elif guarded_ppm <= policy.refute_ppm and significance >= LOOK_Z:
-        outcome = "refuted" if may_refute else "inconclusive"
-        reasons.add(
-            "outside_buffer",
-            f"Measured {_m(error)} from the claim, outside {_m(radius)} by {_decimal(significance)} σ.",
-        )
-        if not may_refute:
-            reasons.add("cannot_refute", "Too few anchors, or too inconsistent ranges, to refute on.")
-    else:
-        outcome = "inconclusive"
-        axes = covariance.ellipse()
-        reasons.add(
-            "undecided",
-            f"Measured {_m(error)} from the claim, known to {_m(axes.s1)} at one standard deviation: not settled yet.",
-        )
-    reduced = measured.reduced
-    claim = _at(commissioning, reduced.east + shift[0], reduced.north + shift[1], reduced.up)
-    return Judgement(
-        outcome=outcome,
-        claim=claim,
-        error_mm=min(int(error + 0.5), 100_000_000),
-        likelihood_ppm=likelihood_ppm,
-        paper_rule=error <= radius,
-        reasons=tuple(reasons.items),
-    )
-
-
-def _judge_broadcast(
-    session: Session,
-    commissioning: Commissioning,
-    evidence: Evidence,
-    measured: _Measured,
-    path: ClaimedPath,
-    *,
-    may_refute: bool,
-) -> Judgement | None:
-    """The public claim: mean of (broadcast − signed claim) when it was heard; None where nothing was heard."""
-    first_ms, last_ms = path.points[0].t_ms, path.points[-1].t_ms
-    gaps = [max(first_ms - heard.t_ms, heard.t_ms - last_ms, 0) for heard in evidence.broadcast]
-    nearest_ms = min(gaps, default=NEAR_CLAIM_MS + 1)
-    if nearest_ms > NEAR_CLAIM_MS:
-        return None
-    # Those heard while claims were signed; where there are none, the nearest alone, and it may have moved since.
-    reach_ms = max(nearest_ms, SAME_TIME_MS)
-    moved_mm = float(nearest_ms * UNCLAIMED_SPEED_MM_MS) if nearest_ms > SAME_TIME_MS else 0.0
-    east = north = speed = 0.0
-    count = 0
-    for heard, gap_ms in zip(evidence.broadcast, gaps, strict=True):
-        claimed = path.at(heard.t_ms) or path.points[0 if heard.t_ms < first_ms else -1]
-        if gap_ms > reach_ms:
-            continue
-        height = heard.height_mm if heard.height_mm is not None else session.claim.height_mm
-        try:
-            x, y, _ = to_local(commissioning.frame, heard.lat_e7, heard.lon_e7, height)
-        except GeometryError:
-            x, y = 100_000_000, 0  # broadcast from elsewhere: as far off as the records can say
-        east += x - claimed.east
-        north += y - claimed.north
-        later = path.at(heard.t_ms + 500)
-        if later is not None:
-            dx, dy = later.east - claimed.east, later.north - claimed.north
-            speed += sqrt(dx * dx + dy * dy) / 500
-        count += 1
-    latency = BROADCAST_LATENCY_SIGMA_MS * speed / count
-    limit = 50_000_000.0
-    shift = (max(-limit, min(limit, east / count)), max(-limit, min(limit, north / count)))
-    variance = latency * latency + moved_mm * moved_mm
-    extra = Matrix2(variance, 0.0, variance)
-    return _judge(session, commissioning, measured, extra, shift, may_verify=measured.consistent, may_refute=may_refute)
-
-
-def _outcome(signed: Judgement | None, broadcast: Judgement | None, reasons: _Reasons) -> str:
+def _outcome(signed: Judgement | None, broadcast: Judgement | None, reasons: Reasons) -> str:
     """Step 10: the signed claim decides, unless the public was told something that is refuted."""
     if signed is None:
         return "inconclusive"
     reasons.items.extend(signed.reasons)
     if broadcast is not None and broadcast.outcome == "refuted":
         reasons.add(
-            "broadcast_contradicts", f"Its broadcast puts it {_m(broadcast.error_mm)} from where it was measured."
+            "broadcast_contradicts", f"Its broadcast puts it {metres(broadcast.error_mm)} from where it was measured."
         )
         return "refuted"
     return signed.outcome
 
 
-def _more_rounds(measured: _Measured, radius: float) -> int:
-    """Further rounds expected to settle it; −1 where the part that does not shrink is already too large."""
-    offset = measured.offset
-    distance = sqrt(offset.east * offset.east + offset.north * offset.north)
-    if distance > 1.0:
-        east, north = offset.east / distance, offset.north / distance
-    else:
-        axes = offset.covariance.ellipse()
-        east, north = axes.east, axes.north
-    floor = offset.floor.along(east, north)
-    white = (offset.covariance.along(east, north) - floor) * measured.reduced.rounds
-    margin = (radius - distance) / LOOK_Z
-    room = margin * margin - floor
-    if room <= 0.0:
-        return -1
-    needed = white / room
-    if needed > MAX_MORE_ROUNDS:
-        return -1
-    return max(int(needed) + 1 - measured.reduced.rounds, 0)
-
-
-def _within(measured: _Measured, commissioning: Commissioning) -> int:
+def _within(measured: Measured, commissioning: Commissioning) -> int:
     """A bound that holds whatever the drone does with its clock: within this distance of the pad's origin."""
     best = -1.0
     for mean in measured.reduced.anchors:
@@ -395,53 +250,16 @@ def _within(measured: _Measured, commissioning: Commissioning) -> int:
     return int(max(best, 0.0)) + 1
 
 
-def _position(commissioning: Commissioning, measured: _Measured) -> Position | None:
+def _position(commissioning: Commissioning, measured: Measured) -> Position | None:
     reduced, offset = measured.reduced, measured.offset
-    return _at(commissioning, reduced.east + offset.east, reduced.north + offset.north, reduced.up)
-
-
-def _at(commissioning: Commissioning, east: float, north: float, up: float) -> Position:
-    """A point of the pad's frame as a record; beyond the frame's reach its globe position is the frame's edge."""
-    limit = 19_999_999.0
-    east, north, up = (max(-limit, min(limit, value)) for value in (east, north, up))
-    e, n, u = (_rounded(value) for value in (east, north, up))
-    lat_e7, lon_e7, height_mm = to_wgs84(commissioning.frame, e, n, u)
-    return Position(
-        east_mm=e,
-        north_mm=n,
-        up_mm=u,
-        lat_e7=max(-900_000_000, min(900_000_000, lat_e7)),
-        lon_e7=lon_e7,
-        height_mm=max(-1_000_000, min(50_000_000, height_mm)),
-    )
+    return place(commissioning, reduced.east + offset.east, reduced.north + offset.north, reduced.up)
 
 
 def _covariance(matrix: Matrix2) -> Covariance:
     limit = float(2**52)
-    ee, en, nn = (_rounded(max(-limit, min(limit, value))) for value in (matrix.ee, matrix.en, matrix.nn))
+    ee, en, nn = (rounded(max(-limit, min(limit, value))) for value in (matrix.ee, matrix.en, matrix.nn))
     return Covariance(ee_mm2=ee, en_mm2=en, nn_mm2=nn)
 
 
-def _rounded(value: float) -> int:
-    return int(value + 0.5) if value >= 0.0 else -int(0.5 - value)
-
-
-def _ppm(probability: float) -> int:
-    """Rounded down: 0.99 must have been reached."""
-    return max(0, min(1_000_000, int(probability * 1e6)))
-
-
 def _milli(value: float) -> int:
-    return int(min(value, _MILLI_LIMIT) * 1000.0 + 0.5)
-
-
-def _decimal(value: float) -> str:
-    """One decimal, by integers: formatting of floats stays out of what endorsers compare."""
-    tenths = int(min(value, _MILLI_LIMIT) * 10.0 + 0.5)
-    return f"{tenths // 10}.{tenths % 10}"
-
-
-def _m(millimetres: float) -> str:
-    """Metres with two decimals."""
-    centimetres = int(millimetres / 10.0 + 0.5)
-    return f"{centimetres // 100}.{centimetres % 100:02d} m"
+    return int(min(value, LARGEST) * 1000.0 + 0.5)
