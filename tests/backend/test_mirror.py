@@ -183,7 +183,7 @@ async def test_other_chaincodes_and_odd_texts_do_no_harm(database, new_mirror, c
 
 @both
 async def test_block_by_block_and_in_batches_come_to_the_same(
-    database, new_mirror, new_chain, source_of, facts, tmp_path
+    database, new_mirror, new_chain, source_of, facts, tmp_path, monkeypatch
 ):
     from backend.db.engine import Database
     from backend.db.migrate import migrate
@@ -192,6 +192,10 @@ async def test_block_by_block_and_in_batches_come_to_the_same(
     fill(chain, facts, 12)
     mirror, _ = new_mirror(source_of(chain), batch_transactions=1)
     await mirror.run_until(chain.height)
+    before = await digest(database)
+    monkeypatch.setattr(store, "MANY_ROWS", 2)
+    await rebuild(database, source_of(chain), channel="wonderland", chaincode="pol", batch_transactions=9)
+    assert await digest(database) == before
     other = Database(f"sqlite:///{tmp_path / 'other.db'}")
     try:
         await migrate(other)
