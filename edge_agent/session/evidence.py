@@ -37,6 +37,11 @@ class GatheredEvidence:
         return len(self._t_ms)
 
     @property
+    def last_ms(self) -> int:
+        """When the last round was; 0 before the first."""
+        return self._t_ms[-1] if self._t_ms else 0
+
+    @property
     def claims(self) -> tuple[Claim, ...]:
         """Claims that the drone sent, in its order."""
         return tuple(self._claims)

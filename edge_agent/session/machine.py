@@ -35,7 +35,6 @@ from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import BroadcastClaim, Evidence, Radio, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.rounds import MIN_ANCHORS
-from wonderland.proofs.stopping import LOOKS
 from wonderland.proofs.verdict import preview
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.link.messages import AbortReason

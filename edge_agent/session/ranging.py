@@ -1,0 +1,124 @@
+"""Step 5 on the pad: rounds come in, the contract's judgement is tried at a few looks, estimates are told meanwhile.
+
+The looks are at 10, 20, 40, 80 and 160 rounds and no others: the verdict's error limits are computed for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+from typing import Final
+
+from edge_agent.session.actions import ReportEstimate
+from edge_agent.session.evidence import GatheredEvidence
+from edge_agent.session.gather import Round, RoundGatherer
+from edge_agent.session.timing import PadTiming
+from wonderland.proofs.records.verdicts import Verdict
+from wonderland.proofs.rounds import MIN_ANCHORS
+from wonderland.proofs.stopping import LOOKS
+
+HOPELESS_LOOKS: Final = 2
+"""Looks in a row that must say that no number of rounds would settle it: a single one may be noise."""
+
+
+class Progress(Enum):
+    """What a step in time brought."""
+
+    NOTHING = "nothing"
+    GO_ON = "go_on"
+    """A look left it open: tell the drone the ranges so far and go on."""
+    ENOUGH = "enough"
+    """Settled, hopeless, or the last round: no more ranging."""
+
+
+class Ranging:
+    """Rounds, looks and running estimates of one session.
+
+    ``judge(now_ms)``: what the contract would say of what there is.
+    """
+
+    def __init__(
+        self,
+        gathered: GatheredEvidence,
+        judge: Callable[[int], Verdict],
+        *,
+        interval_ms: int,
+        max_rounds: int,
+        timing: PadTiming,
+    ) -> None:
+        self._gathered = gathered
+        self._judge = judge
+        self._timing = timing
+        self._most = min(max_rounds, LOOKS[-1])
+        self._gatherer = RoundGatherer(gathered.anchor_ids, interval_ms)
+        self._running = False
+        self._look_by_ms: int | None = None
+        """A look is due; it waits until then for a fresh claim."""
+        self._hopeless = 0
+        self._estimated = 0
+        self._usable_ms = 0
+        self._claim_ms: int | None = None
+        self.partial = 0
+        """Rounds since the last usable one in which fewer than three anchors measured."""
+
+    def start(self, now_ms: int) -> None:
+        """The codes have matched. What arrived before proves nothing and is left out."""
+        self._running = True
+        self._usable_ms = now_ms
+
+    def heard_claim(self, now_ms: int) -> None:
+        """A claim of the drone arrived: a look may rest on it for a little while."""
+        self._claim_ms = now_ms
+
+    def take(self, anchor_id: str, t_ms: int, range_mm: int | None, *, nlos: bool, now_ms: int) -> None:
+        """One report of one node."""
+        self._add(self._gatherer.add(anchor_id, t_ms, range_mm, nlos=nlos), now_ms)
+
+    def advance(self, now_ms: int) -> tuple[Progress, ReportEstimate | None]:
+        """Close a round whose time is up, look if a look is due, estimate if it is time."""
+        self._add(self._gatherer.expire(now_ms), now_ms)
+        rounds = self._gathered.rounds
+        if not self._running or not rounds:
+            return Progress.NOTHING, None
+        if self._look_by_ms is not None:
+            fresh = self._claim_ms is not None and now_ms - self._claim_ms <= self._timing.fresh_claim_ms
+            return self._look(now_ms) if fresh or now_ms >= self._look_by_ms else (Progress.NOTHING, None)
+        if rounds >= self._estimated + self._timing.estimate_every_rounds and self._gathered.claims:
+            return Progress.NOTHING, self._estimate(self._judge(now_ms))
+        return Progress.NOTHING, None
+
+    @property
+    def silent_ms(self) -> int:
+        """When the drone counts as lost, if no usable round comes before."""
+        return self._usable_ms + self._timing.silence_ms
+
+    def next_ms(self) -> int:
+        """When ``advance`` will have something to do even if nothing else happens."""
+        times = (self.silent_ms, self._gatherer.closes_ms, self._look_by_ms)
+        return min(t_ms for t_ms in times if t_ms is not None)
+
+    def _add(self, rounds: list[Round], now_ms: int) -> None:
+        for complete in rounds:
+            if not self._running or self._look_by_ms is not None:
+                return
+            if complete.count < MIN_ANCHORS:  # it decides nothing, and would only cost time on the air
+                self.partial += 1
+            elif self._gathered.add_round(complete):
+                self._usable_ms, self.partial = now_ms, 0
+                if self._gathered.rounds in LOOKS or self._gathered.rounds >= self._most:
+                    self._look_by_ms = now_ms + self._timing.look_patience_ms
+
+    def _look(self, now_ms: int) -> tuple[Progress, ReportEstimate]:
+        """Ask whether the contract would be settled."""
+        self._look_by_ms = None
+        self._usable_ms = now_ms
+        verdict = self._judge(now_ms)
+        undecided = verdict.outcome == "inconclusive"
+        self._hopeless = self._hopeless + 1 if undecided and verdict.more_rounds < 0 else 0
+        enough = not undecided or self._gathered.rounds >= self._most or self._hopeless >= HOPELESS_LOOKS
+        self._running = not enough
+        return Progress.ENOUGH if enough else Progress.GO_ON, self._estimate(verdict)
+
+    def _estimate(self, verdict: Verdict) -> ReportEstimate:
+        self._estimated = self._gathered.rounds
+        return ReportEstimate(verdict, self._gathered.latest(), self._gathered.last_ms)
