@@ -32,6 +32,8 @@ from uav_agent.session import events as uav_on
 from uav_agent.session.machine import UavSession
 from uav_agent.session.timing import UavTiming
 from wonderland.clock import SteadyClock
+from wonderland.ledger.connection import Connection
+from wonderland.ledger.embedded.administration import DirectoryAdministration
 from wonderland.ledger.embedded.node import EmbeddedLedger, LedgerSettings
 from wonderland.ledger.embedded.orderer import BatchLimits
 from wonderland.ledger.errors import SignatureError
@@ -126,13 +128,17 @@ class World:
         self.air = Air(self.measure, rng=random.Random(7))
         self.ports: dict[str, PtyPort] = {}
         self.acted: list = []
+        self.all_identities = None
         for name in (*ANCHORS, "uav"):
-            self.ports[name] = PtyPort(VirtualNode(name, self.air), directory / f"tty-{name}")
-            self.ports[name].plug()
+            self.add_node(name)
+
+    def add_node(self, name: str) -> None:
+        self.ports[name] = PtyPort(VirtualNode(name, self.air), self.directory / f"tty-{name}")
+        self.ports[name].plug()
 
     @property
     def connection(self):
-        return self.ledger.connection
+        return self.all_identities or self.ledger.connection
 
     def contract(self, name: str) -> ProofContract:
         gateway = Gateway(self.channel, self.connection.identity(name), self.connection.signer(name))
@@ -195,6 +201,39 @@ class World:
             valid_until_ms=now_ms + 10**9,
         )
 
+    async def second_uav(self) -> None:
+        """Another drone with its own identity and node."""
+        DirectoryAdministration(self.ledger.directory).enrol("uav-2", role="uav", pol_id="uav-2")
+        self.all_identities = Connection.load(self.directory / "ledger")
+        self.add_node("uav-2")
+        now_ms = self.clock()
+        await self.call(
+            "fleet_operator",
+            "RegisterUav",
+            uav_id="uav-2",
+            operator_id="fleet",
+            registration="FIN87astrdge12k8",
+            model="Quad",
+        )
+        await self.call(
+            "fleet_operator",
+            "RecordMaintenance",
+            uav_id="uav-2",
+            performed_ms=now_ms - 1_000,
+            valid_until_ms=now_ms + 10**9,
+            work="propellers",
+        )
+        await self.call(
+            "admin",
+            "GrantAuthorisation",
+            authorisation_id="a1",
+            uav_id="uav-2",
+            pad_id="pad-1",
+            actions=["land"],
+            valid_from_ms=now_ms - 1_000,
+            valid_until_ms=now_ms + 10**9,
+        )
+
     async def policy(self, **fields) -> None:
         await self.call("admin", "SetPolicy", pad_id="pad-1", action="*", policy=Policy.parse(fields).to_json())
 
@@ -225,24 +264,24 @@ class World:
                 await asyncio.gather(working, return_exceptions=True)
 
     @contextlib.asynccontextmanager
-    async def uav(self, *, act=None, ledger=None, **more):
+    async def uav(self, *, name="uav", act=None, ledger=None, **more):
         """The drone's agent."""
-        contract = ledger or self.contract("uav")
+        contract = ledger or self.contract(name)
 
         async def land(verdict) -> str:
             self.acted.append(verdict)
             return "done"
 
         async with (
-            LedgerEvents(self.contract("uav")) as events,
-            UavRadio(self.directory / "tty-uav", self.clock) as radio,
+            LedgerEvents(self.contract(name)) as events,
+            UavRadio(self.directory / f"tty-{name}", self.clock) as radio,
         ):
             arguments = {
-                "uav_id": "uav-1",
+                "uav_id": self.connection.identity(name).pol_id,
                 "ledger": contract,
                 "events": events,
-                "identity": self.connection.identity("uav"),
-                "signer": self.connection.signer("uav"),
+                "identity": self.connection.identity(name),
+                "signer": self.connection.signer(name),
                 "radio": radio,
                 "position": self.flight,
                 "act": act or land,

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from edge_agent.session import actions as pad_do
 from edge_agent.session import events as pad_on
@@ -323,3 +326,96 @@ def test_claims_keep_to_what_a_session_may_hold(make_duo, make_flight):
     duo.run()
     assert len(duo.evidence.claims) <= 200
     assert [claim.t_ms for claim in duo.evidence.claims] == sorted(claim.t_ms for claim in duo.evidence.claims)
+
+
+# --- anything, in any order ---------------------------------------------------------------------------------------
+
+anything = st.one_of(
+    st.just(pad_on.RadiosOpened("UCI")),
+    st.just(pad_on.RadiosFailed("x")),
+    st.builds(
+        pad_on.AnchorRange,
+        st.sampled_from(["A1", "A2", "A3", "A4", "?"]),
+        st.integers(1_800_000_000_000, 1_800_000_100_000),
+        st.one_of(st.none(), st.integers(0, 99_999)),
+        st.booleans(),
+    ),
+    st.builds(pad_on.DataHeard, st.binary(max_size=90)),
+    st.just(pad_on.Tick()),
+    st.just(pad_on.SubmitRefused("session_expired", "late")),
+    st.just(pad_on.LedgerLost("gone")),
+    st.just(pad_on.SessionCancelled("uav", "changed_its_mind")),
+    st.just(pad_on.InteractionCompleted("done")),
+    st.just(pad_on.Interrupted("agent_stopped")),
+)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(steps=st.lists(st.tuples(st.integers(0, 3_000), anything), max_size=40))
+def test_no_order_of_events_permits_without_a_committed_verdict(make_duo, steps):
+    duo = make_duo()
+    machine, now_ms = duo.pad, duo.now_ms
+    actions = machine.start(now_ms)
+    for wait_ms, event in steps:
+        now_ms += wait_ms
+        actions += machine.handle(event, now_ms)
+        machine.frames_to_send(now_ms, 4)
+    assert not duo.of(actions, pad_do.Permit)
+    ends = duo.of(actions, pad_do.Finish)
+    assert len(ends) == (machine.phase is PadPhase.ENDED)
+    assert len(duo.of(actions, pad_do.Submit)) <= 1
+    for submitted in duo.of(actions, pad_do.Submit):
+        Evidence.parse(submitted.evidence.to_json())
+    if machine.phase is not PadPhase.ENDED:
+        assert machine.next_tick_ms() is not None
+        assert machine.next_tick_ms() <= duo.session.expires_ms + 70_000
+
+
+uav_anything = st.one_of(
+    st.just(uav_on.RadiosOpened()),
+    st.just(uav_on.RadiosFailed("x")),
+    st.builds(
+        uav_on.OwnRange,
+        st.integers(0xA000, 0xA004),
+        st.integers(1_800_000_000_000, 1_800_000_100_000),
+        st.integers(0, 99_999),
+    ),
+    st.builds(uav_on.DataHeard, st.binary(max_size=90)),
+    st.just(uav_on.Tick()),
+    st.just(uav_on.Signed(b"s" * 64)),
+    st.just(uav_on.SignFailed("no key")),
+    st.just(uav_on.SessionCancelled("pad", "busy")),
+    st.just(uav_on.Acted("done")),
+    st.just(uav_on.Interrupted("agent_stopped")),
+)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(steps=st.lists(st.tuples(st.integers(0, 3_000), uav_anything), max_size=40))
+def test_no_order_of_events_makes_a_drone_act_without_a_committed_verdict(make_duo, steps):
+    duo = make_duo()
+    machine, now_ms = duo.uav, duo.now_ms
+    actions = machine.start(now_ms)
+    for wait_ms, event in steps:
+        now_ms += wait_ms
+        actions += machine.handle(event, now_ms)
+        machine.frames_to_send(now_ms, 4)
+    assert not duo.of(actions, uav_do.Act)
+    assert not duo.of(actions, uav_do.Complete)
+    assert not duo.of(actions, uav_do.Sign)
+    assert len(duo.of(actions, uav_do.Finish)) == (machine.phase is UavPhase.ENDED)
+
+
+@pytest.mark.parametrize("loss", [0.1, 0.3])
+@pytest.mark.parametrize("seed", range(4))
+def test_lost_frames_cost_time_and_no_verdict(make_duo, loss, seed):
+    duo = make_duo()
+    rng = random.Random(seed)
+    for machine in (duo.pad, duo.uav):
+        send = machine.frames_to_send
+        machine.frames_to_send = lambda now_ms, budget, send=send: [
+            frame for frame in send(now_ms, budget) if rng.random() >= loss
+        ]
+    duo.run()
+    assert duo.verdict.outcome == "verified"
+    assert duo.ledger_state == "completed"

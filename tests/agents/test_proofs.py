@@ -263,3 +263,40 @@ async def test_status_says_how_the_pad_is(world):
     assert status["prekeys"] == 6
     assert status["accepts_sessions"] is True
     assert json.loads((world.directory / "spool" / "status.json").read_text())["pad_id"] == "pad-1"
+
+
+async def test_two_drones_at_once_are_served_one_after_the_other(world):
+    await world.second_uav()
+    async with world.pad() as pad, world.uav() as first, world.uav(name="uav-2") as second:
+        working = [asyncio.create_task(uav.prove("pad-1", "land")) for uav in (first, second)]
+        results = await asyncio.gather(*working)
+        assert pad.status()["sessions_run"] == 2
+    assert {result.verdict.outcome for result in results} == {"verified"}
+    assert {result.end for result in results} == {"done"}
+    told, _ = await records(world)
+    assert len(told["session_end"]) == 2
+
+
+async def test_a_flood_of_requests_is_ended_and_the_next_drone_is_served(world, monkeypatch):
+    monkeypatch.setattr("edge_agent.agent.MAX_WAITING", 1)
+    monkeypatch.setattr("edge_agent.agent.CARE_S", 0.2)
+    await world.policy(session_ttl_ms=8_000)
+    ledger = world.contract("uav")
+    async with world.pad(prekeys=8), world.uav() as uav:
+        from wonderland.proofs import encoding, keys
+        from wonderland.proofs.records.transactions import RequestProof
+
+        sessions = []
+        for prekey in (await ledger.list_prekeys("pad-1", 10))[:4]:
+            argument = RequestProof(
+                pad_id="pad-1",
+                action="land",
+                prekey_id=prekey.prekey_id,
+                uav_key=encoding.to_base64url(keys.public_bytes(keys.new_key())),
+                claim=world.flight.claim(world.clock()),
+            )
+            sessions.append((await ledger.request_proof(argument))[0].session_id)
+        ends = [await until_state(world, session_id, "cancelled", "decided") for session_id in sessions]
+        assert any(end.end == "pad_overloaded" for end in ends)
+        result = await uav.prove("pad-1", "land")
+    assert result.verdict.outcome == "verified"
