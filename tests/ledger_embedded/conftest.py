@@ -119,6 +119,11 @@ class ToyContract:
     async def do_return_text(self, stub):
         return "not bytes"
 
+    async def do_big(self, stub, count, size):
+        for index in range(int(count)):
+            await stub.put(f"big{index}", b"x" * int(size))
+        return b""
+
     async def do_empty_key(self, stub):
         await stub.put("", b"x")
 

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from wonderland.ledger.embedded import NOTICE
-from wonderland.ledger.gateway import CommitError, EndorseError, EvaluateError
+from wonderland.ledger.gateway import CommitError, EndorseError, EvaluateError, SubmitError
 
 
 def details_of(error):
@@ -112,6 +112,29 @@ async def test_an_unusable_key_is_the_contracts_refusal(world):
     with pytest.raises(EndorseError) as caught:
         await world.contract().submit("empty_key")
     assert caught.value.chaincode_response.status == 400
+
+
+@pytest.mark.parametrize(("count", "size"), [(1, (4 << 20) + 1), (3, 3 << 20), (10_001, 1)])
+async def test_too_much_written_in_one_transaction(world, count, size):
+    with pytest.raises(EndorseError) as caught:
+        await world.contract().submit("big", str(count), str(size))
+    assert caught.value.chaincode_response.status == 413
+
+
+async def test_a_large_transaction_passes_whole(world):
+    done = await world.contract().submit("big", "2", str(3 << 20))
+    assert (await world.contract("uav").evaluate("get", "big1")) == b"x" * (3 << 20)
+    assert len(world.chain.block(done.block_number)) > 6 << 20
+
+
+async def test_an_overloaded_ledger_says_that_nothing_was_taken(world):
+    world.chain._cutter._bytes = 1 << 40
+    with pytest.raises(SubmitError) as caught:
+        await world.contract().submit("put", "k", "v")
+    assert caught.value.status_code is grpc.StatusCode.RESOURCE_EXHAUSTED
+    assert not caught.value.outcome_unknown
+    world.chain._cutter._bytes = 0
+    assert (await world.contract().submit("put", "k", "v")).block_number == 1
 
 
 async def test_long_and_foreign_error_texts_fit_into_trailers(world):

@@ -25,7 +25,9 @@ from wonderland.ledger.embedded.config_update import (
 )
 from wonderland.ledger.embedded.errors import (
     AccessDeniedError,
+    DirectoryError,
     LedgerCorruptedError,
+    LedgerOverloadedError,
     LedgerUnavailableError,
     StorageError,
 )
@@ -190,7 +192,7 @@ class Chain:
         if self._closing or self._halted:
             raise LedgerUnavailableError(self._trouble or "the ledger is stopping")
         if len(self._waiters) >= MAX_STATUS_WAITERS:
-            raise LedgerUnavailableError("too many clients wait for the status of a transaction; try again in a second")
+            raise LedgerOverloadedError("too many clients wait for the status of a transaction; try again in a second")
         waiter: asyncio.Future[TxLocation] = asyncio.get_running_loop().create_future()
         waiters = self._waiters.setdefault(tx_id, [])
         waiters.append(waiter)
@@ -369,6 +371,6 @@ class Chain:
             raise LedgerCorruptedError(f"block {number} should carry the channel's configuration, and does not")
         channel = block.transactions[0].channel
         if channel != self.settings.channel:
-            raise LedgerCorruptedError(f"the stored chain is of channel {channel!r}, not {self.settings.channel!r}")
+            raise DirectoryError(f"the stored chain is of channel {channel!r}, not {self.settings.channel!r}")
         membership = ChannelMembership(trust_of(block.config), sequence=block.config.sequence)
         return number, config_data(block.envelopes[0]), membership

@@ -23,6 +23,7 @@ from wonderland.ledger.embedded.block_views import (
 )
 from wonderland.ledger.embedded.errors import (
     AccessDeniedError,
+    LedgerOverloadedError,
     LedgerUnavailableError,
     MalformedRequestError,
     ProposalRefusedError,
@@ -210,7 +211,7 @@ class DeliverService:
     @contextlib.contextmanager
     def _counted(self) -> Iterator[None]:
         if self._streams >= MAX_STREAMS:
-            raise LedgerUnavailableError(f"{MAX_STREAMS} streams are open; close some")
+            raise LedgerOverloadedError(f"{MAX_STREAMS} streams are open; close some")
         self._streams += 1
         try:
             yield

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from fabric_protos.common import common_pb2
 
 from wonderland.ledger.blocks import BlockHeader, data_hash
-from wonderland.ledger.embedded.errors import LedgerUnavailableError
+from wonderland.ledger.embedded.errors import LedgerOverloadedError
 from wonderland.ledger.embedded.genesis import METADATA_SLOTS, PREFERRED_MAX_BYTES
 
 if TYPE_CHECKING:
@@ -54,9 +54,9 @@ class BatchCutter:
         return len(self._waiting)
 
     def add(self, candidate: Candidate) -> None:
-        """Put a transaction in line. Raises `LedgerUnavailableError` when the line is too long."""
+        """Put a transaction in line. Raises `LedgerOverloadedError` when the line is too long."""
         if len(self._waiting) >= MAX_WAITING or self._bytes >= MAX_WAITING_BYTES:
-            raise LedgerUnavailableError("too many transactions are waiting for a block; try again in a second")
+            raise LedgerOverloadedError("too many transactions are waiting for a block; try again in a second")
         self._waiting.append((asyncio.get_running_loop().time(), candidate))
         self._bytes += len(candidate.envelope)
         self._something.set()

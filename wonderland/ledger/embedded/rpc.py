@@ -14,6 +14,7 @@ from google.rpc import status_pb2
 
 from wonderland.ledger.embedded.errors import (
     AccessDeniedError,
+    LedgerOverloadedError,
     LedgerUnavailableError,
     MalformedRequestError,
     ProposalRefusedError,
@@ -121,6 +122,7 @@ _CODES: Final[tuple[tuple[type[Exception], grpc.StatusCode], ...]] = (
     (MalformedRequestError, grpc.StatusCode.INVALID_ARGUMENT),
     (AccessDeniedError, grpc.StatusCode.PERMISSION_DENIED),
     (ProposalRefusedError, grpc.StatusCode.FAILED_PRECONDITION),
+    (LedgerOverloadedError, grpc.StatusCode.RESOURCE_EXHAUSTED),
     (LedgerUnavailableError, grpc.StatusCode.UNAVAILABLE),
 )
 

@@ -109,7 +109,7 @@ class LedgerServer:
         self._server = server
         return self.address
 
-    async def stop(self, grace_s: float = 2.0) -> None:
+    async def stop(self, grace_s: float = 0.5) -> None:
         """Take no new calls and end those that run. Close the chain first, so that waiting clients get an answer."""
         if self._server is not None:
             await self._server.stop(grace_s)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 MAX_KEY_BYTES: Final = 4096
 MAX_VALUE_BYTES: Final = 4 << 20
 MAX_WRITES: Final = 10_000
+MAX_WRITTEN_BYTES: Final = 8 << 20
+"""Keys and values of one transaction together, each write counted; a transaction may have 10 MiB in all."""
 MAX_READS: Final = 100_000
 """Keys that one transaction may read, ranges included; Fabric's totalQueryLimit."""
 _BAD_REQUEST: Final = 400
@@ -34,8 +36,20 @@ class TransactionStub:
     `timestamp_ms` is the client's word, checked to be within 15 minutes of the ledger's clock.
     """
 
-    __slots__ = ("_event", "_namespace", "_ranges", "_read_count", "_reader", "_reads", "_writes", "channel", "creator",
-                 "timestamp_ms", "tx_id")  # fmt: skip
+    __slots__ = (
+        "_event",
+        "_namespace",
+        "_ranges",
+        "_read_count",
+        "_reader",
+        "_reads",
+        "_writes",
+        "_written_bytes",
+        "channel",
+        "creator",
+        "timestamp_ms",
+        "tx_id",
+    )
 
     def __init__(
         self,
@@ -58,6 +72,7 @@ class TransactionStub:
         self._writes: dict[str, bytes | None] = {}
         self._event: tuple[str, bytes] | None = None
         self._read_count = 0
+        self._written_bytes = 0
 
     async def get(self, key: str) -> bytes | None:
         """The committed value of a key, or None."""
@@ -120,6 +135,9 @@ class TransactionStub:
 
     def _write(self, key: str, value: bytes | None) -> None:
         self._writes[key] = value
+        self._written_bytes += len(key) + len(value or b"")
+        if self._written_bytes > MAX_WRITTEN_BYTES:
+            raise ContractFailedError(_TOO_MUCH, f"more than {MAX_WRITTEN_BYTES} bytes written in one transaction")
         if len(self._writes) > MAX_WRITES:
             raise ContractFailedError(_TOO_MUCH, f"more than {MAX_WRITES} keys written in one transaction")
 
