@@ -24,8 +24,9 @@ export default defineConfig(({ mode, command }) => ({
     },
   },
   test: {
-    environment: "happy-dom",
+    environment: "node",
     include: ["src/**/*.test.{ts,tsx}"],
     restoreMocks: true,
+    css: true,
   },
 }));

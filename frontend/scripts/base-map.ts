@@ -24,7 +24,7 @@ function compact(value: GeoJSON): string {
   return JSON.stringify(value, (_key, item: unknown) => {
     if (typeof item === "number") return Math.round(item * 1e3) / 1e3;
     if (!Array.isArray(item) || !isLine(item)) return item;
-    const rounded = item.map(([x = 0, y = 0]): Position => [Math.round(x * 1e3) / 1e3, Math.round(y * 1e3) / 1e3]);
+    const rounded = unwrapped(item).map(([x = 0, y = 0]): Position => [Math.round(x * 1e3) / 1e3, Math.round(y * 1e3) / 1e3]);
     const kept = rounded.filter((point, i) => i === 0 || point[0] !== rounded[i - 1]?.[0] || point[1] !== rounded[i - 1]?.[1]);
     // An islet that became a point or a line keeps its shape: four points make a ring.
     return kept.length >= 4 || item.length < 4 ? kept : rounded;
@@ -34,6 +34,26 @@ function compact(value: GeoJSON): string {
 function isLine(item: unknown[]): item is Position[] {
   const first: unknown = item[0];
   return Array.isArray(first) && typeof first[0] === "number";
+}
+
+/**
+ * world-atlas runs rings across the date line, from 180° to −180°. MapLibre wants them to go on, beyond 180°; a ring
+ * around the pole (Antarctica) does not come back to where it began and is closed along the pole.
+ */
+function unwrapped(line: Position[]): Position[] {
+  let turns = 0;
+  const result = line.map(([lon = 0, lat = 0], i): Position => {
+    const before = line[i - 1]?.[0] ?? lon;
+    if (lon - before > 180) turns -= 1;
+    else if (lon - before < -180) turns += 1;
+    return [lon + 360 * turns, lat];
+  });
+  const [first, last] = [result[0], result.at(-1)];
+  if (turns !== 0 && first?.[1] === last?.[1]) {
+    const pole = (first?.[1] ?? 0) < 0 ? -90 : 90;
+    result.push([last?.[0] ?? 0, pole], [first?.[0] ?? 0, pole], first ?? [0, pole]);
+  }
+  return result;
 }
 
 function ringArea(ring: Position[]): number {
@@ -70,7 +90,7 @@ function labels(topology: World): GeoJSON {
           ? [country.geometry.coordinates]
           : [];
     const largest = polygons
-      .map((polygon) => polygon[0] ?? [])
+      .map((polygon) => unwrapped(polygon[0] ?? []))
       .reduce<Position[]>((best, ring) => (ringArea(ring) > ringArea(best) ? ring : best), []);
     if (largest.length === 0) continue;
     points.push({

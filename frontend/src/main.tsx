@@ -14,19 +14,20 @@ import { workerSource, type LiveSource } from "./shared/live/source";
 import { LiveStore } from "./shared/live/store";
 import { LiveContext } from "./shared/live/useLive";
 
-const API_BASE = "api/v1";
+/** Where the page lies, `/api/v1` lies. */
+const ORIGIN = new URL(".", location.href).href.replace(/\/$/, "");
 
 async function start(): Promise<void> {
   const store = new LiveStore();
-  let api = new Api(API_BASE);
-  let source: LiveSource = workerSource(API_BASE);
+  let api = new Api(ORIGIN);
+  let source: LiveSource = workerSource(`${ORIGIN}/api/v1/live`);
   if (__FAKE__) {
     const { fakeOptions, fakeSource } = await import("./shared/fake/source");
     const options = fakeOptions(location.search);
     if (options !== undefined) {
       const { fakeFetch } = await import("./shared/fake/api");
       source = fakeSource(options).source;
-      api = new Api(API_BASE, fakeFetch(store, options.flags));
+      api = new Api(ORIGIN, fakeFetch(store, options.flags));
     }
   }
   const client = new QueryClient({

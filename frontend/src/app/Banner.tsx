@@ -1,7 +1,7 @@
 import type { ReactElement } from "react";
 import type { LiveSource } from "../shared/live/source";
 import type { LiveStore, Topic } from "../shared/live/store";
-import { duration } from "../shared/format";
+import { age, duration } from "../shared/format";
 import { useLive, useServerNow } from "../shared/live/useLive";
 import { LAG_MS } from "./Header";
 
@@ -17,7 +17,7 @@ export function warning(store: LiveStore, local_ms: number): Warning | undefined
   if (connection.phase === "waiting" || (connection.phase === "connecting" && connection.attempt > 1)) {
     const silent_ms = store.lastFrame_ms === undefined ? undefined : local_ms - store.lastFrame_ms;
     if (silent_ms === undefined || silent_ms > PATIENCE_MS) {
-      const since = silent_ms === undefined ? "" : ` What you see is ${duration(Math.round(silent_ms / 1000) * 1000)} old.`;
+      const since = silent_ms === undefined ? "" : ` What you see is ${age(Math.max(2_000, silent_ms))} old.`;
       const wait_ms = connection.phase === "waiting" ? connection.retry_ms - local_ms : 0;
       const next = wait_ms > 1_000 ? ` Trying again in ${Math.round(wait_ms / 1000)} s.` : " Trying again.";
       const reason = connection.phase === "waiting" ? `: ${connection.reason}` : "";
@@ -29,7 +29,7 @@ export function warning(store: LiveStore, local_ms: number): Warning | undefined
   if (typeof halted === "string") {
     return { tone: "bad", text: `The ledger's mirror has halted: ${halted}. No new verdict appears here until somebody looks.`, retry: false };
   }
-  if (connected === false) {
+  if (!connected) {
     const why = typeof problem === "string" && problem !== "" ? `: ${problem}` : "";
     return { tone: "bad", text: `The server has no connection to the ledger${why}. Verdicts come late.`, retry: false };
   }

@@ -21,7 +21,7 @@ export function SignInPage({ problem, onRetry }: { problem: string | undefined; 
       )}
       <p>
         Open the link that the server printed when it started. It works once and signs this browser in. A new one comes with{" "}
-        <code className="mono">wonderland backend token</code> on the server.
+        <code className="mono">wonderland backend link</code> on the server.
       </p>
       <button type="button" className="button" onClick={onRetry}>
         Try again

@@ -32,12 +32,12 @@ function place(x: number, y: number, text: string, below: boolean, taken: Label[
   const half = text.length * 3;
   const label = {
     x: Math.min(WIDTH - half - 8, Math.max(half + 8, x)),
-    y: Math.min(HEIGHT - 8, Math.max(14, y + (below ? 22 : -16))),
+    y: Math.min(HEIGHT - 24, Math.max(14, y + (below ? 22 : -16))),
     text,
   };
   for (const other of taken) {
     if (Math.abs(other.y - label.y) < 13 && Math.abs(other.x - label.x) < half + other.text.length * 3) {
-      label.y = Math.min(HEIGHT - 8, other.y + 14);
+      label.y = Math.min(HEIGHT - 24, other.y + 14);
     }
   }
   taken.push(label);

@@ -14,7 +14,7 @@ export function Ranges({ evidence }: { evidence: Evidence }): ReactElement | nul
   const end = t_ms.at(-1) ?? start;
   if (t_ms.length === 0) return null;
   const rows: Row[] = anchors.map(({ anchor_id, range_mm, nlos }) => {
-    const blocked = new Set(nlos ?? []);
+    const blocked = new Set(nlos);
     const values = range_mm.flatMap((range, i) => (range < 0 ? [] : [{ t_ms: t_ms[i] ?? start, range_mm: range, blocked: blocked.has(i) }]));
     return { anchor_id, values, heard: values.length };
   });

@@ -3,7 +3,7 @@ import type { SessionState, StepName } from "../shared/api/records";
 import { duration, timeOfDay } from "../shared/format";
 import { stepRows, type StepRow } from "./steps";
 
-const PARTIES = ["Drone", "Pad", "Ledger"] as const;
+const PARTIES = ["Drone", "Pad", "Ledger", "Authority"] as const;
 type Party = (typeof PARTIES)[number];
 
 /** Who says what to whom in each step. */
@@ -12,16 +12,16 @@ const ARROWS: Record<StepName, { from: Party; to: Party; both?: true; text: stri
   poll: { from: "Pad", to: "Drone", text: "poll with the session's code" },
   match: { from: "Drone", to: "Drone", text: "derives the keys, checks the code" },
   reply: { from: "Drone", to: "Pad", text: "its own code" },
-  range: { from: "Pad", to: "Drone", both: true, text: "two-way ranging, claims in segments" },
+  range: { from: "Pad", to: "Drone", both: true, text: "ranging, sealed claims" },
   confirm: { from: "Drone", to: "Pad", text: "signs ranges and claims" },
-  verdict: { from: "Pad", to: "Ledger", text: "evidence; the contract decides" },
+  verdict: { from: "Pad", to: "Ledger", text: "evidence" },
   permission: { from: "Ledger", to: "Drone", text: "committed verdict" },
 };
 
-const WIDTH = 640;
+const WIDTH = 680;
 const TOP = 40;
 const ROW = 40;
-const X: Record<Party, number> = { Drone: 150, Pad: 330, Ledger: 510 };
+const X: Record<Party, number> = { Drone: 146, Pad: 288, Ledger: 430, Authority: 550 };
 
 function tone(row: StepRow, session: SessionState): string {
   if (row.step === "verdict" && session.outcome === "inconclusive") return "maybe";
@@ -62,6 +62,15 @@ export function Sequence({ session }: { session: SessionState }): ReactElement {
                     <path d={`M${X[to] + tip} ${y - 4}L${X[to]} ${y}L${X[to] + tip} ${y + 4}`} />
                     {both === true && <path d={`M${X[from] - tip} ${y - 4}L${X[from]} ${y}L${X[from] - tip} ${y + 4}`} />}
                   </>
+                )}
+                {(row.step === "request" || row.step === "verdict") && (
+                  <g strokeDasharray="3 3">
+                    <path d={`M${X.Ledger + 8} ${y}H${X.Authority}`} />
+                    <circle cx={X.Authority} cy={y} r="3" fill="var(--panel)" />
+                    <text x={(X.Ledger + X.Authority) / 2 + 4} y={y - 6} textAnchor="middle" className="step-text" stroke="none" fill={ahead ? "var(--ink3)" : "var(--ink)"}>
+                      {row.step === "verdict" ? "decides, endorses" : "endorses"}
+                    </text>
+                  </g>
                 )}
                 <g stroke="none" fill={ahead ? "var(--ink3)" : "var(--ink)"}>
                   <text x="14" y={y + 4} className="step-label">

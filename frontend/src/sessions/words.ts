@@ -14,7 +14,7 @@ export function whereabouts(place: Local, padName: string): string {
 }
 
 function anchorsMeasured(pad: Pad | undefined): string {
-  const n = pad?.commissioning?.anchors.length ?? pad?.anchors?.length;
+  const n = pad?.commissioning?.anchors.length;
   return n === undefined ? "The pad" : `${countWord(n)} anchors`;
 }
 
@@ -111,11 +111,11 @@ export function account(verdict: VerdictSummary, pad: Pad | undefined): Account 
 }
 
 const STAGES = {
-  request: "The request is on the ledger",
+  request: "Waiting for the pad to poll",
   poll: "The pad polls",
-  match: "The codes are being matched",
+  match: "The codes match",
   reply: "The drone replied",
-  range: "Ranging",
+  range: "Ranged",
   confirm: "The drone countersigned",
   verdict: "The contract has decided",
   permission: "Permission is on the ledger",
@@ -135,7 +135,7 @@ export function progress(session: SessionState, drone: Drone | undefined, pad: P
   }
   const last = session.steps.at(-1)?.step ?? "request";
   const estimate = drone?.estimate;
-  const ranging = estimate?.session_id === session.session_id;
+  const ranging = stepNumber(session) <= 5 && estimate?.session_id === session.session_id;
   return {
     title: "Being proved",
     look: "proving",
@@ -168,11 +168,11 @@ export function rowText(drone: Drone, padName: (pad_id: string) => string): { ri
   const { session, verdict, look } = drone;
   if (look === "proving" && session !== undefined) {
     const pad = padName(session.pad_id);
-    const ranging = drone.estimate?.session_id === session.session_id;
-    const n = ranging ? Math.max(5, stepNumber(session)) : stepNumber(session);
+    const n = stepNumber(session);
+    const ranging = n <= 5 && drone.estimate?.session_id === session.session_id;
     const rounds = ranging ? `, ${count(drone.estimate?.rounds ?? 0)} rounds` : "";
     const stage = STAGES[session.steps.at(-1)?.step ?? "request"];
-    return { right: `step ${n} of 8`, second: rounds === "" ? `${stage} · ${pad}` : `Ranging at ${pad}${rounds}` };
+    return { right: `step ${ranging ? 5 : n} of 8`, second: rounds === "" ? `${stage} · ${pad}` : `Ranging at ${pad}${rounds}` };
   }
   if (session !== undefined && verdict?.session_id === session.session_id) {
     const pad = padName(verdict.pad_id);

@@ -131,6 +131,8 @@ export function sessionOf(verdict: VerdictSummary): SessionState {
     action: verdict.action,
     state: "decided",
     requested_ms: verdict.decided_ms,
+    expires_ms: verdict.decided_ms,
+    decided_ms: verdict.decided_ms,
     steps: [],
     request_tx: verdict.session_id,
     verdict_tx: verdict.tx_id,

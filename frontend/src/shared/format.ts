@@ -1,11 +1,11 @@
 /** Numbers, times and identifiers as people read them. Pure; English; the decimal sign is a point everywhere. */
 
 const MINUS = "−";
-/** Between a number and its unit: never broken, narrower than a word space. */
-const NNBSP = " ";
+/** Between a number and its unit, and between thousands: never broken. */
+const NBSP = "\u00a0";
 
 function grouped(whole: number): string {
-  return String(whole).replace(/\B(?=(\d{3})+(?!\d))/g, NNBSP);
+  return String(whole).replace(/\B(?=(\d{3})+(?!\d))/g, NBSP);
 }
 
 /** 18204 → "18 204". */
@@ -18,9 +18,9 @@ export function length(mm: number, coarse = false): string {
   const sign = mm < 0 ? MINUS : "";
   const m = Math.abs(mm) / 1000;
   const decimals = m < 9.995 ? (coarse && m >= 0.95 ? 1 : 2) : m < 99.95 ? (coarse ? 0 : 1) : 0;
-  if (m < 999.5) return `${sign}${trimmed(m.toFixed(decimals), coarse)}${NNBSP}m`;
+  if (m < 999.5) return `${sign}${trimmed(m.toFixed(decimals), coarse)}${NBSP}m`;
   const km = m / 1000;
-  return `${sign}${km < 9.95 ? trimmed(km.toFixed(1), coarse) : grouped(Math.round(km))}${NNBSP}km`;
+  return `${sign}${km < 9.95 ? trimmed(km.toFixed(1), coarse) : grouped(Math.round(km))}${NBSP}km`;
 }
 
 /** "1.0" → "1" in words; figures in columns keep their decimals. */
@@ -30,8 +30,8 @@ function trimmed(text: string, coarse: boolean): string {
 
 /** A likelihood, never rounded to a certainty that nobody has. */
 export function likelihood(ppm: number): string {
-  if (ppm < 100) return `<${NNBSP}0.0001`;
-  if (ppm > 999_900) return `>${NNBSP}0.9999`;
+  if (ppm < 100) return `<${NBSP}0.0001`;
+  if (ppm > 999_900) return `>${NBSP}0.9999`;
   const decimals = ppm < 10_000 || ppm > 990_000 ? 4 : 2;
   const scale = 10 ** decimals;
   const value = Math.floor((ppm / 1_000_000) * scale + 1e-9) / scale;
@@ -41,23 +41,23 @@ export function likelihood(ppm: number): string {
 /** A duration: "31 ms", "1.20 s", "2 min 5 s". */
 export function duration(ms: number): string {
   if (ms < 0) return `${MINUS}${duration(-ms)}`;
-  if (ms < 1000) return `${Math.round(ms)}${NNBSP}ms`;
-  if (ms < 9_995) return `${(ms / 1000).toFixed(2)}${NNBSP}s`;
-  if (ms < 59_500) return `${(ms / 1000).toFixed(0)}${NNBSP}s`;
+  if (ms < 1000) return `${Math.round(ms)}${NBSP}ms`;
+  if (ms < 9_995) return `${(ms / 1000).toFixed(2)}${NBSP}s`;
+  if (ms < 59_500) return `${(ms / 1000).toFixed(0)}${NBSP}s`;
   const s = Math.round(ms / 1000);
   const min = Math.floor(s / 60);
-  if (min < 60) return s % 60 === 0 ? `${min}${NNBSP}min` : `${min}${NNBSP}min ${s % 60}${NNBSP}s`;
-  return `${Math.floor(min / 60)}${NNBSP}h ${min % 60}${NNBSP}min`;
+  if (min < 60) return s % 60 === 0 ? `${min}${NBSP}min` : `${min}${NBSP}min ${s % 60}${NBSP}s`;
+  return `${Math.floor(min / 60)}${NBSP}h ${min % 60}${NBSP}min`;
 }
 
 /** How long ago, in the coarsest unit that says enough: "now", "8 s", "3 min", "2 h", "4 d". */
 export function age(ms: number): string {
   const s = Math.floor(ms / 1000);
   if (s < 2) return "now";
-  if (s < 60) return `${s}${NNBSP}s`;
-  if (s < 3600) return `${Math.floor(s / 60)}${NNBSP}min`;
-  if (s < 86_400) return `${Math.floor(s / 3600)}${NNBSP}h`;
-  return `${Math.floor(s / 86_400)}${NNBSP}d`;
+  if (s < 60) return `${s}${NBSP}s`;
+  if (s < 3600) return `${Math.floor(s / 60)}${NBSP}min`;
+  if (s < 86_400) return `${Math.floor(s / 3600)}${NBSP}h`;
+  return `${Math.floor(s / 86_400)}${NBSP}d`;
 }
 
 /** "9f3c…e1": enough of a hash to tell two apart at a glance. */

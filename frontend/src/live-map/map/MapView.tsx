@@ -16,6 +16,8 @@ type Properties = {
   onCamera: (camera: Camera, grid_m: number | undefined) => void;
 };
 
+const FIRST_PADS_MS = 1_500;
+
 /** MapLibre in React: made once; everything that moves goes past React. */
 export function MapView({ ref, camera, selection, padding, onSelect, onCamera }: Properties): ReactElement {
   const container = useRef<HTMLDivElement>(null);
@@ -28,9 +30,21 @@ export function MapView({ ref, camera, selection, padding, onSelect, onCamera }:
     latest.current = { onSelect, onCamera, camera, selection, padding };
   });
 
+  // Where to look first is known with the first pads: the world is not fetched on the way there.
+  const [begun, setBegun] = useState(() => store.pads.size > 0);
+  useEffect(() => {
+    if (begun) return undefined;
+    const timer = setTimeout(() => setBegun(true), FIRST_PADS_MS);
+    const end = store.subscribe(["pads"], () => setBegun(true));
+    return () => {
+      clearTimeout(timer);
+      end();
+    };
+  }, [store, begun]);
+
   useEffect(() => {
     const element = container.current;
-    if (element === null) return undefined;
+    if (element === null || !begun) return undefined;
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
     let made: MapController;
     try {
@@ -58,7 +72,7 @@ export function MapView({ ref, camera, selection, padding, onSelect, onCamera }:
       controller.current = undefined;
       made.destroy();
     };
-  }, [store]);
+  }, [store, begun]);
 
   useEffect(() => controller.current?.retheme(), [theme]);
   const { top, right, bottom, left } = padding;

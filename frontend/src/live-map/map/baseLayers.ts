@@ -14,8 +14,8 @@ export function baseLayers(colours: Palette): LayerSpecification[] {
       type: "background",
       paint: { "background-color": ["interpolate", ["linear"], ["zoom"], from, sea, to, land] },
     },
-    { id: "land-coarse", type: "fill", source: "land-coarse", paint: { "fill-color": land } },
-    { id: "land-fine", type: "fill", source: "land-fine", minzoom: FINE_ZOOM, paint: { "fill-color": land } },
+    { id: "land-coarse", type: "fill", source: "land-coarse", maxzoom: to, paint: { "fill-color": land } },
+    { id: "land-fine", type: "fill", source: "land-fine", minzoom: FINE_ZOOM, maxzoom: to, paint: { "fill-color": land } },
     {
       id: "coast",
       type: "line",
@@ -44,6 +44,8 @@ export function baseLayers(colours: Palette): LayerSpecification[] {
       type: "symbol",
       source: "country-names",
       maxzoom: 7,
+      // Seen from far away, the smallest would stand in the way of the others.
+      filter: [">=", ["get", "area"], ["step", ["zoom"], 4, 3.4, 1, 5, 0]],
       layout: {
         "text-field": ["get", "name"],
         "text-font": MEDIUM,

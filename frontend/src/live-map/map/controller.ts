@@ -70,11 +70,12 @@ export class MapController {
     camera: Camera | undefined,
   ) {
     this.fitted = camera !== undefined;
+    const [pad] = store.pads.values();
     this.map = new MapLibre({
       container,
       style: style(palette(MAP_COLOURS)),
-      center: camera === undefined ? [15, 55] : [camera.lon, camera.lat],
-      zoom: camera?.zoom ?? 3.2,
+      center: camera !== undefined ? [camera.lon, camera.lat] : pad === undefined ? [15, 55] : lonLat(pad),
+      zoom: camera?.zoom ?? (pad === undefined ? 3.2 : 13),
       minZoom: 1.5,
       maxZoom: 22.5,
       attributionControl: false,
@@ -197,7 +198,7 @@ export class MapController {
           this.map.setPaintProperty(id, name as never, value as never);
         }
       }
-      this.map.setLayoutProperty("pads", "text-field", padLabel(colours));
+      this.map.setLayoutProperty("pad-names", "text-field", padLabel(colours));
     };
     this.ends.push(
       this.store.subscribe(TOPICS, (topics) => {
@@ -299,7 +300,7 @@ export class MapController {
     for (const [id, url] of Object.entries(FINE_FILES)) {
       void this.source(id)
         .setData(url)
-        .then(() => this.map.setLayerZoomRange(id.replace("fine", "coarse"), 0, FINE_ZOOM));
+        .then(() => this.map.setLayerZoomRange(id.replace("fine", "coarse"), 0, FINE_ZOOM), () => undefined);
     }
   }
 

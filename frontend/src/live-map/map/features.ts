@@ -52,7 +52,7 @@ export function padFeatures(pads: Iterable<Pad>): Feature[] {
     const middle_mm = commissioning.anchors.reduce((sum, { east_mm }) => sum + east_mm, 0) / commissioning.anchors.length;
     features.push(point(toGlobe(frame, { east_mm: middle_mm, north_mm: south_mm }), { kind: "edge", name: pad.name }));
     for (const anchor of commissioning.anchors) {
-      const state = pad.health?.anchors?.find(({ anchor_id }) => anchor_id === anchor.anchor_id)?.state;
+      const state = pad.health?.anchors.find(({ anchor_id }) => anchor_id === anchor.anchor_id)?.state;
       features.push(point(toGlobe(frame, anchor), { kind: "anchor", up: state === undefined || state === "up" }));
     }
   }
@@ -154,12 +154,11 @@ function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, t
   const measuredAt = toGlobe(frame, estimate);
   const tone = TONE_OF[verdict.outcome];
   const features: Feature[] = [];
+  const differ = broadcast?.outcome === "refuted" && signed?.outcome !== "refuted";
   const judged = [
-    { judgement: signed, words: "says it is here" },
+    { judgement: signed, words: differ ? "told the pad: here" : "says it is here" },
     // Both claims are shown where they differ; where they agree, one ring says it.
-    ...(broadcast?.outcome === "refuted" && signed?.outcome !== "refuted"
-      ? [{ judgement: broadcast, words: "broadcasts that it is here" }]
-      : []),
+    ...(differ ? [{ judgement: broadcast, words: "tells the public: here" }] : []),
   ];
   for (const { judgement, words } of judged) {
     if (judgement === undefined) continue;
@@ -178,8 +177,8 @@ function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, t
   if (covariance !== undefined) {
     features.push(area(frame, outline(ellipse(covariance), estimate), { kind: "ellipse", tone }));
   }
-  const worst = broadcast?.outcome === "refuted" && signed?.outcome !== "refuted" ? broadcast : signed;
-  const away = worst === undefined ? "" : `, ${length(worst.error_mm, true)} away`;
+  const worst = differ ? broadcast : signed;
+  const away = worst === undefined ? "" : `, ${length(worst.error_mm, true)} ${differ ? "from its broadcast" : "away"}`;
   const label = selected ? `measured here${verdict.outcome === "verified" ? "" : away}` : "";
   features.push(point(measuredAt, { kind: "measured", tone, icon: `measured-${tone}`, label }));
   if (selected) features.push(...sights(frame, pad, measuredAt));

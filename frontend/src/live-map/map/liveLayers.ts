@@ -145,6 +145,7 @@ export function siteLayers(colours: Palette): LayerSpecification[] {
         "text-font": SEMIBOLD,
         "text-size": 12,
         "text-line-height": 1.25,
+        "text-max-width": 24,
         "text-justify": "auto",
         "text-optional": true,
         "text-variable-anchor-offset": ["left", [1.3, 0], "right", [-1.3, 0], "top", [0, 1.3], "bottom", [0, -1.3]],
@@ -172,25 +173,9 @@ export function pointLayers(colours: Palette): LayerSpecification[] {
       minzoom: SITE_ZOOM,
       maxzoom: SQUARE_ZOOM,
       layout: {
-        ...label,
         "icon-image": "pad",
         "icon-size": ["interpolate", ["linear"], ["zoom"], SITE_ZOOM, 0.75, 15, 1],
         "icon-allow-overlap": true,
-        "text-field": [
-          "step",
-          ["zoom"],
-          "",
-          10.5,
-          ["get", "name"],
-          15.5,
-          ["format", ["get", "name"], {}, "\n", {}, ["get", "note"], { "font-scale": 0.9, "text-font": ["literal", MEDIUM], "text-color": colours["ink2"] ?? "" }],
-        ],
-        "text-variable-anchor-offset": ["top", [0, 1.2], "bottom", [0, -1.2], "left", [1.3, 0], "right", [-1.3, 0]],
-        "text-line-height": 1.25,
-      },
-      paint: {
-        ...halo,
-        "text-color": colours["ink"] ?? "",
       },
     },
     {
@@ -289,6 +274,28 @@ export function pointLayers(colours: Palette): LayerSpecification[] {
         ...halo,
         "text-color": ["case", ["get", "strong"], colours["ink"] ?? "", colours["ink2"] ?? ""],
       },
+    },
+    {
+      // Above the drones, so that a pad's name is placed before theirs.
+      id: "pad-names",
+      type: "symbol",
+      source: "pads",
+      filter: ["==", ["get", "kind"], "pad"],
+      minzoom: 10.5,
+      maxzoom: SQUARE_ZOOM,
+      layout: {
+        ...label,
+        "text-field": [
+          "step",
+          ["zoom"],
+          ["get", "name"],
+          15.5,
+          ["format", ["get", "name"], {}, "\n", {}, ["get", "note"], { "font-scale": 0.9, "text-font": ["literal", MEDIUM], "text-color": colours["ink2"] ?? "" }],
+        ],
+        "text-variable-anchor-offset": ["top", [0, 1.2], "bottom", [0, -1.2], "left", [1.3, 0], "right", [-1.3, 0]],
+        "text-line-height": 1.25,
+      },
+      paint: { ...halo, "text-color": colours["ink"] ?? "" },
     },
   ];
 }

@@ -69,7 +69,7 @@ export function paints(colours: Palette): { id: string; paint: Record<string, un
 
 /** The pads' label names a colour within its text. */
 export function padLabel(colours: Palette): ExpressionSpecification {
-  const layer = pointLayers(colours).find(({ id }) => id === "pads");
+  const layer = pointLayers(colours).find(({ id }) => id === "pad-names");
   const layout = (layer?.type === "symbol" ? layer.layout : undefined) ?? {};
   return layout["text-field"] as ExpressionSpecification;
 }

@@ -1,5 +1,7 @@
+import createClient, { type Client } from "openapi-fetch";
 import { createContext, useContext } from "react";
 import type { SessionDetail, SessionState, SignedIn, Status, VerdictSummary } from "./records";
+import type { paths } from "./schema";
 
 /** A problem that the server described (RFC 9457), or that kept it from answering. */
 export class ApiError extends Error {
@@ -14,94 +16,79 @@ export class ApiError extends Error {
   }
 }
 
-export type Page<T> = { items: T[]; next?: string | null };
-export type Filters = Partial<Record<"pad" | "drone" | "outcome" | "state", string>> & {
-  since_ms?: number;
-  until_ms?: number;
-  after_block?: number;
-  limit?: number;
-  cursor?: string;
-};
-
-export type Fetch = (input: string, init?: RequestInit) => Promise<Response>;
+export type Page<T> = { items: T[]; next?: string };
+export type SessionFilters = NonNullable<paths["/api/v1/sessions"]["get"]["parameters"]["query"]>;
+export type VerdictFilters = NonNullable<paths["/api/v1/verdicts"]["get"]["parameters"]["query"]>;
 
 /** An answer takes no longer than this. */
 export const TIMEOUT_MS = 15_000;
 
-/** The REST interface under `/api/v1`, as far as the console uses it. Each call throws `ApiError`. */
+type Answer<T> = { data?: T; error?: unknown; response: Response };
+
+/** The REST interface, as far as the console uses it. Each call throws `ApiError`. */
 export class Api {
-  constructor(
-    readonly base: string,
-    private readonly fetch: Fetch = (input, init) => globalThis.fetch(input, init),
-  ) {}
+  private readonly client: Client<paths>;
+
+  /** `origin` is where `/api/v1` lies; `fetch` is the browser's, or a fake one's. */
+  constructor(origin: string, fetch: (request: Request) => Promise<Response> = (request) => globalThis.fetch(request)) {
+    this.client = createClient<paths>({ baseUrl: origin, fetch, credentials: "same-origin" });
+  }
 
   signIn(token: string): Promise<SignedIn> {
-    return this.request("POST", "/session", { body: { token } });
+    return answered((signal) => this.client.POST("/api/v1/session", { body: { token }, signal }));
   }
 
   whoAmI(): Promise<SignedIn> {
-    return this.request("GET", "/session");
+    return answered((signal) => this.client.GET("/api/v1/session", { signal }));
   }
 
-  signOut(): Promise<void> {
-    return this.request("DELETE", "/session");
+  async signOut(): Promise<void> {
+    await answered<unknown>((signal) => this.client.DELETE("/api/v1/session", { signal }));
   }
 
   status(): Promise<Status> {
-    return this.request("GET", "/status");
+    return answered((signal) => this.client.GET("/api/v1/status", { signal }));
   }
 
-  sessions(filters: Filters): Promise<Page<SessionState>> {
-    return this.request("GET", "/sessions", { query: filters });
+  sessions(query: SessionFilters): Promise<Page<SessionState>> {
+    return answered((signal) => this.client.GET("/api/v1/sessions", { params: { query }, signal }));
   }
 
   session(session_id: string): Promise<SessionDetail> {
-    return this.request("GET", `/sessions/${encodeURIComponent(session_id)}`);
+    return answered((signal) => this.client.GET("/api/v1/sessions/{session_id}", { params: { path: { session_id } }, signal }));
   }
 
-  verdicts(filters: Filters): Promise<Page<VerdictSummary>> {
-    return this.request("GET", "/verdicts", { query: filters });
-  }
-
-  private async request<T>(method: string, path: string, { body, query }: { body?: unknown; query?: Filters } = {}): Promise<T> {
-    const parameters = new URLSearchParams();
-    for (const [name, value] of Object.entries(query ?? {})) parameters.set(name, String(value));
-    const url = `${this.base}${path}${parameters.size === 0 ? "" : `?${parameters.toString()}`}`;
-    let response: Response;
-    try {
-      response = await this.fetch(url, {
-        method,
-        credentials: "same-origin",
-        signal: AbortSignal.timeout(TIMEOUT_MS),
-        headers: { Accept: "application/json", ...(body !== undefined && { "Content-Type": "application/json" }) },
-        ...(body !== undefined && { body: JSON.stringify(body) }),
-      });
-    } catch {
-      throw new ApiError("The server cannot be reached.", 0);
-    }
-    if (!response.ok) throw new ApiError(await problemText(response), response.status);
-    if (response.status === 204) return undefined as T;
-    try {
-      return (await response.json()) as T;
-    } catch {
-      throw new ApiError("The server's answer is not JSON.", response.status);
-    }
+  verdicts(query: VerdictFilters): Promise<Page<VerdictSummary>> {
+    return answered((signal) => this.client.GET("/api/v1/verdicts", { params: { query }, signal }));
   }
 }
 
-async function problemText(response: Response): Promise<string> {
+async function answered<T>(ask: (signal: AbortSignal) => Promise<Answer<T>>): Promise<T> {
+  let answer: Answer<T>;
   try {
-    const problem = (await response.json()) as { detail?: unknown; title?: unknown };
-    const text = problem.detail ?? problem.title;
+    answer = await ask(AbortSignal.timeout(TIMEOUT_MS));
+  } catch (cause) {
+    if (cause instanceof SyntaxError) throw new ApiError("The server's answer is not JSON.", 200);
+    throw new ApiError("The server cannot be reached.", 0);
+  }
+  const { response, data, error } = answer;
+  if (!response.ok) throw new ApiError(problemText(error, response), response.status);
+  return data as T;
+}
+
+function problemText(problem: unknown, response: Response): string {
+  if (typeof problem === "object" && problem !== null) {
+    const { detail, title } = problem as { detail?: unknown; title?: unknown };
+    const text = detail ?? title;
     if (typeof text === "string" && text !== "") return text;
-  } catch {
-    // Not a described problem (a proxy's page, say): its status has to do.
   }
   return `The server answered ${response.status} ${response.statusText}`.trim();
 }
 
-export const ApiContext = createContext<Api>(new Api("/api/v1"));
+export const ApiContext = createContext<Api | undefined>(undefined);
 
 export function useApi(): Api {
-  return useContext(ApiContext);
+  const api = useContext(ApiContext);
+  if (api === undefined) throw new Error("no ApiContext around this component");
+  return api;
 }

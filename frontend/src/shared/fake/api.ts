@@ -2,7 +2,7 @@ import type { Page } from "../api/api";
 import type { SessionDetail, SessionState, VerdictSummary } from "../api/records";
 import type { LiveStore } from "../live/store";
 import { sessionOf } from "../drones";
-import { hex } from "./random";
+import { hex, noise, seeded } from "./random";
 
 function json(value: unknown, status = 200): Response {
   return new Response(JSON.stringify(value), { status, headers: { "Content-Type": "application/json" } });
@@ -16,21 +16,38 @@ function page<T>(items: readonly T[], query: URLSearchParams, keep: (item: T) =>
   return { items: kept.slice(start, start + limit), ...next };
 }
 
+const POLICY: SessionDetail["session"]["policy"] = {
+  buffer_mm: 1_000,
+  verify_ppm: 990_000,
+  refute_ppm: 10_000,
+  min_assurance: 1,
+  min_rounds: 10,
+  max_rounds: 160,
+  max_claim_age_ms: 10_000,
+  max_clock_skew_ms: 5_000,
+  session_ttl_ms: 60_000,
+  max_claim_accuracy_mm: 20_000,
+  require_authorisation: true,
+  require_maintenance: true,
+};
+
 function detail(session: SessionState, verdict: VerdictSummary | undefined, store: LiveStore): SessionDetail {
   const pad = store.pads.get(session.pad_id);
   const anchors = pad?.commissioning?.anchors ?? [];
   const at = verdict?.signed?.claim ?? { lat_e7: pad?.lat_e7 ?? 0, lon_e7: pad?.lon_e7 ?? 0, east_mm: 0, north_mm: 0 };
   const rounds = session.rounds ?? 0;
+  const random = seeded(session.requested_ms);
   const found = verdict?.estimate ?? at;
   const transaction = (tx_id: string, name: string, block: number, t_ms: number): SessionDetail["transactions"][number] => ({
     tx_id,
     block,
     tx_index: 0,
+    type: "endorser",
     valid: true,
     validation: "VALID",
     t_ms,
     function: name,
-    creator: { msp_id: name === "SubmitProof" ? "PadMSP" : "FleetMSP", name: session.uav_id },
+    creator: { msp_id: name === "SubmitProof" ? "PadMSP" : "FleetMSP", name: session.uav_id, certificate_sha256: hex(session.uav_id) },
     endorsers: ["AuthorityMSP", "PadMSP"],
   });
   const base = verdict?.block ?? 18_001;
@@ -38,8 +55,17 @@ function detail(session: SessionState, verdict: VerdictSummary | undefined, stor
     summary: session,
     session: {
       session_id: session.session_id,
+      state: session.state,
+      pad_id: session.pad_id,
+      uav_id: session.uav_id,
+      action: session.action,
+      prekey_id: "fake-1",
+      pad_key: "",
+      uav_key: "",
+      commissioning_sha256: hex(`${session.pad_id}/commissioning`),
+      requested_ms: session.requested_ms,
       claim: { lat_e7: at.lat_e7, lon_e7: at.lon_e7, height_mm: 45_000, accuracy_mm: 1_000, height_accuracy_mm: 1_500, t_ms: session.requested_ms },
-      policy: { buffer_mm: 1_000, verify_ppm: 990_000, refute_ppm: 10_000, max_rounds: 160 },
+      policy: POLICY,
       pad: { msp_id: "PadMSP", certificate_sha256: hex(session.pad_id) },
       uav: { msp_id: "FleetMSP", certificate_sha256: hex(session.uav_id) },
       transcript_sha256: hex(`${session.session_id}/transcript`),
@@ -54,13 +80,19 @@ function detail(session: SessionState, verdict: VerdictSummary | undefined, stor
           range_mm: Array.from({ length: rounds }, (_, i) =>
             (i * 7 + a * 3) % 23 === 0
               ? -1
-              : Math.round(Math.hypot(found.east_mm - anchor.east_mm, found.north_mm - anchor.north_mm, 11_000) + 90 * Math.sin(i * 12.9898 + a * 4)),
+              : Math.round(Math.hypot(found.east_mm - anchor.east_mm, found.north_mm - anchor.north_mm, 11_000) + 70 * noise(random)),
           ),
+          nlos: [],
         })),
       },
       claims: [],
+      broadcast: [],
+      matched: "both",
+      steps: [],
       radio: { measured_by: "pad", sts: "provisioned", firmware: "wonderland-uci 0.1" },
     },
+    estimates: [],
+    reported_ends: [],
     transactions: [
       transaction(session.request_tx, "RequestProof", base - 1, session.requested_ms),
       ...(session.verdict_tx === undefined ? [] : [transaction(session.verdict_tx, "SubmitProof", base, session.requested_ms + 6_100)]),
@@ -70,10 +102,10 @@ function detail(session: SessionState, verdict: VerdictSummary | undefined, stor
 }
 
 /** Answers the REST calls of the console from what the scripted world has told the live store. */
-export function fakeFetch(store: LiveStore, flags: ReadonlySet<string>): (input: string, init?: RequestInit) => Promise<Response> {
+export function fakeFetch(store: LiveStore, flags: ReadonlySet<string>): (request: Request) => Promise<Response> {
   let signedIn = !flags.has("signed-out");
-  return (input, init) => {
-    const url = new URL(input, "http://fake");
+  return (request) => {
+    const url = new URL(request.url);
     const path = url.pathname.replace(/^.*\/api\/v1/, "");
     const query = url.searchParams;
     const match = (item: { pad_id: string; uav_id: string; outcome?: string; state?: string }): boolean =>
@@ -82,8 +114,8 @@ export function fakeFetch(store: LiveStore, flags: ReadonlySet<string>): (input:
       (query.get("outcome") ?? item.outcome) === item.outcome &&
       (query.get("state") ?? item.state) === item.state;
     if (path === "/session") {
-      if (init?.method === "POST") signedIn = true;
-      if (init?.method === "DELETE") {
+      if (request.method === "POST") signedIn = true;
+      if (request.method === "DELETE") {
         signedIn = false;
         return Promise.resolve(new Response(null, { status: 204 }));
       }

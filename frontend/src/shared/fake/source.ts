@@ -1,6 +1,7 @@
 import type { LiveSource } from "../live/source";
 import type { ConnectionEvent } from "../live/connection";
-import { PADS, FakeWorld } from "./world";
+import { PADS } from "./cast";
+import { FakeWorld } from "./world";
 import { seeded } from "./random";
 
 /** What `?fake=` may ask for, apart by commas: seconds already played, and states to look at. */

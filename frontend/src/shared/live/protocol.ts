@@ -1,20 +1,8 @@
-import type { Estimate, Pad, SessionState, Status, Track, VerdictSummary } from "../api/records";
+import type { LiveDelta, LiveHello, LiveSnapshot } from "../api/records";
 
-/** Frames of the live WebSocket, as docs/seams.md fixes them. */
-export type Hello = { type: "hello"; epoch: string; seq: number; t_ms: number; resumed: boolean };
-
-export type Changes = {
-  tracks?: Track[];
-  estimates?: Estimate[];
-  sessions?: SessionState[];
-  verdicts?: VerdictSummary[];
-  pads?: Pad[];
-  status?: Status;
-};
-
-export type Snapshot = Changes & { type: "snapshot"; part: number; of: number };
-export type Delta = Changes & { type: "delta"; seq: number; t_ms: number };
-export type LiveFrame = Hello | Snapshot | Delta;
+/** What a snapshot's part or a delta may bring. */
+export type Changes = Omit<LiveDelta, "type" | "seq" | "t_ms">;
+export type LiveFrame = LiveHello | LiveSnapshot | LiveDelta;
 
 /** A frame that is not what the protocol promises. */
 export class ProtocolError extends Error {

@@ -9,16 +9,15 @@ export type LiveSource = {
 };
 
 /** The live WebSocket, in a worker of its own so that a busy page neither delays nor drops it. */
-export function workerSource(apiBase: string): LiveSource {
+export function workerSource(address: string): LiveSource {
   let worker: Worker | undefined;
   const send = (command: Command): void => worker?.postMessage(command);
   return {
     start(receive) {
       worker = new Worker(new URL("./worker.ts", import.meta.url), { type: "module", name: "live" });
       worker.onmessage = (event: MessageEvent<ConnectionEvent>) => receive(event.data);
-      const url = new URL(`${apiBase}/live`, location.href);
+      const url = new URL(address);
       url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
-      url.hash = "";
       send({ kind: "start", url: url.href });
     },
     retry: () => send({ kind: "retry" }),

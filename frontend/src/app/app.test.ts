@@ -1,0 +1,54 @@
+// @vitest-environment happy-dom
+import { describe, expect, it } from "vitest";
+import { LiveStore } from "../shared/live/store";
+import { warning } from "./Banner";
+import { parsePlace, placeHash, type Place } from "./location";
+
+describe("the address", () => {
+  it.each<Place>([
+    { room: "live" },
+    { room: "live", drone: "OH-DRN-0417", camera: { lat: 60.4514812, lon: -22.2686812, zoom: 20.25 } },
+    { room: "live", session: "ab".repeat(32) },
+    { room: "sessions" },
+    { room: "sessions", session: "cd".repeat(32) },
+    { room: "verdicts", filters: {} },
+    { room: "verdicts", filters: { outcome: "refuted", pad: "p 1&x" } },
+  ])("holds %o", (place) => expect(parsePlace(placeHash(place))).toEqual(place));
+
+  it.each(["", "#", "#/", "#/nowhere", "#/live?at=nonsense", "#/live?at=1,2", "#/live?at=999,0,3", "#token=abc"])(
+    "falls back to the live map for %s",
+    (hash) => expect(parsePlace(hash)).toEqual({ room: "live" }),
+  );
+
+  it("survives a broken percent-encoding", () => {
+    expect(parsePlace("#/sessions/%E0%A4%A")).toEqual({ room: "sessions", session: "%E0%A4%A" });
+  });
+});
+
+describe("the banner", () => {
+  const fine = {
+    ledger: { kind: "embedded", notice: "", channel: "c", height: 1, mirrored: 1, lag_ms: 0, connected: true, halted: null, organisations: [] },
+  } as unknown as NonNullable<LiveStore["status"]>;
+
+  function store(change: Partial<LiveStore["status"] extends infer S | undefined ? (S & { ledger: object })["ledger"] : never> = {}): LiveStore {
+    const made = new LiveStore();
+    made.connection = { phase: "open", since_ms: 0 };
+    made.lastFrame_ms = 1_000;
+    made.status = { ...fine, ledger: { ...fine.ledger, ...change } };
+    return made;
+  }
+
+  it("says nothing while all is well", () => expect(warning(store(), 2_000)).toBeUndefined());
+  it("says what a halted mirror means", () => expect(warning(store({ halted: "a gap" }), 2_000)?.text).toContain("halted: a gap"));
+  it("says that the mirror lags", () => expect(warning(store({ lag_ms: 14_300 }), 2_000)?.tone).toBe("maybe"));
+  it("says that the ledger is away", () => expect(warning(store({ connected: false }), 2_000)?.text).toContain("no connection to the ledger"));
+
+  it("says how old the picture is, and offers to try again, but not for a hiccup", () => {
+    const lost = store();
+    lost.connection = { phase: "waiting", attempt: 3, retry_ms: 20_000, reason: "the server cannot be reached" };
+    expect(warning(lost, 2_000)).toBeUndefined();
+    const told = warning(lost, 13_000);
+    expect(told?.text.replaceAll("\u00a0", " ")).toBe("Not connected: the server cannot be reached. What you see is 12 s old. Trying again in 7 s.");
+    expect(told?.retry).toBe(true);
+  });
+});

@@ -1,0 +1,96 @@
+import { describe, expect, it } from "vitest";
+import type { SessionState, VerdictSummary } from "../shared/api/records";
+import { PADS } from "../shared/fake/cast";
+import { seeded } from "../shared/fake/random";
+import { FakeWorld } from "../shared/fake/world";
+import { stepRows } from "./steps";
+import { account, whereabouts, type Phrase } from "./words";
+
+const world = new FakeWorld(1_700_000_000_000, seeded(3));
+const sessions = new Map<string, SessionState>();
+const verdicts = new Map<string, VerdictSummary>();
+for (let t_s = 0; t_s < 60; t_s += 0.2) {
+  const changes = world.tick(t_s);
+  for (const session of changes.sessions ?? []) sessions.set(session.uav_id, session);
+  for (const verdict of changes.verdicts ?? []) verdicts.set(verdict.uav_id, verdict);
+}
+const verdict = (id: string): VerdictSummary => verdicts.get(id) ?? expect.fail(`no verdict of ${id}`);
+const session = (id: string): SessionState => sessions.get(id) ?? expect.fail(`no session of ${id}`);
+const pad = (id: string): (typeof PADS)[number] | undefined => PADS.find(({ pad_id }) => pad_id === id);
+
+function text(phrases: readonly Phrase[]): string {
+  return phrases.map((phrase) => (typeof phrase === "string" ? phrase : phrase.strong)).join("").replaceAll("\u00a0", " ");
+}
+
+describe("the verdict in words", () => {
+  const say = (value: VerdictSummary): string => {
+    const { title, sentence } = account(value, pad(value.pad_id));
+    return `${title}. ${text(sentence)}`;
+  };
+
+  it("says what was claimed, who measured, and how far it is off", () => {
+    expect(say(verdict("OH-DRN-0417"))).toMatch(
+      /^Refuted\. OH-DRN-0417 says it is 13\.2 m north of Aurajoki 2\. Four anchors measured it 4\.\d m from there\.$/,
+    );
+  });
+
+  it("tells a lie to the public from a lie to the pad", () => {
+    expect(say(verdict("OH-DRN-0640"))).toMatch(
+      /^Refuted\. OH-DRN-0640 tells the public that it is 23\.\d m north-east of Kupittaa\. Four anchors measured it 31 m from there\. What it told Kupittaa holds\.$/,
+    );
+  });
+
+  it("says that a true position permits nothing by itself", () => {
+    expect(say(verdict("OH-DRN-0512"))).toMatch(/^Verified, landing refused\. .* It may not land: it is not authorised\.$/);
+  });
+
+  it("says what would settle an open case, or that nothing would, or what stood in the way", () => {
+    const open = verdict("OH-DRN-0871");
+    expect(say(open)).toContain("160 rounds of ranging neither confirm nor refute it. About 38 more would settle it.");
+    expect(say({ ...open, more_rounds: -1 })).toContain("No further ranging would settle it.");
+    const reasons = [{ code: "not_countersigned", text: "The drone did not countersign the ranges." }];
+    expect(say({ ...open, more_rounds: -1, reasons })).toContain("Not verified: The drone did not countersign the ranges.");
+  });
+
+  it("manages without claim, estimate and pad", () => {
+    const { signed, broadcast, estimate, ...bare } = verdict("OH-DRN-0871");
+    expect([signed, broadcast, estimate]).not.toContain(undefined);
+    const { sentence } = account({ ...bare, rounds: 0 }, undefined);
+    expect(text(sentence)).toContain("asked for landing at aurajoki-2");
+  });
+
+  it("names places as one would", () => {
+    expect(whereabouts({ east_mm: 700, north_mm: -900 }, "P")).toBe("over P");
+    expect(whereabouts({ east_mm: -4_000, north_mm: 0 }, "P").replaceAll("\u00a0", " ")).toBe("4 m west of P");
+  });
+});
+
+describe("the eight steps", () => {
+  it("are all there with times and transactions once decided", () => {
+    const rows = stepRows(session("OH-DRN-0417"));
+    expect(rows.map(({ number }) => number)).toEqual([1, 2, 3, 4, 5, 6, 7, 8]);
+    expect(rows.map(({ state }) => state)).toEqual(["done", "done", "done", "done", "done", "done", "failed", "refused"]);
+    expect(rows[4]).toMatchObject({ name: "Range, 24 rounds", took_ms: 3_500 });
+    expect(rows[0]?.tx_id).toMatch(/^[0-9a-f]{64}$/);
+    expect(rows[6]?.tx_id).toBe(verdict("OH-DRN-0417").tx_id);
+  });
+
+  it("show what is under way and what is to come", () => {
+    const running: SessionState = { ...session("OH-DRN-0417"), state: "requested", steps: session("OH-DRN-0417").steps.slice(0, 4) };
+    delete running.outcome;
+    delete running.permission;
+    delete running.verdict_tx;
+    expect(stepRows(running).map(({ state }) => state)).toEqual(["done", "done", "done", "done", "now", "waiting", "waiting", "waiting"]);
+  });
+
+  it("say what a cancelled session never reached", () => {
+    const rows = stepRows(session("OH-DRN-0733"));
+    expect(rows.map(({ state }) => state)).toEqual(["done", "done", "failed", "never", "never", "never", "never", "never"]);
+  });
+
+  it("take no negative time where two clocks disagree", () => {
+    const skewed = { ...session("OH-DRN-0417") };
+    skewed.steps = skewed.steps.map((step) => (step.source === "pad" ? { ...step, t_ms: step.t_ms - 90_000 } : step));
+    for (const row of stepRows(skewed)) expect(row.took_ms ?? 0).toBeGreaterThanOrEqual(0);
+  });
+});
