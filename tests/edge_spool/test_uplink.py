@@ -8,6 +8,7 @@ import json
 import random
 import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,9 @@ KEY = ec.derive_private_key(7, ec.SECP256R1())
 CREDENTIALS = Credentials(agent="pad", id="pad-1", msp_id="PadMSP", certificate_pem="PEM", sign=key_signer(KEY))
 T0 = 1_760_000_400_000
 FAST = UplinkTimings(
-    backoff_s=0.01, backoff_max_s=0.05, greeting_timeout_s=0.5, stall_timeout_s=0.3, window_records=50, batch_records=10
+    backoff_s=0.01, backoff_max_s=0.05, greeting_timeout_s=10, stall_timeout_s=10, window_records=50, batch_records=10
 )
+IMPATIENT = replace(FAST, greeting_timeout_s=0.5, stall_timeout_s=0.3)
 NONCE = encoding.to_base64url(bytes(range(32)))
 
 
@@ -240,7 +242,7 @@ async def test_a_server_that_acknowledges_nothing_is_left(
 ) -> None:
     ingest.acknowledges = False
     await fill(spool, 200)
-    uplink = await start(url(server))
+    uplink = await start(url(server), timings=IMPATIENT)
     await until(lambda: "acknowledged nothing" in uplink.status.error)
     # No more than the window was under way; and the server's word at the next welcome counts.
     assert 0 < uplink.status.sent_records <= 100
@@ -253,7 +255,7 @@ async def test_a_server_that_says_nothing_is_left(
     ingest: Ingest, server: Server, spool: Spool, start: StartUplink
 ) -> None:
     ingest.silent = True
-    uplink = await start(url(server))
+    uplink = await start(url(server), timings=IMPATIENT)
     await until(lambda: "did not finish the greeting" in uplink.status.error)
     assert ingest.connections >= 1
 
