@@ -7,8 +7,11 @@ import datetime as dt
 import hashlib
 import json
 import os
+import shutil
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from fabric_protos.common import common_pb2
@@ -292,8 +295,19 @@ def high_s(signature):
     return encode_dss_signature(r, P256_ORDER - s)
 
 
+TEMPLATE = TemporaryDirectory(prefix="wonderland-ledger-")
+"""A ledger after its first start, copied for each test: certificates are made once, not two hundred times."""
+
+
 @asynccontextmanager
-async def open_world(directory, **settings):
+async def open_world(directory, *, first_start=False, **settings):
+    """A ledger in `directory`. A new one is a copy, unless the first start itself is what is tested."""
+    if not (first_start or directory.exists()):
+        template = Path(TEMPLATE.name) / "ledger"
+        if not template.exists():
+            async with EmbeddedLedger(template, {"pol": ToyContract()}):
+                pass
+        shutil.copytree(template, directory)
     clock = settings.pop("clock", None) or Clock()
     settings.setdefault("limits", BatchLimits(time_ms=1))
     async with (
@@ -305,11 +319,12 @@ async def open_world(directory, **settings):
 
 @pytest.fixture(name="open_world", scope="session")
 def _open_world():
-    return open_world
+    yield open_world
+    TEMPLATE.cleanup()
 
 
 @pytest.fixture
-async def world(tmp_path):
+async def world(tmp_path, open_world):
     async with open_world(tmp_path / "ledger") as running:
         yield running
 

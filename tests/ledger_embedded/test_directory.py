@@ -21,7 +21,15 @@ from wonderland.ledger.embedded.server import split_address
 from wonderland.ledger.errors import ConnectionFileError
 
 
-async def test_a_first_start_enrols_every_role(world):
+@pytest.fixture
+async def first(tmp_path, open_world):
+    """A ledger on its first start."""
+    async with open_world(tmp_path / "first", first_start=True) as running:
+        yield running
+
+
+async def test_a_first_start_enrols_every_role(first):
+    world = first
     connection = Connection.load(world.ledger.directory.path)
     assert set(connection.identities) == set(orgs.ROLES)
     for name, role in orgs.ROLES.items():
@@ -35,7 +43,8 @@ async def test_a_first_start_enrols_every_role(world):
     assert document["gateway"]["tls_ca"] == "tls-ca.pem"
 
 
-async def test_keys_are_private(world):
+async def test_keys_are_private(first):
+    world = first
     for path in world.ledger.directory.path.rglob("*.key"):
         assert stat.S_IMODE(path.stat().st_mode) == 0o600, path
     assert stat.S_IMODE(world.ledger.directory.path.stat().st_mode) == 0o700
@@ -95,9 +104,9 @@ async def test_a_first_start_that_was_interrupted_is_completed(tmp_path, open_wo
     with monkeypatch.context() as patch:
         patch.setattr(files.os, "fsync", fsync)
         with pytest.raises(Killed):
-            async with open_world(tmp_path / "l"):
+            async with open_world(tmp_path / "l", first_start=True):
                 pass
-    async with open_world(tmp_path / "l") as world:
+    async with open_world(tmp_path / "l", first_start=True) as world:
         assert set(world.connection.identities) == set(orgs.ROLES)
         for name in orgs.ROLES:
             assert (await world.contract(name).submit("put", name, "v")).payload == b"v"

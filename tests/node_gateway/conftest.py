@@ -13,12 +13,13 @@ sys.modules["embedded_conftest"] = _helpers
 _spec.loader.exec_module(_helpers)
 
 
-@pytest.fixture(name="open_world")
+@pytest.fixture(name="open_world", scope="session")
 def _open_world():
-    return _helpers.open_world
+    yield _helpers.open_world
+    _helpers.TEMPLATE.cleanup()
 
 
 @pytest.fixture
-async def world(tmp_path):
-    async with _helpers.open_world(tmp_path / "ledger") as running:
+async def world(tmp_path, open_world):
+    async with open_world(tmp_path / "ledger") as running:
         yield running
