@@ -89,3 +89,47 @@ async def test_killed_in_mid_session_and_back_the_end_is_on_the_ledger(world, st
         result = await working
     assert (result.state, result.end) == ("cancelled", "agent_restart")
     assert not world.acted
+
+
+async def test_the_drones_command_proves_and_says_how(world, start_pad):
+    await start_pad()
+    claim = world.flight.claim(0)
+    track = world.directory / "track.csv"
+    track.write_text(
+        "t_ms,lat_e7,lon_e7,height_mm,accuracy_mm,height_accuracy_mm\n"
+        f"0,{claim.lat_e7},{claim.lon_e7},{claim.height_mm},500,500\n"
+    )
+
+    async def prove(*more):
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-c", "from wonderland.cli import main; main()", "uav", "prove"),
+            *("--connection", str(world.directory / "ledger"), "--identity", "uav"),
+            *("--port", str(world.directory / "tty-uav"), "--position", f"track:{track}", "--pad", "pad-1"),
+            *more,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+        )
+        async with asyncio.timeout(30):
+            output, errors = await process.communicate()
+        return process.returncode, output.decode(), errors.decode()
+
+    code, output, errors = await prove("--json", "--then", "true")
+    assert code == 0, errors
+    document = json.loads(output)
+    assert (document["outcome"], document["permission"], document["end"]) == ("verified", "granted", "done")
+    assert document["steps"][0]["step"] == "request"
+    assert len(document["verdict_tx"]) == 64
+
+    code, output, errors = await prove("--then", "false")
+    assert code == 2
+    assert "Verified, permission granted" in output
+    assert "✓ match" in errors
+
+    world.flight.truth = (20_000.0, 3_000.0, 6_000.0)
+    code, output, _ = await prove()
+    assert code == 2
+    assert "Refuted, permission refused" in output
+
+    code, _, errors = await prove("--action", "land", "--pad", "pad-9")
+    assert code == 1
+    assert "PAD_UNKNOWN" in errors

@@ -1,0 +1,154 @@
+"""The contract as its users see it: what is final, what may be tried again, what is kept out."""
+
+from __future__ import annotations
+
+import grpc
+import pytest
+
+from wonderland.ledger.gateway import Event
+from wonderland.ledger.gateway.errors import (
+    CommitError,
+    CommitUnknownError,
+    EndorseError,
+    ErrorDetail,
+    EvaluateError,
+    GatewayError,
+    SubmitError,
+)
+from wonderland.ledger.proof_contract import MAX_NOTE, AwayError, ProofContract, RefusedError, _note
+
+
+class Stream:
+    def __init__(self, items):
+        self.items = list(items)
+        self.closed = False
+
+    def __aiter__(self):
+        return self
+
+    async def __anext__(self):
+        if not self.items:
+            raise StopAsyncIteration
+        item = self.items.pop(0)
+        if isinstance(item, Exception):
+            raise item
+        return item
+
+    def close(self):
+        self.closed = True
+
+
+class Network:
+    name = "wonderland"
+
+    def __init__(self, outcome=None, stream=None):
+        self.outcome = outcome
+        self.stream = stream
+
+    def contract(self, chaincode):
+        return self
+
+    def chaincode_events(self, chaincode, **where):
+        return self.stream
+
+    async def evaluate(self, function, argument):
+        if isinstance(self.outcome, Exception):
+            raise self.outcome
+        return self.outcome
+
+    submit_with_retry = evaluate
+
+
+def contract(outcome=None, stream=None):
+    return ProofContract(Network(outcome, stream), "pol")
+
+
+def detail(text):
+    return (ErrorDetail("peer:7051", "PadMSP", text),)
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "code"),
+    [
+        (
+            EndorseError(
+                "x",
+                status_code=grpc.StatusCode.ABORTED,
+                details=detail("chaincode response 422, SESSION_EXPIRED: too late"),
+            ),
+            422,
+            "SESSION_EXPIRED",
+        ),
+        (
+            EvaluateError("chaincode response 404, PAD_UNKNOWN: no pad", status_code=grpc.StatusCode.UNKNOWN),
+            404,
+            "PAD_UNKNOWN",
+        ),
+        (
+            EvaluateError("chaincode response 500, internal trouble", status_code=grpc.StatusCode.UNKNOWN),
+            500,
+            "REFUSED",
+        ),
+        (CommitError(tx_id="t", code=10, block_number=4), 0, "ENDORSEMENT_POLICY_FAILURE"),
+        (SubmitError("no", status_code=grpc.StatusCode.PERMISSION_DENIED), 0, "PERMISSION_DENIED"),
+    ],
+)
+async def test_a_refusal_is_final_and_says_why(error, status, code):
+    with pytest.raises(RefusedError) as caught:
+        await contract(error).read_pad("pad-1")
+    assert (caught.value.status, caught.value.code) == (status, code)
+    with pytest.raises(RefusedError):
+        await contract(error).cancel("a" * 64, "test")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        EvaluateError("gone", status_code=grpc.StatusCode.UNAVAILABLE),
+        SubmitError("slow", status_code=grpc.StatusCode.DEADLINE_EXCEEDED),
+        EndorseError("disagree", status_code=grpc.StatusCode.ABORTED),
+        CommitUnknownError("maybe", tx_id="t", status_code=grpc.StatusCode.UNAVAILABLE),
+        GatewayError("no answer"),
+    ],
+)
+async def test_an_absent_ledger_says_nothing_about_the_question(error):
+    with pytest.raises(AwayError) as caught:
+        await contract(error).read_session("a" * 64)
+    assert caught.value.tx_id == error.tx_id
+
+
+@pytest.mark.parametrize("answer", [b"", b"[]", b"{", b'{"pad_id":1}', b"\xff", b'{"x":1.5}'])
+async def test_an_answer_that_is_none_is_refused(answer):
+    with pytest.raises(RefusedError, match="BAD_ANSWER"):
+        await contract(answer).read_pad("pad-1")
+
+
+async def test_no_verdict_yet_is_none():
+    error = EvaluateError("chaincode response 404, VERDICT_UNKNOWN: none", status_code=grpc.StatusCode.UNKNOWN)
+    assert await contract(error).read_verdict("a" * 64) is None
+
+
+async def test_events_that_are_not_asked_for_or_cannot_be_read_are_left_out():
+    stream = Stream(
+        [
+            Event(3, "t1", "pol", "ProofRequested", b'{"record":{"pad_id":"pad-1"},"t_ms":5}'),
+            Event(3, "t2", "pol", "AssetCreated", b"{}"),
+            Event(4, "t3", "pol", "ProofRequested", b"\xff"),
+            Event(4, "t4", "pol", "ProofRequested", b"[1]"),
+            Event(5, "t5", "pol", "ProofRequested", b'{"record":"x"}'),
+            Event(6, "t6", "pol", "ProofRequested", b'{"pad_id":"pad-2"}'),
+            GatewayError("ended", status_code=grpc.StatusCode.UNAVAILABLE),
+        ]
+    )
+    seen = []
+    with pytest.raises(AwayError):
+        async for event in contract(stream=stream).events(names=frozenset({"ProofRequested"})):
+            seen.append((event.tx_id, event.record, event.checkpoint.block_number))
+    assert seen == [("t1", {"pad_id": "pad-1"}, 3), ("t6", {"pad_id": "pad-2"}, 6)]
+    assert stream.closed
+
+
+def test_notes_are_one_bounded_line():
+    assert _note("  two\nlines\x00and\tmore ") == "two lines and more"
+    assert _note("\n") is None
+    assert len(_note("x" * 9_000)) == MAX_NOTE
