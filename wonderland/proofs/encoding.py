@@ -26,13 +26,13 @@ MAX_DEPTH: Final = 32
 
 Json = dict[str, "Json"] | list["Json"] | str | int | bool
 
+_ENCODER: Final = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False)
 _BASE64URL: Final = re.compile(r"[A-Za-z0-9_-]*\Z")
 
 
 def encode(value: Any) -> bytes:
     """Canonical bytes (UTF-8) of a value; raises EncodingError for what the model does not have."""
-    checked = _checked(value, 0)
-    return json.dumps(checked, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode("utf-8")
+    return _ENCODER.encode(_checked(value, 0)).encode("utf-8")
 
 
 def decode(data: bytes | str, *, max_bytes: int = MAX_BYTES) -> Any:
@@ -45,12 +45,16 @@ def decode(data: bytes | str, *, max_bytes: int = MAX_BYTES) -> Any:
         except UnicodeDecodeError as error:
             raise EncodingError(f"not UTF-8 at byte {error.start}") from None
     _refuse_deep(data)
+    # A call for each integer is only made where one might be -0, which its value would not show any more.
+    parse_int = _integer if "-0" in data else None
     try:
         value = json.loads(
-            data, object_pairs_hook=_unique, parse_float=_no_float, parse_constant=_no_float, parse_int=_integer
+            data, object_pairs_hook=_unique, parse_float=_no_float, parse_constant=_no_float, parse_int=parse_int
         )
     except json.JSONDecodeError as error:
         raise EncodingError(f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}") from None
+    except ValueError:  # more digits than Python converts
+        raise EncodingError("an integer is beyond ±(2^53 - 1)") from None
     return _checked(value, 0)
 
 
@@ -78,40 +82,70 @@ def from_base64url(text: str) -> bytes:
 
 
 def _checked(value: Any, depth: int) -> Any:
-    """The value with its keys in canonical order, or an EncodingError."""
-    if value is True or value is False:
+    """The value with its keys in canonical order, or an EncodingError.
+
+    Every byte of the ledger comes through here: what is frequent is asked first, and by exact type.
+    """
+    kind = type(value)
+    if kind is str:
+        return value if value.isascii() else _encodable(value)
+    if kind is int:
+        return _in_range(value)
+    if kind is bool:
         return value
-    if isinstance(value, str):
-        if value.isascii():
-            return value
-        try:
-            value.encode("utf-8")
-        except UnicodeEncodeError:
-            raise EncodingError("a string has an unpaired surrogate") from None
-        return value
-    if isinstance(value, int):
-        if -MAX_INTEGER <= value <= MAX_INTEGER:
-            return int(value)
-        raise EncodingError("an integer is beyond ±(2^53 - 1)")
-    if depth >= MAX_DEPTH:
+    if depth >= MAX_DEPTH and isinstance(value, dict | list | tuple):
         raise EncodingError(f"nested deeper than {MAX_DEPTH}")
-    if isinstance(value, dict):
-        keys = list(value)
-        for key in keys:
-            if not isinstance(key, str):
-                raise EncodingError(f"an object key is {type(key).__name__}, not a string")
-            if not key.isascii():
-                _checked(key, depth)
-        ascii_only = all(key.isascii() for key in keys)
-        keys.sort(key=None if ascii_only else _utf16)
-        return {key: _checked(value[key], depth + 1) for key in keys}
-    if isinstance(value, list | tuple):
+    if kind is dict:
+        return {key: _checked(value[key], depth + 1) for key in _sorted_keys(value)}
+    if kind is list or kind is tuple:
+        if value and set(map(type, value)) == {int}:
+            _in_range(min(value))
+            _in_range(max(value))
+            return list(value)
         return [_checked(item, depth + 1) for item in value]
+    return _checked_subclass(value, depth)
+
+
+def _checked_subclass(value: Any, depth: int) -> Any:
+    """Enumerations and other subclasses, as the plain values that they are; the rest is refused."""
+    if isinstance(value, str):
+        return _encodable(value)
+    if isinstance(value, int):
+        return _in_range(int(value))
+    if isinstance(value, dict):
+        return _checked(dict(value), depth)
+    if isinstance(value, list | tuple):
+        return _checked(list(value), depth)
     if value is None:
         raise EncodingError("null is not part of canonical JSON here: leave the field out")
     if isinstance(value, float):
         _no_float("float")
     raise EncodingError(f"{type(value).__name__} is not part of canonical JSON")
+
+
+def _sorted_keys(value: dict[Any, Any]) -> list[str]:
+    try:
+        ascii_only = "".join(value).isascii()
+    except TypeError:
+        other = next(key for key in value if not isinstance(key, str))
+        raise EncodingError(f"an object key is {type(other).__name__}, not a string") from None
+    if ascii_only:
+        return sorted(value)
+    return sorted(map(_encodable, value), key=_utf16)
+
+
+def _in_range(value: int) -> int:
+    if -MAX_INTEGER <= value <= MAX_INTEGER:
+        return value
+    raise EncodingError("an integer is beyond ±(2^53 - 1)")
+
+
+def _encodable(text: str) -> str:
+    try:
+        text.encode("utf-8")
+    except UnicodeEncodeError:
+        raise EncodingError("a string has an unpaired surrogate") from None
+    return text
 
 
 def _utf16(key: str) -> bytes:
