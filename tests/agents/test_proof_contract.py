@@ -137,14 +137,18 @@ async def test_events_that_are_not_asked_for_or_cannot_be_read_are_left_out():
             Event(4, "t4", "pol", "ProofRequested", b"[1]"),
             Event(5, "t5", "pol", "ProofRequested", b'{"record":"x"}'),
             Event(6, "t6", "pol", "ProofRequested", b'{"pad_id":"pad-2"}'),
-            GatewayError("ended", status_code=grpc.StatusCode.UNAVAILABLE),
         ]
     )
-    seen = []
-    with pytest.raises(AwayError):
-        async for event in contract(stream=stream).events(names=frozenset({"ProofRequested"})):
-            seen.append((event.tx_id, event.record, event.checkpoint.block_number))
+    source = contract(stream=stream).events(names=frozenset({"ProofRequested"}))
+    seen = [(event.tx_id, event.record, event.checkpoint.block_number) async for event in source]
     assert seen == [("t1", {"pad_id": "pad-1"}, 3), ("t6", {"pad_id": "pad-2"}, 6)]
+    assert stream.closed
+
+
+async def test_a_stream_that_breaks_says_that_the_ledger_is_away():
+    stream = Stream([GatewayError("ended", status_code=grpc.StatusCode.UNAVAILABLE)])
+    with pytest.raises(AwayError):
+        await anext(contract(stream=stream).events(names=frozenset({"ProofRequested"})))
     assert stream.closed
 
 
