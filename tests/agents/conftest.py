@@ -8,7 +8,7 @@ import hashlib
 import json
 import math
 import random
-import socket
+import shutil
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -129,8 +129,6 @@ class World:
         self.ports: dict[str, PtyPort] = {}
         self.acted: list = []
         self.all_identities = None
-        for name in (*ANCHORS, "uav"):
-            self.add_node(name)
 
     def add_node(self, name: str) -> None:
         self.ports[name] = PtyPort(VirtualNode(name, self.air), self.directory / f"tty-{name}")
@@ -309,23 +307,34 @@ def open_ledger(directory: Path, **where) -> EmbeddedLedger:
     return EmbeddedLedger(directory / "ledger", {"pol": CONTRACT}, settings)
 
 
+@pytest.fixture(scope="session")
+def prepared_ledger(tmp_path_factory):
+    """A stopped ledger with the pad and the drone on it: making keys and certificates anew costs most of a second."""
+    directory = tmp_path_factory.mktemp("prepared")
+
+    async def prepare() -> None:
+        ledger = open_ledger(directory)
+        await ledger.start()
+        async with ledger.connection.open_channel() as channel:
+            await World(directory, ledger, channel).set_up()
+        await ledger.stop()
+
+    asyncio.run(prepare())
+    return directory / "ledger"
+
+
 @pytest.fixture
-async def world(tmp_path):
+async def world(tmp_path, prepared_ledger):
+    shutil.copytree(prepared_ledger, tmp_path / "ledger")
     ledger = open_ledger(tmp_path)
     await ledger.start()
     async with ledger.connection.open_channel() as channel:
         made = World(tmp_path, ledger, channel)
-        await made.set_up()
+        for name in (*ANCHORS, "uav"):
+            made.add_node(name)
         yield made
         made.close()
     await made.ledger.stop()
-
-
-@pytest.fixture
-def free_udp_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 # --- both machines in virtual time, without any I/O ---------------------------------------------------------------

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import grpc
 
 from wonderland.ledger.errors import LedgerError
-from wonderland.ledger.gateway.errors import CommitError, CommitUnknownError, GatewayError
+from wonderland.ledger.gateway.errors import CommitError, CommitUnknownError, GatewayError, UnknownTransactionError
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records import transactions as tx
@@ -208,6 +208,8 @@ def _translated(error: GatewayError) -> LedgerError:
         return RefusedError(response.status, code if separator else "REFUSED", text if separator else response.message)
     if isinstance(error, CommitError):
         return RefusedError(0, error.code_name, str(error))
+    if isinstance(error, UnknownTransactionError) and error.status_code in {None, grpc.StatusCode.NOT_FOUND}:
+        return RefusedError(0, grpc.StatusCode.NOT_FOUND.name, error.message)
     if isinstance(error, CommitUnknownError) or error.status_code is None or error.status_code in _AWAY:
         return AwayError(str(error), error.tx_id)
     return RefusedError(0, error.status_code.name, str(error))
