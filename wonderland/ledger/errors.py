@@ -37,3 +37,15 @@ class FileWriteError(LedgerError):
 
 class RevocationListError(LedgerError):
     """A revocation list that must not get onto the channel: foreign, wrongly signed, or without its issuer's key id."""
+
+
+class AddressError(LedgerError):
+    """A text that is no HOST:PORT."""
+
+
+class ContractFailedError(LedgerError):
+    """The contract answered with an error. `status` is an HTTP-like number from 400 to 599."""
+
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(text)
+        self.status = status

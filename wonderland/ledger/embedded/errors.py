@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from wonderland.ledger.errors import LedgerError, RevocationListError
+from wonderland.ledger.errors import ContractFailedError, LedgerError, RevocationListError
 
 __all__ = [
     "AccessDeniedError",
@@ -72,11 +72,3 @@ class AccessDeniedError(RequestRefusedError):
 
 class ProposalRefusedError(RequestRefusedError):
     """A well-formed proposal by a known sender that cannot be accepted: stale, repeated, or for another channel."""
-
-
-class ContractFailedError(RequestRefusedError):
-    """The contract answered with an error. `status` is an HTTP-like number from 400 to 599."""
-
-    def __init__(self, status: int, text: str) -> None:
-        super().__init__(text)
-        self.status = status

@@ -1,0 +1,12 @@
+"""The contract as a service: dialled by the peers of a Hyperledger Fabric network.
+
+It runs the same contract that the embedded ledger runs in place.
+Rooms: ``server`` gRPC and TLS · ``stream`` one peer's messages · ``invocation`` one transaction · ``facts`` who sent it
+· ``stub`` reads and writes by the peer · ``settings``, ``metrics``, ``operations``, ``logs`` for who runs it.
+"""
+
+from chaincode.service.errors import ServiceError
+from chaincode.service.server import ContractServer
+from chaincode.service.settings import Limits, Tls
+
+__all__ = ["ContractServer", "Limits", "ServiceError", "Tls"]

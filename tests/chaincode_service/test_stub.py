@@ -1,0 +1,86 @@
+"""The same contract on the service and on the embedded ledger: the same answer, event and read-write set."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from wonderland.ledger.embedded import rwset as rwsets
+
+
+@pytest.fixture
+def state(tools):
+    state = tools.State(a="1", b="2", c="3", d="4", e="5")
+    state.commit({"b": "20"}, tx_id="11" * 32, timestamp_ms=tools.START_MS + 1)
+    state.commit({"b": None}, tx_id="22" * 32, timestamp_ms=tools.START_MS + 2)
+    state.commit({"b": "200", "é": "accent", "\U0001f681": "helicopter"}, tx_id="33" * 32)
+    return state
+
+
+CALLS = [
+    ("put", "k", "v"),
+    ("put", "k", "v", "Event"),
+    ("put", "clé \U0001f681", "valeur"),
+    ("get", "a"),
+    ("get", "nowhere"),
+    ("put_then_get", "a", "new"),
+    ("put_twice_then_delete_other", "x", "a"),
+    ("range", "a", "d"),
+    ("range", "", ""),
+    ("range", "b", ""),
+    ("range", "x", "y"),
+    ("history", "b"),
+    ("history", "nowhere"),
+    ("fill", "f", "0"),
+    ("fill", "f", "1"),
+    ("fill", "f", "7"),
+    ("whoami",),
+    ("refuse", "409", "THERE_ALREADY: no"),
+    ("refuse", "599", "odd"),
+    ("bad_key", "empty"),
+    ("bad_key", "surrogate"),
+    ("bad_key", "long"),
+    ("bad_key", "bytes"),
+    ("bad_value", "text"),
+    ("bad_value", "long"),
+    ("big_result",),
+]
+
+
+@pytest.mark.parametrize("call", CALLS, ids=" ".join)
+@pytest.mark.parametrize("batch", [(True, 1000), (True, 3), (False, 0)], ids=["batch", "batches-of-3", "one-by-one"])
+async def test_a_transaction_comes_out_the_same_on_both_ledgers(tools, toy, world, state, call, batch):
+    function, *args = call
+    call = tools.Call(function, tuple(args))
+    peer = await world.peer(state, batch=batch)
+    there = await peer.run(call)
+    status, text, payload, event, rwset = tools.in_place(toy, call, state)
+    assert (there.status, there.text, there.payload, there.event) == (status, text, payload, event)
+    assert there.kind == tools.M.COMPLETED
+    if status == 200:
+        assert rwsets.encode(there.rwset, "pol") == rwsets.encode(rwset, "pol")
+    else:
+        assert not there.rwset.writes
+    assert not peer.dropped
+
+
+async def test_what_the_contract_sees_of_its_sender(tools, world):
+    who = tools.Person(
+        "drone-7", "FleetMSP", (("pol.role", "uav"), ("pol.id", "1AB0000007"), ("hf.Affiliation", "")), number=99
+    )
+    call = tools.Call("whoami", who=who, timestamp_ms=tools.START_MS + 5)
+    seen = json.loads((await (await world.peer()).run(call)).payload)
+    assert (seen["msp_id"], seen["common_name"], seen["role"], seen["pol_id"]) == (
+        "FleetMSP", "drone-7", "uav", "1AB0000007",
+    )  # fmt: skip
+    assert seen["attributes"] == {"pol.role": "uav", "pol.id": "1AB0000007", "hf.Affiliation": ""}
+    assert (seen["channel"], seen["tx_id"], seen["timestamp_ms"]) == ("wonderland", call.tx_id, call.timestamp_ms)
+    assert len(bytes.fromhex(seen["public_key"])) == 65
+
+
+async def test_a_sender_without_attributes_has_no_role(tools, world):
+    seen = json.loads(
+        (await (await world.peer()).run(tools.Call("whoami", who=tools.Person("x", attributes=())))).payload
+    )
+    assert (seen["role"], seen["pol_id"], seen["attributes"]) == ("", "", {})
