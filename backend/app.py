@@ -50,7 +50,7 @@ logger = logging.getLogger(__name__)
 
 API: Final = "/api/v1"
 TIDY_EVERY_S: Final = 300.0
-CHECK_PEOPLE_EVERY_S: Final = 15.0
+CHECK_EVERY_S: Final = 15.0
 DESCRIPTION: Final = """\
 What Wonderland knows: pads, drones, proofs of location and their verdicts, as the ledger has them; and beside them,
 marked unverified, what drones broadcast and what pads measure while a proof is under way.
@@ -144,7 +144,7 @@ class Backend:
         self._run(self.context.intake.run(), "intake")
         self._run(self.context.hub.run(), "hub")
         self._run(self._tidy(), "tidy")
-        self._run(self._check_people(), "check-people")
+        self._run(self._check(), "check")
         if self._mirror is not None:
             self._run(self._mirror.run(), "mirror")
 
@@ -183,7 +183,12 @@ class Backend:
     def _committed(self, changes: Changes) -> None:
         if changes.organisations is not None:
             self.context.members.configure((row["msp_id"], row["definition"]) for row in changes.organisations)
+            self._dismiss()
         self.context.board.commit(changes)
+
+    def _dismiss(self) -> None:
+        now = self.context.clock()
+        self.context.agents.dismiss(lambda msp_id, creator: self.context.members.is_member(msp_id, creator, now))
 
     async def _tidy(self) -> None:
         keep_ms = int(self.settings.track_retention_h * 3_600_000)
@@ -195,10 +200,11 @@ class Backend:
                 logger.exception("old positions could not be deleted; trying again later")
             await asyncio.sleep(TIDY_EVERY_S)
 
-    async def _check_people(self) -> None:
-        """Live connections end with the sign-in that opened them."""
+    async def _check(self) -> None:
+        """Live connections end with the sign-in that opened them, agents' with their certificate."""
         while True:
-            await asyncio.sleep(CHECK_PEOPLE_EVERY_S)
+            await asyncio.sleep(CHECK_EVERY_S)
+            self._dismiss()
             for person in self.context.hub.people():
                 try:
                     found = await self.context.sign_ins.find_by_hash(person)

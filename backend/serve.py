@@ -164,7 +164,7 @@ def new_server(app: FastAPI, settings: Settings) -> uvicorn.Server:
         http="httptools",
         lifespan="off",
         log_config=None,
-        log_level=settings.log_level,
+        log_level="warning",
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=GRACE_S,
@@ -218,4 +218,3 @@ def _shown(host: str) -> str:
 def setup_logging(level: str) -> None:
     """Log lines to standard error, so that standard output has the ready line alone."""
     logging.basicConfig(level=level.upper(), format="%(asctime)s %(levelname)s %(name)s: %(message)s", force=True)
-    logging.getLogger("uvicorn.error").setLevel(max(logging.getLevelName(level.upper()), logging.WARNING))

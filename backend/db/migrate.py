@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from alembic.util.exc import CommandError
-from sqlalchemy import Connection
+from sqlalchemy import Connection, func, select
 
 from alembic import command
 from backend.db.engine import Database
 from backend.errors import DatabaseError
+
+_LOCK: Final = 0x504F4C  # "POL"
 
 
 def scripts() -> Path:
@@ -38,6 +41,9 @@ async def migrate(database: Database, revision: str = "head") -> None:
             raise DatabaseError(f"the database cannot be migrated: {cause}; is it of a later version?") from cause
 
     async with database.write() as connection:
+        if not database.is_sqlite:
+            # Two servers that start at once migrate one after the other; SQLite's write lock does the same.
+            await connection.execute(select(func.pg_advisory_xact_lock(_LOCK)))
         await connection.run_sync(run)
 
 

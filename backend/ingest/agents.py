@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 PAD: Final = "pad"
+REPLACED: Final = "the same agent has connected anew"
+NO_LONGER_MEMBER: Final = "the certificate is no longer good"
 
 
 @dataclass(eq=False)
@@ -17,8 +19,11 @@ class Agent:
     kind: str
     id: str
     spool: str
-    replaced: Callable[[], None] = field(default=lambda: None)
-    """Called when the same agent connects anew."""
+    msp_id: str = ""
+    creator: bytes = b""
+    """The SerializedIdentity that was checked when it came."""
+    end: Callable[[str], None] = field(default=lambda _why: None)
+    """Ends the connection: `REPLACED` or `NO_LONGER_MEMBER`."""
 
 
 class DuplicateAgent(Exception):  # noqa: N818 - an answer of the protocol
@@ -52,7 +57,7 @@ class Agents:
         if known is not None:
             if known.spool != agent.spool:
                 raise DuplicateAgent
-            known.replaced()
+            known.end(REPLACED)
         self._agents[agent.kind, agent.id] = agent
         self._changed(agent)
 
@@ -61,6 +66,15 @@ class Agents:
         if self._agents.get((agent.kind, agent.id)) is agent:
             del self._agents[agent.kind, agent.id]
             self._changed(agent)
+
+    def dismiss(self, is_member: Callable[[str, bytes], bool]) -> None:
+        """End the connections of those whose certificate was revoked, or has expired, since they came.
+
+        `is_member` is asked with an agent's MSP id and its SerializedIdentity.
+        """
+        for agent in list(self._agents.values()):
+            if not is_member(agent.msp_id, agent.creator):
+                agent.end(NO_LONGER_MEMBER)
 
     def is_connected(self, pad_id: str) -> bool:
         """Whether this pad's agent is connected."""

@@ -13,6 +13,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from backend.context import Context, context_of
 from backend.errors import DatabaseError
+from backend.ingest import agents
 from backend.ingest import batch as batches
 from backend.ingest.agents import Agent, DuplicateAgent
 from backend.ingest.messages import IngestError, parse_hello, parse_records
@@ -67,10 +68,10 @@ async def _admit(socket: WebSocket, context: Context) -> Agent:
     except TimeoutError:
         raise IngestError("no_hello", f"no hello within {HELLO_S:g} s") from None
     hello = parse_hello(text)
-    context.members.authenticate(hello, nonce=nonce, server=SERVER, now_ms=context.clock())
+    identity = context.members.authenticate(hello, nonce=nonce, server=SERVER, now_ms=context.clock())
     if len(context.agents) >= context.settings.ingest_max_agents:
         raise IngestError("too_many_agents", "this server has as many agents as it may; try again later")
-    agent = Agent(hello.agent, hello.id, hello.spool)
+    agent = Agent(hello.agent, hello.id, hello.spool, hello.msp_id, identity.creator)
     try:
         context.agents.join(agent)
     except DuplicateAgent:
@@ -82,20 +83,26 @@ async def _admit(socket: WebSocket, context: Context) -> Agent:
 
 
 async def _serve(socket: WebSocket, context: Context, agent: Agent) -> None:
-    replaced = asyncio.Event()
-    agent.replaced = replaced.set
+    ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+
+    def end(why: str) -> None:
+        if not ended.done():
+            ended.set_result(why)
+
+    agent.end = end
     work = asyncio.create_task(_records(socket, context, agent), name=f"ingest-{agent.id}")
-    end = asyncio.create_task(replaced.wait())
     try:
-        await asyncio.wait({work, end}, return_when=asyncio.FIRST_COMPLETED)
+        waiting: set[asyncio.Future[Any]] = {work, ended}
+        await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
         if work.done():
             work.result()
         else:
-            await socket.close(REPLACED, "the same agent has connected anew")
+            why = ended.result()
+            await socket.close(REPLACED if why == agents.REPLACED else NOT_AUTHENTICATED, why)
     finally:
-        end.cancel()
+        ended.cancel()
         work.cancel()
-        await asyncio.gather(work, end, return_exceptions=True)
+        await asyncio.gather(work, return_exceptions=True)
 
 
 async def _records(socket: WebSocket, context: Context, agent: Agent) -> None:

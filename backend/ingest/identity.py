@@ -47,6 +47,17 @@ class Members:
                 logger.error("agents of %s are refused, its definition on the ledger cannot be used: %s", msp_id, cause)  # noqa: TRY400 - the text says it all
         self._organisations = found
 
+    def is_member(self, msp_id: str, creator: bytes, now_ms: int) -> bool:
+        """Whether an identity that was authenticated earlier would still be."""
+        membership = self._organisations.get(msp_id)
+        if membership is None:
+            return False
+        try:
+            membership.application_member(creator, now_ms)
+        except AccessDeniedError:
+            return False
+        return True
+
     def authenticate(self, hello: Hello, *, nonce: str, server: str, now_ms: int) -> Identity:
         """The agent's identity. Raises `IngestError`, with what is wrong."""
         membership = self._organisations.get(hello.msp_id)

@@ -595,10 +595,27 @@ def database_url(request, tmp_path):
     return request.getfixturevalue("postgres").new_database()
 
 
+@pytest.fixture(scope="session")
+def migrated_file(tmp_path_factory):
+    """A migrated SQLite database to copy: migrating takes longer than most tests."""
+    path = tmp_path_factory.mktemp("template") / "template.db"
+
+    async def make():
+        opened = Database(f"sqlite:///{path}")
+        await migrate(opened)
+        await opened.close()
+
+    asyncio.run(make())
+    return path
+
+
 @pytest.fixture
-async def database(database_url):
+async def database(database_url, migrated_file):
     opened = Database(database_url)
-    await migrate(opened)
+    if opened.is_sqlite:
+        shutil.copy(migrated_file, opened.url.database)
+    else:
+        await migrate(opened)
     yield opened
     await opened.close()
 

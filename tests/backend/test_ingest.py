@@ -14,6 +14,7 @@ from sqlalchemy import func, select
 
 from backend.db.models import IrregularRow, SpoolRow, StepRow, TrackRow, VerdictRow
 from backend.ingest.messages import BODIES, Entry, IngestError, parse_body, parse_hello, parse_records
+from backend.mirror.derive import Changes
 
 START_MS = 1_800_000_000_000
 TRACK = {
@@ -233,12 +234,23 @@ async def test_a_revocation_on_the_ledger_shuts_the_agent_out(running, agent_cli
     enrolment = authorities.enrol("pad-7", "PadMSP", role="pad", id="pad-7")
     async with running.connect("/ingest") as socket:
         assert (await agent_client(socket, agent_id="pad-7", enrolment=enrolment).hello())["type"] == "welcome"
+        running.backend._dismiss()
+        assert running.context.agents.is_connected("pad-7")
     ca = authorities.cas["PadMSP"]
     ca.revoke(serial=enrolment.certificate.serial)
     async with database.read() as session:
         definitions = {row.msp_id: json.loads(row.definition) for row in await session.scalars(select(OrganisationRow))}
     definitions["PadMSP"]["revocation_lists"] = [ca.revocation_list_pem().decode()]
-    running.context.members.configure((msp_id, json.dumps(each)) for msp_id, each in definitions.items())
+    async with running.connect("/ingest") as socket, running.connect("/ingest") as other:
+        await agent_client(socket, agent_id="pad-7", enrolment=enrolment).hello()
+        await agent_client(other).hello()
+        organisations = [
+            {"msp_id": msp_id, "definition": json.dumps(each), "block": 9, "tx_index": 0}
+            for msp_id, each in definitions.items()
+        ]
+        running.backend._committed(Changes(organisations=organisations))
+        await closed_with(socket, 4401)
+        assert running.context.agents.is_connected("pad-1")
     async with running.connect("/ingest") as socket:
         refused = await agent_client(socket, agent_id="pad-7", enrolment=enrolment).hello()
         assert refused["code"] == "not_authenticated"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
@@ -31,6 +33,17 @@ async def test_migrated_tables_are_those_of_the_models(database):
 async def test_migrating_twice_changes_nothing(database):
     await migrations.migrate(database)
     assert await migrations.revision(database) == migrations.head()
+
+
+@both
+async def test_two_that_start_at_once_migrate_one_after_the_other(database_url):
+    first, second = Database(database_url), Database(database_url)
+    try:
+        await asyncio.gather(migrations.migrate(first), migrations.migrate(second))
+        assert await migrations.revision(second) == migrations.head()
+    finally:
+        await first.close()
+        await second.close()
 
 
 @both
