@@ -24,6 +24,7 @@ from backend.app import Backend
 from backend.db.engine import Database
 from backend.db.migrate import migrate
 from backend.errors import SettingsError
+from backend.live.hub import Hub
 from backend.mirror.source import BlockSource, GatewaySource
 from backend.settings import Settings
 from wonderland.ledger.connection import Connection
@@ -128,7 +129,9 @@ async def serve(settings: Settings, listen: Listen, *, token_file: Path | None, 
             if token_file is not None:
                 write_atomic(token_file, token.encode() + b"\n")
             server = new_server(backend.app, settings)
-            await _serve_until_told(server, bound, Ready(url.rstrip("/"), token, settings, as_json=as_json))
+            await _serve_until_told(
+                server, bound, backend.context.hub, Ready(url.rstrip("/"), token, settings, as_json=as_json)
+            )
 
 
 @dataclass(frozen=True)
@@ -182,10 +185,11 @@ class _Server(uvicorn.Server):
         yield
 
 
-async def _serve_until_told(server: uvicorn.Server, bound: socket.socket, ready: Ready) -> None:
+async def _serve_until_told(server: uvicorn.Server, bound: socket.socket, hub: Hub, ready: Ready) -> None:
     loop = asyncio.get_running_loop()
 
     def stop() -> None:
+        hub.close()
         server.should_exit = True
 
     for each in (signal.SIGTERM, signal.SIGINT):
