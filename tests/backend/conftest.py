@@ -359,6 +359,7 @@ class Facts:
             "uav": party,
             "commissioning_sha256": "0" * 64,
             "transcript_sha256": "0" * 64,
+            "contract_version": "1",
             "policy": policies.Policy().to_json(),
             "requested_ms": t_ms,
             "expires_ms": t_ms + 60_000,
