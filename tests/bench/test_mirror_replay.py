@@ -103,14 +103,13 @@ async def test_replay(blocks, new_url, keep):
     assert transactions == 3 * PROOFS + 4
     assert status.unread == 0
     start = time.perf_counter()
-    for raw in blocks:
-        parse_block(raw)
+    parsed = [parse_block(raw) for raw in blocks]
     parse_s = time.perf_counter() - start
     start = time.perf_counter()
     changes = deriving.Changes()
-    for block in [parse_block(raw) for raw in blocks]:
+    for block in parsed:
         deriving.derive(block, "pol", changes)
-    derive_s = time.perf_counter() - start - parse_s
+    derive_s = time.perf_counter() - start
 
     floor = Database(new_url())
     await migrate(floor)
