@@ -1,0 +1,271 @@
+"""An organisation's Fabric CA, and everything that it certifies: servers, administrators, people, pads and drones."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import datetime as dt
+import os
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import yaml
+from cryptography import x509
+
+from wonderland.ledger.attributes import ID, ROLE
+from wonderland.ledger.ca.certificates import new_private_key
+from wonderland.ledger.ca.client import (
+    ALREADY_REGISTERED,
+    FabricCaClient,
+    FabricCaError,
+    FabricCaUnreachableError,
+)
+from wonderland.ledger.files import PUBLIC, read_bounded, write_atomic
+from wonderland.ledger.network import certificates, settings
+from wonderland.ledger.network.errors import CertificateStateError, ComponentError, DirectoryStateError
+from wonderland.ledger.network.layout import MSP_ADMIN, REGISTRAR, IdentityPaths, NodeDirectory, OrganisationDirectory
+from wonderland.ledger.network.processes import Launch, ProcessTable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from wonderland.ledger.identity import SigningIdentity
+    from wonderland.ledger.network.description import Certificates
+
+_SECRET_BYTES: Final = 24
+_SETTINGS: Final = "fabric-ca-server-config.yaml"
+LOCAL_HOSTS: Final = ("localhost", "127.0.0.1")
+
+
+@dataclass(frozen=True)
+class Certified:
+    """Who is to have a certificate: node OU and attributes go into it."""
+
+    name: str
+    node_ou: str
+    attributes: Mapping[str, str]
+
+    @classmethod
+    def with_role(cls, name: str, role: str, pol_id: str) -> Self:
+        """A person or machine with a role on the channel."""
+        return cls(name, "client", {ROLE: role, ID: pol_id})
+
+
+class Authority:
+    """One organisation's CA server. Use as an asynchronous context once `start` has been called, or it runs.
+
+    `now` gives the time (aware UTC), `random_bytes` n unpredictable bytes.
+    """
+
+    def __init__(
+        self,
+        directory: OrganisationDirectory,
+        ports: tuple[int, int],
+        host: str,
+        issue: Certificates,
+        *,
+        now: Callable[[], dt.datetime] = lambda: dt.datetime.now(dt.UTC),
+        random_bytes: Callable[[int], bytes] = os.urandom,
+    ) -> None:
+        self.directory: Final = directory
+        self.msp_id: Final = directory.msp_id
+        self.component: Final = f"{directory.msp_id}.ca"
+        self._port, self._operations_port = ports
+        self._host = host
+        self._issue = issue
+        self._now = now
+        self._random_bytes = random_bytes
+        self._clients: AsyncExitStack = AsyncExitStack()
+        self._ca: FabricCaClient | None = None
+        self._tls_ca: FabricCaClient | None = None
+
+    @property
+    def hosts(self) -> tuple[str, ...]:
+        """Names and addresses that TLS certificates are for."""
+        return tuple(dict.fromkeys((self._host, *LOCAL_HOSTS)))
+
+    def launch(self, binary: Path) -> Launch:
+        """How its server is started; its settings are written by `configure`."""
+        return Launch(
+            self.component,
+            (str(binary), "start", "-H", str(self.directory.ca_home)),
+            {},
+            ((self._host, self._port),),
+        )
+
+    def configure(self) -> None:
+        """Write the server's settings, keeping the registrar's secret. Raises `DirectoryStateError`."""
+        home = self.directory.ca_home
+        second = home / settings.TLS_CA_DIRECTORY
+        certificates.make_private(second)
+        place = settings.CaPlace(
+            self._host,
+            self._port,
+            self._operations_port,
+            REGISTRAR,
+            self._registrar_secret() or self._secret(),
+            self.hosts,
+        )
+        tls_file = second / _SETTINGS
+        instance = settings.ca_instance(self.msp_id, settings.tls_ca_name(self.msp_id), place, self._issue)
+        write_atomic(tls_file, _yaml(instance))
+        write_atomic(home / _SETTINGS, _yaml(settings.ca_server(self.msp_id, place, self._issue, tls_file)))
+
+    async def start(self, processes: ProcessTable, binary: Path) -> None:
+        """Run the server and wait until it answers. Raises `ComponentError`."""
+        launch = self.launch(binary)
+        if processes.pid(self.component) is None:
+            processes.start(launch)
+        await processes.wait_ready(launch)
+        for source, target in (
+            (self.directory.ca_home, self.directory.root),
+            (self.directory.ca_home / settings.TLS_CA_DIRECTORY, self.directory.tls_root),
+        ):
+            pem = read_bounded(source / "ca-cert.pem", DirectoryStateError, f"{self.msp_id}: root certificate")
+            if not target.exists():
+                write_atomic(target, pem, PUBLIC)
+            elif target.read_bytes() != pem:
+                raise CertificateStateError(
+                    f"{self.msp_id}: its CA has another root than the one that the channel trusts ({target}). Next: "
+                    f"restore {source} from a backup"
+                )
+
+    async def __aenter__(self) -> Self:
+        address = f"{self._host}:{self._port}"
+        root = read_bounded(self.directory.root, DirectoryStateError, f"{self.msp_id}: root certificate")
+        self._ca = await self._clients.enter_async_context(FabricCaClient(address, settings.ca_name(self.msp_id), root))
+        self._tls_ca = await self._clients.enter_async_context(
+            FabricCaClient(address, settings.tls_ca_name(self.msp_id), root)
+        )
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        await self._clients.aclose()
+
+    @property
+    def ca(self) -> FabricCaClient:
+        """The CA of identities."""
+        assert self._ca is not None
+        return self._ca
+
+    @property
+    def tls_ca(self) -> FabricCaClient:
+        """The CA of TLS certificates."""
+        assert self._tls_ca is not None
+        return self._tls_ca
+
+    async def registrar(self) -> SigningIdentity:
+        """Who registers and revokes identities."""
+        return await self._registrar(self.ca, self.directory.identity(REGISTRAR))
+
+    async def ensure_administrator(self) -> None:
+        """The organisation's administrator (OU admin)."""
+        await self.ensure(Certified(MSP_ADMIN, "admin", {}), self.directory.identity(MSP_ADMIN))
+
+    async def ensure(self, who: Certified, paths: IdentityPaths) -> None:
+        """Key and certificate of an identity, enrolled where missing. Raises `CaError`, `CertificateStateError`."""
+        if certificates.fits(paths):
+            certificates.require_usable(
+                paths.certificate, self._root(self.directory.root), self._now(), f"{self.msp_id}/{who.name}"
+            )
+            return
+        await self.enrol(who, paths)
+
+    async def enrol(self, who: Certified, paths: IdentityPaths) -> None:
+        """A new key and certificate, whatever there is. Raises `CaError`."""
+        await self._enrol(self.ca, await self.registrar(), who, paths)
+
+    async def ensure_tls(self, name: str, node_ou: str, paths: IdentityPaths) -> None:
+        """Key and TLS certificate for a server or client of this organisation. Raises `CaError`."""
+        if certificates.fits(paths):
+            certificates.require_usable(
+                paths.certificate, self._root(self.directory.tls_root), self._now(), f"{self.msp_id}/{name} (TLS)"
+            )
+            return
+        await self.enrol_tls(name, node_ou, paths)
+
+    async def enrol_tls(self, name: str, node_ou: str, paths: IdentityPaths) -> None:
+        """A new key and TLS certificate, whatever there is. Raises `CaError`."""
+        registrar = await self._registrar(self.tls_ca, self.directory.tls_identity(REGISTRAR))
+        await self._enrol(
+            self.tls_ca, registrar, Certified(name, node_ou, {}), paths, profile=settings.TLS_PROFILE, hosts=self.hosts
+        )
+
+    async def ensure_node(self, name: str, node_ou: str) -> NodeDirectory:
+        """A server's directory: MSP and TLS, as Fabric's servers read them. Raises `CaError`."""
+        node = self.directory.node(name)
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self.ensure(Certified(name, node_ou, {}), node.identity))
+            group.create_task(self.ensure_tls(name, node_ou, node.tls))
+        self.write_msp(node)
+        return node
+
+    def write_msp(self, node: NodeDirectory) -> None:
+        """The parts of a server's directory that are not its own keys."""
+        root, tls_root = self.directory.root.read_bytes(), self.directory.tls_root.read_bytes()
+        for path, data in (
+            (node.msp / "cacerts" / "ca.pem", root),
+            (node.msp / "tlscacerts" / "tls-ca.pem", tls_root),
+            (node.msp / "config.yaml", _yaml(settings.NODE_OUS)),
+            (node.tls_root, tls_root),
+        ):
+            certificates.make_private(path.parent)
+            if not path.exists() or path.read_bytes() != data:
+                write_atomic(path, data, PUBLIC)
+
+    async def _registrar(self, ca: FabricCaClient, paths: IdentityPaths) -> SigningIdentity:
+        if not certificates.fits(paths):
+            secret = self._registrar_secret()
+            if secret is None:
+                raise DirectoryStateError(f"{self.directory.ca_home} has no settings; run `wonderland network up`")
+            key = new_private_key(self._random_bytes)
+            certificates.store(paths, await ca.enrol(REGISTRAR, secret, key), key)
+        return certificates.signing_identity(self.msp_id, paths)
+
+    async def _enrol(
+        self,
+        ca: FabricCaClient,
+        registrar: SigningIdentity,
+        who: Certified,
+        paths: IdentityPaths,
+        *,
+        profile: str = "",
+        hosts: Sequence[str] = (),
+    ) -> None:
+        secret = self._secret()  # used once, now, and never kept
+        try:
+            await ca.register(registrar, who.name, node_ou=who.node_ou, secret=secret, attributes=who.attributes)
+        except FabricCaError as error:
+            if error.code != ALREADY_REGISTERED:
+                raise
+            await ca.set_secret(registrar, who.name, secret, attributes=who.attributes)
+        except FabricCaUnreachableError as error:
+            raise ComponentError(self.component, str(error), remedy="`wonderland network up` starts it") from error
+        key = new_private_key(self._random_bytes)
+        certificates.store(paths, await ca.enrol(who.name, secret, key, profile=profile, hosts=hosts), key)
+
+    def _registrar_secret(self) -> str | None:
+        path = self.directory.ca_home / _SETTINGS
+        if not path.exists():
+            return None
+        try:
+            document: Any = yaml.safe_load(read_bounded(path, DirectoryStateError, "CA settings"))
+            secret: Any = document["registry"]["identities"][0]["pass"]
+        except (yaml.YAMLError, KeyError, IndexError, TypeError) as cause:
+            raise DirectoryStateError(f"{path}: cannot be read; restore it from a backup") from cause
+        if not isinstance(secret, str):
+            raise DirectoryStateError(f"{path}: the registrar has no secret; restore it from a backup")
+        return secret
+
+    def _secret(self) -> str:
+        return base64.urlsafe_b64encode(self._random_bytes(_SECRET_BYTES)).decode()
+
+    def _root(self, path: Path) -> x509.Certificate:
+        return certificates.load(path)
+
+
+def _yaml(document: dict[str, Any]) -> bytes:
+    text: str = yaml.safe_dump(document, sort_keys=False)
+    return text.encode()

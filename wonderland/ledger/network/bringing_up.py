@@ -1,0 +1,268 @@
+"""From a description to a network that answers; and from whatever an earlier attempt left behind to the same.
+
+Each step looks at what is there and does what is missing, so that `up` may be run again after any failure, crash or
+reboot. What can go on at the same time does: that is where the seconds are.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+from wonderland.ledger.channel_groups import OrganisationDescription
+from wonderland.ledger.errors import LedgerError
+from wonderland.ledger.files import PUBLIC, read_bounded, write_atomic
+from wonderland.ledger.network import connections, lifecycle, ports
+from wonderland.ledger.network.agreement import Agreement, load_agreement, require_installed, save_agreement
+from wonderland.ledger.network.certificates import signing_identity
+from wonderland.ledger.network.concurrency import together
+from wonderland.ledger.network.contract import SLOTS, InstalledContract, build_package, installed_contract
+from wonderland.ledger.network.description import NetworkDescription
+from wonderland.ledger.network.errors import ComponentError, DirectoryStateError, NetworkError, UnreachableError
+from wonderland.ledger.network.genesis import ChannelPlan, first_block
+from wonderland.ledger.network.layout import MSP_ADMIN, NetworkDirectory
+from wonderland.ledger.network.network import CONTRACT, Member, Network
+
+if TYPE_CHECKING:
+    from wonderland.ledger.network.authorities import Authority
+    from wonderland.ledger.network.binaries import Binaries
+    from wonderland.ledger.network.peers import PeerAdmin
+    from wonderland.ledger.network.processes import Launch
+
+Report: TypeAlias = Callable[[str, str], None]
+"""Hears of each step that begins, and what of it has just been done."""
+NONCE_BYTES: Final = 24
+PROBE: Final = ("ReadPolicy", b'{"action":"*","pad_id":"*"}')
+"""What is asked of the contract to see that it is reached."""
+
+
+def open_network(directory: NetworkDirectory) -> Network:
+    """A network that was brought up before, perhaps not to its end. Raises `NetworkError`."""
+    directory.require()
+    description = NetworkDescription.load(directory.description_file)
+    return Network(directory, description, ports.allot(directory.ports_file, description, os.urandom))
+
+
+def new_network(directory: NetworkDirectory, description: NetworkDescription | None) -> Network:
+    """The network of a directory; of that description when there is none yet. Raises `NetworkError`."""
+    directory.prepare()
+    if directory.description_file.exists():
+        there = NetworkDescription.load(directory.description_file)
+        if description is not None and description != there:
+            raise DirectoryStateError(
+                f"{directory.path} holds a network of another description ({directory.description_file}). Next: leave "
+                "the options and the file away to start that one, use another --dir, or `wonderland network destroy`"
+            )
+        return open_network(directory)
+    description = description or NetworkDescription()
+    installed_contract(description.contract.package)  # whether it is there at all, before anything is written
+    listening = ports.allot(directory.ports_file, description, os.urandom)
+    description.save(directory.description_file)
+    return Network(directory, description, listening)
+
+
+async def bring_up(network: Network, binaries: Binaries, report: Report) -> None:
+    """Have everything run, and the contract answer. Raises `LedgerError`; running it again goes on from there."""
+    await _BringUp(network, binaries, report).run()
+
+
+class _BringUp:
+    def __init__(self, network: Network, binaries: Binaries, report: Report) -> None:
+        self._network = network
+        self._binaries = binaries
+        self._report = report
+        self._processes = network.processes
+        self._authorities: dict[str, Authority] = {}
+
+    async def run(self) -> None:
+        network = self._network
+        network.write_builder()
+        contract = installed_contract(network.description.contract.package)
+        agreement = load_agreement(network.directory.contract_file)
+        async with AsyncExitStack() as stack:
+            self._report("certificates", "starting the organisations' CAs")
+            await together(self._organisation(msp_id, stack) for msp_id in network.msp_ids)
+            block = self._block()
+            if agreement is None or agreement.fits(contract):
+                await self._contract_servers(contract, agreement.slot if agreement else SLOTS[0])
+            self._report("channel", f"joining {network.channel}")
+            peers = await network.peer_admins(stack)
+            await together(
+                [
+                    *(self._join_orderer(member, block) for member in network.orderers),
+                    *(self._join_peer(member, peer, block) for member, peer in zip(network.peers, peers, strict=True)),
+                    *(self._identities(msp_id) for msp_id in network.msp_ids),
+                ]
+            )
+            connections.write_first(network)
+            await self._agree(peers, contract, agreement)
+
+    async def _organisation(self, msp_id: str, stack: AsyncExitStack) -> None:
+        """Its CA, what its servers need of it, and those servers started."""
+        network = self._network
+        authority = network.authority(msp_id)
+        self._authorities[msp_id] = authority
+        self._require_free([authority.launch(self._binaries.ca_server)])
+        authority.configure()
+        try:
+            await authority.start(self._processes, self._binaries.ca_server)
+            await stack.enter_async_context(authority)
+            orderers = [member for member in network.orderers if member.msp_id == msp_id]
+            peers = [member for member in network.peers if member.msp_id == msp_id]
+            await together(
+                [
+                    authority.ensure_administrator(),
+                    *(self._start(authority, member, "orderer") for member in orderers),
+                    *(self._start(authority, member, "peer") for member in peers),
+                    *([self._administrator_tls(authority)] if orderers else []),
+                    *([self._contract_tls(authority)] if msp_id in network.endorsers else []),
+                ]
+            )
+        except NetworkError:
+            raise
+        except LedgerError as error:
+            raise self._processes.failure(authority.component, str(error)) from error
+
+    async def _start(self, authority: Authority, member: Member, kind: str) -> None:
+        await authority.ensure_node(member.name, kind)
+        if kind == "orderer":
+            launch = self._network.launch_orderer(member, self._binaries)
+        else:
+            launch = self._network.launch_peer(member, self._binaries)
+        self._begin(launch)
+        await self._processes.wait_ready(launch)
+        self._report(f"{kind}s", f"{member.component} runs")
+
+    async def _administrator_tls(self, authority: Authority) -> None:
+        await authority.ensure_tls(MSP_ADMIN, "client", authority.directory.tls_identity(MSP_ADMIN))
+
+    async def _contract_tls(self, authority: Authority) -> None:
+        node = authority.directory.node(CONTRACT)
+        await authority.ensure_tls(CONTRACT, "client", node.tls)
+        if not node.tls_root.exists():
+            write_atomic(node.tls_root, authority.directory.tls_root.read_bytes(), PUBLIC)
+
+    async def _identities(self, msp_id: str) -> None:
+        """One identity for each role, the first time."""
+        network = self._network
+        directory = network.directory.organisation(msp_id)
+        kinds = {each.msp_id: each.kind for each in network.organisations}
+        if msp_id in kinds and not directory.connection_file.exists():
+            authority = self._authorities[msp_id]
+            for who in connections.first_identities(kinds[msp_id]):
+                await authority.ensure(who, directory.identity(who.name))
+
+    def _block(self) -> bytes:
+        """The channel's first block, made once."""
+        path = self._network.directory.block_file
+        if path.exists():
+            return read_bounded(path, DirectoryStateError, "the channel's first block", 100 << 20)
+        network = self._network
+        plan = ChannelPlan(
+            channel=network.channel,
+            applications=tuple(self.organisation(each.msp_id) for each in network.organisations),
+            orderers=tuple(self.organisation(each.msp_id) for each in network.description.ordering.organisations),
+            consenters=network.consenters(),
+            ordering=network.description.ordering,
+        )
+        block = first_block(plan, int(network.now().timestamp()), network.random_bytes(NONCE_BYTES))
+        write_atomic(path, block, PUBLIC)
+        return block
+
+    def organisation(self, msp_id: str) -> OrganisationDescription:
+        """An organisation as the channel's configuration has it."""
+        return describe_organisation(self._network, msp_id)
+
+    async def _join_orderer(self, member: Member, block: bytes) -> None:
+        async with self._network.orderer_admin(member) as admin:
+            try:
+                if await admin.status(self._network.channel) is None:
+                    await admin.join(block)
+            except NetworkError as error:
+                raise self._processes.failure(member.component, str(error)) from error
+        self._report("channel", f"{member.component} joined")
+
+    async def _join_peer(self, member: Member, peer: PeerAdmin, block: bytes) -> None:
+        try:
+            if self._network.channel not in await peer.channels():
+                await peer.join(block)
+        except NetworkError as error:
+            raise self._processes.failure(member.component, str(error)) from error
+        self._report("channel", f"{member.component} joined")
+
+    async def _contract_servers(self, contract: InstalledContract, slot: str) -> None:
+        package = build_package(self._network.description.contract.name, contract, slot)
+        for msp_id in self._network.endorsers:
+            self._begin(self._network.launch_contract(msp_id, package))
+
+    async def _agree(self, peers: list[PeerAdmin], contract: InstalledContract, agreement: Agreement | None) -> None:
+        """The contract installed, approved and committed; its servers reached."""
+        network = self._network
+        described = network.description.contract
+        definition = await peers[0].definition(network.channel, described.name)
+        if definition is None:
+            self._report("contract", f"agreeing on {described.name} {contract.version}")
+            package = build_package(described.name, contract, SLOTS[0])
+            wanted = lifecycle.Definition(described.name, 1, contract.version, described.policy.validation_parameter())
+            await lifecycle.agree(network, peers, wanted, package)
+            agreement = Agreement(1, contract.version, contract.sha256, package.slot, package.package_id)
+        else:
+            agreement = agreement or await self._recall(peers, definition.sequence, contract)
+            require_installed(agreement, contract)
+            await self._contract_servers(contract, agreement.slot)
+        save_agreement(network.directory.contract_file, agreement)
+        for msp_id in network.endorsers:
+            launch = network.launch_contract(msp_id, build_package(described.name, contract, agreement.slot))
+            await self._processes.wait_ready(launch)
+        self._report("contract", "waiting until every organisation that must endorse is reached")
+        authority = peers[0].msp_id
+        inspector = signing_identity(authority, network.directory.organisation(authority).identity("inspector"))
+        await lifecycle.wait_answering(peers[0], inspector, network.channel, described.name, PROBE)
+
+    async def _recall(self, peers: list[PeerAdmin], sequence: int, contract: InstalledContract) -> Agreement:
+        """What was agreed on, when the note about it is lost: the channel knows."""
+        network = self._network
+        described = network.description.contract
+        endorser = next(peer for peer in peers if peer.msp_id in network.endorsers)
+        approved = await lifecycle.approved_package(endorser, network.channel, described.name, sequence)
+        for slot in SLOTS:
+            package = build_package(described.name, contract, slot)
+            if package.package_id == approved:
+                return Agreement(sequence, contract.version, contract.sha256, slot, package.package_id)
+        raise ComponentError(
+            endorser.component,
+            f"the organisations agreed on the package {approved}, which is not that of the installed contract "
+            f"{described.package} {contract.version}",
+            remedy="install that version of the contract, or agree on this one by `wonderland network upgrade`",
+        )
+
+    def _begin(self, launch: Launch) -> None:
+        if self._processes.pid(launch.name) is None:
+            self._require_free([launch])
+            self._processes.start(launch)
+
+    def _require_free(self, launches: list[Launch]) -> None:
+        for launch in launches:
+            if self._processes.pid(launch.name) is None:
+                for host, port in launch.listens:
+                    ports.require_free(host, [port], launch.name)
+
+
+def describe_organisation(network: Network, msp_id: str) -> OrganisationDescription:
+    """An organisation as the channel's configuration has it. Raises `UnreachableError` when its roots are missing."""
+    directory = network.directory.organisation(msp_id)
+    try:
+        root, tls_root = directory.root.read_bytes(), directory.tls_root.read_bytes()
+    except OSError as cause:
+        raise UnreachableError(f"{msp_id}: {cause.filename}: {cause.strerror}") from cause
+    orderers = [member for member in network.orderers if member.msp_id == msp_id]
+    peers = [member for member in network.peers if member.msp_id == msp_id]
+    return OrganisationDescription(
+        msp_id,
+        root,
+        tls_root,
+        endpoints=tuple(network.address(member) for member in orderers),
+        anchor_peers=tuple((network.description.host, network.port(member)) for member in peers[:1]),
+    )

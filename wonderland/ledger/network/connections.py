@@ -1,0 +1,99 @@
+"""connection.json: one for each organisation with what is its own, and one with all, for trying things out."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+from wonderland.ledger.connection import Connection, GatewayAddress, IdentityFiles, LedgerKind
+from wonderland.ledger.embedded.organisations import ROLES
+from wonderland.ledger.network.authorities import Certified
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from wonderland.ledger.network.network import Network
+
+KIND: Final = "fabric"
+ROLES_OF_KIND: Final = {
+    "authority": ("admin", "inspector", "mirror"),
+    "pads": ("pad_operator", "pad"),
+    "fleet": ("fleet_operator", "uav"),
+}
+"""The roles that an organisation's first start enrols; the same as the embedded ledger's."""
+
+
+def first_identities(kind: str) -> tuple[Certified, ...]:
+    """One identity per role, for the first start of an organisation of that kind."""
+    return tuple(Certified.with_role(name, name, ROLES[name].pol_id) for name in ROLES_OF_KIND[kind])
+
+
+def write_first(network: Network) -> None:
+    """Write the files that are missing. Raises `FileWriteError`, `ConnectionFileError`."""
+    for organisation in network.organisations:
+        directory = network.directory.organisation(organisation.msp_id)
+        if not directory.connection_file.exists():
+            found = {
+                who.name: _files(network, organisation.msp_id, who.name)
+                for who in first_identities(organisation.kind)
+                if directory.identity(who.name).exist()
+            }
+            _connection(network, organisation.msp_id, found).save(directory.connection_file)
+    if not network.directory.connection_file.exists():
+        authority = network.organisations[0].msp_id
+        everyone: dict[str, IdentityFiles] = {}
+        for organisation in network.organisations:
+            for name, files in Connection.load(
+                network.directory.organisation(organisation.msp_id).connection_file
+            ).identities.items():
+                everyone[_combined_name(everyone, name, organisation.msp_id)] = files
+        _connection(network, authority, everyone).save(network.directory.connection_file)
+
+
+def add(network: Network, msp_id: str, name: str) -> None:
+    """Put an enrolled identity into its organisation's file and into the combined one."""
+    files = _files(network, msp_id, name)
+    for path in (network.directory.organisation(msp_id).connection_file, network.directory.connection_file):
+        connection = Connection.load(path)
+        there = connection.identities
+        combined = path == network.directory.connection_file
+        key = _combined_name(there, name, msp_id) if combined else name
+        if there.get(key) != files:
+            connection.with_identity(key, files).save(path)
+
+
+def remove(network: Network, msp_id: str, name: str) -> None:
+    """Take an identity out of both."""
+    for path in (network.directory.organisation(msp_id).connection_file, network.directory.connection_file):
+        connection = Connection.load(path)
+        for key in (name, f"{name}@{msp_id}"):
+            files = connection.identities.get(key)
+            if files is not None and files.msp_id == msp_id:
+                connection = connection.without_identity(key)
+        connection.save(path)
+
+
+def _connection(network: Network, msp_id: str, identities: dict[str, IdentityFiles]) -> Connection:
+    host = network.description.host
+    return Connection(
+        channel=network.channel,
+        chaincode=network.description.contract.name,
+        gateway=GatewayAddress(
+            network.address(network.first_peer(msp_id)),
+            network.directory.organisation(msp_id).tls_root,
+            "localhost" if host in {"127.0.0.1", "::1"} else host,
+        ),
+        identities=MappingProxyType(identities),
+        ledger=LedgerKind(KIND, ""),
+    )
+
+
+def _files(network: Network, msp_id: str, name: str) -> IdentityFiles:
+    paths = network.directory.organisation(msp_id).identity(name)
+    return IdentityFiles(msp_id, paths.certificate, paths.key)
+
+
+def _combined_name(there: Mapping[str, IdentityFiles], name: str, msp_id: str) -> str:
+    """A name that another organisation uses, too, is followed by its organisation."""
+    taken = there.get(name)
+    return name if taken is None or taken.msp_id == msp_id else f"{name}@{msp_id}"

@@ -1,0 +1,275 @@
+"""One network on this machine: its directory, who listens where, and how each component is started and reached."""
+
+from __future__ import annotations
+
+import datetime as dt
+import os
+import shlex
+import sys
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import yaml
+
+from wonderland.ledger.files import PUBLIC, write_atomic
+from wonderland.ledger.network import builder, ports, settings
+from wonderland.ledger.network.authorities import Authority
+from wonderland.ledger.network.certificates import make_private, signing_identity
+from wonderland.ledger.network.errors import DirectoryStateError
+from wonderland.ledger.network.genesis import Consenter
+from wonderland.ledger.network.layout import MSP_ADMIN, NetworkDirectory, NodeDirectory
+from wonderland.ledger.network.orderers import Broadcast, OrdererAdmin
+from wonderland.ledger.network.peers import PeerAdmin
+from wonderland.ledger.network.processes import Launch, ProcessTable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from wonderland.ledger.network.binaries import Binaries
+    from wonderland.ledger.network.contract import ContractPackage
+    from wonderland.ledger.network.description import NetworkDescription, Organisation
+
+CONTRACT: Final = "contract"
+_EXECUTABLE: Final = 0o755
+
+
+@dataclass(frozen=True)
+class Member:
+    """A peer or an orderer: organisation, its name there, its number among all of its kind (from 1)."""
+
+    msp_id: str
+    name: str
+    number: int
+
+    @property
+    def component(self) -> str:
+        """Its name in this network."""
+        return f"{self.msp_id}.{self.name}"
+
+
+class Network:
+    """A network that has its directory and its ports. `now` gives the time (aware UTC)."""
+
+    def __init__(
+        self,
+        directory: NetworkDirectory,
+        description: NetworkDescription,
+        listening: ports.Ports,
+        *,
+        now: Callable[[], dt.datetime] = lambda: dt.datetime.now(dt.UTC),
+        random_bytes: Callable[[int], bytes] = os.urandom,
+    ) -> None:
+        self.directory: Final = directory
+        self.description: Final = description
+        self.ports: Final = listening
+        self.processes: Final = ProcessTable(directory.run, directory.logs)
+        self.now: Final = now
+        self.random_bytes: Final = random_bytes
+
+    @property
+    def channel(self) -> str:
+        """The channel's name."""
+        return self.description.channel
+
+    @property
+    def peers(self) -> tuple[Member, ...]:
+        """All peers, the authority's first."""
+        names = [
+            (organisation.msp_id, f"peer{index}")
+            for organisation in self.organisations
+            for index in range(organisation.peers)
+        ]
+        return tuple(Member(msp_id, name, number) for number, (msp_id, name) in enumerate(names, 1))
+
+    @property
+    def orderers(self) -> tuple[Member, ...]:
+        """All orderers."""
+        names = [
+            (organisation.msp_id, f"orderer{index}")
+            for organisation in self.description.ordering.organisations
+            for index in range(organisation.orderers)
+        ]
+        return tuple(Member(msp_id, name, number) for number, (msp_id, name) in enumerate(names, 1))
+
+    @property
+    def organisations(self) -> tuple[Organisation, ...]:
+        """The organisations that use the channel, the authority first."""
+        return tuple(sorted(self.description.organisations, key=lambda each: each.kind != "authority"))
+
+    @property
+    def msp_ids(self) -> tuple[str, ...]:
+        """All organisations, also those that only order."""
+        ordering = [each.msp_id for each in self.description.ordering.organisations]
+        return (*(each.msp_id for each in self.organisations), *ordering)
+
+    @property
+    def endorsers(self) -> tuple[str, ...]:
+        """The organisations that run the contract."""
+        return self.description.contract.policy.organisations
+
+    def first_peer(self, msp_id: str) -> Member:
+        """An organisation's first peer."""
+        return next(peer for peer in self.peers if peer.msp_id == msp_id)
+
+    def address(self, member: Member, port: str = "listen") -> str:
+        """``host:port`` of a peer or an orderer."""
+        return f"{self.description.host}:{self.port(member, port)}"
+
+    def port(self, member: Member, name: str = "listen") -> int:
+        """A port of a peer or an orderer."""
+        return self.ports[f"{member.msp_id}/{member.name}/{name}"]
+
+    def node(self, member: Member) -> NodeDirectory:
+        """Its directory."""
+        return self.directory.organisation(member.msp_id).node(member.name)
+
+    def authority(self, msp_id: str) -> Authority:
+        """An organisation's CA."""
+        return Authority(
+            self.directory.organisation(msp_id),
+            (self.ports[f"{msp_id}/ca/listen"], self.ports[f"{msp_id}/ca/operations"]),
+            self.description.host,
+            self.description.certificates,
+            now=self.now,
+            random_bytes=self.random_bytes,
+        )
+
+    def consenters(self) -> tuple[Consenter, ...]:
+        """The orderers as the channel's configuration names them. Raises `DirectoryStateError` without certificates."""
+        return tuple(self.consenter(member) for member in self.orderers)
+
+    def consenter(self, member: Member) -> Consenter:
+        """One orderer as the channel's configuration names it."""
+        node = self.node(member)
+        try:
+            tls, identity = node.tls.certificate.read_bytes(), node.identity.certificate.read_bytes()
+        except OSError as cause:
+            raise DirectoryStateError(f"{member.component}: {cause.filename}: {cause.strerror}") from cause
+        return Consenter(member.number, member.msp_id, self.description.host, self.port(member), tls, identity)
+
+    def peer_admin(self, member: Member) -> PeerAdmin:
+        """A peer, as its organisation's administrator uses it. Raises `LedgerError`."""
+        organisation = self.directory.organisation(member.msp_id)
+        administrator = signing_identity(member.msp_id, organisation.identity(MSP_ADMIN))
+        return PeerAdmin(
+            member.component,
+            self.address(member),
+            organisation.tls_root.read_bytes(),
+            administrator,
+            random_bytes=self.random_bytes,
+        )
+
+    def orderer_admin(self, member: Member) -> OrdererAdmin:
+        """An orderer, as its organisation's administrator uses it. Raises `LedgerError`."""
+        organisation = self.directory.organisation(member.msp_id)
+        return OrdererAdmin(
+            member.component,
+            self.address(member, "admin"),
+            organisation.tls_root,
+            organisation.tls_identity(MSP_ADMIN),
+        )
+
+    def broadcast(self, member: Member) -> Broadcast:
+        """An orderer, to hand over changes of the configuration to."""
+        root = self.directory.organisation(member.msp_id).tls_root.read_bytes()
+        return Broadcast(member.component, self.address(member), root)
+
+    async def peer_admins(self, stack: AsyncExitStack) -> list[PeerAdmin]:
+        """All peers, opened on that stack."""
+        return [await stack.enter_async_context(self.peer_admin(member)) for member in self.peers]
+
+    def launch_orderer(self, member: Member, binaries: Binaries) -> Launch:
+        """Write an orderer's settings; how it is started."""
+        node = self.node(member)
+        host = self.description.host
+        own = (self.port(member), self.port(member, "admin"), self.port(member, "operations"))
+        _write_yaml(node.path / "orderer.yaml", settings.orderer(member.msp_id, node, host, *own))
+        make_private(node.data)
+        environment = {"FABRIC_CFG_PATH": str(node.path), "FABRIC_LOGGING_SPEC": "info"}
+        listens = tuple((host, port) for port in own)
+        return Launch(member.component, (str(binaries.orderer), "start"), environment, listens)
+
+    def launch_peer(self, member: Member, binaries: Binaries) -> Launch:
+        """Write a peer's settings; how it is started."""
+        node = self.node(member)
+        host = self.description.host
+        others = [peer for peer in self.peers if peer.msp_id == member.msp_id and peer != member]
+        place = settings.PeerPlace(
+            member.name,
+            host,
+            self.port(member),
+            self.port(member, "chaincode"),
+            self.port(member, "operations"),
+            tuple(self.address(peer) for peer in (others[:2] or [member])),
+        )
+        _write_yaml(node.path / "core.yaml", settings.peer(member.msp_id, node, place, self.directory.builder))
+        make_private(node.data)
+        environment = {
+            "FABRIC_CFG_PATH": str(node.path),
+            "FABRIC_LOGGING_SPEC": "info",
+            settings.BUILDER_VARIABLE: settings.builder_configuration(
+                [self.contract_address(member.msp_id, slot) for slot in ("a", "b")],
+                node.tls.certificate.read_bytes(),
+                node.tls.key.read_bytes(),
+                node.tls_root.read_bytes(),
+            ),
+        }
+        return Launch(
+            member.component,
+            (str(binaries.peer), "node", "start"),
+            environment,
+            ((host, self.port(member)), (host, self.port(member, "operations"))),
+        )
+
+    def launch_contract(self, msp_id: str, package: ContractPackage) -> Launch:
+        """How an organisation's contract server is started."""
+        node = self.directory.organisation(msp_id).node(CONTRACT)
+        port = self.ports[f"{msp_id}/{CONTRACT}/{package.slot}"]
+        metrics = self.ports[f"{msp_id}/{CONTRACT}/metrics-{package.slot}"]
+        host = self.description.host
+        arguments = (
+            *(sys.executable, "-m", "wonderland.cli", "chaincode", "serve"),
+            *("--contract", self.description.contract.package),
+            *("--package-id", package.package_id),
+            *("--listen", f"{host}:{port}"),
+            *("--tls-cert", str(node.tls.certificate)),
+            *("--tls-key", str(node.tls.key)),
+            *("--client-ca", str(node.tls_root)),
+            *("--metrics", f"{host}:{metrics}"),
+        )
+        return Launch(contract_component(msp_id, package.slot), arguments, {"PYTHONUNBUFFERED": "1"}, ((host, port),))
+
+    def contract_address(self, msp_id: str, slot: str) -> str:
+        """Where an organisation's peers find its contract server."""
+        return f"{self.description.host}:{self.ports[f'{msp_id}/{CONTRACT}/{slot}']}"
+
+    def write_builder(self) -> None:
+        """The scripts that peers run to connect to contract servers."""
+        scripts = self.directory.builder / "bin"
+        make_private(scripts)
+        module = Path(builder.__file__).absolute()
+        for name in ("detect", "build", "release"):
+            command = shlex.join([sys.executable, "-I", "-S", str(module), name])
+            write_atomic(scripts / name, f'#!/bin/sh\nexec {command} "$@"\n'.encode(), _EXECUTABLE)
+
+    def components(self) -> Iterator[str]:
+        """Every component that may run, in the order in which they are started."""
+        for msp_id in self.msp_ids:
+            yield f"{msp_id}.ca"
+        for member in (*self.orderers, *self.peers):
+            yield member.component
+        for msp_id in self.endorsers:
+            for slot in ("a", "b"):
+                yield contract_component(msp_id, slot)
+
+
+def contract_component(msp_id: str, slot: str) -> str:
+    """The name of an organisation's contract server."""
+    return f"{msp_id}.{CONTRACT}-{slot}"
+
+
+def _write_yaml(path: Path, document: dict[str, object]) -> None:
+    text: str = yaml.safe_dump(document, sort_keys=False)
+    write_atomic(path, text.encode(), PUBLIC)
