@@ -30,6 +30,7 @@ from wonderland.proofs import encoding, keys
 from wonderland.proofs.encoding import from_base64url
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Session
+from wonderland.proofs.transcript import transcript_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -65,6 +66,11 @@ class AgentError(Exception):
 
 class PadLedger(SessionLedger, PrekeyLedger, ReconcileLedger, Protocol):
     """The ledger as a pad uses it (``wonderland.ledger.proof_contract.ProofContract``)."""
+
+    @property
+    def channel(self) -> str:
+        """Name of the ledger's channel."""
+        ...
 
     async def read_pad(self, pad_id: str) -> Pad:
         """This pad, with its commissioning."""
@@ -288,6 +294,11 @@ class PadAgent:
         if current.state != "requested" or commissioning is None:
             self._reconciler.add(session.session_id, "commissioning_changed")
             return
+        digest = transcript_of(current, self._ledger.channel).digest()
+        if digest.hex() != current.transcript_sha256:
+            _log.error("session %.12s: the ledger's transcript is not the one that follows from it", session.session_id)
+            self._reconciler.add(session.session_id, "transcript_mismatch")
+            return
         private_key = await self._prekeys.take(session.prekey_id)
         if private_key is None:
             self._reconciler.add(session.session_id, "prekey_lost")
@@ -295,7 +306,7 @@ class PadAgent:
         if current.pad.certificate_sha256 != self._identity.certificate_sha256:
             _log.info("session %.12s: its prekey was published with another certificate", session.session_id)
         secret = keys.shared_secret(private_key, from_base64url(current.uav_key))
-        session_keys = keys.derive(secret, bytes.fromhex(current.transcript_sha256))
+        session_keys = keys.derive(secret, digest)
         uav_id = current.uav_id
         machine = PadSession(
             current,

@@ -30,6 +30,7 @@ from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.pads import Commissioning, Prekey
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.records.verdicts import Verdict
+from wonderland.proofs.transcript import transcript_of
 
 _log = logging.getLogger(__name__)
 
@@ -113,7 +114,7 @@ class UavAgent:
         commissioning = await self._commissioning(pad_id)
         session, session_keys = await self._request(pad_id, action)
         _log.info("%s asks %s to %s: session %.12s", self.uav_id, pad_id, action, session.session_id)
-        mismatch = _mismatch(session, commissioning, self._identity)
+        mismatch = _mismatch(session, commissioning, self._identity, self._ledger.channel)
         if mismatch:
             await self._ledger.cancel(session.session_id, "session_mismatch", mismatch)
             raise UavAgentError("session_mismatch", f"the session on the ledger is not the one asked for: {mismatch}")
@@ -193,7 +194,7 @@ class UavAgent:
         raise AssertionError("unreachable: the last attempt returns or raises")
 
 
-def _mismatch(session: Session, commissioning: Commissioning, identity: Identity) -> str:
+def _mismatch(session: Session, commissioning: Commissioning, identity: Identity, channel: str) -> str:
     """Why this is not the session that was asked for; empty where it is."""
     try:
         if encoding.digest(commissioning.to_json()).hex() != session.commissioning_sha256:
@@ -202,4 +203,6 @@ def _mismatch(session: Session, commissioning: Commissioning, identity: Identity
         return str(error)
     if session.uav.certificate_sha256 != identity.certificate_sha256:
         return "it names another certificate than this drone's"
+    if transcript_of(session, channel).digest().hex() != session.transcript_sha256:
+        return "its transcript is not the one that follows from it"
     return ""

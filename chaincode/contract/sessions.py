@@ -75,12 +75,13 @@ async def request(call: Call, argument: tx.RequestProof) -> Answer:
             public_key=encoding.to_base64url(who.public_key),
         ),
         commissioning_sha256=digest,
+        contract_version=call.version,
         transcript_sha256="",
         policy=policy,
         requested_ms=now_ms,
         expires_ms=now_ms + policy.session_ttl_ms,
     )
-    transcript = transcript_of(session, call.stub.channel, call.version)
+    transcript = transcript_of(session, call.stub.channel)
     session = replace(session, transcript_sha256=transcript.digest().hex())
     await call.store(keys.composite(keys.SESSION, session.session_id), session)
     await call.stub.delete(prekey_key)

@@ -25,6 +25,8 @@ RETRY_FIRST_S: Final = 0.2
 RETRY_MAX_S: Final = 3.0
 CANCEL_PATIENCE_S: Final = 10.0
 """How long a session waits for its cancellation; after that the agent sees to it later."""
+_ALREADY_DECIDED: Final = frozenset({"SESSION_DECIDED", "SESSION_COMPLETED"})
+"""An earlier SubmitProof went through though its answer was lost; the drone may have acted on it since."""
 _EXPIRED_GRACE_MS: Final = 2_000
 
 
@@ -192,7 +194,7 @@ class SessionRunner:
                 return
 
     async def _refused(self, error: RefusedError) -> None:
-        if error.code == "SESSION_DECIDED" and await self._adopt():
+        if error.code in _ALREADY_DECIDED and await self._adopt():
             return
         self.deliver(on.SubmitRefused(_machine_word(error.code), error.text))
 

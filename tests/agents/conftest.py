@@ -376,12 +376,13 @@ class Duo:
                 public_key=encoding.to_base64url(keys.public_bytes(self.uav_key)),
             ),
             commissioning_sha256=encoding.digest(self.commissioning.to_json()).hex(),
+            contract_version="1",
             transcript_sha256="",
             policy=policy or Policy(),
             requested_ms=self.now_ms,
             expires_ms=self.now_ms + (policy or Policy()).session_ttl_ms,
         )
-        digest = transcript_of(blank, "wonderland", "1").digest()
+        digest = transcript_of(blank, "wonderland").digest()
         self.session = replace(blank, transcript_sha256=digest.hex())
         secret = keys.shared_secret(pad_secret, encoding.from_base64url(blank.uav_key))
         derived = keys.derive(secret, digest)

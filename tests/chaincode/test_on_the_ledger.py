@@ -94,7 +94,7 @@ async def test_a_proof_from_request_to_landing(ledger, client, scene):
     assert session["uav"]["public_key"] == encoding.to_base64url(identity.public_key_bytes)
     pad_certificate = ledger.connection.identity("pad").certificate_sha256
     assert session["pad"] == {"msp_id": "PadMSP", "certificate_sha256": pad_certificate}
-    digest = transcript_of(Session.parse(session), ledger.connection.channel, load_contract("pol").version).digest()
+    digest = transcript_of(Session.parse(session), ledger.connection.channel).digest()
     assert session["transcript_sha256"] == digest.hex()
     listed = await client.query("uav", "ListPrekeys", pad_id="pad-1")
     assert [key["prekey_id"] for key in listed["prekeys"]] == ["k0", "k2"]

@@ -41,7 +41,7 @@ def test_a_key_off_the_curve_is_refused(bad):
 
 def test_transcript_and_statement_change_with_each_thing_they_bind(world):
     session = world.session(world.claim((3000, 4000, 3000), 1_800_000_000_000))
-    digests = {transcript_of(session, "wonderland", "1").digest()}
+    digests = {transcript_of(session, "wonderland").digest()}
     for change in (
         {"pad_id": "pad-2"},
         {"uav_id": "x"},
@@ -51,9 +51,9 @@ def test_transcript_and_statement_change_with_each_thing_they_bind(world):
         {"session_id": "1" * 64},
         {"commissioning_sha256": "2" * 64},
     ):
-        digests.add(transcript_of(dataclasses.replace(session, **change), "wonderland", "1").digest())
-    digests.add(transcript_of(session, "other", "1").digest())
-    digests.add(transcript_of(session, "wonderland", "2").digest())
+        digests.add(transcript_of(dataclasses.replace(session, **change), "wonderland").digest())
+    digests.add(transcript_of(session, "other").digest())
+    digests.add(transcript_of(dataclasses.replace(session, contract_version="2"), "wonderland").digest())
     assert len(digests) == 10
 
     evidence = world.evidence(lambda t: (3000, 4000, 3000), lambda t: (3000, 4000, 3000), rounds=5)

@@ -93,6 +93,7 @@ class World:
             pad=party,
             uav=party,
             commissioning_sha256="0" * 64,
+            contract_version="1.0",
             transcript_sha256="0" * 64,
             policy=Policy(**policy),
             requested_ms=START_MS,

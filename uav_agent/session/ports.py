@@ -36,6 +36,11 @@ class Radio(Protocol):
 class UavLedger(Protocol):
     """The ledger (``wonderland.ledger.proof_contract.ProofContract``); raises RefusedError and AwayError."""
 
+    @property
+    def channel(self) -> str:
+        """Name of the ledger's channel."""
+        ...
+
     async def request_proof(self, argument: tx.RequestProof) -> tuple[Session, Committed]:
         """Opens a session."""
         ...

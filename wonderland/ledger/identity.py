@@ -133,7 +133,7 @@ class Identity:
     def _subject(self, oid: x509.ObjectIdentifier) -> list[str]:
         try:
             values = [attribute.value for attribute in self.certificate.subject.get_attributes_for_oid(oid)]
-        except ValueError as cause:
+        except (ValueError, KeyError) as cause:  # KeyError: string types that cryptography does not know
             raise IdentityError(f"{self.msp_id}: the certificate's subject cannot be read ({cause})") from cause
         return [value for value in values if isinstance(value, str)]
 

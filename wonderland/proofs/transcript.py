@@ -58,14 +58,14 @@ class Transcript(Record):
         return encoding.digest(self.to_json())
 
 
-def transcript_of(session: Session, channel: str, contract_version: str, *, contract: str = "pol") -> Transcript:
+def transcript_of(session: Session, channel: str, *, contract: str = "pol") -> Transcript:
     """The transcript of a session as the ledger holds it; its own ``transcript_sha256`` takes no part."""
     return Transcript(
         protocol=PROTOCOL,
         suite=SUITE,
         channel=channel,
         contract=contract,
-        contract_version=contract_version,
+        contract_version=session.contract_version,
         request_tx=session.session_id,
         pad_id=session.pad_id,
         uav_id=session.uav_id,

@@ -148,6 +148,9 @@ class Session(Record):
     pad: Party
     uav: Party
     commissioning_sha256: Sha256Hex
+    contract_version: Annotated[
+        str, Text(32, r"[0-9A-Za-z.+-]+", "Version of the contract that took the request", min_length=1)
+    ]
     transcript_sha256: Sha256Hex
     policy: Policy
     requested_ms: TimeMs
