@@ -59,7 +59,7 @@ def require_installed(agreement: Agreement, contract: InstalledContract) -> None
     """Raise `ContractDiffersError` unless the installed contract is the agreed one: no organisation runs another."""
     if not agreement.fits(contract):
         raise ContractDiffersError(
-            f"the organisations agreed on version {agreement.version} of the contract (source {agreement.sha256[:12]}); "
-            f"installed here is version {contract.version} (source {contract.sha256[:12]}…). Next: install the "
+            f"the organisations agreed on contract version {agreement.version} (source {agreement.sha256[:12]}); "
+            f"installed here is {contract.version} (source {contract.sha256[:12]}). Next: install the "
             "agreed version, or agree on this one by `wonderland network upgrade`"
         )

@@ -130,6 +130,7 @@ class NetworkDirectory:
         self.block_file: Final = self.path / "channel.block"
         self.contract_file: Final = self.path / "contract.json"
         self.connection_file: Final = self.path / FILE_NAME
+        self.lock_file: Final = self.path / "network.lock"
         self.builder: Final = self.path / "builder"
         self.run: Final = self.path / "run"
         self.logs: Final = self.path / "logs"
@@ -157,7 +158,7 @@ class NetworkDirectory:
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
         """Hold the network for one command that changes it. Raises `DirectoryStateError` when another one does."""
-        path = self.path / "network.lock"
+        path = self.lock_file
         try:
             handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         except OSError as cause:

@@ -15,8 +15,10 @@ import yaml
 
 from wonderland.ledger.files import PUBLIC, write_atomic
 from wonderland.ledger.network import builder, ports, settings
+from wonderland.ledger.network.agreement import load_agreement
 from wonderland.ledger.network.authorities import Authority
 from wonderland.ledger.network.certificates import make_private, signing_identity
+from wonderland.ledger.network.contract import SLOTS
 from wonderland.ledger.network.errors import DirectoryStateError
 from wonderland.ledger.network.genesis import Consenter
 from wonderland.ledger.network.layout import MSP_ADMIN, NetworkDirectory, NodeDirectory
@@ -210,7 +212,7 @@ class Network:
             "FABRIC_CFG_PATH": str(node.path),
             "FABRIC_LOGGING_SPEC": "info",
             settings.BUILDER_VARIABLE: settings.builder_configuration(
-                [self.contract_address(member.msp_id, slot) for slot in ("a", "b")],
+                [self.contract_address(member.msp_id, slot) for slot in SLOTS],
                 node.tls.certificate.read_bytes(),
                 node.tls.key.read_bytes(),
                 node.tls_root.read_bytes(),
@@ -254,15 +256,35 @@ class Network:
             command = shlex.join([sys.executable, "-I", "-S", str(module), name])
             write_atomic(scripts / name, f'#!/bin/sh\nexec {command} "$@"\n'.encode(), _EXECUTABLE)
 
-    def components(self) -> Iterator[str]:
-        """Every component that may run, in the order in which they are started."""
+    def ca_address(self, msp_id: str) -> str:
+        """``host:port`` of an organisation's CA."""
+        return f"{self.description.host}:{self.ports[f'{msp_id}/ca/listen']}"
+
+    def running_contract_servers(self) -> dict[str, str]:
+        """Address by component: those that run, and of an organisation where none does the one that should."""
+        agreement = load_agreement(self.directory.contract_file)
+        agreed = agreement.slot if agreement else SLOTS[0]
+        return {
+            contract_component(msp_id, slot): self.contract_address(msp_id, slot)
+            for msp_id in self.endorsers
+            for slot in SLOTS
+            if slot == agreed or self.processes.pid(contract_component(msp_id, slot)) is not None
+        }
+
+    def certificate_files(self) -> Iterator[tuple[str, Path]]:
+        """Owner and file of every certificate that this network has."""
         for msp_id in self.msp_ids:
-            yield f"{msp_id}.ca"
+            organisation = self.directory.organisation(msp_id)
+            yield f"{msp_id} root", organisation.root
+            yield f"{msp_id} TLS root", organisation.tls_root
+            for file in sorted(organisation.identity("x").certificate.parent.glob("*.pem")):
+                yield f"{msp_id}/{file.stem}", file
+            if msp_id in self.endorsers:
+                yield f"{msp_id}/{CONTRACT} TLS", organisation.node(CONTRACT).tls.certificate
         for member in (*self.orderers, *self.peers):
-            yield member.component
-        for msp_id in self.endorsers:
-            for slot in ("a", "b"):
-                yield contract_component(msp_id, slot)
+            node = self.node(member)
+            yield f"{member.msp_id}/{member.name}", node.identity.certificate
+            yield f"{member.msp_id}/{member.name} TLS", node.tls.certificate
 
 
 def contract_component(msp_id: str, slot: str) -> str:

@@ -1,0 +1,261 @@
+"""``wonderland network``: a real Hyperledger Fabric network on this machine, from one description."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from wonderland.ledger.embedded.organisations import ROLES
+from wonderland.ledger.errors import LedgerError
+from wonderland.ledger.network import binaries as servers
+from wonderland.ledger.network import bringing_up, enrolment, taking_down
+from wonderland.ledger.network.description import NetworkDescription
+from wonderland.ledger.network.layout import NetworkDirectory
+from wonderland.ledger.network.status import NetworkStatus, network_status
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from wonderland.ledger.network.bringing_up import Report
+    from wonderland.ledger.network.network import Network
+
+DEFAULT_DIRECTORY: Final = "wonderland-network"
+_FOLLOW_S: Final = 0.3
+
+_dir = click.option(
+    "--dir",
+    "directory",
+    default=DEFAULT_DIRECTORY,
+    show_default=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="The network's directory.",
+)
+_json = click.option("--json", "as_json", is_flag=True, help="Answer with one JSON document.")
+
+
+class _Group(click.Group):
+    """Every error of the network's own ends as its text and exit code 1, never as a stack trace."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except LedgerError as error:
+            raise click.ClickException(str(error)) from error
+
+
+@click.group(cls=_Group)
+def network() -> None:
+    """Run a Hyperledger Fabric network on this machine.
+
+    \b
+    A first try (peer, orderer and fabric-ca-server in FABRIC_BIN or on PATH):
+      wonderland network up
+      wonderland network status
+      wonderland network enrol pad-7 --role pad
+      wonderland network down
+
+    Clients take DIR/connection.json, or one organisation's own. docs/operate/network.md tells the rest.
+    """  # noqa: D301 - \b is click's mark for "do not wrap"
+
+
+@network.command()
+@_dir
+@click.option(
+    "--file",
+    "file",
+    type=click.Path(dir_okay=False, exists=True, path_type=Path),
+    help="The description, network.yaml; without it: three organisations with one peer each.",
+)
+@click.option("--consensus", type=click.Choice(["raft", "bft"]), help="How the orderers agree (first time).")
+@click.option("--orderers", type=click.IntRange(1, 20), help="How many orderers (first time).")
+@_json
+def up(*, directory: Path, file: Path | None, consensus: str | None, orderers: int | None, as_json: bool) -> None:
+    """Bring the network up, from nothing or from wherever it stopped. It goes on running when this command ends."""
+    begin = time.monotonic()
+    description = NetworkDescription.load(file) if file else None
+    if consensus or orderers:
+        description = (description or NetworkDescription()).with_ordering(consensus, orderers)
+    places = NetworkDirectory(directory)
+    places.prepare()
+    with places.lock(), _progress(quiet=as_json) as report:
+        made = bringing_up.new_network(places, description)
+
+        async def run() -> None:
+            await bringing_up.bring_up(made, await servers.check(), report)
+
+        asyncio.run(run())
+    seconds = time.monotonic() - begin
+    if as_json:
+        click.echo(
+            json.dumps(
+                {
+                    "ready": True,
+                    "connection": str(places.connection_file),
+                    "connections": {
+                        each.msp_id: str(places.organisation(each.msp_id).connection_file)
+                        for each in made.organisations
+                    },
+                    "channel": made.channel,
+                    "chaincode": made.description.contract.name,
+                    "seconds": round(seconds, 2),
+                }
+            )
+        )
+        return
+    click.echo(
+        f"\nnetwork  up after {seconds:.1f} s: channel {made.channel}, contract {made.description.contract.name}"
+    )
+    click.echo(f"connect  {places.connection_file}")
+    click.echo("`wonderland network down` stops it.")
+
+
+@network.command()
+@_dir
+@_json
+def status(*, directory: Path, as_json: bool) -> None:
+    """Say what runs, how high the chain is, who leads, which contract, and which certificates end soon.
+
+    Exit code 0 when everything runs and answers, 3 otherwise.
+    """
+    found = asyncio.run(network_status(_open(directory)))
+    if as_json:
+        click.echo(json.dumps(found.as_json()))
+    else:
+        _show(found)
+    if not found.healthy:
+        sys.exit(3)
+
+
+@network.command()
+@click.argument("component", required=False)
+@_dir
+@click.option("-n", "--lines", default=20, show_default=True, type=click.IntRange(1, 100_000), help="How many lines.")
+@click.option("-f", "--follow", is_flag=True, help="Go on showing what is added (one component).")
+def logs(*, component: str | None, directory: Path, lines: int, follow: bool) -> None:
+    """Show the end of what COMPONENT wrote (PadMSP.peer0, OrdererMSP.orderer0, PadMSP.ca, …), or of all."""
+    processes = _open(directory).processes
+    names = processes.names()
+    if component is None:
+        for name in names:
+            click.secho(f"{name}  {processes.log(name)}", bold=True)
+            click.echo(processes.tail(name, min(lines, 5)))
+        return
+    if component not in names:
+        raise click.ClickException(f"there is no component {component!r}; there are: {', '.join(names) or 'none yet'}")
+    click.echo(processes.tail(component, lines))
+    if follow:
+        with contextlib.suppress(KeyboardInterrupt):
+            _follow(processes.log(component))
+
+
+@network.command()
+@_dir
+def down(*, directory: Path) -> None:
+    """Stop everything. The ledgers stay; `up` goes on from there."""
+    made = _open(directory)
+    with made.directory.lock(), _progress() as report:
+        asyncio.run(taking_down.take_down(made, report))
+    click.echo("The network is down.")
+
+
+@network.command()
+@_dir
+@click.option("--yes", is_flag=True, help="Do not ask.")
+def destroy(*, directory: Path, yes: bool) -> None:
+    """Stop everything and remove it: keys, certificates and ledgers. This cannot be undone."""
+    made = _open(directory)
+    if not yes:
+        click.confirm(f"Remove all keys, certificates and ledgers in {made.directory.path}?", abort=True)
+    with made.directory.lock(), _progress() as report:
+        asyncio.run(taking_down.take_down(made, report))
+        taking_down.destroy(made)
+    click.echo(f"{made.directory.path} is gone.")
+
+
+@network.command()
+@click.argument("name")
+@_dir
+@click.option("--role", required=True, type=click.Choice(tuple(ROLES)), help="What it may do (pol.role).")
+@click.option("--id", "pol_id", default="", help="Registry id of the pad or drone (pol.id); the name unless given.")
+@click.option("--org", "msp_id", help="The organisation, where several of its kind give out the role.")
+@_json
+def enrol(*, name: str, directory: Path, role: str, pol_id: str, msp_id: str | None, as_json: bool) -> None:
+    """Give NAME a key and a certificate, and add it to the connection files."""
+    made = _open(directory)
+    request = enrolment.Request(name, role, pol_id or name, msp_id)
+    with made.directory.lock():
+        (enrolled,) = asyncio.run(enrolment.enrol(made, [request]))
+    if as_json:
+        click.echo(json.dumps(enrolled.as_json()))
+        return
+    click.echo(f"{name} of {enrolled.msp_id}, serial {enrolled.serial}, valid until {enrolled.valid_until}")
+    click.echo(f"certificate  {enrolled.certificate}")
+    click.echo(f"key          {enrolled.key}")
+
+
+def _open(directory: Path) -> Network:
+    return bringing_up.open_network(NetworkDirectory(directory))
+
+
+@contextlib.contextmanager
+def _progress(*, quiet: bool = False) -> Iterator[Report]:
+    """Lines as things get done, and on a terminal a spinner with what goes on."""
+    if quiet:
+        yield lambda _step, _text: None
+        return
+    console = Console(stderr=True)
+    begin = time.monotonic()
+    with console.status("…") as spinner:
+
+        def report(step: str, text: str) -> None:
+            console.print(f"[dim]{time.monotonic() - begin:5.1f} s[/dim]  {step:<13} {text}", highlight=False)
+            spinner.update(f"{step} …")
+
+        yield report
+
+
+def _show(found: NetworkStatus) -> None:
+    console = Console()
+    table = Table("component", "process", "address", "height", "state", box=None, pad_edge=False)
+    for each in found.components:
+        state = each.trouble or " ".join(
+            part for part in (each.state, "leader" if each.leader else "", each.contract or "") if part
+        )
+        table.add_row(
+            each.name,
+            "[red]down[/red]" if each.pid is None else str(each.pid),
+            each.address,
+            "" if each.height is None else str(each.height),
+            f"[red]{state}[/red]" if each.trouble else state,
+        )
+    console.print(f"channel {found.channel}, {found.consensus}", highlight=False)
+    console.print(table)
+    soon = [each for each in found.certificates if each.soon]
+    if soon:
+        console.print("\n[yellow]These certificates end soon; `wonderland network renew`:[/yellow]")
+        for one in soon:
+            console.print(f"  {one.owner:<32} {one.expires}  ({one.days_left} days)", highlight=False)
+    elif found.certificates:
+        first = found.certificates[0]
+        console.print(f"\ncertificates: the first to end is {first.owner}'s, {first.expires}", highlight=False)
+
+
+def _follow(log: Path) -> None:
+    with log.open("rb") as file:
+        file.seek(0, os.SEEK_END)
+        while True:
+            data = file.read(1 << 16)
+            if data:
+                click.echo(data.decode(errors="replace"), nl=False)
+            else:
+                time.sleep(_FOLLOW_S)

@@ -1,0 +1,161 @@
+"""How a network does: what runs, how high its chain is, who leads, which contract, and which certificates end soon."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime as dt
+import re
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import httpx
+
+from wonderland.ledger.errors import LedgerError
+from wonderland.ledger.network import certificates
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from wonderland.ledger.network.network import Member, Network
+
+TIMEOUT_S: Final = 5.0
+SOON: Final = dt.timedelta(days=30)
+"""A certificate with less time left is worth renewing now."""
+_MAX_METRICS_BYTES: Final = 4 << 20
+_LEADER: Final = re.compile(r'^consensus_\w+_is_leader\{[^}]*channel="([^"]+)"[^}]*\} (\d)', re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class ComponentStatus:
+    """A process. `pid` None when it does not run; `height` and the rest None where they do not apply or are unknown."""
+
+    name: str
+    kind: str
+    pid: int | None
+    address: str = ""
+    height: int | None = None
+    state: str = ""
+    leader: bool | None = None
+    contract: str | None = None
+    trouble: str = ""
+
+
+@dataclass(frozen=True)
+class CertificateStatus:
+    """A certificate of this network and how long it holds."""
+
+    owner: str
+    path: str
+    expires: str
+    days_left: int
+
+    @property
+    def soon(self) -> bool:
+        """Whether it is worth renewing now."""
+        return self.days_left < SOON.days
+
+
+@dataclass(frozen=True)
+class NetworkStatus:
+    """All of it."""
+
+    channel: str
+    consensus: str
+    components: tuple[ComponentStatus, ...]
+    certificates: tuple[CertificateStatus, ...]
+
+    @property
+    def healthy(self) -> bool:
+        """Whether everything runs and answers."""
+        return all(each.pid is not None and not each.trouble for each in self.components)
+
+    def as_json(self) -> dict[str, Any]:
+        """JSON values."""
+        return {"healthy": self.healthy, **asdict(self)}
+
+
+async def network_status(network: Network) -> NetworkStatus:
+    """Ask every component that runs. Whatever does not answer is said to be in trouble, not raised."""
+    async with asyncio.TaskGroup() as group:
+        asked = [
+            *(group.create_task(_orderer(network, member)) for member in network.orderers),
+            *(group.create_task(_peer(network, member)) for member in network.peers),
+        ]
+    running = network.running_contract_servers()
+    return NetworkStatus(
+        channel=network.channel,
+        consensus=network.description.ordering.consensus,
+        components=(
+            *(
+                ComponentStatus(f"{msp_id}.ca", "ca", network.processes.pid(f"{msp_id}.ca"), network.ca_address(msp_id))
+                for msp_id in network.msp_ids
+            ),
+            *(task.result() for task in asked),
+            *(
+                ComponentStatus(name, "contract", network.processes.pid(name), address)
+                for name, address in running.items()
+            ),
+        ),
+        certificates=tuple(sorted(_certificates(network), key=lambda each: each.days_left)),
+    )
+
+
+async def _orderer(network: Network, member: Member) -> ComponentStatus:
+    pid = network.processes.pid(member.component)
+    address = network.address(member)
+    if pid is None:
+        return ComponentStatus(member.component, "orderer", None, address)
+    try:
+        async with asyncio.timeout(TIMEOUT_S), network.orderer_admin(member) as admin:
+            part = await admin.status(network.channel)
+    except (LedgerError, TimeoutError) as error:
+        return ComponentStatus(member.component, "orderer", pid, address, trouble=str(error) or "no answer")
+    if part is None:
+        return ComponentStatus(
+            member.component, "orderer", pid, address, trouble=f"has not joined {network.channel}; run `up` again"
+        )
+    leader = await _is_leader(network.address(member, "operations"), network.channel)
+    return ComponentStatus(
+        member.component, "orderer", pid, address, part.height, f"{part.status} {part.relation}".strip(), leader
+    )
+
+
+async def _is_leader(operations: str, channel: str) -> bool | None:
+    """What the orderer's metrics say; None when they do not."""
+    try:
+        async with httpx.AsyncClient(timeout=TIMEOUT_S, trust_env=False) as http:
+            response = await http.get(f"http://{operations}/metrics")
+    except httpx.HTTPError:
+        return None
+    found = dict(_LEADER.findall(response.text[:_MAX_METRICS_BYTES]))
+    return found[channel] == "1" if channel in found else None
+
+
+async def _peer(network: Network, member: Member) -> ComponentStatus:
+    pid = network.processes.pid(member.component)
+    address = network.address(member)
+    if pid is None:
+        return ComponentStatus(member.component, "peer", None, address)
+    try:
+        async with asyncio.timeout(TIMEOUT_S), network.peer_admin(member) as peer:
+            height = await peer.height(network.channel)
+            definition = await peer.definition(network.channel, network.description.contract.name)
+    except (LedgerError, TimeoutError) as error:
+        return ComponentStatus(member.component, "peer", pid, address, trouble=str(error) or "no answer")
+    contract = None if definition is None else f"{definition.version} (sequence {definition.sequence})"
+    return ComponentStatus(member.component, "peer", pid, address, height, contract=contract)
+
+
+def _certificates(network: Network) -> Iterator[CertificateStatus]:
+    now = network.now()
+    for owner, path in network.certificate_files():
+        try:
+            end = certificates.load(path).not_valid_after_utc
+        except LedgerError:
+            continue
+        yield CertificateStatus(owner, _relative(path, network), f"{end:%Y-%m-%dT%H:%M:%SZ}", (end - now).days)
+
+
+def _relative(path: Path, network: Network) -> str:
+    return str(path.relative_to(network.directory.path))
