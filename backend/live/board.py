@@ -124,6 +124,7 @@ class Board:
         evidence = {key[0]: row["steps"] for key, row in changes.upserts.get(EvidenceRow, {}).items()}
         for row in changes.session_writes:
             self._put_session(row, decided.get(row["session_id"]), evidence.get(row["session_id"]))
+        self._forget_sessions()
         for row in changes.verdict_writes:
             shown = record(row["record"], tx_id=row["tx_id"], block=row["block"], tx_index=row["tx_index"])
             self._verdicts.append(shown)
@@ -258,7 +259,6 @@ class Board:
                     verdict[name] for name in ("outcome", "permission", "rounds")
                 )
         self._changed_sessions.append(view.to_json())
-        self._forget_sessions()
 
     def _forget_sessions(self) -> None:
         """Keep the recent ones, and of the older ones those that are not over, as long as they can still go on."""
