@@ -22,7 +22,7 @@ from wonderland.proofs.errors import EncodingError
 MAX_INTEGER: Final = 2**53 - 1
 MAX_BYTES: Final = 1 << 20
 MAX_DEPTH: Final = 32
-"""Deeper nesting than any record needs; keeps a hostile text from exhausting the stack."""
+"""Deeper nesting than any record needs. What is deeper still stops Python's parser before it exhausts the stack."""
 
 Json = dict[str, "Json"] | list["Json"] | str | int | bool
 
@@ -44,7 +44,6 @@ def decode(data: bytes | str, *, max_bytes: int = MAX_BYTES) -> Any:
             data = data.decode("utf-8")
         except UnicodeDecodeError as error:
             raise EncodingError(f"not UTF-8 at byte {error.start}") from None
-    _refuse_deep(data)
     # A call for each integer is only made where one might be -0, which its value would not show any more.
     parse_int = _integer if "-0" in data else None
     try:
@@ -53,6 +52,8 @@ def decode(data: bytes | str, *, max_bytes: int = MAX_BYTES) -> Any:
         )
     except json.JSONDecodeError as error:
         raise EncodingError(f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}") from None
+    except RecursionError:
+        raise EncodingError(f"nested deeper than {MAX_DEPTH}") from None
     except ValueError:  # more digits than Python converts
         raise EncodingError("an integer is beyond ±(2^53 - 1)") from None
     return _checked(value, 0)
@@ -173,27 +174,3 @@ def _integer(text: str) -> int:
     if text == "-0":
         raise EncodingError("-0 is not canonical: write 0")
     return int(text)
-
-
-def _refuse_deep(text: str) -> None:
-    """Refuse a text that could nest too deep before the parser recurses into it."""
-    if text.count("[") + text.count("{") <= MAX_DEPTH:
-        return
-    depth = 0
-    in_string = escaped = False
-    for character in text:
-        if in_string:
-            if escaped:
-                escaped = False
-            elif character == "\\":
-                escaped = True
-            elif character == '"':
-                in_string = False
-        elif character == '"':
-            in_string = True
-        elif character in "[{":
-            depth += 1
-            if depth > MAX_DEPTH:
-                raise EncodingError(f"nested deeper than {MAX_DEPTH}")
-        elif character in "]}":
-            depth -= 1
