@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 from fabric_protos.peer import chaincode_pb2
 from fabric_protos.peer import chaincode_shim_pb2 as shim
 
-from chaincode.service.errors import PeerRefusedError, StreamProtocolError, UnavailableError
+from chaincode.service.errors import ContractFaultError, PeerRefusedError, StreamProtocolError, UnavailableError
 from chaincode.service.invocation import failed, invoke
 from chaincode.service.stub import DEFAULT_BATCH_COUNT, Batching
 from wonderland.ledger.protobuf import decode
@@ -70,21 +70,19 @@ class PeerStream:
         """Register with the peer and run its transactions. Raises `StreamProtocolError` for a peer that is none."""
         writing = asyncio.create_task(self._write_all(), name=f"write to {self.peer}")
         reading = asyncio.create_task(self._read_all(), name=f"read from {self.peer}")
-        drained = asyncio.create_task(self._drained.wait())
-        tasks: tuple[asyncio.Task[Any], ...] = (reading, writing, drained)
+        drained: asyncio.Task[Any] = asyncio.create_task(self._drained.wait())
         try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            if not reading.done() and not writing.done():
-                self._outgoing.put_nowait(None)
-                await asyncio.wait((writing,), timeout=self._limits.answer_s)
-            for task in (reading, writing):
+            await asyncio.wait((reading, writing, drained), return_when=asyncio.FIRST_COMPLETED)
+            for task in (writing, reading):
                 if task.done():
                     task.result()
         finally:
             self.ready = False
-            for task in (*tasks, *self._running.values()):
+            ending = (reading, drained, *self._running.values())
+            for task in ending:
                 task.cancel()
-            await asyncio.gather(*tasks, *self._running.values(), return_exceptions=True)
+            await asyncio.gather(*ending, return_exceptions=True)
+            await self._end_writing(writing, flush=self._drained.is_set())
 
     def drain(self) -> None:
         """Take no more transactions, and end when those under way have their answers."""
@@ -99,6 +97,16 @@ class PeerStream:
     async def _write_all(self) -> None:
         while (message := await self._outgoing.get()) is not None:
             await self._write(message.SerializeToString())
+
+    async def _end_writing(self, writing: asyncio.Task[None], *, flush: bool) -> None:
+        """End the writer between two messages: a call with a write under way can be given no status any more."""
+        while not flush and not self._outgoing.empty():
+            self._outgoing.get_nowait()
+        self._outgoing.put_nowait(None)
+        try:
+            await asyncio.wait((writing,), timeout=self._limits.answer_s)
+        finally:
+            writing.cancel()
 
     def _send(self, message: Any) -> None:
         self._outgoing.put_nowait(message)
@@ -202,8 +210,9 @@ class PeerStream:
             self._end_if_drained()
 
     async def _ask(self, key: _Key, kind: int, body: bytes) -> bytes:
-        if key in self._asked:
-            raise StreamProtocolError("a second question while one is in flight; a peer would drop it")
+        if asyncio.current_task() is not self._running.get(key):
+            # It could come while another question is in flight, which a peer drops, or after the answer.
+            raise ContractFaultError("the contract uses its stub from a task of its own")
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[bytes] = loop.create_future()
         self._asked[key] = answer

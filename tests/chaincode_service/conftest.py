@@ -110,7 +110,12 @@ def certificate(person):
             ]
         )
         builder = x509.CertificateBuilder(
-            name, name, key.public_key(), person.number, dt.datetime(2026, 1, 1), dt.datetime(2040, 1, 1)
+            name,
+            name,
+            key.public_key(),
+            person.number,
+            dt.datetime(2026, 1, 1, tzinfo=dt.UTC),
+            dt.datetime(2040, 1, 1, tzinfo=dt.UTC),
         ).add_extension(
             x509.UnrecognizedExtension(ATTRIBUTES_OID, encode_attributes(dict(person.attributes))), critical=False
         )
@@ -265,11 +270,14 @@ class FakePeer:
         self.keepalives = 0
         self.refuse = ""
         self.mute = False
+        self.garbage = b""
         self.tasks: set[asyncio.Task[None]] = set()
         self.reader: asyncio.Task[None] | None = None
+        self.lock = asyncio.Lock()
 
     async def send(self, message):
-        await self.stream.write(message if isinstance(message, bytes) else message.SerializeToString())
+        async with self.lock:
+            await self.stream.write(message if isinstance(message, bytes) else message.SerializeToString())
 
     async def receive(self):
         data = await asyncio.wait_for(self.stream.read(), 10)
@@ -314,7 +322,7 @@ class FakePeer:
             simulation.calls.append(self.refuse)
             answer.type, answer.payload = M.ERROR, f"{self.refuse} failed: no ledger context".encode()
         else:
-            answer.payload = await simulation.answer(message)
+            answer.payload = self.garbage or await simulation.answer(message)
         self.busy.discard(key)
         if not self.mute:
             await self.send(answer)
@@ -345,6 +353,11 @@ class FakePeer:
 
     async def run(self, call, **change):
         return await self.end(call, await self.begin(call, **change))
+
+    async def run_message(self, call, message):
+        simulation = self.simulations[call.channel, call.tx_id] = Simulation(call, self.state, self.page)
+        await self.send(message)
+        return await self.end(call, simulation)
 
     async def close(self):
         await self.stream.done_writing()
