@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
-from wonderland.proofs.likelihood import Matrix2, distance_to_disc, inside_disc
+from wonderland.proofs.likelihood import Matrix2, distance_to_disc, distance_to_outside, inside_disc
 
 
 def covariance(s1, s2, angle):
@@ -59,3 +59,25 @@ def test_distance_to_the_disc_is_the_least_over_a_fine_circle(away, angle, s1, r
     dx, dy = east - 1000 * np.cos(angles), north - 1000 * np.sin(angles)
     least = math.sqrt(((c.nn * dx * dx - 2 * c.en * dx * dy + c.ee * dy * dy) / det).min())
     assert distance_to_disc(east, north, c, 1000.0) == pytest.approx(least, rel=2e-3, abs=5e-3)
+
+
+@given(st.floats(0, 0.99), st.floats(0, 6.3), st.floats(10, 4000), st.floats(0.05, 1))
+@settings(deadline=None, max_examples=60)
+def test_distance_to_the_outside_is_the_least_over_a_fine_circle(share, angle, s1, ratio):
+    c = covariance(s1, s1 * ratio, 0.7)
+    east, north = share * 1000 * math.cos(angle), share * 1000 * math.sin(angle)
+    det = c.ee * c.nn - c.en**2
+    angles = np.linspace(0, math.tau, 400_000)
+    dx, dy = east - 1000 * np.cos(angles), north - 1000 * np.sin(angles)
+    least = math.sqrt(((c.nn * dx * dx - 2 * c.en * dx * dy + c.ee * dy * dy) / det).min())
+    assert distance_to_outside(east, north, c, 1000.0) == pytest.approx(least, rel=2e-3, abs=5e-3)
+    assert distance_to_disc(east, north, c, 1000.0) == 0.0
+
+
+def test_an_estimate_on_the_minor_axis_has_two_nearest_points():
+    # 300 mm off centre across a long ellipse: the circle is nearest far along the major axis, not straight ahead.
+    across = distance_to_outside(0.0, 300.0, Matrix2(900.0**2, 0.0, 50.0**2), 1000.0)
+    least = min(
+        math.hypot(1000 * math.cos(a / 1e5) / 900, (1000 * math.sin(a / 1e5) - 300) / 50) for a in range(157_080)
+    )
+    assert across == pytest.approx(least, rel=1e-4)

@@ -34,7 +34,12 @@ _REACH: Final = 6.5
 """Standard deviations beyond which a normal distribution holds less than 1e-10."""
 _INVERSE_SQRT_2PI: Final = 0.3989422804014327
 _SMALLEST_RATIO: Final = 1e-6
-_CIRCLE_STEPS: Final = 64
+_HALVINGS: Final = 60
+_DOUBLINGS: Final = 200
+_NOT_QUITE_ZERO: Final = 1e-9
+"""An estimate exactly on the minor axis has two nearest points; this much off it has one, as far away."""
+LARGE_DISTANCE: Final = 1e9
+"""Distance, in standard deviations, of what is known exactly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,33 +126,61 @@ def inside_disc(east: float, north: float, covariance: Matrix2, radius: float) -
 
 
 def distance_to_disc(east: float, north: float, covariance: Matrix2, radius: float) -> float:
-    """Mahalanobis distance from the estimate to the nearest point of the disc; 0 inside it.
-
-    The circle is walked in 256 points and then finely about the nearest of them; what is left is below 0.1 %
-    (``tests/proofs/test_likelihood.py``).
-    """
+    """Mahalanobis distance from the estimate to the nearest point of the disc; 0 inside it."""
     if east * east + north * north <= radius * radius:
         return 0.0
-    determinant = covariance.ee * covariance.nn - covariance.en * covariance.en
-    if determinant <= 0.0:
+    return _distance_to_circle(east, north, covariance, radius)
+
+
+def distance_to_outside(east: float, north: float, covariance: Matrix2, radius: float) -> float:
+    """Mahalanobis distance from the estimate to the nearest point outside of the disc; 0 outside."""
+    if east * east + north * north >= radius * radius:
         return 0.0
+    return _distance_to_circle(east, north, covariance, radius)
 
-    def square(t: float, quarter: int) -> float:
-        q = 1.0 / (1.0 + t * t)
-        x, y = radius * (1.0 - t * t) * q, radius * 2.0 * t * q
-        for _ in range(quarter):
-            x, y = -y, x
-        dx, dy = east - x, north - y
-        return (covariance.nn * dx * dx - 2.0 * covariance.en * dx * dy + covariance.ee * dy * dy) / determinant
 
-    best, at, side = square(0.0, 0), 0.0, 0
-    for quarter in range(4):  # t in 0..1 is a quarter of the circle
-        for step in range(_CIRCLE_STEPS):
-            t = step / _CIRCLE_STEPS
-            value = square(t, quarter)
-            if value < best:
-                best, at, side = value, t, quarter
-    middle = at
-    for step in range(-_CIRCLE_STEPS, _CIRCLE_STEPS + 1):
-        best = min(best, square(middle + step / (_CIRCLE_STEPS * _CIRCLE_STEPS), side))
-    return sqrt(best) if best > 0.0 else 0.0
+def _distance_to_circle(east: float, north: float, covariance: Matrix2, radius: float) -> float:
+    """Least Mahalanobis distance to a point of the circle.
+
+    In the ellipse's axes the nearest point is x = m/(1 + λs²) with |x| = radius; |x| falls with λ, so that halving
+    finds λ: above zero for an estimate outside, between −1/s1² and zero for one inside.
+    """
+    axes = covariance.ellipse()
+    if axes.s1 <= 0.0:
+        return LARGE_DISTANCE
+    # All lengths in units of s1, so that one scale serves millimetres and kilometres.
+    scale = 1.0 / axes.s1
+    ratio = axes.s2 * scale
+    ratio2 = ratio * ratio
+    reach = radius * scale
+    major = max(abs(east * axes.east + north * axes.north) * scale, reach * _NOT_QUITE_ZERO)
+    minor = abs(north * axes.east - east * axes.north) * scale
+    square = reach * reach
+    outside = major * major + minor * minor > square
+    low, high = (1.0, 1.0) if outside else (0.0, 1.0)
+    if outside:
+        for _ in range(_DOUBLINGS):
+            high += high
+            if _beyond(major, minor, ratio2, high) <= square:
+                break
+            low = high
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if _beyond(major, minor, ratio2, middle) > square:
+            low = middle
+        else:
+            high = middle
+    mu = high  # 1 + λ·s1²
+    shrunk = 1.0 + (mu - 1.0) * ratio2
+    along = major - major / mu
+    across = (minor - minor / shrunk) / ratio
+    return sqrt(along * along + across * across)
+
+
+def _beyond(major: float, minor: float, ratio2: float, mu: float) -> float:
+    """|x|² of the candidate; infinite where its denominator vanishes."""
+    if mu <= 0.0:
+        return LARGE_DISTANCE * LARGE_DISTANCE
+    x = major / mu
+    y = minor / (1.0 + (mu - 1.0) * ratio2)
+    return x * x + y * y
