@@ -18,6 +18,13 @@ os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "0")
 @click.option("--json", "as_json", is_flag=True, help="One line of JSON for each verdict on standard output.")
 @click.option("--until", type=click.IntRange(0), default=0, metavar="N", help="Stop after N verdicts (0: never).")
 @click.option("--seed", type=int, default=1, show_default=True, help="Same seed, same noise.")
+@click.option(
+    "--ledger",
+    type=click.Choice(["embedded", "fabric"]),
+    default="embedded",
+    show_default=True,
+    help="fabric: a real network of three organisations; needs Fabric's servers in FABRIC_BIN or on PATH.",
+)
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the console; a free one unless given.")
 @click.option(
     "--data",
@@ -25,7 +32,9 @@ os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "0")
     type=click.Path(file_okay=False, path_type=Path),
     help="Keep ledger, database and logs here; a temporary directory unless given.",
 )
-def demo(*, headless: bool, as_json: bool, until: int, seed: int, port: int, directory: Path | None) -> None:
+def demo(
+    *, headless: bool, as_json: bool, until: int, seed: int, ledger: str, port: int, directory: Path | None
+) -> None:
     """Three landing pads, honest drones and liars, a ledger and a live map, all on this machine.
 
     Everything is real but the air: drones fly in a simulator, which speaks UCI on pseudo-terminals and broadcasts
@@ -38,7 +47,7 @@ def demo(*, headless: bool, as_json: bool, until: int, seed: int, port: int, dir
     """  # noqa: D301 - \b is click's mark for "do not wrap"
     from simulator.demo import DemoSettings, main  # noqa: PLC0415 - --help must not load the world
 
-    sys.exit(main(DemoSettings(headless or as_json, as_json, until, seed, port, directory)))
+    sys.exit(main(DemoSettings(headless or as_json, as_json, until, seed, port, directory, ledger)))
 
 
 @click.command()

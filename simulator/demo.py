@@ -37,6 +37,7 @@ class DemoSettings:
     seed: int = 1
     port: int = 0
     directory: Path | None = None
+    ledger: str = "embedded"
 
 
 def console_directory() -> Path | None:
@@ -85,13 +86,14 @@ async def _main(settings: DemoSettings, directory: Path, console: Console) -> in
     with console.status("Starting") as status:
         stage = Stage(
             directory,
-            StageSettings(PADS, DRONES, console=served, port=settings.port),
+            StageSettings(PADS, DRONES, console=served, port=settings.port, ledger=settings.ledger),
             say=lambda text: status.update(f"{text}…"),
         )
         await stage.__aenter__()
     try:
         url, token = stage.backend.ready["url"].rstrip("/"), stage.backend.ready["token"]
-        console.print(f"[yellow]{NOTICE}[/yellow]")
+        if settings.ledger == "embedded":
+            console.print(f"[yellow]{NOTICE}[/yellow]")
         if not settings.headless:
             console.print("\n  Open the live map:", style="bold")
             console.print(f"  {url}/#token={token}\n", soft_wrap=True, style="cyan")

@@ -13,12 +13,11 @@ from typing import Self
 
 from simulator.plan import Plan
 from simulator.scenario import DroneSpec, PadSite
+from simulator.stage.ledgers import EmbeddedStageLedger, FabricStageLedger, StageLedger
 from simulator.stage.processes import Process, Processes, free_ports
 from simulator.stage.registry import Registry
 from simulator.world import Ports, anchor_path
 from wonderland.ledger.connection import Connection
-from wonderland.ledger.embedded.administration import DirectoryAdministration
-from wonderland.ledger.embedded.directory import LedgerDirectory
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 
@@ -38,6 +37,8 @@ class StageSettings:
     drones: Sequence[DroneSpec]
     console: Path | None = None
     port: int = 0
+    ledger: str = "embedded"
+    """``embedded`` or ``fabric``."""
     policy: Callable[[PadSite], Policy] = default_policy
     commissioning: Callable[[PadSite], Commissioning] | None = None
 
@@ -50,9 +51,11 @@ class Stage:
     settings: StageSettings
     say: Progress = field(default=lambda _: None)
     connection: Connection = field(init=False)
+    connection_file: Path = field(init=False)
     ports: Ports = field(init=False)
     backend: Process = field(init=False)
     processes: Processes = field(init=False)
+    _ledger: StageLedger | None = field(init=False, default=None)
     _stack: AsyncExitStack = field(init=False, default_factory=AsyncExitStack)
 
     async def __aenter__(self) -> Self:
@@ -68,21 +71,14 @@ class Stage:
 
     async def _start(self) -> None:
         self.directory.mkdir(parents=True, exist_ok=True, mode=0o700)
+        self._stack.push_async_callback(self._stop_ledger)  # last of all: the others still talk to it
         self.processes = await self._stack.enter_async_context(Processes(self.directory))
         self.say("Starting the ledger")
-        home = self.directory / "ledger"
-        await self.processes.start(
-            "ledger", "ledger", "start", "--data", str(home), "--listen", "127.0.0.1:0", "--json"
-        )
-        self.say("Enrolling pads and drones")
-        administration = DirectoryAdministration(LedgerDirectory(home))
-        for pad in self.settings.pads:
-            administration.enrol(pad.pad_id, role="pad", pol_id=pad.pad_id, msp_id=None, days=30)
-        for drone in self.settings.drones:
-            administration.enrol(drone.uav_id, role="uav", pol_id=drone.uav_id, msp_id=None, days=30)
-        self.connection = Connection.load(home)
+        self._ledger = self._make_ledger()
+        self.connection_file = await self._ledger.start(self.settings.pads, self.settings.drones)
+        self.connection = Connection.load(self.connection_file)
         self.say("Starting the backend")
-        self.backend = await self._start_backend(home)
+        self.backend = await self._start_backend()
         self.say("Registering pads and drones on the ledger")
         now_ms = time.time_ns() // 1_000_000
         channel = self.connection.open_channel()
@@ -94,12 +90,21 @@ class Stage:
         await registry.drones(self.settings.drones, now_ms)
         self._choose_ports()
 
-    async def _start_backend(self, home: Path) -> Process:
+    async def _stop_ledger(self) -> None:
+        if self._ledger is not None:
+            await self._ledger.stop()
+
+    def _make_ledger(self) -> StageLedger:
+        if self.settings.ledger == "fabric":
+            return FabricStageLedger(self.directory / "network", self.say)
+        return EmbeddedStageLedger(self.directory / "ledger", self.processes)
+
+    async def _start_backend(self) -> Process:
         arguments = [
             "backend",
             "serve",
             "--connection",
-            str(home / "connection.json"),
+            str(self.connection_file),
             "--identity",
             "mirror",
             "--database",
@@ -127,7 +132,7 @@ class Stage:
         """The world, then the pads' agents, then the drones' agents."""
         plan = Plan(
             directory=self.directory,
-            connection=self.directory / "ledger" / "connection.json",
+            connection=self.connection_file,
             pads=tuple(self.settings.pads),
             drones=tuple(self.settings.drones),
             ports=self.ports,
@@ -158,7 +163,7 @@ class Stage:
         quoted = json.dumps  # TOML's basic strings are JSON's
         lines = [
             f"pad_id = {quoted(pad.pad_id)}",
-            f"connection = {quoted(str(self.directory / 'ledger' / 'connection.json'))}",
+            f"connection = {quoted(str(self.connection_file))}",
             f"identity = {quoted(pad.pad_id)}",
             'spool = "spool"',
         ]

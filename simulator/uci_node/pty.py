@@ -6,20 +6,43 @@ import asyncio
 import contextlib
 import os
 import tty
+from collections.abc import Callable
 from pathlib import Path
-from typing import Final
-
-from simulator.uci_node.node import VirtualNode
+from typing import Final, Protocol
 
 READ_OCTETS: Final = 65_536
 MAX_WAITING_OCTETS: Final = 16_384
 LINE_TIMEOUT_S: Final = 0.2
 
 
+class PortDevice(Protocol):
+    """The device side of a serial line, without I/O of its own."""
+
+    transmit: Callable[[bytes], None]
+    """Where it sends octets; the port sets it."""
+
+    @property
+    def desynchronised(self) -> bool:
+        """Whether it waits for octets that may never come; a pause on the line then ends that."""
+        ...
+
+    def power_on(self) -> None:
+        """It is plugged in."""
+
+    def power_off(self) -> None:
+        """It is unplugged and loses everything."""
+
+    def receive(self, data: bytes) -> None:
+        """Octets of the host."""
+
+    def resynchronise(self) -> None:
+        """The line was quiet."""
+
+
 class PtyPort:
     """Connects ``node`` to a pseudo-terminal, reachable at ``path`` (a symbolic link) while it is plugged in."""
 
-    def __init__(self, node: VirtualNode, path: Path) -> None:
+    def __init__(self, node: PortDevice, path: Path) -> None:
         self.node = node
         self.path = path
         self.octets_dropped = 0

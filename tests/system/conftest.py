@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import subprocess
@@ -56,3 +57,23 @@ def hyu() -> Path:
     if not directory.is_dir():
         pytest.skip("the recordings (../shared/data/hyu) are not here")
     return directory
+
+
+@pytest.fixture
+def fabric_servers():
+    """Skips with the reason where Fabric's servers are not here; they must leave nothing behind."""
+    from wonderland.ledger.errors import LedgerError
+    from wonderland.ledger.network import binaries
+
+    try:
+        asyncio.run(binaries.check())
+    except LedgerError as error:
+        pytest.skip(str(error))
+    before = set(psutil.pids())
+    yield
+    left = [
+        process.info["name"]
+        for process in psutil.process_iter(["pid", "name"])
+        if process.info["pid"] not in before and process.info["name"] in {"peer", "orderer", "fabric-ca-server"}
+    ]
+    assert not left

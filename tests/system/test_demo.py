@@ -18,10 +18,8 @@ EXPECTED = {
 }
 
 
-@pytest.mark.timeout(150)
-def test_eight_verdicts_honest_drones_verified_and_each_liar_not(wonderland, no_process_left):
-    code, lines, errors = wonderland("demo", "--headless", "--json", "--until", "8")
-    assert code == 0, errors
+def judge(lines):
+    """Honest drones verified and permitted, each liar not, for the reason that fits."""
     assert len(lines) == 8
     by_drone = {line["drone"]: line for line in lines}
     assert set(by_drone) == HONEST | set(EXPECTED)
@@ -38,7 +36,23 @@ def test_eight_verdicts_honest_drones_verified_and_each_liar_not(wonderland, no_
         assert reason in line["reasons"]
     assert by_drone["OH-DRN-0417"]["error_m"] == pytest.approx(4.2, abs=0.5)
     assert by_drone["OH-DRN-0640"]["broadcast_error_m"] == pytest.approx(30.4, abs=1.5)
+
+
+@pytest.mark.timeout(150)
+def test_eight_verdicts_honest_drones_verified_and_each_liar_not(wonderland, no_process_left):
+    code, lines, errors = wonderland("demo", "--headless", "--json", "--until", "8")
+    assert code == 0, errors
+    judge(lines)
     assert "no multi-party trust" in " ".join(errors.split())
+
+
+@pytest.mark.fabric
+@pytest.mark.timeout(180)
+def test_the_same_demo_on_a_real_fabric_network(wonderland, fabric_servers, no_process_left):
+    code, lines, errors = wonderland("demo", "--ledger", "fabric", "--headless", "--json", "--until", "8")
+    assert code == 0, errors
+    judge(lines)
+    assert "no multi-party trust" not in " ".join(errors.split())
 
 
 @pytest.mark.timeout(150)
