@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import subprocess
@@ -12,6 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+SERVERS = {"peer", "orderer", "fabric-ca-server"}
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 
 
@@ -69,11 +71,11 @@ def fabric_servers():
         asyncio.run(binaries.check())
     except LedgerError as error:
         pytest.skip(str(error))
-    before = set(psutil.pids())
     yield
-    left = [
-        process.info["name"]
-        for process in psutil.process_iter(["pid", "name"])
-        if process.info["pid"] not in before and process.info["name"] in {"peer", "orderer", "fabric-ca-server"}
-    ]
+    left = []
+    for process in psutil.process_iter(["name"]):
+        with contextlib.suppress(psutil.Error):
+            places = [*process.cmdline(), *process.environ().values()]
+            if process.info["name"] in SERVERS and any("wonderland-demo-" in place for place in places):
+                left.append(process.info["name"])
     assert not left
