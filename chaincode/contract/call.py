@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final, TypeVar
 
 from chaincode.contract.errors import BROKEN, ContractError
@@ -12,6 +13,8 @@ from wonderland.proofs.records.schema import Record
 
 MAX_STATE_BYTES: Final = 4 << 20
 """A stored asset is a little larger than the argument that brought it; what was stored must be readable."""
+MAX_REMEMBERED_BYTES: Final = 8_192
+"""Twice a pad with four anchors; what is remembered stays within a few megabytes."""
 
 R = TypeVar("R", bound=Record)
 
@@ -60,6 +63,17 @@ class Call:
 
 def stored(data: bytes, kind: type[R]) -> R:
     """A record as it stands in the state; raises ContractError (500) where this version cannot read it."""
+    record: R = _remembered(data, kind) if len(data) <= MAX_REMEMBERED_BYTES else _parsed(data, kind)
+    return record
+
+
+@lru_cache(maxsize=256)
+def _remembered(data: bytes, kind: Any) -> Any:
+    """The same bytes always give the same record, which nobody can change: a busy pad's survey is parsed once."""
+    return _parsed(data, kind)
+
+
+def _parsed(data: bytes, kind: type[R]) -> R:
     try:
         return kind.decode(data, max_bytes=MAX_STATE_BYTES)
     except ProofError as error:

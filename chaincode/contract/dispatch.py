@@ -50,6 +50,8 @@ class Contract:
 
     name: Final = "pol"
     version: Final = "1.0"
+    functions: Final = frozenset(HANDLERS)
+    """Names of its transactions and queries."""
 
     async def invoke(self, stub: Stub, function: str, args: list[bytes]) -> bytes:
         """Run one transaction or query; the result is canonical JSON. Raises ContractError, and writes nothing then.

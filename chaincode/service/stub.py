@@ -15,7 +15,7 @@ from fabric_protos.ledger.queryresult import kv_query_result_pb2
 from fabric_protos.peer import chaincode_shim_pb2 as shim
 
 from chaincode.service.errors import StreamProtocolError
-from wonderland.ledger.contract_rules import WriteBudget, check_event, check_key, check_value
+from wonderland.ledger.contract_rules import Budget, check_event, check_key, check_value
 from wonderland.ledger.embedded.proposals import timestamp_ms
 from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.protobuf import decode
@@ -66,7 +66,7 @@ class PeerStub:
     def __init__(self, facts: Facts, ask: Ask) -> None:
         self._facts = facts
         self._ask = ask
-        self._budget = WriteBudget()
+        self._budget = Budget()
         self._writes: dict[str, bytes | None] = {}
         self.event: tuple[str, bytes] | None = None
 
@@ -154,7 +154,7 @@ class _Pages(Generic[T]):
 
     __slots__ = ("_ask", "_budget", "_item", "_kind", "_more", "_page", "_query_id", "_question")
 
-    def __init__(self, ask: Ask, kind: int, question: bytes, item: Callable[[bytes], T], budget: WriteBudget) -> None:
+    def __init__(self, ask: Ask, kind: int, question: bytes, item: Callable[[bytes], T], budget: Budget) -> None:
         self._ask = ask
         self._kind = kind
         self._question = question

@@ -43,6 +43,13 @@ CALLS = [
     ("bad_key", "long"),
     ("bad_key", "bytes"),
     ("bad_value", "text"),
+    ("bad_value", "empty"),
+    ("bad_event", "empty"),
+    ("bad_event", "text"),
+    ("bad_event", "line"),
+    ("bad_event", "long"),
+    ("write_much",),
+    ("fill", "f", "10001"),
     ("bad_value", "long"),
     ("big_result",),
 ]

@@ -9,6 +9,7 @@ import stat
 import pytest
 from cryptography import x509
 
+from wonderland.ledger.addresses import split_address
 from wonderland.ledger.ca import Kind, LocalCa
 from wonderland.ledger.connection import Connection
 from wonderland.ledger.embedded import NOTICE
@@ -17,8 +18,7 @@ from wonderland.ledger.embedded.contracts import check_contract, load_contract
 from wonderland.ledger.embedded.directory import LedgerDirectory
 from wonderland.ledger.embedded.errors import ContractLoadError, DirectoryError, LedgerLockedError
 from wonderland.ledger.embedded.node import EmbeddedLedger, LedgerSettings
-from wonderland.ledger.embedded.server import split_address
-from wonderland.ledger.errors import ConnectionFileError
+from wonderland.ledger.errors import AddressError, ConnectionFileError
 
 
 @pytest.fixture
@@ -191,7 +191,7 @@ def test_a_directory_that_cannot_be_made(tmp_path):
 
 @pytest.mark.parametrize("address", ["", "localhost", "localhost:", ":7051", "localhost:x", "localhost:65536", "h:-1"])
 def test_addresses_that_are_none(address):
-    with pytest.raises(DirectoryError, match="HOST:PORT"):
+    with pytest.raises(AddressError, match="HOST:PORT"):
         split_address(address)
 
 

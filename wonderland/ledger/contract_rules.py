@@ -78,7 +78,7 @@ def function_name(args: tuple[bytes, ...] | list[bytes]) -> str:
         raise ContractFailedError(BAD_REQUEST, "the function's name is no UTF-8 text") from cause
 
 
-class WriteBudget:
+class Budget:
     """Counts what one transaction writes, and what it reads."""
 
     __slots__ = ("_read", "_written_bytes")

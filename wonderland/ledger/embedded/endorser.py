@@ -22,6 +22,7 @@ from fabric_protos.peer import (
     transaction_pb2,
 )
 
+from wonderland.ledger.contract_rules import FAULT, check_result, function_name
 from wonderland.ledger.embedded import rwset as rwsets
 from wonderland.ledger.embedded.errors import ContractFailedError
 from wonderland.ledger.embedded.stub import TransactionStub
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
     from wonderland.ledger.embedded.state import StateReader
 
 OK: Final = 200
-FAULT: Final = 500
-MAX_RESULT_BYTES: Final = 8 << 20
 MAX_REMEMBERED_BYTES: Final = 32 << 20
 _log: Final = logging.getLogger(__name__)
 
@@ -84,12 +83,7 @@ class Endorser:
 
     def simulate(self, proposal: Proposal, member: Member) -> Simulation:
         """Run the contract against the committed state. Raises `ContractFailedError`."""
-        if not proposal.args:
-            raise ContractFailedError(400, "the proposal names no function; the first argument is its name")
-        try:
-            function = proposal.args[0].decode()
-        except UnicodeDecodeError as cause:
-            raise ContractFailedError(400, "the function's name is no UTF-8 text") from cause
+        function = function_name(proposal.args)
         stub = TransactionStub(
             self._reader,
             proposal.chaincode,
@@ -189,11 +183,10 @@ def _run(coroutine: Coroutine[Any, Any, bytes], proposal: Proposal) -> bytes:
     else:
         coroutine.close()
         raise _fault(proposal, "waited for something other than its stub")
-    if not isinstance(result, bytes):
-        raise _fault(proposal, f"returned {type(result).__name__}, not bytes")
-    if len(result) > MAX_RESULT_BYTES:
-        raise ContractFailedError(413, f"a result of {len(result)} bytes; the limit is {MAX_RESULT_BYTES}")
-    return result
+    try:
+        return check_result(result)
+    except TypeError as error:
+        raise _fault(proposal, f"returned {type(result).__name__}, not bytes") from error
 
 
 def _fault(proposal: Proposal, what: str) -> ContractFailedError:

@@ -9,6 +9,7 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Self
 
+from wonderland.ledger.addresses import bracketed, split_address
 from wonderland.ledger.ca import Kind
 from wonderland.ledger.ca.application import is_address
 from wonderland.ledger.connection import Connection, GatewayAddress, LedgerKind
@@ -20,7 +21,7 @@ from wonderland.ledger.embedded.directory import LedgerDirectory
 from wonderland.ledger.embedded.errors import DirectoryError
 from wonderland.ledger.embedded.genesis import ChannelDescription, OrganisationDescription, genesis_block
 from wonderland.ledger.embedded.orderer import BatchLimits
-from wonderland.ledger.embedded.server import LedgerServer, bracketed, split_address
+from wonderland.ledger.embedded.server import LedgerServer
 from wonderland.ledger.embedded.system import KIND
 from wonderland.ledger.revocation import check_revocation_list
 

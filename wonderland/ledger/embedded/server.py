@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import ipaddress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import grpc
 
+from wonderland.ledger.addresses import bracketed, split_address
 from wonderland.ledger.embedded.deliver import DeliverService
 from wonderland.ledger.embedded.endorser import Endorser
 from wonderland.ledger.embedded.errors import DirectoryError
@@ -114,20 +114,3 @@ class LedgerServer:
         if self._server is not None:
             await self._server.stop(grace_s)
             self._server = None
-
-
-def split_address(address: str) -> tuple[str, int]:
-    """Host and port of ``host:port`` or ``[v6]:port``. Raises `DirectoryError`."""
-    host, _, port = address.rpartition(":")
-    host = host.removeprefix("[").removesuffix("]")
-    if not host or not port.isascii() or not port.isdigit() or int(port) > 65535:
-        raise DirectoryError(f"{address!r} is no HOST:PORT (port 0 to 65535; 0 takes a free one)")
-    return host, int(port)
-
-
-def bracketed(host: str) -> str:
-    """The host as it stands in an address: IPv6 in brackets."""
-    try:
-        return f"[{host}]" if ipaddress.ip_address(host).version == 6 else host
-    except ValueError:
-        return host

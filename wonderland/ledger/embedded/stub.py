@@ -7,9 +7,9 @@ No awaitable of this stub ever suspends.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from wonderland.ledger.embedded.errors import ContractFailedError
+from wonderland.ledger.contract_rules import Budget, check_event, check_key, check_value
 from wonderland.ledger.embedded.rwset import RangeRead, Read, ReadWriteSet, Write
 
 if TYPE_CHECKING:
@@ -19,16 +19,6 @@ if TYPE_CHECKING:
     from wonderland.ledger.embedded.rwset import Version
     from wonderland.ledger.embedded.state import Modification, StateReader
 
-MAX_KEY_BYTES: Final = 4096
-MAX_VALUE_BYTES: Final = 4 << 20
-MAX_WRITES: Final = 10_000
-MAX_WRITTEN_BYTES: Final = 8 << 20
-"""Keys and values of one transaction together, each write counted; a transaction may have 10 MiB in all."""
-MAX_READS: Final = 100_000
-"""Keys that one transaction may read, ranges included; Fabric's totalQueryLimit."""
-_BAD_REQUEST: Final = 400
-_TOO_MUCH: Final = 413
-
 
 class TransactionStub:
     """One transaction's stub. The attributes are set by the ledger; the contract only reads them.
@@ -36,20 +26,8 @@ class TransactionStub:
     `timestamp_ms` is the client's word, checked to be within 15 minutes of the ledger's clock.
     """
 
-    __slots__ = (
-        "_event",
-        "_namespace",
-        "_ranges",
-        "_read_count",
-        "_reader",
-        "_reads",
-        "_writes",
-        "_written_bytes",
-        "channel",
-        "creator",
-        "timestamp_ms",
-        "tx_id",
-    )
+    __slots__ = ("_budget", "_event", "_namespace", "_ranges", "_reader", "_reads", "_writes", "channel", "creator",
+                 "timestamp_ms", "tx_id")  # fmt: skip
 
     def __init__(
         self,
@@ -71,13 +49,12 @@ class TransactionStub:
         self._ranges: list[_RangeCursor] = []
         self._writes: dict[str, bytes | None] = {}
         self._event: tuple[str, bytes] | None = None
-        self._read_count = 0
-        self._written_bytes = 0
+        self._budget = Budget()
 
     async def get(self, key: str) -> bytes | None:
         """The committed value of a key, or None."""
-        _check_key(key)
-        self._count_read()
+        check_key(key)
+        self._budget.count_read()
         found = self._reader.get(self._namespace, key)
         # The first version seen is the one to be checked; a snapshot shows no other.
         self._reads.setdefault(key, None if found is None else found[1])
@@ -85,38 +62,35 @@ class TransactionStub:
 
     async def put(self, key: str, value: bytes) -> None:
         """Write a key when the transaction is committed; the last write to a key counts."""
-        _check_key(key)
-        if not isinstance(value, bytes):
-            raise ContractFailedError(_BAD_REQUEST, f"key {key!r}: a value is bytes, not {type(value).__name__}")
-        if len(value) > MAX_VALUE_BYTES:
-            raise ContractFailedError(_TOO_MUCH, f"key {key!r}: {len(value)} bytes; the limit is {MAX_VALUE_BYTES}")
+        check_key(key)
+        check_value(key, value)
         self._write(key, value)
 
     async def delete(self, key: str) -> None:
         """Delete a key when the transaction is committed."""
-        _check_key(key)
+        check_key(key)
         self._write(key, None)
 
     def range(self, start: str, end: str) -> AsyncIterator[tuple[str, bytes]]:
         """Committed keys from `start` (included) to `end` (excluded) in UTF-8 order; "" leaves a side open."""
         for key in (start, end):
             if key:
-                _check_key(key)
+                check_key(key)
         start = start or "\x01"
-        cursor = _RangeCursor(start, end, self._reader.range(self._namespace, start, end), self._count_read)
+        cursor = _RangeCursor(start, end, self._reader.range(self._namespace, start, end), self._budget.count_read)
         self._ranges.append(cursor)
         return cursor
 
     async def history(self, key: str) -> AsyncIterator[Modification]:
         """Committed changes of a key, newest first. As on Fabric, they are not checked again at commit."""
-        _check_key(key)
+        check_key(key)
         for modification in self._reader.history(self._namespace, key):
-            self._count_read()
+            self._budget.count_read()
             yield modification
 
     def set_event(self, name: str, payload: bytes) -> None:
         """The transaction's event; the last one set counts."""
-        _check_event(name, payload)
+        check_event(name, payload)
         self._event = name, payload
 
     @property
@@ -135,16 +109,7 @@ class TransactionStub:
 
     def _write(self, key: str, value: bytes | None) -> None:
         self._writes[key] = value
-        self._written_bytes += len(key) + len(value or b"")
-        if self._written_bytes > MAX_WRITTEN_BYTES:
-            raise ContractFailedError(_TOO_MUCH, f"more than {MAX_WRITTEN_BYTES} bytes written in one transaction")
-        if len(self._writes) > MAX_WRITES:
-            raise ContractFailedError(_TOO_MUCH, f"more than {MAX_WRITES} keys written in one transaction")
-
-    def _count_read(self) -> None:
-        self._read_count += 1
-        if self._read_count > MAX_READS:
-            raise ContractFailedError(_TOO_MUCH, f"more than {MAX_READS} keys read in one transaction")
+        self._budget.count_write(key, value, len(self._writes))
 
 
 class _RangeCursor:
@@ -181,19 +146,3 @@ class _RangeCursor:
         """What was seen. Left early, the range ends with the last key seen: nothing beyond it was relied on."""
         end = self._end if self._exhausted else self._seen[-1][0]
         return RangeRead(namespace, self._start, end, self._exhausted, tuple(self._seen))
-
-
-def _check_event(name: object, payload: object) -> None:
-    if not (isinstance(name, str) and name and isinstance(payload, bytes)):
-        raise ContractFailedError(_BAD_REQUEST, "an event has a name that is not empty, and bytes for payload")
-
-
-def _check_key(key: object) -> None:
-    if not isinstance(key, str) or not key:
-        raise ContractFailedError(_BAD_REQUEST, "a key is text that is not empty")
-    try:
-        size = len(key.encode())
-    except UnicodeEncodeError as cause:
-        raise ContractFailedError(_BAD_REQUEST, f"key {key!r} is no Unicode text") from cause
-    if size > MAX_KEY_BYTES:
-        raise ContractFailedError(_TOO_MUCH, f"a key of {size} bytes; the limit is {MAX_KEY_BYTES}")
