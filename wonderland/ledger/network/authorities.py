@@ -193,6 +193,24 @@ class Authority:
             self.tls_ca, registrar, Certified(name, node_ou, {}), paths, profile=settings.TLS_PROFILE, hosts=self.hosts
         )
 
+    async def renew(self, name: str, paths: IdentityPaths, *, keep_key: bool = False) -> None:
+        """A new certificate for a name that was enrolled before, its attributes as they are. Raises `CaError`."""
+        await self._renew(self.ca, await self.registrar(), name, paths, keep_key=keep_key)
+
+    async def renew_tls(self, name: str, paths: IdentityPaths, *, keep_key: bool = False) -> None:
+        """A new TLS certificate for a name that was enrolled before. Raises `CaError`."""
+        registrar = await self._registrar(self.tls_ca, self.directory.tls_identity(REGISTRAR))
+        profile = settings.TLS_PROFILE
+        await self._renew(self.tls_ca, registrar, name, paths, keep_key=keep_key, profile=profile, hosts=self.hosts)
+
+    async def renew_registrars(self) -> None:
+        """New certificates for who registers identities. Raises `CaError`."""
+        for ca, paths in (
+            (self.ca, self.directory.identity(REGISTRAR)),
+            (self.tls_ca, self.directory.tls_identity(REGISTRAR)),
+        ):
+            await self._enrol_registrar(ca, paths)
+
     async def ensure_node(self, name: str, node_ou: str) -> NodeDirectory:
         """A server's directory: MSP and TLS, as Fabric's servers read them. Raises `CaError`."""
         node = self.directory.node(name)
@@ -216,13 +234,32 @@ class Authority:
                 write_atomic(path, data, PUBLIC)
 
     async def _registrar(self, ca: FabricCaClient, paths: IdentityPaths) -> SigningIdentity:
-        if not certificates.fits(paths):
-            secret = self._registrar_secret()
-            if secret is None:
-                raise DirectoryStateError(f"{self.directory.ca_home} has no settings; run `wonderland network up`")
-            key = new_private_key(self._random_bytes)
-            certificates.store(paths, await ca.enrol(REGISTRAR, secret, key), key)
+        if not certificates.fits(paths) or certificates.load(paths.certificate).not_valid_after_utc < self._now():
+            await self._enrol_registrar(ca, paths)
         return certificates.signing_identity(self.msp_id, paths)
+
+    async def _enrol_registrar(self, ca: FabricCaClient, paths: IdentityPaths) -> None:
+        secret = self._registrar_secret()
+        if secret is None:
+            raise DirectoryStateError(f"{self.directory.ca_home} has no settings; run `wonderland network up`")
+        key = new_private_key(self._random_bytes)
+        certificates.store(paths, await ca.enrol(REGISTRAR, secret, key), key)
+
+    async def _renew(
+        self,
+        ca: FabricCaClient,
+        registrar: SigningIdentity,
+        name: str,
+        paths: IdentityPaths,
+        *,
+        keep_key: bool,
+        profile: str = "",
+        hosts: Sequence[str] = (),
+    ) -> None:
+        secret = self._secret()
+        await ca.set_secret(registrar, name, secret)
+        key = certificates.load_key(paths.key) if keep_key else new_private_key(self._random_bytes)
+        certificates.store(paths, await ca.enrol(name, secret, key, profile=profile, hosts=hosts), key)
 
     async def _enrol(
         self,

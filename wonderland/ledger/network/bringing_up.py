@@ -65,25 +65,27 @@ def new_network(directory: NetworkDirectory, description: NetworkDescription | N
 
 async def bring_up(network: Network, binaries: Binaries, report: Report) -> None:
     """Have everything run, and the contract answer. Raises `LedgerError`; running it again goes on from there."""
-    await _BringUp(network, binaries, report).run()
+    await BringUp(network, binaries, report).run()
 
 
-class _BringUp:
+class BringUp:
+    """The steps, for one network."""
+
     def __init__(self, network: Network, binaries: Binaries, report: Report) -> None:
         self._network = network
         self._binaries = binaries
         self._report = report
         self._processes = network.processes
-        self._authorities: dict[str, Authority] = {}
 
     async def run(self) -> None:
+        """All of them, in order."""
         network = self._network
         network.write_builder()
         contract = installed_contract(network.description.contract.package)
         agreement = load_agreement(network.directory.contract_file)
         async with AsyncExitStack() as stack:
             self._report("certificates", "starting the organisations' CAs")
-            await together(self._organisation(msp_id, stack) for msp_id in network.msp_ids)
+            authorities = await together(self.organisation(msp_id, stack) for msp_id in network.msp_ids)
             block = self._block()
             if agreement is None or agreement.fits(contract):
                 await self._contract_servers(contract, agreement.slot if agreement else SLOTS[0])
@@ -92,18 +94,17 @@ class _BringUp:
             await together(
                 [
                     *(self._join_orderer(member, block) for member in network.orderers),
-                    *(self._join_peer(member, peer, block) for member, peer in zip(network.peers, peers, strict=True)),
-                    *(self._identities(msp_id) for msp_id in network.msp_ids),
+                    *(self.join_peer(member, peer, block) for member, peer in zip(network.peers, peers, strict=True)),
+                    *(self.identities(authority) for authority in authorities),
                 ]
             )
             connections.write_first(network)
             await self._agree(peers, contract, agreement)
 
-    async def _organisation(self, msp_id: str, stack: AsyncExitStack) -> None:
+    async def organisation(self, msp_id: str, stack: AsyncExitStack) -> Authority:
         """Its CA, what its servers need of it, and those servers started."""
         network = self._network
         authority = network.authority(msp_id)
-        self._authorities[msp_id] = authority
         self._require_free([authority.launch(self._binaries.ca_server)])
         authority.configure()
         try:
@@ -117,13 +118,14 @@ class _BringUp:
                     *(self._start(authority, member, "orderer") for member in orderers),
                     *(self._start(authority, member, "peer") for member in peers),
                     *([self._administrator_tls(authority)] if orderers else []),
-                    *([self._contract_tls(authority)] if msp_id in network.endorsers else []),
+                    *([ensure_contract_tls(authority)] if msp_id in network.endorsers else []),
                 ]
             )
         except NetworkError:
             raise
         except LedgerError as error:
             raise self._processes.failure(authority.component, str(error)) from error
+        return authority
 
     async def _start(self, authority: Authority, member: Member, kind: str) -> None:
         await authority.ensure_node(member.name, kind)
@@ -138,21 +140,12 @@ class _BringUp:
     async def _administrator_tls(self, authority: Authority) -> None:
         await authority.ensure_tls(MSP_ADMIN, "client", authority.directory.tls_identity(MSP_ADMIN))
 
-    async def _contract_tls(self, authority: Authority) -> None:
-        node = authority.directory.node(CONTRACT)
-        await authority.ensure_tls(CONTRACT, "client", node.tls)
-        if not node.tls_root.exists():
-            write_atomic(node.tls_root, authority.directory.tls_root.read_bytes(), PUBLIC)
-
-    async def _identities(self, msp_id: str) -> None:
-        """One identity for each role, the first time."""
-        network = self._network
-        directory = network.directory.organisation(msp_id)
-        kinds = {each.msp_id: each.kind for each in network.organisations}
-        if msp_id in kinds and not directory.connection_file.exists():
-            authority = self._authorities[msp_id]
-            for who in connections.first_identities(kinds[msp_id]):
-                await authority.ensure(who, directory.identity(who.name))
+    async def identities(self, authority: Authority) -> None:
+        """One identity for each role of an organisation that uses the channel, the first time."""
+        kinds = {each.msp_id: each.kind for each in self._network.organisations}
+        if authority.msp_id in kinds and not authority.directory.connection_file.exists():
+            for who in connections.first_identities(kinds[authority.msp_id]):
+                await authority.ensure(who, authority.directory.identity(who.name))
 
     def _block(self) -> bytes:
         """The channel's first block, made once."""
@@ -160,20 +153,19 @@ class _BringUp:
         if path.exists():
             return read_bounded(path, DirectoryStateError, "the channel's first block", 100 << 20)
         network = self._network
+        ordering = network.description.ordering
         plan = ChannelPlan(
             channel=network.channel,
-            applications=tuple(self.organisation(each.msp_id) for each in network.organisations),
-            orderers=tuple(self.organisation(each.msp_id) for each in network.description.ordering.organisations),
+            applications=tuple(describe_organisation(network, each.msp_id) for each in network.organisations),
+            orderers=tuple(
+                describe_organisation(network, each.msp_id) for each in network.description.ordering.organisations
+            ),
             consenters=network.consenters(),
-            ordering=network.description.ordering,
+            ordering=ordering,
         )
         block = first_block(plan, int(network.now().timestamp()), network.random_bytes(NONCE_BYTES))
         write_atomic(path, block, PUBLIC)
         return block
-
-    def organisation(self, msp_id: str) -> OrganisationDescription:
-        """An organisation as the channel's configuration has it."""
-        return describe_organisation(self._network, msp_id)
 
     async def _join_orderer(self, member: Member, block: bytes) -> None:
         async with self._network.orderer_admin(member) as admin:
@@ -184,7 +176,8 @@ class _BringUp:
                 raise self._processes.failure(member.component, str(error)) from error
         self._report("channel", f"{member.component} joined")
 
-    async def _join_peer(self, member: Member, peer: PeerAdmin, block: bytes) -> None:
+    async def join_peer(self, member: Member, peer: PeerAdmin, block: bytes) -> None:
+        """A peer on the channel. Raises `ComponentError`."""
         try:
             if self._network.channel not in await peer.channels():
                 await peer.join(block)
@@ -248,6 +241,14 @@ class _BringUp:
             if self._processes.pid(launch.name) is None:
                 for host, port in launch.listens:
                     ports.require_free(host, [port], launch.name)
+
+
+async def ensure_contract_tls(authority: Authority) -> None:
+    """What an organisation's contract servers show on TLS connections. Raises `CaError`."""
+    node = authority.directory.node(CONTRACT)
+    await authority.ensure_tls(CONTRACT, "client", node.tls)
+    if not node.tls_root.exists():
+        write_atomic(node.tls_root, authority.directory.tls_root.read_bytes(), PUBLIC)
 
 
 def describe_organisation(network: Network, msp_id: str) -> OrganisationDescription:

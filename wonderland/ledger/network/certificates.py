@@ -62,6 +62,17 @@ def load(path: Path) -> x509.Certificate:
         raise CertificateStateError(f"{path}: no PEM certificate ({cause})") from cause
 
 
+def load_key(path: Path) -> ec.EllipticCurvePrivateKey:
+    """A private key of a PEM file. Raises `CertificateStateError`."""
+    try:
+        key = load_pem_private_key(read_bounded(path, CertificateStateError, "private key"), None)
+    except (ValueError, TypeError, UnsupportedAlgorithm) as cause:
+        raise CertificateStateError(f"{path}: no unencrypted PEM private key") from cause
+    if not isinstance(key, ec.EllipticCurvePrivateKey):
+        raise CertificateStateError(f"{path}: not an elliptic-curve key")
+    return key
+
+
 def signing_identity(msp_id: str, paths: IdentityPaths) -> SigningIdentity:
     """An identity with its key. Raises `IdentityError`, `SignatureError`."""
     return SigningIdentity(Identity.from_file(msp_id, paths.certificate), key_file_signer(paths.key))

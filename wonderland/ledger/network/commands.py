@@ -18,10 +18,11 @@ from rich.table import Table
 from wonderland.ledger.embedded.organisations import ROLES
 from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.network import binaries as servers
-from wonderland.ledger.network import bringing_up, enrolment, taking_down
-from wonderland.ledger.network.description import NetworkDescription
+from wonderland.ledger.network import bringing_up, enrolment, expansion, renewal, revocations, taking_down, upgrading
+from wonderland.ledger.network.description import NetworkDescription, Organisation
 from wonderland.ledger.network.layout import NetworkDirectory
 from wonderland.ledger.network.status import NetworkStatus, network_status
+from wonderland.proofs.errors import RecordError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -201,6 +202,123 @@ def enrol(*, name: str, directory: Path, role: str, pol_id: str, msp_id: str | N
     click.echo(f"{name} of {enrolled.msp_id}, serial {enrolled.serial}, valid until {enrolled.valid_until}")
     click.echo(f"certificate  {enrolled.certificate}")
     click.echo(f"key          {enrolled.key}")
+
+
+@network.command()
+@click.argument("name", required=False)
+@_dir
+@click.option("--serial", default="", help="Revoke this one certificate (hexadecimal serial number), not a whole name.")
+@click.option("--crl", type=click.Path(dir_okay=False, exists=True, path_type=Path), help="A list that the CA made.")
+@click.option("--org", "msp_id", help="The organisation; needed only where the name does not tell.")
+@click.option("--reason", default="unspecified", show_default=True, help="Reason code of RFC 5280, e.g. keyCompromise.")
+@_json
+def revoke(
+    *, name: str | None, directory: Path, serial: str, crl: Path | None, msp_id: str | None, reason: str, as_json: bool
+) -> None:
+    """Revoke all certificates of NAME, at its CA and on the channel. It can never enrol under that name again."""
+    made = _open(directory)
+    if sum((name is not None, bool(serial), crl is not None)) != 1:
+        raise click.UsageError("say one of: a name, --serial, --crl")
+    home = msp_id or (made.home_of(name) if name is not None else None)
+    if home is None:
+        raise click.UsageError("say the organisation with --org")
+    with made.directory.lock():
+        if crl is not None:
+            block = asyncio.run(revocations.set_revocation_list(made, home, crl.read_bytes()))
+            done = revocations.Revocation(home, (), block)
+        else:
+            done = asyncio.run(revocations.revoke(made, home, name=name or "", serial=serial, reason=reason))
+    if as_json:
+        click.echo(json.dumps(done.as_json()))
+        return
+    for each in done.serials:
+        click.echo(f"revoked  serial {each} of {home}")
+    since = "already" if done.block is None else f"since block {done.block}"
+    click.echo(f"The channel refuses it {since}." if done.serials else f"The list of {home} holds {since}.")
+
+
+@network.command()
+@_dir
+@click.option("--endorsement", metavar="POLICY", help="Agree on this policy, too: AND('AuthorityMSP.peer', …).")
+@_json
+def upgrade(*, directory: Path, endorsement: str | None, as_json: bool) -> None:
+    """Have every organisation agree on the contract that is installed now, while the former one runs on."""
+    made = _open(directory)
+    with made.directory.lock(), _progress(quiet=as_json) as report:
+        _, done = asyncio.run(upgrading.upgrade(made, report, endorsement=endorsement))
+    if as_json:
+        click.echo(json.dumps(done.as_json()))
+        return
+    what = f"version {done.agreement.version}, sequence {done.agreement.sequence}, endorsement {done.endorsement}"
+    click.echo(f"agreed   {what}" if done.changed else f"nothing to agree on: {what} holds already")
+
+
+@network.command("add-org")
+@click.argument("msp_id")
+@_dir
+@click.option("--kind", required=True, type=click.Choice(["pads", "fleet"]), help="What it does.")
+@click.option("--peers", default=1, show_default=True, type=click.IntRange(1, 20), help="How many peers it runs.")
+@click.option("--endorsement", metavar="POLICY", help="Have it endorse: the policy that names it.")
+@_json
+def add_org(*, msp_id: str, directory: Path, kind: str, peers: int, endorsement: str | None, as_json: bool) -> None:
+    """Have another organisation join the running channel, with its own CA and peers.
+
+    \b
+    A second operator of pads, and each transaction needs its signature or the first one's:
+      wonderland network add-org Pad2MSP --kind pads --endorsement POLICY
+    where POLICY is "AND('AuthorityMSP.peer', OR('PadMSP.peer', 'Pad2MSP.peer'))"
+    """  # noqa: D301 - \b is click's mark for "do not wrap"
+    made = _open(directory)
+    try:
+        organisation = Organisation.parse({"msp_id": msp_id, "kind": kind, "peers": peers})
+    except RecordError as error:
+        raise click.ClickException(str(error)) from error
+    with made.directory.lock(), _progress(quiet=as_json) as report:
+
+        async def run() -> expansion.Joined:
+            return await expansion.add_organisation(
+                made, await servers.check(), organisation, report, endorsement=endorsement
+            )
+
+        joined = asyncio.run(run())
+    connection = made.directory.organisation(msp_id).connection_file
+    if as_json:
+        agreed = None if joined.upgrade is None else joined.upgrade.as_json()
+        click.echo(
+            json.dumps({"msp_id": msp_id, "block": joined.block, "connection": str(connection), "agreement": agreed})
+        )
+        return
+    click.echo(f"{msp_id} takes part{'' if joined.block is None else f' since block {joined.block}'}")
+    click.echo(f"connect  {connection}")
+
+
+@network.command()
+@click.argument("name", required=False, default="")
+@_dir
+@click.option("--org", "msp_id", help="Only this organisation's.")
+@click.option(
+    "--days",
+    default=renewal.DEFAULT_DAYS,
+    show_default=True,
+    type=click.IntRange(0, 1825),
+    help="Those that end within so many days.",
+)
+@click.option("--all", "everything", is_flag=True, help="All of them, however long they would hold.")
+@_json
+def renew(*, name: str, directory: Path, msp_id: str | None, days: int, everything: bool, as_json: bool) -> None:
+    """Renew the certificates that end soon, or those of NAME; servers are restarted one at a time."""
+    made = _open(directory)
+    wanted = renewal.Wanted(days, everything, name)
+    with made.directory.lock(), _progress(quiet=as_json) as report:
+
+        async def run() -> list[str]:
+            return await renewal.renew(made, await servers.check(), wanted, report, msp_id=msp_id)
+
+        done = asyncio.run(run())
+    if as_json:
+        click.echo(json.dumps({"renewed": done}))
+        return
+    click.echo(f"{len(done)} certificates renewed" if done else "nothing to renew")
 
 
 def _open(directory: Path) -> Network:

@@ -62,6 +62,12 @@ def add(network: Network, msp_id: str, name: str) -> None:
             connection.with_identity(key, files).save(path)
 
 
+def add_all(network: Network, msp_id: str) -> None:
+    """Put all that an organisation's own file has into the combined one."""
+    for name in Connection.load(network.directory.organisation(msp_id).connection_file).identities:
+        add(network, msp_id, name)
+
+
 def remove(network: Network, msp_id: str, name: str) -> None:
     """Take an identity out of both."""
     for path in (network.directory.organisation(msp_id).connection_file, network.directory.connection_file):

@@ -186,8 +186,19 @@ class NetworkDescription(Record):
             consensus=consensus or ordering.consensus,
             organisations=(replace(first, orderers=orderers or first.orderers), *others),
         )
+        return self._checked(replace(self, ordering=changed))
+
+    def with_endorsement(self, endorsement: str) -> Self:
+        """The same network with another endorsement policy. Raises `DescriptionError`."""
+        return self._checked(replace(self, contract=replace(self.contract, endorsement=endorsement)))
+
+    def with_organisation(self, organisation: Organisation) -> Self:
+        """The same network with one more organisation. Raises `DescriptionError`."""
+        return self._checked(replace(self, organisations=(*self.organisations, organisation)))
+
+    def _checked(self, changed: Self) -> Self:
         try:
-            return type(self).parse(replace(self, ordering=changed).to_json())
+            return type(self).parse(changed.to_json())
         except RecordError as cause:
             raise DescriptionError(str(cause)) from cause
 

@@ -151,6 +151,24 @@ async def agree(network: Network, peers: Sequence[PeerAdmin], definition: Defini
     await commit(peers[0], network.channel, definition, list(first))
 
 
+async def wait_definition(peer: PeerAdmin, channel: str, name: str, sequence: int) -> None:
+    """Wait until a peer knows that the channel agreed on a sequence. Raises `ComponentError`."""
+    deadline = time.monotonic() + RETRY_S
+    while True:
+        try:
+            definition = await peer.definition(channel, name)
+        except RefusedError as error:
+            # A peer that has just joined does not know itself until it has the block that admits it.
+            if "creator org unknown" not in str(error) and "access denied" not in str(error):
+                raise
+            definition = None
+        if definition is not None and definition.sequence >= sequence:
+            return
+        if time.monotonic() > deadline:
+            raise ComponentError(peer.component, f"does not know {name}, sequence {sequence}, after {RETRY_S:g} s")
+        await asyncio.sleep(_PAUSE_S)
+
+
 async def wait_answering(
     peer: PeerAdmin, identity: SigningIdentity, channel: str, name: str, probe: tuple[str, bytes]
 ) -> None:

@@ -70,6 +70,11 @@ class Network:
         self.now: Final = now
         self.random_bytes: Final = random_bytes
 
+    def with_description(self, description: NetworkDescription) -> Network:
+        """The same network as it will be; ports for what is new are chosen. Nothing else is written."""
+        listening = ports.allot(self.directory.ports_file, description, self.random_bytes)
+        return Network(self.directory, description, listening, now=self.now, random_bytes=self.random_bytes)
+
     @property
     def channel(self) -> str:
         """The channel's name."""
@@ -271,12 +276,21 @@ class Network:
             if slot == agreed or self.processes.pid(contract_component(msp_id, slot)) is not None
         }
 
+    def home_of(self, name: str) -> str:
+        """The organisation that has an identity of that name. Raises `DirectoryStateError`."""
+        homes = [each for each in self.msp_ids if self.directory.organisation(each).identity(name).certificate.exists()]
+        if len(homes) != 1:
+            found = f"{' and '.join(homes)} have one; say which with --org" if homes else "none has one; see --org"
+            raise DirectoryStateError(f"no single organisation has an identity {name!r}: {found}")
+        return homes[0]
+
     def certificate_files(self) -> Iterator[tuple[str, Path]]:
         """Owner and file of every certificate that this network has."""
         for msp_id in self.msp_ids:
             organisation = self.directory.organisation(msp_id)
             yield f"{msp_id} root", organisation.root
             yield f"{msp_id} TLS root", organisation.tls_root
+            yield f"{msp_id}/ca TLS", organisation.ca_home / "tls-cert.pem"
             for file in sorted(organisation.identity("x").certificate.parent.glob("*.pem")):
                 yield f"{msp_id}/{file.stem}", file
             if msp_id in self.endorsers:

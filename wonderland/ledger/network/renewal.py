@@ -1,0 +1,180 @@
+"""New certificates before the old ones end, one server at a time, so that the network goes on.
+
+An orderer keeps its key: the channel's configuration names its certificates, and Fabric compares their keys. Everything
+else gets a new key. Former certificates are not revoked; they end by themselves.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from wonderland.ledger.files import write_atomic
+from wonderland.ledger.network import certificates, settings
+from wonderland.ledger.network.agreement import load_agreement
+from wonderland.ledger.network.contract import build_package, installed_contract
+from wonderland.ledger.network.errors import NetworkError
+from wonderland.ledger.network.layout import REGISTRAR
+from wonderland.ledger.network.network import CONTRACT, Member, Network, contract_component
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from wonderland.ledger.network.authorities import Authority
+    from wonderland.ledger.network.binaries import Binaries
+    from wonderland.ledger.network.bringing_up import Report
+    from wonderland.ledger.network.layout import NodeDirectory
+    from wonderland.ledger.network.processes import Launch
+
+DEFAULT_DAYS: Final = 30
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Which certificates to renew: those of one name, or those that end within `days`; `everything` renews all."""
+
+    days: int = DEFAULT_DAYS
+    everything: bool = False
+    name: str = ""
+
+    def chooses(self, name: str, path: Path, now: dt.datetime) -> bool:
+        """Whether a certificate is meant."""
+        if not path.exists():
+            return False
+        if self.name:
+            return name == self.name
+        return self.everything or certificates.load(path).not_valid_after_utc - now < dt.timedelta(days=self.days)
+
+
+async def renew(
+    network: Network, binaries: Binaries, wanted: Wanted, report: Report, *, msp_id: str | None = None
+) -> list[str]:
+    """Renew what is wanted, and restart the servers that it concerns and that run. Raises `LedgerError`.
+
+    Returns whose certificates are new. CAs that do not run are started for it, and stay.
+    """
+    done: list[str] = []
+    for each in network.msp_ids:
+        if msp_id in {None, each}:
+            done += await _Renewal(network, binaries, wanted, report, each).run()
+    return done
+
+
+class _Renewal:
+    """One organisation's."""
+
+    def __init__(self, network: Network, binaries: Binaries, wanted: Wanted, report: Report, msp_id: str) -> None:
+        self._network = network
+        self._binaries = binaries
+        self._wanted = wanted
+        self._report = report
+        self._msp_id = msp_id
+        self._organisation = network.directory.organisation(msp_id)
+        self._done: list[str] = []
+
+    async def run(self) -> list[str]:
+        authority = self._network.authority(self._msp_id)
+        await self._server(authority)
+        async with authority:
+            if self._chooses(REGISTRAR, self._organisation.identity(REGISTRAR).certificate):
+                await authority.renew_registrars()
+                self._note(REGISTRAR)
+            await self._identities(authority)
+            for member in self._network.orderers:
+                if member.msp_id == self._msp_id:
+                    await self._orderer(authority, member)
+            for member in self._network.peers:
+                if member.msp_id == self._msp_id:
+                    await self._peer(authority, member)
+            await self._contract(authority)
+        return self._done
+
+    async def _server(self, authority: Authority) -> None:
+        """The CA's own TLS certificate: it makes a new one when there is none at its start."""
+        tls = self._organisation.ca_home / "tls-cert.pem"
+        if self._chooses("ca", tls):
+            await self._network.processes.stop(authority.component)
+            tls.unlink()
+            self._note("ca")
+        authority.configure()
+        await authority.start(self._network.processes, self._binaries.ca_server)
+
+    async def _identities(self, authority: Authority) -> None:
+        for file in sorted(self._organisation.identity("x").certificate.parent.glob("*.pem")):
+            name, is_tls = file.stem.removesuffix(".tls"), file.stem.endswith(".tls")
+            if name == REGISTRAR or not self._chooses(name, file):
+                continue
+            if is_tls:
+                await authority.renew_tls(name, self._organisation.tls_identity(name))
+            else:
+                await authority.renew(name, self._organisation.identity(name))
+            self._note(file.stem)
+
+    async def _orderer(self, authority: Authority, member: Member) -> None:
+        if await self._node(authority, member, keep_key=True):
+            await self._restart(member.component, self._network.launch_orderer(member, self._binaries))
+
+    async def _peer(self, authority: Authority, member: Member) -> None:
+        if await self._node(authority, member, keep_key=False):
+            node = self._network.node(member)
+            for file in (node.data / "externalbuilder").glob("builds/*/release/chaincode/server/connection.json"):
+                _renew_connection(file, node)
+            await self._restart(member.component, self._network.launch_peer(member, self._binaries))
+
+    async def _node(self, authority: Authority, member: Member, *, keep_key: bool) -> bool:
+        node = self._network.node(member)
+        identity, tls = (self._chooses(member.name, each.certificate) for each in (node.identity, node.tls))
+        if identity:
+            await authority.renew(member.name, node.identity, keep_key=keep_key)
+            self._note(member.name)
+        if tls:
+            await authority.renew_tls(member.name, node.tls, keep_key=keep_key)
+            self._note(f"{member.name} TLS")
+        return identity or tls
+
+    async def _contract(self, authority: Authority) -> None:
+        node = self._organisation.node(CONTRACT)
+        if not self._chooses(CONTRACT, node.tls.certificate):
+            return
+        await authority.renew_tls(CONTRACT, node.tls)
+        self._note(f"{CONTRACT} TLS")
+        agreement = load_agreement(self._network.directory.contract_file)
+        if agreement is None:
+            return
+        described = self._network.description.contract
+        package = build_package(described.name, installed_contract(described.package), agreement.slot)
+        component = contract_component(self._msp_id, agreement.slot)
+        if package.package_id == agreement.package_id:
+            await self._restart(component, self._network.launch_contract(self._msp_id, package))
+        elif self._network.processes.pid(component) is not None:
+            self._report("certificates", f"{component} goes on with the former certificate until `network upgrade`")
+
+    async def _restart(self, component: str, launch: Launch) -> None:
+        if await self._network.processes.stop(component):
+            self._network.processes.start(launch)
+            await self._network.processes.wait_ready(launch)
+            self._report("certificates", f"{component} restarted")
+
+    def _chooses(self, name: str, path: Path) -> bool:
+        return self._wanted.chooses(name, path, self._network.now())
+
+    def _note(self, name: str) -> None:
+        self._done.append(f"{self._msp_id}/{name}")
+        self._report("certificates", f"{self._msp_id}/{name} renewed")
+
+
+def _renew_connection(file: Path, node: NodeDirectory) -> None:
+    """A peer keeps the keys by which it reaches contract servers where its builder put them."""
+    fresh: dict[str, Any] = json.loads(
+        settings.builder_configuration(
+            ("", ""), node.tls.certificate.read_bytes(), node.tls.key.read_bytes(), node.tls_root.read_bytes()
+        )
+    )
+    try:
+        connection = json.loads(file.read_bytes())
+        connection.update({name: fresh[name] for name in ("client_cert", "client_key", "root_cert")})
+    except (OSError, ValueError, AttributeError) as cause:
+        raise NetworkError(f"{file}: cannot be renewed ({cause}); install the contract anew") from cause
+    write_atomic(file, json.dumps(connection).encode())
