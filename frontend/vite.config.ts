@@ -8,7 +8,8 @@ export default defineConfig(({ mode, command }) => ({
   define: {
     __FAKE__: JSON.stringify(mode === "fake" || mode === "test" || command === "serve"),
   },
-  base: "./",
+  // The server gives the page at every address that is no file (main.tsx): its assets are named from the root.
+  base: "/",
   build: {
     target: "es2022",
     outDir: mode === "fake" ? "dist-fake" : "dist",

@@ -1,6 +1,6 @@
 // Writes src/shared/api/schema.d.ts from the backend's OpenAPI document.
 //
-//   npm run generate                       asks `wonderland backend openapi` (the working tree's .venv, or the PATH)
+//   npm run generate                       asks `wonderland backend openapi` (by WONDERLAND, in the working tree's .venv, or on the PATH)
 //   npm run generate -- --from openapi.json
 //
 // The first line of the file holds the document's hash, by which tests/console tells whether it is stale.
@@ -19,7 +19,8 @@ function document() {
   const file = from < 0 ? undefined : process.argv[from + 1];
   if (file !== undefined) return readFileSync(file, "utf8");
   const local = join(root, "../.venv/bin/wonderland");
-  return execFileSync(existsSync(local) ? local : "wonderland", ["backend", "openapi"], { encoding: "utf8" });
+  const program = process.env.WONDERLAND ?? (existsSync(local) ? local : "wonderland");
+  return execFileSync(program, ["backend", "openapi"], { encoding: "utf8" });
 }
 
 const text = document();

@@ -14,20 +14,25 @@ import { workerSource, type LiveSource } from "./shared/live/source";
 import { LiveStore } from "./shared/live/store";
 import { LiveContext } from "./shared/live/useLive";
 
-/** Where the page lies, `/api/v1` lies. */
-const ORIGIN = new URL(".", location.href).href.replace(/\/$/, "");
+/** `/sessions/…` is `/#/sessions/…`: a link typed or shortened by hand finds its room, too. */
+function straighten(): void {
+  const { pathname, search, hash } = location;
+  if (pathname !== "/" && !pathname.endsWith(".html")) history.replaceState(null, "", `/${search}${hash || `#${pathname}`}`);
+}
 
 async function start(): Promise<void> {
+  straighten();
+  const origin = location.origin;
   const store = new LiveStore();
-  let api = new Api(ORIGIN);
-  let source: LiveSource = workerSource(`${ORIGIN}/api/v1/live`);
+  let api = new Api(origin);
+  let source: LiveSource = workerSource(`${origin}/api/v1/live`);
   if (__FAKE__) {
     const { fakeOptions, fakeSource } = await import("./shared/fake/source");
     const options = fakeOptions(location.search);
     if (options !== undefined) {
       const { fakeFetch } = await import("./shared/fake/api");
       source = fakeSource(options).source;
-      api = new Api(ORIGIN, fakeFetch(store, options.flags));
+      api = new Api(origin, fakeFetch(store, options.flags));
     }
   }
   const client = new QueryClient({

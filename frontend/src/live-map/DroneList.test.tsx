@@ -37,7 +37,7 @@ function List({ seconds }: { seconds: number }): ReactElement {
 }
 
 afterEach(cleanup);
-const options = (): string[] => screen.queryAllByRole("option").map((option) => within(option).getByText(/^[A-Z]{2}-/).textContent ?? "");
+const options = (): string[] => screen.queryAllByRole("option").map((option) => within(option).getByText(/^[A-Z]{2}-/).textContent);
 const selected = (): string | undefined =>
   screen.getAllByRole("option").find((option) => option.getAttribute("aria-selected") === "true")?.id;
 

@@ -58,7 +58,7 @@ export function PadPlot({ pad, buffer_mm, claims, estimate }: Properties): React
     ...near.map(({ at }) => ({ at, reach: buffer_mm })),
     ...(estimate === undefined ? [] : [{ at: estimate.at, reach: Math.min(radius, 20_000) }]),
   ];
-  if (extents.length === 0) return null;
+  if (claims.length === 0 && estimate === undefined) return null;
   const west = Math.min(...extents.map(({ at, reach }) => at.east_mm - reach));
   const east = Math.max(...extents.map(({ at, reach }) => at.east_mm + reach));
   const south = Math.min(...extents.map(({ at, reach }) => at.north_mm - reach));
@@ -87,7 +87,8 @@ export function PadPlot({ pad, buffer_mm, claims, estimate }: Properties): React
     labels.push(place(x(claim.at), y(claim.at) + (below ? 1 : -1) * (buffer_mm * scale - 4), claim.words, below, taken));
   }
   if (estimate !== undefined) {
-    const below = estimate.at.north_mm <= highest;
+    // Away from the other claims; with none, away from the pad and the lines that lead there.
+    const below = shared === undefined || near.length > 1 ? estimate.at.north_mm <= highest : estimate.at.north_mm < 0;
     const measured = estimate.verified ? "measured, 99 %" : "measuring, 99 %";
     const words = shared === undefined ? measured : `${shared.words} · ${measured}`;
     const clear = shared === undefined ? 0 : Math.max(0, buffer_mm * scale - 6);
@@ -169,7 +170,8 @@ export function PadPlot({ pad, buffer_mm, claims, estimate }: Properties): React
 }
 
 function alternative(claims: readonly PlotClaim[], estimate: PlotEstimate | undefined, buffer_mm: number): string {
-  const say = (at: Local): string => `${length(at.east_mm, true)} east, ${length(at.north_mm, true)} north of the pad`;
+  const side = (mm: number, ahead: string, behind: string): string => `${length(Math.abs(mm), true)} ${mm < 0 ? behind : ahead}`;
+  const say = (at: Local): string => `${side(at.north_mm, "north", "south")}, ${side(at.east_mm, "east", "west")} of the pad`;
   const parts = claims.map((claim) => `${claim.words}: ${say(claim.at)}`);
   if (estimate !== undefined) parts.push(`${estimate.verified ? "measured" : "measuring"}: ${say(estimate.at)}`);
   return `Plot of the pad. Buffer ${length(buffer_mm, true)}. ${parts.join("; ")}.`;

@@ -1,8 +1,9 @@
-import { useQuery, useQueryClient } from "@tanstack/react-query";
-import { useEffect, type ReactElement } from "react";
+import { useQuery } from "@tanstack/react-query";
+import { useRef, type ReactElement } from "react";
 import { placeHash } from "../app/location";
 import { useApi } from "../shared/api/api";
-import type { Evidence, LedgerTransaction, SessionDetail } from "../shared/api/records";
+import { useFresh } from "../shared/api/useFresh";
+import type { Evidence, LedgerTransaction, SessionDetail, SessionState } from "../shared/api/records";
 import { drones } from "../shared/drones";
 import { count, dayAndTime, length, timeOfDay } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
@@ -113,10 +114,13 @@ function Facts({ detail, now_ms }: { detail: SessionDetail; now_ms: number }): R
   );
 }
 
+function sessionMark(session: SessionState | undefined): string {
+  return `${session?.state ?? ""}/${session?.steps.length ?? 0}`;
+}
+
 /** One session: the proof, the sequence between the parties, the ranges, and its transactions. */
 export function SessionPage({ session_id }: { session_id: string }): ReactElement {
   const api = useApi();
-  const client = useQueryClient();
   const store = useLiveStore();
   const now_ms = useServerNow();
   const live = useLive(TOPICS, () => ({
@@ -124,11 +128,15 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
     verdict: store.verdicts.get(session_id),
     drones: drones(store, now_ms),
   }));
-  const query = useQuery({ queryKey: ["session", session_id], queryFn: () => api.session(session_id) });
-  const mark = `${live.session?.state ?? ""}/${live.session?.steps.length ?? 0}`;
-  useEffect(() => {
-    void client.invalidateQueries({ queryKey: ["session", session_id], exact: true });
-  }, [client, session_id, mark]);
+  const fetchedRef = useRef<string | undefined>(undefined);
+  const query = useQuery({
+    queryKey: ["session", session_id],
+    queryFn: () => {
+      fetchedRef.current = sessionMark(store.sessions.get(session_id));
+      return api.session(session_id);
+    },
+  });
+  useFresh(sessionMark(live.session), query, fetchedRef);
   const session = live.session ?? query.data?.summary;
   if (session === undefined) {
     return (

@@ -1,13 +1,14 @@
-import { useInfiniteQuery, useQueryClient } from "@tanstack/react-query";
-import { useEffect, type ReactElement } from "react";
+import { useInfiniteQuery } from "@tanstack/react-query";
+import { useRef, type ReactElement } from "react";
 import { placeHash } from "../app/location";
 import { useApi } from "../shared/api/api";
+import { useFresh } from "../shared/api/useFresh";
 import type { SessionState } from "../shared/api/records";
 import { LOOK_WORDS } from "../shared/design/symbols";
 import type { Look } from "../shared/drones";
 import { actionVerb, dayAndTime, duration } from "../shared/format";
-import { useLive, useServerNow } from "../shared/live/useLive";
-import type { Topic } from "../shared/live/store";
+import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
+import type { LiveStore, Topic } from "../shared/live/store";
 import { Hash } from "../shared/ui/Hash";
 import { More } from "../shared/ui/More";
 import { Symbol } from "../shared/ui/Symbol";
@@ -41,25 +42,31 @@ function took(session: SessionState): string {
   return decided === undefined || decided <= session.requested_ms ? "–" : duration(decided - session.requested_ms);
 }
 
+function newestSession(store: LiveStore): string {
+  return store.sessionsByTime()[0]?.session_id ?? "";
+}
+
 /** All sessions, the newest first. */
 export function SessionsPage(): ReactElement {
   const api = useApi();
-  const client = useQueryClient();
   const now_ms = useServerNow(10_000);
   const pads = useLive(PADS, (store) => new Map([...store.pads.values()].map((pad) => [pad.pad_id, pad.name])));
-  const live = useLive(SESSIONS, (store) => ({ newest: store.sessionsByTime()[0]?.session_id, known: store.sessions }));
+  const store = useLiveStore();
+  const mark = useLive(SESSIONS, newestSession);
+  const fetchedRef = useRef<string | undefined>(undefined);
   const query = useInfiniteQuery({
     queryKey: ["sessions"],
-    queryFn: ({ pageParam }) => api.sessions({ limit: PAGE, ...(pageParam !== undefined && { cursor: pageParam }) }),
+    queryFn: ({ pageParam }) => {
+      fetchedRef.current = newestSession(store);
+      return api.sessions({ limit: PAGE, ...(pageParam !== undefined && { cursor: pageParam }) });
+    },
     initialPageParam: undefined as string | undefined,
     getNextPageParam: (last) => last.next ?? undefined,
   });
-  useEffect(() => {
-    void client.invalidateQueries({ queryKey: ["sessions"] });
-  }, [client, live.newest]);
+  useFresh(mark, query, fetchedRef);
   const rows = (query.data?.pages.flatMap((page) => page.items) ?? []).map(
     // What is under way moves faster than the table is fetched.
-    (session) => live.known.get(session.session_id) ?? session,
+    (session) => store.sessions.get(session.session_id) ?? session,
   );
   return (
     <div className="page">

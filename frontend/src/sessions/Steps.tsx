@@ -48,7 +48,7 @@ export function Steps({ session }: { session: SessionState }): ReactElement {
         {stepRows(session).map((row) => (
           <li key={row.step} className={`step step-${row.state}`}>
             <Dot row={row} session={session} />
-            <span className="step-name">
+            <span className="step-name" title={row.detail}>
               {row.number} {row.name}
               {row.detail !== undefined && <span className="quiet"> · {row.detail}</span>}
             </span>

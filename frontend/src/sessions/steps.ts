@@ -15,7 +15,7 @@ export type StepRow = {
 };
 
 function names(session: SessionState): Record<StepName, string> {
-  const rounds = session.rounds === undefined ? "" : `, ${count(session.rounds)} rounds`;
+  const rounds = session.rounds === undefined || session.rounds === 0 ? "" : `, ${count(session.rounds)} rounds`;
   return {
     request: "Request on the ledger",
     poll: "Pad polls",
@@ -32,6 +32,11 @@ function transaction(session: SessionState, step: StepName): string | undefined 
   if (step === "request") return session.request_tx;
   if (step === "verdict") return session.verdict_tx;
   return step === "permission" ? session.complete_tx : undefined;
+}
+
+/** "no_reply: the drone did not answer" → "the drone did not answer"; a code alone loses its underscores. */
+function plain(detail: string): string {
+  return detail.replace(/^[a-z0-9_]+: /, "").replace(/^[a-z0-9_]+$/, (code) => code.replaceAll("_", " "));
 }
 
 /**
@@ -65,9 +70,9 @@ export function stepRows(session: SessionState): StepRow[] {
     row.t_ms = report.t_ms;
     row.source = report.source;
     row.state = report.ok ? "done" : step === "permission" ? "refused" : "failed";
-    if (report.detail !== undefined) row.detail = report.detail;
-    // The name says how many rounds there were.
-    if (step === "range" && session.rounds !== undefined) delete row.detail;
+    // The name says how many rounds there were, and the panel's head what the verdict is.
+    const said = (step === "range" && session.rounds !== undefined && report.ok) || step === "verdict";
+    if (report.detail !== undefined && !said) row.detail = plain(report.detail);
     if (step === "permission") {
       if (session.permission !== undefined) row.detail = session.permission;
       if (session.permission === "refused") row.state = "refused";

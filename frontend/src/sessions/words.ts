@@ -190,7 +190,7 @@ export function rowText(drone: Drone, padName: (pad_id: string) => string): { ri
         };
       case "inconclusive":
         return {
-          right: likelihood(verdict.signed?.likelihood_ppm ?? 0),
+          right: verdict.signed === undefined ? `${count(verdict.rounds)} rounds` : likelihood(verdict.signed.likelihood_ppm),
           second: `Inconclusive at ${pad} · ${deed} refused`,
         };
       case "not-authorised":

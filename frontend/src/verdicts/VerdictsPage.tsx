@@ -1,12 +1,13 @@
-import { useInfiniteQuery, useQueryClient } from "@tanstack/react-query";
-import { useEffect, type ReactElement } from "react";
+import { useInfiniteQuery } from "@tanstack/react-query";
+import { useRef, type ReactElement } from "react";
 import { go, placeHash } from "../app/location";
 import { useApi } from "../shared/api/api";
+import { useFresh } from "../shared/api/useFresh";
 import type { VerdictSummary } from "../shared/api/records";
 import { LOOK_WORDS } from "../shared/design/symbols";
 import { actionNoun, count, dayAndTime, length, likelihood } from "../shared/format";
-import { useLive, useServerNow } from "../shared/live/useLive";
-import type { Topic } from "../shared/live/store";
+import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
+import type { LiveStore, Topic } from "../shared/live/store";
 import { Hash } from "../shared/ui/Hash";
 import { More } from "../shared/ui/More";
 import { Symbol } from "../shared/ui/Symbol";
@@ -51,22 +52,28 @@ function Row({ verdict, padName, now_ms }: { verdict: VerdictSummary; padName: s
   );
 }
 
+function newestVerdict(store: LiveStore): string {
+  return store.verdictsByTime()[0]?.tx_id ?? "";
+}
+
 /** All verdicts as a table, the newest first: what the map shows, in words and figures. */
 export function VerdictsPage({ filters }: { filters: Record<string, string> }): ReactElement {
   const api = useApi();
-  const client = useQueryClient();
   const now_ms = useServerNow(10_000);
   const pads = useLive(PADS, (store) => [...store.pads.values()]);
-  const newest = useLive(VERDICTS, (store) => store.verdictsByTime()[0]?.tx_id);
+  const store = useLiveStore();
+  const mark = useLive(VERDICTS, newestVerdict);
+  const fetchedRef = useRef<string | undefined>(undefined);
   const query = useInfiniteQuery({
     queryKey: ["verdicts", filters],
-    queryFn: ({ pageParam }) => api.verdicts({ ...filters, limit: PAGE, ...(pageParam !== undefined && { cursor: pageParam }) }),
+    queryFn: ({ pageParam }) => {
+      fetchedRef.current = newestVerdict(store);
+      return api.verdicts({ ...filters, limit: PAGE, ...(pageParam !== undefined && { cursor: pageParam }) });
+    },
     initialPageParam: undefined as string | undefined,
     getNextPageParam: (last) => last.next ?? undefined,
   });
-  useEffect(() => {
-    void client.invalidateQueries({ queryKey: ["verdicts"] });
-  }, [client, newest]);
+  useFresh(mark, query, fetchedRef);
   const set = (name: string, value: string): void => {
     const next = Object.fromEntries(Object.entries({ ...filters, [name]: value }).filter(([, each]) => each !== ""));
     go({ room: "verdicts", filters: next }, true);

@@ -1,6 +1,6 @@
 import type { ExpressionSpecification, LayerSpecification } from "maplibre-gl";
 import type { Palette } from "./icons";
-import { COAST_FADES, FINE_ZOOM, MEDIUM } from "./scales";
+import { COAST_FADES, FINE_ZOOM, MEDIUM, NAMES_END } from "./scales";
 
 /** The bundled base map: two greys, water, and the countries' names. */
 export function baseLayers(colours: Palette): LayerSpecification[] {
@@ -43,7 +43,7 @@ export function baseLayers(colours: Palette): LayerSpecification[] {
       id: "country-names",
       type: "symbol",
       source: "country-names",
-      maxzoom: 7,
+      maxzoom: NAMES_END,
       // Seen from far away, the smallest would stand in the way of the others.
       filter: [">=", ["get", "area"], ["step", ["zoom"], 4, 3.4, 1, 5, 0]],
       layout: {

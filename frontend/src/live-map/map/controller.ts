@@ -24,8 +24,8 @@ import {
   type TrackPoint,
 } from "./features";
 import { addIcons, palette } from "./icons";
-import { FINE_SEEN, FINE_ZOOM } from "./scales";
-import { FINE_FILES, MAP_COLOURS, padLabel, paints, style } from "./style";
+import { FINE_ZOOM } from "./scales";
+import { BASE_FILES, MAP_COLOURS, padLabel, paints, style } from "./style";
 
 setWorkerUrl(workerUrl);
 
@@ -42,8 +42,7 @@ const REVIEW_MS = 500;
 const FIT_ZOOM = 20.3;
 const SITE_FIT_ZOOM = 15.5;
 const FLIGHT_MS = 700;
-/** What is live is drawn first; then the megabytes of the coast are fetched. */
-const COAST_WAITS_MS = 600;
+const SETTLING_MS = 500;
 /** A broadcast claim further away than this is not fitted into the picture: the rest would be lost in it. */
 const FITTED_MM = 400_000;
 const GRID_REACH_MM = 50_000_000;
@@ -61,6 +60,8 @@ export class MapController {
   private queued: ReturnType<typeof setTimeout> | undefined;
   private padsChanged = true;
   private fitted = false;
+  private flight: { since_ms: number; again: () => void } | undefined;
+  private wanted = false;
 
   constructor(
     container: HTMLElement,
@@ -90,6 +91,11 @@ export class MapController {
     this.map.keyboard.disableRotation();
     this.map.on("load", () => this.onLoad());
     this.map.on("moveend", () => this.onMoved());
+    for (const name of ["dragstart", "wheel", "touchstart"] as const) {
+      this.map.on(name, () => {
+        this.flight = undefined;
+      });
+    }
     this.map.on("click", (event) => this.onClick(event));
     this.map.on("error", ({ error }) => this.events.onFailure(`Part of the map could not be loaded: ${error.message}`));
     this.map.on("mousemove", (event) => {
@@ -110,7 +116,9 @@ export class MapController {
 
   setPadding(padding: PaddingOptions): void {
     this.map.setPadding(padding);
-    if (this.loaded && !this.fitted) this.fitAll(true);
+    // A panel that opened after the flight began has stopped it: fly on, to where there is room now.
+    if (this.flight !== undefined && performance.now() - this.flight.since_ms < FLIGHT_MS + SETTLING_MS) this.flight.again();
+    else if (this.loaded && !this.fitted) this.fitAll(true);
   }
 
   select(selection: Selection): void {
@@ -119,7 +127,7 @@ export class MapController {
   }
 
   zoomBy(levels: number): void {
-    this.map.easeTo({ zoom: this.map.getZoom() + levels, ...this.flight(200) });
+    this.map.easeTo({ zoom: this.map.getZoom() + levels, ...this.motion(200) });
   }
 
   /** All pads and all drones that are near one. */
@@ -132,6 +140,10 @@ export class MapController {
 
   /** The pad, the claim and the measurement of what is selected; else where the drone is. */
   fitSelection(still = false): void {
+    if (!this.loaded) {
+      this.wanted = true;
+      return;
+    }
     const drone = this.current.find(({ uav_id }) => uav_id === this.selection.uav_id);
     const verdict = this.selection.verdict ?? (drone?.session === undefined ? undefined : this.verdictOf(drone));
     const pad = this.store.pads.get(verdict?.pad_id ?? drone?.session?.pad_id ?? "");
@@ -158,7 +170,7 @@ export class MapController {
     if (places.length === 1 && pad === undefined) {
       const [centre] = places;
       if (centre !== undefined) {
-        this.map.easeTo({ center: centre, zoom: Math.max(this.map.getZoom(), 14.5), ...this.flight(still ? 0 : FLIGHT_MS) });
+        this.map.easeTo({ center: centre, zoom: Math.max(this.map.getZoom(), 14.5), ...this.motion(still ? 0 : FLIGHT_MS) });
       }
       return;
     }
@@ -176,10 +188,12 @@ export class MapController {
     // A phone has no room for generous margins.
     const padding = Math.min(margin, Math.min(clientWidth, clientHeight) / 8);
     const camera = this.map.cameraForBounds(bounds, { padding, maxZoom });
-    if (camera !== undefined) this.map.easeTo({ ...camera, ...this.flight(still ? 0 : FLIGHT_MS) });
+    if (camera === undefined) return;
+    this.flight = { since_ms: performance.now(), again: () => this.fit(places, maxZoom, still, margin) };
+    this.map.easeTo({ ...camera, ...this.motion(still ? 0 : FLIGHT_MS) });
   }
 
-  private flight(duration: number): { duration: number; essential: boolean } {
+  private motion(duration: number): { duration: number; essential: boolean } {
     return { duration: this.calm ? 0 : duration, essential: false };
   }
 
@@ -212,9 +226,9 @@ export class MapController {
     );
     const timer = setInterval(() => this.review(), 5_000);
     this.ends.push(() => clearInterval(timer));
-    const coast = setTimeout(() => this.loadFineMap(), COAST_WAITS_MS);
-    this.ends.push(() => clearTimeout(coast));
+    this.loadBaseMap();
     this.review();
+    if (this.wanted) this.fitSelection(true);
   }
 
   /** Looks again at who is what, and draws what changed. */
@@ -287,20 +301,26 @@ export class MapController {
     this.tellCamera();
     if (!this.loaded) return;
     this.drawGrid();
-    this.loadFineMap();
+    this.loadBaseMap();
   }
 
-  private fine = false;
+  private readonly baseLoaded = new Set<string>();
 
-  private loadFineMap(): void {
-    const [from, to] = FINE_SEEN;
+  /** Fetches what of the base map can be seen at this scale; at a pad's nothing can. */
+  private loadBaseMap(): void {
     const zoom = this.map.getZoom();
-    if (this.fine || zoom < from || zoom > to) return;
-    this.fine = true;
-    for (const [id, url] of Object.entries(FINE_FILES)) {
-      void this.source(id)
+    for (const { id, url, from, to, replaces } of BASE_FILES) {
+      if (this.baseLoaded.has(id) || zoom < from || zoom > to) continue;
+      this.baseLoaded.add(id);
+      this.source(id)
         .setData(url)
-        .then(() => this.map.setLayerZoomRange(id.replace("fine", "coarse"), 0, FINE_ZOOM), () => undefined);
+        .then(
+          () => {
+            if (replaces !== undefined) this.map.setLayerZoomRange(replaces, 0, FINE_ZOOM);
+          },
+          // Reported by the map's own error event; the drones are there without a coast.
+          () => this.baseLoaded.delete(id),
+        );
     }
   }
 

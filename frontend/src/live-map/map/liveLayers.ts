@@ -244,16 +244,13 @@ export function pointLayers(colours: Palette): LayerSpecification[] {
       paint: { ...halo, "text-color": colours["ink2"] ?? "" },
     },
     {
-      id: "tracks",
+      id: "track-labels",
       type: "symbol",
       source: "tracks",
-      minzoom: SITE_ZOOM,
+      minzoom: 11,
       layout: {
         ...label,
-        "icon-image": ["step", ["zoom"], ["get", "icon"], CLOSE_ZOOM, ["get", "closeIcon"]],
-        "icon-size": ["interpolate", ["linear"], ["zoom"], SITE_ZOOM, 0.8, 12, 1],
-        "icon-allow-overlap": true,
-        "text-field": ["step", ["zoom"], "", 11, ["get", "label"]],
+        "text-field": ["get", "label"],
         "text-variable-anchor-offset": [
           "bottom",
           [0, -1.1],
@@ -276,7 +273,7 @@ export function pointLayers(colours: Palette): LayerSpecification[] {
       },
     },
     {
-      // Above the drones, so that a pad's name is placed before theirs.
+      // MapLibre places the topmost layer first: the drones' symbols, around them the pads' names, then the drones'.
       id: "pad-names",
       type: "symbol",
       source: "pads",
@@ -296,6 +293,18 @@ export function pointLayers(colours: Palette): LayerSpecification[] {
         "text-line-height": 1.25,
       },
       paint: { ...halo, "text-color": colours["ink"] ?? "" },
+    },
+    {
+      id: "tracks",
+      type: "symbol",
+      source: "tracks",
+      minzoom: SITE_ZOOM,
+      layout: {
+        "icon-image": ["step", ["zoom"], ["get", "icon"], CLOSE_ZOOM, ["get", "closeIcon"]],
+        "icon-size": ["interpolate", ["linear"], ["zoom"], SITE_ZOOM, 0.8, 12, 1],
+        "icon-allow-overlap": true,
+        "symbol-sort-key": ["-", ["get", "rank"]],
+      },
     },
   ];
 }

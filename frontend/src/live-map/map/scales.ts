@@ -4,8 +4,8 @@
 export const FINE_ZOOM = 5;
 /** Natural Earth's 1:10 million coast is a kilometre off in places: closer than this it would tell untruths. */
 export const COAST_FADES: readonly [from: number, to: number] = [9.5, 12];
-/** Where the finer base map can be seen. */
-export const FINE_SEEN: readonly [from: number, to: number] = [FINE_ZOOM - 0.5, COAST_FADES[1]];
+/** Closer than this, a country's name says nothing. */
+export const NAMES_END = 7;
 /** Further away than this, pads that stand near each other are one mark. */
 export const SITE_ZOOM = 9.5;
 /** Closer than this, claims and measurements are drawn as ring and diamond instead of the verdict's symbol. */

@@ -2,6 +2,7 @@ import type { ExpressionSpecification, LayerSpecification, StyleSpecification } 
 import { borders10, borders50, land10, land50, names } from "virtual:base-map";
 import { baseLayers } from "./baseLayers";
 import type { Palette } from "./icons";
+import { COAST_FADES, FINE_ZOOM, NAMES_END } from "./scales";
 import { evidenceLayers, padLayers, pointLayers, siteLayers } from "./liveLayers";
 
 /** The colours of tokens.css that the map needs. */
@@ -23,8 +24,19 @@ export const MAP_COLOURS = [
   "ink3",
 ] as const;
 
-/** The finer base map is megabytes: fetched only once somebody looks where it can be seen. */
-export const FINE_FILES = { "land-fine": land10, "borders-fine": borders10 } as const;
+type BaseFile = { id: string; url: string; from: number; to: number; replaces?: string };
+
+/**
+ * The base map's files, megabytes the finer ones: each fetched only once somebody looks from where it can be seen.
+ * The coarse layers stand in for the finer ones until those are there.
+ */
+export const BASE_FILES: readonly BaseFile[] = [
+  { id: "land-coarse", url: land50, from: 0, to: COAST_FADES[1] },
+  { id: "borders-coarse", url: borders50, from: 0, to: COAST_FADES[1] },
+  { id: "country-names", url: names, from: 0, to: NAMES_END },
+  { id: "land-fine", url: land10, from: FINE_ZOOM - 0.5, to: COAST_FADES[1], replaces: "land-coarse" },
+  { id: "borders-fine", url: borders10, from: FINE_ZOOM - 0.5, to: COAST_FADES[1], replaces: "borders-coarse" },
+];
 
 const EMPTY: GeoJSON.FeatureCollection = { type: "FeatureCollection", features: [] };
 
@@ -34,9 +46,9 @@ function layers(colours: Palette): LayerSpecification[] {
 
 /** The whole style: bundled base map, pad grid, evidence and tracks. */
 export function style(colours: Palette): StyleSpecification {
-  const file = (data: string | GeoJSON.FeatureCollection, maxzoom: number): StyleSpecification["sources"][string] => ({
+  const base = (maxzoom: number): StyleSpecification["sources"][string] => ({
     type: "geojson",
-    data,
+    data: EMPTY,
     maxzoom,
     tolerance: 0.3,
   });
@@ -45,11 +57,11 @@ export function style(colours: Palette): StyleSpecification {
   return {
     version: 8,
     sources: {
-      "land-coarse": file(land50, 5),
-      "land-fine": file(EMPTY, 9),
-      "borders-coarse": file(borders50, 5),
-      "borders-fine": file(EMPTY, 9),
-      "country-names": file(names, 7),
+      "land-coarse": base(5),
+      "land-fine": base(9),
+      "borders-coarse": base(5),
+      "borders-fine": base(9),
+      "country-names": base(7),
       grid: own(),
       pads: own(),
       sites: own(),

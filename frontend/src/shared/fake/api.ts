@@ -62,6 +62,7 @@ function detail(session: SessionState, verdict: VerdictSummary | undefined, stor
       prekey_id: "fake-1",
       pad_key: "",
       uav_key: "",
+      contract_version: "1",
       commissioning_sha256: hex(`${session.pad_id}/commissioning`),
       requested_ms: session.requested_ms,
       claim: { lat_e7: at.lat_e7, lon_e7: at.lon_e7, height_mm: 45_000, accuracy_mm: 1_000, height_accuracy_mm: 1_500, t_ms: session.requested_ms },

