@@ -8,17 +8,42 @@ import json
 import os
 import subprocess
 import sys
+import time
+import uuid
 from pathlib import Path
 
 import psutil
 import pytest
 
-SERVERS = {"peer", "orderer", "fabric-ca-server"}
 SHARED = Path(__file__).resolve().parents[3] / "shared"
+MARK = "WONDERLAND_TEST_RUN"
 
 
 @pytest.fixture
-def wonderland():
+def environment():
+    """Environment for what a test starts, with a mark that every process inherits; afterwards none may be left."""
+    mark = uuid.uuid4().hex
+    yield {**os.environ, "COLUMNS": "300", MARK: mark}
+    deadline = time.monotonic() + 5
+    while (left := _marked(mark)) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    for process in left:
+        with contextlib.suppress(psutil.Error):
+            process.kill()
+    assert not left
+
+
+def _marked(mark: str) -> list[psutil.Process]:
+    found = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error):
+            if process.status() != psutil.STATUS_ZOMBIE and process.environ().get(MARK) == mark:
+                found.append(process)
+    return found
+
+
+@pytest.fixture
+def wonderland(environment):
     """Runs ``wonderland <arguments>`` to its end: (exit code, JSON lines, standard error)."""
 
     def run(*arguments: str, timeout_s: float = 100.0) -> tuple[int, list[dict], str]:
@@ -28,28 +53,12 @@ def wonderland():
             text=True,
             timeout=timeout_s,
             check=False,
-            env={**os.environ, "COLUMNS": "300"},
+            env=environment,
         )
-        return (
-            done.returncode,
-            [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")],
-            done.stderr,
-        )
+        lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+        return done.returncode, lines, done.stderr
 
     return run
-
-
-@pytest.fixture
-def no_process_left():
-    """Fails when a process that began during the test and belongs to this project still runs afterwards."""
-    before = set(psutil.pids())
-    yield
-    left = []
-    for process in psutil.process_iter(["pid", "cmdline", "ppid"]):
-        line = " ".join(process.info["cmdline"] or ())
-        if process.info["pid"] not in before and ("wonderland.cli" in line or "simulator.run_" in line):
-            left.append(line)
-    assert not left
 
 
 @pytest.fixture
@@ -62,8 +71,8 @@ def hyu() -> Path:
 
 
 @pytest.fixture
-def fabric_servers():
-    """Skips with the reason where Fabric's servers are not here; they must leave nothing behind."""
+def fabric_servers() -> None:
+    """Skips with the reason where Fabric's servers are not here."""
     from wonderland.ledger.errors import LedgerError
     from wonderland.ledger.network import binaries
 
@@ -71,11 +80,3 @@ def fabric_servers():
         asyncio.run(binaries.check())
     except LedgerError as error:
         pytest.skip(str(error))
-    yield
-    left = []
-    for process in psutil.process_iter(["name"]):
-        with contextlib.suppress(psutil.Error):
-            places = [*process.cmdline(), *process.environ().values()]
-            if process.info["name"] in SERVERS and any("wonderland-demo-" in place for place in places):
-                left.append(process.info["name"])
-    assert not left

@@ -39,7 +39,7 @@ def judge(lines):
 
 
 @pytest.mark.timeout(150)
-def test_eight_verdicts_honest_drones_verified_and_each_liar_not(wonderland, no_process_left):
+def test_eight_verdicts_honest_drones_verified_and_each_liar_not(wonderland):
     code, lines, errors = wonderland("demo", "--headless", "--json", "--until", "8")
     assert code == 0, errors
     judge(lines)
@@ -48,7 +48,7 @@ def test_eight_verdicts_honest_drones_verified_and_each_liar_not(wonderland, no_
 
 @pytest.mark.fabric
 @pytest.mark.timeout(180)
-def test_the_same_demo_on_a_real_fabric_network(wonderland, fabric_servers, no_process_left):
+def test_the_same_demo_on_a_real_fabric_network(wonderland, fabric_servers):
     code, lines, errors = wonderland("demo", "--ledger", "fabric", "--headless", "--json", "--until", "8")
     assert code == 0, errors
     judge(lines)
@@ -56,9 +56,12 @@ def test_the_same_demo_on_a_real_fabric_network(wonderland, fabric_servers, no_p
 
 
 @pytest.mark.timeout(150)
-def test_two_demos_side_by_side_each_with_a_link_that_works_once_and_ctrl_c_ends_both(no_process_left):
+def test_two_demos_side_by_side_each_with_a_link_that_works_once_and_ctrl_c_ends_both(environment):
     command = [sys.executable, "-m", "wonderland.cli", "demo"]
-    demos = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) for _ in range(2)]
+    demos = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment)
+        for _ in range(2)
+    ]
     try:
         links = []
         for demo in demos:

@@ -32,7 +32,7 @@ def recording(tmp_path):
 
 
 @pytest.mark.timeout(150)
-def test_a_recording_goes_the_whole_way(wonderland, recording, no_process_left):
+def test_a_recording_goes_the_whole_way(wonderland, recording):
     code, lines, errors = wonderland("simulate", *recording, "--rounds", "20", "--windows", "4", "--json")
     assert code == 0, errors
     assert [line["outcome"] for line in lines] == ["verified"] * 4
@@ -41,7 +41,7 @@ def test_a_recording_goes_the_whole_way(wonderland, recording, no_process_left):
 
 
 @pytest.mark.timeout(150)
-def test_the_same_recording_with_a_lie_of_three_metres(wonderland, recording, no_process_left):
+def test_the_same_recording_with_a_lie_of_three_metres(wonderland, recording):
     code, lines, errors = wonderland("simulate", *recording, "--windows", "3", "--claim", "offset:3,0,0", "--json")
     assert code == 0, errors
     assert [line["outcome"] for line in lines] == ["refuted"] * 3
@@ -50,7 +50,7 @@ def test_the_same_recording_with_a_lie_of_three_metres(wonderland, recording, no
 
 @pytest.mark.timeout(200)
 @pytest.mark.parametrize("case", ["los_a_case_1", "nlos_a_case_1"])
-def test_real_ranges_never_refute_an_honest_tag(wonderland, hyu, case, no_process_left):
+def test_real_ranges_never_refute_an_honest_tag(wonderland, hyu, case):
     files = ["--recording", str(hyu / f"{case}.csv"), "--anchors", str(hyu / f"{case}_anchors.csv")]
     truth = ["--truth-shift", "-0.175", "--truth-raise", "1.05"]
     code, lines, errors = wonderland("simulate", *files, *truth, "--windows", "12", "--json", timeout_s=150)
@@ -61,7 +61,7 @@ def test_real_ranges_never_refute_an_honest_tag(wonderland, hyu, case, no_proces
     assert "verified" in outcomes
 
 
-def test_real_ranges_refute_a_lie_of_three_metres_and_never_verify_it(wonderland, hyu, no_process_left):
+def test_real_ranges_refute_a_lie_of_three_metres_and_never_verify_it(wonderland, hyu):
     files = ["--recording", str(hyu / "los_a_case_1.csv"), "--anchors", str(hyu / "los_a_case_1_anchors.csv")]
     truth = ["--truth-shift", "-0.175", "--truth-raise", "1.05"]
     code, lines, errors = wonderland("simulate", *files, *truth, "--windows", "8", "--claim", "offset:3,0,0", "--json")
@@ -72,7 +72,7 @@ def test_real_ranges_refute_a_lie_of_three_metres_and_never_verify_it(wonderland
 
 
 @pytest.mark.timeout(150)
-def test_the_papers_four_points(wonderland, tmp_path, no_process_left):
+def test_the_papers_four_points(wonderland, tmp_path):
     figure = tmp_path / "paper.svg"
     code, lines, errors = wonderland("reproduce", "paper", "--json", "--plot", str(figure))
     assert code == 0, errors
