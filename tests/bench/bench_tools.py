@@ -22,10 +22,10 @@ def p95(values):
 
 
 def show(title, header, rows):
-    """A table for people."""
+    """A table for people, with how busy the machine was: a run beside other work says little."""
     cells = [[str(cell) for cell in row] for row in (header, *rows)]
     widths = [max(len(row[column]) for row in cells) for column in range(len(header))]
-    print(f"\n{title}")
+    print(f"\n{title} [load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores]")
     for number, row in enumerate(cells):
         print("  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
         if number == 0:

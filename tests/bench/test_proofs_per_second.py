@@ -255,7 +255,7 @@ async def test_complete_proofs(start_ledger, processes, database_url, keep):
     assert kept == PROOFS + AT_ONCE
     kind = database_url.partition(":")[0]
     show(
-        f"{PROOFS} complete proofs ({ROUNDS} rounds × 4 anchors), {AT_ONCE} at a time, {os.cpu_count()} cores, {kind}",
+        f"{PROOFS} complete proofs ({ROUNDS} rounds × 4 anchors), {AT_ONCE} at a time, {kind}",
         ("figure", "value", "goal"),
         [
             ("proofs/s until in the database", f"{PROOFS / whole_s:.0f}", "≥ 150"),
