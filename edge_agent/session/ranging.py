@@ -1,6 +1,6 @@
 """Step 5 on the pad: rounds come in, the contract's judgement is tried at a few looks, estimates are told meanwhile.
 
-The looks are at 10, 20, 40, 80 and 160 rounds and no others: the verdict's error limits are computed for them.
+The looks are those of ``stopping.LOOKS``: each costs time on the air. The verdict's error limits would hold at any.
 """
 
 from __future__ import annotations

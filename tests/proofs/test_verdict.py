@@ -137,10 +137,88 @@ def test_three_anchors_never_refute(make_world, now_ms):
     assert "cannot_refute" in codes(verdict)
 
 
-def test_one_anchor_that_contradicts_the_others_decides_nothing(world, now_ms):
+PENTAGON = ((1500, 0), (460, 1430), (-1210, 880), (-1210, -880), (460, -1430))
+
+
+def test_one_bad_anchor_is_named_and_the_others_decide(world, now_ms):
     verdict = judge(world, now_ms, at(*HERE), at(*HERE), bias_mm=(0, 0, 900, 0))
+    assert "ranges_inconsistent" in codes(verdict)
+    suspected = next(reason for reason in verdict.reasons if reason.code == "anchor_suspected")
+    assert "A2" in suspected.text
+    assert verdict.outcome == "verified"
+    assert verdict.signed.error_mm < 300
+
+
+@pytest.mark.parametrize("bias", [-3000, -900, -200, 200, 900, 3000, 9000])
+@pytest.mark.parametrize("anchors", [None, PENTAGON])
+def test_one_bad_anchor_never_verifies_a_lie(make_world, now_ms, bias, anchors):
+    for position in range(4 if anchors is None else 5):
+        world = make_world(seed=position, **({} if anchors is None else {"anchors": anchors}))
+        biases = [0] * 5
+        biases[position] = bias
+        for lie in ((3000, 0), (0, -3000), (2200, 2200)):
+            verdict = judge(world, now_ms, at(*HERE), at(HERE[0] + lie[0], HERE[1] + lie[1], HERE[2]), bias_mm=biases)
+            assert verdict.outcome != "verified"
+
+
+def test_a_lie_is_refuted_in_spite_of_a_bad_anchor_where_four_good_ones_are_left(make_world, now_ms):
+    lie = at(HERE[0] + 5000, HERE[1], HERE[2])
+    assert judge(make_world(anchors=PENTAGON), now_ms, at(*HERE), lie, bias_mm=(0, 700, 0, 0, 0)).outcome == "refuted"
+    three_left = judge(make_world(), now_ms, at(*HERE), lie, bias_mm=(0, 0, 700, 0))
+    assert three_left.outcome == "inconclusive"
+    assert "cannot_refute" in codes(three_left)
+
+
+def test_two_bad_anchors_decide_nothing(make_world, now_ms):
+    verdict = judge(make_world(anchors=PENTAGON), now_ms, at(*HERE), at(*HERE), bias_mm=(0, 900, -700, 0, 0))
     assert verdict.outcome == "inconclusive"
     assert "ranges_inconsistent" in codes(verdict)
+    assert "anchor_suspected" not in codes(verdict)
+
+
+def test_anchors_in_a_line_leave_two_places_and_prefer_none(make_world, now_ms):
+    world = make_world(anchors=((-1500, 0), (-500, 5), (500, -5), (1500, 0)))
+    for claimed in (HERE, (HERE[0], -HERE[1], HERE[2])):
+        verdict = judge(world, now_ms, at(*HERE), at(*claimed))
+        assert verdict.outcome == "inconclusive"
+        assert "mirror_ambiguity" in codes(verdict)
+
+
+def test_what_two_way_ranging_cannot_exclude_is_said(make_world, now_ms):
+    outside = judge(make_world(), now_ms, at(*HERE), at(*HERE))
+    assert "upper_bound" in codes(outside)
+    assert f"{outside.within_mm / 1000:.2f} m" in next(r.text for r in outside.reasons if r.code == "upper_bound")
+    above = judge(make_world(), now_ms, at(300, -200, 4000), at(300, -200, 4000))
+    assert above.outcome == "verified"
+    assert "upper_bound" not in codes(above)
+    assert "height_claimed" not in codes(above)
+
+
+def test_claims_that_run_back_or_jump(world, now_ms):
+    evidence = world.evidence(at(*HERE), at(*HERE))
+    session = world.session(world.claim(HERE, 1_800_000_000_000))
+    backwards = dataclasses.replace(evidence, claims=evidence.claims[::-1])
+    verdict = preview(session, world.commissioning, backwards, now_ms)
+    assert (verdict.outcome, "claims_go_back" in codes(verdict)) == ("inconclusive", True)
+    away = world.claim((HERE[0] + 200_000, HERE[1], HERE[2]), evidence.claims[5].t_ms)
+    jumping = dataclasses.replace(evidence, claims=(*evidence.claims[:5], away, *evidence.claims[6:]))
+    verdict = preview(session, world.commissioning, jumping, now_ms)
+    assert verdict.outcome != "verified"
+    assert "claims_jump" in codes(verdict)
+
+
+def test_a_vague_height_buys_nothing(world, now_ms):
+    claim = world.claim(HERE, 1_800_000_000_000, height_accuracy_mm=1_000_000)
+    verdict = judge(world, now_ms, at(*HERE), at(*HERE), session=world.session(claim))
+    assert verdict.outcome == "inconclusive"
+    assert "claim_height_vague" in codes(verdict)
+
+
+def test_a_claimed_height_that_is_too_good_is_not_believed(world, now_ms):
+    claim = world.claim(HERE, 1_800_000_000_000, accuracy_mm=1, height_accuracy_mm=1)
+    good = judge(world, now_ms, at(*HERE), at(*HERE), session=world.session(claim))
+    assert good.outcome == "verified"
+    assert good.covariance.nn_mm2 > 20 * 20
 
 
 @pytest.mark.parametrize(

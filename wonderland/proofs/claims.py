@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from math import sqrt
 from typing import Final
 
 from wonderland.proofs.errors import GeometryError
@@ -13,6 +15,10 @@ from wonderland.proofs.records.sessions import Claim
 
 MAX_GAP_MS: Final = 2_000
 """A moment further than this from every claim has no claimed position of its own."""
+MAX_SPEED_MM_MS: Final = 120.0
+"""No drone that lands on a pad flies faster (mm/ms = m/s); a claim that does so has jumped."""
+JUMP_TOLERANCE_MM: Final = 2_000.0
+"""A filter that settles may move a claim by so much at once."""
 _PER_95_HEIGHT: Final = 0.5102
 """Standard deviation for one unit of a 95 % bound in one dimension (1/1.96)."""
 
@@ -41,7 +47,19 @@ class ClaimedPath:
             points.append(LocalClaim(claim.t_ms, float(east), float(north), float(up)))
         self.points: Final = tuple(points)
         self.accuracy_mm: Final = max(claim.accuracy_mm for claim in ordered)
-        self.height_sigma_mm: Final = max(claim.height_accuracy_mm for claim in ordered) * _PER_95_HEIGHT
+        self.height_accuracy_mm: Final = max(claim.height_accuracy_mm for claim in ordered)
+        self.height_sigma_mm: Final = self.height_accuracy_mm * _PER_95_HEIGHT
+
+    def jump_mm(self) -> float:
+        """The largest step between two claims beyond what a drone can fly and its accuracy explains; 0 without one."""
+        largest = 0.0
+        for before, after in pairwise(self.points):
+            east, north = after.east - before.east, after.north - before.north
+            step = sqrt(east * east + north * north)
+            allowed = MAX_SPEED_MM_MS * (after.t_ms - before.t_ms) + JUMP_TOLERANCE_MM + 2.0 * self.accuracy_mm
+            if step > allowed:
+                largest = max(largest, step)
+        return largest
 
     def at(self, t_ms: int) -> LocalClaim | None:
         """The claimed position at a moment, or None where no claim is within MAX_GAP_MS of it.

@@ -1,71 +1,32 @@
-"""From ranges to the offset between where the drone is and where it says that it is.
+"""From virtual ranges to the offset between where the drone is and where it says that it is: step 8 of the verdict.
 
-Each range is compared with the one that the claim of its moment would give, so a moving drone needs no special case;
-the mean of these residuals, put back onto the mean claimed position, is one virtual range for each anchor, and a
-least-squares fix on those gives the offset. Covariance = σ²/N_eff + bias² + survey² + height², of which only the first
-part shrinks with the number of rounds.
+Generalised least squares: each anchor has its own error (σ²/N_eff + bias² + survey²), and all share two, the
+installation's bias and the uncertainty of the claimed height. Only σ²/N_eff shrinks with the number of rounds. Three
+starts (the claim, a linear solution that needs none, and the mirror image of what these find) keep the fix from a wrong
+minimum and find the second one that anchors nearly in a line leave open.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Final
 
-from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.likelihood import Matrix2
-from wonderland.proofs.records.pads import Anchor, Commissioning
-from wonderland.proofs.records.sessions import NO_RANGE
-from wonderland.proofs.rounds import UsableRounds
+from wonderland.proofs.reduction import CLAIM_CLOCK_SIGMA_MS, AnchorMean, Reduced, distance
 
-OUTLIER_SIGMAS: Final = 6.0
-"""A residual this far from its anchor's median is a burst, not noise."""
-OUTLIER_FLOOR_MM: Final = 150.0
-"""Never call an error below this a burst: the white noise is not the only one."""
-MIN_VALUES: Final = 3
-"""Fewer usable ranges of an anchor tell nothing about it."""
-_ITERATIONS: Final = 8
+MIRROR_CHI2: Final = 13.815510557964274
+"""A second position is excluded only if its χ² is worse by this (a likelihood a thousand times smaller)."""
+MIRROR_APART_MM: Final = 100.0
+"""Two solutions nearer to each other than this are one."""
+_ITERATIONS: Final = 12
 _CONVERGED_MM: Final = 0.01
 _SINGULAR: Final = 1e-9
 _MAX_STEP_MM: Final = 20_000.0
 
-
-@dataclass(frozen=True, slots=True)
-class AnchorMean:
-    """One anchor's ranges, taken together."""
-
-    index: int
-    east: float
-    north: float
-    up: float
-    range_mm: float
-    """Corrected virtual range at the mean claimed position."""
-    residual_mm: float
-    """Mean of measured minus claimed."""
-    count: int
-    white: float
-    """σ²/N_eff in mm²: the part that more rounds make smaller."""
-    floor: float
-    """Variance that no number of rounds makes smaller: bias and survey."""
-
-
-@dataclass(frozen=True, slots=True)
-class Reduced:
-    """All anchors' means with the mean claimed position that they refer to."""
-
-    anchors: tuple[AnchorMean, ...]
-    east: float
-    north: float
-    up: float
-    t_ms: int
-    rounds: int
-    effective: float
-    """Rounds worth of independent measurements (correlated rounds count for less)."""
-    bursts: int
-    height_sigma_mm: float
-    installation_sigma_mm: float
+Weights = tuple[tuple[float, ...], ...]
+"""Inverse covariance of the virtual ranges, 1/mm²."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,191 +43,181 @@ class Offset:
     chi2_claim: float
     """Of the virtual ranges about the claim."""
     freedom: int
+    mirror: tuple[float, float] | None = None
+    """A second offset that these ranges cannot tell from this one."""
 
 
-def bias_at(anchor: Anchor, range_mm: float) -> tuple[float, float]:
-    """(bias, standard deviation) of an anchor's ranges at a distance: linear in its table, constant beyond."""
-    table = anchor.bias
-    if range_mm <= table[0].range_mm:
-        return float(table[0].bias_mm), float(table[0].sigma_mm)
-    for before, after in pairwise(table):
-        if range_mm <= after.range_mm:
-            share = (range_mm - before.range_mm) / (after.range_mm - before.range_mm)
-            bias = before.bias_mm + (after.bias_mm - before.bias_mm) * share
-            return bias, before.sigma_mm + (after.sigma_mm - before.sigma_mm) * share
-    return float(table[-1].bias_mm), float(table[-1].sigma_mm)
-
-
-def reduce(rounds: UsableRounds, commissioning: Commissioning, path: ClaimedPath) -> Reduced | None:
-    """Means over the rounds, or None where fewer than three anchors are left."""
-    claimed = [path.at(t_ms) for t_ms in rounds.t_ms]
-    present = [point for point in claimed if point is not None]
-    if not present:
-        return None
-    count = len(present)
-    east = north = up = 0.0
-    for claim in present:
-        east += claim.east
-        north += claim.north
-        up += claim.up
-    east, north, up = east / count, north / count, up / count
-
-    series: list[tuple[int, list[float]]] = []
-    bursts = 0
-    for index, column in zip(rounds.anchor_indices, rounds.range_mm, strict=True):
-        anchor = commissioning.anchors[index]
-        residuals = []
-        for value, point in zip(column, claimed, strict=True):
-            if value == NO_RANGE or point is None:
-                continue
-            bias, _ = bias_at(anchor, float(value))
-            expected = _distance(point.east - anchor.east_mm, point.north - anchor.north_mm, point.up - anchor.up_mm)
-            residuals.append(value - bias - expected)
-        kept = _without_bursts(residuals, float(commissioning.range_sigma_mm))
-        bursts += len(residuals) - len(kept)
-        if len(kept) >= MIN_VALUES:
-            series.append((index, kept))
-    if len(series) < 3:
-        return None
-    correlation = _correlation([values for _, values in series])
-    worth = (1.0 - correlation) / (1.0 + correlation)
-    sigma2 = float(commissioning.range_sigma_mm * commissioning.range_sigma_mm)
-
-    anchors = []
-    for index, values in series:
-        anchor = commissioning.anchors[index]
-        residual = _mean(values)
-        expected = _distance(east - anchor.east_mm, north - anchor.north_mm, up - anchor.up_mm)
-        _, bias_sigma = bias_at(anchor, expected + residual)
-        anchors.append(
-            AnchorMean(
-                index=index,
-                east=float(anchor.east_mm),
-                north=float(anchor.north_mm),
-                up=float(anchor.up_mm),
-                range_mm=expected + residual,
-                residual_mm=residual,
-                count=len(values),
-                white=sigma2 / (len(values) * worth),
-                floor=bias_sigma * bias_sigma + float(anchor.survey_sigma_mm * anchor.survey_sigma_mm),
-            )
-        )
-    return Reduced(
-        anchors=tuple(anchors),
-        east=east,
-        north=north,
-        up=up,
-        t_ms=rounds.t_ms[len(rounds.t_ms) // 2],
-        rounds=count,
-        effective=count * worth,
-        bursts=bursts,
-        height_sigma_mm=path.height_sigma_mm,
-        installation_sigma_mm=float(commissioning.installation_sigma_mm),
-    )
+@dataclass(frozen=True, slots=True)
+class _Fix:
+    east: float
+    north: float
+    chi2: float
 
 
 def solve(reduced: Reduced) -> Offset | None:
     """The offset that fits the virtual ranges best, or None where the geometry gives none."""
-    best: tuple[float, float, float] | None = None
-    for start in ((0.0, 0.0), _linear_start(reduced)):
-        if start is None:
-            continue
-        found = _gauss_newton(reduced, start[0], start[1])
-        if found is not None and (best is None or found[2] < best[2]):
-            best = found
-    if best is None:
+    fixes = [fix for fix in (_fix(reduced, (0.0, 0.0)), _fix(reduced, _linear_start(reduced))) if fix is not None]
+    if not fixes:
         return None
-    east, north, chi2 = best
-    covariances = _covariances(reduced, east, north)
+    best = min(fixes, key=lambda fix: fix.chi2)
+    mirrored = _fix(reduced, _mirrored(reduced, best))
+    if mirrored is not None:
+        fixes.append(mirrored)
+        best = min(fixes, key=lambda fix: fix.chi2)
+    # Among solutions that the ranges cannot tell apart the drone has the benefit of the doubt.
+    alike = [fix for fix in fixes if fix.chi2 - best.chi2 < MIRROR_CHI2]
+    best = min(alike, key=lambda fix: fix.east * fix.east + fix.north * fix.north)
+    others = [fix for fix in alike if distance(fix.east - best.east, fix.north - best.north, 0.0) > MIRROR_APART_MM]
+    covariances = _covariances(reduced, best)
     if covariances is None:
         return None
     total, floor = covariances
-    chi2_claim = 0.0
-    for anchor in reduced.anchors:
-        chi2_claim += anchor.residual_mm * anchor.residual_mm / (anchor.white + anchor.floor)
-    return Offset(east, north, total, floor, chi2, chi2_claim, len(reduced.anchors) - 2)
+    residuals = [anchor.residual_mm for anchor in reduced.anchors]
+    return Offset(
+        best.east,
+        best.north,
+        total,
+        floor,
+        best.chi2,
+        _quadratic(_weights(reduced, 0.0, 0.0), residuals),
+        len(reduced.anchors) - 2,
+        (others[0].east, others[0].north) if others else None,
+    )
 
 
-def _gauss_newton(reduced: Reduced, east: float, north: float) -> tuple[float, float, float] | None:
-    """(east, north, χ²) from a start; None where the normal equations are singular."""
-    for _ in range(_ITERATIONS):
-        normal = _normal(reduced, east, north)
+def without(reduced: Reduced, position: int) -> Reduced:
+    """The same without one anchor, by its position in ``reduced.anchors``."""
+    return replace(reduced, anchors=reduced.anchors[:position] + reduced.anchors[position + 1 :])
+
+
+def _fix(reduced: Reduced, start: tuple[float, float] | None) -> _Fix | None:
+    """Gauss–Newton from a start; None where the normal equations are singular. The weights follow the position."""
+    if start is None:
+        return None
+    east, north = start
+    chi2 = 0.0
+    weights: Weights = ()
+    for iteration in range(_ITERATIONS):
+        if iteration < 3:  # the shared errors' directions hardly change after that
+            weights = _weights(reduced, east, north)
+        normal = _normal(reduced, weights, east, north)
         if normal is None:
             return None
-        (ee, en, nn), (be, bn), _ = normal
+        ee, en, nn, be, bn, chi2 = normal
         determinant = ee * nn - en * en
         if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
             return None
         step_east = (nn * be - en * bn) / determinant
         step_north = (ee * bn - en * be) / determinant
         length = sqrt(step_east * step_east + step_north * step_north)
+        if length < _CONVERGED_MM and iteration > 0:
+            break
         if length > _MAX_STEP_MM:
             step_east, step_north = step_east * _MAX_STEP_MM / length, step_north * _MAX_STEP_MM / length
         east += step_east
         north += step_north
-        if length < _CONVERGED_MM:
-            break
-    final = _normal(reduced, east, north)
-    return None if final is None else (east, north, final[2])
+    return _Fix(east, north, chi2)
 
 
 def _normal(
-    reduced: Reduced, east: float, north: float
-) -> tuple[tuple[float, float, float], tuple[float, float], float] | None:
-    """Weighted normal equations and χ² at an offset; None on top of an anchor, where directions end."""
-    ee = en = nn = be = bn = chi2 = 0.0
+    reduced: Reduced, weights: Weights, east: float, north: float
+) -> tuple[float, float, float, float, float, float] | None:
+    """Normal equations (matrix, right side) and χ² at an offset; None on top of an anchor, where directions end."""
+    directions: list[tuple[float, float, float]] = []
     for anchor in reduced.anchors:
         x = reduced.east + east - anchor.east
         y = reduced.north + north - anchor.north
-        distance = _distance(x, y, reduced.up - anchor.up)
-        if distance < 1.0:
+        away = distance(x, y, reduced.up - anchor.up)
+        if away < 1.0:
             return None
-        weight = 1.0 / (anchor.white + anchor.floor)
-        ue, un = x / distance, y / distance
-        residual = anchor.range_mm - distance
-        ee += weight * ue * ue
-        en += weight * ue * un
-        nn += weight * un * un
-        be += weight * ue * residual
-        bn += weight * un * residual
-        chi2 += weight * residual * residual
-    return (ee, en, nn), (be, bn), chi2
+        directions.append((x / away, y / away, anchor.range_mm - away))
+    ee = en = nn = be = bn = chi2 = 0.0
+    for row, (ue, un, residual) in zip(weights, directions, strict=True):
+        we = wn = wr = 0.0
+        for weight, (ve, vn, other) in zip(row, directions, strict=True):
+            we += weight * ve
+            wn += weight * vn
+            wr += weight * other
+        ee += ue * we
+        en += ue * wn
+        nn += un * wn
+        be += ue * wr
+        bn += un * wr
+        chi2 += residual * wr
+    return ee, en, nn, be, bn, max(chi2, 0.0)
 
 
-def _covariances(reduced: Reduced, east: float, north: float) -> tuple[Matrix2, Matrix2] | None:
-    """(total, floor) covariance of the weighted solution, with the errors that anchors share."""
-    normal = _normal(reduced, east, north)
+def _weights(reduced: Reduced, east: float, north: float) -> Weights:
+    """Inverse of diag(white + floor) + installation²·11ᵀ + height²·hhᵀ (Sherman and Morrison, twice)."""
+    anchors = reduced.anchors
+    count = len(anchors)
+    rows = [
+        [1.0 / max(anchor.white + anchor.floor, 1.0) if i == j else 0.0 for j in range(count)]
+        for i, anchor in enumerate(anchors)
+    ]
+    heights = []
+    for anchor in anchors:
+        z = reduced.up - anchor.up
+        away = distance(reduced.east + east - anchor.east, reduced.north + north - anchor.north, z)
+        heights.append(z / away if away >= 1.0 else 1.0)
+    for sigma, vector in ((reduced.installation_sigma_mm, [1.0] * count), (reduced.height_sigma_mm, heights)):
+        if sigma <= 0.0:
+            continue
+        product = []
+        for row in rows:
+            total = 0.0
+            for weight, value in zip(row, vector, strict=True):
+                total += weight * value
+            product.append(total)
+        scale = 1.0 / (sigma * sigma)
+        for value, element in zip(vector, product, strict=True):
+            scale += value * element
+        for row, left in zip(rows, product, strict=True):
+            for column, right in enumerate(product):
+                row[column] -= left * right / scale
+    return tuple(tuple(row) for row in rows)
+
+
+def _covariances(reduced: Reduced, fix: _Fix) -> tuple[Matrix2, Matrix2] | None:
+    """(total, floor) covariance of the fix: the inverse normal matrix, and the clock's part along the velocity."""
+    weights = _weights(reduced, fix.east, fix.north)
+    normal = _normal(reduced, weights, fix.east, fix.north)
     if normal is None:
         return None
-    (ee, en, nn), _, _ = normal
+    ee, en, nn = normal[:3]
     determinant = ee * nn - en * en
     if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
         return None
-    inverse_ee, inverse_en, inverse_nn = nn / determinant, -en / determinant, ee / determinant
+    inverse = Matrix2(nn / determinant, -en / determinant, ee / determinant)
+    directions = [_direction(reduced, anchor, fix) for anchor in reduced.anchors]
     white = Matrix2(0.0, 0.0, 0.0)
-    floor = Matrix2(0.0, 0.0, 0.0)
-    common_east = common_north = height_east = height_north = 0.0
-    for anchor in reduced.anchors:
-        x = reduced.east + east - anchor.east
-        y = reduced.north + north - anchor.north
-        z = reduced.up - anchor.up
-        distance = _distance(x, y, z)
-        weight = 1.0 / (anchor.white + anchor.floor)
+    for position, anchor in enumerate(reduced.anchors):
         # How far the solution moves for one millimetre of error in this anchor's range.
-        gain_east = weight * (inverse_ee * x + inverse_en * y) / distance
-        gain_north = weight * (inverse_en * x + inverse_nn * y) / distance
-        outer = Matrix2(gain_east * gain_east, gain_east * gain_north, gain_north * gain_north)
-        white += outer.scaled(anchor.white)
-        floor += outer.scaled(anchor.floor)
-        common_east += gain_east
-        common_north += gain_north
-        height_east += gain_east * z / distance
-        height_north += gain_north * z / distance
-    installation = reduced.installation_sigma_mm * reduced.installation_sigma_mm
-    height = reduced.height_sigma_mm * reduced.height_sigma_mm
-    for variance, x, y in ((installation, common_east, common_north), (height, height_east, height_north)):
-        floor += Matrix2(x * x, x * y, y * y).scaled(variance)
-    return white + floor, floor
+        we = wn = 0.0
+        for weight, (ue, un) in zip(weights[position], directions, strict=True):
+            we += weight * ue
+            wn += weight * un
+        east = inverse.ee * we + inverse.en * wn
+        north = inverse.en * we + inverse.nn * wn
+        white += Matrix2(east * east, east * north, north * north).scaled(anchor.white)
+    x, y = reduced.velocity_east * CLAIM_CLOCK_SIGMA_MS, reduced.velocity_north * CLAIM_CLOCK_SIGMA_MS
+    total = inverse + Matrix2(x * x, x * y, y * y)
+    return total, total + white.scaled(-1.0)
+
+
+def _direction(reduced: Reduced, anchor: AnchorMean, fix: _Fix) -> tuple[float, float]:
+    x = reduced.east + fix.east - anchor.east
+    y = reduced.north + fix.north - anchor.north
+    away = distance(x, y, reduced.up - anchor.up)
+    return x / away, y / away
+
+
+def _quadratic(weights: Weights, residuals: Sequence[float]) -> float:
+    total = 0.0
+    for row, left in zip(weights, residuals, strict=True):
+        for weight, right in zip(row, residuals, strict=True):
+            total += left * weight * right
+    return max(total, 0.0)
 
 
 def _linear_start(reduced: Reduced) -> tuple[float, float] | None:
@@ -294,38 +245,24 @@ def _linear_start(reduced: Reduced) -> tuple[float, float] | None:
     return x - reduced.east, y - reduced.north
 
 
-def _without_bursts(values: Sequence[float], sigma: float) -> list[float]:
-    if not values:
-        return []
-    ordered = sorted(values)
-    median = ordered[len(ordered) // 2]
-    limit = max(OUTLIER_SIGMAS * sigma, OUTLIER_FLOOR_MM)
-    return [value for value in values if -limit <= value - median <= limit]
-
-
-def _correlation(series: Sequence[Sequence[float]]) -> float:
-    """Lag-1 correlation of the residuals over time, all anchors together, with a margin; 0 to 0.95."""
-    steps = spread = 0.0
-    count = 0
-    for values in series:
-        mean = _mean(values)
-        for value in values:
-            spread += (value - mean) * (value - mean)
-        for before, after in pairwise(values):
-            steps += (after - before) * (after - before)
-        count += len(values)
-    if spread <= 0.0:
-        return 0.0
-    correlation = 1.0 - 0.5 * steps / spread + 1.0 / sqrt(float(count))
-    return 0.0 if correlation < 0.0 else min(correlation, 0.95)
-
-
-def _mean(values: Sequence[float]) -> float:
-    total = 0.0
-    for value in values:
-        total += value
-    return total / len(values)
-
-
-def _distance(x: float, y: float, z: float) -> float:
-    return sqrt(x * x + y * y + z * z)
+def _mirrored(reduced: Reduced, fix: _Fix) -> tuple[float, float]:
+    """The fix mirrored at the line through the anchors: what ranges to a line of anchors cannot tell from it."""
+    count = len(reduced.anchors)
+    middle_east = middle_north = 0.0
+    for anchor in reduced.anchors:
+        middle_east += anchor.east
+        middle_north += anchor.north
+    middle_east, middle_north = middle_east / count, middle_north / count
+    ee = en = nn = 0.0
+    for anchor in reduced.anchors:
+        x, y = anchor.east - middle_east, anchor.north - middle_north
+        ee += x * x
+        en += x * y
+        nn += y * y
+    line = Matrix2(ee, en, nn).ellipse()
+    x, y = reduced.east + fix.east - middle_east, reduced.north + fix.north - middle_north
+    across = y * line.east - x * line.north
+    return (
+        fix.east + 2.0 * across * line.north,
+        fix.north - 2.0 * across * line.east,
+    )

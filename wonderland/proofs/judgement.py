@@ -6,15 +6,17 @@ from dataclasses import dataclass, field
 from math import sqrt
 from typing import Final
 
+from wonderland.proofs.agreement import REFUTING_ANCHORS, Agreement
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.errors import GeometryError
-from wonderland.proofs.estimate import Offset, Reduced
+from wonderland.proofs.estimate import Offset
 from wonderland.proofs.frame import to_local, to_wgs84
 from wonderland.proofs.likelihood import Matrix2, distance_to_disc, inside_disc
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import Judgement, Position, Reason
-from wonderland.proofs.stopping import LOOK_INFLATION, LOOK_Z
+from wonderland.proofs.reduction import Reduced, distance
+from wonderland.proofs.stopping import proved_outside, sides
 
 NEAR_CLAIM_MS: Final = 3_000
 """How far a broadcast may lie from the signed claims in time and still be judged by them."""
@@ -44,8 +46,14 @@ class Measured:
     """What the rounds say, before any claim is judged."""
 
     reduced: Reduced
-    offset: Offset
-    consistent: bool
+    agreement: Agreement
+    whole: Offset
+    """The fit of all anchors, whether they agree or not."""
+
+    @property
+    def offset(self) -> Offset:
+        """The best estimate: of all anchors, or of the subset that agrees best."""
+        return self.agreement.offsets[0] if self.agreement.offsets else self.whole
 
 
 def judge(
@@ -58,46 +66,119 @@ def judge(
     may_verify: bool,
     may_refute: bool,
 ) -> Judgement:
-    """Steps 9 and 10 for one claim, which lies at ``shift`` from the signed one and adds ``extra`` uncertainty."""
-    policy = session.policy
-    radius = float(policy.buffer_mm)
-    east, north = measured.offset.east - shift[0], measured.offset.north - shift[1]
-    covariance = measured.offset.covariance + extra
-    guarded = covariance.scaled(LOOK_INFLATION)
-    likelihood_ppm = ppm(inside_disc(east, north, covariance, radius))
-    guarded_ppm = ppm(inside_disc(east, north, guarded, radius))
-    significance = distance_to_disc(east, north, covariance, radius)
-    error = sqrt(east * east + north * north)
+    """Steps 9 and 10 for one claim, which lies at ``shift`` from the signed one and adds ``extra`` uncertainty.
+
+    Where one anchor is bad, every subset that may be the good one has to say the same.
+    """
+    offsets = measured.agreement.offsets or (measured.whole,)
+    found = [_compare(session, measured.reduced, offset, extra, shift) for offset in offsets]
+    first = found[0]
+    radius = metres(float(session.policy.buffer_mm))
+    error = metres(first.error)
     reasons = Reasons()
-    if guarded_ppm >= policy.verify_ppm:
-        outcome = "verified" if may_verify else "inconclusive"
+    outcome = "inconclusive"
+    if all(one.inside for one in found):
         if may_verify:
-            reasons.add("within_buffer", f"Measured {metres(error)} from the claim, within {metres(radius)}.")
-    elif guarded_ppm <= policy.refute_ppm and significance >= LOOK_Z:
-        outcome = "refuted" if may_refute else "inconclusive"
+            outcome = "verified"
+            reasons.add("within_buffer", f"Measured {error} from the claim, within {radius}.")
+    elif all(one.outside for one in found):
         reasons.add(
-            "outside_buffer",
-            f"Measured {metres(error)} from the claim, outside {metres(radius)} by {decimal(significance)} σ.",
+            "outside_buffer", f"Measured {error} from the claim, outside {radius} by {decimal(first.significance)} σ."
         )
-        if not may_refute:
+        if may_refute and measured.agreement.usable and measured.agreement.anchors >= REFUTING_ANCHORS:
+            outcome = "refuted"
+        else:
             reasons.add("cannot_refute", "Too few anchors, or too inconsistent ranges, to refute on.")
     else:
-        outcome = "inconclusive"
-        axes = covariance.ellipse()
-        reasons.add(
-            "undecided",
-            f"Measured {metres(error)} from the claim, known to {metres(axes.s1)} (1σ): not settled yet.",
-        )
+        axes = (offsets[0].covariance + extra).ellipse()
+        reasons.add("undecided", f"Measured {error} from the claim, known to {metres(axes.s1)} (1σ): not settled yet.")
     reduced = measured.reduced
     claim = place(commissioning, reduced.east + shift[0], reduced.north + shift[1], reduced.up)
     return Judgement(
         outcome=outcome,
         claim=claim,
-        error_mm=min(int(error + 0.5), 100_000_000),
-        likelihood_ppm=likelihood_ppm,
-        paper_rule=error <= radius,
+        error_mm=min(int(first.error + 0.5), 100_000_000),
+        likelihood_ppm=first.likelihood_ppm,
+        paper_rule=first.error <= session.policy.buffer_mm,
         reasons=tuple(reasons.items),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Comparison:
+    """One estimate against one claim."""
+
+    inside: bool
+    outside: bool
+    likelihood_ppm: int
+    significance: float
+    error: float
+
+
+def _compare(
+    session: Session, reduced: Reduced, offset: Offset, extra: Matrix2, shift: tuple[float, float]
+) -> _Comparison:
+    policy = session.policy
+    radius = float(policy.buffer_mm)
+    east, north = offset.east - shift[0], offset.north - shift[1]
+    covariance = offset.covariance + extra
+    bent_east, bent_north = straightened(reduced, offset, covariance, shift)
+    likelihood_ppm = ppm(inside_disc(bent_east, bent_north, covariance, radius))
+    proved = sides(bent_east, bent_north, covariance, policy)
+    outside = proved.outside and likelihood_ppm <= policy.refute_ppm
+    significance = proved.significance
+    if outside and (bent_east, bent_north) != (east, north):
+        # A refutation has to hold on the flat map too: the arc is an approximation where the ellipse is huge.
+        significance = min(significance, distance_to_disc(east, north, covariance, radius))
+        outside = proved_outside(significance, covariance.ellipse().s1, policy)
+    return _Comparison(
+        inside=proved.inside and likelihood_ppm >= policy.verify_ppm,
+        outside=outside,
+        likelihood_ppm=likelihood_ppm,
+        significance=significance,
+        error=sqrt(east * east + north * north),
+    )
+
+
+def straightened(
+    reduced: Reduced, offset: Offset, covariance: Matrix2, shift: tuple[float, float]
+) -> tuple[float, float]:
+    """Offset of the estimate from the claim, on the arc about the anchors that a long ellipse really is.
+
+    Far from a small pad the bearing is vague and the distance is not: the places that fit the ranges lie on an arc, and
+    a straight ellipse misses it by s1²/2D. Where that is more than half of the short axis, the offset is taken in
+    polar coordinates (distance, arc) about the anchors' middle; elsewhere it stays as it is.
+    """
+    east, north = offset.east - shift[0], offset.north - shift[1]
+    count = len(reduced.anchors)
+    middle_east = middle_north = 0.0
+    for anchor in reduced.anchors:
+        middle_east += anchor.east
+        middle_north += anchor.north
+    x = reduced.east + offset.east - middle_east / count
+    y = reduced.north + offset.north - middle_north / count
+    away = distance(x, y, 0.0)
+    axes = covariance.ellipse()
+    if away <= 0.0 or axes.s1 * axes.s1 <= away * axes.s2:
+        return east, north
+    ux, uy = x / away, y / away
+    claim_x, claim_y = x - east, y - north
+    claim_away = distance(claim_x, claim_y, 0.0)
+    along = claim_x * ux + claim_y * uy
+    if along <= 0.5 * claim_away:  # more than 60° away: no arc is a straight line's correction
+        return east, north
+    sine = (claim_y * ux - claim_x * uy) / claim_away
+    arc = -away * _arcsine(sine)
+    radial = away - claim_away
+    return radial * ux - arc * uy, radial * uy + arc * ux
+
+
+def _arcsine(x: float) -> float:
+    """Arc sine to 1e-4 for |x| ≤ 0.87, by halving the angle once and its series."""
+    half = x / sqrt(2.0 * (1.0 + sqrt((1.0 - x) * (1.0 + x))))
+    square = half * half
+    series = 1.0 + square * (1 / 6 + square * (3 / 40 + square * (15 / 336 + square * (105 / 3456 + square * 0.0224))))
+    return 2.0 * half * series
 
 
 def judge_broadcast(
@@ -141,7 +222,9 @@ def judge_broadcast(
     shift = (max(-limit, min(limit, east / count)), max(-limit, min(limit, north / count)))
     variance = latency * latency + moved_mm * moved_mm
     extra = Matrix2(variance, 0.0, variance)
-    return judge(session, commissioning, measured, extra, shift, may_verify=measured.consistent, may_refute=may_refute)
+    return judge(
+        session, commissioning, measured, extra, shift, may_verify=measured.agreement.usable, may_refute=may_refute
+    )
 
 
 def place(commissioning: Commissioning, east: float, north: float, up: float) -> Position:

@@ -1,17 +1,18 @@
 """The decision, in numbered steps; one function for each, limits as named constants with their reason.
 
- 1. freshness       times of rounds and claims belong to this session
+ 1. freshness       times of rounds and claims belong to this session, and claims neither run backwards nor jump
  2. confirmations   both codes matched; the drone's countersignature holds
  3. usable rounds   at least three anchors, plausible ranges, no obstruction
  4. bias            each range is corrected by its anchor's calibration
- 5. consistency     the ranges agree with one another (χ² about the estimate)
+ 5. consistency     the ranges agree with one another (χ² about the estimate), all or without one bad anchor
  6. time differences  (assurance 3; no pad of this version brings them)
  7. claim           residuals against the claimed path, which may move
  8. estimate        offset from the claim, with its covariance
  9. likelihood      that the drone is within the buffer of its claim
 10. outcome         verified, refuted or inconclusive, and permission
 
-Steps 4, 7 and 8 are in ``estimate``, 9 and 10 for one claim in ``judgement``, when to look in ``stopping``. Two claims
+Steps 4 and 7 are in ``reduction``, 5 in ``agreement``, 8 in ``estimate``, 9 and 10 for one claim in ``judgement``, what
+holds under repeated looks in ``stopping``, what can be reached at all in ``prospects``. Two claims
 are judged: the one that the drone signed for this session and the one that it broadcast. Integers and exactly rounded
 operations only (``special``).
 """
@@ -19,12 +20,14 @@ operations only (``special``).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from math import sqrt
 from typing import Final
 
+from wonderland.proofs.agreement import agreement
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.errors import GeometryError
-from wonderland.proofs.estimate import reduce, solve
+from wonderland.proofs.estimate import solve
 from wonderland.proofs.judgement import (
     LARGEST,
     Measured,
@@ -37,15 +40,21 @@ from wonderland.proofs.judgement import (
     rounded,
 )
 from wonderland.proofs.likelihood import Matrix2
+from wonderland.proofs.prospects import anchors_in_a_plane, within_hull
 from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import Covariance, Judgement, Position, Reason, Verdict
+from wonderland.proofs.reduction import reduce
 from wonderland.proofs.rounds import UsableRounds, usable
-from wonderland.proofs.special import CHI2_LIMITS
-from wonderland.proofs.stopping import LOOK_Z, more_rounds
+from wonderland.proofs.stopping import more_rounds
 
-REFUTING_ANCHORS: Final = 4
-"""Three anchors leave no redundancy: one bad range could refute an honest drone."""
+BOUND_Z: Final = 2.83
+"""Standard deviations with which ``within_mm`` holds."""
+TIME_DIFFERENCES: Final = 3
+"""From this assurance on a drone's own clock cannot make it appear farther away."""
+MAX_HEIGHT_ACCURACY_MM: Final = 20_000
+"""A claimed height vaguer than this proves nothing either."""
 
 
 def decide(
@@ -79,12 +88,9 @@ def decide(
         path = ClaimedPath(commissioning.frame, (session.claim, *evidence.claims))
     except GeometryError:
         reasons.add("claim_far_away", "The claimed position is nowhere near this pad.")
+    if path is not None:
+        blocked = not _plausible(path, policy, reasons) or blocked
     if path is not None and rounds is not None:
-        if path.accuracy_mm > policy.max_claim_accuracy_mm:
-            reasons.add(
-                "claim_vague", f"The claim is good to {metres(path.accuracy_mm)} only; a vague claim proves nothing."
-            )
-            blocked = True
         measured = _measure(rounds, commissioning, path, reasons)  # 4, 5, 7, 8
     enough = rounds is not None and len(rounds.t_ms) >= policy.min_rounds
 
@@ -92,18 +98,24 @@ def decide(
     broadcast: Judgement | None = None
     more = -1
     if measured is not None and path is not None:
-        may_refute = measured.consistent and len(measured.reduced.anchors) >= REFUTING_ANCHORS and enough
+        open_geometry = measured.offset.mirror is not None
         signed = judge(
             session,
             commissioning,
             measured,
             Matrix2(0.0, 0.0, 0.0),
             (0.0, 0.0),
-            may_verify=not blocked and measured.consistent and enough,
-            may_refute=may_refute,
+            may_verify=not blocked and measured.agreement.usable and enough and not open_geometry,
+            may_refute=enough,
         )  # 9, 10
-        broadcast = judge_broadcast(session, commissioning, evidence, measured, path, may_refute=may_refute)
-        more = more_rounds(measured.offset, measured.reduced.rounds, float(policy.buffer_mm))
+        broadcast = judge_broadcast(session, commissioning, evidence, measured, path, may_refute=enough)
+        more = more_rounds(measured.offset, measured.reduced.rounds, policy)
+        if signed.outcome == "inconclusive" and measured.agreement.usable and more < 0:
+            reasons.add(
+                "cannot_settle",
+                "No number of rounds would settle it: too little is known of this pad's biases and survey.",
+            )
+        _limits(assurance, commissioning, measured, signed, reasons)
     outcome = _outcome(signed, broadcast, reasons)
     authorised = not authorisation
     reasons.items.extend(authorisation)
@@ -160,10 +172,34 @@ def _fresh(session: Session, evidence: Evidence, now_ms: int, reasons: Reasons) 
     if any(not earliest <= claim.t_ms <= latest for claim in evidence.claims):
         reasons.add("claims_not_fresh", "Claims were made outside of the session's time.")
         fresh = False
-    if any(after < before for before, after in zip(evidence.ranges.t_ms, evidence.ranges.t_ms[1:], strict=False)):
+    if any(after.t_ms < before.t_ms for before, after in pairwise(evidence.claims)):
+        reasons.add("claims_go_back", "The claims' times go backwards.")
+        fresh = False
+    if any(after < before for before, after in pairwise(evidence.ranges.t_ms)):
         reasons.add("time_goes_back", "The rounds' times go backwards.")
         fresh = False
     return fresh
+
+
+def _plausible(path: ClaimedPath, policy: Policy, reasons: Reasons) -> bool:
+    """Step 1, the claims by themselves: a vague claim buys nothing, and a drone flies from one to the next."""
+    plausible = True
+    if path.accuracy_mm > policy.max_claim_accuracy_mm:
+        reasons.add("claim_vague", f"The claim is good to {metres(path.accuracy_mm)} only: a vague one proves nothing.")
+        plausible = False
+    if path.height_accuracy_mm > MAX_HEIGHT_ACCURACY_MM:
+        reasons.add(
+            "claim_height_vague",
+            f"The claimed height is good to {metres(path.height_accuracy_mm)} only; a vague claim proves nothing.",
+        )
+        plausible = False
+    jump = path.jump_mm()
+    if jump > 0.0:
+        reasons.add(
+            "claims_jump", f"The claims jump by {metres(jump)}: no drone flies so, nor does accuracy explain it."
+        )
+        plausible = False
+    return plausible
 
 
 def _confirmed(evidence: Evidence, confirmed: bool, signature_valid: bool | None, reasons: Reasons) -> bool:
@@ -213,16 +249,51 @@ def _measure(
     if offset is None:
         reasons.add("no_estimate", "The anchors' geometry gives no position for these ranges.")
         return None
-    limit = CHI2_LIMITS[min(max(offset.freedom, 1), len(CHI2_LIMITS)) - 1]
-    consistent = offset.chi2 <= limit
-    if not consistent:
+    agreed = agreement(reduced, offset)
+    measured = Measured(reduced, agreed, offset)
+    if not agreed.consistent:
         reasons.add(
             "ranges_inconsistent",
-            f"The ranges contradict one another: χ² {decimal(offset.chi2)}, limit {decimal(limit)}.",
+            f"The ranges contradict one another: χ² {decimal(agreed.chi2)}, limit {decimal(agreed.limit)}.",
+        )
+        if agreed.usable:
+            names = [commissioning.anchors[index].anchor_id for index in agreed.suspects]
+            reasons.add(
+                "anchor_suspected",
+                f"Without {names[0]} the others agree."
+                if len(names) == 1
+                else f"The others agree without one of {', '.join(names)}; each of these was left out in turn.",
+            )
+    if measured.offset.mirror is not None:
+        reasons.add(
+            "mirror_ambiguity",
+            "The anchors stand nearly in a line: a second place fits the ranges as well, and none is preferred.",
         )
     if reduced.bursts:
         reasons.add("bursts", f"{reduced.bursts} ranges left out as bursts of error.")
-    return Measured(reduced, offset, consistent)
+    return measured
+
+
+def _limits(
+    assurance: int, commissioning: Commissioning, measured: Measured, signed: Judgement, reasons: Reasons
+) -> None:
+    """What a verified position does not mean: said with it, so that nobody reads more into it."""
+    if signed.outcome != "verified":
+        return
+    reduced, offset = measured.reduced, measured.offset
+    if anchors_in_a_plane(commissioning):
+        reasons.add(
+            "height_claimed", "The height is the drone's word: anchors in one plane cannot tell above from below."
+        )
+    if assurance < TIME_DIFFERENCES and not within_hull(
+        commissioning, reduced.east + offset.east, reduced.north + offset.north
+    ):
+        bound = metres(float(_within(measured, commissioning)))
+        reasons.add(
+            "upper_bound",
+            f"Two-way ranges from one side prove that it is within {bound} of the pad; a drone that delays its own "
+            "answers could stand nearer than it says.",
+        )
 
 
 def _outcome(signed: Judgement | None, broadcast: Judgement | None, reasons: Reasons) -> str:
@@ -244,7 +315,7 @@ def _within(measured: Measured, commissioning: Commissioning) -> int:
     for mean in measured.reduced.anchors:
         anchor = commissioning.anchors[mean.index]
         away = sqrt(float(anchor.east_mm**2 + anchor.north_mm**2 + anchor.up_mm**2))
-        bound = mean.range_mm + away + LOOK_Z * sqrt(mean.white + mean.floor)
+        bound = mean.range_mm + away + BOUND_Z * sqrt(mean.white + mean.floor)
         if best < 0.0 or bound < best:
             best = bound
     return int(max(best, 0.0)) + 1

@@ -89,6 +89,10 @@ class Commissioning(Record):
     valid_from_ms: TimeMs
     valid_until_ms: TimeMs
     method: Note
+    correlation_ppm: (
+        Annotated[int, Integer(0, 950_000, "Correlation of one round's errors with the next one's, as commissioned")]
+        | None
+    ) = None
 
     def validate(self, path: str) -> None:
         """Anchors must be distinct in name and address; the validity must not be empty."""

@@ -1,0 +1,119 @@
+"""What a pad can settle at a place before anything is ranged: from its commissioning alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from wonderland.proofs.estimate import solve
+from wonderland.proofs.likelihood import Matrix2
+from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.reduction import HEIGHT_SIGMA_FLOOR_MM, Reduced, anchor_mean, distance
+from wonderland.proofs.stopping import rounds_needed
+
+PLANE_SIGMAS: Final = 3.0
+PLANE_FLOOR_MM: Final = 100.0
+"""Anchors nearer to a plane than this are in it, as far as ranging goes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prospect:
+    """What to expect of an honest drone at a place."""
+
+    rounds: int
+    """Rounds that settle an honest claim on average; −1 where no number does."""
+    one_round: Matrix2
+    """Covariance of the estimate after one round, mm²."""
+    floor: Matrix2
+    """The part of it that more rounds do not shrink."""
+
+
+def prospect(
+    commissioning: Commissioning,
+    policy: Policy,
+    east: float,
+    north: float,
+    up: float,
+    *,
+    height_sigma_mm: float = HEIGHT_SIGMA_FLOOR_MM,
+) -> Prospect | None:
+    """What this pad can settle about a drone at a place of its frame (mm); None where its geometry gives no position.
+
+    The number of rounds is that of a claim that is exactly right and of a sample that falls as it should; real
+    sessions need half as many again.
+    """
+    correlation = (commissioning.correlation_ppm or 0) / 1_000_000.0
+    white = float(commissioning.range_sigma_mm * commissioning.range_sigma_mm)
+    white = white * (1.0 + correlation) / (1.0 - correlation)
+    anchors = []
+    for index, anchor in enumerate(commissioning.anchors):
+        expected = distance(east - anchor.east_mm, north - anchor.north_mm, up - anchor.up_mm)
+        if expected > commissioning.max_range_mm:
+            continue
+        anchors.append(anchor_mean(index, anchor, expected, 0.0, count=1, white=white))
+    if len(anchors) < 3:
+        return None
+    reduced = Reduced(
+        anchors=tuple(anchors),
+        east=east,
+        north=north,
+        up=up,
+        t_ms=0,
+        rounds=1,
+        effective=1.0,
+        bursts=0,
+        height_sigma_mm=max(height_sigma_mm, HEIGHT_SIGMA_FLOOR_MM),
+        installation_sigma_mm=float(commissioning.installation_sigma_mm),
+    )
+    offset = solve(reduced)
+    if offset is None:
+        return None
+    axes = offset.covariance.ellipse()
+    settled = offset.floor.along(axes.east, axes.north)
+    white = max(offset.covariance.along(axes.east, axes.north) - settled, 0.0)
+    rounds = rounds_needed(0.0, white, settled, policy) if offset.mirror is None else -1
+    return Prospect(rounds, offset.covariance, offset.floor)
+
+
+def anchors_in_a_plane(commissioning: Commissioning) -> bool:
+    """Whether all anchors lie in one plane, so that ranges have a mirror image on its other side."""
+    anchors = commissioning.anchors
+    points = [(float(anchor.east_mm), float(anchor.north_mm), float(anchor.up_mm)) for anchor in anchors]
+    tolerance = PLANE_FLOOR_MM + PLANE_SIGMAS * max(anchor.survey_sigma_mm for anchor in anchors)
+    origin = points[0]
+    arms = [(x - origin[0], y - origin[1], z - origin[2]) for x, y, z in points[1:]]
+    best = (0.0, 0.0, 0.0)
+    largest = 0.0
+    for index, first in enumerate(arms):
+        for second in arms[index + 1 :]:
+            normal = (
+                first[1] * second[2] - first[2] * second[1],
+                first[2] * second[0] - first[0] * second[2],
+                first[0] * second[1] - first[1] * second[0],
+            )
+            length = distance(*normal)
+            if length > largest:
+                largest, best = length, normal
+    if largest <= 0.0:
+        return True
+    return all(abs(x * best[0] + y * best[1] + z * best[2]) <= tolerance * largest for x, y, z in arms)
+
+
+def within_hull(commissioning: Commissioning, east: float, north: float) -> bool:
+    """Whether a place is surrounded by the anchors: there, to seem farther from one is to seem nearer to another.
+
+    A place is outside of the hull exactly where a line through it and an anchor has all the others on one side.
+    """
+    points = [(anchor.east_mm - east, anchor.north_mm - north) for anchor in commissioning.anchors]
+    for x, y in points:
+        left = right = False
+        for other_x, other_y in points:
+            cross = x * other_y - y * other_x
+            left = left or cross > 0.0
+            right = right or cross < 0.0
+        if not left and not right:
+            return False  # all in a line with the place: no area to be within
+        if not (left and right):
+            return False
+    return True
