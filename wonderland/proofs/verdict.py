@@ -110,13 +110,9 @@ def decide(
         )  # 9, 10
         broadcast = judge_broadcast(session, commissioning, evidence, measured, path, may_refute=enough)
         more = more_rounds(measured.offset, measured.reduced.rounds, policy)
-        if signed.outcome == "inconclusive" and measured.agreement.usable and more < 0:
-            reasons.add(
-                "cannot_settle",
-                "No number of rounds would settle it: too little is known of this pad's biases and survey.",
-            )
-        _limits(assurance, commissioning, measured, signed, reasons)
     outcome = _outcome(signed, broadcast, reasons)
+    if measured is not None and signed is not None:
+        _limits(assurance, commissioning, measured, signed, more, reasons)
     authorised = not authorisation
     reasons.items.extend(authorisation)
     granted = outcome == "verified" and authorised
@@ -275,9 +271,14 @@ def _measure(
 
 
 def _limits(
-    assurance: int, commissioning: Commissioning, measured: Measured, signed: Judgement, reasons: Reasons
+    assurance: int, commissioning: Commissioning, measured: Measured, signed: Judgement, more: int, reasons: Reasons
 ) -> None:
-    """What a verified position does not mean: said with it, so that nobody reads more into it."""
+    """What an outcome does not mean: said with it, so that nobody reads more into it."""
+    if signed.outcome == "inconclusive" and measured.agreement.usable and more < 0:
+        reasons.add(
+            "cannot_settle",
+            "No number of rounds would settle it: too little is known of this pad's biases and survey.",
+        )
     if signed.outcome != "verified":
         return
     reduced, offset = measured.reduced, measured.offset
