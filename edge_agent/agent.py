@@ -318,6 +318,8 @@ class PadAgent:
             now_ms=self._clock(),
             timing=self._timing,
             whole_certificate=self._whole_certificate,
+            measured_by=self._radios.measured_by,
+            sts=self._radios.sts,
         )
         self._receiver.watch(uav_id)
         runner = self._runner = SessionRunner(

@@ -7,9 +7,9 @@ import ssl
 from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING
 
-from edge_agent.agent import AgentError, PadAgent
+from edge_agent.agent import AgentError, PadAgent, PadRadiosPort
 from edge_agent.permission import CommandPermission, LogPermission, Permissions
-from edge_agent.radios import AnchorPort, PadRadios
+from edge_agent.radios import AnchorPort, PadRadios, RadiosError
 from edge_agent.receiver import Heard, ReceiverError, RemoteIdReceiver
 from edge_agent.reporting import SpoolReporter
 from edge_agent.spool import Spool, SpoolError
@@ -66,9 +66,7 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
     if uplink is not None:
         await uplink.start()
         stack.push_async_callback(uplink.close)
-    radios = await stack.enter_async_context(
-        PadRadios([AnchorPort(anchor.anchor_id, anchor.port) for anchor in settings.anchors], clock)
-    )
+    radios = await _radios(settings, stack, clock)
     command = [CommandPermission(settings.permission_command)] if settings.permission_command else []
     return PadAgent(
         settings.pad_id,
@@ -85,6 +83,19 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
         whole_certificate=settings.whole_certificate,
         status_file=settings.status_file,
     )
+
+
+async def _radios(settings: PadSettings, stack: contextlib.AsyncExitStack, clock: SteadyClock) -> PadRadiosPort:
+    if settings.reports_listen is None:
+        ports = [AnchorPort(anchor.anchor_id, anchor.port) for anchor in settings.anchors]
+        return await stack.enter_async_context(PadRadios(ports, clock))
+    # Few pads are of this kind; the others need not carry the driver.
+    from edge_agent.radios.reported import ReportedRadios  # noqa: PLC0415
+
+    try:
+        return await stack.enter_async_context(ReportedRadios(settings.reports_listen, clock))
+    except RadiosError as cause:
+        raise AgentError(str(cause)) from cause
 
 
 def _tell(tracks: SpoolReporter, heard: Heard) -> None:

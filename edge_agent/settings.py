@@ -9,6 +9,10 @@ spool = "spool"                         # a directory of this pad's own
 anchor_id = "A1"                        # as commissioned
 port = "/dev/serial/by-id/usb-…"
 
+[uwb]                                   # only for a pad of DWM1001 anchors, which have no ports: no [[anchors]] then;
+kind = "dwm1001"                        # drones measure and report by UDP, so that proofs have assurance 0
+listen = "0.0.0.0:5481"
+
 [remote_id]
 listen = "0.0.0.0:5480"                 # UDP; or serial = ["/dev/ttyUSB4"]
 
@@ -65,6 +69,8 @@ class PadSettings:
     remote_id_serial: tuple[str, ...] = ()
     backend_url: str = ""
     backend_tls_ca: Path | None = None
+    reports_listen: tuple[str, int] | None = None
+    """Where drones with a DWM1001 report; None where the pad has nodes of its own."""
 
     @property
     def status_file(self) -> Path:
@@ -98,8 +104,9 @@ def parse(document: dict[str, Any], path: Path) -> PadSettings:
     top = _Table(document, path, "")
     remote_id = top.table("remote_id")
     backend = top.table("backend")
+    reports_listen = _reports_listen(top, top.table("uwb"))
     anchors = tuple(AnchorSetting(entry.identifier("anchor_id"), entry.text("port")) for entry in top.tables("anchors"))
-    if not MIN_ANCHORS <= len(anchors) <= MAX_ANCHORS:
+    if reports_listen is None and not MIN_ANCHORS <= len(anchors) <= MAX_ANCHORS:
         raise top.wrong("anchors", f"has {len(anchors)} entries; a pad has {MIN_ANCHORS} to {MAX_ANCHORS}")
     for name in ("anchor_id", "port"):
         if len({getattr(anchor, name) for anchor in anchors}) != len(anchors):
@@ -118,10 +125,29 @@ def parse(document: dict[str, Any], path: Path) -> PadSettings:
         remote_id_serial=remote_id.texts("serial"),
         backend_url=backend.url("url"),
         backend_tls_ca=backend.path("tls_ca") if backend.has("tls_ca") else None,
+        reports_listen=reports_listen,
     )
     for table in (top, remote_id, backend):
         table.refuse_unknown()
     return settings
+
+
+def _reports_listen(top: _Table, uwb: _Table) -> tuple[str, int] | None:
+    """The address for drones' reports, on a pad whose anchors are DWM1001 boards."""
+    kind = uwb.text("kind", "uci")
+    listen = uwb.address("listen")
+    uwb.refuse_unknown()
+    if kind not in {"uci", "dwm1001"}:
+        raise uwb.wrong("kind", f"is {kind!r}; uci and dwm1001 are known")
+    if kind == "uci":
+        if listen is not None:
+            raise uwb.wrong("listen", 'is for kind = "dwm1001"; nodes that speak UCI hang on serial ports')
+        return None
+    if listen is None:
+        raise uwb.wrong("listen", "is missing; drones have to report somewhere, for example 0.0.0.0:5481")
+    if top.has("anchors"):
+        raise top.wrong("anchors", 'has no place beside uwb.kind = "dwm1001": these anchors have no serial ports')
+    return listen
 
 
 class _Table:

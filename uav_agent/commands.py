@@ -21,7 +21,8 @@ from wonderland.proofs.records.sessions import STEP_NAMES
 if TYPE_CHECKING:
     from uav_agent.agent import ProofResult
     from uav_agent.position import PositionSource
-    from uav_agent.session.ports import Act
+    from uav_agent.radio.tag import TagRadio
+    from uav_agent.session.ports import Act, Radio
     from wonderland.proofs.records.verdicts import Verdict
 
 POSITION_PATIENCE_S = 10.0
@@ -41,6 +42,16 @@ def uav() -> None:
 @click.option("--connection", required=True, type=click.Path(path_type=Path), help="connection.json of the ledger.")
 @click.option("--identity", default="uav", show_default=True, help="A name in connection.json.")
 @click.option("--port", required=True, help="Serial port of the drone's UWB node.")
+@click.option(
+    "--node",
+    type=click.Choice(("uci", "dwm1001")),
+    default="uci",
+    show_default=True,
+    help="What hangs there. With a DWM1001 tag the drone reports its own ranges: assurance 0.",
+)
+@click.option(
+    "--report-to", metavar="HOST:PORT", help="Where the pad listens to drones with a DWM1001 (its uwb.listen)."
+)
 @click.option(
     "--position",
     required=True,
@@ -85,6 +96,8 @@ async def _prove(
     connection: Path,
     identity: str,
     port: str,
+    node: str,
+    report_to: str | None,
     position: str,
     pad_id: str,
     action: str,
@@ -99,6 +112,8 @@ async def _prove(
     from wonderland.ledger.gateway import Gateway  # noqa: PLC0415
     from wonderland.ledger.proof_contract import ProofContract  # noqa: PLC0415
 
+    if (node == "dwm1001") != (report_to is not None):
+        raise click.UsageError("--node dwm1001 and --report-to HOST:PORT go together")
     clock = SteadyClock()
     where = Connection.load(connection)
     who, signer = where.identity(identity), where.signer(identity)
@@ -106,7 +121,9 @@ async def _prove(
         channel = await stack.enter_async_context(where.open_channel())
         ledger = ProofContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
         source = await stack.enter_async_context(_position(position, clock))
-        radio = await stack.enter_async_context(UavRadio(port, clock))
+        radio: Radio = await stack.enter_async_context(
+            UavRadio(port, clock) if node == "uci" else _tag(port, report_to, clock)
+        )
         events = await stack.enter_async_context(LedgerEvents(ledger))
         agent = UavAgent(
             uav_id=who.pol_id,
@@ -125,6 +142,15 @@ async def _prove(
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, agent.stop)
         return await agent.prove(pad_id, action)
+
+
+def _tag(port: str, report_to: str | None, clock: Clock) -> TagRadio:
+    from uav_agent.radio.tag import TagRadio  # noqa: PLC0415 - few drones carry one
+
+    host, _, number = (report_to or "").rpartition(":")
+    if not host or not number.isascii() or not number.isdigit() or not 0 < int(number) < 65_536:
+        raise click.UsageError(f"--report-to {report_to}: give HOST:PORT")
+    return TagRadio(port, (host.strip("[]"), int(number)), clock)
 
 
 @contextlib.asynccontextmanager

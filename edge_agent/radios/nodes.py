@@ -58,6 +58,9 @@ class AnchorState:
 class PadRadios:
     """All nodes of a pad. Use as an asynchronous context manager; the nodes are connected as long as it is open."""
 
+    measured_by: Final = "pad"
+    sts: Final = "provisioned"
+
     def __init__(self, ports: Sequence[AnchorPort], clock: Clock) -> None:
         self._nodes = {
             entry.anchor_id: UwbNode(entry.port, name=f"anchor {entry.anchor_id}", clock=clock) for entry in ports

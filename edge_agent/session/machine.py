@@ -64,7 +64,8 @@ class PadSession:
 
     ``session`` and ``commissioning`` come from the ledger, ``keys`` from their transcript. ``random_octets`` must be
     unpredictable: the challenge and its moment come from it. ``certificate`` is the pad's own (DER); it is said whole
-    instead of by its hash where ``whole_certificate`` is set. All times are milliseconds on one steady clock.
+    instead of by its hash where ``whole_certificate`` is set. ``measured_by`` and ``sts`` are the nodes' way of
+    ranging, for the evidence. All times are milliseconds on one steady clock.
     """
 
     def __init__(
@@ -79,6 +80,8 @@ class PadSession:
         now_ms: int,
         timing: PadTiming | None = None,
         whole_certificate: bool = False,
+        measured_by: str = "pad",
+        sts: str = "provisioned",
         judge: Judge = preview,
     ) -> None:
         self.session: Final = session
@@ -110,6 +113,8 @@ class PadSession:
         self._challenge = random_octets(8)
         spread = max(1, self._timing.challenge_spread_ms)
         self._challenge_delay_ms = int.from_bytes(random_octets(4), "big") % spread
+        self._measured_by = measured_by
+        self._sts = sts
         self._firmware: str | None = None
         self._matched = False
         self._signature: str | None = None
@@ -313,7 +318,7 @@ class PadSession:
         return self._gathered.evidence(
             matched=self._matched,
             broadcast=self._broadcasts(since_ms),
-            radio=Radio(measured_by="pad", sts="provisioned", firmware=self._firmware),
+            radio=Radio(measured_by=self._measured_by, sts=self._sts, firmware=self._firmware),
             uav_signature=self._signature,
             failure=self._failure,
         )

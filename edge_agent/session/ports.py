@@ -19,6 +19,16 @@ Sink = Callable[[on.PadEvent], None]
 class Radios(Protocol):
     """The pad's nodes (``edge_agent.radios.PadRadios``)."""
 
+    @property
+    def measured_by(self) -> str:
+        """Whose nodes compute the ranges, as in the record ``Radio``: pad or uav."""
+        ...
+
+    @property
+    def sts(self) -> str:
+        """Their time-stamp sequence, as in the record ``Radio``: static or provisioned."""
+        ...
+
     async def open_session(self, plan: RangingPlan, anchor_ids: Sequence[str], sink: Sink) -> str | None:
         """Start both UWB sessions; returns the firmware. Raises where the pad cannot range."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+import re
 from collections.abc import Callable
 from typing import Final
 
@@ -53,4 +55,11 @@ def lep(report: LocationReport) -> str:
     return f"POS,{_coordinates(report.position)},{report.position.quality_percent or 0}"
 
 
+def spliced(line: str, rng: random.Random) -> str:
+    """The line cut anywhere, going on with one of its anchors: what boards send at high rates."""
+    starts = [match.start() for match in _ANCHOR.finditer(line)] or [0]
+    return line[: rng.randrange(1, len(line) + 1)] + line[rng.choice(starts) :]
+
+
+_ANCHOR: Final = re.compile(r",AN\d|(?:^| )[0-9A-F]{4}\[")
 WRITERS: Final[dict[str, Callable[[LocationReport], str]]] = {"les": les, "lec": lec, "lep": lep}

@@ -35,10 +35,11 @@ class VirtualAnchor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quirks:
-    """``update_ms``: a new round every so often. ``splice``: share of lines that are overwritten midway by the next.
+    """Manners and faults. ``update_ms``: a new round every so often.
 
-    ``nan``: share of rounds without an own position. ``garbage``: share of lines or answers before which noise comes.
-    ``busy``: share of questions answered by status 4.
+    ``splice``: share of lines that are cut midway and go on with an anchor. ``nan``: share of rounds without an own
+    position. ``garbage``: share of lines or answers before which noise comes. ``busy``: share of questions answered by
+    status 4.
     """
 
     update_ms: int = 100
@@ -143,8 +144,7 @@ class VirtualDwm1001:
         if not line:
             return
         if self._rng.random() < self.quirks.splice:
-            cut = self._rng.randrange(1, len(line))
-            line = line[:cut] + line[self._rng.randrange(len(line)) :]
+            line = lines.spliced(line, self._rng)
         self._noise()
         self.transmit(line.encode("ascii") + b"\r\n")
 
@@ -155,7 +155,7 @@ class VirtualDwm1001:
     # --- generic mode --------------------------------------------------------------------------------------------
 
     def _generic(self, octet: int) -> None:
-        if octet == 0x0D and self._received in {b"", b"\r"}:
+        if octet == 0x0D and bytes(self._received) in {b"", b"\r"}:
             now_s = self._clock_s()
             if now_s - self._return_s < ENTER_WITHIN_S:
                 self._return_s = -ENTER_WITHIN_S

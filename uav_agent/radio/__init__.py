@@ -1,4 +1,4 @@
-"""The drone's UWB node on its serial port."""
+"""The drone's UWB node on its serial port: one that speaks UCI, or a DWM1001 tag (``tag``)."""
 
 from uav_agent.radio.node import UavRadio
 

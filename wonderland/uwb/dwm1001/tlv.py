@@ -80,8 +80,8 @@ def decode_location(frames: Sequence[Tlv], asked: Generation = Generation.PANS_R
     position: BoardPosition | None = None
     report: LocationReport | None = None
     generation = asked
-    for frame in body:
-        if frame.type == POSITION and position is None and report is None:
+    for index, frame in enumerate(body):
+        if frame.type == POSITION and index == 0:
             if len(frame.value) != _POSITION.size:
                 raise Dwm1001DecodeError(f"position: {len(frame.value)} octets where {_POSITION.size} are expected")
             position = _position(frame.value, 0)

@@ -1,0 +1,152 @@
+"""Whole proofs with the paper's board: a DWM1001 tag on the drone, its ranges reported, assurance 0."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import random
+from dataclasses import replace
+
+import pytest
+
+from edge_agent.agent import AgentError
+from edge_agent.assembly import open_pad
+from edge_agent.radios.reported import ReportedRadios
+from edge_agent.session.timing import PadTiming
+from edge_agent.settings import SettingsError, parse
+from simulator.dwm1001_node import Quirks, VirtualAnchor, VirtualDwm1001
+from simulator.uci_node import PtyPort
+from uav_agent.radio.tag import TagRadio
+from wonderland.uwb.dwm1001 import BoardPosition, Generation, Mode, Timings
+
+ANCHOR_NAMES = ("A1", "A2", "A3", "A4")
+QUICK = Timings(poll_ms=25, listen_ms=50, prompt_ms=300)
+
+
+@pytest.fixture
+def fast_timing():
+    return PadTiming(
+        open_ms=4_000,
+        reply_ms=2_500,
+        silence_ms=1_000,
+        identity_ms=2_000,
+        echo_ms=2_000,
+        confirm_ms=2_000,
+        submit_reserve_ms=1_500,
+        completion_ms=1_500,
+        lapse_margin_ms=300,
+    )
+
+
+@contextlib.asynccontextmanager
+async def proofs(world, timing, *, generation=Generation.PANS_R2, mode=Mode.TLV, quirks=None):
+    """A pad of DWM1001 anchors, a drone with a tag; both agents at work."""
+    anchors = [VirtualAnchor(0xA000 + index, name, BoardPosition(0, 0, 0)) for index, name in enumerate(ANCHOR_NAMES)]
+    tag = VirtualDwm1001(
+        "uav",
+        anchors,
+        world.measure,
+        rng=random.Random(1),
+        generation=generation,
+        quirks=quirks or Quirks(update_ms=50),
+    )
+    port = PtyPort(tag, world.directory / "tty-tag")
+    port.plug()
+    settings = replace(world.settings(), anchors=(), reports_listen=("127.0.0.1", 0))
+    try:
+        async with open_pad(settings, timing=timing) as pad:
+            working = asyncio.create_task(pad.run())
+            try:
+                async with asyncio.timeout(10):
+                    await pad.wait_ready()
+                radios = pad._radios
+                assert isinstance(radios, ReportedRadios)
+                async with (
+                    TagRadio(port.path, radios.address, world.clock, mode=mode, timings=QUICK) as radio,
+                    world.uav(radio=radio) as uav,
+                ):
+                    yield pad, uav
+            finally:
+                working.cancel()
+                await asyncio.gather(working, return_exceptions=True)
+    finally:
+        port.close()
+
+
+@pytest.mark.parametrize(
+    ("generation", "mode"),
+    [(Generation.PANS_R2, Mode.TLV), (Generation.LEAPS, Mode.TLV), (Generation.PANS_R2, Mode.LEC)],
+)
+async def test_where_the_policy_takes_the_drones_word_it_is_verified_at_assurance_0(
+    world, fast_timing, generation, mode
+):
+    await world.policy(min_assurance=0)
+    async with proofs(world, fast_timing, generation=generation, mode=mode) as (pad, uav):
+        result = await uav.prove("pad-1", "land")
+        anchors = {anchor["anchor_id"] for anchor in pad.status()["anchors"]}
+    assert (result.verdict.outcome, result.verdict.assurance) == ("verified", 0)
+    assert (result.state, result.end) == ("completed", "done")
+    assert anchors == set(ANCHOR_NAMES)
+    assert world.acted
+
+
+async def test_the_default_policy_never_verifies_what_a_drone_says_of_itself(world, fast_timing):
+    async with proofs(world, fast_timing) as (_, uav):
+        result = await uav.prove("pad-1", "land")
+    assert result.verdict.outcome == "inconclusive"
+    assert result.verdict.permission != "granted"
+    assert "assurance_too_low" in {reason.code for reason in result.verdict.reasons}
+    assert not world.acted
+
+
+async def test_a_spoofed_position_is_found_out_though_the_drone_reports_itself(world, fast_timing):
+    """What level 0 is good for: an honest drone whose GNSS is dragged away."""
+    await world.policy(min_assurance=0)
+    world.flight.truth = (16_000.0, 3_000.0, 6_000.0)
+    async with proofs(world, fast_timing) as (_, uav):
+        result = await uav.prove("pad-1", "land")
+    assert result.verdict.outcome == "refuted"
+    assert not world.acted
+
+
+async def test_spliced_lines_and_noise_cost_rounds_and_nothing_else(world, fast_timing):
+    await world.policy(min_assurance=0)
+    quirks = Quirks(update_ms=25, splice=0.3, garbage=0.2, nan=0.2)
+    async with proofs(world, fast_timing, mode=Mode.LEC, quirks=quirks) as (_, uav):
+        result = await uav.prove("pad-1", "land")
+    assert result.verdict.outcome == "verified"
+
+
+async def test_a_port_in_use_is_said(world, fast_timing):
+    settings = replace(world.settings(), anchors=(), reports_listen=("127.0.0.1", 0))
+    async with ReportedRadios(("127.0.0.1", 0), world.clock) as other:
+        with pytest.raises(AgentError, match=r"uwb\.listen: 127\.0\.0\.1:\d+ cannot be bound"):
+            async with open_pad(replace(settings, reports_listen=other.address), timing=fast_timing):
+                pytest.fail("it opened")
+
+
+BASE = {"pad_id": "pad-1", "connection": "c.json", "spool": "s"}
+UCI_ANCHORS = [{"anchor_id": name, "port": f"/dev/{name}"} for name in ANCHOR_NAMES]
+
+
+def test_settings_of_a_pad_of_dwm1001(tmp_path):
+    settings = parse(BASE | {"uwb": {"kind": "dwm1001", "listen": "127.0.0.1:5481"}}, tmp_path / "pad.toml")
+    assert (settings.anchors, settings.reports_listen) == ((), ("127.0.0.1", 5481))
+    assert parse(BASE | {"anchors": UCI_ANCHORS, "uwb": {"kind": "uci"}}, tmp_path / "p").reports_listen is None
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        ({"uwb": {"kind": "dwm1001"}}, r"uwb\.listen is missing"),
+        ({"uwb": {"kind": "dwm1001", "listen": "x"}}, r"uwb\.listen is not host:port"),
+        ({"uwb": {"kind": "zigbee"}}, r"uwb\.kind is 'zigbee'"),
+        ({"uwb": {"kind": "dwm1001", "listen": "a:1", "lisen": 1}}, r"uwb\.lisen is unknown"),
+        ({"uwb": {"kind": "dwm1001", "listen": "a:1"}, "anchors": UCI_ANCHORS}, "anchors has no place"),
+        ({"uwb": {"listen": "a:1"}, "anchors": UCI_ANCHORS}, r"uwb\.listen is for kind"),
+        ({}, "anchors has 0 entries"),
+    ],
+)
+def test_settings_that_make_no_sense_name_the_field(tmp_path, more, why):
+    with pytest.raises(SettingsError, match=why):
+        parse(BASE | more, tmp_path / "pad.toml")
