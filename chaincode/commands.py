@@ -8,8 +8,6 @@ import json
 import logging
 import signal
 import sys
-import urllib.error
-import urllib.request
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -147,7 +145,7 @@ async def _serve(
         if operations:
             await watched.start(operations)
         await server.start(listen)
-        server.metrics.runs(name, server.contract.version, server.package_id)
+        server.metrics.info.set(1, contract=name, version=server.contract.version, package_id=server.package_id)
         if server.tls is not None:
             server.metrics.certificate_expiry.set(server.tls.valid_until.timestamp())
         ready(watched.address)
@@ -175,6 +173,9 @@ def _tls(certificate: Path | None, key: Path | None, client_ca: Path | None) -> 
 @click.option("--json", "as_json", is_flag=True, help="The whole document.")
 def health(*, address: str, as_json: bool) -> None:
     """Ask a running service how it is. Exit code 1 when it does not answer or is stopping."""
+    import urllib.error  # noqa: PLC0415 - `serve` needs none of it, and has to stay small
+    import urllib.request  # noqa: PLC0415
+
     check_listen(address, encrypted=False, plaintext=True)
     try:
         with urllib.request.urlopen(f"http://{address}/healthz", timeout=5) as answer:

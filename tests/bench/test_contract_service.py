@@ -166,16 +166,29 @@ async def drive(peer, source, count, each=None, every=0):
     return time.perf_counter() - started
 
 
-async def dial(address):
-    channel = grpc.aio.insecure_channel(address)
+async def dial(address, credentials=None):
+    channel = grpc.aio.secure_channel(address, credentials) if credentials else grpc.aio.insecure_channel(address)
     return channel, await LeanPeer(channel.stream_stream("/protos.Chaincode/Connect")()).open()
 
 
-async def test_memory_and_cost_of_a_hundred_thousand_transactions(processes, keep):
+def tls_files(directory):
+    """Options for mutual TLS, and the credentials of a peer."""
+    ca = tools.key_and_certificate("ca", ca=True)
+    server, peer = (tools.key_and_certificate(name, ca) for name in ("service", "peer"))
+    options = []
+    for option, data in (("--tls-cert", server[3]), ("--tls-key", server[2]), ("--client-ca", ca[3])):
+        path = directory / f"{option[2:]}.pem"
+        path.write_bytes(data)
+        options += [option, str(path)]
+    return options, grpc.ssl_channel_credentials(ca[3], peer[2], peer[3])
+
+
+async def test_memory_and_cost_of_a_hundred_thousand_transactions(processes, keep, tmp_path):
     arguments = ("chaincode", "serve", "--package-id", PACKAGE_ID, "--listen", "127.0.0.1:0", "--json")
-    service = await processes.start("contract", *arguments, "--metrics", "127.0.0.1:0", "--log-level", "error")
+    tls, credentials = tls_files(tmp_path)
+    service = await processes.start("contract", *arguments, *tls, "--metrics", "127.0.0.1:0")
     watched = psutil.Process(service.handle.pid)
-    channel, peer = await dial(service.ready["address"])
+    channel, peer = await dial(service.ready["address"], credentials)
     source = calls()
     rows = []
 

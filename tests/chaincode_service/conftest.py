@@ -28,6 +28,7 @@ from fabric_protos.ledger.queryresult import kv_query_result_pb2
 from fabric_protos.msp import identities_pb2
 from fabric_protos.peer import chaincode_pb2, proposal_pb2, proposal_response_pb2
 from fabric_protos.peer import chaincode_shim_pb2 as shim
+from prometheus_client.parser import text_string_to_metric_families
 
 from chaincode.service import ContractServer, Limits
 from chaincode.service.metrics import Metrics
@@ -518,7 +519,12 @@ class World:
         return await peer.register()
 
     def count(self, name, **labels):
-        return self.server.metrics.registry.get_sample_value(f"wonderland_contract_{name}", labels) or 0.0
+        wanted = f"wonderland_contract_{name}", labels
+        for family in text_string_to_metric_families(self.server.metrics.exposition().decode()):
+            for sample in family.samples:
+                if (sample.name, sample.labels) == wanted:
+                    return sample.value
+        return 0.0
 
 
 @asynccontextmanager
