@@ -17,7 +17,7 @@ def at_rest(page):
     """Waits until the map has drawn what it has."""
     expect(page.get_by_role("option").first).to_be_visible()
     page.wait_for_function("document.querySelector('.maplibregl-canvas') !== null")
-    page.wait_for_timeout(700)
+    page.wait_for_timeout(300)
 
 
 def colours(page, clip):
@@ -32,7 +32,7 @@ def test_the_map_draws_from_the_country_to_the_pad(scripted, open_page, scale):
     at_rest(page)
     for theme in ("light", "dark"):
         page.emulate_media(color_scheme=theme)
-        assert page.evaluate("document.documentElement.dataset.theme") == theme
+        page.wait_for_function(f"document.documentElement.dataset.theme === '{theme}'")
         # Beside the panels, where only the map is: an empty one has a single colour.
         for _ in range(40):
             counted = colours(page, MAP_ONLY)

@@ -1,6 +1,6 @@
-import { useEffect, useRef, type KeyboardEvent, type ReactElement } from "react";
+import { memo, useEffect, useRef, type KeyboardEvent, type ReactElement } from "react";
 import type { Pad } from "../shared/api/records";
-import { countByGroup, type Drone, type Group } from "../shared/drones";
+import { countByGroup, type Drone, type Group, type Look } from "../shared/drones";
 import { age, count } from "../shared/format";
 import { Symbol } from "../shared/ui/Symbol";
 import { rowText } from "../sessions/words";
@@ -31,6 +31,32 @@ type Properties = {
   onTab: (tab: Tab) => void;
   onSelect: (uav_id: string | undefined) => void;
 };
+
+type RowProperties = {
+  uav_id: string;
+  look: Look;
+  tone: Look;
+  selected: boolean;
+  right: string;
+  second: string;
+  old: string;
+  onSelect: (uav_id: string) => void;
+};
+
+/** Remembered by what it shows: of a thousand rows few change at a time. */
+const Row = memo(function Row({ uav_id, look, tone, selected, right, second, old, onSelect }: RowProperties): ReactElement {
+  return (
+    // Keys are the listbox's business: it has the focus, its options have not.
+    // eslint-disable-next-line jsx-a11y/click-events-have-key-events, jsx-a11y/interactive-supports-focus
+    <div id={`drone-${uav_id}`} className="row" role="option" aria-selected={selected} onClick={() => onSelect(uav_id)}>
+      <Symbol look={look} named />
+      <b>{uav_id}</b>
+      <span className={`row-right num look-${tone}`}>{right}</span>
+      <small className="row-second">{second}</small>
+      <small className="row-age num">{old}</small>
+    </div>
+  );
+});
 
 /** The drones that are about, what needs the officer first. Arrow keys go through it. */
 export function DroneList(properties: Properties): ReactElement {
@@ -88,22 +114,17 @@ export function DroneList(properties: Properties): ReactElement {
         {shown.map((drone) => {
           const { right, second } = rowText(drone, padName);
           return (
-            // Keys are the listbox's business: it has the focus, its options have not.
-            // eslint-disable-next-line jsx-a11y/click-events-have-key-events, jsx-a11y/interactive-supports-focus
-            <div
+            <Row
               key={drone.uav_id}
-              id={`drone-${drone.uav_id}`}
-              className="row"
-              role="option"
-              aria-selected={drone.uav_id === selected}
-              onClick={() => onSelect(drone.uav_id)}
-            >
-              <Symbol look={drone.look} named />
-              <b>{drone.uav_id}</b>
-              <span className={`row-right num look-${drone.need === "not-authorised" ? "proving" : drone.look}`}>{right}</span>
-              <small className="row-second">{second}</small>
-              <small className="row-age num">{age(now_ms - drone.t_ms)}</small>
-            </div>
+              uav_id={drone.uav_id}
+              look={drone.look}
+              tone={drone.need === "not-authorised" ? "proving" : drone.look}
+              selected={drone.uav_id === selected}
+              right={right}
+              second={second}
+              old={age(now_ms - drone.t_ms)}
+              onSelect={onSelect}
+            />
           );
         })}
       </div>

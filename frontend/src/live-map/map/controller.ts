@@ -3,7 +3,6 @@ import {
   Map as MapLibre,
   setWorkerUrl,
   type GeoJSONSource,
-  type GeoJSONSourceDiff,
   type MapMouseEvent,
   type PaddingOptions,
 } from "maplibre-gl";
@@ -21,10 +20,10 @@ import {
   siteFeatures,
   trackPoints,
   trailFeatures,
-  type TrackPoint,
 } from "./features";
 import { addIcons, palette } from "./icons";
 import { FINE_ZOOM } from "./scales";
+import { TrackSource } from "./trackSource";
 import { BASE_FILES, MAP_COLOURS, padLabel, paints, style } from "./style";
 
 setWorkerUrl(workerUrl);
@@ -56,7 +55,7 @@ export class MapController {
   private loaded = false;
   private selection: Selection = {};
   private current: Drone[] = [];
-  private points = new Map<string, string>();
+  private tracks: TrackSource | undefined;
   private queued: ReturnType<typeof setTimeout> | undefined;
   private padsChanged = true;
   private fitted = false;
@@ -203,6 +202,7 @@ export class MapController {
 
   private onLoad(): void {
     this.loaded = true;
+    this.tracks = new TrackSource(this.source("tracks"));
     const icons = addIcons(this.map, palette(MAP_COLOURS), !this.calm);
     this.recolour = () => {
       const colours = palette(MAP_COLOURS);
@@ -235,7 +235,8 @@ export class MapController {
   private review(): void {
     const now_ms = this.store.serverNow_ms();
     this.current = drones(this.store, now_ms);
-    this.drawTracks(trackPoints(this.current, this.selection.uav_id));
+    this.tracks?.show(trackPoints(this.current, this.selection.uav_id));
+    this.set("trails", trailFeatures(this.current, this.store.trails, this.selection.uav_id));
     this.drawEvidence(now_ms);
     this.set("sites", siteFeatures(this.store.pads.values(), this.current));
     if (this.padsChanged) {
@@ -257,29 +258,8 @@ export class MapController {
       const estimate = this.store.estimates.get(drone.uav_id);
       if (estimate !== undefined) drone.estimate = estimate;
     }
-    this.drawTracks(trackPoints(this.current, this.selection.uav_id));
+    this.tracks?.move(this.current);
     this.drawEvidence(this.store.serverNow_ms());
-  }
-
-  private drawTracks(points: readonly TrackPoint[]): void {
-    const diff: Required<Pick<GeoJSONSourceDiff, "add" | "update" | "remove">> = { add: [], update: [], remove: [] };
-    const next = new Map<string, string>();
-    for (const { id, at, properties } of points) {
-      const key = JSON.stringify([at, properties]);
-      next.set(id, key);
-      const before = this.points.get(id);
-      if (before === key) continue;
-      const geometry = { type: "Point" as const, coordinates: at };
-      if (before === undefined) diff.add.push({ type: "Feature", geometry, properties });
-      else {
-        const addOrUpdateProperties = Object.entries(properties).map(([name, value]) => ({ key: name, value }));
-        diff.update.push({ id, newGeometry: geometry, addOrUpdateProperties });
-      }
-    }
-    for (const id of this.points.keys()) if (!next.has(id)) diff.remove.push(id);
-    this.points = next;
-    if (diff.add.length + diff.update.length + diff.remove.length > 0) void this.source("tracks").updateData(diff);
-    this.set("trails", trailFeatures(this.current, this.store.trails, this.selection.uav_id));
   }
 
   private drawEvidence(now_ms: number): void {

@@ -4,7 +4,7 @@ import { TONE_OF, type Tone } from "../../shared/design/symbols";
 import type { Drone } from "../../shared/drones";
 import { length } from "../../shared/format";
 import { circle, ellipse, outline } from "../../shared/geo/ellipse";
-import { distance_mm, frameOf, lonLat, toGlobe, type Local, type LonLat } from "../../shared/geo/frame";
+import { distance_mm, frameOf, lonLat, toGlobe, type Local, type LonLat, type Place } from "../../shared/geo/frame";
 import type { TrailPoint } from "../../shared/live/store";
 
 /** A verified drone's evidence stays on the map this long; what needs the officer stays while it does. */
@@ -94,7 +94,7 @@ export function siteFeatures(pads: Iterable<Pad>, drones: readonly Drone[]): Fea
   });
 }
 
-export type TrackPoint = { id: string; at: LonLat; properties: Record<string, unknown> };
+export type TrackPoint = { id: string; place: Place; properties: Record<string, unknown> };
 
 export function trackPoints(drones: readonly Drone[], selected: string | undefined): TrackPoint[] {
   const points: TrackPoint[] = [];
@@ -104,7 +104,7 @@ export function trackPoints(drones: readonly Drone[], selected: string | undefin
     const judged = ["verified", "refuted", "inconclusive", "proving"].includes(drone.look);
     points.push({
       id: drone.uav_id,
-      at: lonLat(drone.track),
+      place: drone.track,
       properties: {
         id: drone.uav_id,
         icon: `look-${drone.look}`,
@@ -119,13 +119,18 @@ export function trackPoints(drones: readonly Drone[], selected: string | undefin
   return points;
 }
 
+/** With more drones than this, those that nobody proved have no trail: the map would be a tangle. */
+const CROWDED = 150;
+
 export function trailFeatures(
   drones: readonly Drone[],
   trails: ReadonlyMap<string, readonly TrailPoint[]>,
   selected: string | undefined,
 ): Feature[] {
   const features: Feature[] = [];
+  const crowded = drones.length > CROWDED;
   for (const drone of drones) {
+    if (crowded && drone.group === "other" && drone.uav_id !== selected) continue;
     const trail = trails.get(drone.uav_id);
     if (trail === undefined || trail.length < 2) continue;
     features.push(

@@ -1,3 +1,4 @@
+import type { Track } from "../api/records";
 import type { LiveSource } from "../live/source";
 import type { ConnectionEvent } from "../live/connection";
 import { PADS } from "./cast";
@@ -17,15 +18,31 @@ export function fakeOptions(search: string): FakeOptions | undefined {
   };
 }
 
+/** How many more `many` adds, to see how the console bears them. */
+const CROWD = 1_000;
+
+function crowd(t_s: number, t_ms: number): Track[] {
+  return Array.from({ length: CROWD }, (_, i) => ({
+    uav_id: `SE-MANY-${String(i).padStart(4, "0")}`,
+    lat_e7: Math.round(604_400_000 + 500_000 * Math.sin(i * 2.399 + t_s / 60) * Math.sqrt(i / CROWD)),
+    lon_e7: Math.round(222_500_000 + 1_000_000 * Math.cos(i * 2.399 + t_s / 60) * Math.sqrt(i / CROWD)),
+    t_ms,
+    pad_id: "aurajoki-2",
+    transport: "wifi_beacon",
+    verified: false,
+  }));
+}
+
 /**
- * The scripted world as a source of live events: `frozen` stops it after what was already played, `halted`, `lagging`
- * and `lost` show the states of ledger and connection.
+ * The scripted world as a source of live events: `frozen` stops it after what was already played, `many`
+ * adds a thousand drones, `halted`, `lagging` and `lost` show the states of ledger and connection.
  */
 export function fakeSource(options: FakeOptions): { source: LiveSource; world: FakeWorld } {
   const start_ms = Date.now() - options.played_s * 1000;
   const world = new FakeWorld(start_ms, seeded(7));
   let timer: ReturnType<typeof setInterval> | undefined;
   let seq = 0;
+  const t_ms = (t_s: number): number => start_ms + Math.round(t_s * 1000);
   const source: LiveSource = {
     start(receive) {
       const send = (event: ConnectionEvent): void => receive(event);
@@ -37,12 +54,13 @@ export function fakeSource(options: FakeOptions): { source: LiveSource; world: F
       const tick = (t_s: number): void => {
         seq += 1;
         const changes = world.tick(t_s);
+        if (options.flags.has("many")) changes.tracks = [...(changes.tracks ?? []), ...crowd(t_s, t_ms(t_s))];
         const status = changes.status;
         if (status !== undefined && options.flags.has("halted")) {
           status.ledger.halted = "block 18 007 does not follow block 18 006: its previous hash is another";
         }
         if (status !== undefined && options.flags.has("lagging")) status.ledger.lag_ms = 14_300;
-        frame({ type: "delta", seq, t_ms: start_ms + Math.round(t_s * 1000), ...changes });
+        frame({ type: "delta", seq, t_ms: t_ms(t_s), ...changes });
       };
       for (let t_s = 0; t_s < options.played_s; t_s += 0.2) tick(t_s);
       if (options.flags.has("lost")) {
