@@ -86,10 +86,19 @@ class Revoked:
 class FabricCaClient:
     """One CA of a Fabric CA server. Use as an asynchronous context.
 
-    `address` is ``host:port``; `tls_root_pem` the root that the server's TLS certificate must come from.
+    `address` is ``host:port``; `tls_root_pem` the root that the server's TLS certificate must come from; `transport`
+    replaces the network.
     """
 
-    def __init__(self, address: str, ca_name: str, tls_root_pem: bytes, *, timeout_s: float = TIMEOUT_S) -> None:
+    def __init__(
+        self,
+        address: str,
+        ca_name: str,
+        tls_root_pem: bytes,
+        *,
+        timeout_s: float = TIMEOUT_S,
+        transport: httpx.AsyncBaseTransport | None = None,
+    ) -> None:
         self.address: Final = address
         self.ca_name: Final = ca_name
         try:
@@ -97,7 +106,7 @@ class FabricCaClient:
         except (ssl.SSLError, UnicodeDecodeError) as cause:
             raise FabricCaUnreachableError(f"CA {address}: the TLS root is no PEM certificate ({cause})") from cause
         self._http = httpx.AsyncClient(
-            base_url=f"https://{address}", verify=context, trust_env=False, timeout=timeout_s
+            base_url=f"https://{address}", verify=context, trust_env=False, timeout=timeout_s, transport=transport
         )
 
     async def __aenter__(self) -> Self:

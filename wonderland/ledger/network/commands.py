@@ -336,7 +336,9 @@ def _progress(*, quiet: bool = False) -> Iterator[Report]:
     with console.status("…") as spinner:
 
         def report(step: str, text: str) -> None:
-            console.print(f"[dim]{time.monotonic() - begin:5.1f} s[/dim]  {step:<13} {text}", highlight=False)
+            console.print(
+                f"[dim]{time.monotonic() - begin:5.1f} s[/dim]  {step:<13} {text}", highlight=False, soft_wrap=True
+            )
             spinner.update(f"{step} …")
 
         yield report
@@ -344,7 +346,9 @@ def _progress(*, quiet: bool = False) -> Iterator[Report]:
 
 def _show(found: NetworkStatus) -> None:
     console = Console()
-    table = Table("component", "process", "address", "height", "state", box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False)
+    for heading in ("component", "process", "address", "height", "state"):
+        table.add_column(heading, no_wrap=heading != "state", overflow="fold")
     for each in found.components:
         state = each.trouble or " ".join(
             part for part in (each.state, "leader" if each.leader else "", each.contract or "") if part

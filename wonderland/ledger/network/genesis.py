@@ -145,7 +145,7 @@ def bft_options(ordering: Ordering) -> bft_pb2.Options:
         collect_timeout="1s",
         sync_on_start=False,
         speed_up_view_change=False,
-        leader_rotation=bft_pb2.Options.ROTATION_OFF,
+        # Leader rotation stays unsaid, which means off; Fabric supports nothing else.
     )
 
 

@@ -6,16 +6,20 @@ else gets a new key. Former certificates are not revoked; they end by themselves
 
 from __future__ import annotations
 
+import asyncio
 import datetime as dt
 import json
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
+
+from cryptography import x509
 
 from wonderland.ledger.files import write_atomic
 from wonderland.ledger.network import certificates, settings
 from wonderland.ledger.network.agreement import load_agreement
 from wonderland.ledger.network.contract import build_package, installed_contract
-from wonderland.ledger.network.errors import NetworkError
+from wonderland.ledger.network.errors import NetworkError, UnreachableError
 from wonderland.ledger.network.layout import REGISTRAR
 from wonderland.ledger.network.network import CONTRACT, Member, Network, contract_component
 
@@ -29,6 +33,8 @@ if TYPE_CHECKING:
     from wonderland.ledger.network.processes import Launch
 
 DEFAULT_DAYS: Final = 30
+SETTLE_S: Final = 30.0
+_POLL_S: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -102,9 +108,14 @@ class _Renewal:
         await authority.start(self._network.processes, self._binaries.ca_server)
 
     async def _identities(self, authority: Authority) -> None:
+        crl = x509.load_pem_x509_crl(await authority.ca.revocation_list(await authority.registrar()))
+        revoked = {entry.serial_number for entry in crl}
         for file in sorted(self._organisation.identity("x").certificate.parent.glob("*.pem")):
             name, is_tls = file.stem.removesuffix(".tls"), file.stem.endswith(".tls")
             if name == REGISTRAR or not self._chooses(name, file):
+                continue
+            if certificates.load(file).serial_number in revoked:
+                self._report("certificates", f"{self._msp_id}/{name} is revoked and stays as it is")
                 continue
             if is_tls:
                 await authority.renew_tls(name, self._organisation.tls_identity(name))
@@ -115,6 +126,30 @@ class _Renewal:
     async def _orderer(self, authority: Authority, member: Member) -> None:
         if await self._node(authority, member, keep_key=True):
             await self._restart(member.component, self._network.launch_orderer(member, self._binaries))
+            await self._caught_up(member)
+
+    async def _caught_up(self, member: Member) -> None:
+        """Wait until an orderer takes part again: two away at a time could be one too many."""
+        deadline = time.monotonic() + SETTLE_S
+        while self._network.processes.pid(member.component) is not None:
+            heights = [await self._height(each) for each in self._network.orderers]
+            own = heights[self._network.orderers.index(member)]
+            if own and own >= max(heights):
+                return
+            if time.monotonic() > deadline:
+                raise self._network.processes.failure(
+                    member.component, f"has {own} blocks of {max(heights)}, {SETTLE_S:g} s after it was restarted"
+                )
+            await asyncio.sleep(_POLL_S)
+
+    async def _height(self, member: Member) -> int:
+        """An orderer's blocks; 0 when it does not run or does not take part."""
+        try:
+            async with self._network.orderer_admin(member) as admin:
+                part = await admin.status(self._network.channel)
+        except UnreachableError:
+            return 0
+        return part.height if part is not None and part.status == "active" else 0
 
     async def _peer(self, authority: Authority, member: Member) -> None:
         if await self._node(authority, member, keep_key=False):
