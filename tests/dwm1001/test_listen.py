@@ -1,0 +1,156 @@
+"""``wonderland uwb listen`` as an operator runs it: a process of its own, a board on a serial port."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import random
+import sys
+
+import pytest
+
+from simulator.dwm1001_node import Quirks
+from simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
+from wonderland.uwb.listen import Summary, UciBench
+from wonderland.uwb.node import UwbNode
+from wonderland.uwb.uci.errors import UciEncodeError
+
+PROGRAM = "from wonderland.uwb.commands import uwb; uwb()"
+
+
+async def run(*arguments: object) -> tuple[int, list[str], str]:
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-c",
+        PROGRAM,
+        *map(str, arguments),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    async with asyncio.timeout(30):
+        out, err = await process.communicate()
+    return process.returncode or 0, out.decode().splitlines(), err.decode()
+
+
+@pytest.mark.parametrize("mode", ["tlv", "lec"])
+async def test_a_dwm1001_as_json(bench, mode):
+    path = bench.add(quirks=Quirks(update_ms=50))
+    code, lines, err = await run("listen", "--port", path, "--kind", "dwm1001", "--mode", mode, "--count", 4, "--json")
+    assert (code, err) == (0, "")
+    ready, *reports, summary = map(json.loads, lines)
+    assert ready["kind"] == "ready"
+    assert ready["firmware"] == ("PANS R2 1.3.0" if mode == "tlv" else "not told")
+    assert len(reports) == 4
+    for report in reports:
+        assert [row["address"] for row in report["ranges"]] == ["a001", "a002", "a003", "a004"]
+        assert abs(report["ranges"][2]["range_mm"] - 5_222) <= 45
+        assert report["position"]["z_mm"] == 1_680
+        assert abs(report["t_ms"] - ready["t_ms"]) < 30_000
+    assert summary["rounds"] == 4
+    assert summary["peers"]["a003"]["ranges"] == 4
+    assert abs(summary["peers"]["a003"]["mean_mm"] - 5_222) < 45
+
+
+async def test_a_dwm1001_for_people(bench):
+    path = bench.add()
+    code, lines, _ = await run("listen", "--port", path, "--kind", "dwm1001", "--seconds", 3)
+    assert code == 0
+    text = "\n".join(lines)
+    assert "dwm1001 is ready, firmware PANS R2 1.3.0" in text
+    assert "a001   5.0" in text or "a001   4.9" in text
+    assert "per second" in text
+
+
+async def test_two_uci_boards_range_each_other(tmp_path):
+    air = Air(lambda observer, peer, t_s: Measurement(4_320, rssi_dbm=-80.0), rng=random.Random(1))
+    ports = {name: PtyPort(VirtualNode(name, air), tmp_path / name) for name in ("here", "there")}
+    for port in ports.values():
+        port.plug()
+    try:
+        other = UciBench(mac=0xD001, peers=(0xA001,), leads=False, interval_ms=50)
+        async with UwbNode(ports["there"].path) as node:
+            await node.wait_ready()
+            await node.open_session(other.config())
+            code, lines, err = await run(
+                *("listen", "--port", ports["here"].path, "--kind", "uci", "--mac", "a001", "--peer", "0xD001"),
+                *("--interval-ms", 50, "--count", 3, "--json"),
+            )
+    finally:
+        for port in ports.values():
+            port.close()
+        air.close()
+    assert (code, err) == (0, "")
+    _, *reports, summary = map(json.loads, lines)
+    assert [report["ranges"] for report in reports] == [
+        [{"address": "d001", "range_mm": 4_320, "obstructed": False, "rssi_dbm": -80.0}]
+    ] * 3
+    assert summary["peers"]["d001"]["mean_mm"] == 4_320
+
+
+async def test_a_peer_that_is_away_is_said(tmp_path):
+    air = Air(lambda observer, peer, t_s: Measurement(1_000), rng=random.Random(1))
+    port = PtyPort(VirtualNode("here", air), tmp_path / "here")
+    port.plug()
+    try:
+        code, lines, _ = await run(
+            *("listen", "--port", port.path, "--kind", "uci", "--mac", "a001", "--peer", "d001"),
+            *("--interval-ms", 50, "--count", 2, "--json"),
+        )
+    finally:
+        port.close()
+        air.close()
+    assert code == 0
+    assert json.loads(lines[-1])["peers"]["d001"] == {
+        "ranges": 0,
+        "missing": 2,
+        "rate_hz": 0.0,
+        "mean_mm": 0.0,
+        "sigma_mm": 0.0,
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "why"),
+    [
+        (("--kind", "uci"), 2, "needs --mac"),
+        (("--kind", "uci", "--mac", "a001", "--peer", "a001"), 2, "the same address"),
+        (("--kind", "uci", "--mac", "a001", "--peer", "xyzzy"), 2, "no short address"),
+        (("--kind", "uci", "--mac", "1", "--peer", "2", "--key-file", "absent"), 2, "No such file"),
+        (("--kind", "uci", "--mac", "1", "--peer", "2", "--key-file", "bad"), 2, "hexadecimal"),
+        (("--kind", "uci", "--mac", "1", "--peer", "2", "--key-file", "short"), 2, "3 octets"),
+        (("--kind", "uci", "--mac", "1", "--peer", "2"), 1, "not one report"),
+        (("--kind", "dwm1001"), 1, "not one report"),
+    ],
+)
+async def test_mistakes_are_named(tmp_path, arguments, code, why):
+    (tmp_path / "bad").write_text("not hex")
+    (tmp_path / "short").write_text("010203")
+    arguments = [tmp_path / word if word in {"absent", "bad", "short"} else word for word in arguments]
+    returned, _, err = await run("listen", "--port", tmp_path / "no-board", *arguments, "--seconds", 0.5)
+    assert "Traceback" not in err
+    assert returned == code
+    assert why in err
+
+
+def test_a_summary_leaves_damaged_rounds_out():
+    summary = Summary()
+    for t_ms, range_mm, damaged in ((1_000, 5_000, False), (1_500, 9_000, True), (2_000, 5_020, False)):
+        row = {"address": "a001", "range_mm": range_mm}
+        summary.add({"kind": "ranges", "t_ms": t_ms, "ranges": [row], **({"damaged": True} if damaged else {})})
+    document = summary.document()
+    assert (document["rounds"], document["damaged"]) == (3, 1)
+    assert document["peers"]["a001"] == {
+        "ranges": 2,
+        "missing": 0,
+        "rate_hz": 1.0,
+        "mean_mm": 5_010.0,
+        "sigma_mm": 14.1,
+    }
+
+
+def test_a_bench_key_never_shows():
+    bench = UciBench(mac=1, peers=(2, 3), leads=True, key=b"secret-secret-12")
+    assert "secret" not in repr(bench)
+    assert bench.config().app.session_key == b"secret-secret-12"
+    with pytest.raises(UciEncodeError):
+        UciBench(mac=1, peers=(), leads=True).config()
