@@ -22,6 +22,9 @@ MIRROR_APART_MM: Final = 100.0
 """Two solutions nearer to each other than this are one."""
 _ITERATIONS: Final = 12
 _CONVERGED_MM: Final = 0.01
+_LINES: Final = 8
+"""Lines on each side of the middle on which a disc is crossed."""
+_LINE_STEPS: Final = 4
 _SINGULAR: Final = 1e-9
 _MAX_STEP_MM: Final = 20_000.0
 
@@ -83,6 +86,40 @@ def solve(reduced: Reduced) -> Offset | None:
         len(reduced.anchors) - 2,
         (others[0].east, others[0].north) if others else None,
     )
+
+
+def least_chi2_within(reduced: Reduced, east: float, north: float, radius: float) -> float:
+    """Least χ² of the ranges over a disc about an offset: how well any place within the buffer explains them.
+
+    Where the ellipse is longer than the buffer the covariance at the estimate says little about places far from it;
+    this asks the ranges themselves. The places that fit lie on an arc about the anchors, so that the disc is crossed on
+    a few lines towards the anchors, each searched by Gauss–Newton along itself.
+    """
+    count = len(reduced.anchors)
+    x, y = reduced.east + east, reduced.north + north
+    for anchor in reduced.anchors:
+        x -= anchor.east / count
+        y -= anchor.north / count
+    away = distance(x, y, 0.0)
+    ux, uy = (x / away, y / away) if away > 0.0 else (1.0, 0.0)
+    weights = _weights(reduced, east, north)
+    best = _quadratic(weights, _residuals(reduced, east, north))
+    for line in range(-_LINES, _LINES + 1):
+        aside = radius * line / _LINES
+        half = sqrt(max((radius - aside) * (radius + aside), 0.0))
+        start_east, start_north = east - aside * uy, north + aside * ux
+        along = 0.0
+        for _ in range(_LINE_STEPS):
+            normal = _normal(reduced, weights, start_east + along * ux, start_north + along * uy)
+            if normal is None:
+                break
+            ee, en, nn, be, bn, chi2 = normal
+            best = min(best, chi2)
+            curvature = ee * ux * ux + 2.0 * en * ux * uy + nn * uy * uy
+            if curvature <= 0.0:
+                break
+            along = max(-half, min(half, along + (be * ux + bn * uy) / curvature))
+    return best
 
 
 def without(reduced: Reduced, position: int) -> Reduced:
@@ -203,6 +240,14 @@ def _covariances(reduced: Reduced, fix: _Fix) -> tuple[Matrix2, Matrix2] | None:
     x, y = reduced.velocity_east * CLAIM_CLOCK_SIGMA_MS, reduced.velocity_north * CLAIM_CLOCK_SIGMA_MS
     total = inverse + Matrix2(x * x, x * y, y * y)
     return total, total + white.scaled(-1.0)
+
+
+def _residuals(reduced: Reduced, east: float, north: float) -> list[float]:
+    return [
+        anchor.range_mm
+        - distance(reduced.east + east - anchor.east, reduced.north + north - anchor.north, reduced.up - anchor.up)
+        for anchor in reduced.anchors
+    ]
 
 
 def _direction(reduced: Reduced, anchor: AnchorMean, fix: _Fix) -> tuple[float, float]:

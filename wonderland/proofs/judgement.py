@@ -9,7 +9,7 @@ from typing import Final
 from wonderland.proofs.agreement import REFUTING_ANCHORS, Agreement
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.errors import GeometryError
-from wonderland.proofs.estimate import Offset
+from wonderland.proofs.estimate import Offset, least_chi2_within
 from wonderland.proofs.frame import to_local, to_wgs84
 from wonderland.proofs.likelihood import Matrix2, distance_to_disc, inside_disc
 from wonderland.proofs.records.pads import Commissioning
@@ -26,6 +26,8 @@ UNCLAIMED_SPEED_MM_MS: Final = 10
 """Between a broadcast and the signed claims a drone may have moved at this speed (10 m/s, one standard deviation)."""
 BROADCAST_LATENCY_SIGMA_MS: Final = 300
 """Age of a position when it is heard: Remote ID sends once a second and stamps tenths."""
+VAGUE_BUFFERS: Final = 0.5
+"""An estimate vaguer than this refutes only if the ranges themselves exclude every place in the buffer."""
 LARGEST: Final = 1e12
 """Figures beyond this are said as this: a text has to end somewhere."""
 
@@ -130,6 +132,10 @@ def _compare(
     if outside and (bent_east, bent_north) != (east, north):
         # A refutation has to hold on the flat map too: the arc is an approximation where the ellipse is huge.
         significance = min(significance, distance_to_disc(east, north, covariance, radius))
+        outside = proved_outside(significance, covariance.ellipse().s1, policy)
+    if outside and covariance.ellipse().s1 > VAGUE_BUFFERS * radius:
+        worse = least_chi2_within(reduced, shift[0], shift[1], radius) - offset.chi2
+        significance = min(significance, sqrt(worse) if worse > 0.0 else 0.0)
         outside = proved_outside(significance, covariance.ellipse().s1, policy)
     return _Comparison(
         inside=proved.inside and likelihood_ppm >= policy.verify_ppm,

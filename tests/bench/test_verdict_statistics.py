@@ -1,0 +1,409 @@
+"""How often the verdict is right: Monte-Carlo over the decision's own functions. Fills the table of ``docs/method.md``.
+
+The pad and the four points are the paper's (σ = 5 cm, buffer 1 m). Where whole decisions would take hours, the estimate
+is drawn from its own distribution (the covariance that ``prospects`` states) and judged with the decision's own
+thresholds; a smaller sample of whole decisions stands beside it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import random
+
+import numpy as np
+import pytest
+from bench_tools import show
+from scipy import stats
+from tests_world import FRAME, START_MS, World
+
+from simulator.paper import POINTS, SIGMA_M, cramer_rao_m
+from wonderland.proofs import judgement, stopping
+from wonderland.proofs.agreement import agreement
+from wonderland.proofs.estimate import solve
+from wonderland.proofs.likelihood import Matrix2, distance_to_disc, distance_to_outside, inside_disc
+from wonderland.proofs.prospects import prospect
+from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning
+from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.reduction import AnchorMean, Reduced
+from wonderland.proofs.verdict import preview
+
+pytestmark = [pytest.mark.bench, pytest.mark.timeout(900)]
+R = 1000.0
+POLICY = Policy()
+ALPHA = 0.01
+LARGE = 100_000
+
+
+def pad(point, *, sigma_mm=50, bias_sigma_mm=0, more=()):
+    return Commissioning(
+        frame=FRAME,
+        anchors=tuple(
+            Anchor(
+                anchor_id=f"A{i}",
+                mac=i,
+                east_mm=round(x * 1000),
+                north_mm=round(y * 1000),
+                up_mm=0,
+                survey_sigma_mm=0,
+                bias=(BiasPoint(range_mm=0, bias_mm=0, sigma_mm=bias_sigma_mm),),
+            )
+            for i, (x, y) in enumerate((*point.anchors, *more))
+        ),
+        range_sigma_mm=sigma_mm,
+        installation_sigma_mm=0,
+        max_range_mm=100_000,
+        valid_from_ms=0,
+        valid_until_ms=2,
+        method="simulated",
+        correlation_ppm=0,
+    )
+
+
+def reduced(commissioning, truth, claim, errors, rounds):
+    """Means over ``rounds`` rounds with the given errors (mm), as ``reduction.reduce`` would make them."""
+    white = commissioning.range_sigma_mm**2 / rounds
+    anchors = []
+    for index, (anchor, error) in enumerate(zip(commissioning.anchors, errors, strict=True)):
+        measured = math.dist(truth, (anchor.east_mm, anchor.north_mm)) + error
+        expected = math.dist(claim, (anchor.east_mm, anchor.north_mm))
+        floor = float(anchor.bias[0].sigma_mm ** 2)
+        anchors.append(
+            AnchorMean(
+                index,
+                anchor.east_mm,
+                anchor.north_mm,
+                0.0,
+                measured,
+                measured - expected,
+                rounds,
+                white,
+                floor,
+            )
+        )
+    return Reduced(tuple(anchors), claim[0], claim[1], 0.0, 0, rounds, rounds, 0, 50.0, 0.0)
+
+
+def outcome(commissioning, item):
+    """The side that the decision takes, and the likelihood, for these means."""
+    whole = solve(item)
+    assert whole is not None
+    agreed = agreement(item, whole)
+    session = dataclasses.make_dataclass("S", ["policy"])(POLICY)
+    found = [
+        judgement._compare(session, item, offset, Matrix2(0.0, 0.0, 0.0), (0.0, 0.0))
+        for offset in (agreed.offsets or (whole,))
+    ]
+    inside = agreed.usable and all(one.inside for one in found)
+    outside = agreed.usable and agreed.anchors >= 4 and all(one.outside for one in found)
+    return "verified" if inside else "refuted" if outside else "inconclusive"
+
+
+def interval(count, tries):
+    """95 % (Clopper and Pearson)."""
+    low, high = stats.binomtest(int(count), int(tries)).proportion_ci(method="exact")
+    return f"{count / tries:.5f} ({low:.5f}–{high:.5f})"
+
+
+def at_mm(point):
+    return point.position[0] * 1000, point.position[1] * 1000
+
+
+def test_error_of_the_estimate_beside_the_cramer_rao_bound(keep):
+    rng = np.random.default_rng(1)
+    rows = []
+    worst = 0.0
+    tries = 4000
+    for point in POINTS:
+        commissioning = pad(point)
+        truth = at_mm(point)
+        ratios = []
+        for rounds in (1, 10, 50, 100):
+            square = 0.0
+            for errors in rng.normal(0, SIGMA_M * 1000 / math.sqrt(rounds), (tries, 4)):
+                offset = solve(reduced(commissioning, truth, truth, errors, rounds))
+                square += offset.east**2 + offset.north**2
+            ratios.append(math.sqrt(square / tries) / 1000 / cramer_rao_m(point, rounds))
+        rows.append((point.name, *(f"{ratio:.3f}" for ratio in ratios)))
+        worst = max(worst, *ratios)
+        keep(point=point.name, ratios=ratios)
+    show(f"RMSE / Cramér–Rao bound, {tries} fixes each (±1.1 %)", ("point", "N=1", "10", "50", "100"), rows)
+    assert worst <= 1.02 + 0.03
+
+
+def settle(m_mm, looks, tries, *, s1=1800.0, floor=0.0, seed=1):
+    """(verified, refuted, mean rounds) of drones ``m_mm`` off along the long axis, by the decision's thresholds."""
+    rng = np.random.default_rng(seed)
+    bias = rng.normal(0, floor, tries) if floor else np.zeros(tries)
+    total, before = np.zeros(tries), 0
+    alive = np.ones(tries, bool)
+    verified = refuted = 0
+    rounds = np.full(tries, float(looks[-1]))
+    for n in looks:
+        total += rng.normal(0, s1 * math.sqrt(n - before), tries) + m_mm * (n - before)
+        before = n
+        deviation = math.sqrt(s1**2 / n + floor**2)
+        distance = (R - np.abs(total / n + bias)) / deviation
+        inside = alive & (distance >= stopping._needed(stopping.INSIDE, ALPHA, R, deviation))
+        outside = alive & (-distance >= stopping._needed(stopping.OUTSIDE, ALPHA, R, deviation))
+        verified += inside.sum()
+        refuted += outside.sum()
+        rounds[inside | outside] = n
+        alive &= ~(inside | outside)
+    return int(verified), int(refuted), float(rounds.mean())
+
+
+EVERY = tuple(range(5, 501))
+
+
+@pytest.mark.parametrize(("name", "looks"), [("every round, 5 to 500", EVERY), ("the pad's looks", stopping.LOOKS)])
+def test_error_rates_at_the_edge_under_repeated_looks(keep, name, looks):
+    rows = []
+    for floor in (0.0, 200.0, 300.0):
+        for m in (R, 1.1 * R, 0.9 * R):
+            verified, refuted, _ = settle(m, looks, LARGE, floor=floor)
+            wrong = []
+            if m >= R:
+                wrong.append(verified)
+                assert verified / LARGE <= 0.0115
+            if m <= R:
+                wrong.append(refuted)
+                assert refuted / LARGE <= 0.0115
+            rows.append((f"{floor:.0f} mm", f"{m / R:.1f}", interval(verified, LARGE), interval(refuted, LARGE)))
+            keep(looks=name, floor=floor, m=m, verified=verified, refuted=refuted, tries=LARGE)
+    show(
+        f"At and beside the edge of the buffer, looks after {name}; {LARGE} drones each (95 %)",
+        ("floor", "offset/R", "verified", "refuted"),
+        rows,
+    )
+
+
+def wald(m_mm, s1=1800.0):
+    """Expected rounds of Wald's test between two hypotheses for error rates of 1 %: here and on the edge."""
+    delta = abs(abs(m_mm) - R)
+    return 2 * s1**2 / delta**2 * (1 - 2 * ALPHA) * math.log((1 - ALPHA) / ALPHA)
+
+
+def test_rounds_to_settle_beside_walds_bound(keep):
+    rows = []
+    for name, looks in (("every round from 5", EVERY), ("the pad's looks", stopping.LOOKS)):
+        for m in (0.0, 2 * R, 3 * R):
+            verified, refuted, rounds = settle(m, looks, 20_000)
+            rows.append(
+                (
+                    name,
+                    f"{m / R:.0f} m",
+                    f"{rounds:.1f}",
+                    f"{wald(m):.1f}",
+                    f"{rounds / wald(m):.2f}",
+                    interval(verified, 20_000),
+                    interval(refuted, 20_000),
+                )
+            )
+            keep(looks=name, m=m, rounds=rounds, wald=wald(m))
+            wrong = refuted if m == 0 else verified
+            assert wrong / 20_000 <= 0.001
+    show(
+        "Rounds to settle at L1 (one round: s1 = 1.8 m), 20,000 drones each",
+        ("looks", "offset", "rounds", "Wald", "ratio", "verified", "refuted"),
+        rows,
+    )
+
+
+def test_the_drawn_estimates_judge_as_whole_decisions_do(keep):
+    """The one-dimensional shortcut above against fits of ranges at L1."""
+    rng = np.random.default_rng(2)
+    point = POINTS[2]
+    commissioning, truth = pad(point), at_mm(point)
+    axes = prospect(commissioning, POLICY, *truth, 0.0).one_round.ellipse()
+    rows = []
+    tries = 400
+    for m in (0.0, R, 2 * R):
+        claim = truth[0] - m * axes.east, truth[1] - m * axes.north
+        counts = {"verified": 0, "refuted": 0, "inconclusive": 0}
+        for _ in range(tries):
+            total, before, said = np.zeros(4), 0, "inconclusive"
+            for n in stopping.LOOKS:
+                total += rng.normal(0, 50 * math.sqrt(n - before), 4)
+                before = n
+                said = outcome(commissioning, reduced(commissioning, truth, claim, total / n, n))
+                if said != "inconclusive":
+                    break
+            counts[said] += 1
+        verified, refuted, _ = settle(m, stopping.LOOKS, 20_000, s1=axes.s1)
+        rows.append(
+            (
+                f"{m / R:.0f} m",
+                counts["verified"] / tries,
+                verified / 20_000,
+                counts["refuted"] / tries,
+                refuted / 20_000,
+            )
+        )
+        for found, expected in ((counts["verified"], verified), (counts["refuted"], refuted)):
+            p = expected / 20_000
+            assert abs(found / tries - p) <= 4 * math.sqrt(max(p * (1 - p), 0.002) / tries)
+        keep(m=m, **counts)
+    show(
+        f"{tries} sessions of fitted ranges and 20,000 drawn estimates",
+        ("offset", "verified", "drawn", "refuted", "drawn"),
+        rows,
+    )
+
+
+def test_stated_likelihood_against_observed(keep):
+    """Drones anywhere within some metres of their claims: of those with a likelihood near p, a share p is within the buffer."""
+    rng = random.Random(3)
+    tries = 40_000
+    told, right = [0.0] * 10, [0] * 10
+    counts = [0] * 10
+    for _ in range(tries):
+        s1 = 10 ** rng.uniform(2.0, 2.78)
+        covariance = Matrix2(s1**2, 0.0, (s1 * rng.uniform(0.05, 1)) ** 2)
+        x, y = (rng.uniform(-3.6, 3.6) * R for _ in "xy")  # flat about the claim, as far as the estimate may err
+        east, north = x + rng.gauss(0, math.sqrt(covariance.ee)), y + rng.gauss(0, math.sqrt(covariance.nn))
+        likelihood = inside_disc(east, north, covariance, R)
+        decile = min(int(likelihood * 10), 9)
+        counts[decile] += 1
+        told[decile] += likelihood
+        right[decile] += x * x + y * y <= R * R
+    rows = []
+    for decile in range(10):
+        share, said = right[decile] / counts[decile], told[decile] / counts[decile]
+        rows.append(
+            (
+                f"{decile / 10:.1f}–{(decile + 1) / 10:.1f}",
+                counts[decile],
+                f"{said:.3f}",
+                interval(right[decile], counts[decile]),
+            )
+        )
+        assert abs(share - said) <= 0.02 + 3.5 * math.sqrt(said * (1 - said) / counts[decile])
+        keep(decile=decile, said=said, share=share, count=counts[decile])
+    show(f"Likelihood: stated and observed, {tries} drones", ("decile", "drones", "stated", "observed (95 %)"), rows)
+
+
+def test_a_vague_estimate_refutes_nobody(keep):
+    """Honest drones, fitted ranges, and noise that makes the ellipse many buffers long; the worst is the arc."""
+    rng = np.random.default_rng(4)
+    rows = []
+    tries = 2000
+    point = POINTS[2]
+    truth = at_mm(point)
+    for sigma in (50, 150, 500, 1500):
+        commissioning = pad(point, sigma_mm=sigma)
+        counts = {"verified": 0, "refuted": 0, "inconclusive": 0}
+        for errors in rng.normal(0, sigma / math.sqrt(10), (tries, 4)):
+            counts[outcome(commissioning, reduced(commissioning, truth, truth, errors, 10))] += 1
+        s1 = prospect(commissioning, POLICY, *truth, 0.0).one_round.ellipse().s1 / math.sqrt(10)
+        rows.append((f"{s1 / R:.1f} R", counts["verified"], counts["inconclusive"], interval(counts["refuted"], tries)))
+        keep(s1=s1, **counts)
+        assert counts["refuted"] <= 0.001 * tries + 3
+    show(
+        f"Honest drones at L1 with ever vaguer estimates, {tries} each",
+        ("s1", "verified", "inconclusive", "refuted"),
+        rows,
+    )
+
+
+def test_a_session_that_can_never_settle_is_told_so(keep):
+    rows = []
+    for point in POINTS:
+        truth = at_mm(point)
+        possible = [b for b in range(1, 120) if prospect(pad(point, bias_sigma_mm=b), POLICY, *truth, 0.0).rounds > 0]
+        largest = max(possible)
+        rng = np.random.default_rng(5)
+        hopeless = pad(point, bias_sigma_mm=round(largest * 1.5) + 1)
+        told = 0
+        tries = 500
+        for _ in range(tries):
+            errors = rng.normal(0, hopeless.anchors[0].bias[0].sigma_mm, 4) + rng.normal(0, 50 / math.sqrt(10), 4)
+            item = reduced(hopeless, truth, truth, errors, 10)
+            told += stopping.more_rounds(solve(item), 10, POLICY) < 0
+        rows.append((point.name, f"{largest} mm", f"{told / tries:.2f}"))
+        keep(point=point.name, largest=largest, told=told / tries)
+    show(
+        "Largest bias σ with which a pad can verify; told hopeless after 10 rounds at 1.5 × that",
+        ("point", "before ranging", "after 10"),
+        rows,
+    )
+
+
+RING = {
+    4: ((1500, 1500), (-1500, 1500), (-1500, -1500), (1500, -1500)),
+    5: tuple((round(1800 * math.cos(a)), round(1800 * math.sin(a))) for a in (k * math.tau / 5 for k in range(5))),
+    6: tuple((round(1800 * math.cos(a)), round(1800 * math.sin(a))) for a in (k * math.tau / 6 for k in range(6))),
+}
+
+
+def test_one_compromised_anchor(keep):
+    """Whole decisions: an attacker sets one anchor's error, from 5 cm to 15 m either way, and lies by 3 to 9 m."""
+    rng = random.Random(6)
+    rows = []
+    for count, ring in RING.items():
+        verified = refuted = tries = honest = decided = 0
+        for seed in range(400):
+            world = World(seed=seed, anchors=ring, bias_sigma_mm=8)
+            bearing, away = rng.uniform(0, math.tau), rng.uniform(2500, 14_000)
+            truth = (away * math.cos(bearing), away * math.sin(bearing), 4000.0)
+            biases = [rng.gauss(0, 8) for _ in ring]
+            bad = rng.randrange(count)
+            biases[bad] = rng.choice((-1, 1)) * math.exp(rng.uniform(math.log(50), math.log(15_000)))
+            angle, size = rng.uniform(0, math.tau), rng.uniform(3000, 9000)
+            lie = (truth[0] + size * math.cos(angle), truth[1] + size * math.sin(angle), 4000.0)
+            for claimed in (lie, truth):
+                evidence = world.evidence(lambda t, p=truth: p, lambda t, p=claimed: p, rounds=20, bias_mm=biases)
+                said = preview(
+                    world.session(world.claim(claimed, START_MS)), world.commissioning, evidence, START_MS + 20_000
+                ).outcome
+                if claimed is lie:
+                    tries += 1
+                    verified += said == "verified"
+                    refuted += said == "refuted"
+                else:
+                    honest += said == "verified"
+                    decided += said == "refuted"
+        rows.append(
+            (
+                count,
+                interval(verified, tries),
+                f"{refuted / tries:.2f}",
+                f"{honest / tries:.2f}",
+                interval(decided, tries),
+            )
+        )
+        keep(anchors=count, tries=tries, verified=verified, refuted=refuted, honest=honest, wronged=decided)
+        assert verified == 0
+    show(
+        "One compromised anchor, 20 rounds, 2.5–14 m away, 400 drones each",
+        ("anchors", "lies ≥ 3 buffers verified", "refuted", "honest verified", "honest refuted"),
+        rows,
+    )
+
+
+@pytest.mark.parametrize("seed", [1])
+def test_thresholds_on_ellipses_of_any_shape(keep, seed):
+    """Two dimensions: a drone exactly on the edge of a round or a long ellipse, at the pad's looks."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    tries = 3000
+    for s1, s2 in ((1800.0, 60.0), (1800.0, 1800.0), (6000.0, 3000.0)):
+        verified = refuted = 0
+        for direction in rng.uniform(0, math.tau, tries):
+            truth = np.array((R * math.cos(direction), R * math.sin(direction)))
+            total, before = np.zeros(2), 0
+            for n in stopping.LOOKS:
+                total += rng.normal(0, (s1 * math.sqrt(n - before), s2 * math.sqrt(n - before))) + truth * (n - before)
+                before = n
+                covariance = Matrix2(s1**2 / n, 0.0, s2**2 / n)
+                proved = stopping.sides(total[0] / n, total[1] / n, covariance, POLICY)
+                if proved.inside or proved.outside:
+                    verified += proved.inside
+                    refuted += proved.outside
+                    break
+        rows.append((f"{s1:.0f} × {s2:.0f} mm", interval(verified, tries), interval(refuted, tries)))
+        keep(s1=s1, s2=s2, verified=verified, refuted=refuted, tries=tries)
+        assert max(verified, refuted) / tries <= 0.0175
+    assert distance_to_disc(2 * R, 0.0, Matrix2(R * R, 0.0, R * R), R) == pytest.approx(1.0)
+    assert distance_to_outside(0.0, 0.0, Matrix2(R * R, 0.0, R * R), R) == pytest.approx(1.0)
+    show(f"On the edge, in any direction, {tries} drones each", ("one round's ellipse", "verified", "refuted"), rows)
