@@ -19,7 +19,7 @@ def test_the_reference_of_records_is_fresh(tmp_path):
     assert (tmp_path / "records.md").read_text() == (ROOT / "docs/reference/records.md").read_text(), "run: make docs"
 
 
-@pytest.mark.parametrize("command", ["demo", "simulate", "reproduce", "ledger", "backend", "pad", "uav"])
+@pytest.mark.parametrize("command", ["demo", "simulate", "reproduce", "ledger", "backend", "pad", "uav", "uwb"])
 def test_each_command_explains_itself(command):
     done = subprocess.run(
         [sys.executable, "-m", "wonderland.cli", command, "--help"], capture_output=True, text=True, check=False

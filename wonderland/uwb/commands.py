@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import importlib.util
 import json
 import logging
 import signal
@@ -16,6 +17,9 @@ import click
 
 if TYPE_CHECKING:
     from wonderland.uwb.listen import Document, Summary, UciBench
+
+if importlib.util.find_spec("serial") is None:  # a machine without serial ports does not show this command
+    raise ModuleNotFoundError("pyserial is not installed; the extras edge and uav bring it", name="serial")
 
 MAX_KEY_FILE_OCTETS: Final = 256
 KINDS: Final = ("dwm1001", "uci")
