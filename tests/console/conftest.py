@@ -53,13 +53,21 @@ def chromium_program(playwright):
 @pytest.fixture(scope="module")
 def browser():
     """Chromium, headless; its event loop ends with the module, so that other modules may have theirs."""
-    with sync_playwright() as playwright:
+    try:
+        # Its driver is a Node of its own, which a bare system may lack libraries for.
+        manager = sync_playwright()
+        playwright = manager.start()
+    except Exception as error:  # noqa: BLE001 - playwright raises plain Exceptions
+        pytest.skip(f"playwright's driver does not start here: {error}")
+    try:
         program = chromium_program(playwright)
         if program is None:
             pytest.skip("no Chromium here: neither playwright's own nor one on the PATH")
         running = playwright.chromium.launch(executable_path=program, args=[*FLAGS, OFFLINE])
         yield running
         running.close()
+    finally:
+        playwright.stop()
 
 
 class Watched:

@@ -9,6 +9,7 @@ from playwright.sync_api import expect
 
 # The browser itself reports these; the page says the same in its banner.
 LOST = ("WebSocket connection to", "ERR_CONNECTION_REFUSED", "Failed to load resource")
+expect.set_options(timeout=15_000)
 REFUSED = ("401 (Unauthorized)",)
 
 

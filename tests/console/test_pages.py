@@ -10,6 +10,7 @@ from PIL import Image
 from playwright.sync_api import expect
 
 MAP_ONLY = {"x": 400, "y": 60, "width": 860, "height": 590}
+expect.set_options(timeout=15_000)
 SCALES = {"country": "60.5,22.3,5.6", "town": "60.445,22.255,13", "pad": "60.45148,22.26868,20"}
 
 

@@ -1,7 +1,7 @@
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState, type ReactElement } from "react";
 import { go, placeHash, type Camera, type Place } from "../app/location";
 import type { VerdictSummary } from "../shared/api/records";
-import { drones, sessionOf } from "../shared/drones";
+import { asOf, drones, sessionOf } from "../shared/drones";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
 import { useKeys } from "../shared/ui/useKeys";
@@ -67,7 +67,7 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
     place.session === undefined ? undefined : (store.sessions.get(place.session) ?? (pinned && sessionOf(pinned)));
   const uav_id = place.drone ?? pinnedSession?.uav_id;
   const drone = all.find((each) => each.uav_id === uav_id);
-  const session = pinnedSession ?? drone?.session;
+  const session = pinnedSession === undefined ? drone?.session : asOf(pinnedSession, now_ms);
   const verdict = session === undefined ? undefined : store.verdicts.get(session.session_id);
   const pad = session === undefined ? undefined : store.pads.get(session.pad_id);
   const open = drone !== undefined || session !== undefined;

@@ -4,7 +4,7 @@ import { placeHash } from "../app/location";
 import { useApi } from "../shared/api/api";
 import { useFresh } from "../shared/api/useFresh";
 import type { Evidence, LedgerTransaction, SessionDetail, SessionState } from "../shared/api/records";
-import { drones } from "../shared/drones";
+import { asOf, drones } from "../shared/drones";
 import { count, dayAndTime, length, timeOfDay } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
@@ -137,8 +137,8 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
     },
   });
   useFresh(sessionMark(live.session), query, fetchedRef);
-  const session = live.session ?? query.data?.summary;
-  if (session === undefined) {
+  const known = live.session ?? query.data?.summary;
+  if (known === undefined) {
     return (
       <div className="page">
         <p className="empty" role={query.isError ? "alert" : "status"}>
@@ -147,6 +147,7 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
       </div>
     );
   }
+  const session = asOf(known, now_ms);
   const verdict = live.verdict ?? query.data?.verdict ?? undefined;
   const pad = store.pads.get(session.pad_id);
   const drone = live.drones.find(({ uav_id }) => uav_id === session.uav_id);

@@ -5,7 +5,7 @@ import { useApi } from "../shared/api/api";
 import { useFresh } from "../shared/api/useFresh";
 import type { SessionState } from "../shared/api/records";
 import { LOOK_WORDS } from "../shared/design/symbols";
-import type { Look } from "../shared/drones";
+import { asOf, type Look } from "../shared/drones";
 import { actionVerb, dayAndTime, duration } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { LiveStore, Topic } from "../shared/live/store";
@@ -66,7 +66,7 @@ export function SessionsPage(): ReactElement {
   useFresh(mark, query, fetchedRef);
   const rows = (query.data?.pages.flatMap((page) => page.items) ?? []).map(
     // What is under way moves faster than the table is fetched.
-    (session) => store.sessions.get(session.session_id) ?? session,
+    (session) => asOf(store.sessions.get(session.session_id) ?? session, now_ms),
   );
   return (
     <div className="page">

@@ -59,6 +59,15 @@ describe("drones, sorted by need", () => {
     expect(at(20_000 + VERDICT_HOLDS_MS + 1_000).has("OH-DRN-0417")).toBe(false);
   });
 
+  it("takes a session that nobody decided before its end for over", () => {
+    play(56);
+    expect(at(56_000).get("OH-DRN-0925")?.look).toBe("proving");
+    expect(at(55_200 + 60_001 + 1_000).get("OH-DRN-0925")).toMatchObject({
+      need: "no-verdict",
+      session: { state: "cancelled", end: "expired" },
+    });
+  });
+
   it("gives each row its two texts", () => {
     const found = play(58);
     const text = (id: string): { right: string; second: string } => {

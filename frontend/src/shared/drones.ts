@@ -81,6 +81,15 @@ function classify(parts: Parts, now_ms: number): Omit<Drone, keyof Parts> {
   return { look: far ? "out-of-range" : "unproved", group: "other", t_ms: heard_ms };
 }
 
+/**
+ * A session as it stands at a time: one that nobody decided before its end is over, whether or not anybody has said so
+ * on the ledger.
+ */
+export function asOf(session: SessionState, now_ms: number): SessionState {
+  if (session.state !== "requested" || now_ms <= session.expires_ms) return session;
+  return { ...session, state: "cancelled", end: "expired" };
+}
+
 /** Every drone that is known to be about, sorted by need: what needs the officer first, newest first within. */
 export function drones(store: LiveStore, now_ms: number): Drone[] {
   const newestSession = new Map<string, SessionState>();
@@ -101,6 +110,7 @@ export function drones(store: LiveStore, now_ms: number): Drone[] {
     if (verdict !== undefined && (session === undefined || session.requested_ms < verdict.decided_ms - 3_600_000)) {
       session = store.sessions.get(verdict.session_id) ?? sessionOf(verdict);
     }
+    if (session !== undefined) session = asOf(session, now_ms);
     if (session !== undefined && session.state !== "requested") {
       const end_ms = Math.max(session.requested_ms, session.steps.at(-1)?.t_ms ?? 0);
       if (now_ms - end_ms > VERDICT_HOLDS_MS) session = undefined;
