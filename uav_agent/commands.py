@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from uav_agent.agent import ProofResult
     from uav_agent.position import PositionSource
     from uav_agent.radio.tag import TagRadio
-    from uav_agent.session.ports import Act, Radio
+    from uav_agent.session.ports import Act
     from wonderland.proofs.records.verdicts import Verdict
 
 POSITION_PATIENCE_S = 10.0
@@ -115,15 +115,14 @@ async def _prove(
     if (node == "dwm1001") != (report_to is not None):
         raise click.UsageError("--node dwm1001 and --report-to HOST:PORT go together")
     clock = SteadyClock()
+    radio = UavRadio(port, clock) if node == "uci" else _tag(port, report_to, clock)
     where = Connection.load(connection)
     who, signer = where.identity(identity), where.signer(identity)
     async with contextlib.AsyncExitStack() as stack:
         channel = await stack.enter_async_context(where.open_channel())
         ledger = ProofContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
         source = await stack.enter_async_context(_position(position, clock))
-        radio: Radio = await stack.enter_async_context(
-            UavRadio(port, clock) if node == "uci" else _tag(port, report_to, clock)
-        )
+        await stack.enter_async_context(radio)
         events = await stack.enter_async_context(LedgerEvents(ledger))
         agent = UavAgent(
             uav_id=who.pol_id,

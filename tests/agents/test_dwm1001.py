@@ -8,6 +8,7 @@ import random
 from dataclasses import replace
 
 import pytest
+from click.testing import CliRunner
 
 from edge_agent.agent import AgentError
 from edge_agent.assembly import open_pad
@@ -16,6 +17,7 @@ from edge_agent.session.timing import PadTiming
 from edge_agent.settings import SettingsError, parse
 from simulator.dwm1001_node import Quirks, VirtualAnchor, VirtualDwm1001
 from simulator.uci_node import PtyPort
+from uav_agent.commands import uav as uav_command
 from uav_agent.radio.tag import TagRadio
 from wonderland.uwb.dwm1001 import BoardPosition, Generation, Mode, Timings
 
@@ -52,6 +54,7 @@ async def proofs(world, timing, *, generation=Generation.PANS_R2, mode=Mode.TLV,
     )
     port = PtyPort(tag, world.directory / "tty-tag")
     port.plug()
+    world.ports["tag"] = port
     settings = replace(world.settings(), anchors=(), reports_listen=("127.0.0.1", 0))
     try:
         async with open_pad(settings, timing=timing) as pad:
@@ -115,6 +118,57 @@ async def test_spliced_lines_and_noise_cost_rounds_and_nothing_else(world, fast_
     async with proofs(world, fast_timing, mode=Mode.LEC, quirks=quirks) as (_, uav):
         result = await uav.prove("pad-1", "land")
     assert result.verdict.outcome == "verified"
+
+
+async def test_a_tag_that_is_away_ends_in_a_recorded_state(world, fast_timing, monkeypatch):
+    monkeypatch.setattr("uav_agent.radio.tag.READY_GRACE_S", 0.2)
+    async with proofs(world, fast_timing) as (_, uav):
+        world.ports["tag"].unplug()
+        await asyncio.sleep(0.05)
+        result = await uav.prove("pad-1", "land")
+        session = await world.contract("mirror").read_session(result.session_id)
+    assert result.verdict is None
+    assert session.state == "cancelled"
+    assert not world.acted
+
+
+async def test_a_tag_pulled_while_ranging_is_judged_by_what_there_is(world, fast_timing):
+    await world.policy(min_assurance=0)
+    async with proofs(world, fast_timing, quirks=Quirks(update_ms=100)) as (pad, uav):
+        proving = asyncio.create_task(uav.prove("pad-1", "land"))
+        async with asyncio.timeout(10):
+            while "up" not in {anchor["state"] for anchor in pad.status()["anchors"]}:
+                await asyncio.sleep(0.01)
+        world.ports["tag"].unplug()
+        result = await proving
+    assert result.state == "decided"
+    assert result.verdict.outcome == "inconclusive"
+    assert not world.acted
+
+
+async def test_a_pad_that_does_not_listen_there_leaves_a_recorded_end(world, fast_timing, unused_udp_port):
+    async with proofs(world, fast_timing) as (_, uav):
+        uav._radio._pad = ("127.0.0.1", unused_udp_port)
+        result = await uav.prove("pad-1", "land")
+        session = await world.contract("mirror").read_session(result.session_id)
+    assert session.state in {"decided", "cancelled"}
+    assert not world.acted
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (("--node", "dwm1001"), "go together"),
+        (("--report-to", "pad:5481"), "go together"),
+        (("--node", "dwm1001", "--report-to", "pad"), "give HOST:PORT"),
+        (("--node", "dwm1001", "--report-to", "pad:0"), "give HOST:PORT"),
+    ],
+)
+def test_a_drones_mistakes_are_named(prepared_ledger, arguments, why):
+    common = ["--connection", str(prepared_ledger / "connection.json"), "--port", "x", "--position", "udp:127.0.0.1:0"]
+    done = CliRunner().invoke(uav_command, ["prove", *common, "--pad", "pad-1", *arguments])
+    assert done.exit_code == 2, done.output
+    assert why in done.output
 
 
 async def test_a_port_in_use_is_said(world, fast_timing):

@@ -72,13 +72,16 @@ def test_leaps_is_found_out_and_its_time_stamp_tells_rounds_apart(tlv_device):
     assert len(events) == 3
 
 
-def test_a_board_that_refuses_both_ways_is_named(tlv_device):
+@pytest.mark.parametrize("status", [1, 4])
+def test_a_board_that_refuses_for_long_is_named_once_and_may_come_round(tlv_device, status):
     for now_ms in range(10, 1_000, 100):
-        tlv_device.receive_data(b"\x40\x01\x01", now_ms)
+        tlv_device.receive_data(bytes((0x40, 1, status)), now_ms)
         tlv_device.advance(now_ms + 99)
     lost = [event for event in tlv_device.events() if isinstance(event, BoardLost)]
     assert len(lost) == 1
     assert "configured as a tag" in lost[0].detail
+    tlv_device.receive_data(location(5_000), 1_010)
+    assert tlv_device.is_ready
 
 
 def test_busy_is_asked_again_and_nonsense_is_counted(tlv_device):

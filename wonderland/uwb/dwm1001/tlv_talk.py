@@ -9,6 +9,8 @@ from wonderland.uwb.dwm1001.errors import Dwm1001DecodeError, Dwm1001StatusError
 from wonderland.uwb.dwm1001.reports import Generation, LocationReport, Version
 from wonderland.uwb.dwm1001.talk import Output, Timings
 
+MAX_REFUSALS: Final = 6
+"""In a row, then the board counts as lost; it is asked all the same."""
 _NOT_THIS_WAY: Final = frozenset({1, 3, 8})
 """Statuses with which a board of the other generation answers."""
 _OTHER: Final = {Generation.PANS_R2: Generation.LEAPS, Generation.LEAPS: Generation.PANS_R2}
@@ -83,13 +85,12 @@ class TlvTalk:
         try:
             report, generation = tlv.decode_location(frames, self._generation)
         except Dwm1001StatusError as error:
-            if error.status not in _NOT_THIS_WAY:
-                return  # busy, or in trouble that may pass: the next question is due anyway
             self._refused += 1
-            if self._refused >= 2 * len(_OTHER):
+            if self._refused >= MAX_REFUSALS:
                 self._output.lose(f"the board does not tell its location ({error}); is it configured as a tag?")
-            self._generation = _OTHER[self._generation]
-            self._request = tlv.location_request(self._generation)
+            if error.status in _NOT_THIS_WAY:  # otherwise it is busy, or in trouble that may pass
+                self._generation = _OTHER[self._generation]
+                self._request = tlv.location_request(self._generation)
             return
         except Dwm1001DecodeError:
             self._output.reports_bad += 1
