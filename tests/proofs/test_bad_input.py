@@ -1,0 +1,186 @@
+"""Whatever a radio, a drone or a survey comes up with: a reason or a typed error, never a verified lie, never a crash."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests_world import START_MS, World
+
+from wonderland.proofs.prospects import anchors_in_a_plane, prospect, within_hull
+from wonderland.proofs.records.pads import BiasPoint
+from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.sessions import AnchorRanges, RangeTable
+from wonderland.proofs.records.verdicts import Verdict
+from wonderland.proofs.verdict import preview
+
+HERE = (3000.0, 6000.0, 4000.0)
+NOW_MS = START_MS + 20_000
+COORDINATE = st.integers(-20_000, 20_000) | st.sampled_from([0, 1, -1, 1000])
+
+
+def judged(world, evidence, claimed=HERE, **claim):
+    session = world.session(world.claim(claimed, START_MS, **claim))
+    verdict = preview(session, world.commissioning, evidence, NOW_MS)
+    assert Verdict.parse(verdict.to_json()) == verdict
+    assert verdict.outcome == "verified" or verdict.reasons
+    return verdict
+
+
+def table(world, columns, times=None):
+    count = len(columns[0])
+    return RangeTable(
+        t_ms=tuple(START_MS + 500 + 50 * i for i in range(count)) if times is None else tuple(times),
+        anchors=tuple(
+            AnchorRanges(anchor_id=anchor.anchor_id, range_mm=tuple(column))
+            for anchor, column in zip(world.commissioning.anchors, columns, strict=True)
+        ),
+    )
+
+
+@pytest.mark.parametrize("value", [0, -1, 1, 1_000_000, 90_000])
+def test_the_same_impossible_range_of_every_anchor(world, value):
+    evidence = world.evidence(lambda t: HERE, lambda t: HERE)
+    evidence = dataclasses.replace(evidence, ranges=table(world, [[value] * 40] * 4))
+    assert judged(world, evidence).outcome != "verified"
+
+
+@given(
+    st.lists(st.tuples(COORDINATE, COORDINATE), min_size=3, max_size=16),
+    st.tuples(COORDINATE, COORDINATE),
+    st.tuples(COORDINATE, COORDINATE),
+)
+@settings(deadline=None, max_examples=150)
+def test_anchors_anywhere_never_verify_a_lie(anchors, truth, lie):
+    """Coincident, collinear, on top of the drone: three metres off is never verified."""
+    world = World(seed=2, anchors=anchors)
+    here, said = (*truth, 4000), (truth[0] + lie[0], truth[1] + lie[1], 4000)
+    verdict = judged(world, world.evidence(lambda t: here, lambda t: said, rounds=12, bias_mm=[0] * 16), said)
+    if math.hypot(*lie) >= 3000:
+        assert verdict.outcome != "verified"
+    if math.hypot(*lie) <= 500:
+        assert verdict.outcome != "refuted"
+
+
+@pytest.mark.parametrize(
+    "anchors",
+    [((0, 0),) * 4, ((0, 0), (0, 0), (3000, 0), (3000, 0)), ((0, 0), (1000, 0), (2000, 0), (3000, 0))],
+)
+def test_anchors_without_an_area_verify_nothing(make_world, anchors):
+    world = make_world(anchors=anchors)
+    for claimed in (HERE, (3000.0, -6000.0, 4000.0)):
+        verdict = judged(world, world.evidence(lambda t: HERE, lambda t, p=claimed: p), claimed)
+        assert verdict.outcome == "inconclusive"
+
+
+@given(st.data())
+@settings(deadline=None, max_examples=100)
+def test_any_times_and_ranges(data):
+    world = World(seed=3)
+    count = data.draw(st.integers(1, 40))
+    times = data.draw(st.lists(st.integers(0, 2**43), min_size=count, max_size=count))
+    near = st.integers(-1, 1_000_000) | st.integers(5_000, 9_000)
+    columns = [data.draw(st.lists(near, min_size=count, max_size=count)) for _ in range(4)]
+    evidence = world.evidence(lambda t: HERE, lambda t: HERE)
+    judged(world, dataclasses.replace(evidence, ranges=table(world, columns, times)))
+
+
+@given(st.integers(1, 10_000_000), st.integers(1, 10_000_000), st.integers(-9_000, 9_000), st.integers(-9_000, 9_000))
+@settings(deadline=None, max_examples=100)
+def test_no_claimed_accuracy_buys_acceptance(accuracy, height_accuracy, east, north):
+    world = World(seed=4)
+    claimed = (HERE[0] + east, HERE[1] + north, HERE[2])
+    evidence = world.evidence(lambda t: HERE, lambda t: claimed, rounds=20)
+    vague = {"accuracy_mm": accuracy, "height_accuracy_mm": height_accuracy}
+    evidence = dataclasses.replace(evidence, claims=tuple(dataclasses.replace(c, **vague) for c in evidence.claims))
+    verdict = judged(world, evidence, claimed, **vague)
+    if math.hypot(east, north) >= 2000:
+        assert verdict.outcome != "verified"
+
+
+def test_an_anchor_that_is_silent_throughout_and_one_that_repeats_itself(world):
+    evidence = world.evidence(lambda t: HERE, lambda t: HERE)
+    columns = [list(anchor.range_mm) for anchor in evidence.ranges.anchors]
+    silent = judged(world, dataclasses.replace(evidence, ranges=table(world, [*columns[:3], [-1] * 40])))
+    assert "anchor_silent" in {reason.code for reason in silent.reasons}
+    # One value again and again is what a stuck node sends; its neighbour's range is what a wrong table gives.
+    stuck = judged(world, dataclasses.replace(evidence, ranges=table(world, [*columns[:3], columns[1]])), HERE)
+    assert "ranges_inconsistent" in {reason.code for reason in stuck.reasons}
+
+
+def test_claims_at_one_moment_and_claims_that_never_move(world):
+    evidence = world.evidence(lambda t: HERE, lambda t: HERE)
+    one = dataclasses.replace(evidence.claims[0], t_ms=START_MS + 1000)
+    verdict = judged(world, dataclasses.replace(evidence, claims=(one,) * 50))
+    assert verdict.outcome == "verified"
+    stranger = world.claim((HERE[0] + 40_000, HERE[1], HERE[2]), one.t_ms)
+    verdict = judged(world, dataclasses.replace(evidence, claims=(one, stranger)))
+    assert verdict.outcome != "verified"
+    assert "claims_jump" in {reason.code for reason in verdict.reasons}
+
+
+def test_a_bias_table_that_is_unsure_decides_nothing(make_world):
+    world = make_world()
+    anchors = tuple(
+        dataclasses.replace(anchor, bias=(BiasPoint(range_mm=0, bias_mm=0, sigma_mm=5000),))
+        for anchor in world.commissioning.anchors
+    )
+    world.commissioning = dataclasses.replace(world.commissioning, anchors=anchors)
+    for claimed in (HERE, (HERE[0] + 5000, HERE[1], HERE[2])):
+        verdict = judged(world, world.evidence(lambda t: HERE, lambda t, p=claimed: p), claimed)
+        assert (verdict.outcome, verdict.more_rounds) == ("inconclusive", -1)
+        assert "cannot_settle" in {reason.code for reason in verdict.reasons}
+
+
+def test_prospects_before_ranging(make_world):
+    near = prospect(make_world().commissioning, Policy(), 3000, 6000, 4000)
+    far = prospect(make_world(sigma_mm=50).commissioning, Policy(), 3000, 14_000, 4000)
+    hopeless = prospect(make_world(bias_sigma_mm=200).commissioning, Policy(), 3000, 14_000, 4000)
+    assert 1 <= near.rounds <= far.rounds
+    assert hopeless.rounds == -1
+    assert hopeless.one_round.ellipse().s1 > hopeless.floor.ellipse().s1 > 343
+    assert prospect(make_world().commissioning, Policy(), 3_000_000, 0, 0) is None
+    line = make_world(anchors=((-1500, 0), (0, 0), (1500, 0))).commissioning
+    assert prospect(line, Policy(), 3000, 6000, 4000).rounds == -1
+
+
+def test_planes_and_hulls(make_world):
+    square = make_world().commissioning
+    assert not anchors_in_a_plane(square)  # one is a metre higher
+    assert anchors_in_a_plane(make_world(anchors=((0, 0), (3000, 0), (0, 3000))).commissioning)
+    assert within_hull(square, 0.0, 0.0)
+    assert within_hull(square, 1400.0, -1400.0)
+    for place in ((1600.0, 0.0), (0.0, -1501.0), (3000.0, 3000.0), (1500.0, 9000.0)):
+        assert not within_hull(square, *place)
+
+
+def test_a_correlation_found_in_the_rounds_costs_certainty(make_world):
+    world = make_world(sigma_mm=40)
+    evidence = world.evidence(lambda t: HERE, lambda t: HERE, rounds=40)
+    slow = []
+    for anchor in evidence.ranges.anchors:
+        values = anchor.range_mm
+        mean = sum(values) / len(values)
+        # The same spread, but each value lasts four rounds.
+        slow.append([round(mean + (values[4 * (i // 4)] - mean)) for i in range(len(values))])
+    white = judged(world, evidence).covariance
+    lasting = judged(world, dataclasses.replace(evidence, ranges=table(world, slow))).covariance
+    assert lasting.ee_mm2 + lasting.nn_mm2 > 2 * (white.ee_mm2 + white.nn_mm2)
+    world.commissioning = dataclasses.replace(world.commissioning, correlation_ppm=0)
+    known = judged(world, evidence).covariance
+    assert known.ee_mm2 + known.nn_mm2 <= white.ee_mm2 + white.nn_mm2
+
+
+def test_a_clock_that_may_be_off_widens_the_ellipse_along_the_flight(world):
+    path = lambda t: (3000 + 5 * t, 6000, 4000)  # noqa: E731
+    moving = judged(world, world.evidence(path, path), path(0))
+    still = judged(world, world.evidence(lambda t: path(1500), lambda t: path(1500)), path(1500))
+    assert moving.covariance.ee_mm2 - still.covariance.ee_mm2 > 200**2
+    slow = lambda t: (3000 + 3 * t, 6000, 4000)  # noqa: E731
+    late = lambda t: slow(t - 50)  # noqa: E731
+    assert judged(world, world.evidence(slow, late), late(0)).outcome == "verified"
+    fast_and_late = lambda t: path(t - 50)  # noqa: E731
+    assert judged(world, world.evidence(path, fast_and_late), fast_and_late(0)).outcome != "refuted"

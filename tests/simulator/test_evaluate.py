@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import json
+import math
+import random
+
+import pytest
+from click.testing import CliRunner
+
+from simulator.evaluate import EvaluateSettings, claims_of, evaluate
+from simulator.evaluate_command import evaluate as command
+from simulator.recording import Recording, RecordingError, dw1000_commissioning
+
+ANCHORS = {"3": (1.5, 1.5, 0.3), "5": (-1.5, 1.5, 1.5), "9": (-1.5, -1.5, 0.3), "12": (1.5, -1.5, 0.3)}
+
+
+@pytest.fixture
+def files(tmp_path):
+    """A tag that flies past at 1 m/s, 20 rounds a second, σ = 2 cm."""
+    rng = random.Random(1)
+    ranges, anchors = tmp_path / "ranges.csv", tmp_path / "anchors.csv"
+    anchors.write_text("anchor,x,y,z\n" + "".join(f"{n},{x},{y},{z}\n" for n, (x, y, z) in ANCHORS.items()))
+    rows = ["t,anchor,range,gt_x,gt_y,gt_z"]
+    for index in range(200):
+        t_s = 0.05 * index
+        truth = (-3.0 + t_s, 5.0, 3.0)
+        for offset, (name, place) in enumerate(ANCHORS.items()):
+            measured = math.dist(truth, place) + rng.gauss(0, 0.02)
+            rows.append(f"{t_s + 0.001 * offset:.4f},{name},{measured:.4f},{truth[0]:.4f},{truth[1]},{truth[2]}")
+    ranges.write_text("\n".join(rows) + "\n")
+    return ranges, anchors
+
+
+def commissioned(tmp_path, files):
+    """A commissioning of these anchors that knows them well."""
+    record = dw1000_commissioning(Recording.load(*files).pad(), 1_800_000_000_000).to_json()
+    for anchor in record["anchors"]:
+        anchor["bias"] = [{"range_mm": 0, "bias_mm": 0, "sigma_mm": 10}]
+    record |= {"installation_sigma_mm": 10, "range_sigma_mm": 20}
+    path = tmp_path / "commissioning.json"
+    path.write_text(json.dumps(record))
+    return path
+
+
+def run(*args):
+    result = CliRunner().invoke(command, [str(arg) for arg in args])
+    lines = [json.loads(line) for line in result.stdout.splitlines() if line.startswith("{")]
+    return result, lines
+
+
+def test_truth_is_verified_and_a_lie_is_refuted_window_by_window(tmp_path, files):
+    ranges, anchors = files
+    more = ("--recording", ranges, "--anchors", anchors, "--commissioning", commissioned(tmp_path, files), "--json")
+    result, lines = run(*more)
+    assert (result.exit_code, len(lines)) == (0, 10)
+    assert {line["outcome"] for line in lines} == {"verified"}
+    assert all(line["truth_error_m"] < 0.2 and line["likelihood"] >= 0.99 for line in lines)
+    assert lines[1]["from_s"] == pytest.approx(1.0)
+    assert set(lines[0]["covariance_mm2"]) == {"ee_mm2", "en_mm2", "nn_mm2"}
+    _, lines = run(*more, "--claim", "offset:0,3,0", "--windows", "4")
+    assert [line["outcome"] for line in lines] == ["refuted"] * 4
+    assert all(2.7 < line["error_m"] < 3.3 for line in lines)
+    assert {reason["code"] for line in lines for reason in line["reasons"]} >= {"outside_buffer"}
+
+
+def test_a_file_of_claims_is_followed(tmp_path, files):
+    ranges, anchors = files
+    path = tmp_path / "claims.csv"
+    path.write_text("t,x,y,z\n0,-3,5,3\n10,7,5,3\n")
+    settings = EvaluateSettings(ranges, anchors, commissioned(tmp_path, files), f"csv:{path}", rounds=40)
+    assert [window.verdict.outcome for window in evaluate(settings)] == ["verified"] * 5
+    assert claims_of(f"csv:{path}")(2.5, (0, 0, 0)) == pytest.approx((-0.5, 5, 3))
+    path.write_text("t,x,y,z\n0,-3,5,3\n10,-3,5,3\n")  # it says that it hovers, and flies
+    last = list(evaluate(settings))[-1]
+    assert last.verdict.outcome == "refuted"
+
+
+@pytest.mark.parametrize("content", ["t,x\n1,2\n", "t,x,y,z\n1,2,3,x\n", "t,x,y,z\n", "t,x,y,z\n2,0,0,0\n1,0,0,0\n"])
+def test_files_that_hold_no_claims(tmp_path, content):
+    path = tmp_path / "claims.csv"
+    path.write_text(content)
+    with pytest.raises(RecordingError, match=r"claims\.csv"):
+        claims_of(f"csv:{path}")
+
+
+def test_what_cannot_be_judged_is_said(tmp_path, files):
+    ranges, anchors = files
+    other = tmp_path / "commissioning.json"
+    other.write_text("{}")
+    result, _ = run("--recording", ranges, "--anchors", anchors, "--commissioning", other)
+    assert result.exit_code == 1
+    assert "no commissioning record" in result.output
+    result, _ = run("--recording", ranges, "--anchors", anchors, "--claim", "somewhere")
+    assert result.exit_code == 1
+    assert "offset:3,0,0" in result.output
+    result, _ = run("--recording", ranges, "--anchors", anchors, "--json", "--claim", "offset:900000000,0,0")
+    assert isinstance(result.exception, SystemExit)
+    assert "at 0.000 s" in result.output
+    record = json.loads(commissioned(tmp_path, files).read_text())
+    record["anchors"][0]["anchor_id"] = "other"
+    other.write_text(json.dumps(record))
+    result, _ = run("--recording", ranges, "--anchors", anchors, "--commissioning", other)
+    assert "but not the recording's 3" in result.output
+
+
+def test_short_windows_are_judged_by_fewer_rounds(files):
+    windows = list(evaluate(EvaluateSettings(*files, rounds=3, windows=5)))
+    assert [window.verdict.rounds for window in windows] == [3] * 5
+    assert "refuted" not in {window.verdict.outcome for window in windows}
+    assert [window.first_s for window in windows] == pytest.approx([0.0, 0.15, 0.3, 0.45, 0.6])
