@@ -81,6 +81,14 @@ class RunningNetwork:
             gateway = Gateway(channel, connection.identity(name), connection.signer(name))
             yield gateway.network(connection.channel).contract(connection.chaincode)
 
+    @asynccontextmanager
+    async def mirror(self):
+        """The channel as the mirror reads it."""
+        connection = self.connection
+        async with connection.open_channel() as channel:
+            gateway = Gateway(channel, connection.identity("mirror"), connection.signer("mirror"))
+            yield gateway.network(connection.channel)
+
     async def register_pad(self, name="pad_operator", msp_id=None):
         async with self.contract(name, msp_id) as contract:
             return await contract.submit_with_retry("RegisterPad", pad(f"pad-{os.urandom(6).hex()}"))

@@ -23,6 +23,7 @@ from wonderland.ledger.network.description import NetworkDescription
 from wonderland.ledger.network.errors import ComponentError, DirectoryStateError, NetworkError, UnreachableError
 from wonderland.ledger.network.genesis import ChannelPlan, first_block
 from wonderland.ledger.network.layout import MSP_ADMIN, NetworkDirectory
+from wonderland.ledger.network.leadership import wait_leader
 from wonderland.ledger.network.network import CONTRACT, Member, Network
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 Report: TypeAlias = Callable[[str, str], None]
 """Hears of each step that begins, and what of it has just been done."""
 NONCE_BYTES: Final = 24
-PROBE: Final = ("ReadPolicy", b'{"action":"*","pad_id":"*"}')
+PROBE: Final = ("ReadPolicy", b'{"action":"land","pad_id":"pad-1"}')
 """What is asked of the contract to see that it is reached."""
 
 
@@ -99,6 +100,7 @@ class BringUp:
                 ]
             )
             connections.write_first(network)
+            await wait_leader(network)
             await self._agree(peers, contract, agreement)
 
     async def organisation(self, msp_id: str, stack: AsyncExitStack) -> Authority:

@@ -14,6 +14,7 @@ import io
 import json
 import tarfile
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -55,8 +56,9 @@ class ContractPackage:
         return f"{self.label}:{hashlib.sha256(self.data).hexdigest()}"
 
 
+@cache
 def installed_contract(package: str) -> InstalledContract:
-    """The contract of that entry point. Raises `ContractLoadError`, `DescriptionError`."""
+    """The contract of that entry point, as it was when first asked for. Raises `ContractLoadError`."""
     contract = load_contract(package)
     (entry,) = entry_points(group=GROUP, name=package)
     return InstalledContract(package, contract.version, source_digest((entry.module, _RULES)))

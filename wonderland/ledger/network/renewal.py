@@ -21,6 +21,7 @@ from wonderland.ledger.network.agreement import load_agreement
 from wonderland.ledger.network.contract import build_package, installed_contract
 from wonderland.ledger.network.errors import NetworkError, UnreachableError
 from wonderland.ledger.network.layout import REGISTRAR
+from wonderland.ledger.network.leadership import wait_leader
 from wonderland.ledger.network.network import CONTRACT, Member, Network, contract_component
 
 if TYPE_CHECKING:
@@ -135,6 +136,7 @@ class _Renewal:
             heights = [await self._height(each) for each in self._network.orderers]
             own = heights[self._network.orderers.index(member)]
             if own and own >= max(heights):
+                await wait_leader(self._network)
                 return
             if time.monotonic() > deadline:
                 raise self._network.processes.failure(

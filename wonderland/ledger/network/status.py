@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import datetime as dt
-import re
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-import httpx
-
 from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.network import certificates
+from wonderland.ledger.network.leadership import is_leader
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,8 +20,6 @@ if TYPE_CHECKING:
 TIMEOUT_S: Final = 5.0
 SOON: Final = dt.timedelta(days=30)
 """A certificate with less time left is worth renewing now."""
-_MAX_METRICS_BYTES: Final = 4 << 20
-_LEADER: Final = re.compile(r'^consensus_\w+_is_leader\{[^}]*channel="([^"]+)"[^}]*\} (\d)', re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -115,21 +111,10 @@ async def _orderer(network: Network, member: Member) -> ComponentStatus:
         return ComponentStatus(
             member.component, "orderer", pid, address, trouble=f"has not joined {network.channel}; run `up` again"
         )
-    leader = await _is_leader(network.address(member, "operations"), network.channel)
+    leader = await is_leader(network.address(member, "operations"), network.channel)
     return ComponentStatus(
         member.component, "orderer", pid, address, part.height, f"{part.status} {part.relation}".strip(), leader
     )
-
-
-async def _is_leader(operations: str, channel: str) -> bool | None:
-    """What the orderer's metrics say; None when they do not."""
-    try:
-        async with httpx.AsyncClient(timeout=TIMEOUT_S, trust_env=False) as http:
-            response = await http.get(f"http://{operations}/metrics")
-    except httpx.HTTPError:
-        return None
-    found = dict(_LEADER.findall(response.text[:_MAX_METRICS_BYTES]))
-    return found[channel] == "1" if channel in found else None
 
 
 async def _peer(network: Network, member: Member) -> ComponentStatus:
