@@ -104,6 +104,11 @@ def fabric():
 
 
 @pytest.fixture(scope="session")
+def network_class():
+    return RunningNetwork
+
+
+@pytest.fixture(scope="session")
 def running(fabric, tmp_path_factory):
     """Three organisations, one orderer: what `wonderland network up` makes without a description."""
     network = RunningNetwork.start(tmp_path_factory.mktemp("fabric") / "net")
