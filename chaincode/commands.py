@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import datetime as dt
 import json
 import logging
 import signal
@@ -18,7 +17,8 @@ from chaincode.service.errors import SettingsError
 from chaincode.service.metrics import Metrics
 from chaincode.service.operations import Operations
 from chaincode.service.server import ContractServer
-from chaincode.service.settings import EXPIRES_SOON, Limits, Tls, check_listen, check_package_id
+from chaincode.service.settings import Limits, check_listen, check_package_id
+from chaincode.service.tls import Tls
 from wonderland.ledger.embedded.contracts import load_contract
 from wonderland.ledger.errors import LedgerError
 
@@ -122,7 +122,7 @@ def serve(
                 "package_id": server.package_id,
                 "contract": name,
                 "version": contract.version,
-                "tls": "none" if tls is None else "server" if tls.client_ca is None else "mutual",
+                "tls": "none" if tls is None else "mutual" if tls.mutual else "server",
                 **({"metrics": watched_at} if watched_at else {}),
             }
             click.echo(json.dumps(answer))
@@ -146,8 +146,6 @@ async def _serve(
             await watched.start(operations)
         await server.start(listen)
         server.metrics.info.set(1, contract=name, version=server.contract.version, package_id=server.package_id)
-        if server.tls is not None:
-            server.metrics.certificate_expiry.set(server.tls.valid_until.timestamp())
         ready(watched.address)
         await stop.wait()
         _log.info("stopping")
@@ -161,11 +159,7 @@ def _tls(certificate: Path | None, key: Path | None, client_ca: Path | None) -> 
         return None
     if certificate is None or key is None:
         raise SettingsError("TLS takes --tls-cert and --tls-key together (and --client-ca for mutual TLS)")
-    now = dt.datetime.now(dt.UTC)
-    tls = Tls.load(certificate, key, client_ca, now)
-    if tls.valid_until - now < EXPIRES_SOON:
-        _log.warning("the TLS certificate expires on %s; renew it before", f"{tls.valid_until:%Y-%m-%d %H:%M} UTC")
-    return tls
+    return Tls(certificate, key, client_ca)
 
 
 @chaincode.command()

@@ -2,11 +2,12 @@
 
 It runs the same contract that the embedded ledger runs in place.
 Rooms: ``server`` gRPC and TLS · ``stream`` one peer's messages · ``invocation`` one transaction · ``facts`` who sent it
-· ``stub`` reads and writes by the peer · ``settings``, ``metrics``, ``operations``, ``logs`` for who runs it.
+· ``stub`` reads and writes by the peer · ``settings``, ``tls``, ``metrics``, ``operations``, ``logs`` for who runs it.
 """
 
 from chaincode.service.errors import ServiceError
 from chaincode.service.server import ContractServer
-from chaincode.service.settings import Limits, Tls
+from chaincode.service.settings import Limits
+from chaincode.service.tls import Tls
 
 __all__ = ["ContractServer", "Limits", "ServiceError", "Tls"]

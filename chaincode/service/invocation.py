@@ -118,6 +118,7 @@ async def invoke(
         text = f"a read or write failed at the peer (reference {_logged(message, function, error)}); try again"
         return Outcome(failed(message, text), function, "unavailable")
     except UnavailableError as error:
+        _log.warning("transaction %s: %s", message.txid[:64], error)
         return Outcome(failed(message, str(error)), function, "unavailable")
     except BadTransactionError as error:
         _log.warning("transaction %s: %s", message.txid[:64], error)

@@ -76,6 +76,9 @@ class Operations:
             return _response("405 Method Not Allowed", _TEXT, b"GET /healthz or /metrics\n", with_body=True)
         with_body = method == b"GET"
         if path == b"/metrics":
+            if self._service.tls is not None:
+                self._service.tls.refresh()
+                self._service.metrics.certificate_expiry.set(self._service.tls.valid_until.timestamp())
             return _response("200 OK", _TEXT, self._service.metrics.exposition(), with_body=with_body)
         if path == b"/healthz":
             status, document = health(self._service)

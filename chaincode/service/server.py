@@ -12,8 +12,9 @@ import grpc
 
 from chaincode.service.errors import SettingsError, StreamProtocolError
 from chaincode.service.metrics import Metrics
-from chaincode.service.settings import Limits, Tls
+from chaincode.service.settings import Limits
 from chaincode.service.stream import PeerStream
+from chaincode.service.tls import Tls
 from wonderland.ledger.addresses import bracketed, split_address
 
 if TYPE_CHECKING:

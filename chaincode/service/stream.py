@@ -203,7 +203,12 @@ class PeerStream:
                 message, self._contract, ask, lambda: self._asked.get(key), self._batching, self._check_time
             )
             self._send(outcome.message)
-            self._metrics.finished(outcome.function, outcome.word, time.perf_counter() - started)
+            took_s = time.perf_counter() - started
+            self._metrics.finished(outcome.function, outcome.word, took_s)
+            # %r: the function's name is the client's word.
+            _log.debug(
+                "transaction %s: %.64r %s in %.1f ms", key[1][:64], outcome.function, outcome.word, took_s * 1000
+            )
         finally:
             self._metrics.in_flight.dec()
             del self._running[key]

@@ -119,12 +119,12 @@ def test_what_cannot_be_served_is_said_in_one_line(options, said):
 
 
 def test_a_certificate_that_expires_soon_is_warned_of(tools, tmp_path, caplog):
-    from chaincode.commands import _tls
+    from chaincode.service import Tls
 
     for days, warned in ((13, True), (15, False)):
         caplog.clear()
         _, _, key, certificate = tools.key_and_certificate("service", days=days)
         (tmp_path / "key").write_bytes(key)
         (tmp_path / "certificate").write_bytes(certificate)
-        assert _tls(tmp_path / "certificate", tmp_path / "key", None) is not None
+        assert not Tls(tmp_path / "certificate", tmp_path / "key", None).mutual
         assert ("expires on" in caplog.text) == warned

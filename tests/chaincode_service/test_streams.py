@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import datetime as dt
+import socket
+import ssl
 
 import grpc
 import pytest
@@ -268,7 +270,7 @@ def authority(tools, tmp_path):
 def load(directory, now=None, **names):
     found = {"certificate": "server.pem", "key": "server.key", "client_ca": "ca.pem"} | names
     paths = {name: None if file is None else directory / file for name, file in found.items()}
-    return Tls.load(**paths, now=now or dt.datetime.now(dt.UTC))
+    return Tls(**paths, clock=lambda: now or dt.datetime.now(dt.UTC))
 
 
 async def test_with_mutual_tls_only_the_organisations_peers_get_in(tools, toy, serving, authority, tmp_path):
@@ -293,6 +295,38 @@ async def test_without_a_client_ca_the_service_alone_is_proved(tools, toy, servi
     async with serving(toy, tls=load(tmp_path, client_ca=None)) as world:
         peer = await world.peer(tools.State(a="1"), grpc.ssl_channel_credentials(ca[3]))
         assert (await peer.run(tools.Call("get", ("a",)))).payload == b"1"
+
+
+def shown(address, ca, peer, directory):
+    """Common name of the certificate that the service shows to a peer that connects now."""
+    context = ssl.create_default_context(cadata=ca[3].decode())
+    context.check_hostname = False
+    (directory / "peer.pem").write_bytes(peer[2] + peer[3])
+    context.load_cert_chain(directory / "peer.pem")
+    host, port = address.rsplit(":", 1)
+    with socket.create_connection((host, int(port)), 10) as plain, context.wrap_socket(plain) as connection:
+        return dict(pair[0] for pair in connection.getpeercert()["subject"])["commonName"]
+
+
+async def test_a_renewed_certificate_is_taken_without_a_restart(tools, toy, serving, authority, tmp_path, caplog):
+    ca, peer, _ = authority
+    caplog.set_level("INFO")
+    async with serving(toy, tls=load(tmp_path)) as world:
+        credentials = grpc.ssl_channel_credentials(ca[3], peer[2], peer[3])
+        before = await world.peer(tools.State(a="1"), credentials)
+        renewed = tools.key_and_certificate("renewed", ca)
+        (tmp_path / "server.pem").write_bytes(renewed[3])
+        # The key is not there yet: the former pair goes on.
+        assert await asyncio.to_thread(shown, world.server.address, ca, peer, tmp_path) == "service"
+        assert "does not belong to the certificate" in caplog.text
+        (tmp_path / "server.key").write_bytes(renewed[2])
+        assert await asyncio.to_thread(shown, world.server.address, ca, peer, tmp_path) == "renewed"
+        assert "new TLS certificate" in caplog.text
+        (tmp_path / "server.key").unlink()
+        assert await asyncio.to_thread(shown, world.server.address, ca, peer, tmp_path) == "renewed"
+        assert (await before.run(tools.Call("get", ("a",)))).payload == b"1"
+        after = await world.peer(tools.State(a="2"), credentials)
+        assert (await after.run(tools.Call("get", ("a",)))).payload == b"2"
 
 
 def test_tls_files_that_cannot_serve_are_named(tools, authority, tmp_path):
