@@ -33,6 +33,7 @@ R = 1000.0
 POLICY = Policy()
 ALPHA = 0.01
 LARGE = 100_000
+COMPROMISED = 1500
 
 
 def pad(point, *, sigma_mm=50, bias_sigma_mm=0, more=()):
@@ -254,7 +255,7 @@ def test_the_drawn_estimates_judge_as_whole_decisions_do(keep):
 def test_stated_likelihood_against_observed(keep):
     """Drones anywhere within some metres of their claims: of those with a likelihood near p, a share p is within the buffer."""
     rng = random.Random(3)
-    tries = 40_000
+    tries = LARGE
     told, right = [0.0] * 10, [0] * 10
     counts = [0] * 10
     for _ in range(tries):
@@ -342,7 +343,7 @@ def test_one_compromised_anchor(keep):
     rows = []
     for count, ring in RING.items():
         verified = refuted = tries = honest = decided = 0
-        for seed in range(400):
+        for seed in range(COMPROMISED):
             world = World(seed=seed, anchors=ring, bias_sigma_mm=8)
             bearing, away = rng.uniform(0, math.tau), rng.uniform(2500, 14_000)
             truth = (away * math.cos(bearing), away * math.sin(bearing), 4000.0)
@@ -375,7 +376,7 @@ def test_one_compromised_anchor(keep):
         keep(anchors=count, tries=tries, verified=verified, refuted=refuted, honest=honest, wronged=decided)
         assert verified == 0
     show(
-        "One compromised anchor, 20 rounds, 2.5–14 m away, 400 drones each",
+        f"One compromised anchor, 20 rounds, 2.5–14 m away, {COMPROMISED} drones each",
         ("anchors", "lies ≥ 3 buffers verified", "refuted", "honest verified", "honest refuted"),
         rows,
     )
@@ -407,3 +408,44 @@ def test_thresholds_on_ellipses_of_any_shape(keep, seed):
     assert distance_to_disc(2 * R, 0.0, Matrix2(R * R, 0.0, R * R), R) == pytest.approx(1.0)
     assert distance_to_outside(0.0, 0.0, Matrix2(R * R, 0.0, R * R), R) == pytest.approx(1.0)
     show(f"On the edge, in any direction, {tries} drones each", ("one round's ellipse", "verified", "refuted"), rows)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.3, 0.6])
+def test_correlated_rounds_at_the_edge(keep, correlation):
+    """Whole decisions at the pad's looks; nobody told the pad of the correlation."""
+    rng = np.random.default_rng(9)
+    truth, tries = (3000.0, 14_000.0, 4000.0), 400
+    world = World(sigma_mm=60, bias_sigma_mm=0)
+    claimed = (truth[0] + 976.0, truth[1] - 209.0, truth[2])  # one buffer off, across the line of sight
+    session = world.session(world.claim(claimed, START_MS))
+    clean = world.evidence(lambda t: truth, lambda t: claimed, rounds=160)
+    distances = [math.dist(truth, (a.east_mm, a.north_mm, a.up_mm)) for a in world.commissioning.anchors]
+    counts = {"verified": 0, "refuted": 0, "inconclusive": 0}
+    for _ in range(tries):
+        noise = rng.normal(0, 60, (160, 4))
+        for index in range(1, 160):
+            noise[index] = correlation * noise[index - 1] + math.sqrt(1 - correlation**2) * noise[index]
+        columns = [[round(d + e) for e in noise[:, i]] for i, d in enumerate(distances)]
+        said = "inconclusive"
+        for looked in stopping.LOOKS:
+            table = dataclasses.replace(
+                clean.ranges,
+                t_ms=clean.ranges.t_ms[:looked],
+                anchors=tuple(
+                    dataclasses.replace(a, range_mm=tuple(c[:looked]))
+                    for a, c in zip(clean.ranges.anchors, columns, strict=True)
+                ),
+            )
+            said = preview(
+                session, world.commissioning, dataclasses.replace(clean, ranges=table), START_MS + 20_000
+            ).outcome
+            if said != "inconclusive":
+                break
+        counts[said] += 1
+    keep(correlation=correlation, tries=tries, **counts)
+    show(
+        f"Rounds that correlate by {correlation}, a drone on the edge, {tries} sessions",
+        ("verified", "refuted"),
+        [(interval(counts["verified"], tries), interval(counts["refuted"], tries))],
+    )
+    assert max(counts["verified"], counts["refuted"]) / tries <= 0.025
