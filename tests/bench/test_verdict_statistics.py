@@ -111,6 +111,7 @@ def at_mm(point):
 
 
 def test_error_of_the_estimate_beside_the_cramer_rao_bound(keep):
+    """On the same noise as the linearised estimate, whose error *is* the bound: so chance falls out of the ratio."""
     rng = np.random.default_rng(1)
     rows = []
     worst = 0.0
@@ -118,18 +119,23 @@ def test_error_of_the_estimate_beside_the_cramer_rao_bound(keep):
     for point in POINTS:
         commissioning = pad(point)
         truth = at_mm(point)
+        directions = np.array([[truth[0] - a.east_mm, truth[1] - a.north_mm] for a in commissioning.anchors])
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        gain = np.linalg.pinv(directions)
+        assert math.sqrt((gain**2).sum()) * SIGMA_M == pytest.approx(cramer_rao_m(point, 1), rel=1e-6)
         ratios = []
         for rounds in (1, 10, 50, 100):
+            noise = rng.normal(0, SIGMA_M * 1000 / math.sqrt(rounds), (tries, 4))
             square = 0.0
-            for errors in rng.normal(0, SIGMA_M * 1000 / math.sqrt(rounds), (tries, 4)):
+            for errors in noise:
                 offset = solve(reduced(commissioning, truth, truth, errors, rounds))
                 square += offset.east**2 + offset.north**2
-            ratios.append(math.sqrt(square / tries) / 1000 / cramer_rao_m(point, rounds))
+            ratios.append(math.sqrt(square / ((noise @ gain.T) ** 2).sum()))
         rows.append((point.name, *(f"{ratio:.3f}" for ratio in ratios)))
         worst = max(worst, *ratios)
         keep(point=point.name, ratios=ratios)
-    show(f"RMSE / Cramér–Rao bound, {tries} fixes each (±1.1 %)", ("point", "N=1", "10", "50", "100"), rows)
-    assert worst <= 1.02 + 0.03
+    show(f"RMSE / Cramér–Rao bound, {tries} fixes each", ("point", "N=1", "10", "50", "100"), rows)
+    assert worst <= 1.02
 
 
 def settle(m_mm, looks, tries, *, s1=1800.0, floor=0.0, seed=1):

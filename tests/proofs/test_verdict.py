@@ -161,6 +161,13 @@ def test_one_bad_anchor_never_verifies_a_lie(make_world, now_ms, bias, anchors):
             assert verdict.outcome != "verified"
 
 
+def test_an_anchor_that_measures_too_short_does_not_shorten_the_bound(world, now_ms):
+    honest = judge(world, now_ms, at(*HERE), at(*HERE))
+    short = judge(world, now_ms, at(*HERE), at(*HERE), bias_mm=(0, 0, 0, -3000))
+    assert short.within_mm >= honest.within_mm
+    assert (HERE[0] ** 2 + HERE[1] ** 2 + HERE[2] ** 2) ** 0.5 < honest.within_mm
+
+
 def test_a_lie_is_refuted_in_spite_of_a_bad_anchor_where_four_good_ones_are_left(make_world, now_ms):
     lie = at(HERE[0] + 5000, HERE[1], HERE[2])
     assert judge(make_world(anchors=PENTAGON), now_ms, at(*HERE), lie, bias_mm=(0, 700, 0, 0, 0)).outcome == "refuted"

@@ -311,15 +311,19 @@ def _outcome(signed: Judgement | None, broadcast: Judgement | None, reasons: Rea
 
 
 def _within(measured: Measured, commissioning: Commissioning) -> int:
-    """A bound that holds whatever the drone does with its clock: within this distance of the pad's origin."""
-    best = -1.0
+    """A bound that holds whatever the drone does with its clock: within this distance of the pad's origin.
+
+    The least of the anchors' bounds; the second least where one anchor may be bad.
+    """
+    bounds = []
+    installation = measured.reduced.installation_sigma_mm
     for mean in measured.reduced.anchors:
         anchor = commissioning.anchors[mean.index]
         away = sqrt(float(anchor.east_mm**2 + anchor.north_mm**2 + anchor.up_mm**2))
-        bound = mean.range_mm + away + BOUND_Z * sqrt(mean.white + mean.floor)
-        if best < 0.0 or bound < best:
-            best = bound
-    return int(max(best, 0.0)) + 1
+        deviation = sqrt(mean.white + mean.floor + installation * installation)
+        bounds.append(mean.range_mm + away + BOUND_Z * deviation)
+    bounds.sort()
+    return int(max(bounds[0 if measured.agreement.consistent else 1], 0.0)) + 1
 
 
 def _position(commissioning: Commissioning, measured: Measured) -> Position | None:
