@@ -8,13 +8,15 @@ from typing import Any, Final
 
 from chaincode.contract import access
 from chaincode.contract.call import Answer, Call, stored
-from chaincode.contract.errors import conflict, not_allowed, not_there
+from chaincode.contract.errors import bad_input, conflict, not_allowed, not_there
 from wonderland.proofs.records import keys
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.assets import Asset, AssetChange
 
 MAX_HISTORY_BYTES: Final = 2 << 20
 """Of values in one answer: below what a gRPC client takes without being told (4 MiB)."""
+MAX_ASSET_BYTES: Final = 1_000_000
+"""A Fabric peer reads a history in pages of 100 values, and breaks its stream on a page above 100 MiB."""
 
 
 async def create(call: Call, argument: tx.CreateAsset) -> Answer:
@@ -104,6 +106,13 @@ async def _owned(call: Call, asset_id: str) -> Asset:
 
 
 async def _write(call: Call, asset: Asset) -> Answer:
+    size = len(asset.encode())
+    if size > MAX_ASSET_BYTES:
+        raise bad_input(
+            "ASSET_TOO_LARGE",
+            f"asset {asset.id} takes {size} bytes, allowed are {MAX_ASSET_BYTES}; keep large data elsewhere and its "
+            "digest here",
+        )
     await call.store(keys.composite(keys.ASSET, asset.id), asset)
     return Answer(asset.to_json(), _without_value(asset))
 

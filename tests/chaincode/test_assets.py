@@ -77,8 +77,11 @@ def test_a_deleted_asset_may_be_made_again_by_another(empty):
 
 
 def test_the_largest_value_comes_back_and_larger_ones_are_refused(empty):
-    value = "ä" * (512 * 1024 - 200)  # two bytes each: the argument fills its megabyte
+    value = "ä" * 499_800  # two bytes each
     empty.call(empty.uav, "CreateAsset", pose(value=value))
+    for larger in ("ä" * 500_000, "ä" * (512 * 1024 - 200)):  # the last one's argument fills its megabyte
+        empty.refuse(400, "ASSET_TOO_LARGE", empty.uav, "CreateAsset", pose(id="x", value=larger))
+        empty.refuse(400, "ASSET_TOO_LARGE", empty.uav, "UpdateAsset", id="uav-1/pose", value=larger)
     assert empty.call(empty.pad, "ReadAsset", id="uav-1/pose")["value"] == value
     empty.refuse(400, "BAD_ARGUMENT", empty.uav, "CreateAsset", pose(id="x", value="a" * (512 * 1024 + 1)))
     empty.refuse(400, "BAD_ARGUMENT", empty.uav, "CreateAsset", pose(id="x", value="語" * (400 * 1024)))
