@@ -14,6 +14,11 @@ import { Timeline } from "./Timeline";
 import { ZoomControls } from "./ZoomControls";
 
 const TOPICS: readonly Topic[] = ["tracks", "estimates", "sessions", "verdicts", "pads", "connection"];
+/** Within what the address keeps of a camera. */
+function sameView(one: Camera, other: Camera): boolean {
+  return Math.abs(one.lat - other.lat) < 1e-6 && Math.abs(one.lon - other.lon) < 1e-6 && Math.abs(one.zoom - other.zoom) < 0.01;
+}
+
 const CAMERA_IN_URL_MS = 400;
 export const PHONE = "(max-width: 760px)";
 
@@ -78,7 +83,8 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
     latest.current = place;
   });
   const select = useCallback((next: { drone?: string; session?: string }) => {
-    const { camera: at } = latest.current;
+    // Where the map looks now: the address follows it with a delay.
+    const at = camera.current ?? latest.current.camera;
     go({ room: "live", ...next, ...(at !== undefined && { camera: at }) });
   }, []);
   const selectDrone = useCallback(
@@ -103,6 +109,14 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
     }, 60);
     return () => clearTimeout(timer);
   }, [known, chosen, panelWidth]);
+
+  // An address that is typed, or found by the back button, may look elsewhere than the map does.
+  const addressed = place.camera;
+  useEffect(() => {
+    const shown = camera.current;
+    if (addressed === undefined || shown === undefined || sameView(addressed, shown)) return;
+    map.current?.lookAt(addressed);
+  }, [addressed]);
 
   const urlTimer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
   useEffect(() => () => clearTimeout(urlTimer.current), []);

@@ -5,7 +5,12 @@ import { useTheme } from "../../app/theme";
 import { useLiveStore } from "../../shared/live/useLive";
 import { MapController, type Selection } from "./controller";
 
-export type MapHandle = { fitSelection: () => void; fitAll: () => void; zoomBy: (levels: number) => void };
+export type MapHandle = {
+  fitSelection: () => void;
+  fitAll: () => void;
+  zoomBy: (levels: number) => void;
+  lookAt: (camera: Camera) => void;
+};
 
 type Properties = {
   ref: Ref<MapHandle>;
@@ -86,6 +91,7 @@ export function MapView({ ref, camera, selection, padding, onSelect, onCamera }:
     fitSelection: () => controller.current?.fitSelection(),
     fitAll: () => controller.current?.fitAll(),
     zoomBy: (levels) => controller.current?.zoomBy(levels),
+    lookAt: (at) => controller.current?.lookAt(at),
   }));
 
   return (

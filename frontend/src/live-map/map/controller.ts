@@ -192,6 +192,13 @@ export class MapController {
     this.map.easeTo({ ...camera, ...this.motion(still ? 0 : FLIGHT_MS) });
   }
 
+  /** Where an address says; the map goes there at once, as the page would have opened there. */
+  lookAt(camera: Camera): void {
+    this.fitted = true;
+    this.flight = undefined;
+    this.map.jumpTo({ center: [camera.lon, camera.lat], zoom: camera.zoom });
+  }
+
   private motion(duration: number): { duration: number; essential: boolean } {
     return { duration: this.calm ? 0 : duration, essential: false };
   }
