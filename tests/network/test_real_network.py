@@ -6,8 +6,10 @@ network as it found it, or further on.
 
 import asyncio
 import dataclasses
+import datetime as dt
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -35,8 +37,9 @@ from wonderland.ledger.network import (
 )
 from wonderland.ledger.network.config_update import update_channel
 from wonderland.ledger.network.description import Organisation
-from wonderland.ledger.network.errors import ChannelUpdateError, PortInUseError
+from wonderland.ledger.network.errors import CertificateStateError, ChannelUpdateError, PortInUseError
 from wonderland.ledger.network.layout import MSP_ADMIN
+from wonderland.ledger.network.network import Network
 from wonderland.ledger.network.status import network_status
 
 pytestmark = [pytest.mark.fabric, pytest.mark.timeout(120)]
@@ -199,6 +202,39 @@ def test_a_port_that_somebody_took_is_said_before_anything_starts(running):
         pytest.raises(PortInUseError, match=rf"FleetMSP.peer0: port {port}"),
     ):
         running.up()
+    running.up()
+
+
+@pytest.mark.parametrize(
+    ("shift", "says"),
+    [
+        (dt.timedelta(days=400), r"expired on .*Next: `wonderland network renew`"),
+        (-dt.timedelta(hours=1), r"valid only from .*Next: set the clock right"),
+    ],
+)
+def test_an_expired_certificate_or_a_wrong_clock_is_said(running, shift, says):
+    network = running.network
+    shifted = Network(
+        network.directory, network.description, network.ports, now=lambda: dt.datetime.now(dt.UTC) + shift
+    )
+    with pytest.raises(CertificateStateError, match=says):
+        asyncio.run(bringing_up.bring_up(shifted, running.binaries, quiet))
+
+
+def test_another_ca_in_the_place_of_the_old_one_is_said(running):
+    """Its directory lost, the CA makes a new root at its next start: nobody on the channel would trust it."""
+    network = running.network
+    directory = network.directory.organisation("FleetMSP")
+    lost = directory.path / "lost"
+    asyncio.run(network.processes.stop("FleetMSP.ca"))
+    directory.ca_home.rename(lost)
+    try:
+        with pytest.raises(CertificateStateError, match="another root than the one that the channel trusts"):
+            running.up()
+    finally:
+        asyncio.run(network.processes.stop("FleetMSP.ca"))
+        shutil.rmtree(directory.ca_home)
+        lost.rename(directory.ca_home)
     running.up()
 
 

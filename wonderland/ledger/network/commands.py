@@ -86,6 +86,7 @@ def up(*, directory: Path, file: Path | None, consensus: str | None, orderers: i
     description = NetworkDescription.load(file) if file else None
     if consensus or orderers:
         description = (description or NetworkDescription()).with_ordering(consensus, orderers)
+    servers.find()  # before anything is written
     places = NetworkDirectory(directory)
     places.prepare()
     with places.lock(), _progress(quiet=as_json) as report:

@@ -1,7 +1,8 @@
 """New certificates before the old ones end, one server at a time, so that the network goes on.
 
 An orderer keeps its key: the channel's configuration names its certificates, and Fabric compares their keys. Everything
-else gets a new key. Former certificates are not revoked; they end by themselves.
+else gets a new key. Contract servers take the new files by themselves, peers and orderers are restarted. Former
+certificates are not revoked; they end by themselves.
 """
 
 from __future__ import annotations
@@ -17,12 +18,10 @@ from cryptography import x509
 
 from wonderland.ledger.files import write_atomic
 from wonderland.ledger.network import certificates, settings
-from wonderland.ledger.network.agreement import load_agreement
-from wonderland.ledger.network.contract import build_package, installed_contract
 from wonderland.ledger.network.errors import NetworkError, UnreachableError
 from wonderland.ledger.network.layout import REGISTRAR
 from wonderland.ledger.network.leadership import wait_leader
-from wonderland.ledger.network.network import CONTRACT, Member, Network, contract_component
+from wonderland.ledger.network.network import CONTRACT, Member, Network
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -175,18 +174,8 @@ class _Renewal:
         node = self._organisation.node(CONTRACT)
         if not self._chooses(CONTRACT, node.tls.certificate):
             return
-        await authority.renew_tls(CONTRACT, node.tls)
+        await authority.renew_tls(CONTRACT, node.tls)  # the server sees that the files changed
         self._note(f"{CONTRACT} TLS")
-        agreement = load_agreement(self._network.directory.contract_file)
-        if agreement is None:
-            return
-        described = self._network.description.contract
-        package = build_package(described.name, installed_contract(described.package), agreement.slot)
-        component = contract_component(self._msp_id, agreement.slot)
-        if package.package_id == agreement.package_id:
-            await self._restart(component, self._network.launch_contract(self._msp_id, package))
-        elif self._network.processes.pid(component) is not None:
-            self._report("certificates", f"{component} goes on with the former certificate until `network upgrade`")
 
     async def _restart(self, component: str, launch: Launch) -> None:
         if await self._network.processes.stop(component):
