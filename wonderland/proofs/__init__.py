@@ -7,6 +7,6 @@ endorser. Where to look:
 - ``records/``   what the contract accepts and stores, one definition each (type, check, JSON Schema)
 - ``frame``      WGS-84 to a pad's own east, north, up, in integers
 - ``transcript`` and ``keys``: what a session is bound to, and the keys that follow from it
-- ``rounds`` → ``estimate`` → ``likelihood`` → ``judgement`` → ``verdict``: the numbered steps of the decision;
-  ``stopping`` says when a pad looks
+- ``rounds`` → ``reduction`` → ``estimate`` → ``agreement`` → ``likelihood`` → ``judgement`` → ``verdict``: the numbered
+  steps of the decision; ``stopping``: what holds however often a pad looks; ``prospects``: what it can settle at all
 """
