@@ -16,14 +16,33 @@ CASES = {
     "two metres off": ((3000, 6000, 4000), (5000, 6000, 4000), 20, {}),
     "at the edge": ((3000, 14_000, 4000), (3950, 14_000, 4000), 12, {}),
     "broadcast elsewhere": ((3000, 6000, 4000), (3000, 6000, 4000), 20, {"broadcast": lambda t: (40_000, 6000, 4000)}),
+    "anchors in a line": ((3000, 6000, 4000), (3000, 6000, 4000), 20, {}),
+    "five anchors, one wrong, and a lie": (
+        (3000, 6000, 4000),
+        (8000, 6000, 4000),
+        20,
+        {"bias_mm": (0, 700, 0, 0, 0)},
+    ),
+    "vague, far off": ((3000, -36_000, 4000), (9000, 6000, 4000), 20, {}),
+    "too little known": ((3000, 14_000, 4000), (3000, 14_000, 4000), 20, {}),
     "one anchor wrong": ((3000, 6000, 4000), (3000, 6000, 4000), 20, {"bias_mm": (0, 0, 700, 0)}),
+}
+
+
+WORLDS = {
+    "anchors in a line": {"anchors": ((-1500, 0), (-500, 5), (500, -5), (1500, 0))},
+    "five anchors, one wrong, and a lie": {
+        "anchors": ((1500, 0), (460, 1430), (-1210, 880), (-1210, -880), (460, -1430))
+    },
+    "vague, far off": {"sigma_mm": 900},
+    "too little known": {"bias_sigma_mm": 200},
 }
 
 
 def main() -> None:
     vectors = []
     for name, (truth, claimed, rounds, more) in CASES.items():
-        world = World(seed=7)
+        world = World(seed=7, **WORLDS.get(name, {}))
         session = world.session(world.claim(claimed, START_MS))
         evidence = world.evidence(lambda t, p=truth: p, lambda t, p=claimed: p, rounds=rounds, **more)
         verdict = decide(
