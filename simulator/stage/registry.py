@@ -8,7 +8,7 @@ from typing import Final
 
 from simulator.scenario import DAY_MS, Behaviour, DroneSpec, PadSite
 from wonderland.ledger.connection import Connection
-from wonderland.ledger.gateway import Gateway
+from wonderland.ledger.gateway import EndorseError, Gateway
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
@@ -16,6 +16,8 @@ from wonderland.proofs.records.schema import Record
 
 REGISTRATION: Final = "FIN87astrdge12k8"
 PAD_OPERATOR: Final = "skyport-turku"
+PATIENCE: Final = 20
+PAUSE_S: Final = 0.25
 FLEET_OPERATOR: Final = "aurora-air"
 
 
@@ -98,4 +100,13 @@ class Registry:
         await asyncio.gather(*(one(drone) for drone in drones))
 
     async def _submit(self, who: str, function: str, argument: Record) -> None:
-        await self._contracts[who].submit_with_retry(function, argument.encode())
+        """Submit; where one organisation's peer has not yet seen what another has, wait for it."""
+        for left in reversed(range(PATIENCE)):
+            try:
+                await self._contracts[who].submit_with_retry(function, argument.encode())
+            except EndorseError:
+                if not left:
+                    raise
+                await asyncio.sleep(PAUSE_S)
+            else:
+                return

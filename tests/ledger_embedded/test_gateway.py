@@ -122,9 +122,9 @@ async def test_too_much_written_in_one_transaction(world, count, size):
 
 
 async def test_a_large_transaction_passes_whole(world):
-    done = await world.contract().submit("big", "2", str(3 << 20))
-    assert (await world.contract("uav").evaluate("get", "big1")) == b"x" * (3 << 20)
-    assert len(world.chain.block(done.block_number)) > 6 << 20
+    done = await world.contract().submit("big", "7", "900000")
+    assert (await world.contract("uav").evaluate("get", "big1")) == b"x" * 900_000
+    assert len(world.chain.block(done.block_number)) > 6_300_000
 
 
 async def test_an_overloaded_ledger_says_that_nothing_was_taken(world):

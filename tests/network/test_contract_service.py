@@ -7,7 +7,6 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import os
-import re
 import signal
 import sys
 import time
@@ -19,6 +18,8 @@ from wonderland.ledger.connection import Connection
 from wonderland.ledger.embedded import rwset as rwsets
 from wonderland.ledger.embedded.contracts import load_contract
 from wonderland.ledger.gateway import CommitError, EndorseError, EvaluateError, Gateway
+from wonderland.ledger.network.agreement import load_agreement
+from wonderland.ledger.network.network import contract_component
 from wonderland.ledger.signing import raw_from_der
 from wonderland.ledger.transactions import TransactionType
 from wonderland.proofs import encoding
@@ -226,7 +227,8 @@ async def test_a_value_that_no_page_of_a_history_could_carry_is_refused(client):
 async def test_a_contract_server_stopped_in_the_middle_loses_nothing_that_was_promised(running, client):
     """Stopped and started again while clients work: each transaction is VALID once or refused, and work goes on."""
     processes = running.network.processes
-    (server,) = [name for name in processes.names() if re.fullmatch(r"PadMSP\.contract-.", name)]
+    agreement = load_agreement(running.network.directory.contract_file)
+    server = contract_component("PadMSP", agreement.slot)  # another test may have upgraded this network
     stopped = asyncio.Event()
     done, refused = [], []
 
