@@ -85,6 +85,15 @@ class Signer:
         return raw_from_der(self._sign(message))
 
 
+@pytest.fixture(scope="module")
+def running(fabric, network_class, tmp_path_factory):
+    """A network of this module's own: who endorses here is what no other module's test may change."""
+    del fabric
+    network = network_class.start(tmp_path_factory.mktemp("service") / "net")
+    yield network
+    network.down()
+
+
 @pytest.fixture
 async def client(running):
     connection = Connection.load(running.network.directory.connection_file)
