@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import sqlite3
+import threading
 
 import pytest
 from alembic.autogenerate import compare_metadata
@@ -36,14 +38,28 @@ async def test_migrating_twice_changes_nothing(database):
 
 
 @both
-async def test_two_that_start_at_once_migrate_one_after_the_other(database_url):
-    first, second = Database(database_url), Database(database_url)
+async def test_servers_that_start_at_once_migrate_one_after_the_other(database_url):
+    servers = [Database(database_url) for _ in range(4)]
     try:
-        await asyncio.gather(migrations.migrate(first), migrations.migrate(second))
-        assert await migrations.revision(second) == migrations.head()
+        await asyncio.gather(*map(migrations.migrate, servers))
+        assert await migrations.revision(servers[-1]) == migrations.head()
     finally:
-        await first.close()
-        await second.close()
+        for each in servers:
+            await each.close()
+
+
+async def test_a_new_sqlite_file_that_another_is_preparing_is_waited_for(tmp_path):
+    path = tmp_path / "new.db"
+    other = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+    other.execute("BEGIN EXCLUSIVE")
+    threading.Timer(0.3, other.execute, ["COMMIT"]).start()
+    database = Database(f"sqlite:///{path}")
+    try:
+        async with database.engine.connect() as connection:
+            assert (await connection.exec_driver_sql("PRAGMA journal_mode")).scalar() == "wal"
+    finally:
+        await database.close()
+        other.close()
 
 
 @both
