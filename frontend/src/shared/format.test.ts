@@ -1,5 +1,9 @@
-import { describe, expect, it } from "vitest";
-import { age, count, countWord, duration, length, likelihood, shortHash } from "./format";
+// @vitest-environment happy-dom
+import { afterEach, describe, expect, it } from "vitest";
+import { age, coordinates, count, countWord, decimal, duration, length, likelihood, shortHash } from "./format";
+import { setReading } from "./i18n/locale";
+
+afterEach(() => setReading({ locale: "en", lengths: "metric", coordinates: "degrees" }));
 
 const plain = (text: string): string => text.replaceAll("\u00a0", " ");
 
@@ -49,5 +53,27 @@ describe("format", () => {
     expect(countWord(160)).toBe("160");
     expect(shortHash("9f3c00000000000000000000e1")).toBe("9f3c…e1");
     expect(shortHash("short")).toBe("short");
+  });
+
+  it("writes decimals as the language does", () => {
+    setReading({ locale: "fi" });
+    expect([length(4_214), likelihood(998_299), duration(1_204), age(0)].map(plain)).toEqual(["4,21 m", "0,9982", "1,20 s", "nyt"]);
+    expect(decimal(-0.0001, 2)).toBe("0,00");
+  });
+
+  it("says lengths in feet and nautical miles where the user reads those", () => {
+    setReading({ lengths: "feet" });
+    expect([length(304.8), length(1_000), length(100_000), length(1_852_000 * 1.5), length(1_852_000 * 20)].map(plain)).toEqual(
+      ["1.00 ft", "3.28 ft", "328 ft", "1.5 NM", "20 NM"],
+    );
+  });
+
+  it("says places in degrees, minutes or seconds, and never sixty of them", () => {
+    expect(coordinates(604_514_812, -222_686_812)).toBe("60.4514812, −22.2686812");
+    setReading({ coordinates: "minutes" });
+    expect(plain(coordinates(604_514_812, -222_686_812))).toBe("60° 27.0889′ N 22° 16.1209′ W");
+    expect(plain(coordinates(599_999_999, 0))).toBe("60° 00.0000′ N 0° 00.0000′ E");
+    setReading({ coordinates: "seconds", locale: "fi" });
+    expect(plain(coordinates(604_514_812, 222_686_812))).toBe("60° 27′ 05,33″ N 22° 16′ 07,25″ E");
   });
 });
