@@ -139,6 +139,18 @@ def test_error_of_the_estimate_beside_the_cramer_rao_bound(keep):
     assert worst <= 1.02
 
 
+def needed(alternatives, s1, step):
+    """Standard deviations from the edge with which ``stopping.proved`` begins to hold."""
+    low, high = 0.0, 50.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if stopping.proved(alternatives, ALPHA, R, s1, middle, step):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
 def settle(m_mm, looks, tries, *, s1=1800.0, floor=0.0, seed=1):
     """(verified, refuted, mean rounds) of drones ``m_mm`` off along the long axis, by the decision's thresholds."""
     rng = np.random.default_rng(seed)
@@ -151,9 +163,11 @@ def settle(m_mm, looks, tries, *, s1=1800.0, floor=0.0, seed=1):
         total += rng.normal(0, s1 * math.sqrt(n - before), tries) + m_mm * (n - before)
         before = n
         deviation = math.sqrt(s1**2 / n + floor**2)
+        square, white = deviation**2, s1**2 / n
+        step = stopping.step_of(Matrix2(square, 0.0, 0.0), Matrix2(white, 0.0, 0.0), n)
         distance = (R - np.abs(total / n + bias)) / deviation
-        inside = alive & (distance >= stopping._needed(stopping.INSIDE, ALPHA, R, deviation))
-        outside = alive & (-distance >= stopping._needed(stopping.OUTSIDE, ALPHA, R, deviation))
+        inside = alive & (distance >= needed(stopping.INSIDE, deviation, step))
+        outside = alive & (-distance >= needed(stopping.OUTSIDE, deviation, step))
         verified += inside.sum()
         refuted += outside.sum()
         rounds[inside | outside] = n
@@ -161,27 +175,36 @@ def settle(m_mm, looks, tries, *, s1=1800.0, floor=0.0, seed=1):
     return int(verified), int(refuted), float(rounds.mean())
 
 
-EVERY = tuple(range(5, 501))
+EVERY = tuple(range(3, 501))
 
 
-@pytest.mark.parametrize(("name", "looks"), [("every round, 5 to 500", EVERY), ("the pad's looks", stopping.LOOKS)])
+@pytest.mark.parametrize(("name", "looks"), [("every round, 3 to 500", EVERY), ("the pad's looks", stopping.LOOKS)])
 def test_error_rates_at_the_edge_under_repeated_looks(keep, name, looks):
     rows = []
-    for floor in (0.0, 200.0, 300.0):
-        for m in (R, 1.1 * R, 0.9 * R):
-            verified, refuted, _ = settle(m, looks, LARGE, floor=floor)
-            wrong = []
-            if m >= R:
-                wrong.append(verified)
-                assert verified / LARGE <= 0.0115
-            if m <= R:
-                wrong.append(refuted)
-                assert refuted / LARGE <= 0.0115
-            rows.append((f"{floor:.0f} mm", f"{m / R:.1f}", interval(verified, LARGE), interval(refuted, LARGE)))
-            keep(looks=name, floor=floor, m=m, verified=verified, refuted=refuted, tries=LARGE)
+    cases = [(1800.0, floor, m) for floor in (0.0, 200.0, 300.0) for m in (R, 1.1 * R, 0.9 * R)]
+    cases += [(s1, 0.0, R) for s1 in (300.0, 500.0, 700.0, 1000.0, 3000.0, 6000.0)]
+    for s1, floor, m in cases:
+        verified, refuted, _ = settle(m, looks, LARGE, s1=s1, floor=floor)
+        wrong = []
+        if m >= R:
+            wrong.append(verified)
+            assert verified / LARGE <= 0.0115
+        if m <= R:
+            wrong.append(refuted)
+            assert refuted / LARGE <= 0.0115
+        rows.append(
+            (
+                f"{s1 / 1000:.1f} m",
+                f"{floor:.0f} mm",
+                f"{m / R:.1f}",
+                interval(verified, LARGE),
+                interval(refuted, LARGE),
+            )
+        )
+        keep(looks=name, s1=s1, floor=floor, m=m, verified=verified, refuted=refuted, tries=LARGE)
     show(
         f"At and beside the edge of the buffer, looks after {name}; {LARGE} drones each (95 %)",
-        ("floor", "offset/R", "verified", "refuted"),
+        ("one round's s1", "floor", "offset/R", "verified", "refuted"),
         rows,
     )
 
@@ -194,7 +217,7 @@ def wald(m_mm, s1=1800.0):
 
 def test_rounds_to_settle_beside_walds_bound(keep):
     rows = []
-    for name, looks in (("every round from 5", EVERY), ("the pad's looks", stopping.LOOKS)):
+    for name, looks in (("every round from 3", EVERY), ("the pad's looks", stopping.LOOKS)):
         for m in (0.0, 2 * R, 3 * R):
             verified, refuted, rounds = settle(m, looks, 20_000)
             rows.append(

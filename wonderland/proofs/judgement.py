@@ -16,7 +16,7 @@ from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import Judgement, Position, Reason
 from wonderland.proofs.reduction import Reduced, distance
-from wonderland.proofs.stopping import proved_outside, sides
+from wonderland.proofs.stopping import proved_outside, sides, step_of
 
 NEAR_CLAIM_MS: Final = 3_000
 """How far a broadcast may lie from the signed claims in time and still be judged by them."""
@@ -126,17 +126,18 @@ def _compare(
     covariance = offset.covariance + extra
     bent_east, bent_north = straightened(reduced, offset, covariance, shift)
     likelihood_ppm = ppm(inside_disc(bent_east, bent_north, covariance, radius))
-    proved = sides(bent_east, bent_north, covariance, policy)
+    step = step_of(covariance, offset.covariance + offset.floor.scaled(-1.0), reduced.rounds)
+    proved = sides(bent_east, bent_north, covariance, policy, step)
     outside = proved.outside and likelihood_ppm <= policy.refute_ppm
     significance = proved.significance
     if outside and (bent_east, bent_north) != (east, north):
         # A refutation has to hold on the flat map too: the arc is an approximation where the ellipse is huge.
         significance = min(significance, distance_to_disc(east, north, covariance, radius))
-        outside = proved_outside(significance, covariance.ellipse().s1, policy)
+        outside = proved_outside(significance, covariance.ellipse().s1, policy, step)
     if outside and covariance.ellipse().s1 > VAGUE_BUFFERS * radius:
         worse = least_chi2_within(reduced, shift[0], shift[1], radius) - offset.chi2
         significance = min(significance, sqrt(worse) if worse > 0.0 else 0.0)
-        outside = proved_outside(significance, covariance.ellipse().s1, policy)
+        outside = proved_outside(significance, covariance.ellipse().s1, policy, step)
     return _Comparison(
         inside=proved.inside and likelihood_ppm >= policy.verify_ppm,
         outside=outside,
