@@ -5,6 +5,7 @@ import type { SignedIn } from "../shared/api/records";
 import { useLiveStore } from "../shared/live/useLive";
 import type { LiveSource } from "../shared/live/source";
 import { fillHistory } from "../shared/live/history";
+import { useReading } from "../shared/i18n/locale";
 import { useKeys } from "../shared/ui/useKeys";
 import { LivePage } from "../live-map/LivePage";
 import { SessionPage } from "../sessions/SessionPage";
@@ -16,6 +17,7 @@ import { KeyboardHelp } from "./KeyboardHelp";
 import { go, usePlace } from "./location";
 import { NavRail } from "./NavRail";
 import { SignInPage } from "./SignIn";
+import { appTexts as t, roomTexts } from "./texts";
 import { setThemeChoice, useTheme } from "./theme";
 
 const STATUS_MS = 10_000;
@@ -47,16 +49,16 @@ export function App({ source }: { source: LiveSource }): ReactElement | null {
       location.reload();
     },
   });
+  // Another language, or other units: everything is said anew.
+  const { locale, lengths, coordinates } = useReading();
   const signedOut = useCallback(() => void client.resetQueries({ queryKey: ["who"] }), [client]);
   if (who.data !== undefined) {
-    return <Rooms person={who.data} source={source} onSignOut={() => signOut.mutate()} onSignedOut={signedOut} />;
+    return <Rooms key={`${locale} ${lengths} ${coordinates}`} person={who.data} source={source} onSignOut={() => signOut.mutate()} onSignedOut={signedOut} />;
   }
   if (who.isPending) return null;
   const problem = who.error instanceof ApiError && who.error.status === 401 ? undefined : who.error.message;
-  return <SignInPage problem={problem ?? (token === undefined ? undefined : USED)} onRetry={() => void who.refetch()} />;
+  return <SignInPage key={locale} problem={problem ?? (token === undefined ? undefined : t("usedLink"))} onRetry={() => void who.refetch()} />;
 }
-
-const USED = "This link has been used before, or is too old.";
 
 /** A link opened twice in a browser that is signed in already is no problem. */
 async function afterToken(problem: unknown, whoAmI: () => Promise<SignedIn>): Promise<SignedIn> {
@@ -108,7 +110,7 @@ function Rooms({ person, source, onSignOut, onSignedOut }: RoomsProperties): Rea
     <div className="shell">
       <Header person={person} onHelp={() => setHelp(true)} onSignOut={onSignOut} />
       <NavRail room={place.room} />
-      <main className="room" aria-label={place.room}>
+      <main className="room" aria-label={roomTexts(place.room)}>
         <Banner source={source} />
         {place.room === "live" && <LivePage place={place} />}
         {place.room === "sessions" && place.session === undefined && <SessionsPage />}

@@ -4,6 +4,7 @@ import type { LiveStore, Topic } from "../shared/live/store";
 import { age, duration } from "../shared/format";
 import { useLive, useServerNow } from "../shared/live/useLive";
 import { LAG_MS } from "./Header";
+import { appTexts as t } from "./texts";
 
 const TOPICS: readonly Topic[] = ["connection", "status", "tracks"];
 /** A hiccup shorter than this is not worth a word. */
@@ -17,24 +18,24 @@ export function warning(store: LiveStore, local_ms: number): Warning | undefined
   if (connection.phase === "waiting" || (connection.phase === "connecting" && connection.attempt > 1)) {
     const silent_ms = store.lastFrame_ms === undefined ? undefined : local_ms - store.lastFrame_ms;
     if (silent_ms === undefined || silent_ms > PATIENCE_MS) {
-      const since = silent_ms === undefined ? "" : ` What you see is ${age(Math.max(2_000, silent_ms))} old.`;
+      const since = silent_ms === undefined ? "" : ` ${t("old", { age: age(Math.max(2_000, silent_ms)) })}`;
       const wait_ms = connection.phase === "waiting" ? connection.retry_ms - local_ms : 0;
-      const next = wait_ms > 1_000 ? ` Trying again in ${Math.round(wait_ms / 1000)} s.` : " Trying again.";
+      const next = wait_ms > 1_000 ? t("tryingIn", { seconds: Math.round(wait_ms / 1000) }) : t("trying");
       const reason = connection.phase === "waiting" ? `: ${connection.reason}` : "";
-      return { tone: "bad", text: `Not connected${reason}.${since}${next}`, retry: wait_ms > 1_000 };
+      return { tone: "bad", text: `${t("notConnected", { reason })}${since} ${next}`, retry: wait_ms > 1_000 };
     }
   }
   if (status === undefined) return undefined;
   const { halted, lag_ms, connected, problem } = status.ledger;
   if (typeof halted === "string") {
-    return { tone: "bad", text: `The ledger's mirror has halted: ${halted}. No new verdict appears here until somebody looks.`, retry: false };
+    return { tone: "bad", text: t("halted", { why: halted }), retry: false };
   }
   if (!connected) {
     const why = typeof problem === "string" && problem !== "" ? `: ${problem}` : "";
-    return { tone: "bad", text: `The server has no connection to the ledger${why}. Verdicts come late.`, retry: false };
+    return { tone: "bad", text: t("noLedger", { why }), retry: false };
   }
   if (lag_ms > LAG_MS) {
-    return { tone: "maybe", text: `The mirror is ${duration(lag_ms)} behind the ledger. Verdicts come late.`, retry: false };
+    return { tone: "maybe", text: t("lagging", { duration: duration(lag_ms) }), retry: false };
   }
   return undefined;
 }
@@ -48,7 +49,7 @@ export function Banner({ source }: { source: LiveSource }): ReactElement | null 
       <span className="num">{shown.text}</span>
       {shown.retry && (
         <button type="button" className="button" onClick={() => source.retry()}>
-          Try now
+          {t("tryNow")}
         </button>
       )}
     </div>

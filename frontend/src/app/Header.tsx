@@ -3,6 +3,8 @@ import type { SignedIn, Status } from "../shared/api/records";
 import { count, duration } from "../shared/format";
 import { useLive } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
+import { LOCALES, setReading, useReading } from "../shared/i18n/locale";
+import { appTexts as t } from "./texts";
 import { setThemeChoice, useTheme, type Choice } from "./theme";
 
 const TOPICS: readonly Topic[] = ["status", "pads", "connection"];
@@ -21,28 +23,27 @@ function Mark(): ReactElement {
 function LedgerChip({ status }: { status: Status }): ReactElement {
   const { ledger } = status;
   const embedded = ledger.kind === "embedded";
-  const organisations = `${count(ledger.organisations.length)} organisation${ledger.organisations.length === 1 ? "" : "s"}`;
+  const organisations = t("organisations", { count: ledger.organisations.length });
   const stopped = typeof ledger.halted === "string";
   const health = stopped ? "bad" : ledger.lag_ms > LAG_MS ? "maybe" : "ok";
   return (
     <>
       {(embedded || ledger.notice !== "") && (
         <span className="chip chip-maybe" data-testid="ledger-notice" title={ledger.notice}>
-          {embedded ? "Embedded ledger, no multi-party trust" : ledger.notice}
+          {embedded ? t("embedded") : ledger.notice}
         </span>
       )}
-      <span className="chip num" title={`Channel ${ledger.channel}: ${ledger.organisations.join(", ")}`}>
+      <span className="chip num" title={t("channel", { channel: ledger.channel, organisations: ledger.organisations.join(", ") })}>
         <i className={`dot dot-${health}`} />
-        {embedded ? "" : `${ledger.kind === "fabric" ? "Fabric" : "Ledger"} · `}
-        {organisations} · {count(ledger.height)} blocks ·{" "}
-        {stopped ? "mirror halted" : ledger.lag_ms < 1000 ? "up to date" : `${duration(ledger.lag_ms)} behind`}
+        {t("ledger", { kind: ledger.kind })}
+        {organisations} · {t("blocks", { blocks: count(ledger.height) })} ·{" "}
+        {stopped ? t("mirrorHalted") : ledger.lag_ms < 1000 ? t("upToDate") : t("behind", { duration: duration(ledger.lag_ms) })}
       </span>
     </>
   );
 }
 
 const NEXT: Record<Choice, Choice> = { system: "light", light: "dark", dark: "system" };
-const THEME_WORDS: Record<Choice, string> = { system: "as the system", light: "light", dark: "dark" };
 
 export function ThemeButton(): ReactElement {
   const { choice } = useTheme();
@@ -50,8 +51,8 @@ export function ThemeButton(): ReactElement {
     <button
       type="button"
       className="icon-button"
-      title={`Theme: ${THEME_WORDS[choice]} (t)`}
-      aria-label={`Theme: ${THEME_WORDS[choice]}. Change to ${THEME_WORDS[NEXT[choice]]}`}
+      title={`${t("themeIs", { choice })} (t)`}
+      aria-label={`${t("themeIs", { choice })}. ${t("themeChange", { choice: NEXT[choice] })}`}
       onClick={() => setThemeChoice(NEXT[choice])}
     >
       <svg viewBox="0 0 20 20" aria-hidden="true">
@@ -69,6 +70,22 @@ export function ThemeButton(): ReactElement {
           </>
         )}
       </svg>
+    </button>
+  );
+}
+
+/** The next language; its name stands in itself, for those who cannot read the present one. */
+export function LanguageButton(): ReactElement {
+  const { locale } = useReading();
+  return (
+    <button
+      type="button"
+      className="icon-button language"
+      title={t("language")}
+      aria-label={t("language")}
+      onClick={() => setReading({ locale: LOCALES[(LOCALES.indexOf(locale) + 1) % LOCALES.length] ?? "en" })}
+    >
+      {t("otherLanguage")}
     </button>
   );
 }
@@ -98,13 +115,14 @@ export function Header({ person, onHelp, onSignOut }: Properties): ReactElement 
       {status !== undefined && <LedgerChip status={status} />}
       {status !== undefined && (
         <span className="header-pads quiet num">
-          {count(pads)} {pads === 1 ? "pad" : "pads"}
-          {silent > 0 ? `, ${count(silent)} silent` : ""}
+          {t("pads", { count: pads })}
+          {silent > 0 ? t("padsSilent", { count: silent }) : ""}
         </span>
       )}
       <span className="header-end">
+        <LanguageButton />
         <ThemeButton />
-        <button type="button" className="icon-button" title="Keyboard help (?)" aria-label="Keyboard help" onClick={onHelp}>
+        <button type="button" className="icon-button" title={t("keysTitle")} aria-label={t("keys")} onClick={onHelp}>
           <svg viewBox="0 0 20 20" aria-hidden="true">
             <circle cx="10" cy="10" r="7.6" />
             <path d="M7.8 7.8a2.3 2.3 0 1 1 3.3 2c-.8.5-1.1.9-1.1 1.8M10 14.2v.1" />
@@ -112,7 +130,7 @@ export function Header({ person, onHelp, onSignOut }: Properties): ReactElement 
         </button>
         <span className="person quiet">{person.name}</span>
         <button type="button" className="button" onClick={onSignOut}>
-          Sign out
+          {t("signOut")}
         </button>
       </span>
     </header>

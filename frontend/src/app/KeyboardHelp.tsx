@@ -1,17 +1,19 @@
 import { useEffect, useRef, type ReactElement } from "react";
+import { sharedTexts } from "../shared/texts";
+import { appTexts, keyTexts, roomTexts } from "./texts";
 
-const KEYS: readonly (readonly [keys: readonly string[], what: string])[] = [
-  [["↑", "↓"], "go through the list (with the focus on it)"],
-  [["j", "k"], "next and previous drone, from anywhere"],
-  [["f"], "show the selected proof on the map"],
-  [["0"], "show all pads"],
-  [["+", "−"], "closer, further away"],
-  [["Esc"], "close the proof"],
-  [["l"], "Live"],
-  [["s"], "Sessions"],
-  [["v"], "Verdicts"],
-  [["t"], "theme: light, dark, as the system"],
-  [["?"], "this help"],
+const keys = (): readonly (readonly [keys: readonly string[], what: string])[] => [
+  [["↑", "↓"], keyTexts("list")],
+  [["j", "k"], keyTexts("next")],
+  [["f"], keyTexts("show")],
+  [["0"], keyTexts("all")],
+  [["+", "−"], keyTexts("zoom")],
+  [["Esc"], keyTexts("close")],
+  [["l"], roomTexts("live")],
+  [["s"], roomTexts("sessions")],
+  [["v"], roomTexts("verdicts")],
+  [["t"], keyTexts("theme")],
+  [["?"], keyTexts("help")],
 ];
 
 export function KeyboardHelp({ open, onClose }: { open: boolean; onClose: () => void }): ReactElement {
@@ -22,12 +24,12 @@ export function KeyboardHelp({ open, onClose }: { open: boolean; onClose: () => 
   }, [open]);
   return (
     <dialog ref={dialog} className="float help" aria-labelledby="help-title" onClose={onClose}>
-      <h2 id="help-title">Keys</h2>
+      <h2 id="help-title">{appTexts("keys")}</h2>
       <dl>
-        {KEYS.map(([keys, what]) => (
+        {keys().map(([pressed, what]) => (
           <div key={what}>
             <dt>
-              {keys.map((key) => (
+              {pressed.map((key) => (
                 <kbd key={key}>{key}</kbd>
               ))}
             </dt>
@@ -36,7 +38,7 @@ export function KeyboardHelp({ open, onClose }: { open: boolean; onClose: () => 
         ))}
       </dl>
       <form method="dialog">
-        <button className="button primary">Close</button>
+        <button className="button primary">{sharedTexts("close")}</button>
       </form>
     </dialog>
   );

@@ -12,6 +12,8 @@ describe("the address", () => {
     { room: "sessions" },
     { room: "sessions", session: "cd".repeat(32) },
     { room: "verdicts", filters: {} },
+    { room: "registry", path: [], query: {} },
+    { room: "registry", path: ["drones", "OH/1"], query: { tab: "history" } },
     { room: "verdicts", filters: { outcome: "refuted", pad: "p 1&x" } },
   ])("holds %o", (place) => expect(parsePlace(placeHash(place))).toEqual(place));
 

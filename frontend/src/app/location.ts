@@ -8,7 +8,12 @@ export type Camera = { lat: number; lon: number; zoom: number };
 export type Place =
   | { room: "live"; drone?: string; session?: string; camera?: Camera }
   | { room: "sessions"; session?: string }
-  | { room: "verdicts"; filters: Record<string, string> };
+  | { room: "verdicts"; filters: Record<string, string> }
+  | { room: PlainRoom; path: readonly string[]; query: Readonly<Record<string, string>> };
+
+/** Rooms whose address is a path and a query, read by the room itself. */
+export const PLAIN_ROOMS = ["alerts", "replay", "registry", "ledger", "statistics", "people", "settings"] as const;
+export type PlainRoom = (typeof PLAIN_ROOMS)[number];
 
 const FILTERS = ["outcome", "pad", "drone"] as const;
 
@@ -33,6 +38,11 @@ export function parsePlace(hash: string): Place {
       if (value) filters[name] = value;
     }
     return { room: "verdicts", filters };
+  }
+  const plain = PLAIN_ROOMS.find((each) => each === room);
+  if (plain !== undefined) {
+    const rest = path.split("/").slice(1).filter((part) => part !== "");
+    return { room: plain, path: rest.map(decode), query: Object.fromEntries(parameters) };
   }
   const drone = parameters.get("drone");
   const session = parameters.get("session");
@@ -67,7 +77,9 @@ export function placeHash(place: Place): string {
   } else if (place.room === "sessions") {
     if (place.session !== undefined) path += `/${encodeURIComponent(place.session)}`;
   } else {
-    for (const [name, value] of Object.entries(place.filters)) parameters.set(name, value);
+    if (place.room !== "verdicts") path = [place.room, ...place.path.map(encodeURIComponent)].join("/");
+    const query = place.room === "verdicts" ? place.filters : place.query;
+    for (const [name, value] of Object.entries(query)) parameters.set(name, value);
   }
   const query = parameters.toString().replaceAll("%2C", ",");
   return `#/${path}${query === "" ? "" : `?${query}`}`;

@@ -1,25 +1,19 @@
 import { memo, useEffect, useRef, type KeyboardEvent, type ReactElement } from "react";
 import type { Pad } from "../shared/api/records";
 import { countByGroup, type Drone, type Group, type Look } from "../shared/drones";
-import { age, count } from "../shared/format";
+import { age } from "../shared/format";
 import { Symbol } from "../shared/ui/Symbol";
 import { rowText } from "../sessions/words";
+import { liveTexts as t } from "./texts";
 
 export type Tab = "all" | Exclude<Group, "other">;
 
-const TABS: readonly { tab: Tab; name: string }[] = [
-  { tab: "needs-you", name: "Needs you" },
-  { tab: "proving", name: "Proving" },
-  { tab: "verified", name: "Verified" },
-  { tab: "all", name: "All" },
-];
+const TABS: readonly Tab[] = ["needs-you", "proving", "verified", "all"];
 
-const NOTHING: Record<Tab, string> = {
-  "needs-you": "Nothing needs you.",
-  proving: "Nothing is being proved just now.",
-  verified: "No drone holds a verdict just now.",
-  all: "No pad hears a drone.",
-};
+/** Names of ICU's `select` have no hyphen. */
+function selector(tab: Tab): string {
+  return tab.replace("-", "");
+}
 
 type Properties = {
   drones: readonly Drone[];
@@ -87,26 +81,25 @@ export function DroneList(properties: Properties): ReactElement {
   return (
     <>
       <div className="list-head">
-        <h2>In the air</h2>
+        <h2>{t("inTheAir")}</h2>
         <span className="quiet num">
-          {count(drones.length)} {drones.length === 1 ? "drone" : "drones"} · {count(pads.size)}{" "}
-          {pads.size === 1 ? "pad" : "pads"}
+          {t("counts", { drones: drones.length, pads: pads.size })}
         </span>
       </div>
-      <div className="tabs" role="group" aria-label="Which drones to list">
-        {TABS.map(({ tab: each, name }) => (
+      <div className="tabs" role="group" aria-label={t("which")}>
+        {TABS.map((each) => (
           <button key={each} type="button" className="tab" aria-pressed={each === tab} onClick={() => onTab(each)}>
-            {name}
+            {t("tab", { tab: selector(each) })}
             {each !== "all" && counts[each] > 0 && <span className="num"> {counts[each]}</span>}
           </button>
         ))}
       </div>
-      {shown.length === 0 && <p className="empty">{ready ? NOTHING[tab] : "Waiting for the first picture…"}</p>}
+      {shown.length === 0 && <p className="empty">{ready ? t("nothing", { tab: selector(tab) }) : t("waiting")}</p>}
       <div
         ref={list}
         className="rows"
         role="listbox"
-        aria-label="Drones, what needs you first"
+        aria-label={t("listLabel")}
         aria-activedescendant={selected === undefined ? undefined : `drone-${selected}`}
         tabIndex={0}
         onKeyDown={onKeyDown}

@@ -1,6 +1,7 @@
 import type { ReactElement } from "react";
 import { Parts } from "../shared/ui/Symbol";
 import { claimRing, measuredDiamond } from "../shared/design/symbols";
+import { liveTexts as t } from "./texts";
 
 function Mark({ children }: { children: ReactElement }): ReactElement {
   return (
@@ -13,14 +14,14 @@ function Mark({ children }: { children: ReactElement }): ReactElement {
 /** What the marks on the map mean, and the spacing of its grid. */
 export function Legend({ grid_m }: { grid_m: number | undefined }): ReactElement {
   return (
-    <ul className="float legend" aria-label="Legend">
+    <ul className="float legend" aria-label={t("legend")}>
       <li>
         <Mark>
           <>
             <Parts parts={claimRing("ink2")} />
           </>
         </Mark>
-        says
+        {t("says")}
       </li>
       <li>
         <Mark>
@@ -28,13 +29,13 @@ export function Legend({ grid_m }: { grid_m: number | undefined }): ReactElement
             <Parts parts={measuredDiamond("ink2", true)} />
           </>
         </Mark>
-        measured
+        {t("measured")}
       </li>
       <li>
         <Mark>
           <circle cx="10" cy="10" r="8" fill="none" stroke="var(--ink2)" strokeWidth="1.6" strokeDasharray="4 3" />
         </Mark>
-        buffer
+        {t("buffer")}
       </li>
       <li>
         <Mark>

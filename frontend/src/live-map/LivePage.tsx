@@ -10,6 +10,7 @@ import { DroneList, type Tab } from "./DroneList";
 import { Legend } from "./Legend";
 import { MapView, type MapHandle } from "./map/MapView";
 import { Resizer } from "./Resizer";
+import { liveTexts as t } from "./texts";
 import { Timeline } from "./Timeline";
 import { ZoomControls } from "./ZoomControls";
 
@@ -157,13 +158,13 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
 
   const tools = (
     <span className="tools">
-      <button type="button" className="icon-button" title="Show on the map (f)" aria-label="Show on the map" onClick={() => map.current?.fitSelection()}>
+      <button type="button" className="icon-button" title={`${t("showOnMap")} (f)`} aria-label={t("showOnMap")} onClick={() => map.current?.fitSelection()}>
         <svg viewBox="0 0 20 20" aria-hidden="true">
           <circle cx="10" cy="10" r="5" />
           <path d="M10 1.5v4M10 14.5v4M1.5 10h4M14.5 10h4" />
         </svg>
       </button>
-      <button type="button" className="icon-button" title="Close (Esc)" aria-label="Close" onClick={() => selectDrone(undefined)}>
+      <button type="button" className="icon-button" title={`${t("close")} (Esc)`} aria-label={t("close")} onClick={() => selectDrone(undefined)}>
         <svg viewBox="0 0 20 20" aria-hidden="true">
           <path d="M5 5l10 10M15 5L5 15" />
         </svg>
@@ -183,8 +184,8 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
     <div className="live">
       <MapView ref={map} camera={place.camera} selection={selection} padding={padding} onSelect={selectDrone} onCamera={onCamera} />
       {(!phone || !open) && (
-        <section className="float list" aria-label="In the air" ref={listRef} data-open={sheetOpen}>
-          {phone && <SheetHandle open={sheetOpen} onToggle={() => setSheetOpen(!sheetOpen)} name="list of drones" />}
+        <section className="float list" aria-label={t("inTheAir")} ref={listRef} data-open={sheetOpen}>
+          {phone && <SheetHandle open={sheetOpen} onToggle={() => setSheetOpen(!sheetOpen)} name="list" />}
           <DroneList
             drones={all}
             pads={store.pads}
@@ -199,16 +200,16 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
         </section>
       )}
       {open && (
-        <section className="float panel" aria-label="Proof" ref={panelRef} data-open={sheetOpen}>
+        <section className="float panel" aria-label={t("proof")} ref={panelRef} data-open={sheetOpen}>
           {phone && <SheetHandle open={sheetOpen} onToggle={() => setSheetOpen(!sheetOpen)} name="proof" />}
           <SessionPanel drone={drone} session={session} verdict={verdict} pad={pad} now_ms={now_ms} tools={tools} />
           {!phone && <Resizer side="left" name="proof" property="--panel-width" initial={404} least={340} most={620} />}
         </section>
       )}
       {!open && uav_id !== undefined && store.ready && (
-        <section className="float panel panel-missing" aria-label="Proof" ref={panelRef}>
+        <section className="float panel panel-missing" aria-label={t("proof")} ref={panelRef}>
           <p className="empty">
-            {uav_id} is not in the air just now. <a href={placeHash({ room: "verdicts", filters: { drone: uav_id } })}>Its verdicts</a>
+            {t("notInAir", { who: uav_id })} <a href={placeHash({ room: "verdicts", filters: { drone: uav_id } })}>{t("itsVerdicts")}</a>
           </p>
         </section>
       )}
@@ -220,7 +221,7 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
         />
       </div>
       {!phone && (
-        <section className="float strip-panel" aria-label="Verdicts of the last hour" ref={stripRef}>
+        <section className="float strip-panel" aria-label={t("lastHour")} ref={stripRef}>
           <Timeline now_ms={now_ms} onSelect={(each) => select({ session: each.session_id })} />
         </section>
       )}
@@ -228,9 +229,9 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
   );
 }
 
-function SheetHandle({ open, onToggle, name }: { open: boolean; onToggle: () => void; name: string }): ReactElement {
+function SheetHandle({ open, onToggle, name }: { open: boolean; onToggle: () => void; name: "list" | "proof" }): ReactElement {
   return (
-    <button type="button" className="sheet-handle" aria-expanded={open} aria-label={`${open ? "Fold" : "Unfold"} the ${name}`} onClick={onToggle}>
+    <button type="button" className="sheet-handle" aria-expanded={open} aria-label={t(open ? "fold" : "unfold", { what: name })} onClick={onToggle}>
       <span />
     </button>
   );

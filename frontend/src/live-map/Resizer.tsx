@@ -1,8 +1,9 @@
 import { useEffect, useState, type KeyboardEvent, type PointerEvent, type ReactElement } from "react";
+import { liveTexts as t } from "./texts";
 
 type Properties = {
   side: "left" | "right";
-  name: string;
+  name: "list" | "proof";
   /** The CSS custom property that holds the panel's width. */
   property: "--list-width" | "--panel-width";
   initial: number;
@@ -61,7 +62,7 @@ export function Resizer({ side, name, property, initial, least, most }: Properti
       className={`resizer resizer-${side}`}
       role="separator"
       aria-orientation="vertical"
-      aria-label={`Width of the ${name}`}
+      aria-label={t("width", { what: name })}
       aria-valuenow={width}
       aria-valuemin={least}
       aria-valuemax={most}

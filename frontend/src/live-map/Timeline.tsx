@@ -3,6 +3,7 @@ import type { VerdictSummary } from "../shared/api/records";
 import { count, timeOfDay } from "../shared/format";
 import { useLive } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
+import { liveTexts as t } from "./texts";
 import { BINS, bins, type Bin } from "./timeline";
 
 const TOPICS: readonly Topic[] = ["verdicts"];
@@ -12,8 +13,8 @@ const BASE = 44;
 function words(bin: Bin): string {
   const parts = (["refuted", "inconclusive", "verified"] as const)
     .filter((outcome) => bin[outcome] > 0)
-    .map((outcome) => `${count(bin[outcome])} ${outcome}`);
-  return `${timeOfDay(bin.start_ms)}: ${parts.length === 0 ? "no verdict" : parts.join(", ")}`;
+    .map((outcome) => t("binCount", { outcome, count: count(bin[outcome]) }));
+  return parts.length === 0 ? t("noVerdict") : parts.join(", ");
 }
 
 /** Each bar of a bin, from the bottom: verified, then what was not, marked by height and gap as well as colour. */
@@ -47,7 +48,12 @@ export function Timeline({ now_ms, onSelect }: Properties): ReactElement {
   const [verified, inconclusive, refuted] = [sum("verified"), sum("inconclusive"), sum("refuted")];
   const total = verified + inconclusive + refuted;
   const told = hovered === undefined ? undefined : all[hovered];
-  const summary = `last hour: ${count(total)} verdicts, ${count(verified)} verified, ${count(inconclusive)} inconclusive, ${count(refuted)} refuted`;
+  const summary = t("hourSummary", {
+    total: count(total),
+    verified: count(verified),
+    inconclusive: count(inconclusive),
+    refuted: count(refuted),
+  });
   return (
     <>
       <div className="strip">
@@ -75,7 +81,7 @@ export function Timeline({ now_ms, onSelect }: Properties): ReactElement {
               type="button"
               tabIndex={-1}
               disabled={bin.gravest === undefined}
-              aria-label={words(bin)}
+              aria-label={`${timeOfDay(bin.start_ms)}: ${words(bin)}`}
               onPointerEnter={() => setHovered(i)}
               onPointerLeave={() => setHovered(undefined)}
               onClick={() => bin.gravest !== undefined && onSelect(bin.gravest)}
@@ -86,7 +92,7 @@ export function Timeline({ now_ms, onSelect }: Properties): ReactElement {
       <p className="strip-text num" aria-hidden="true">
         <b>{told === undefined ? timeOfDay(now_ms) : timeOfDay(told.start_ms)}</b>
         <br />
-        {told === undefined ? `last hour · ${count(total)} verdicts` : words(told).replace(/^[\d:]+: /, "")}
+        {told === undefined ? t("hourTotal", { total: count(total) }) : words(told)}
       </p>
     </>
   );

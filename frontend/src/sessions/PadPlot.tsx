@@ -3,8 +3,10 @@ import type { Covariance, Pad } from "../shared/api/records";
 import { claimRing, measuredDiamond, type Tone } from "../shared/design/symbols";
 import { length } from "../shared/format";
 import { ellipse } from "../shared/geo/ellipse";
-import { direction, type Local } from "../shared/geo/frame";
+import type { Local } from "../shared/geo/frame";
 import { Parts } from "../shared/ui/Symbol";
+import { sessionTexts as t } from "./texts";
+import { directionWord } from "./words";
 
 export type PlotClaim = { at: Local; tone: Tone; words: string };
 export type PlotEstimate = { at: Local; covariance: Covariance | undefined; tone: Tone; verified: boolean };
@@ -89,7 +91,7 @@ export function PadPlot({ pad, buffer_mm, claims, estimate }: Properties): React
   if (estimate !== undefined) {
     // Away from the other claims; with none, away from the pad and the lines that lead there.
     const below = shared === undefined || near.length > 1 ? estimate.at.north_mm <= highest : estimate.at.north_mm < 0;
-    const measured = estimate.verified ? "measured, 99 %" : "measuring, 99 %";
+    const measured = t(estimate.verified ? "measured" : "measuring");
     const words = shared === undefined ? measured : `${shared.words} · ${measured}`;
     const clear = shared === undefined ? 0 : Math.max(0, buffer_mm * scale - 6);
     labels.push(place(x(estimate.at), y(estimate.at) + (below ? clear : -clear), words, below, taken));
@@ -115,7 +117,7 @@ export function PadPlot({ pad, buffer_mm, claims, estimate }: Properties): React
         <g fill="var(--ink)">
           {anchors.map((anchor) => (
             <circle key={anchor.anchor_id} cx={x(anchor)} cy={y(anchor)} r="3">
-              <title>{`anchor ${anchor.anchor_id}`}</title>
+              <title>{t("anchor", { anchor: anchor.anchor_id })}</title>
             </circle>
           ))}
         </g>
@@ -157,11 +159,16 @@ export function PadPlot({ pad, buffer_mm, claims, estimate }: Properties): React
         </g>
       </svg>
       <figcaption className="num">
-        pad frame, {length(step, true)} grid
+        {t("padFrame", { grid: length(step, true) })}
         {far.map((claim) => (
           <span key={claim.words}>
             {" "}
-            · {claim.words}: {length(Math.hypot(claim.at.east_mm, claim.at.north_mm), true)} {direction(claim.at)}, off this plot
+            ·{" "}
+            {t("offPlot", {
+              what: claim.words,
+              distance: length(Math.hypot(claim.at.east_mm, claim.at.north_mm), true),
+              direction: directionWord(claim.at),
+            })}
           </span>
         ))}
       </figcaption>
@@ -170,9 +177,11 @@ export function PadPlot({ pad, buffer_mm, claims, estimate }: Properties): React
 }
 
 function alternative(claims: readonly PlotClaim[], estimate: PlotEstimate | undefined, buffer_mm: number): string {
-  const side = (mm: number, ahead: string, behind: string): string => `${length(Math.abs(mm), true)} ${mm < 0 ? behind : ahead}`;
-  const say = (at: Local): string => `${side(at.north_mm, "north", "south")}, ${side(at.east_mm, "east", "west")} of the pad`;
-  const parts = claims.map((claim) => `${claim.words}: ${say(claim.at)}`);
-  if (estimate !== undefined) parts.push(`${estimate.verified ? "measured" : "measuring"}: ${say(estimate.at)}`);
-  return `Plot of the pad. Buffer ${length(buffer_mm, true)}. ${parts.join("; ")}.`;
+  const side = (east_mm: number, north_mm: number): string =>
+    `${length(Math.abs(east_mm + north_mm), true)} ${directionWord({ east_mm, north_mm })}`;
+  const say = (what: string, at: Local): string =>
+    t("plotPart", { what, north: side(0, at.north_mm), east: side(at.east_mm, 0) });
+  const parts = claims.map((claim) => say(claim.words, claim.at));
+  if (estimate !== undefined) parts.push(say(t(estimate.verified ? "plotMeasured" : "plotMeasuring"), estimate.at));
+  return t("plotOf", { buffer: length(buffer_mm, true), parts: parts.join("; ") });
 }

@@ -1,6 +1,7 @@
 import type { ReactElement } from "react";
 import type { Evidence } from "../shared/api/records";
 import { count, duration, length } from "../shared/format";
+import { sessionTexts as t } from "./texts";
 
 const WIDTH = 640;
 const HEIGHT = 64;
@@ -22,9 +23,9 @@ export function Ranges({ evidence }: { evidence: Evidence }): ReactElement | nul
   const x = (at: number): number => 6 + ((at - start) / Math.max(1, end - start)) * (WIDTH - 12);
   return (
     <section className="float card">
-      <h2>Ranges</h2>
+      <h2>{t("ranges")}</h2>
       <p className="quiet num">
-        {count(t_ms.length)} rounds in {duration(end - start)}. Each dot is one range; rows reach ± {length(spread * 1.2)} around their median.
+        {t("rangesAre", { rounds: count(t_ms.length), duration: duration(end - start), spread: length(spread * 1.2) })}
       </p>
       <ul className="ranges num">
         {rows.map(({ anchor_id, values, heard }) => {
@@ -36,13 +37,13 @@ export function Ranges({ evidence }: { evidence: Evidence }): ReactElement | nul
               <span>
                 <b>{anchor_id}</b>
                 <br />
-                {values.length === 0 ? "nothing" : length(middle)}
+                {values.length === 0 ? t("nothing") : length(middle)}
                 <br />
                 <small className="quiet">
-                  {count(heard)} of {count(t_ms.length)}
+                  {t("heardOf", { heard: count(heard), rounds: count(t_ms.length) })}
                 </small>
               </span>
-              <svg viewBox={`0 0 ${WIDTH} ${HEIGHT}`} preserveAspectRatio="none" role="img" aria-label={`Anchor ${anchor_id}: median ${length(middle)}, ${heard} of ${t_ms.length} rounds`}>
+              <svg viewBox={`0 0 ${WIDTH} ${HEIGHT}`} preserveAspectRatio="none" role="img" aria-label={t("anchorMedian", { anchor: anchor_id, median: length(middle), heard, rounds: t_ms.length })}>
                 <path d={`M0 ${HEIGHT / 2}H${WIDTH}`} stroke="var(--line)" vectorEffect="non-scaling-stroke" />
                 {values.map((value) => (
                   <ellipse key={value.t_ms} cx={x(value.t_ms)} cy={y(value.range_mm)} rx="2" ry="2.2" fill={`var(--${value.blocked ? "maybe" : "accent"})`} opacity="0.8" />

@@ -2,20 +2,21 @@ import type { ReactElement } from "react";
 import type { SessionState, StepName } from "../shared/api/records";
 import { duration, timeOfDay } from "../shared/format";
 import { stepRows, type StepRow } from "./steps";
+import { stepTexts as t } from "./texts";
 
 const PARTIES = ["Drone", "Pad", "Ledger", "Authority"] as const;
 type Party = (typeof PARTIES)[number];
 
 /** Who says what to whom in each step. */
-const ARROWS: Record<StepName, { from: Party; to: Party; both?: true; text: string }> = {
-  request: { from: "Drone", to: "Ledger", text: "claim, one-time key, action" },
-  poll: { from: "Pad", to: "Drone", text: "poll with the session's code" },
-  match: { from: "Drone", to: "Drone", text: "derives the keys, checks the code" },
-  reply: { from: "Drone", to: "Pad", text: "its own code" },
-  range: { from: "Pad", to: "Drone", both: true, text: "ranging, sealed claims" },
-  confirm: { from: "Drone", to: "Pad", text: "signs ranges and claims" },
-  verdict: { from: "Pad", to: "Ledger", text: "evidence" },
-  permission: { from: "Ledger", to: "Drone", text: "committed verdict" },
+const ARROWS: Record<StepName, { from: Party; to: Party; both?: true }> = {
+  request: { from: "Drone", to: "Ledger" },
+  poll: { from: "Pad", to: "Drone" },
+  match: { from: "Drone", to: "Drone" },
+  reply: { from: "Drone", to: "Pad" },
+  range: { from: "Pad", to: "Drone", both: true },
+  confirm: { from: "Drone", to: "Pad" },
+  verdict: { from: "Pad", to: "Ledger" },
+  permission: { from: "Ledger", to: "Drone" },
 };
 
 const WIDTH = 680;
@@ -34,19 +35,19 @@ export function Sequence({ session }: { session: SessionState }): ReactElement {
   const height = TOP + rows.length * ROW + 12;
   return (
     <section className="float card">
-      <h2>Step by step</h2>
+      <h2>{t("stepByStep")}</h2>
       <div className="scroll">
-        <svg className="sequence num" viewBox={`0 0 ${WIDTH} ${height}`} role="img" aria-label="Sequence of the eight steps; the list of steps says the same">
+        <svg className="sequence num" viewBox={`0 0 ${WIDTH} ${height}`} role="img" aria-label={t("sequence")}>
           {PARTIES.map((party) => (
             <g key={party}>
               <text x={X[party]} y="18" textAnchor="middle" className="party">
-                {party}
+                {t("party", { party })}
               </text>
               <path d={`M${X[party]} 28V${height}`} stroke="var(--line)" />
             </g>
           ))}
           {rows.map((row, i) => {
-            const { from, to, both, text } = ARROWS[row.step];
+            const { from, to, both } = ARROWS[row.step];
             const y = TOP + i * ROW + 22;
             const colour = `var(--${tone(row, session)})`;
             const ahead = row.state === "waiting" || row.state === "never";
@@ -68,16 +69,16 @@ export function Sequence({ session }: { session: SessionState }): ReactElement {
                     <path d={`M${X.Ledger + 8} ${y}H${X.Authority}`} />
                     <circle cx={X.Authority} cy={y} r="3" fill="var(--panel)" />
                     <text x={(X.Ledger + X.Authority) / 2 + 4} y={y - 6} textAnchor="middle" className="step-text" stroke="none" fill={ahead ? "var(--ink3)" : "var(--ink)"}>
-                      {row.step === "verdict" ? "decides, endorses" : "endorses"}
+                      {t("endorses", { step: row.step })}
                     </text>
                   </g>
                 )}
                 <g stroke="none" fill={ahead ? "var(--ink3)" : "var(--ink)"}>
                   <text x="14" y={y + 4} className="step-label">
-                    {row.number} {row.step}
+                    {row.number} {t("short", { step: row.step })}
                   </text>
                   <text x={from === to ? X[from] + 12 : (X[from] + X[to]) / 2} y={from === to ? y + 4 : y - 6} textAnchor={from === to ? "start" : "middle"} className="step-text">
-                    {text}
+                    {t("says", { step: row.step })}
                   </text>
                   <text x={WIDTH - 14} y={y + 4} textAnchor="end" className="step-text">
                     {row.took_ms !== undefined ? duration(row.took_ms) : row.t_ms === undefined ? "" : timeOfDay(row.t_ms)}

@@ -5,33 +5,35 @@ import { useApi } from "../shared/api/api";
 import { useFresh } from "../shared/api/useFresh";
 import type { Evidence, LedgerTransaction, SessionDetail, SessionState } from "../shared/api/records";
 import { asOf, drones } from "../shared/drones";
-import { count, dayAndTime, length, timeOfDay } from "../shared/format";
+import { coordinates, count, dayAndTime, decimal, length, timeOfDay } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
+import { sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
 import { Ranges } from "./Ranges";
 import { Sequence } from "./Sequence";
 import { SessionPanel } from "./SessionPanel";
+import { sessionTexts as t } from "./texts";
 
 const TOPICS: readonly Topic[] = ["sessions", "verdicts", "estimates", "tracks", "pads"];
 
 function Transactions({ transactions }: { transactions: readonly LedgerTransaction[] }): ReactElement {
   return (
     <section className="float card">
-      <h2>On the ledger</h2>
+      <h2>{t("onLedger")}</h2>
       <div className="scroll">
         <table className="table num">
           <thead>
             <tr>
-              <th scope="col">Transaction</th>
-              <th scope="col">Signed by</th>
-              <th scope="col">Endorsed by</th>
-              <th scope="col">Result</th>
+              <th scope="col">{t("transaction")}</th>
+              <th scope="col">{t("signedBy")}</th>
+              <th scope="col">{t("endorsedBy")}</th>
+              <th scope="col">{t("result")}</th>
               <th scope="col" className="right">
-                Block
+                {t("blockColumn")}
               </th>
-              <th scope="col">Time</th>
-              <th scope="col">Id</th>
+              <th scope="col">{t("time")}</th>
+              <th scope="col">{t("id")}</th>
             </tr>
           </thead>
           <tbody>
@@ -46,7 +48,7 @@ function Transactions({ transactions }: { transactions: readonly LedgerTransacti
                 <td className="right">{count(each.block)}</td>
                 <td>{timeOfDay(each.t_ms)}</td>
                 <td>
-                  <Hash value={each.tx_id} label="transaction" />
+                  <Hash value={each.tx_id} label={sharedTexts("transaction")} />
                 </td>
               </tr>
             ))}
@@ -62,56 +64,63 @@ function Facts({ detail, now_ms }: { detail: SessionDetail; now_ms: number }): R
   const evidence: Evidence | undefined = detail.evidence ?? undefined;
   return (
     <section className="float card">
-      <h2>What it rests on</h2>
+      <h2>{t("restsOn")}</h2>
       <dl className="facts num">
         <div>
-          <dt>Claim in the request</dt>
+          <dt>{t("claimInRequest")}</dt>
           <dd>
-            {(session.claim.lat_e7 / 1e7).toFixed(7)}, {(session.claim.lon_e7 / 1e7).toFixed(7)} ± {length(session.claim.accuracy_mm, true)}
+            {coordinates(session.claim.lat_e7, session.claim.lon_e7)} ± {length(session.claim.accuracy_mm, true)}
           </dd>
         </div>
         <div>
-          <dt>Claimed at</dt>
+          <dt>{t("claimedAt")}</dt>
           <dd>{dayAndTime(session.claim.t_ms, now_ms)}</dd>
         </div>
         <div>
-          <dt>Policy</dt>
+          <dt>{t("policy")}</dt>
           <dd>
-            buffer {length(session.policy.buffer_mm, true)}, verified from {session.policy.verify_ppm / 1e6}, refuted to{" "}
-            {session.policy.refute_ppm / 1e6}
+            {t("policyIs", {
+              buffer: length(session.policy.buffer_mm, true),
+              verify: share(session.policy.verify_ppm),
+              refute: share(session.policy.refute_ppm),
+            })}
           </dd>
         </div>
         {evidence !== undefined && (
           <div>
-            <dt>Ranging</dt>
+            <dt>{t("rangingLabel")}</dt>
             <dd>
-              measured by the {evidence.radio.measured_by === "pad" ? "pad" : "drone"},{" "}
-              {evidence.radio.sts === "provisioned" ? "time stamps keyed for this session" : "public time stamps"}
+              {t("measuredBy", { by: evidence.radio.measured_by, sts: evidence.radio.sts })}
               {evidence.radio.firmware ? `, ${evidence.radio.firmware}` : ""}
             </dd>
           </div>
         )}
         <div>
-          <dt>Drone’s certificate</dt>
+          <dt>{t("droneCertificate")}</dt>
           <dd>
-            {session.uav.msp_id} <Hash value={session.uav.certificate_sha256} label="SHA-256 of the certificate" />
+            {session.uav.msp_id} <Hash value={session.uav.certificate_sha256} label={t("shaCertificate")} />
           </dd>
         </div>
         <div>
-          <dt>Pad’s certificate</dt>
+          <dt>{t("padCertificate")}</dt>
           <dd>
-            {session.pad.msp_id} <Hash value={session.pad.certificate_sha256} label="SHA-256 of the certificate" />
+            {session.pad.msp_id} <Hash value={session.pad.certificate_sha256} label={t("shaCertificate")} />
           </dd>
         </div>
         <div>
-          <dt>Transcript</dt>
+          <dt>{t("transcript")}</dt>
           <dd>
-            <Hash value={session.transcript_sha256} label="SHA-256 of the transcript" />
+            <Hash value={session.transcript_sha256} label={t("shaTranscript")} />
           </dd>
         </div>
       </dl>
     </section>
   );
+}
+
+/** 990000 → "0.99", without zeros at the end. */
+function share(ppm: number): string {
+  return decimal(ppm / 1e6, 6).replace(/0+$/, "");
 }
 
 function sessionMark(session: SessionState | undefined): string {
@@ -142,7 +151,7 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
     return (
       <div className="page">
         <p className="empty" role={query.isError ? "alert" : "status"}>
-          {query.isError ? query.error.message : "Fetching…"} <a href={placeHash({ room: "sessions" })}>All sessions</a>
+          {query.isError ? query.error.message : sharedTexts("fetching")} <a href={placeHash({ room: "sessions" })}>{t("all")}</a>
         </p>
       </div>
     );
@@ -155,15 +164,15 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
     <div className="page">
       <div className="page-head">
         <h1>
-          <a href={placeHash({ room: "sessions" })}>Sessions</a> <span className="quiet">/</span>{" "}
-          <Hash value={session_id} label="session" />
+          <a href={placeHash({ room: "sessions" })}>{t("sessions")}</a> <span className="quiet">/</span>{" "}
+          <Hash value={session_id} label={t("session")} />
         </h1>
         <a className="button" href={placeHash({ room: "live", session: session_id })}>
-          Show on the map
+          {t("showOnMap")}
         </a>
       </div>
       <div className="session-page">
-        <section className="float session-card" aria-label="Proof">
+        <section className="float session-card" aria-label={t("proof")}>
           <SessionPanel drone={drone} session={session} verdict={verdict} pad={pad} now_ms={now_ms} tools={null} place="page" />
         </section>
         <div className="session-rest">

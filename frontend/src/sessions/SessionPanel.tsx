@@ -3,15 +3,18 @@ import type { ReactElement, ReactNode } from "react";
 import { placeHash } from "../app/location";
 import { useApi } from "../shared/api/api";
 import type { Judgement, Pad, SessionState, VerdictSummary } from "../shared/api/records";
-import { LOOK_WORDS, TONE_OF } from "../shared/design/symbols";
+import { TONE_OF } from "../shared/design/symbols";
 import type { Drone, Look } from "../shared/drones";
-import { age, count, length, likelihood } from "../shared/format";
+import { age, coordinates, count, decimal, length, likelihood } from "../shared/format";
 import { frameOf, toLocal } from "../shared/geo/frame";
+import { lookTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
+import { Sentence } from "../shared/ui/Sentence";
 import { Symbol } from "../shared/ui/Symbol";
 import { PadPlot, type PlotClaim, type PlotEstimate } from "./PadPlot";
-import { Sentence } from "./Sentence";
+import { reasonText } from "./reasons";
 import { Steps } from "./Steps";
+import { sessionTexts as t } from "./texts";
 import { account, progress, unproved, type Account } from "./words";
 
 function Head({ told, tools }: { told: Account; tools: ReactNode }): ReactElement {
@@ -45,9 +48,13 @@ function Judged({ title, judgement }: { title: string; judgement: Judgement }): 
     <li>
       <Symbol look={judgement.outcome} size={16} />
       <span>
-        <b>{title}</b> {LOOK_WORDS[judgement.outcome].toLowerCase()}, {length(judgement.error_mm)} off, likelihood{" "}
-        {likelihood(judgement.likelihood_ppm)}.
-        <span className="quiet"> The paper’s rule {judgement.paper_rule ? "accepts" : "refuses"} it.</span>
+        <b>{title}</b>{" "}
+        {t("judged", {
+          outcome: lookTexts(judgement.outcome).toLowerCase(),
+          error: length(judgement.error_mm),
+          likelihood: likelihood(judgement.likelihood_ppm),
+        })}
+        <span className="quiet">{t("paperRule", { accepts: judgement.paper_rule ? "yes" : "no" })}</span>
       </span>
     </li>
   );
@@ -57,24 +64,29 @@ function Judged({ title, judgement }: { title: string; judgement: Judgement }): 
 function Why({ verdict }: { verdict: VerdictSummary }): ReactElement {
   return (
     <section className="why">
-      <h3>Claims</h3>
+      <h3>{t("claims")}</h3>
       <ul className="judged num">
-        {verdict.signed ? <Judged title="Signed for the pad:" judgement={verdict.signed} /> : <li>No signed claim could be judged.</li>}
+        {verdict.signed ? <Judged title={t("signedFor")} judgement={verdict.signed} /> : <li>{t("noSigned")}</li>}
         {verdict.broadcast ? (
-          <Judged title="Broadcast to the public:" judgement={verdict.broadcast} />
+          <Judged title={t("broadcastTo")} judgement={verdict.broadcast} />
         ) : (
-          <li className="quiet">No broadcast was heard during the session.</li>
+          <li className="quiet">{t("noBroadcast")}</li>
         )}
       </ul>
-      <h3>Why</h3>
+      <h3>{t("why")}</h3>
       <ul className="reasons">
-        {verdict.reasons.map((reason) => (
-          <li key={reason.code + reason.text}>{reason.text}</li>
-        ))}
+        {verdict.reasons.map((reason) => {
+          const { text, original } = reasonText(reason);
+          return (
+            <li key={reason.code + reason.text} title={original}>
+              {text}
+            </li>
+          );
+        })}
       </ul>
       <p className="note num">
-        Block {count(verdict.block)} · evidence <Hash value={verdict.evidence_sha256} label="SHA-256 of the evidence" />
-        {verdict.within_mm ? ` · proven within ${length(verdict.within_mm, true)} of the pad` : ""}
+        {t("block", { block: count(verdict.block) })} <Hash value={verdict.evidence_sha256} label={t("shaEvidence")} />
+        {verdict.within_mm ? t("provenWithin", { distance: length(verdict.within_mm, true) }) : ""}
       </p>
     </section>
   );
@@ -84,14 +96,10 @@ function figures(verdict: VerdictSummary): ReactElement {
   const worst = verdict.broadcast?.outcome === "refuted" && verdict.signed?.outcome !== "refuted" ? verdict.broadcast : verdict.signed;
   return (
     <dl className="figures num">
-      <Figure name="Likelihood" value={worst ? likelihood(worst.likelihood_ppm) : "–"} hint="That the drone is within the buffer of its claim" />
-      <Figure name="Error" value={worst ? length(worst.error_mm) : "–"} hint="From the claim to the measurement" />
-      <Figure name="Rounds" value={count(verdict.rounds)} hint="Usable rounds of ranging" />
-      <Figure
-        name="Assurance"
-        value={`${verdict.assurance} of 4`}
-        hint="0 drone-reported ranges, 1 measured by the pad, 2 with keyed time stamps, 3 with time differences, 4 with a second pad"
-      />
+      <Figure name={t("likelihood")} value={worst ? likelihood(worst.likelihood_ppm) : "–"} hint={t("likelihoodHint")} />
+      <Figure name={t("error")} value={worst ? length(worst.error_mm) : "–"} hint={t("errorHint")} />
+      <Figure name={t("rounds")} value={count(verdict.rounds)} hint={t("roundsHint")} />
+      <Figure name={t("assurance")} value={t("assuranceOf", { level: verdict.assurance })} hint={t("assuranceHint")} />
     </dl>
   );
 }
@@ -100,12 +108,12 @@ function verdictPlot(verdict: VerdictSummary, pad: Pad): ReactElement {
   const { signed, broadcast, estimate, covariance } = verdict;
   const claims: PlotClaim[] = [];
   const differ = broadcast?.outcome === "refuted" && signed?.outcome !== "refuted";
-  const buffer = `${length(verdict.buffer_mm, true)} buffer`;
+  const buffer = length(verdict.buffer_mm, true);
   if (signed) {
     const tone = TONE_OF[signed.outcome === "verified" ? "verified" : verdict.outcome];
-    claims.push({ at: signed.claim, tone, words: differ ? "signed claim" : `claim, ${buffer}` });
+    claims.push({ at: signed.claim, tone, words: differ ? t("signedClaim") : t("claimBuffer", { buffer }) });
   }
-  if (broadcast && differ) claims.push({ at: broadcast.claim, tone: "bad", words: `broadcast, ${buffer}` });
+  if (broadcast && differ) claims.push({ at: broadcast.claim, tone: "bad", words: t("broadcastBuffer", { buffer }) });
   const measured: PlotEstimate | undefined = estimate
     ? { at: estimate, covariance: covariance ?? undefined, tone: TONE_OF[verdict.outcome], verified: true }
     : undefined;
@@ -114,7 +122,7 @@ function verdictPlot(verdict: VerdictSummary, pad: Pad): ReactElement {
 
 function livePlot(drone: Drone, pad: Pad, buffer_mm: number): ReactElement {
   const { track, estimate } = drone;
-  const claims: PlotClaim[] = track ? [{ at: toLocal(frameOf(pad), track), tone: "accent", words: "broadcast" }] : [];
+  const claims: PlotClaim[] = track ? [{ at: toLocal(frameOf(pad), track), tone: "accent", words: t("broadcast") }] : [];
   return (
     <PadPlot
       pad={pad}
@@ -167,9 +175,9 @@ export function SessionPanel({ drone, session, verdict, pad, now_ms, tools, plac
         {verdict !== undefined && figures(verdict)}
         {running && estimate !== undefined && (
           <dl className="figures num">
-            <Figure name="Likelihood" value={likelihood(estimate.likelihood_ppm)} />
-            <Figure name="Rounds" value={count(estimate.rounds)} />
-            <Figure name="Status" value="unverified" hint="A running estimate of the pad; only the contract's verdict counts" />
+            <Figure name={t("likelihood")} value={likelihood(estimate.likelihood_ppm)} />
+            <Figure name={t("rounds")} value={count(estimate.rounds)} />
+            <Figure name={t("status")} value={t("unverified")} hint={t("unverifiedHint")} />
           </dl>
         )}
         {pad !== undefined && verdict !== undefined && verdictPlot(verdict, pad)}
@@ -180,11 +188,11 @@ export function SessionPanel({ drone, session, verdict, pad, now_ms, tools, plac
       <footer className="panel-foot">
         {place === "map" && (
           <a className="button primary" href={placeHash({ room: "sessions", session: session.session_id })}>
-            Open session
+            {t("open")}
           </a>
         )}
         <span className="quiet num">
-          {running ? "asked" : "decided"} {ago(now_ms - (verdict?.decided_ms ?? session.requested_ms))}
+          {t(running ? "asked" : "decided", { ago: ago(now_ms - (verdict?.decided_ms ?? session.requested_ms)) })}
         </span>
       </footer>
     </>
@@ -192,15 +200,13 @@ export function SessionPanel({ drone, session, verdict, pad, now_ms, tools, plac
 }
 
 function ago(ms: number): string {
-  const text = age(ms);
-  return text === "now" ? "just now" : `${text} ago`;
+  return ms < 2_000 ? t("justNow") : t("ago", { age: age(ms) });
 }
 
-const HINTS: Partial<Record<Look, string>> = {
-  unproved: "A proof begins when the drone asks a pad to land, take off or dock.",
-  "out-of-range": "A proof begins when the drone comes within a pad’s range and asks.",
-  silent: "Its last broadcast stays on the map until it is heard again.",
-};
+function hint(look: Look): string {
+  if (look === "silent") return t("hintSilent");
+  return look === "out-of-range" ? t("hintFar") : t("hintUnproved");
+}
 
 function Unproved({ drone, now_ms }: { drone: Drone; now_ms: number }): ReactElement {
   const { track } = drone;
@@ -209,39 +215,39 @@ function Unproved({ drone, now_ms }: { drone: Drone; now_ms: number }): ReactEle
       {track !== undefined && (
         <dl className="facts num">
           <div>
-            <dt>Last heard</dt>
+            <dt>{t("lastHeard")}</dt>
             <dd>
-              {ago(now_ms - track.t_ms)} by {track.pad_id}
+              {t("agoBy", { ago: ago(now_ms - track.t_ms), pad: track.pad_id })}
             </dd>
           </div>
           <div>
-            <dt>Position</dt>
+            <dt>{t("position")}</dt>
             <dd>
-              {(track.lat_e7 / 1e7).toFixed(5)}, {(track.lon_e7 / 1e7).toFixed(5)}
+              {coordinates(track.lat_e7, track.lon_e7)}
             </dd>
           </div>
           {track.height_mm !== undefined && (
             <div>
-              <dt>Height</dt>
-              <dd>{length(track.height_mm, true)} above the ellipsoid</dd>
+              <dt>{t("height")}</dt>
+              <dd>{t("aboveEllipsoid", { height: length(track.height_mm, true) })}</dd>
             </div>
           )}
           {track.accuracy_mm !== undefined && (
             <div>
-              <dt>Own accuracy</dt>
+              <dt>{t("ownAccuracy")}</dt>
               <dd>{length(track.accuracy_mm, true)}</dd>
             </div>
           )}
           {track.speed_mm_s !== undefined && (
             <div>
-              <dt>Speed</dt>
-              <dd>{(track.speed_mm_s / 1000).toFixed(1)} m/s</dd>
+              <dt>{t("speed")}</dt>
+              <dd>{decimal(track.speed_mm_s / 1000, 1)} m/s</dd>
             </div>
           )}
         </dl>
       )}
       <p className="note">
-        <span className="tag">unverified</span> {HINTS[drone.look]}
+        <span className="tag">{t("unverified")}</span> {hint(drone.look)}
       </p>
     </div>
   );

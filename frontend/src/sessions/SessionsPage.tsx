@@ -4,14 +4,15 @@ import { placeHash } from "../app/location";
 import { useApi } from "../shared/api/api";
 import { useFresh } from "../shared/api/useFresh";
 import type { SessionState } from "../shared/api/records";
-import { LOOK_WORDS } from "../shared/design/symbols";
 import { asOf, type Look } from "../shared/drones";
 import { actionVerb, dayAndTime, duration } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { LiveStore, Topic } from "../shared/live/store";
+import { lookTexts, sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
 import { More } from "../shared/ui/More";
 import { Symbol } from "../shared/ui/Symbol";
+import { proofTexts, rowTexts, sessionTexts as t } from "./texts";
 import { stepNumber } from "./words";
 
 const PADS: readonly Topic[] = ["pads"];
@@ -26,13 +27,13 @@ export function sessionLook(session: SessionState): Look {
 function state(session: SessionState): string {
   switch (session.state) {
     case "requested":
-      return `step ${stepNumber(session)} of 8`;
+      return rowTexts("step", { step: stepNumber(session) });
     case "cancelled":
-      return `cancelled${session.end ? `: ${session.end.replaceAll("_", " ")}` : ""}`;
+      return t("cancelled", { why: session.end ? `: ${session.end.replaceAll("_", " ")}` : "" });
     case "decided":
-      return session.permission === "granted" ? "permitted" : "refused";
+      return session.permission === "granted" ? t("permitted") : t("refused");
     case "completed":
-      return session.end === "aborted" ? "aborted" : "completed";
+      return session.end === "aborted" ? t("aborted") : t("completed");
   }
 }
 
@@ -71,22 +72,22 @@ export function SessionsPage(): ReactElement {
   return (
     <div className="page">
       <div className="page-head">
-        <h1>Sessions</h1>
+        <h1>{t("sessions")}</h1>
       </div>
       <div className="table-frame float">
         <table className="table num">
           <thead>
             <tr>
-              <th scope="col">Verdict</th>
-              <th scope="col">Drone</th>
-              <th scope="col">Pad</th>
-              <th scope="col">Asked to</th>
-              <th scope="col">State</th>
-              <th scope="col">Requested</th>
+              <th scope="col">{t("verdict")}</th>
+              <th scope="col">{t("drone")}</th>
+              <th scope="col">{t("pad")}</th>
+              <th scope="col">{t("askedTo")}</th>
+              <th scope="col">{t("state")}</th>
+              <th scope="col">{t("requested")}</th>
               <th scope="col" className="right">
-                Until the verdict
+                {t("untilVerdict")}
               </th>
-              <th scope="col">Request</th>
+              <th scope="col">{t("request")}</th>
             </tr>
           </thead>
           <tbody>
@@ -97,7 +98,7 @@ export function SessionsPage(): ReactElement {
                   <td>
                     <a className={`outcome look-${look}`} href={placeHash({ room: "sessions", session: session.session_id })}>
                       <Symbol look={look} size={18} />
-                      {session.state === "cancelled" ? "No verdict" : LOOK_WORDS[look]}
+                      {session.state === "cancelled" ? proofTexts("noVerdict") : lookTexts(look)}
                     </a>
                   </td>
                   <td>
@@ -109,14 +110,14 @@ export function SessionsPage(): ReactElement {
                   <td>{dayAndTime(session.requested_ms, now_ms)}</td>
                   <td className="right">{took(session)}</td>
                   <td>
-                    <Hash value={session.request_tx} label="transaction" />
+                    <Hash value={session.request_tx} label={sharedTexts("transaction")} />
                   </td>
                 </tr>
               );
             })}
           </tbody>
         </table>
-        <More query={query} empty="No session yet." count={rows.length} />
+        <More query={query} empty={t("none")} count={rows.length} />
       </div>
     </div>
   );

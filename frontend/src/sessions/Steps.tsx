@@ -2,16 +2,9 @@ import type { ReactElement } from "react";
 import type { SessionState } from "../shared/api/records";
 import { duration, timeOfDay } from "../shared/format";
 import { Hash } from "../shared/ui/Hash";
+import { sharedTexts } from "../shared/texts";
 import { stepRows, type StepRow } from "./steps";
-
-const STATE_WORDS: Record<StepRow["state"], string> = {
-  done: "done",
-  failed: "not passed",
-  refused: "refused",
-  now: "under way",
-  waiting: "to come",
-  never: "not reached",
-};
+import { stepTexts as t } from "./texts";
 
 function Dot({ row, session }: { row: StepRow; session: SessionState }): ReactElement {
   const tone =
@@ -20,7 +13,7 @@ function Dot({ row, session }: { row: StepRow; session: SessionState }): ReactEl
       : { done: "ok", failed: "bad", refused: "bad", now: "accent", waiting: "line", never: "line" }[row.state];
   const hollow = row.state === "waiting" || row.state === "never" || row.state === "refused";
   return (
-    <svg className="symbol" width="16" height="16" viewBox="0 0 20 20" role="img" aria-label={STATE_WORDS[row.state]}>
+    <svg className="symbol" width="16" height="16" viewBox="0 0 20 20" role="img" aria-label={t("state", { state: row.state })}>
       {row.state === "now" ? (
         <>
           <circle cx="10" cy="10" r="6" fill="none" stroke="var(--line)" strokeWidth="3" />
@@ -43,7 +36,7 @@ function Dot({ row, session }: { row: StepRow; session: SessionState }): ReactEl
 /** The eight steps with times and transaction ids, filling in while they happen. */
 export function Steps({ session }: { session: SessionState }): ReactElement {
   return (
-    <section className="steps" aria-label="The eight steps">
+    <section className="steps" aria-label={t("title")}>
       <ol className="num">
         {stepRows(session).map((row) => (
           <li key={row.step} className={`step step-${row.state}`}>
@@ -52,14 +45,14 @@ export function Steps({ session }: { session: SessionState }): ReactElement {
               {row.number} {row.name}
               {row.detail !== undefined && <span className="quiet"> · {row.detail}</span>}
             </span>
-            {row.tx_id !== undefined && <Hash value={row.tx_id} label="transaction" />}
+            {row.tx_id !== undefined && <Hash value={row.tx_id} label={sharedTexts("transaction")} />}
             <span className="step-time quiet" title={row.t_ms === undefined ? undefined : timeOfDay(row.t_ms)}>
               {row.took_ms !== undefined ? duration(row.took_ms) : row.t_ms === undefined ? "" : timeOfDay(row.t_ms)}
             </span>
           </li>
         ))}
       </ol>
-      <p className="note">Steps with a transaction are on the ledger; the others are the agents’ word, unverified.</p>
+      <p className="note">{t("note")}</p>
     </section>
   );
 }

@@ -1,10 +1,11 @@
 import { describe, expect, it } from "vitest";
 import type { SessionState, VerdictSummary } from "../shared/api/records";
 import { PADS } from "../shared/fake/cast";
+import type { Phrase } from "../shared/i18n/texts";
 import { seeded } from "../shared/fake/random";
 import { FakeWorld } from "../shared/fake/world";
 import { stepRows } from "./steps";
-import { account, whereabouts, type Phrase } from "./words";
+import { account, whereabouts } from "./words";
 
 const world = new FakeWorld(1_700_000_000_000, seeded(3));
 const sessions = new Map<string, SessionState>();

@@ -1,5 +1,6 @@
 import { STEP_NAMES, type SessionState, type Step, type StepName } from "../shared/api/records";
 import { actionVerb, count } from "../shared/format";
+import { stepTexts as t } from "./texts";
 
 export type StepRow = {
   step: StepName;
@@ -14,18 +15,9 @@ export type StepRow = {
   source?: Step["source"];
 };
 
-function names(session: SessionState): Record<StepName, string> {
-  const rounds = session.rounds === undefined || session.rounds === 0 ? "" : `, ${count(session.rounds)} rounds`;
-  return {
-    request: "Request on the ledger",
-    poll: "Pad polls",
-    match: "Drone matches codes",
-    reply: "Drone replies",
-    range: `Range${rounds}`,
-    confirm: "Drone countersigns",
-    verdict: "Verdict on the ledger",
-    permission: `Permission to ${actionVerb(session.action)}`,
-  };
+function stepName(step: StepName, session: SessionState): string {
+  if (step === "range" && session.rounds !== undefined && session.rounds > 0) return t("rangeRounds", { rounds: count(session.rounds) });
+  return step === "permission" ? t("permissionTo", { action: actionVerb(session.action) }) : t("name", { step });
 }
 
 function transaction(session: SessionState, step: StepName): string | undefined {
@@ -45,21 +37,20 @@ function plain(detail: string): string {
  * Ledger and pad have their own clocks: a step may seem to come before the last; then it took "no time".
  */
 export function stepRows(session: SessionState): StepRow[] {
-  const texts = names(session);
   const reported = new Map(session.steps.map((step) => [step.step, step]));
   const last = session.steps.reduce((most, { step }) => Math.max(most, STEP_NAMES.indexOf(step)), 0);
   const running = session.state === "requested";
   let before_ms: number | undefined;
   return STEP_NAMES.map((step, index): StepRow => {
     const report = reported.get(step);
-    const row: StepRow = { step, number: index + 1, name: texts[step], state: "waiting" };
+    const row: StepRow = { step, number: index + 1, name: stepName(step, session), state: "waiting" };
     const tx_id = transaction(session, step);
     if (tx_id !== undefined) row.tx_id = tx_id;
     if (report === undefined) {
       const decided = session.state === "decided" || session.state === "completed";
       if (step === "permission" && session.permission !== undefined) {
         row.state = session.permission === "granted" ? "done" : "refused";
-        row.detail = session.permission;
+        row.detail = t("permission", { permission: session.permission });
       } else if ((step === "request" || (step === "verdict" && decided)) && tx_id !== undefined) {
         row.state = "done";
         row.t_ms = step === "request" ? session.requested_ms : (session.decided_ms ?? session.requested_ms);
@@ -74,7 +65,7 @@ export function stepRows(session: SessionState): StepRow[] {
     const said = (step === "range" && session.rounds !== undefined && report.ok) || step === "verdict";
     if (report.detail !== undefined && !said) row.detail = plain(report.detail);
     if (step === "permission") {
-      if (session.permission !== undefined) row.detail = session.permission;
+      if (session.permission !== undefined) row.detail = t("permission", { permission: session.permission });
       if (session.permission === "refused") row.state = "refused";
     }
     if (step === "verdict" && session.outcome !== undefined) {

@@ -1,25 +1,28 @@
-import type { Judgement, Pad, Position, SessionState, VerdictSummary } from "../shared/api/records";
+import type { Pad, Position, SessionState, VerdictSummary } from "../shared/api/records";
 import type { Drone, Look } from "../shared/drones";
 import { actionNoun, actionVerb, count, countWord, length, likelihood } from "../shared/format";
 import { direction, type Local } from "../shared/geo/frame";
+import type { Phrase } from "../shared/i18n/texts";
+import { reasonText } from "./reasons";
+import { proofTexts as t, rowTexts as row } from "./texts";
 
-/** A part of a sentence; what matters most stands out. */
-export type Phrase = string | { strong: string };
 export type Account = { title: string; look: Look; sentence: Phrase[] };
 
+/** The direction from the pad to a place, in words. */
+export function directionWord(place: Local): string {
+  return t("direction", { direction: direction(place).replace("-", "") });
+}
+
 /** "12.9 m north of Aurajoki 2"; "over Aurajoki 2" within a metre and a half. */
-export function whereabouts(place: Local, padName: string): string {
+export function whereabouts(place: Local, pad: string): string {
   const distance = Math.hypot(place.east_mm, place.north_mm);
-  return distance < 1_500 ? `over ${padName}` : `${length(distance, distance < 10_000)} ${direction(place)} of ${padName}`;
+  if (distance < 1_500) return t("over", { pad });
+  return t("from", { distance: length(distance, distance < 10_000), direction: directionWord(place), pad });
 }
 
-function anchorsMeasured(pad: Pad | undefined): string {
+function measurer(pad: Pad | undefined): string {
   const n = pad?.commissioning?.anchors.length;
-  return n === undefined ? "The pad" : `${countWord(n)} anchors`;
-}
-
-function away(judgement: Judgement): Phrase[] {
-  return [{ strong: length(judgement.error_mm, true) }, " from there."];
+  return n === undefined ? t("thePad") : t("anchors", { count: countWord(n) });
 }
 
 /** Reasons that by themselves keep a claim from being verified, whatever the likelihood. */
@@ -46,11 +49,11 @@ const BLOCKING = new Set([
 
 function undecided(verdict: VerdictSummary): string {
   const blocked = verdict.reasons.find(({ code }) => BLOCKING.has(code));
-  if (blocked !== undefined) return ` Not verified: ${blocked.text}`;
-  const rounds = `${countWord(verdict.rounds)} rounds of ranging neither confirm nor refute it.`;
-  if (verdict.more_rounds < 0) return ` ${rounds} No further ranging would settle it.`;
-  if (verdict.more_rounds === 0) return ` ${rounds}`;
-  return ` ${rounds} About ${count(verdict.more_rounds)} more would settle it.`;
+  if (blocked !== undefined) return t("notVerified", { why: reasonText(blocked).text });
+  const rounds = t("undecided", { rounds: countWord(verdict.rounds) });
+  if (verdict.more_rounds < 0) return rounds + t("noMore");
+  if (verdict.more_rounds === 0) return rounds;
+  return rounds + t("more", { rounds: count(verdict.more_rounds) });
 }
 
 function claimed(claim: Position, padName: string): string {
@@ -60,111 +63,74 @@ function claimed(claim: Position, padName: string): string {
 /** The verdict in words, before any figure. */
 export function account(verdict: VerdictSummary, pad: Pad | undefined): Account {
   const name = pad?.name ?? verdict.pad_id;
-  const who: Phrase = { strong: verdict.uav_id };
+  const who = verdict.uav_id;
   const { signed, broadcast } = verdict;
   const deed = actionNoun(verdict.action);
   if (verdict.outcome === "refuted" && signed?.outcome === "refuted") {
-    return {
-      title: "Refuted",
-      look: "refuted",
-      sentence: [
-        who,
-        ` says it is ${claimed(signed.claim, name)}. ${anchorsMeasured(pad)} measured it `,
-        ...away(signed),
-      ],
-    };
+    const error = length(signed.error_mm, true);
+    const place = claimed(signed.claim, name);
+    return { title: t("refuted"), look: "refuted", sentence: t.rich("saysMeasuredAway", { who, place, measurer: measurer(pad), error }) };
   }
   if (broadcast?.outcome === "refuted") {
-    return {
-      title: "Refuted",
-      look: "refuted",
-      sentence: [
-        who,
-        ` tells the public that it is ${claimed(broadcast.claim, name)}. ${anchorsMeasured(pad)} measured it `,
-        ...away(broadcast),
-        ...(signed?.outcome === "verified" ? [` What it told ${name} holds.`] : []),
-      ],
-    };
+    const error = length(broadcast.error_mm, true);
+    const place = claimed(broadcast.claim, name);
+    const sentence = t.rich("publicMeasuredAway", { who, place, measurer: measurer(pad), error });
+    if (signed?.outcome === "verified") sentence.push(t("toldPadHolds", { pad: name }));
+    return { title: t("refuted"), look: "refuted", sentence };
   }
   if (verdict.outcome === "refuted") {
-    return { title: "Refuted", look: "refuted", sentence: [who, ` was refused ${deed} at ${name}.`] };
+    return { title: t("refuted"), look: "refuted", sentence: t.rich("wasRefused", { who, deed, pad: name }) };
   }
   if (verdict.outcome === "verified" && signed !== undefined) {
     const refused = verdict.permission === "refused";
-    return {
-      title: refused ? `Verified, ${deed} refused` : "Verified",
-      look: "verified",
-      sentence: [
-        who,
-        ` says it is ${claimed(signed.claim, name)}. ${anchorsMeasured(pad)} measured it there, to within `,
-        { strong: length(signed.error_mm) },
-        ".",
-        ...(refused ? [` It may not ${actionVerb(verdict.action)}${verdict.authorised ? "" : ": it is not authorised"}.`] : []),
-      ],
-    };
+    const place = claimed(signed.claim, name);
+    const sentence = t.rich("saysMeasuredThere", { who, place, measurer: measurer(pad), error: length(signed.error_mm) });
+    if (refused) sentence.push(t(verdict.authorised ? "mayNot" : "mayNotUnauthorised", { action: actionVerb(verdict.action) }));
+    return { title: refused ? t("verifiedRefused", { deed }) : t("verified"), look: "verified", sentence };
   }
+  const opening =
+    signed === undefined ? t.rich("askedFor", { who, deed, pad: name }) : t.rich("says", { who, place: claimed(signed.claim, name) });
   return {
-    title: verdict.outcome === "verified" ? "Verified" : "Inconclusive",
+    title: t(verdict.outcome === "verified" ? "verified" : "inconclusive"),
     look: verdict.outcome,
-    sentence: [
-      who,
-      signed === undefined ? ` asked for ${deed} at ${name}.` : ` says it is ${claimed(signed.claim, name)}.`,
-      undecided(verdict),
-    ],
+    sentence: [...opening, undecided(verdict)],
   };
 }
 
-const STAGES = {
-  request: "Waiting for the pad to poll",
-  poll: "The pad polls",
-  match: "The codes match",
-  reply: "The drone replied",
-  range: "Ranged",
-  confirm: "The drone countersigned",
-  verdict: "The contract has decided",
-  permission: "Permission is on the ledger",
-} as const;
+/** Why a session ended, for a sentence that goes on with it. */
+function because(session: SessionState, separator: string): string {
+  return session.end === undefined ? "" : separator + session.end.replaceAll("_", " ");
+}
 
 /** What a session that is not decided is doing. */
 export function progress(session: SessionState, drone: Drone | undefined, pad: Pad | undefined): Account {
-  const name = pad?.name ?? session.pad_id;
-  const who: Phrase = { strong: session.uav_id };
+  const values = { who: session.uav_id, action: actionVerb(session.action), pad: pad?.name ?? session.pad_id };
   if (session.state === "cancelled") {
-    const why = session.end === undefined ? "" : `: ${session.end.replaceAll("_", " ")}`;
-    return {
-      title: "No verdict",
-      look: "unproved",
-      sentence: [who, ` asked to ${actionVerb(session.action)} at ${name}. The session ended without a verdict${why}.`],
-    };
+    const sentence = t.rich("endedWithout", { ...values, why: because(session, ": ") });
+    return { title: t("noVerdict"), look: "unproved", sentence };
   }
-  const last = session.steps.at(-1)?.step ?? "request";
+  const step = session.steps.at(-1)?.step ?? "request";
   const estimate = drone?.estimate;
   const ranging = stepNumber(session) <= 5 && estimate?.session_id === session.session_id;
-  return {
-    title: "Being proved",
-    look: "proving",
-    sentence: [
-      who,
-      ` asks to ${actionVerb(session.action)} at ${name}. `,
-      ranging
-        ? `Ranging: ${count(estimate.rounds)} rounds, likelihood so far ${likelihood(estimate.likelihood_ppm)}.`
-        : `${STAGES[last]}.`,
-    ],
-  };
+  const doing = ranging
+    ? t("ranging", { rounds: count(estimate.rounds), likelihood: likelihood(estimate.likelihood_ppm) })
+    : `${t("stage", { step })}.`;
+  return { title: t("beingProved"), look: "proving", sentence: [...t.rich("asksTo", values), doing] };
 }
 
 /** What can be said of a drone that nobody has proved. */
 export function unproved(drone: Drone): Account {
-  const who: Phrase = { strong: drone.uav_id };
+  const who = drone.uav_id;
   const near = drone.nearest;
-  const where = near === undefined ? "" : `, ${length(near.distance_mm, true)} from ${near.pad.name}`;
+  const where = near === undefined ? undefined : { distance: length(near.distance_mm, true), pad: near.pad.name };
   if (drone.look === "silent") {
-    return { title: "Silent", look: "silent", sentence: [who, ` has not been heard lately${where === "" ? "" : `; last${where}`}.`] };
+    const sentence = where === undefined ? t.rich("notHeard", { who }) : t.rich("notHeardNear", { who, ...where });
+    return { title: t("silent"), look: "silent", sentence };
   }
-  const sentence: Phrase[] = [who, ` broadcasts a position${where}. Nobody has checked it.`];
+  const sentence = where === undefined ? t.rich("broadcasts", { who }) : t.rich("broadcastsNear", { who, ...where });
   return drone.look === "out-of-range"
-    ? { title: "Out of range", look: "out-of-range", sentence: [...sentence, " No pad's calibration reaches that far."] }
-    : { title: "No proof", look: "unproved", sentence };
+    ? { title: t("outOfRange"), look: "out-of-range", sentence: [...sentence, t("tooFar")] }
+    : { title: t("noProof"), look: "unproved", sentence };
 }
 
 /** The two short texts of a list row: what is known, and where. */
@@ -173,10 +139,11 @@ export function rowText(drone: Drone, padName: (pad_id: string) => string): { ri
   if (look === "proving" && session !== undefined) {
     const pad = padName(session.pad_id);
     const n = stepNumber(session);
-    const ranging = n <= 5 && drone.estimate?.session_id === session.session_id;
-    const rounds = ranging ? `, ${count(drone.estimate?.rounds ?? 0)} rounds` : "";
-    const stage = STAGES[session.steps.at(-1)?.step ?? "request"];
-    return { right: `step ${ranging ? 5 : n} of 8`, second: rounds === "" ? `${stage} · ${pad}` : `Ranging at ${pad}${rounds}` };
+    if (n <= 5 && drone.estimate?.session_id === session.session_id) {
+      return { right: row("step", { step: 5 }), second: row("rangingAt", { pad, rounds: count(drone.estimate.rounds) }) };
+    }
+    const stage = t("stage", { step: session.steps.at(-1)?.step ?? "request" });
+    return { right: row("step", { step: n }), second: row("stageAt", { stage, pad }) };
   }
   if (session !== undefined && verdict?.session_id === session.session_id) {
     const pad = padName(verdict.pad_id);
@@ -184,44 +151,44 @@ export function rowText(drone: Drone, padName: (pad_id: string) => string): { ri
     switch (drone.need) {
       case "refuted":
         return {
-          right: `${length((verdict.signed ?? verdict.broadcast)?.error_mm ?? 0, true)} off`,
-          second: `Refuted at ${pad} · ${deed} refused`,
+          right: row("off", { distance: length((verdict.signed ?? verdict.broadcast)?.error_mm ?? 0, true) }),
+          second: row("refutedAt", { pad, deed }),
         };
       case "broadcast-refuted":
         return {
-          right: `${length(verdict.broadcast?.error_mm ?? 0, true)} off`,
-          second: `Broadcast differs from what it told ${pad}`,
+          right: row("off", { distance: length(verdict.broadcast?.error_mm ?? 0, true) }),
+          second: row("broadcastDiffers", { pad }),
         };
       case "inconclusive":
         return {
-          right: verdict.signed === undefined ? `${count(verdict.rounds)} rounds` : likelihood(verdict.signed.likelihood_ppm),
-          second: `Inconclusive at ${pad} · ${deed} refused`,
+          right: verdict.signed === undefined ? row("rounds", { rounds: count(verdict.rounds) }) : likelihood(verdict.signed.likelihood_ppm),
+          second: row("inconclusiveAt", { pad, deed }),
         };
       case "not-authorised":
-        return { right: "refused", second: `Verified at ${pad} · not authorised` };
+        return { right: row("refused"), second: row("notAuthorised", { pad }) };
       case "no-verdict":
-      case undefined:
-        return {
-          right: length(verdict.signed?.error_mm ?? 0),
-          second: `Verified at ${pad} · ${session.state === "completed" ? ended(session) : `${deed} permitted`}`,
-        };
+      case undefined: {
+        const end = session.state === "completed" ? ended(session) : row("permitted", { deed });
+        return { right: length(verdict.signed?.error_mm ?? 0), second: row("verifiedAt", { pad, end }) };
+      }
     }
   }
   if (session?.state === "cancelled") {
-    const why = session.end === undefined ? "" : ` · ${session.end.replaceAll("_", " ")}`;
-    return { right: "no verdict", second: `Session at ${padName(session.pad_id)} ended${why}` };
+    return { right: row("noVerdict"), second: row("ended", { pad: padName(session.pad_id), why: because(session, " · ") }) };
+  }
+  if (look === "silent") {
+    const second = drone.track === undefined ? row("notHeard") : row("lastHeard", { pad: padName(drone.track.pad_id) });
+    return { right: row("silent"), second };
   }
   const near = drone.nearest;
-  if (look === "silent") {
-    return { right: "silent", second: drone.track === undefined ? "Not heard" : `Last heard by ${padName(drone.track.pad_id)}` };
-  }
-  const where = near === undefined ? "" : ` · ${length(near.distance_mm, true)} from ${near.pad.name}`;
-  return { right: look === "out-of-range" ? "out of range" : "no proof", second: `Broadcast only${where}` };
+  const second =
+    near === undefined ? row("broadcastOnly") : row("broadcastOnlyNear", { distance: length(near.distance_mm, true), pad: near.pad.name });
+  return { right: row(look === "out-of-range" ? "outOfRange" : "noProof"), second };
 }
 
 function ended(session: SessionState): string {
-  if (session.end === "aborted") return `${actionNoun(session.action)} aborted`;
-  return { land: "landed", takeoff: "took off", dock: "docked" }[session.action];
+  const { action } = session;
+  return session.end === "aborted" ? row("aborted", { deed: actionNoun(action) }) : row("did", { action });
 }
 
 /** The step that is under way, 2 to 8: the one after the last that was reached. */

@@ -4,13 +4,14 @@ import { go, placeHash } from "../app/location";
 import { useApi } from "../shared/api/api";
 import { useFresh } from "../shared/api/useFresh";
 import type { VerdictSummary } from "../shared/api/records";
-import { LOOK_WORDS } from "../shared/design/symbols";
 import { actionNoun, count, dayAndTime, length, likelihood } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { LiveStore, Topic } from "../shared/live/store";
+import { lookTexts, sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
 import { More } from "../shared/ui/More";
 import { Symbol } from "../shared/ui/Symbol";
+import { verdictTexts as t } from "./texts";
 
 const PADS: readonly Topic[] = ["pads"];
 const VERDICTS: readonly Topic[] = ["verdicts"];
@@ -29,7 +30,7 @@ function Row({ verdict, padName, now_ms }: { verdict: VerdictSummary; padName: s
       <td>
         <a className={`outcome look-${verdict.outcome}`} href={placeHash({ room: "sessions", session: verdict.session_id })}>
           <Symbol look={verdict.outcome} size={18} />
-          {LOOK_WORDS[verdict.outcome]}
+          {lookTexts(verdict.outcome)}
         </a>
       </td>
       <td>
@@ -37,7 +38,7 @@ function Row({ verdict, padName, now_ms }: { verdict: VerdictSummary; padName: s
       </td>
       <td>{padName}</td>
       <td>
-        {actionNoun(verdict.action)} {verdict.permission === "granted" ? "permitted" : "refused"}
+        {t("permissionIs", { deed: actionNoun(verdict.action), permission: verdict.permission })}
       </td>
       <td className="right">{judged === undefined ? "–" : length(judged.error_mm)}</td>
       <td className="right">{judged === undefined ? "–" : likelihood(judged.likelihood_ppm)}</td>
@@ -46,7 +47,7 @@ function Row({ verdict, padName, now_ms }: { verdict: VerdictSummary; padName: s
       <td>{dayAndTime(verdict.decided_ms, now_ms)}</td>
       <td className="right">{count(verdict.block)}</td>
       <td>
-        <Hash value={verdict.tx_id} label="transaction" />
+        <Hash value={verdict.tx_id} label={sharedTexts("transaction")} />
       </td>
     </tr>
   );
@@ -82,21 +83,21 @@ export function VerdictsPage({ filters }: { filters: Record<string, string> }): 
   return (
     <div className="page">
       <div className="page-head">
-        <h1>Verdicts</h1>
+        <h1>{t("verdicts")}</h1>
         <div className="filters">
           <label>
-            Outcome
+            {t("outcome")}
             <select value={filters["outcome"] ?? ""} onChange={(event) => set("outcome", event.target.value)}>
-              <option value="">all</option>
-              <option value="verified">verified</option>
-              <option value="refuted">refuted</option>
-              <option value="inconclusive">inconclusive</option>
+              <option value="">{sharedTexts("all")}</option>
+              <option value="verified">{lookTexts("verified").toLowerCase()}</option>
+              <option value="refuted">{lookTexts("refuted").toLowerCase()}</option>
+              <option value="inconclusive">{lookTexts("inconclusive").toLowerCase()}</option>
             </select>
           </label>
           <label>
-            Pad
+            {t("pad")}
             <select value={filters["pad"] ?? ""} onChange={(event) => set("pad", event.target.value)}>
-              <option value="">all</option>
+              <option value="">{sharedTexts("all")}</option>
               {pads.map((pad) => (
                 <option key={pad.pad_id} value={pad.pad_id}>
                   {pad.name}
@@ -105,10 +106,10 @@ export function VerdictsPage({ filters }: { filters: Record<string, string> }): 
             </select>
           </label>
           <label>
-            Drone
+            {t("drone")}
             <input
               type="search"
-              placeholder="serial number"
+              placeholder={t("serial")}
               defaultValue={filters["drone"] ?? ""}
               key={filters["drone"] ?? ""}
               maxLength={40}
@@ -124,27 +125,27 @@ export function VerdictsPage({ filters }: { filters: Record<string, string> }): 
         <table className="table num">
           <thead>
             <tr>
-              <th scope="col">Verdict</th>
-              <th scope="col">Drone</th>
-              <th scope="col">Pad</th>
-              <th scope="col">Permission</th>
+              <th scope="col">{t("verdict")}</th>
+              <th scope="col">{t("drone")}</th>
+              <th scope="col">{t("pad")}</th>
+              <th scope="col">{t("permission")}</th>
               <th scope="col" className="right">
-                Error
+                {t("error")}
               </th>
               <th scope="col" className="right">
-                Likelihood
+                {t("likelihood")}
               </th>
               <th scope="col" className="right">
-                Rounds
+                {t("rounds")}
               </th>
               <th scope="col" className="right">
-                Assurance
+                {t("assurance")}
               </th>
-              <th scope="col">Decided</th>
+              <th scope="col">{t("decided")}</th>
               <th scope="col" className="right">
-                Block
+                {t("block")}
               </th>
-              <th scope="col">Transaction</th>
+              <th scope="col">{t("transaction")}</th>
             </tr>
           </thead>
           <tbody>
@@ -158,7 +159,7 @@ export function VerdictsPage({ filters }: { filters: Record<string, string> }): 
             ))}
           </tbody>
         </table>
-        <More query={query} empty="No verdict fits." count={rows.length} />
+        <More query={query} empty={t("none")} count={rows.length} />
       </div>
     </div>
   );

@@ -3,6 +3,7 @@ import "maplibre-gl/dist/maplibre-gl.css";
 import type { Camera } from "../../app/location";
 import { useTheme } from "../../app/theme";
 import { useLiveStore } from "../../shared/live/useLive";
+import { liveTexts as t } from "../texts";
 import { MapController, type Selection } from "./controller";
 
 export type MapHandle = {
@@ -67,7 +68,7 @@ export function MapView({ ref, camera, selection, padding, onSelect, onCamera }:
     } catch (error) {
       // No WebGL: the lists say the same in words.
       const reason = error instanceof Error ? error.message : String(error);
-      queueMicrotask(() => setFailure(`The map cannot be drawn here: ${reason}`));
+      queueMicrotask(() => setFailure(t("noMap", { why: reason })));
       return undefined;
     }
     controller.current = made;
@@ -99,7 +100,7 @@ export function MapView({ ref, camera, selection, padding, onSelect, onCamera }:
       <div ref={container} className="map" data-testid="map" />
       {failure !== undefined && (
         <p className="map-failure" role="status">
-          {failure} The list names the same drones.
+          {failure} {t("listSame")}
         </p>
       )}
     </>

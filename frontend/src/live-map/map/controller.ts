@@ -25,6 +25,7 @@ import { addIcons, palette } from "./icons";
 import { FINE_ZOOM } from "./scales";
 import { TrackSource } from "./trackSource";
 import { BASE_FILES, MAP_COLOURS, padLabel, paints, style } from "./style";
+import { liveTexts as t } from "../texts";
 
 setWorkerUrl(workerUrl);
 
@@ -84,7 +85,7 @@ export class MapController {
       touchPitch: false,
       fadeDuration: calm ? 0 : 120,
       renderWorldCopies: true,
-      locale: { "Map.Title": "Map of pads and drones" },
+      locale: { "Map.Title": t("mapTitle") },
     });
     this.map.touchZoomRotate.disableRotation();
     this.map.keyboard.disableRotation();
@@ -96,7 +97,7 @@ export class MapController {
       });
     }
     this.map.on("click", (event) => this.onClick(event));
-    this.map.on("error", ({ error }) => this.events.onFailure(`Part of the map could not be loaded: ${error.message}`));
+    this.map.on("error", ({ error }) => this.events.onFailure(t("mapPart", { why: error.message })));
     this.map.on("mousemove", (event) => {
       this.map.getCanvas().style.cursor = this.under(event) === undefined ? "" : "pointer";
     });

@@ -6,6 +6,7 @@ import { length } from "../../shared/format";
 import { circle, ellipse, outline } from "../../shared/geo/ellipse";
 import { distance_mm, frameOf, lonLat, toGlobe, type Local, type LonLat, type Place } from "../../shared/geo/frame";
 import type { TrailPoint } from "../../shared/live/store";
+import { liveTexts as t } from "../texts";
 
 /** A verified drone's evidence stays on the map this long; what needs the officer stays while it does. */
 export const VERIFIED_SHOWN_MS = 60_000;
@@ -43,7 +44,7 @@ export function padFeatures(pads: Iterable<Pad>): Feature[] {
     if (pad.status === "retired") continue;
     const frame = frameOf(pad);
     const commissioning = pad.commissioning ?? undefined;
-    const reach = commissioning === undefined ? "not commissioned" : `ranges to ${length(commissioning.max_range_mm, true)}`;
+    const reach = commissioning === undefined ? t("notCommissioned") : t("rangesTo", { distance: length(commissioning.max_range_mm, true) });
     features.push(point(lonLat(pad), { kind: "pad", pad_id: pad.pad_id, name: pad.name, note: reach }));
     if (commissioning === undefined) continue;
     features.push(area(frame, circle(commissioning.max_range_mm, { east_mm: 0, north_mm: 0 }, 96), { kind: "reach" }));
@@ -161,9 +162,9 @@ function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, t
   const features: Feature[] = [];
   const differ = broadcast?.outcome === "refuted" && signed?.outcome !== "refuted";
   const judged = [
-    { judgement: signed, words: differ ? "told the pad: here" : "says it is here" },
+    { judgement: signed, words: t(differ ? "toldPad" : "saysHere") },
     // Both claims are shown where they differ; where they agree, one ring says it.
-    ...(differ ? [{ judgement: broadcast, words: "tells the public: here" }] : []),
+    ...(differ ? [{ judgement: broadcast, words: t("tellsPublic") }] : []),
   ];
   for (const { judgement, words } of judged) {
     if (judgement === undefined) continue;
@@ -183,8 +184,11 @@ function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, t
     features.push(area(frame, outline(ellipse(covariance), estimate), { kind: "ellipse", tone }));
   }
   const worst = differ ? broadcast : signed;
-  const away = worst === undefined ? "" : `, ${length(worst.error_mm, true)} ${differ ? "from its broadcast" : "away"}`;
-  const label = selected ? `measured here${verdict.outcome === "verified" ? "" : away}` : "";
+  const label = !selected
+    ? ""
+    : worst === undefined || verdict.outcome === "verified"
+      ? t("measuredHere")
+      : t(differ ? "measuredFromBroadcast" : "measuredAway", { distance: length(worst.error_mm, true) });
   features.push(point(measuredAt, { kind: "measured", tone, icon: `measured-${tone}`, label }));
   if (selected) features.push(...sights(frame, pad, measuredAt));
   return features;

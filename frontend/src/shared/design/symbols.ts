@@ -53,16 +53,6 @@ export const TONE_OF: Record<Look, Tone> = {
   proving: "accent",
 };
 
-export const LOOK_WORDS: Record<Look, string> = {
-  verified: "Verified",
-  refuted: "Refuted",
-  inconclusive: "Inconclusive",
-  unproved: "No proof",
-  "out-of-range": "Out of range",
-  silent: "Silent",
-  proving: "Being proved",
-};
-
 /** The ring of a claim and the diamond of a measurement. */
 export function claimRing(tone: Tone): readonly Part[] {
   return [{ d: CIRCLE(6.4), fill: "land", stroke: tone, width: 2.6 }];

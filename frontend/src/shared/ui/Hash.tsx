@@ -1,5 +1,6 @@
 import { useEffect, useState, type ReactElement } from "react";
 import { shortHash } from "../format";
+import { sharedTexts as t } from "../texts";
 
 /** A hash in short; pressing it copies the whole. */
 export function Hash({ value, label }: { value: string; label: string }): ReactElement {
@@ -16,8 +17,8 @@ export function Hash({ value, label }: { value: string; label: string }): ReactE
     );
   };
   return (
-    <button type="button" className="copy mono" title={`${label} ${value}`} aria-label={`Copy ${label} ${value}`} onClick={copy}>
-      <span aria-live="polite">{copied ? "copied" : shortHash(value)}</span>
+    <button type="button" className="copy mono" title={`${label} ${value}`} aria-label={t("copy", { label, value })} onClick={copy}>
+      <span aria-live="polite">{copied ? t("copied") : shortHash(value)}</span>
     </button>
   );
 }

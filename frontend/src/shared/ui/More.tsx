@@ -1,4 +1,5 @@
 import type { ReactElement } from "react";
+import { sharedTexts as t } from "../texts";
 
 type Query = {
   isPending: boolean;
@@ -17,18 +18,18 @@ export function More({ query, empty, count }: { query: Query; empty: string; cou
       <p className="empty" role="alert">
         {query.error?.message}{" "}
         <button type="button" className="button" onClick={() => void query.refetch()}>
-          Try again
+          {t("tryAgain")}
         </button>
       </p>
     );
   }
-  if (query.isPending) return <p className="empty">Fetching…</p>;
+  if (query.isPending) return <p className="empty">{t("fetching")}</p>;
   if (count === 0) return <p className="empty">{empty}</p>;
   if (!query.hasNextPage) return null;
   return (
     <p className="more">
       <button type="button" className="button" disabled={query.isFetchingNextPage} onClick={() => void query.fetchNextPage()}>
-        {query.isFetchingNextPage ? "Fetching…" : "Older"}
+        {query.isFetchingNextPage ? t("fetching") : t("older")}
       </button>
     </p>
   );

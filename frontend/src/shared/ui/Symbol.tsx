@@ -1,6 +1,7 @@
 import type { ReactElement } from "react";
 import type { Look } from "../drones";
-import { LOOK_WORDS, SYMBOLS, type Part } from "../design/symbols";
+import { SYMBOLS, type Part } from "../design/symbols";
+import { lookTexts } from "../texts";
 
 export function Parts({ parts }: { parts: readonly Part[] }): ReactElement[] {
   return parts.map((part) => (
@@ -26,7 +27,7 @@ export function Symbol({ look, size = 20, named = false }: { look: Look; size?: 
       width={size}
       height={size}
       viewBox="0 0 20 20"
-      {...(named ? { role: "img", "aria-label": LOOK_WORDS[look] } : { "aria-hidden": true })}
+      {...(named ? { role: "img", "aria-label": lookTexts(look) } : { "aria-hidden": true })}
     >
       <Parts parts={SYMBOLS[look]} />
     </svg>

@@ -1,0 +1,45 @@
+import type { VerdictSummary } from "../shared/api/records";
+import { reading } from "../shared/i18n/locale";
+
+type Reason = VerdictSummary["reasons"][number];
+
+/** The contract writes its reasons in English, with their figures; in Finnish each code has its sentence. */
+const FINNISH: Readonly<Record<string, string>> = {
+  within_buffer: "Mitattu paikka on puskurin sisällä.",
+  outside_buffer: "Mitattu paikka on puskurin ulkopuolella.",
+  cannot_refute: "Liian vähän ankkureita tai liian ristiriitaiset etäisyydet kumoamiseen.",
+  undecided: "Mittaus ei vielä ratkaise asiaa.",
+  assurance_too_low: "Varmuustaso ei täytä sääntöjen vaatimusta.",
+  claim_far_away: "Ilmoitettu paikka ei ole lähelläkään tätä alustaa.",
+  rounds_not_fresh: "Kierroksia mitattiin istunnon ajan ulkopuolella.",
+  claims_not_fresh: "Ilmoituksia tehtiin istunnon ajan ulkopuolella.",
+  claims_go_back: "Ilmoitusten ajat kulkevat taaksepäin.",
+  time_goes_back: "Kierrosten ajat kulkevat taaksepäin.",
+  claim_vague: "Ilmoitus on liian epätarkka todistaakseen mitään.",
+  claim_height_vague: "Ilmoitettu korkeus on liian epätarkka.",
+  claims_jump: "Ilmoitukset hyppäävät: yksikään drooni ei lennä niin.",
+  codes_not_matched: "Istunnon koodit eivät täsmänneet UWB:llä: toinen drooni tai toisto.",
+  not_countersigned: "Drooni ei allekirjoittanut etäisyyksiä.",
+  countersignature_invalid: "Droonin allekirjoitus ei sovi näihin etäisyyksiin ja ilmoituksiin.",
+  session_stopped: "Alusta lopetti ennen aikojaan.",
+  too_few_rounds: "Käyttökelpoisia kierroksia on liian vähän.",
+  obstructed: "Etäisyyksiä jätettiin pois: ankkurit näkivät esteen.",
+  anchor_silent: "Osa ankkureista ei mitannut mitään käyttökelpoista.",
+  no_estimate: "Näistä etäisyyksistä ei saada paikkaa.",
+  ranges_inconsistent: "Etäisyydet ovat keskenään ristiriidassa.",
+  anchor_suspected: "Ankkurin epäillään mittaavan väärin.",
+  mirror_ambiguity: "Ankkurien geometriaan sopii kaksi paikkaa.",
+  bursts: "Etäisyyksiä jätettiin pois virhepurskeina.",
+  cannot_settle: "Alusta ei tässä paikassa voi ratkaista asiaa.",
+  height_claimed: "Korkeus on droonin sana: samassa tasossa olevat ankkurit eivät erota ylä- ja alapuolta.",
+  upper_bound: "Kaksisuuntainen mittaus todistaa vain, kuinka kaukana drooni enintään on.",
+  broadcast_contradicts: "Lähetys on ristiriidassa mitatun paikan kanssa.",
+  maintenance_missing: "Droonin huollosta ei ole merkintää.",
+  maintenance_lapsed: "Droonin viimeinen kirjattu huolto ei ole enää voimassa.",
+};
+
+/** A reason as the user reads it; its `original` where that says more. */
+export function reasonText(reason: Reason): { text: string; original?: string } {
+  const finnish = reading().locale === "fi" ? FINNISH[reason.code] : undefined;
+  return finnish === undefined ? { text: reason.text } : { text: finnish, original: reason.text };
+}
