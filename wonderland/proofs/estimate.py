@@ -25,6 +25,8 @@ _CONVERGED_MM: Final = 0.01
 _LINES: Final = 8
 """Lines on each side of the middle on which a disc is crossed."""
 _LINE_STEPS: Final = 4
+_REWEIGH_MM: Final = 10.0
+"""After a step longer than this the weights are those of another place: a fix from afar would end beside the best one."""
 _SINGULAR: Final = 1e-9
 _MAX_STEP_MM: Final = 20_000.0
 
@@ -132,10 +134,10 @@ def _fix(reduced: Reduced, start: tuple[float, float] | None) -> _Fix | None:
     if start is None:
         return None
     east, north = start
-    chi2 = 0.0
+    chi2 = length = 0.0
     weights: Weights = ()
     for iteration in range(_ITERATIONS):
-        if iteration < 3:  # the shared errors' directions hardly change after that
+        if iteration < 3 or length > _REWEIGH_MM:  # nearer than that the shared errors' directions hardly change
             weights = _weights(reduced, east, north)
         normal = _normal(reduced, weights, east, north)
         if normal is None:
