@@ -1,0 +1,162 @@
+"""Bias by distance: one curve for each anchor, smooth, drawn towards what the anchors have in common.
+
+Each curve is linear between knots. Two penalties hold it: on changes of slope (a radio's bias does not jump), and on
+differences between an anchor's curve and the anchors' mean curve beyond a constant (units of one chip share its shape).
+How strong both are is found by cross-validation over blocks of the run, so that no choice has to be believed.
+Windows that do not fit count less (Huber's weights): a parked car must not bend a table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edge_agent.commissioning.errors import CalibrationError
+from edge_agent.commissioning.run import Floats, Windows
+
+MAX_KNOTS: Final = 24
+MIN_SPACING_M: Final = 0.5
+WINDOWS_PER_KNOT: Final = 6
+"""Seconds of each anchor, on average, between two knots: fewer would draw noise."""
+BLOCK_S: Final = 10.0
+"""Seconds that follow each other share a place; only blocks this long are held out together."""
+FOLDS: Final = 5
+SMOOTHNESS: Final = (1e-1, 1e0, 1e1, 1e2, 1e3, 1e4)
+SHARING: Final = (1e-1, 1e0, 1e1, 1e2, 1e3)
+HUBER: Final = 1.5
+_REWEIGHTINGS: Final = 4
+_SCALE_FLOOR_M: Final = 0.005
+_ANCHORED: Final = 1e-4
+"""Weight of zero bias, so that an anchor without any window has a curve at all."""
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Bias (m) of a anchors at k distances (m); linear between, constant beyond."""
+
+    knots_m: Floats
+    bias_m: Floats
+    """(a, k)"""
+    smoothness: float
+    sharing: float
+
+    def at(self, distance_m: Floats) -> Floats:
+        """Bias for distances (n, a), or for the same shape; NaN stays NaN."""
+        columns = [np.interp(distance_m[:, i], self.knots_m, bias) for i, bias in enumerate(self.bias_m)]
+        return np.where(np.isfinite(distance_m), np.stack(columns, axis=1), np.nan)
+
+
+def choose_knots(distance_m: Floats) -> Floats:
+    """Distances between which each anchor has seconds enough. Raises CalibrationError for a run of one distance."""
+    present = np.sort(distance_m[np.isfinite(distance_m)])
+    if len(present) < 4 * WINDOWS_PER_KNOT:
+        raise CalibrationError(
+            f"{len(present)} seconds of ranges, all anchors together; {4 * WINDOWS_PER_KNOT} are the least "
+            "(some minutes are usual)"
+        )
+    low, high = (float(np.quantile(present, share)) for share in (0.002, 0.998))
+    spacing = max(MIN_SPACING_M, (high - low) / (MAX_KNOTS - 1))
+    per_knot = WINDOWS_PER_KNOT * distance_m.shape[1]
+    knots = [low]
+    while True:
+        after = present[np.searchsorted(present, knots[-1], side="right") :]
+        if len(after) <= per_knot:
+            break
+        following = max(float(after[per_knot]), knots[-1] + spacing)
+        if following > high - spacing / 2:
+            break
+        knots.append(following)
+    if high - knots[-1] > 1e-3:
+        knots.append(high)
+    return np.array(knots)
+
+
+def folds(data: Windows) -> NDArray[np.int_]:
+    """Which fold each window is held out in: whole runs where there are several, else blocks of time."""
+    if data.run.max() > 0:
+        return data.run
+    span = float(data.t_s[-1] - data.t_s[0])
+    block = min(BLOCK_S, max(span / (2 * FOLDS), 1.0))
+    return np.asarray(np.floor((data.t_s - data.t_s[0]) / block).astype(int) % FOLDS)
+
+
+def fit_curves(data: Windows) -> tuple[Curves, Floats]:
+    """The curves, and every window's error with curves that never saw it (w, a): what a later session will see."""
+    knots = choose_knots(data.distance_m)
+    fold = folds(data)
+    count = int(fold.max()) + 1
+    best: tuple[float, float, float, Floats] | None = None
+    for smoothness in SMOOTHNESS:
+        for sharing in SHARING:
+            held = np.full_like(data.error_m, np.nan)
+            for index in range(count):
+                out = fold == index
+                if out.all() or not out.any():
+                    continue
+                bias = _solve(data.distance_m[~out], data.error_m[~out], knots, smoothness, sharing)
+                held[out] = data.error_m[out] - Curves(knots, bias, smoothness, sharing).at(data.distance_m[out])
+            values = held[np.isfinite(held)]
+            score = float(np.mean(np.abs(values))) if len(values) else np.inf
+            if best is None or score < best[0] * (1 - 1e-4):
+                best = (score, smoothness, sharing, held)
+    if best is None or not np.isfinite(best[0]):
+        raise CalibrationError("the run is too short to hold a part of it out; record for at least a minute")
+    _, smoothness, sharing, held = best
+    bias = _solve(data.distance_m, data.error_m, knots, smoothness, sharing)
+    return Curves(knots, bias, smoothness, sharing), held
+
+
+def _solve(distance_m: Floats, error_m: Floats, knots_m: Floats, smoothness: float, sharing: float) -> Floats:
+    """Robust penalised least squares; bias (a, k)."""
+    anchors, knots = error_m.shape[1], len(knots_m)
+    size = anchors * knots
+    penalty = _penalty(knots_m, anchors, smoothness, sharing)
+    used = [np.flatnonzero(np.isfinite(error_m[:, i])) for i in range(anchors)]
+    hats = [_hats(distance_m[rows, i], knots_m) for i, rows in enumerate(used)]
+    weights = [np.ones(len(rows)) for rows in used]
+    bias: Floats = np.zeros((anchors, knots))
+    for _ in range(_REWEIGHTINGS):
+        normal = penalty.copy()
+        right = np.zeros(size)
+        for i, rows in enumerate(used):
+            part = slice(i * knots, (i + 1) * knots)
+            weighted = hats[i] * weights[i][:, None]
+            normal[part, part] += weighted.T @ hats[i]
+            right[part] = weighted.T @ error_m[rows, i]
+        bias = np.asarray(np.linalg.solve(normal, right).reshape(anchors, knots), dtype=np.float64)
+        rests = [error_m[rows, i] - hats[i] @ bias[i] for i, rows in enumerate(used)]
+        scale = max(1.4826 * float(np.median(np.abs(np.concatenate(rests)))), _SCALE_FLOOR_M)
+        weights = [np.minimum(1.0, HUBER * scale / np.maximum(np.abs(rest), 1e-9)) for rest in rests]
+    return bias
+
+
+def _hats(distance_m: Floats, knots_m: Floats) -> Floats:
+    """Linear interpolation as a matrix (n, k)."""
+    if len(knots_m) == 1:
+        return np.ones((len(distance_m), 1))
+    inside = np.clip(distance_m, knots_m[0], knots_m[-1])
+    left = np.clip(np.searchsorted(knots_m, inside, side="right") - 1, 0, len(knots_m) - 2)
+    share = (inside - knots_m[left]) / (knots_m[left + 1] - knots_m[left])
+    out = np.zeros((len(distance_m), len(knots_m)))
+    rows = np.arange(len(distance_m))
+    out[rows, left] = 1.0 - share
+    out[rows, left + 1] += share
+    return out
+
+
+def _penalty(knots_m: Floats, anchors: int, smoothness: float, sharing: float) -> Floats:
+    knots = len(knots_m)
+    single = np.zeros((knots, knots))
+    for middle in range(1, knots - 1):
+        before, after = knots_m[middle] - knots_m[middle - 1], knots_m[middle + 1] - knots_m[middle]
+        row = np.zeros(knots)
+        row[middle - 1], row[middle], row[middle + 1] = 1.0 / before, -1.0 / before - 1.0 / after, 1.0 / after
+        row *= (before + after) / 2
+        single += smoothness * np.outer(row, row)
+    steps = np.diff(np.eye(knots), axis=0)
+    shape = sharing * steps.T @ steps if knots > 1 else np.zeros((1, 1))
+    apart = np.eye(anchors) - 1.0 / anchors
+    return np.kron(np.eye(anchors), single) + np.kron(apart, shape) + _ANCHORED * np.eye(anchors * knots)

@@ -1,0 +1,182 @@
+"""How well the curves are known: from errors of windows that were held out of the fit.
+
+Four parts, because they behave differently in a verdict: white noise (more rounds help), its correlation from round to
+round (they help less), what all anchors have in common (the installation: it moves the distance, not the bearing), and
+each anchor's own remaining bias by distance (nothing helps). Whatever stays for a second counts as bias: a hovering
+drone keeps the reflections of its place for a whole session.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.stats import chi2
+
+from edge_agent.commissioning.curves import BLOCK_S, Curves
+from edge_agent.commissioning.run import WINDOW_S, Floats, Windows
+
+MOST_CORRELATED: Final = 0.9
+SIGMA_FLOOR_M: Final = 0.005
+BIAS_FLOOR_M: Final = 0.003
+CONFIDENCE: Final = 0.90
+"""Standard deviations are stated as their upper limit at this confidence, so that a short run claims less."""
+NEIGHBOURS: Final = 60
+"""Windows of an anchor that a local standard deviation rests on."""
+PRIOR_WINDOWS: Final = 20.0
+"""Weight of all anchors' spread at a distance in each anchor's own."""
+INDEPENDENT_S: Final = 5.0
+"""Windows closer than this share a place and tell the same."""
+DAY_TO_DAY_M: Final = 0.015
+"""What another day may change for all anchors (a DW1000's range moves by about 2 mm/°C), where one run alone cannot
+show it."""
+SLOPE_M_PER_M: Final = 0.02
+"""Steepest change of bias with distance that radios show: where a curve is not covered, it may drift off so fast."""
+_TWO_SIGMA: Final = 0.9545
+_LEAST_SHARE: Final = 0.5
+"""Of the windows' variance, at least this counts as bias, whatever their noise would explain."""
+_CLOSEST: Final = 5
+_DISTURBED: Final = 10.0
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Standard deviations in metres."""
+
+    range_sigma_m: float
+    correlation: float
+    """Effective correlation from one round to the next."""
+    installation_m: float
+    bias_sigma_m: Floats
+    """(a, k): of each anchor's remaining bias at each knot."""
+    common_m: Floats
+    """What all anchors had in common in each window (w,)."""
+    own_m: Floats
+    """What is left of each (w, a)."""
+    lags: Floats
+    """Autocorrelation of the noise within windows by lag, from lag 0."""
+
+
+def find_spread(data: Windows, curves: Curves, held: Floats, *, reference_sigma_m: float) -> Spread:
+    """All parts. ``held`` (w, a): errors of windows with curves that did not see them."""
+    noise = _noise(data, held)
+    anchors = held.shape[1]
+    present = np.isfinite(held)
+    whole = present.sum(axis=1) >= min(3, anchors)
+    common = np.full(len(held), np.nan)
+    common[whole] = [float(np.median(row[np.isfinite(row)])) for row in held[whole]]
+    # Around their own centre a windows' anchors vary by (a - 1)/a of what each varies.
+    own = (held - common[:, None]) * np.sqrt(anchors / max(anchors - 1, 1))
+    apart = max(1.0, INDEPENDENT_S)
+    global_own = _scale(own[np.isfinite(own)])
+    bias_sigma = _local(data, curves, own, noise.certain, global_own, apart)
+    bias_sigma = np.sqrt(bias_sigma**2 + reference_sigma_m**2)
+    shared2 = max(_scale(common[np.isfinite(common)]) ** 2 - global_own**2 / anchors, 0.0)
+    independent = max(float(np.isfinite(common).sum()) / (apart if data.run.max() == 0 else BLOCK_S), 3.0)
+    installation = np.sqrt(shared2 * _inflation(independent))
+    if data.run.max() == 0:
+        installation = np.hypot(installation, DAY_TO_DAY_M)
+    else:
+        means = [float(np.nanmedian(common[data.run == index])) for index in range(int(data.run.max()) + 1)]
+        between = float(np.std(means, ddof=0)) * np.sqrt(_inflation(len(means) - 1.0))
+        installation = max(installation, between)
+    return Spread(noise.sigma, noise.correlation, float(installation), bias_sigma, common, own, noise.lags)
+
+
+@dataclass(frozen=True)
+class _Noise:
+    """What changes within seconds. Lengths in metres."""
+
+    sigma: float
+    correlation: float
+    certain: float
+    """Variance of a window's mean that white noise alone surely explains."""
+    lags: Floats
+
+
+def _noise(data: Windows, held: Floats) -> _Noise:
+    """σ from within windows; its correlation from how much neighbouring windows' means differ (Allan's variance).
+
+    Were the noise white, means over n rounds would differ by σ²/n. They differ by more where rounds share what they
+    were filtered or reflected with; the ratio says how many rounds one independent round takes.
+    """
+    depth = 6
+    sums, pairs = np.zeros(depth), np.zeros(depth)
+    spreads: list[float] = []
+    steps: list[float] = []
+    for values, distance in zip(data.values, data.distance_m, strict=True):
+        for column in np.flatnonzero(np.isfinite(distance)):
+            good = np.isfinite(values[:, column])
+            centred = np.where(good, values[:, column] - np.mean(values[good, column]), 0.0)
+            spreads.append(float(centred @ centred) / (float(good.sum()) - 1.0))
+            both = good[1:] & good[:-1]
+            if both.any():
+                steps.append(0.5 * float(np.mean(np.diff(centred)[both] ** 2)))
+            for lag in range(min(depth, len(centred))):
+                sums[lag] += float(centred[: len(centred) - lag] @ centred[lag:])
+                pairs[lag] += float((good[: len(centred) - lag] & good[lag:]).sum())
+    if not spreads or not steps or _usual(spreads) <= 0.0:
+        return _Noise(SIGMA_FLOOR_M, 0.0, 0.0, np.array([1.0]))
+    means = sums / np.maximum(pairs, 1.0)
+    rounds = max(data.rounds, 1.0)
+    sigma2 = max(_usual(spreads), SIGMA_FLOOR_M**2)
+    adjacent = (np.diff(data.t_s) < 1.5 * WINDOW_S) & (np.diff(data.run) == 0)
+    changes = np.diff(held, axis=0)[adjacent]
+    between2 = (_scale(changes[np.isfinite(changes)]) ** 2) / 2.0
+    worth = max(between2 * rounds / sigma2, 1.0)
+    correlation = min((worth - 1.0) / (worth + 1.0), MOST_CORRELATED)
+    sigma2 = max(sigma2, between2 * rounds * (1.0 - correlation) / (1.0 + correlation))
+    return _Noise(float(np.sqrt(sigma2)), correlation, _usual(steps) / rounds, means / means[0])
+
+
+def _usual(variances: list[float]) -> float:
+    """Mean of windows' variances without those of windows that something disturbed."""
+    values = np.array(variances)
+    return float(np.mean(values[values <= _DISTURBED * max(float(np.median(values)), 1e-12)]))
+
+
+def _local(data: Windows, curves: Curves, own: Floats, noise2: float, overall: float, apart: float) -> Floats:
+    """Each anchor's remaining bias at each knot: its nearest windows, and all anchors' as a prior."""
+    anchors, knots = curves.bias_m.shape
+    out = np.zeros((anchors, knots))
+    for k, knot in enumerate(curves.knots_m):
+        gaps = np.abs(data.distance_m - knot)
+        pooled, pooled_count, _ = _near(own, gaps, NEIGHBOURS * anchors, overall)
+        for a in range(anchors):
+            mine, mine_count, reach = _near(own[:, [a]], gaps[:, [a]], NEIGHBOURS, overall)
+            together = (mine_count * mine**2 + PRIOR_WINDOWS * pooled**2) / (mine_count + PRIOR_WINDOWS)
+            excess = max(together - noise2, _LEAST_SHARE * together, BIAS_FLOOR_M**2)
+            independent = max((mine_count + min(pooled_count, PRIOR_WINDOWS)) / apart, 2.0)
+            # Windows from further away than the knots' spacing say less about this one.
+            away = SLOPE_M_PER_M * max(reach - _spacing(curves.knots_m, k), 0.0)
+            out[a, k] = np.sqrt(excess * _inflation(independent) + away**2)
+    return out
+
+
+def _near(values: Floats, gaps: Floats, count: int, overall: float) -> tuple[float, float, float]:
+    """(scale, how many, how far away the first few are) of the ``count`` values nearest in distance."""
+    good = np.isfinite(values) & np.isfinite(gaps)
+    if not good.any():
+        return overall, 0.0, np.inf if not np.isfinite(overall) else 0.0
+    flat, near = values[good], gaps[good]
+    order = np.argsort(near, kind="stable")[:count]
+    return _scale(flat[order]), float(len(order)), float(near[order][:_CLOSEST][-1])
+
+
+def _scale(values: Floats) -> float:
+    """A standard deviation that outliers below 4.5 % do not move and heavy shoulders do: half the 95 % quantile."""
+    if len(values) == 0:
+        return 0.0
+    return float(np.quantile(np.abs(values), _TWO_SIGMA)) / 2.0
+
+
+def _inflation(freedom: float) -> float:
+    """Upper limit of a variance over its estimate."""
+    return freedom / float(chi2.ppf(1.0 - CONFIDENCE, freedom))
+
+
+def _spacing(knots_m: Floats, index: int) -> float:
+    if len(knots_m) < 2:
+        return 1.0
+    return float(knots_m[min(index + 1, len(knots_m) - 1)] - knots_m[max(index - 1, 0)]) / 2.0
