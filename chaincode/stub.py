@@ -6,7 +6,7 @@ client's word, which a ledger bounds), never a clock's: every endorser must comp
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from typing import Protocol
 
 
@@ -88,8 +88,18 @@ class Stub(Protocol):
     async def get(self, key: str) -> bytes | None:
         """The committed value of a key, or None."""
 
+    async def get_many(self, keys: Sequence[str]) -> list[bytes | None]:
+        """The committed values of these keys, in their order; one round trip where the ledger offers it."""
+
     async def put(self, key: str, value: bytes) -> None:
         """Write a key when the transaction is committed."""
+
+    async def require_endorsement(self, key: str, msp_ids: Sequence[str]) -> None:
+        """Let changes of a key that this transaction has put need peers of all these organisations from then on.
+
+        That is Fabric's key-level endorsement: it takes the place of the contract's policy for this key, until the
+        key is deleted. The key's first value is still under the contract's policy.
+        """
 
     async def delete(self, key: str) -> None:
         """Delete a key when the transaction is committed."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, TypeVar
@@ -10,6 +11,7 @@ from chaincode.contract.errors import BROKEN, ContractError
 from chaincode.stub import Creator, Stub
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.schema import Record
+from wonderland.proofs.records.transactions import ADMIN, MSP_OF_ROLE
 
 MAX_STATE_BYTES: Final = 4 << 20
 """A stored asset is a little larger than the argument that brought it; what was stored must be readable."""
@@ -56,9 +58,24 @@ class Call:
         data = await self.stub.get(key)
         return None if data is None else stored(data, kind)
 
+    async def find_first(self, keys: Sequence[str], kind: type[R]) -> R | None:
+        """The first of these keys' committed records that is there."""
+        for data in await self.stub.get_many(keys):
+            if data is not None:
+                return stored(data, kind)
+        return None
+
     async def store(self, key: str, record: Record) -> None:
         """Write a record."""
         await self.stub.put(key, record.encode())
+
+    async def store_new(self, key: str, record: Record, msp_id: str) -> None:
+        """Write the first value of a record that belongs to an organisation (decision 0005).
+
+        From then on the ledger takes no change of it unless a peer of that organisation has endorsed it, too.
+        """
+        await self.store(key, record)
+        await self.stub.require_endorsement(key, sorted({MSP_OF_ROLE[ADMIN], msp_id}))
 
 
 def stored(data: bytes, kind: type[R]) -> R:

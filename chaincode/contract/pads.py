@@ -51,7 +51,7 @@ async def register(call: Call, argument: tx.RegisterPad) -> Answer:
         updated_ms=call.now_ms,
         note=argument.note,
     )
-    await call.store(key, pad)
+    await call.store_new(key, pad, pad.msp_id)
     return Answer.of(pad)
 
 
@@ -108,22 +108,25 @@ async def publish_prekeys(call: Call, argument: tx.PublishPrekeys) -> Answer:
     for index, offered in enumerate(argument.prekeys):
         if not is_point(encoding.from_base64url(offered.public_key)):
             raise bad_input("KEY_NOT_ON_CURVE", f"prekeys[{index}].public_key: no point of P-256")
-        key = keys.composite(keys.PREKEY, pad.pad_id, offered.prekey_id)
-        if await call.stub.get(key) is not None:
+    waiting, used = (
+        [keys.composite(kind, pad.pad_id, offered.prekey_id) for offered in argument.prekeys]
+        for kind in (keys.PREKEY, keys.USED_PREKEY)
+    )
+    found = await call.stub.get_many([*waiting, *used])
+    for index, offered in enumerate(argument.prekeys):
+        if found[index] is not None:
             raise conflict("PREKEY_EXISTS", f"prekeys[{index}]: {offered.prekey_id} is published already")
-        if await call.stub.get(keys.composite(keys.USED_PREKEY, pad.pad_id, offered.prekey_id)) is not None:
+        if found[len(waiting) + index] is not None:
             raise conflict("PREKEY_USED", f"prekeys[{index}]: {offered.prekey_id} was used; make a new key")
-        await call.store(
-            key,
-            Prekey(
-                pad_id=pad.pad_id,
-                prekey_id=offered.prekey_id,
-                public_key=offered.public_key,
-                msp_id=call.who.msp_id,
-                certificate_sha256=call.who.certificate_sha256,
-                published_ms=call.now_ms,
-            ),
+        prekey = Prekey(
+            pad_id=pad.pad_id,
+            prekey_id=offered.prekey_id,
+            public_key=offered.public_key,
+            msp_id=call.who.msp_id,
+            certificate_sha256=call.who.certificate_sha256,
+            published_ms=call.now_ms,
         )
+        await call.store_new(waiting[index], prekey, pad.msp_id)
     document = {"pad_id": pad.pad_id, "published": len(argument.prekeys)}
     return Answer(document, document)
 

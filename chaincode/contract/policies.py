@@ -15,11 +15,9 @@ ANY: Final = "*"
 
 async def in_force(call: Call, pad_id: str, action: str) -> Policy:
     """The policy that holds for an action at a pad."""
-    for scope in ((pad_id, action), (pad_id, ANY), (ANY, action), (ANY, ANY)):
-        policy = await call.find(keys.composite(keys.POLICY, *scope), Policy)
-        if policy is not None:
-            return policy
-    return Policy()
+    scopes = ((pad_id, action), (pad_id, ANY), (ANY, action), (ANY, ANY))
+    found = await call.find_first([keys.composite(keys.POLICY, *scope) for scope in scopes], Policy)
+    return found or Policy()
 
 
 async def set_policy(call: Call, argument: tx.SetPolicy) -> Answer:

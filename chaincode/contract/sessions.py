@@ -83,7 +83,7 @@ async def request(call: Call, argument: tx.RequestProof) -> Answer:
     )
     transcript = transcript_of(session, call.stub.channel)
     session = replace(session, transcript_sha256=transcript.digest().hex())
-    await call.store(keys.composite(keys.SESSION, session.session_id), session)
+    await call.store_new(keys.composite(keys.SESSION, session.session_id), session, session.pad.msp_id)
     await call.stub.delete(prekey_key)
     await call.stub.put(
         keys.composite(keys.USED_PREKEY, pad.pad_id, prekey.prekey_id),
@@ -121,7 +121,7 @@ async def submit(call: Call, argument: tx.SubmitProof) -> Answer:
         now_ms=now_ms,
         evidence_sha256=encoding.digest(evidence.to_json()).hex(),
     )
-    await call.store(keys.composite(keys.VERDICT, session.session_id), verdict)
+    await call.store_new(keys.composite(keys.VERDICT, session.session_id), verdict, session.pad.msp_id)
     await _store(call, replace(session, state="decided", decided_ms=now_ms))
     return Answer.of(verdict)
 

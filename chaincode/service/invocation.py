@@ -98,7 +98,7 @@ async def invoke(
         facts = facts_of(message)
         function = facts.function
         check(facts)
-        stub = PeerStub(facts, ask)
+        stub = PeerStub(facts, ask, batching)
         try:
             result = check_result(await Waits(contract.invoke(stub, facts.function, facts.args), pending))
         except (ContractFailedError, ServiceError):
@@ -108,7 +108,7 @@ async def invoke(
             if isinstance(status, int) and 400 <= status < 600:
                 raise ContractFailedError(status, str(error)) from error
             raise ContractFaultError(f"the contract raised {type(error).__name__}") from error
-        await stub.flush(batching)
+        await stub.flush()
     except ContractFailedError as error:
         return Outcome(_refused(message, error.status, str(error)), function, "refused")
     except ContractFaultError as error:

@@ -124,7 +124,8 @@ class PeerStream:
         except TimeoutError:
             raise StreamProtocolError(f"not registered after {self._limits.handshake_s:.0f} s") from None
         self.ready = True
-        _log.info("%s is ready, batches of %d writes", self.peer, self._batching.max_count)
+        batching = self._batching
+        _log.info("%s is ready, batches of %d writes, %d reads", self.peer, batching.max_count, batching.max_reads)
         while (message := await self._next()) is not None:
             self._dispatch(message)
             if self._stuck:
@@ -253,9 +254,10 @@ def _give_up(answer: asyncio.Future[bytes], kind: int, after_s: float) -> None:
 
 def _batching(payload: bytes) -> Batching:
     offered = decode(chaincode_pb2.ChaincodeAdditionalParams, payload, "parameters of the peer", StreamProtocolError)
-    if not offered.use_write_batch:
-        return Batching()
-    return Batching(offered.max_size_write_batch or DEFAULT_BATCH_COUNT)
+    return Batching(
+        max_count=(offered.max_size_write_batch or DEFAULT_BATCH_COUNT) if offered.use_write_batch else 1,
+        max_reads=(offered.max_size_get_multiple_keys or DEFAULT_BATCH_COUNT) if offered.use_get_multiple_keys else 1,
+    )
 
 
 def _name(kind: int) -> str:

@@ -15,13 +15,14 @@ from fabric_protos.ledger.queryresult import kv_query_result_pb2
 from fabric_protos.peer import chaincode_shim_pb2 as shim
 
 from chaincode.service.errors import StreamProtocolError
-from wonderland.ledger.contract_rules import Budget, check_event, check_key, check_value
+from wonderland.ledger.contract_rules import Budget, check_endorsers, check_event, check_key, check_value
 from wonderland.ledger.embedded.proposals import timestamp_ms
 from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.protobuf import decode
+from wonderland.ledger.signature_policies import VALIDATION_PARAMETER, key_policy
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Awaitable, Callable
+    from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 
     from chaincode.service.facts import Facts
     from wonderland.ledger.embedded.msp import Creator
@@ -43,9 +44,10 @@ class Ask(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Batching:
-    """What the peer takes at once: ``max_count`` writes in one message; 1 where it knows no batches."""
+    """What the peer takes at once: so many writes, or reads, in one message; 1 where it knows no batches."""
 
     max_count: int = 1
+    max_reads: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +63,15 @@ class Modification:
 class PeerStub:
     """One transaction's stub; see ``chaincode.stub.Stub``."""
 
-    __slots__ = ("_ask", "_budget", "_facts", "_writes", "event")
+    __slots__ = ("_ask", "_batching", "_budget", "_facts", "_policies", "_writes", "event")
 
-    def __init__(self, facts: Facts, ask: Ask) -> None:
+    def __init__(self, facts: Facts, ask: Ask, batching: Batching) -> None:
         self._facts = facts
         self._ask = ask
+        self._batching = batching
         self._budget = Budget()
         self._writes: dict[str, bytes | None] = {}
+        self._policies: dict[str, bytes] = {}
         self.event: tuple[str, bytes] | None = None
 
     @property
@@ -96,6 +100,25 @@ class PeerStub:
         self._budget.count_read()
         return await self._ask(shim.ChaincodeMessage.GET_STATE, shim.GetState(key=key).SerializeToString()) or None
 
+    async def get_many(self, keys: Sequence[str]) -> list[bytes | None]:
+        """The committed values of these keys, in their order; in as few questions as the peer allows."""
+        most = self._batching.max_reads
+        if most <= 1 or len(keys) == 1:
+            return [await self.get(key) for key in keys]
+        values: list[bytes | None] = []
+        for key in keys:
+            check_key(key)
+            self._budget.count_read()
+        for first in range(0, len(keys), most):
+            some = keys[first : first + most]
+            question = shim.GetStateMultiple(keys=some).SerializeToString()
+            answer = await self._ask(shim.ChaincodeMessage.GET_STATE_MULTIPLE, question)
+            found = _decode(shim.GetStateMultipleResult, answer, "values of several keys").values
+            if len(found) != len(some):
+                raise StreamProtocolError(f"{len(found)} values came for {len(some)} keys")
+            values += [value or None for value in found]
+        return values
+
     async def put(self, key: str, value: bytes) -> None:
         """Write a key when the transaction is committed; the last write to a key counts."""
         check_key(key)
@@ -106,6 +129,11 @@ class PeerStub:
         """Delete a key when the transaction is committed."""
         check_key(key)
         self._write(key, None)
+        self._policies.pop(key, None)
+
+    async def require_endorsement(self, key: str, msp_ids: Sequence[str]) -> None:
+        """Let changes of a key that this transaction has put need peers of all these organisations from then on."""
+        self._policies[key] = key_policy(check_endorsers(key, msp_ids, self._writes))
 
     def range(self, start: str, end: str) -> AsyncIterator[tuple[str, bytes]]:
         """Committed keys from `start` (included) to `end` (excluded) in UTF-8 order; "" leaves a side open."""
@@ -126,14 +154,15 @@ class PeerStub:
         check_event(name, payload)
         self.event = name, payload
 
-    async def flush(self, batching: Batching) -> None:
+    async def flush(self) -> None:
         """Tell the peer what was written. Called once, when the contract has ended well."""
         records = [_record(key, value) for key, value in self._writes.items()]
-        if batching.max_count <= 1 or len(records) == 1:
+        records += [_policy_record(key, policy) for key, policy in self._policies.items()]
+        if self._batching.max_count <= 1 or len(records) == 1:
             for record in records:
                 await self._send_one(record)
             return
-        for batch in _batches(records, batching.max_count):
+        for batch in _batches(records, self._batching.max_count):
             body = shim.WriteBatchState(rec=batch).SerializeToString()
             await self._ask(shim.ChaincodeMessage.WRITE_BATCH_STATE, body)
 
@@ -144,6 +173,9 @@ class PeerStub:
     async def _send_one(self, record: Any) -> None:
         if record.type == shim.WriteRecord.DEL_STATE:
             await self._ask(shim.ChaincodeMessage.DEL_STATE, shim.DelState(key=record.key).SerializeToString())
+        elif record.type == shim.WriteRecord.PUT_STATE_METADATA:
+            body = shim.PutStateMetadata(key=record.key, metadata=record.metadata).SerializeToString()
+            await self._ask(shim.ChaincodeMessage.PUT_STATE_METADATA, body)
         else:
             body = shim.PutState(key=record.key, value=record.value).SerializeToString()
             await self._ask(shim.ChaincodeMessage.PUT_STATE, body)
@@ -218,12 +250,17 @@ def _record(key: str, value: bytes | None) -> Any:
     return shim.WriteRecord(key=key, value=value, type=shim.WriteRecord.PUT_STATE)
 
 
+def _policy_record(key: str, policy: bytes) -> Any:
+    metadata = shim.StateMetadata(metakey=VALIDATION_PARAMETER, value=policy)
+    return shim.WriteRecord(key=key, metadata=metadata, type=shim.WriteRecord.PUT_STATE_METADATA)
+
+
 def _batches(records: list[Any], max_count: int) -> list[list[Any]]:
     """As few batches as the peer's count and the message's size allow."""
     batches: list[list[Any]] = []
     room = 0
     for record in records:
-        size = len(record.key) * 4 + len(record.value)
+        size = len(record.key) * 4 + len(record.value) + len(record.metadata.value)
         if not batches or len(batches[-1]) >= max_count or size > room:
             batches.append([])
             room = MAX_BATCH_BYTES

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import random
-from collections.abc import AsyncIterator, Coroutine, Mapping
+from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -95,6 +95,7 @@ class MemoryStub:
         self.timestamp_ms: int = facts["timestamp_ms"]
         self.creator: Person = facts["creator"]
         self.writes: dict[str, bytes | None] = {}
+        self.endorsers: dict[str, tuple[str, ...]] = {}
         self.event: tuple[str, bytes] | None = None
         self.reads = 0
 
@@ -102,9 +103,16 @@ class MemoryStub:
         self.reads += 1
         return self._state.get(key)
 
+    async def get_many(self, keys: Sequence[str]) -> list[bytes | None]:
+        return [await self.get(key) for key in keys]
+
     async def put(self, key: str, value: bytes) -> None:
         assert isinstance(value, bytes)
         self.writes[key] = value
+
+    async def require_endorsement(self, key: str, msp_ids: Sequence[str]) -> None:
+        assert self.writes[key] is not None
+        self.endorsers[key] = tuple(msp_ids)
 
     async def delete(self, key: str) -> None:
         self.writes[key] = None
@@ -132,6 +140,7 @@ class Ledger:
     def __init__(self) -> None:
         self.state: dict[str, bytes] = {}
         self.past: dict[str, list[Change]] = {}
+        self.endorsers: dict[str, tuple[str, ...]] = {}
         self.events: list[tuple[str, dict[str, Any]]] = []
         self.now_ms = START_MS
         self.count = 0
@@ -157,11 +166,13 @@ class Ledger:
             result: bytes = finish(CONTRACT.invoke(stub, function, args))
         finally:
             assert self.state == before  # nothing is written but by the commit
+        self.endorsers.update(stub.endorsers)
         for key, value in stub.writes.items():
             change = Change(stub.tx_id, stub.timestamp_ms, value or b"", value is None)
             self.past.setdefault(key, []).append(change)
             if value is None:
                 self.state.pop(key, None)
+                self.endorsers.pop(key, None)
             else:
                 self.state[key] = value
         if stub.event is not None:

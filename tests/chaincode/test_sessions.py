@@ -5,6 +5,7 @@ import hashlib
 import pytest
 
 from wonderland.proofs import encoding
+from wonderland.proofs.records import keys
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.transcript import transcript_of
@@ -312,3 +313,18 @@ def test_sessions_share_no_key_that_both_write(scene):
         assert scene.last is not None
         written.append(set(scene.last.writes))
     assert not written[0] & written[1]
+
+
+def test_what_belongs_to_a_pad_needs_its_organisation_from_then_on(scene, make_scene):
+    """Key-level endorsement: pad, prekeys, session and verdict; nothing else."""
+    session = scene.request()
+    scene.submit(session)
+    scene.call(scene.uav, "CompleteInteraction", session_id=session["session_id"], result="done")
+    pads = {keys.PAD, keys.PREKEY, keys.SESSION, keys.VERDICT}
+    for key in scene.state:
+        kind, _ = keys.split(key)
+        assert scene.endorsers.get(key) == (("AuthorityMSP", "PadMSP") if kind in pads else None)
+    assert {keys.split(key)[0] for key in scene.endorsers} == pads
+    other = make_scene()
+    other.call(other.other_operator, "RegisterPad", other.pad_argument("pad-9"))
+    assert other.endorsers == {keys.composite(keys.PAD, "pad-9"): ("AuthorityMSP", "OtherPadMSP")}

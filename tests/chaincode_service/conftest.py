@@ -206,6 +206,13 @@ class Simulation:
         match message.type:
             case M.GET_STATE:
                 return await self.stub.get(shim.GetState.FromString(message.payload).key) or b""
+            case M.GET_STATE_MULTIPLE:
+                values = await self.stub.get_many(shim.GetStateMultiple.FromString(message.payload).keys)
+                found = shim.GetStateMultipleResult(values=[value or b"" for value in values])
+                return found.SerializeToString()
+            case M.PUT_STATE_METADATA:
+                put = shim.PutStateMetadata.FromString(message.payload)
+                self.put_metadata(put.key, put.metadata)
             case M.PUT_STATE:
                 put = shim.PutState.FromString(message.payload)
                 await self.stub.put(put.key, put.value)
@@ -215,6 +222,8 @@ class Simulation:
                 for record in shim.WriteBatchState.FromString(message.payload).rec:
                     if record.type == shim.WriteRecord.DEL_STATE:
                         await self.stub.delete(record.key)
+                    elif record.type == shim.WriteRecord.PUT_STATE_METADATA:
+                        self.put_metadata(record.key, record.metadata)
                     else:
                         await self.stub.put(record.key, record.value)
             case M.GET_STATE_BY_RANGE:
@@ -232,6 +241,10 @@ class Simulation:
             case other:
                 raise AssertionError(f"a peer knows no {other}")
         return b""
+
+    def put_metadata(self, key, metadata):
+        assert metadata.metakey == "VALIDATION_PARAMETER"
+        self.stub._policies[key] = metadata.value
 
     async def more(self, query_id, rows, encode):
         response = shim.QueryResponse(id=query_id)
@@ -290,7 +303,10 @@ class FakePeer:
         self.package_id = chaincode_pb2.ChaincodeID.FromString(message.payload).name
         await self.send(M(type=M.REGISTERED))
         parameters = chaincode_pb2.ChaincodeAdditionalParams(
-            use_write_batch=self.batch[0], max_size_write_batch=self.batch[1]
+            use_write_batch=self.batch[0],
+            max_size_write_batch=self.batch[1],
+            use_get_multiple_keys=self.batch[0],
+            max_size_get_multiple_keys=self.batch[1],
         )
         await self.send(M(type=M.READY, payload=parameters.SerializeToString()))
         self.reader = asyncio.create_task(self.read_all())
@@ -395,6 +411,21 @@ class ToyContract:
     async def do_get(self, stub, key):
         value = await stub.get(key)
         return b"<none>" if value is None else value
+
+    async def do_get_many(self, stub, *keys):
+        values = await stub.get_many(keys)
+        return json.dumps([None if value is None else value.decode() for value in values]).encode()
+
+    async def do_guard(self, stub, key, *msp_ids):
+        await stub.put(key, b"guarded")
+        await stub.require_endorsement(key, msp_ids)
+        await stub.put(f"{key}2", b"guarded, then gone")
+        await stub.require_endorsement(f"{key}2", msp_ids)
+        await stub.delete(f"{key}2")
+        return b""
+
+    async def do_guard_what_is_not_put(self, stub, key):
+        await stub.require_endorsement(key, ["PadMSP"])
 
     async def do_put_then_get(self, stub, key, value):
         await stub.put(key, value.encode())

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 
 import pytest
+from fabric_protos.peer import chaincode_shim_pb2 as shim
 
 from wonderland.ledger.embedded import rwset as rwsets
+from wonderland.ledger.signature_policies import key_policy
 
 
 @pytest.fixture
@@ -24,6 +26,16 @@ CALLS = [
     ("put", "clé \U0001f681", "valeur"),
     ("get", "a"),
     ("get", "nowhere"),
+    ("get_many",),
+    ("get_many", "a"),
+    ("get_many", "c", "nowhere", "a", "e", "a", "b", "d"),
+    ("get_many", "a", ""),
+    ("guard", "k", "PadMSP", "AuthorityMSP"),
+    ("guard", "a", "PadMSP", "PadMSP"),
+    ("guard", "k"),
+    ("guard", "k", ""),
+    ("guard", "k", *(f"M{index}" for index in range(51))),
+    ("guard_what_is_not_put", "a"),
     ("put_then_get", "a", "new"),
     ("put_twice_then_delete_other", "x", "a"),
     ("range", "a", "d"),
@@ -70,6 +82,30 @@ async def test_a_transaction_comes_out_the_same_on_both_ledgers(tools, toy, worl
     else:
         assert not there.rwset.writes
     assert not peer.dropped
+
+
+@pytest.mark.parametrize(("most", "questions"), [(1000, 1), (3, 3), (1, 7)])
+async def test_several_keys_are_read_in_as_few_questions_as_the_peer_allows(tools, world, state, most, questions):
+    peer = await world.peer(state, batch=(True, most))
+    ended = await peer.run(tools.Call("get_many", ("a", "b", "c", "d", "e", "f", "é")))
+    assert json.loads(ended.payload) == ["1", "200", "3", "4", "5", None, "accent"]
+    assert ended.calls == ["GET_STATE" if most == 1 else "GET_STATE_MULTIPLE"] * questions
+
+
+async def test_an_answer_with_fewer_values_than_keys_is_no_answer(tools, world, state):
+    peer = await world.peer(state)
+    peer.garbage = shim.GetStateMultipleResult(values=[b"1"]).SerializeToString()
+    ended = await peer.run(tools.Call("get_many", ("a", "b")))
+    assert ended.kind == tools.M.ERROR
+    assert "try again" in ended.text
+
+
+async def test_an_endorsement_that_a_key_needs_reaches_the_peer_with_its_value(tools, world, state):
+    peer = await world.peer(state)
+    ended = await peer.run(tools.Call("guard", ("k", "PadMSP", "AuthorityMSP")))
+    assert ended.calls == ["WRITE_BATCH_STATE"]
+    (policy,) = ended.rwset.policies
+    assert (policy.key, policy.policy) == ("k", key_policy(["AuthorityMSP", "PadMSP"]))
 
 
 async def test_what_the_contract_sees_of_its_sender(tools, world):

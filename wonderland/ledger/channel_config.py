@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from fabric_protos.common import configtx_pb2, configuration_pb2
+from fabric_protos.common import configtx_pb2, configuration_pb2, policies_pb2
 from fabric_protos.msp import msp_config_pb2
 
 from wonderland.ledger.errors import BlockError
@@ -85,6 +85,18 @@ def orderer_addresses(config_envelope: bytes) -> tuple[str, ...]:
                     configuration_pb2.OrdererAddresses, values["Endpoints"].value, what, BlockError
                 ).addresses
     return tuple(found)
+
+
+def endorsement_policy(config_envelope: bytes) -> policies_pb2.SignaturePolicyEnvelope:
+    """Who must endorse a transaction: the application's policy "Endorsement". Raises `BlockError`.
+
+    Only a policy that counts signatures is understood; one of sub-policies (ImplicitMeta) raises, too.
+    """
+    envelope = decode(configtx_pb2.ConfigEnvelope, config_envelope, "config transaction", BlockError)
+    policy = envelope.config.channel_group.groups["Application"].policies["Endorsement"].policy
+    if policy.type != policies_pb2.Policy.SIGNATURE:
+        raise BlockError("config: the application's endorsement policy is none that counts signatures")
+    return decode(policies_pb2.SignaturePolicyEnvelope, policy.value, "config: endorsement policy", BlockError)
 
 
 def _organisation(name: str, section: str, group: Any) -> Organisation:

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from fabric_protos.common import common_pb2, configtx_pb2, configuration_pb2, policies_pb2
-from fabric_protos.msp import msp_config_pb2, msp_principal_pb2
+from fabric_protos.msp import msp_config_pb2
 from fabric_protos.peer import configuration_pb2 as peer_pb2
 
 from wonderland.ledger.blocks import BlockHeader, data_hash
+from wonderland.ledger.signature_policies import one_of_each
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -181,27 +182,12 @@ def meta_policy(rule: str, sub_policy: str) -> policies_pb2.Policy:
 
 def signed_by(role: str, *msp_ids: str) -> policies_pb2.Policy:
     """A signature of that role (member, admin, client, peer, orderer) from every one of the organisations."""
-    rule = policies_pb2.SignaturePolicy(
-        n_out_of=policies_pb2.SignaturePolicy.NOutOf(
-            n=len(msp_ids), rules=[policies_pb2.SignaturePolicy(signed_by=index) for index in range(len(msp_ids))]
-        )
-    )
-    principals = [role_principal(msp_id, role) for msp_id in msp_ids]
-    return signature_policy(policies_pb2.SignaturePolicyEnvelope(version=0, identities=principals, rule=rule))
+    return signature_policy(one_of_each(role, *((msp_id,) for msp_id in msp_ids)))
 
 
 def signature_policy(envelope: policies_pb2.SignaturePolicyEnvelope) -> policies_pb2.Policy:
     """A policy that counts signatures."""
     return policies_pb2.Policy(type=policies_pb2.Policy.SIGNATURE, value=serialise(envelope))
-
-
-def role_principal(msp_id: str, role: str) -> msp_principal_pb2.MSPPrincipal:
-    """Whoever has that role in that organisation."""
-    role_number = msp_principal_pb2.MSPRole.MSPRoleType.Value(role.upper())
-    return msp_principal_pb2.MSPPrincipal(
-        principal_classification=msp_principal_pb2.MSPPrincipal.ROLE,
-        principal=serialise(msp_principal_pb2.MSPRole(msp_identifier=msp_id, role=role_number)),
-    )
 
 
 def serialise(message: Any) -> bytes:

@@ -35,7 +35,7 @@ _json = click.option("--json", "as_json", is_flag=True, help="Answer with one JS
 _organisation = click.option(
     "--org",
     "msp_id",
-    type=click.Choice(orgs.ALL),
+    metavar="MSP_ID",
     help="The organisation; needed only where the name or the role does not tell.",
 )
 
@@ -78,6 +78,13 @@ def ledger() -> None:
     help="The installed contract to run, or CHAINCODE=NAME to run it under another chaincode name.",
 )
 @click.option(
+    "--pad-operator",
+    "pad_operators",
+    multiple=True,
+    metavar="MSP_ID",
+    help="Another operator of pads besides PadMSP (first start; may be given several times).",
+)
+@click.option(
     "--batch-ms",
     default=DEFAULT_BATCH_MS,
     show_default=True,
@@ -99,6 +106,7 @@ def start(
     advertise: str,
     channel: str,
     contract: str,
+    pad_operators: tuple[str, ...],
     batch_ms: int,
     batch_count: int,
     as_json: bool,
@@ -116,6 +124,7 @@ def start(
         channel=channel,
         chaincode=chaincode,
         advertise=advertise,
+        pad_operators=pad_operators,
         limits=BatchLimits(batch_ms, batch_count),
     )
     node = EmbeddedLedger(directory, {chaincode: load_contract(name)}, settings)

@@ -6,9 +6,12 @@ with a value than its writer meant (an empty value deletes the key), it is refus
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from wonderland.ledger.errors import ContractFailedError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
 
 BAD_REQUEST: Final = 400
 TOO_MUCH: Final = 413
@@ -25,6 +28,8 @@ its stream to the contract, and with it every transaction under way there (seen 
 MAX_WRITES: Final = 10_000
 MAX_WRITTEN_BYTES: Final = 8 << 20
 """Keys and values of one transaction together, each write counted; a transaction may have 10 MiB in all."""
+MAX_ENDORSERS: Final = 50
+"""Organisations that one key may need; a network has up to 50."""
 MAX_READS: Final = 100_000
 """Keys that one transaction may read, ranges included; Fabric's totalQueryLimit."""
 
@@ -49,6 +54,21 @@ def check_value(key: str, value: object) -> None:
         raise ContractFailedError(BAD_REQUEST, f"key {key!r}: an empty value would delete the key; delete it instead")
     if len(value) > MAX_VALUE_BYTES:
         raise ContractFailedError(TOO_MUCH, f"key {key!r}: {len(value)} bytes; the limit is {MAX_VALUE_BYTES}")
+
+
+def check_endorsers(key: str, msp_ids: object, writes: Mapping[str, bytes | None]) -> Sequence[str]:
+    """The organisations that a key is to need. Raises `ContractFailedError`.
+
+    Only a key that this transaction has put can be given them: on Fabric they would else go without a word.
+    """
+    check_key(key)
+    if not isinstance(msp_ids, (list, tuple)) or not 1 <= len(msp_ids) <= MAX_ENDORSERS:
+        raise ContractFailedError(BAD_REQUEST, f"key {key!r}: 1 to {MAX_ENDORSERS} organisations must be named")
+    if any(not isinstance(each, str) or not each for each in msp_ids):
+        raise ContractFailedError(BAD_REQUEST, f"key {key!r}: an organisation is named by its MSP id, a text")
+    if writes.get(key) is None:
+        raise ContractFailedError(BAD_REQUEST, f"key {key!r}: put it before saying who must endorse its changes")
+    return msp_ids
 
 
 def check_event(name: object, payload: object) -> None:

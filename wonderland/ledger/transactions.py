@@ -103,6 +103,14 @@ class Write:
 
 
 @dataclass(frozen=True, slots=True)
+class MetadataWrite:
+    """A key whose metadata was set: all its entries (name, value), for example VALIDATION_PARAMETER."""
+
+    key: str
+    entries: tuple[tuple[str, bytes], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class RangeQuery:
     """A range that was read: `end_key` is excluded, "" is open; `exhausted` when it was read to its end.
 
@@ -123,6 +131,7 @@ class NamespaceAccess:
     reads: tuple[Read, ...]
     range_queries: tuple[RangeQuery, ...]
     writes: tuple[Write, ...]
+    metadata_writes: tuple[MetadataWrite, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,6 +284,10 @@ def parse_accesses(results: bytes) -> tuple[NamespaceAccess, ...]:
                 reads=_reads(keys.reads),
                 range_queries=tuple(_range_query(query) for query in keys.range_queries_info),
                 writes=tuple(Write(write.key, write.value, write.is_delete) for write in keys.writes),
+                metadata_writes=tuple(
+                    MetadataWrite(each.key, tuple((entry.name, entry.value) for entry in each.entries))
+                    for each in keys.metadata_writes
+                ),
             ),
         )
     return tuple(accesses)

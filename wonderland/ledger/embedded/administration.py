@@ -63,12 +63,14 @@ class DirectoryAdministration:
         self._directory = directory
 
     def enrol(self, name: str, *, role: str, pol_id: str, msp_id: str | None = None, days: int = 365) -> Issued:
-        """Enrol a name with a role; the organisation is the role's unless another is named."""
+        """Enrol a name with a role; the organisation is the role's, or another operator of pads that is named."""
         if name in NODE_NAMES:
             raise CaRequestError(f"the name {name!r} belongs to the ledger itself")
         home = orgs.ROLES[role].msp_id
-        if msp_id not in {None, home}:
-            raise CaRequestError(f"the role {role} belongs to {home}, not to {msp_id}")
+        homes = (home, *(self._directory.pad_operators if role in orgs.PAD_ROLES else ()))
+        if msp_id is not None and msp_id not in homes:
+            raise CaRequestError(f"the role {role} belongs to {' or '.join(homes)}, not to {msp_id}")
+        home = msp_id or home
         current = self._connection().identities.get(name)
         if current is not None and current.msp_id != home:
             raise CaRequestError(f"{name} is an identity of {current.msp_id} already; choose another name")
@@ -112,7 +114,7 @@ class DirectoryAdministration:
                 "valid_until": _day(issued.not_after_ms),
                 "state": "revoked" if issued.revoked_ms else "valid" if issued.is_active(now_ms) else "expired",
             }
-            for each in ([msp_id] if msp_id else orgs.ALL)
+            for each in ([self._known(msp_id)] if msp_id else self._directory.organisations)
             for issued in self._directory.ca(each).certificates(kind=Kind.IDENTITY)
         ]
 
@@ -202,8 +204,8 @@ class DirectoryAdministration:
     def _home(self, name: str, msp_id: str | None) -> str:
         """The organisation that a name belongs to. Raises `UnknownCertificateError` or `CaRequestError`."""
         if msp_id is not None:
-            return msp_id
-        homes = [each for each in orgs.ALL if self._has(each, name)]
+            return self._known(msp_id)
+        homes = [each for each in self._directory.organisations if self._has(each, name)]
         if not homes:
             raise UnknownCertificateError(f"no organisation's CA ever enrolled {name!r}")
         if len(homes) > 1:
@@ -212,12 +214,19 @@ class DirectoryAdministration:
 
     def _home_of_serial(self, serial: str, msp_id: str | None) -> str:
         if msp_id is not None:
-            return msp_id
+            return self._known(msp_id)
         plain = serial.lower().replace(":", "").removeprefix("0x").lstrip("0")
-        for each in orgs.ALL:
+        for each in self._directory.organisations:
             if any(issued.serial == plain for issued in self._directory.ca(each).certificates()):
                 return each
         raise UnknownCertificateError(f"no organisation's CA issued the serial number {serial}")
+
+    def _known(self, msp_id: str) -> str:
+        if msp_id not in self._directory.organisations:
+            raise CaRequestError(
+                f"{msp_id[:80]} is no organisation of this ledger; there are {', '.join(self._directory.organisations)}"
+            )
+        return msp_id
 
     def _has(self, msp_id: str, name: str) -> bool:
         try:

@@ -12,10 +12,11 @@ import contextlib
 import logging
 from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
 from wonderland.ledger.blocks import BlockHeader, parse_block
+from wonderland.ledger.channel_config import endorsement_policy
 from wonderland.ledger.embedded.committer import Candidate, validate_block
 from wonderland.ledger.embedded.config_update import (
     ConfigSigners,
@@ -100,6 +101,7 @@ class Chain:
             verify_tip(self.reader)
             self._tip = self.reader.tip()
             self._last_config, self._config_data, self.membership = self._load_config()
+            self._policy = endorsement_policy(self._config_data)
             on_failure.pop_all()
         self.writer: Final = StateWriter(path)
         self._cutter = BatchCutter(settings.limits)
@@ -254,7 +256,8 @@ class Chain:
 
     async def _make_block(self, batch: list[Candidate]) -> None:
         number = self._tip.number + 1
-        results = validate_block(self.writer, number, [self._rechecked(candidate) for candidate in batch])
+        candidates = [self._rechecked(candidate) for candidate in batch]
+        results = validate_block(self.writer, number, candidates, self._policy)
         header, raw = self._assembler.assemble(
             number,
             self._tip.header_hash,
@@ -324,15 +327,7 @@ class Chain:
             self.membership.application_member(candidate.creator, self.settings.clock())
         except AccessDeniedError:
             code = ValidationCode.BAD_CREATOR_SIGNATURE
-        return Candidate(
-            tx_id=candidate.tx_id,
-            envelope=candidate.envelope,
-            creator=candidate.creator,
-            timestamp_ms=candidate.timestamp_ms,
-            code=int(code),
-            config_sequence=self.membership.sequence,
-            rwset=candidate.rwset,
-        )
+        return replace(candidate, code=int(code), config_sequence=self.membership.sequence)
 
     def _wait_for_space(self, error: StorageError) -> None:
         if not self._trouble:

@@ -1,6 +1,8 @@
-"""Which transactions of a block count: read versions, phantoms and repeated ids, in Fabric's order and codes.
+"""Which transactions of a block count: endorsements, repeated ids, read versions, phantoms; Fabric's order and codes.
 
-Source: Fabric, ``core/ledger/kvledger/txmgmt/validation`` for the checks, ``protos.TxValidationCode`` for the codes.
+Each key that a transaction writes needs the signatures that the key's own policy asks for or, without one, the
+contract's. Source: Fabric, ``core/common/validation/statebased`` (keys), ``core/ledger/kvledger/txmgmt/validation``
+(versions), ``protos.TxValidationCode`` (codes).
 """
 
 from __future__ import annotations
@@ -11,12 +13,16 @@ from typing import TYPE_CHECKING, Protocol
 
 from wonderland.ledger.embedded.rwset import ReadWriteSet
 from wonderland.ledger.embedded.state import CommittedTx
+from wonderland.ledger.signature_policies import parse_policy, satisfied
 from wonderland.ledger.transactions import ValidationCode
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from fabric_protos.common.policies_pb2 import SignaturePolicyEnvelope
+
     from wonderland.ledger.embedded.rwset import RangeRead, Version, Write
+    from wonderland.ledger.signature_policies import Signer
 
 
 class CommittedState(Protocol):
@@ -24,6 +30,9 @@ class CommittedState(Protocol):
 
     def version(self, namespace: str, key: str) -> Version | None:
         """The committed version of a key."""
+
+    def policy(self, namespace: str, key: str) -> bytes | None:
+        """The committed endorsement policy of a key, if it has one of its own."""
 
     def versions(
         self, namespace: str, start: str, end: str, *, end_included: bool = False
@@ -49,23 +58,64 @@ class Candidate:
     config_sequence: int
     """The channel configuration under which the creator was checked."""
     rwset: ReadWriteSet = field(default_factory=ReadWriteSet)
+    signers: tuple[Signer, ...] = ()
+    """Whose endorsements hold."""
 
 
-def validate_block(state: CommittedState, block_number: int, candidates: Sequence[Candidate]) -> list[CommittedTx]:
-    """The verdict on each transaction in order; an earlier one in the same block counts as committed."""
+def validate_block(
+    state: CommittedState, block_number: int, candidates: Sequence[Candidate], policy: SignaturePolicyEnvelope
+) -> list[CommittedTx]:
+    """The verdict on each transaction in order; an earlier one in the same block counts as committed.
+
+    `policy` is the contract's endorsement policy.
+    """
     updates = _BlockUpdates(block_number)
+    endorsements = _Endorsements(state, policy)
     seen: set[str] = set()
     result: list[CommittedTx] = []
     for position, candidate in enumerate(candidates):
         code = candidate.code
         if code == ValidationCode.VALID:
-            repeated = candidate.tx_id in seen or state.has_transaction(candidate.tx_id)
-            code = ValidationCode.DUPLICATE_TXID if repeated else _check_reads(state, updates, candidate.rwset)
-        seen.add(candidate.tx_id)
-        writes: Sequence[Write] = candidate.rwset.writes if code == ValidationCode.VALID else ()
-        updates.apply(position, writes)
-        result.append(CommittedTx(candidate.tx_id, code, candidate.timestamp_ms, writes))
+            if state.has_transaction(candidate.tx_id):
+                code = ValidationCode.DUPLICATE_TXID
+            elif not endorsements.hold(candidate):
+                code = ValidationCode.ENDORSEMENT_POLICY_FAILURE
+            elif candidate.tx_id in seen:
+                code = ValidationCode.DUPLICATE_TXID
+            else:
+                code = _check_reads(state, updates, candidate.rwset)
+                seen.add(candidate.tx_id)
+        if code == ValidationCode.VALID:
+            writes, policies = candidate.rwset.writes, candidate.rwset.policies
+            updates.apply(position, writes)
+            result.append(CommittedTx(candidate.tx_id, code, candidate.timestamp_ms, writes, policies))
+        else:
+            result.append(CommittedTx(candidate.tx_id, code, candidate.timestamp_ms, ()))
     return result
+
+
+class _Endorsements:
+    """Who must sign what, over one block."""
+
+    def __init__(self, state: CommittedState, policy: SignaturePolicyEnvelope) -> None:
+        self._state = state
+        self._policy = policy
+        self._changed: set[tuple[str, str]] = set()
+        """Keys whose policy an earlier transaction of the block sets, whether or not it turns out valid in the end."""
+
+    def hold(self, candidate: Candidate) -> bool:
+        rwset, signers = candidate.rwset, candidate.signers
+        set_anew = {(each.namespace, each.key) for each in rwset.policies}
+        places = {(each.namespace, each.key) for each in rwset.writes} | set_anew
+        if places & self._changed:
+            return False
+        own = {self._state.policy(*place) or b"" for place in places} or {b""}
+        for data in own:
+            policy = parse_policy(data) if data else self._policy
+            if policy is None or not satisfied(policy, signers):
+                return False
+        self._changed |= set_anew
+        return True
 
 
 def _check_reads(state: CommittedState, updates: _BlockUpdates, rwset: ReadWriteSet) -> int:

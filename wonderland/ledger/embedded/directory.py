@@ -17,6 +17,7 @@ import contextlib
 import datetime as dt
 import fcntl
 import os
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+_MSP_ID: Final = re.compile(r"[A-Za-z][A-Za-z0-9.-]{0,62}")
 NODE_VALIDITY: Final = dt.timedelta(days=5 * 365)
 RENEW_BEFORE: Final = dt.timedelta(days=30)
 _PEER: Final = "peer"
@@ -104,10 +106,38 @@ class LedgerDirectory:
         """An organisation's CA. Raises `CaNotFoundError` before the first start, or what `LocalCa` raises."""
         return LocalCa.open(self.path / "ca" / msp_id, now=self._now)
 
-    def ensure_cas(self) -> dict[str, LocalCa]:
-        """All organisations' CAs, made where they are missing; and the TLS root for clients."""
+    @property
+    def pad_operators(self) -> tuple[str, ...]:
+        """The operators of pads besides `organisations.PAD`, as the first start made them."""
+        with contextlib.suppress(OSError):
+            # What an interrupted start left half made there has a name with a dot before it.
+            names = {each.name for each in (self.path / "ca").iterdir() if _MSP_ID.fullmatch(each.name)}
+            return tuple(sorted(names - set(orgs.ALL)))
+        return ()
+
+    @property
+    def organisations(self) -> tuple[str, ...]:
+        """All organisations' MSP ids."""
+        return (*orgs.ALL, *self.pad_operators)
+
+    def ensure_cas(self, pad_operators: Sequence[str] = ()) -> dict[str, LocalCa]:
+        """All organisations' CAs, made where they are missing; and the TLS root for clients.
+
+        Raises `DirectoryError` for a name that cannot be an organisation's, or that comes after the first start.
+        """
+        for msp_id in pad_operators:
+            if not _MSP_ID.fullmatch(msp_id) or msp_id in orgs.ALL:
+                raise DirectoryError(
+                    f"{msp_id[:80]!r} cannot be the name of another operator of pads: a letter, then letters, digits, "
+                    f". and -, 63 at most, and none of {', '.join(orgs.ALL)}"
+                )
+            if self.database.exists() and msp_id not in self.pad_operators:
+                raise DirectoryError(
+                    f"the ledger in {self.path} was made without {msp_id}; its organisations stay as its first start "
+                    "made them. Start without it, or in another directory"
+                )
         cas: dict[str, LocalCa] = {}
-        for msp_id in orgs.ALL:
+        for msp_id in dict.fromkeys((*self.organisations, *pad_operators)):
             try:
                 cas[msp_id] = self.ca(msp_id)
             except CaNotFoundError:
@@ -126,8 +156,9 @@ class LedgerDirectory:
             certificate, key = self._node / f"{stem}.pem", self._node / f"{stem}.key"
             return SigningIdentity(Identity.from_file(msp_id, certificate), key_file_signer(key))
 
-        peers = tuple(own(_PEER, msp_id, "peer") for msp_id in orgs.ENDORSING)
-        admins = {msp_id: own(_ADMINISTRATOR, msp_id, "admin") for msp_id in orgs.ALL}
+        endorsing = [msp_id for each in orgs.endorsing(self.pad_operators) for msp_id in each]
+        peers = tuple(own(_PEER, msp_id, "peer") for msp_id in endorsing)
+        admins = {msp_id: own(_ADMINISTRATOR, msp_id, "admin") for msp_id in self.organisations}
         orderer = own(_ORDERER, orgs.ORDERER, "orderer")
         return NodeIdentities(peers, ConfigSigners(admins, orderer))
 
@@ -139,12 +170,15 @@ class LedgerDirectory:
     def ensure_roles(self, cas: Mapping[str, LocalCa]) -> dict[str, IdentityFiles]:
         """One identity per role, for a first start."""
         found: dict[str, IdentityFiles] = {}
-        for role in orgs.ROLES.values():
+        wanted = {name: (role.msp_id, role) for name, role in orgs.ROLES.items()}
+        for msp_id in self.pad_operators:
+            wanted |= {f"{name}@{msp_id}": (msp_id, orgs.ROLES[name]) for name in orgs.PAD_ROLES}
+        for name, (msp_id, role) in wanted.items():
             attributes = {ROLE: role.name, ID: role.pol_id}
-            certificate, key = self.identity_files(role.name)
+            certificate, key = self.identity_files(name)
             if not (certificate.exists() and key.exists()):
-                self._issue(cas[role.msp_id], role.name, certificate.parent, role.name, attributes=attributes)
-            found[role.name] = IdentityFiles(role.msp_id, certificate, key)
+                self._issue(cas[msp_id], name, certificate.parent, name, attributes=attributes)
+            found[name] = IdentityFiles(msp_id, certificate, key)
         return found
 
     def identity_files(self, name: str) -> tuple[Path, Path]:

@@ -26,6 +26,7 @@ from wonderland.ledger.contract_rules import FAULT, check_result, function_name
 from wonderland.ledger.embedded import rwset as rwsets
 from wonderland.ledger.embedded.errors import ContractFailedError
 from wonderland.ledger.embedded.stub import TransactionStub
+from wonderland.ledger.signature_policies import Signer
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine, Mapping, Sequence
@@ -72,6 +73,7 @@ class Endorser:
     ) -> None:
         self.channel = channel
         self.peers = tuple(peers)
+        self.signers = tuple(Signer(peer.identity.msp_id) for peer in self.peers)
         self._reader = reader
         self._contracts = contracts
         self._prepared: OrderedDict[str, Prepared] = OrderedDict()

@@ -23,8 +23,9 @@ from wonderland.ledger.channel_groups import (
     meta_policy,
     organisation_group,
     serialise,
-    signed_by,
+    signature_policy,
 )
+from wonderland.ledger.signature_policies import one_of_each
 
 if TYPE_CHECKING:
     from fabric_protos.common import configtx_pb2
@@ -49,19 +50,21 @@ ABSOLUTE_MAX_BYTES: Final = 10 << 20
 
 @dataclass(frozen=True)
 class ChannelDescription:
-    """What block 0 says. `endorsing` names the organisations that must all endorse."""
+    """What block 0 says. One organisation of each group in `endorsing` must endorse."""
 
     channel: str
     applications: tuple[OrganisationDescription, ...]
     orderer: OrganisationDescription
-    endorsing: tuple[str, ...]
+    endorsing: tuple[tuple[str, ...], ...]
     batch_ms: int
     batch_count: int
 
 
 def genesis_block(description: ChannelDescription, timestamp_s: int, nonce: bytes) -> tuple[BlockHeader, bytes]:
     """Block 0: header and ``common.Block`` bytes. `timestamp_s` since the epoch; `nonce` 24 random bytes."""
-    application = application_group(description.applications, signed_by("peer", *description.endorsing))
+    application = application_group(
+        description.applications, signature_policy(one_of_each("peer", *description.endorsing))
+    )
     root = channel_group(_orderer(description), application)
     return config_block(description.channel, root, timestamp_s, nonce)
 

@@ -46,6 +46,8 @@ class LedgerSettings:
     channel: str = orgs.DEFAULT_CHANNEL
     chaincode: str = orgs.DEFAULT_CHAINCODE
     advertise: str = ""
+    pad_operators: tuple[str, ...] = ()
+    """MSP ids of operators of pads besides `PadMSP`; only a ledger's first start can give it them."""
     limits: BatchLimits = field(default_factory=BatchLimits)
     clock: Callable[[], dt.datetime] = lambda: dt.datetime.now(dt.UTC)
     random: Callable[[int], bytes] = os.urandom
@@ -97,7 +99,7 @@ class EmbeddedLedger:
         async with AsyncExitStack() as stack:
             self.directory.prepare()
             stack.enter_context(self.directory.lock())
-            self._cas = self.directory.ensure_cas()
+            self._cas = self.directory.ensure_cas(settings.pad_operators)
             node = self.directory.ensure_node(self._cas)
             reachable = settings.advertise or ("127.0.0.1" if host in _WILDCARDS else host)
             hosts = [*LOCAL_HOSTS, reachable]
@@ -160,9 +162,9 @@ class EmbeddedLedger:
 
         description = ChannelDescription(
             channel=settings.channel,
-            applications=tuple(organisation(msp_id) for msp_id in orgs.APPLICATIONS),
+            applications=tuple(organisation(msp_id) for msp_id in (*orgs.APPLICATIONS, *self.directory.pad_operators)),
             orderer=organisation(orgs.ORDERER, (settings.listen,)),
-            endorsing=orgs.ENDORSING,
+            endorsing=orgs.endorsing(self.directory.pad_operators),
             batch_ms=settings.limits.time_ms,
             batch_count=settings.limits.count,
         )

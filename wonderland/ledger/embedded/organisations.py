@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 AUTHORITY: Final = "AuthorityMSP"
 PAD: Final = "PadMSP"
 FLEET: Final = "FleetMSP"
 ORDERER: Final = "OrdererMSP"
 APPLICATIONS: Final = (AUTHORITY, PAD, FLEET)
-ENDORSING: Final = (AUTHORITY, PAD)
-"""Both must endorse every transaction."""
 ALL: Final = (*APPLICATIONS, ORDERER)
+"""Those of every embedded ledger; a ledger may have further operators of pads."""
+PAD_ROLES: Final = ("pad_operator", "pad")
 
 DEFAULT_CHANNEL: Final = "wonderland"
 DEFAULT_CHAINCODE: Final = "pol"
@@ -40,3 +43,8 @@ ROLES: Final = {
     )
 }
 """Each role by the name that the certificate attribute ``pol.role`` has."""
+
+
+def endorsing(pad_operators: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Who must endorse every transaction: the authority, and one of the operators of pads."""
+    return (AUTHORITY,), (PAD, *pad_operators)

@@ -9,6 +9,7 @@ from fabric_protos.ledger.rwset import rwset_pb2
 from fabric_protos.ledger.rwset.kvrwset import kv_rwset_pb2
 
 from wonderland.ledger.embedded.errors import MalformedRequestError
+from wonderland.ledger.signature_policies import VALIDATION_PARAMETER
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -50,12 +51,22 @@ class Write:
 
 
 @dataclass(frozen=True, slots=True)
+class KeyPolicy:
+    """A key and who must endorse its changes from now on (``common.SignaturePolicyEnvelope``)."""
+
+    namespace: str
+    key: str
+    policy: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class ReadWriteSet:
     """One transaction's reads, range reads and writes, in the order in which they are encoded."""
 
     reads: tuple[Read, ...] = ()
     ranges: tuple[RangeRead, ...] = ()
     writes: tuple[Write, ...] = ()
+    policies: tuple[KeyPolicy, ...] = ()
 
     def size_bytes(self) -> int:
         """A rough size in memory, for bounding caches."""
@@ -63,6 +74,7 @@ class ReadWriteSet:
             sum(len(read.key) + 64 for read in self.reads)
             + sum(64 + sum(len(key) + 64 for key, _ in item.results) for item in self.ranges)
             + sum(len(write.key) + len(write.value or b"") + 64 for write in self.writes)
+            + sum(len(each.key) + len(each.policy) + 64 for each in self.policies)
         )
 
 
@@ -83,6 +95,8 @@ def encode(rwset: ReadWriteSet, namespace: str) -> bytes:
             entry.version.SetInParent()
     for write in sorted(rwset.writes, key=lambda item: item.key.encode()):
         kv.writes.add(key=write.key, is_delete=write.value is None, value=write.value or b"")
+    for each in sorted(rwset.policies, key=lambda item: item.key.encode()):
+        kv.metadata_writes.add(key=each.key).entries.add(name=VALIDATION_PARAMETER, value=each.policy)
     return bytes(
         rwset_pb2.TxReadWriteSet(
             data_model=rwset_pb2.TxReadWriteSet.KV,
@@ -96,6 +110,7 @@ def from_accesses(accesses: Iterable[NamespaceAccess]) -> ReadWriteSet:
     reads: list[Read] = []
     ranges: list[RangeRead] = []
     writes: list[Write] = []
+    policies: list[KeyPolicy] = []
     for access in accesses:
         namespace = access.namespace
         reads.extend(Read(namespace, read.key, _version(read)) for read in access.reads)
@@ -108,7 +123,13 @@ def from_accesses(accesses: Iterable[NamespaceAccess]) -> ReadWriteSet:
             found = tuple((key, version) for key, version in results if version is not None)
             ranges.append(RangeRead(namespace, query.start_key, query.end_key, query.exhausted, found))
         writes.extend(Write(namespace, write.key, None if write.is_delete else write.value) for write in access.writes)
-    return ReadWriteSet(tuple(reads), tuple(ranges), tuple(writes))
+        policies.extend(
+            KeyPolicy(namespace, each.key, value)
+            for each in access.metadata_writes
+            for name, value in each.entries
+            if name == VALIDATION_PARAMETER
+        )
+    return ReadWriteSet(tuple(reads), tuple(ranges), tuple(writes), tuple(policies))
 
 
 def _version(read: transactions.Read) -> Version | None:

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from wonderland.ledger.embedded.rwset import Version, Write
+    from wonderland.ledger.embedded.rwset import KeyPolicy, Version, Write
 
 APPLICATION_ID: Final = 0x574C4447  # "WLDG", in the SQLite header: tells this file from any other database
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
 RANGE_PAGE: Final = 256
 LOWEST_KEY: Final = b"\x01"
 """Where an open range starts: composite keys begin with U+0000 and are only found by asking for them, as in Fabric."""
@@ -37,6 +37,7 @@ CREATE TABLE tx (
 ) WITHOUT ROWID, STRICT;
 CREATE TABLE state (
   namespace TEXT NOT NULL, key BLOB NOT NULL, value BLOB NOT NULL, block INTEGER NOT NULL, position INTEGER NOT NULL,
+  policy BLOB,
   PRIMARY KEY (namespace, key)
 ) WITHOUT ROWID, STRICT;
 CREATE TABLE history (
@@ -45,6 +46,8 @@ CREATE TABLE history (
   PRIMARY KEY (namespace, key, block, position)
 ) WITHOUT ROWID, STRICT;
 """
+_UPGRADES: Final = {1: "ALTER TABLE state ADD COLUMN policy BLOB;"}
+"""What makes the schema of one version into that of the next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +71,13 @@ class Modification:
 
 @dataclass(frozen=True, slots=True)
 class CommittedTx:
-    """What a block stores about one of its transactions; `writes` is empty unless it is VALID."""
+    """What a block stores about one of its transactions; `writes` and `policies` are empty unless it is VALID."""
 
     tx_id: str
     code: int
     timestamp_ms: int
     writes: Sequence[Write]
+    policies: Sequence[KeyPolicy] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,6 +214,13 @@ class StateWriter:
         ).fetchone()
         return row
 
+    def policy(self, namespace: str, key: str) -> bytes | None:
+        """Who must endorse a change of the key (``common.SignaturePolicyEnvelope``); None: the contract's policy."""
+        row = self._db.execute(
+            "SELECT policy FROM state WHERE namespace=? AND key=?", (namespace, key.encode())
+        ).fetchone()
+        return None if row is None else row[0]
+
     def versions(
         self, namespace: str, start: str, end: str, *, end_included: bool = False
     ) -> Iterator[tuple[str, Version]]:
@@ -243,8 +254,7 @@ class StateWriter:
                 [(tx.tx_id, number, position, tx.code) for position, tx in enumerate(transactions) if tx.tx_id],
             )
             for position, tx in enumerate(transactions):
-                if tx.writes:
-                    self._apply(number, position, tx)
+                self._apply(number, position, tx)
             for name, value in (meta or {}).items():
                 self._db.execute("INSERT OR REPLACE INTO meta VALUES (?,?)", (name, value))
 
@@ -271,13 +281,20 @@ class StateWriter:
             if write.value is None:
                 execute("DELETE FROM state WHERE namespace=? AND key=?", (write.namespace, key))
             else:
+                # A key keeps its own endorsement policy while only its value changes.
                 execute(
-                    "INSERT OR REPLACE INTO state VALUES (?,?,?,?,?)",
+                    "INSERT INTO state (namespace, key, value, block, position) VALUES (?,?,?,?,?) "
+                    "ON CONFLICT DO UPDATE SET value=excluded.value, block=excluded.block, position=excluded.position",
                     (write.namespace, key, write.value, number, position),
                 )
             execute(
                 "INSERT OR REPLACE INTO history VALUES (?,?,?,?,?,?,?)",
                 (write.namespace, key, number, position, tx.tx_id, tx.timestamp_ms, write.value),
+            )
+        for each in tx.policies:
+            execute(
+                "UPDATE state SET policy=?, block=?, position=? WHERE namespace=? AND key=?",
+                (each.policy, number, position, each.namespace, each.key.encode()),
             )
 
 
@@ -300,6 +317,9 @@ def _check_or_create_schema(db: sqlite3.Connection, path: Path) -> None:
             db.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version")
         )
         if application == APPLICATION_ID:
+            for older in range(version, SCHEMA_VERSION):
+                db.executescript(f"BEGIN IMMEDIATE; {_UPGRADES[older]} PRAGMA user_version={older + 1}; COMMIT;")
+                version = older + 1
             if version != SCHEMA_VERSION:
                 raise DirectoryError(
                     f"{path} was written by another version of Wonderland (schema {version}, this one has "

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from wonderland.ledger.contract_rules import Budget, check_event, check_key, check_value
-from wonderland.ledger.embedded.rwset import RangeRead, Read, ReadWriteSet, Write
+from wonderland.ledger.contract_rules import Budget, check_endorsers, check_event, check_key, check_value
+from wonderland.ledger.embedded.rwset import KeyPolicy, RangeRead, Read, ReadWriteSet, Write
+from wonderland.ledger.signature_policies import key_policy
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Iterator
+    from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 
     from wonderland.ledger.embedded.msp import Creator
     from wonderland.ledger.embedded.rwset import Version
@@ -26,8 +27,8 @@ class TransactionStub:
     `timestamp_ms` is the client's word, checked to be within 15 minutes of the ledger's clock.
     """
 
-    __slots__ = ("_budget", "_event", "_namespace", "_ranges", "_reader", "_reads", "_writes", "channel", "creator",
-                 "timestamp_ms", "tx_id")  # fmt: skip
+    __slots__ = ("_budget", "_event", "_namespace", "_policies", "_ranges", "_reader", "_reads", "_writes", "channel",
+                 "creator", "timestamp_ms", "tx_id")  # fmt: skip
 
     def __init__(
         self,
@@ -48,6 +49,7 @@ class TransactionStub:
         self._reads: dict[str, Version | None] = {}
         self._ranges: list[_RangeCursor] = []
         self._writes: dict[str, bytes | None] = {}
+        self._policies: dict[str, bytes] = {}
         self._event: tuple[str, bytes] | None = None
         self._budget = Budget()
 
@@ -60,6 +62,10 @@ class TransactionStub:
         self._reads.setdefault(key, None if found is None else found[1])
         return None if found is None else found[0]
 
+    async def get_many(self, keys: Sequence[str]) -> list[bytes | None]:
+        """The committed values of these keys, in their order."""
+        return [await self.get(key) for key in keys]
+
     async def put(self, key: str, value: bytes) -> None:
         """Write a key when the transaction is committed; the last write to a key counts."""
         check_key(key)
@@ -70,6 +76,11 @@ class TransactionStub:
         """Delete a key when the transaction is committed."""
         check_key(key)
         self._write(key, None)
+        self._policies.pop(key, None)
+
+    async def require_endorsement(self, key: str, msp_ids: Sequence[str]) -> None:
+        """Let changes of a key that this transaction has put need peers of all these organisations from then on."""
+        self._policies[key] = key_policy(check_endorsers(key, msp_ids, self._writes))
 
     def range(self, start: str, end: str) -> AsyncIterator[tuple[str, bytes]]:
         """Committed keys from `start` (included) to `end` (excluded) in UTF-8 order; "" leaves a side open."""
@@ -105,6 +116,7 @@ class TransactionStub:
             tuple(Read(namespace, key, version) for key, version in self._reads.items()),
             tuple(cursor.record(namespace) for cursor in self._ranges if cursor.started),
             tuple(Write(namespace, key, value) for key, value in self._writes.items()),
+            tuple(KeyPolicy(namespace, key, policy) for key, policy in self._policies.items()),
         )
 
     def _write(self, key: str, value: bytes | None) -> None:

@@ -2,7 +2,9 @@
 
 As on Fabric there are two answers. A sender that may not write, or an envelope that is none, is refused at Submit.
 Everything else goes into a block with its validation code: a forged write set has no endorsement over it and becomes
-ENDORSEMENT_POLICY_FAILURE there, for all to see. Source: Fabric ``core/common/validation/msgvalidation.go``.
+ENDORSEMENT_POLICY_FAILURE there, for all to see. Whose endorsements hold is found out here; whether they are enough
+depends on the keys that are written, and is decided with the block.
+Source: Fabric ``core/common/validation/msgvalidation.go``.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from wonderland.ledger.transactions import ValidationCode, parse_invocation
 if TYPE_CHECKING:
     from wonderland.ledger.embedded.endorser import Endorser
     from wonderland.ledger.embedded.msp import ChannelMembership
+    from wonderland.ledger.signature_policies import Signer
     from wonderland.ledger.transactions import Invocation
 
 _EMPTY: Final = ReadWriteSet()
@@ -50,11 +53,11 @@ def accept(envelope: Any, endorser: Endorser, membership: ChannelMembership, now
     membership.application_member(sender.creator, now_ms).verify(envelope.payload, envelope.signature)
     time_ms = timestamp_ms(channel.timestamp)
     tx_id: str = channel.tx_id
-    code, rwset = ValidationCode.VALID, endorser.take_prepared(tx_id, envelope.payload)
+    code, rwset, signers = ValidationCode.VALID, endorser.take_prepared(tx_id, envelope.payload), endorser.signers
     if tx_id != transaction_id(sender.nonce, sender.creator):
         code, rwset = ValidationCode.BAD_PROPOSAL_TXID, _EMPTY
     elif rwset is None:
-        code, rwset = _check_content(payload, channel, endorser)
+        code, rwset, signers = _check_content(payload, channel, endorser)
     return Candidate(
         tx_id=tx_id,
         envelope=data,
@@ -63,38 +66,44 @@ def accept(envelope: Any, endorser: Endorser, membership: ChannelMembership, now
         code=int(code),
         config_sequence=membership.sequence,
         rwset=rwset,
+        signers=signers,
     )
 
 
-def _check_content(payload: Any, channel: Any, endorser: Endorser) -> tuple[ValidationCode, ReadWriteSet]:
-    """The validation code that the content deserves before any state is looked at, and its read-write set."""
+def _check_content(
+    payload: Any, channel: Any, endorser: Endorser
+) -> tuple[ValidationCode, ReadWriteSet, tuple[Signer, ...]]:
+    """The validation code before any state is looked at, the read-write set, and who signed it."""
     try:
         invocation = parse_invocation(payload.data)
         action = _decode(transaction_pb2.Transaction, payload.data, "transaction").actions[0]
         expected = proposal_hash(payload.header.channel_header, action.header, invocation.proposal_payload)
         if expected != invocation.proposal_hash or action.header != payload.header.signature_header:
-            return ValidationCode.INVALID_ENDORSER_TRANSACTION, _EMPTY
+            return ValidationCode.INVALID_ENDORSER_TRANSACTION, _EMPTY, ()
         if channel.epoch or not endorser.has_contract(invocation.chaincode):
-            return ValidationCode.INVALID_CHAINCODE, _EMPTY
-        if not _endorsed(invocation, endorser):
-            return ValidationCode.ENDORSEMENT_POLICY_FAILURE, _EMPTY
-        return ValidationCode.VALID, from_accesses(invocation.accesses)
+            return ValidationCode.INVALID_CHAINCODE, _EMPTY, ()
+        signers = _signers(invocation, endorser)
+        if not signers:
+            return ValidationCode.ENDORSEMENT_POLICY_FAILURE, _EMPTY, ()
+        return ValidationCode.VALID, from_accesses(invocation.accesses), signers
     except (BlockError, IdentityError, MalformedRequestError):
-        return ValidationCode.INVALID_ENDORSER_TRANSACTION, _EMPTY
+        return ValidationCode.INVALID_ENDORSER_TRANSACTION, _EMPTY, ()
 
 
-def _endorsed(invocation: Invocation, endorser: Endorser) -> bool:
-    """Whether every one of this ledger's peers signed this very response: the policy is AND over all of them."""
+def _signers(invocation: Invocation, endorser: Endorser) -> tuple[Signer, ...]:
+    """Which of this ledger's peers signed this very response. Nobody else's signature counts."""
     signatures = {each.endorser.creator: each.signature for each in invocation.endorsements}
-    for peer in endorser.peers:
+    found = []
+    for peer, signer in zip(endorser.peers, endorser.signers, strict=True):
         signature = signatures.get(peer.creator)
         if signature is None:
-            return False
+            continue
         try:
             verify(peer.identity.public_key, invocation.response_payload + peer.creator, signature)
         except SignatureError:
-            return False
-    return True
+            continue
+        found.append(signer)
+    return tuple(found)
 
 
 def _decode(message_type: Any, data: bytes, what: str) -> Any:

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Final
 from fabric_protos.common import policies_pb2
 from fabric_protos.peer import policy_pb2
 
-from wonderland.ledger.channel_groups import role_principal, serialise
+from wonderland.ledger.channel_groups import serialise
 from wonderland.ledger.network.errors import DescriptionError
+from wonderland.ledger.signature_policies import role_principal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
