@@ -112,6 +112,7 @@ class Backend:
             agents=agents,
             members=Members(),
             intake=Intake(database, board, clock),
+            source=source,
             instance="",
             epoch=epoch,
             version=__version__,

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from backend.ingest.intake import Intake
     from backend.live.board import Board
     from backend.live.hub import Hub
+    from backend.mirror.source import BlockSource
 
 
 @dataclass
@@ -37,6 +38,8 @@ class Context:
     agents: Agents
     members: Members
     intake: Intake
+    source: BlockSource | None
+    """The ledger itself, for what the mirror does not keep."""
     instance: str
     epoch: str
     version: str

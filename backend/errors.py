@@ -93,6 +93,12 @@ class Forbidden(Problem):
     status, code = HTTPStatus.FORBIDDEN, "forbidden"
 
 
+class LedgerAway(Problem):
+    """The ledger cannot be asked just now."""
+
+    status, code = HTTPStatus.SERVICE_UNAVAILABLE, "ledger-away"
+
+
 class TooManyRequests(Problem):
     """Too many requests; try again later."""
 

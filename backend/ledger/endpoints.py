@@ -10,15 +10,16 @@ from fastapi.responses import Response
 
 from backend.auth.endpoints import SIGNED_IN, person_of
 from backend.context import context_of
-from backend.errors import BadRequest, NotFound, documented
+from backend.errors import BadRequest, LedgerAway, NotFound, documented
 from backend.filters import Paging
-from backend.ledger import queries
+from backend.ledger import contents, queries
 from backend.ledger.schemas import (
     Alive,
     BlockPage,
     LedgerBlockDetail,
     LedgerTransactionDetail,
     Status,
+    TransactionContents,
 )
 from backend.metrics import CONTENT_TYPE, exposition
 from backend.pagination import decode_cursor
@@ -70,6 +71,39 @@ async def read_block(request: Request, number: Annotated[int, Path(ge=0, le=MAX_
             raise NotFound(f"Block {number} is not on the ledger, as far as it was mirrored.")
         items = await queries.transactions_of(database, number)
     return resource(request, queries.shown_block(row) | {"items": items})
+
+
+@router.get(
+    "/blocks/{number}/data",
+    response_class=Response,
+    responses=documented(NotFound, LedgerAway) | {200: {"content": {"application/octet-stream": {}}}},
+)
+async def read_block_data(request: Request, number: Annotated[int, Path(ge=0, le=MAX_BLOCK)]) -> Response:
+    """The block's transactions as bytes: their SHA-256 is the header's `data_hash`. Read from the ledger itself."""
+    context = context_of(request)
+    async with context.database.read() as database:
+        if await queries.block(database, number) is None:
+            raise NotFound(f"Block {number} is not on the ledger, as far as it was mirrored.")
+    block = await contents.fetch_block(context.source, number)
+    headers = {"Cache-Control": "private, max-age=86400, immutable"}
+    return Response(b"".join(block.envelopes), media_type="application/octet-stream", headers=headers)
+
+
+@router.get(
+    "/transactions/{tx_id}/contents", response_model=TransactionContents, responses=documented(NotFound, LedgerAway)
+)
+async def read_transaction_contents(
+    request: Request, tx_id: Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="SHA-256, hexadecimal")]
+) -> Response:
+    """Arguments, reads, writes and endorsements of a transaction, read from the ledger itself."""
+    context = context_of(request)
+    async with context.database.read() as database:
+        found = await queries.transaction(database, tx_id)
+    if found is None:
+        raise NotFound("No transaction with this id is on the ledger, as far as it was mirrored.")
+    row, _ = found
+    block = await contents.fetch_block(context.source, row.block)
+    return resource(request, contents.transaction_contents(block, row.tx_index))
 
 
 @router.get("/transactions/{tx_id}", response_model=LedgerTransactionDetail, responses=documented(NotFound))

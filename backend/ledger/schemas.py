@@ -40,6 +40,113 @@ class LedgerTransactionDetail(LedgerTransaction):
     event_payload: str | None = Field(default=None, description="As the contract set it: canonical JSON")
 
 
+class Value(ApiModel):
+    """Bytes as people can read them: text where they are text, else base64url; cut where they are long."""
+
+    bytes: int = Field(description="Length of the whole")
+    text: str | None = None
+    base64: str | None = None
+
+
+class Signer(ApiModel):
+    """A certificate that signed."""
+
+    msp_id: str
+    name: str
+    certificate_sha256: str
+    problem: str | None = None
+
+
+class Endorser(Signer):
+    """A peer that endorsed, with its signature."""
+
+    signature: str = Field(description="DER, base64url")
+
+
+class Ordered(ApiModel):
+    """An orderer's signature on the block: by identity, or (BFT) by number of consenter."""
+
+    msp_id: str | None = None
+    name: str | None = None
+    certificate_sha256: str | None = None
+    consenter_id: int | None = None
+    problem: str | None = None
+
+
+class KeyRead(ApiModel):
+    """A key that the contract read, and the transaction that had written it."""
+
+    key: str
+    block: int | None = Field(default=None, description="None: the key was not there")
+    tx_index: int | None = None
+
+
+class KeyWrite(ApiModel):
+    """A key that the contract wrote or deleted."""
+
+    key: str
+    value: Value | None = None
+    deleted: bool | None = None
+
+
+class KeyRange(ApiModel):
+    """A range of keys that the contract looked at."""
+
+    start: str
+    end: str
+
+
+class Access(ApiModel):
+    """What the contract read and wrote in one namespace."""
+
+    namespace: str
+    reads: list[KeyRead]
+    writes: list[KeyWrite]
+    range_queries: list[KeyRange]
+
+
+class ContractResponse(ApiModel):
+    """The contract's status and message."""
+
+    status: int
+    message: str
+
+
+class ContractEvent(ApiModel):
+    """The contract's event."""
+
+    name: str
+    payload: Value
+
+
+class ConfigContents(ApiModel):
+    """What a configuration transaction says."""
+
+    sequence: int
+    organisations: list[str]
+
+
+class TransactionContents(ApiModel):
+    """A transaction in full, as the ledger itself has it."""
+
+    tx_id: str
+    block: int
+    tx_index: int
+    envelope_bytes: int
+    ordered_by: list[Ordered]
+    problem: str | None = None
+    chaincode: str | None = None
+    chaincode_version: str | None = None
+    arguments: list[Value] | None = Field(default=None, description="The function's name, then its arguments")
+    response: ContractResponse | None = None
+    result: Value | None = None
+    endorsements: list[Endorser] | None = None
+    proposal_sha256: str | None = None
+    accesses: list[Access] | None = None
+    event: ContractEvent | None = None
+    config: ConfigContents | None = None
+
+
 class LedgerBlock(ApiModel):
     """A block."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from itertools import pairwise
 
@@ -13,6 +14,7 @@ from jsonschema import Draft202012Validator
 from backend.app import new_app, openapi
 from backend.pagination import decode_cursor
 from backend.settings import Settings
+from wonderland.ledger.errors import LedgerError
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -174,6 +176,47 @@ async def test_blocks_and_transactions(running):
     assert decided["creator"]["msp_id"] == "PadMSP"
 
 
+async def test_a_transaction_in_full_comes_from_the_ledger(running):
+    block = await running.json("/blocks/3")
+    decided, refused = (each["tx_id"] for each in block["items"])
+    contents = await running.json(f"/transactions/{decided}/contents")
+    conforms("TransactionContents", contents)
+    function, argument = contents["arguments"]
+    assert function["text"] == "SubmitProof"
+    assert json.loads(argument["text"])
+    assert [each["msp_id"] for each in contents["endorsements"]] == ["AuthorityMSP", "PadMSP"]
+    keys = [write["key"] for access in contents["accesses"] for write in access["writes"]]
+    assert any(key.startswith("verdict/") for key in keys)
+    assert contents["event"]["name"] == "ProofDecided"
+    assert (await running.get(f"/transactions/{refused}/contents")).status_code == 200
+    genesis = (await running.json("/blocks/0"))["items"][0]
+    config = await running.json(f"/transactions/{genesis['tx_id']}/contents") if genesis["tx_id"] else None
+    if config is not None:
+        conforms("TransactionContents", config)
+        assert "PadMSP" in config["config"]["organisations"]
+
+
+async def test_the_bytes_of_a_block_have_the_hash_that_its_header_names(running):
+    for block in (await running.json("/blocks"))["items"]:
+        answer = await running.get(f"/blocks/{block['number']}/data")
+        assert answer.headers["content-type"] == "application/octet-stream"
+        assert hashlib.sha256(answer.content).hexdigest() == block["data_hash"]
+
+
+async def test_a_ledger_that_cannot_be_asked_is_said(running, chain):
+    running.context.source.blocks = _away
+    block = await running.json("/blocks/3")
+    answer = await running.get(f"/transactions/{block['items'][0]['tx_id']}/contents")
+    assert (answer.status_code, answer.json()["type"]) == (503, "urn:wonderland:problem:ledger-away")
+    assert "the peer is gone" in answer.json()["detail"]
+    assert (await running.get("/blocks/3/data")).status_code == 503
+
+
+async def _away(start):
+    raise LedgerError("the peer is gone")
+    yield start
+
+
 async def test_a_refused_duplicate_does_not_hide_the_valid_transaction(running, chain, facts, number):
     duplicate = facts.request("one")
     duplicate.code = 9
@@ -222,6 +265,8 @@ async def test_a_halted_mirror_is_said_and_rest_goes_on(running, chain, tx):
         ("/blocks/999", 404, "not-found"),
         (f"/sessions/{'0' * 64}", 404, "not-found"),
         (f"/transactions/{'0' * 64}", 404, "not-found"),
+        (f"/transactions/{'0' * 64}/contents", 404, "not-found"),
+        ("/blocks/999/data", 404, "not-found"),
         ("/nothing", 404, "not-found"),
         ("/sessions/short", 422, "invalid-request"),
         ("/blocks/-1", 422, "invalid-request"),
