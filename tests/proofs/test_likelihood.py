@@ -25,7 +25,7 @@ def exact(m1, m2, s1, s2, radius):
         return stats.norm.pdf(v, m2, s2) * (stats.norm.cdf((half - m1) / s1) - stats.norm.cdf((-half - m1) / s1))
 
     inner = (m2 + k * s2 for k in (-8, -4, -2, -1, 0, 1, 2, 4, 8))
-    edges = sorted({-radius, radius, *(x for x in inner if -radius < x < radius)})
+    edges = sorted({-radius, radius, *(x for x in inner if abs(x) < (1 - 1e-9) * radius)})
     return sum(integrate.quad(density, a, b, epsabs=1e-11, limit=200)[0] for a, b in itertools.pairwise(edges))
 
 

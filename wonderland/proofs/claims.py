@@ -74,6 +74,23 @@ class ClaimedPath:
                 low = middle + 1
             else:
                 high = middle
+        return self._between(low, t_ms)
+
+    def along(self, times_ms: Sequence[int]) -> list[LocalClaim | None]:
+        """``at`` for times in order, in one pass."""
+        points = self.points
+        last = len(points)
+        places: list[LocalClaim | None] = []
+        low = 0
+        for t_ms in times_ms:
+            while low < last and points[low].t_ms <= t_ms:
+                low += 1
+            places.append(self._between(low, t_ms))
+        return places
+
+    def _between(self, low: int, t_ms: int) -> LocalClaim | None:
+        """The claimed position at a moment, ``low`` being the first point after it."""
+        points = self.points
         before = points[low - 1] if low > 0 else None
         after = points[low] if low < len(points) else None
         if before is not None and after is not None and after.t_ms - before.t_ms <= 2 * MAX_GAP_MS:

@@ -2,7 +2,7 @@
 
 Generalised least squares: each anchor has its own error (σ²/N_eff + bias² + survey²), and all share two, the
 installation's bias and the uncertainty of the claimed height. Only σ²/N_eff shrinks with the number of rounds. Three
-starts (the claim, a linear solution that needs none, and the mirror image of what these find) keep the fix from a wrong
+starts (the claim, a fix that needs none, and the mirror image of what these find) keep the fix from a wrong
 minimum and find the second one that anchors nearly in a line leave open.
 """
 
@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Final
 
+from wonderland.proofs.errors import GeometryError
+from wonderland.proofs.fix import Multilateration
 from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.reduction import CLAIM_CLOCK_SIGMA_MS, AnchorMean, Reduced, distance
 
@@ -26,7 +28,7 @@ _LINES: Final = 8
 """Lines on each side of the middle on which a disc is crossed."""
 _LINE_STEPS: Final = 4
 _REWEIGH_MM: Final = 10.0
-"""After a step longer than this the weights are those of another place: a fix from afar would end beside the best one."""
+"""After a step longer than this the weights are another place's: a fix from afar would end beside the best one."""
 _SINGULAR: Final = 1e-9
 _MAX_STEP_MM: Final = 20_000.0
 
@@ -61,7 +63,7 @@ class _Fix:
 
 def solve(reduced: Reduced) -> Offset | None:
     """The offset that fits the virtual ranges best, or None where the geometry gives none."""
-    fixes = [fix for fix in (_fix(reduced, (0.0, 0.0)), _fix(reduced, _linear_start(reduced))) if fix is not None]
+    fixes = [fix for fix in (_fix(reduced, (0.0, 0.0)), _fix(reduced, _claim_free(reduced))) if fix is not None]
     if not fixes:
         return None
     best = min(fixes, key=lambda fix: fix.chi2)
@@ -267,29 +269,14 @@ def _quadratic(weights: Weights, residuals: Sequence[float]) -> float:
     return max(total, 0.0)
 
 
-def _linear_start(reduced: Reduced) -> tuple[float, float] | None:
-    """Offset from differences of squared ranges: no start needed, so a lie of any size is found."""
-    base = reduced.anchors[0]
-    ee = en = nn = be = bn = 0.0
-    for anchor in reduced.anchors[1:]:
-        a = 2.0 * (anchor.east - base.east)
-        b = 2.0 * (anchor.north - base.north)
-        height = (reduced.up - base.up) * (reduced.up - base.up) - (reduced.up - anchor.up) * (reduced.up - anchor.up)
-        value = base.range_mm * base.range_mm - anchor.range_mm * anchor.range_mm - height
-        value += (
-            anchor.east * anchor.east - base.east * base.east + anchor.north * anchor.north - base.north * base.north
-        )
-        ee += a * a
-        en += a * b
-        nn += b * b
-        be += a * value
-        bn += b * value
-    determinant = ee * nn - en * en
-    if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
+def _claim_free(reduced: Reduced) -> tuple[float, float] | None:
+    """Offset to a fix that needs no start, so that a lie of any size is found; None for anchors in a line."""
+    try:
+        geometry = Multilateration([(anchor.east, anchor.north, anchor.up) for anchor in reduced.anchors])
+    except GeometryError:
         return None
-    x = (nn * be - en * bn) / determinant
-    y = (ee * bn - en * be) / determinant
-    return x - reduced.east, y - reduced.north
+    found = geometry.fix([anchor.range_mm for anchor in reduced.anchors], reduced.up)
+    return None if found is None else (found[0] - reduced.east, found[1] - reduced.north)
 
 
 def _mirrored(reduced: Reduced, fix: _Fix) -> tuple[float, float]:

@@ -85,7 +85,7 @@ def bias_at(anchor: Anchor, range_mm: float) -> tuple[float, float]:
 
 def reduce(rounds: UsableRounds, commissioning: Commissioning, path: ClaimedPath) -> Reduced | None:
     """Means over the rounds, or None where fewer than three anchors are left."""
-    claimed = [path.at(t_ms) for t_ms in rounds.t_ms]
+    claimed = path.along(rounds.t_ms)
     present = [point for point in claimed if point is not None]
     if not present:
         return None
@@ -162,12 +162,16 @@ def distance(x: float, y: float, z: float) -> float:
 def _residuals(anchor: Anchor, column: Sequence[int], claimed: Sequence[LocalClaim | None]) -> list[float]:
     """Measured, corrected, minus claimed: for each round that has both."""
     residuals = []
+    anchor_east, anchor_north, anchor_up = float(anchor.east_mm), float(anchor.north_mm), float(anchor.up_mm)
+    biases: dict[int, float] = {}  # ranges are whole centimetres and repeat
     for value, point in zip(column, claimed, strict=True):
         if value == NO_RANGE or point is None:
             continue
-        bias, _ = bias_at(anchor, float(value))
-        expected = distance(point.east - anchor.east_mm, point.north - anchor.north_mm, point.up - anchor.up_mm)
-        residuals.append(value - bias - expected)
+        bias = biases.get(value)
+        if bias is None:
+            bias = biases[value] = bias_at(anchor, float(value))[0]
+        x, y, z = point.east - anchor_east, point.north - anchor_north, point.up - anchor_up
+        residuals.append(value - bias - sqrt(x * x + y * y + z * z))
     return residuals
 
 
