@@ -21,6 +21,7 @@ from chaincode.service.settings import Limits, check_listen, check_package_id
 from chaincode.service.tls import Tls
 from wonderland.ledger.embedded.contracts import load_contract
 from wonderland.ledger.errors import LedgerError
+from wonderland.ledger.files import read_bounded
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,7 +55,8 @@ def chaincode() -> None:
 
 
 @chaincode.command()
-@click.option("--package-id", envvar="CHAINCODE_ID", required=True, metavar="LABEL:HASH", help="As installing it said.")
+@click.option("--package-id", envvar="CHAINCODE_ID", metavar="LABEL:HASH", help="As installing it said.")
+@click.option("--package-id-file", type=_file, help="A file with it, as `wonderland network certify` writes one.")
 @click.option(
     "--listen", envvar="CHAINCODE_SERVER_ADDRESS", required=True, metavar="HOST:PORT", help="0 takes a free port."
 )
@@ -85,7 +87,8 @@ def chaincode() -> None:
 @click.option("--json", "as_json", is_flag=True, help="Say by one JSON line on standard output that it serves.")
 def serve(
     *,
-    package_id: str,
+    package_id: str | None,
+    package_id_file: Path | None,
     listen: str,
     name: str,
     tls_cert: Path | None,
@@ -108,7 +111,7 @@ def serve(
     contract = load_contract(name)
     server = ContractServer(
         contract,
-        check_package_id(package_id),
+        check_package_id(_package_id(package_id, package_id_file)),
         tls,
         Limits(drain_s=drain_s, time_window_s=time_window_s),
         Metrics(getattr(contract, "functions", ())),
@@ -152,6 +155,14 @@ async def _serve(
     finally:
         await server.stop()
         await watched.stop()
+
+
+def _package_id(given: str | None, file: Path | None) -> str:
+    if file is not None and given is None:
+        return read_bounded(file, SettingsError, "package id", 4096).decode(errors="replace").strip()
+    if given is None or file is not None:
+        raise SettingsError("say the package's id by one of --package-id (or CHAINCODE_ID) and --package-id-file")
+    return given
 
 
 def _tls(certificate: Path | None, key: Path | None, client_ca: Path | None) -> Tls | None:

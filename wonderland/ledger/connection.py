@@ -130,7 +130,7 @@ class Connection:
 
     def identity(self, name: str) -> Identity:
         """The named identity, its certificate read now. Raises `ConnectionFileError`."""
-        files = self._files(name)
+        files = self.files(name)
         try:
             return Identity.from_file(files.msp_id, files.certificate)
         except LedgerError as cause:
@@ -138,7 +138,7 @@ class Connection:
 
     def signer(self, name: str) -> Signer:
         """A signer with the named identity's key file. Raises `ConnectionFileError`."""
-        files = self._files(name)
+        files = self.files(name)
         try:
             return key_file_signer(files.key)
         except LedgerError as cause:
@@ -157,7 +157,8 @@ class Connection:
         credentials = grpc.ssl_channel_credentials(root_certificates=roots)
         return grpc.aio.secure_channel(self.gateway.address, credentials, options=list(ours.items()))
 
-    def _files(self, name: str) -> IdentityFiles:
+    def files(self, name: str) -> IdentityFiles:
+        """The named identity's files. Raises `ConnectionFileError`."""
         try:
             return self.identities[name]
         except KeyError:

@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
     from wonderland.ledger.identity import SigningIdentity
     from wonderland.ledger.network.description import Certificates
+    from wonderland.ledger.network.hosts import Hosts
 
 _SECRET_BYTES: Final = 24
 _SETTINGS: Final = "fabric-ca-server-config.yaml"
-LOCAL_HOSTS: Final = ("localhost", "127.0.0.1")
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Authority:
         self,
         directory: OrganisationDirectory,
         ports: tuple[int, int],
-        host: str,
+        hosts: Hosts,
         issue: Certificates,
         *,
         now: Callable[[], dt.datetime] = lambda: dt.datetime.now(dt.UTC),
@@ -73,7 +73,8 @@ class Authority:
         self.msp_id: Final = directory.msp_id
         self.component: Final = f"{directory.msp_id}.ca"
         self._port, self._operations_port = ports
-        self._host = host
+        self._hosts = hosts
+        self._host = hosts.of(directory.msp_id, "ca")
         self._issue = issue
         self._now = now
         self._random_bytes = random_bytes
@@ -81,10 +82,14 @@ class Authority:
         self._ca: FabricCaClient | None = None
         self._tls_ca: FabricCaClient | None = None
 
+    def hosts(self, name: str) -> tuple[str, ...]:
+        """Names and addresses that a TLS certificate of that name is for."""
+        return self._hosts.names(self.msp_id, name)
+
     @property
-    def hosts(self) -> tuple[str, ...]:
-        """Names and addresses that TLS certificates are for."""
-        return tuple(dict.fromkeys((self._host, *LOCAL_HOSTS)))
+    def address(self) -> str:
+        """``host:port`` at which it is found."""
+        return f"{self._host}:{self._port}"
 
     def launch(self, binary: Path) -> Launch:
         """How its server is started; its settings are written by `configure`."""
@@ -101,12 +106,12 @@ class Authority:
         second = home / settings.TLS_CA_DIRECTORY
         certificates.make_private(second)
         place = settings.CaPlace(
-            self._host,
+            self._hosts.bind,
             self._port,
             self._operations_port,
             REGISTRAR,
             self._registrar_secret() or self._secret(),
-            self.hosts,
+            self.hosts("ca"),
         )
         tls_file = second / _SETTINGS
         instance = settings.ca_instance(self.msp_id, settings.tls_ca_name(self.msp_id), place, self._issue)
@@ -119,6 +124,13 @@ class Authority:
         if processes.pid(self.component) is None:
             processes.start(launch)
         await processes.wait_ready(launch)
+        self.keep_roots()
+
+    def keep_roots(self) -> None:
+        """Keep the roots of a server that has started, or see that they are the same.
+
+        Raises `DirectoryStateError`, `CertificateStateError`.
+        """
         for source, target in (
             (self.directory.ca_home, self.directory.root),
             (self.directory.ca_home / settings.TLS_CA_DIRECTORY, self.directory.tls_root),
@@ -133,11 +145,12 @@ class Authority:
                 )
 
     async def __aenter__(self) -> Self:
-        address = f"{self._host}:{self._port}"
         root = read_bounded(self.directory.root, DirectoryStateError, f"{self.msp_id}: root certificate")
-        self._ca = await self._clients.enter_async_context(FabricCaClient(address, settings.ca_name(self.msp_id), root))
+        self._ca = await self._clients.enter_async_context(
+            FabricCaClient(self.address, settings.ca_name(self.msp_id), root)
+        )
         self._tls_ca = await self._clients.enter_async_context(
-            FabricCaClient(address, settings.tls_ca_name(self.msp_id), root)
+            FabricCaClient(self.address, settings.tls_ca_name(self.msp_id), root)
         )
         return self
 
@@ -190,7 +203,12 @@ class Authority:
         """A new key and TLS certificate, whatever there is. Raises `CaError`."""
         registrar = await self._registrar(self.tls_ca, self.directory.tls_identity(REGISTRAR))
         await self._enrol(
-            self.tls_ca, registrar, Certified(name, node_ou, {}), paths, profile=settings.TLS_PROFILE, hosts=self.hosts
+            self.tls_ca,
+            registrar,
+            Certified(name, node_ou, {}),
+            paths,
+            profile=settings.TLS_PROFILE,
+            hosts=self.hosts(name),
         )
 
     async def renew(self, name: str, paths: IdentityPaths, *, keep_key: bool = False) -> None:
@@ -201,7 +219,9 @@ class Authority:
         """A new TLS certificate for a name that was enrolled before. Raises `CaError`."""
         registrar = await self._registrar(self.tls_ca, self.directory.tls_identity(REGISTRAR))
         profile = settings.TLS_PROFILE
-        await self._renew(self.tls_ca, registrar, name, paths, keep_key=keep_key, profile=profile, hosts=self.hosts)
+        await self._renew(
+            self.tls_ca, registrar, name, paths, keep_key=keep_key, profile=profile, hosts=self.hosts(name)
+        )
 
     async def renew_registrars(self) -> None:
         """New certificates for who registers identities. Raises `CaError`."""

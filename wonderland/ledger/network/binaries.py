@@ -38,6 +38,10 @@ class Binaries:
     versions: Mapping[str, str]
 
 
+BY_NAME: Final = Binaries(Path("peer"), Path("orderer"), Path("fabric-ca-server"), {})
+"""The servers as Fabric's images have them: on PATH."""
+
+
 def find(environment: Mapping[str, str] | None = None) -> dict[str, Path]:
     """The servers' files, not yet run. Raises `BinaryError`, naming all that are missing and where to get them."""
     environment = os.environ if environment is None else environment

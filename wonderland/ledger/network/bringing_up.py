@@ -22,9 +22,10 @@ from wonderland.ledger.network.contract import SLOTS, InstalledContract, build_p
 from wonderland.ledger.network.description import NetworkDescription
 from wonderland.ledger.network.errors import ComponentError, DirectoryStateError, NetworkError, UnreachableError
 from wonderland.ledger.network.genesis import ChannelPlan, first_block
+from wonderland.ledger.network.hosts import CONTRACT
 from wonderland.ledger.network.layout import MSP_ADMIN, NetworkDirectory
 from wonderland.ledger.network.leadership import wait_leader
-from wonderland.ledger.network.network import CONTRACT, Member, Network
+from wonderland.ledger.network.network import Member, Network
 
 if TYPE_CHECKING:
     from wonderland.ledger.network.authorities import Authority
@@ -69,6 +70,12 @@ async def bring_up(network: Network, binaries: Binaries, report: Report) -> None
     await BringUp(network, binaries, report).run()
 
 
+def prepare(network: Network) -> None:
+    """What CAs that run elsewhere need to start: their settings, with a new secret. Raises `LedgerError`."""
+    for msp_id in network.msp_ids:
+        network.authority(msp_id).configure()
+
+
 class BringUp:
     """The steps, for one network."""
 
@@ -79,8 +86,9 @@ class BringUp:
         self._processes = network.processes
 
     async def run(self) -> None:
-        """All of them, in order."""
+        """All of them, in order, the servers being ours to start."""
         network = self._network
+        network.require_here()
         network.write_builder()
         contract = installed_contract(network.description.contract.package)
         agreement = load_agreement(network.directory.contract_file)
@@ -102,6 +110,55 @@ class BringUp:
             connections.write_first(network)
             await wait_leader(network)
             await self._agree(peers, contract, agreement)
+
+    async def certify(self) -> None:
+        """Whatever servers elsewhere need to start, by CAs that run: certificates, settings, the channel's block."""
+        network = self._network
+        contract = installed_contract(network.description.contract.package)
+        async with AsyncExitStack() as stack:
+            self._report("certificates", "waiting for the organisations' CAs")
+            authorities = await together(self.organisation(msp_id, stack) for msp_id in network.msp_ids)
+            self._block()
+            await together(self.identities(authority) for authority in authorities)
+        connections.write_first(network)
+        await self._contract_servers(contract, SLOTS[0])
+
+    async def join(self, *, agree: bool = False) -> None:
+        """Servers that run elsewhere on the channel, and the contract agreed on.
+
+        `agree`: also on an installed contract that differs from the one that was agreed on.
+        """
+        network = self._network
+        contract = installed_contract(network.description.contract.package)
+        agreement = load_agreement(network.directory.contract_file)
+        block = self._block()
+        async with AsyncExitStack() as stack:
+            peers = await network.peer_admins(stack)
+            self._report("channel", f"joining {network.channel}")
+            await together(
+                [
+                    *(self._join_orderer(member, block) for member in network.orderers),
+                    *(self.join_peer(member, peer, block) for member, peer in zip(network.peers, peers, strict=True)),
+                ]
+            )
+            await wait_leader(network)
+            if agree and agreement is not None and not agreement.fits(contract):
+                agreement = await self._agree_anew(peers, contract, agreement)
+            await self._agree(peers, contract, agreement)
+
+    async def _agree_anew(self, peers: list[PeerAdmin], contract: InstalledContract, former: Agreement) -> Agreement:
+        """The installed contract in the place of the former one; in the same slot, so that there is a short gap."""
+        network = self._network
+        described = network.description.contract
+        package = build_package(described.name, contract, former.slot)
+        sequence = former.sequence + 1
+        self._report("contract", f"agreeing on {described.name} {contract.version}, sequence {sequence}")
+        wanted = lifecycle.Definition(
+            described.name, sequence, contract.version, described.policy.validation_parameter()
+        )
+        await lifecycle.agree(network, peers, wanted, package)
+        await together(lifecycle.wait_definition(peer, network.channel, described.name, sequence) for peer in peers)
+        return Agreement(sequence, contract.version, contract.sha256, package.slot, package.package_id)
 
     async def organisation(self, msp_id: str, stack: AsyncExitStack) -> Authority:
         """Its CA, what its servers need of it, and those servers started."""
@@ -132,9 +189,13 @@ class BringUp:
     async def _start(self, authority: Authority, member: Member, kind: str) -> None:
         await authority.ensure_node(member.name, kind)
         if kind == "orderer":
+            self._network.configure_orderer(member)
             launch = self._network.launch_orderer(member, self._binaries)
         else:
+            self._network.configure_peer(member)
             launch = self._network.launch_peer(member, self._binaries)
+        if self._network.hosts.each:
+            return
         self._begin(launch)
         await self._processes.wait_ready(launch)
         self._report(f"{kind}s", f"{member.component} runs")
@@ -190,7 +251,8 @@ class BringUp:
     async def _contract_servers(self, contract: InstalledContract, slot: str) -> None:
         package = build_package(self._network.description.contract.name, contract, slot)
         for msp_id in self._network.endorsers:
-            self._begin(self._network.launch_contract(msp_id, package))
+            self._network.configure_contract(msp_id, package)
+            self._begin(self._network.launch_contract(msp_id, slot))
 
     async def _agree(self, peers: list[PeerAdmin], contract: InstalledContract, agreement: Agreement | None) -> None:
         """The contract installed, approved and committed; its servers reached."""
@@ -209,8 +271,7 @@ class BringUp:
             await self._contract_servers(contract, agreement.slot)
         save_agreement(network.directory.contract_file, agreement)
         for msp_id in network.endorsers:
-            launch = network.launch_contract(msp_id, build_package(described.name, contract, agreement.slot))
-            await self._processes.wait_ready(launch)
+            await self._processes.wait_ready(network.launch_contract(msp_id, agreement.slot))
         self._report("contract", "waiting until every organisation that must endorse is reached")
         authority = peers[0].msp_id
         inspector = signing_identity(authority, network.directory.organisation(authority).identity("inspector"))
@@ -239,6 +300,8 @@ class BringUp:
             self._processes.start(launch)
 
     def _require_free(self, launches: list[Launch]) -> None:
+        if self._network.hosts.each:
+            return
         for launch in launches:
             if self._processes.pid(launch.name) is None:
                 for host, port in launch.listens:
@@ -267,5 +330,5 @@ def describe_organisation(network: Network, msp_id: str) -> OrganisationDescript
         root,
         tls_root,
         endpoints=tuple(network.address(member) for member in orderers),
-        anchor_peers=tuple((network.description.host, network.port(member)) for member in peers[:1]),
+        anchor_peers=tuple((network.hosts.of(msp_id, member.name), network.port(member)) for member in peers[:1]),
     )

@@ -9,7 +9,7 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import click
 from rich.console import Console
@@ -18,30 +18,23 @@ from rich.table import Table
 from wonderland.ledger.embedded.organisations import ROLES
 from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.network import binaries as servers
-from wonderland.ledger.network import bringing_up, enrolment, expansion, renewal, revocations, taking_down, upgrading
+from wonderland.ledger.network import (
+    bringing_up,
+    elsewhere_commands,
+    enrolment,
+    expansion,
+    renewal,
+    revocations,
+    taking_down,
+    upgrading,
+)
+from wonderland.ledger.network.console import dir_option, json_option, open_at, progress
 from wonderland.ledger.network.description import NetworkDescription, Organisation
 from wonderland.ledger.network.layout import NetworkDirectory
 from wonderland.ledger.network.status import NetworkStatus, network_status
 from wonderland.proofs.errors import RecordError
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from wonderland.ledger.network.bringing_up import Report
-    from wonderland.ledger.network.network import Network
-
-DEFAULT_DIRECTORY: Final = "wonderland-network"
 _FOLLOW_S: Final = 0.3
-
-_dir = click.option(
-    "--dir",
-    "directory",
-    default=DEFAULT_DIRECTORY,
-    show_default=True,
-    type=click.Path(file_okay=False, path_type=Path),
-    help="The network's directory.",
-)
-_json = click.option("--json", "as_json", is_flag=True, help="Answer with one JSON document.")
 
 
 class _Group(click.Group):
@@ -69,8 +62,12 @@ def network() -> None:
     """  # noqa: D301 - \b is click's mark for "do not wrap"
 
 
+for each in elsewhere_commands.COMMANDS:
+    network.add_command(each)
+
+
 @network.command()
-@_dir
+@dir_option
 @click.option(
     "--file",
     "file",
@@ -79,7 +76,7 @@ def network() -> None:
 )
 @click.option("--consensus", type=click.Choice(["raft", "bft"]), help="How the orderers agree (first time).")
 @click.option("--orderers", type=click.IntRange(1, 20), help="How many orderers (first time).")
-@_json
+@json_option
 def up(*, directory: Path, file: Path | None, consensus: str | None, orderers: int | None, as_json: bool) -> None:
     """Bring the network up, from nothing or from wherever it stopped. It goes on running when this command ends."""
     begin = time.monotonic()
@@ -89,7 +86,7 @@ def up(*, directory: Path, file: Path | None, consensus: str | None, orderers: i
     servers.find()  # before anything is written
     places = NetworkDirectory(directory)
     places.prepare()
-    with places.lock(), _progress(quiet=as_json) as report:
+    with places.lock(), progress(quiet=as_json) as report:
         made = bringing_up.new_network(places, description)
 
         async def run() -> None:
@@ -122,14 +119,14 @@ def up(*, directory: Path, file: Path | None, consensus: str | None, orderers: i
 
 
 @network.command()
-@_dir
-@_json
+@dir_option
+@json_option
 def status(*, directory: Path, as_json: bool) -> None:
     """Say what runs, how high the chain is, who leads, which contract, and which certificates end soon.
 
     Exit code 0 when everything runs and answers, 3 otherwise.
     """
-    found = asyncio.run(network_status(_open(directory)))
+    found = asyncio.run(network_status(open_at(directory)))
     if as_json:
         click.echo(json.dumps(found.as_json()))
     else:
@@ -140,12 +137,12 @@ def status(*, directory: Path, as_json: bool) -> None:
 
 @network.command()
 @click.argument("component", required=False)
-@_dir
+@dir_option
 @click.option("-n", "--lines", default=20, show_default=True, type=click.IntRange(1, 100_000), help="How many lines.")
 @click.option("-f", "--follow", is_flag=True, help="Go on showing what is added (one component).")
 def logs(*, component: str | None, directory: Path, lines: int, follow: bool) -> None:
     """Show the end of what COMPONENT wrote (PadMSP.peer0, OrdererMSP.orderer0, PadMSP.ca, …), or of all."""
-    processes = _open(directory).processes
+    processes = open_at(directory).processes
     names = processes.names()
     if component is None:
         for name in names:
@@ -161,24 +158,24 @@ def logs(*, component: str | None, directory: Path, lines: int, follow: bool) ->
 
 
 @network.command()
-@_dir
+@dir_option
 def down(*, directory: Path) -> None:
     """Stop everything. The ledgers stay; `up` goes on from there."""
-    made = _open(directory)
-    with made.directory.lock(), _progress() as report:
+    made = open_at(directory)
+    with made.directory.lock(), progress() as report:
         asyncio.run(taking_down.take_down(made, report))
     click.echo("The network is down.")
 
 
 @network.command()
-@_dir
+@dir_option
 @click.option("--yes", is_flag=True, help="Do not ask.")
 def destroy(*, directory: Path, yes: bool) -> None:
     """Stop everything and remove it: keys, certificates and ledgers. This cannot be undone."""
-    made = _open(directory)
+    made = open_at(directory)
     if not yes:
         click.confirm(f"Remove all keys, certificates and ledgers in {made.directory.path}?", abort=True)
-    with made.directory.lock(), _progress() as report:
+    with made.directory.lock(), progress() as report:
         asyncio.run(taking_down.take_down(made, report))
         taking_down.destroy(made)
     click.echo(f"{made.directory.path} is gone.")
@@ -186,14 +183,14 @@ def destroy(*, directory: Path, yes: bool) -> None:
 
 @network.command()
 @click.argument("name")
-@_dir
+@dir_option
 @click.option("--role", required=True, type=click.Choice(tuple(ROLES)), help="What it may do (pol.role).")
 @click.option("--id", "pol_id", default="", help="Registry id of the pad or drone (pol.id); the name unless given.")
 @click.option("--org", "msp_id", help="The organisation, where several of its kind give out the role.")
-@_json
+@json_option
 def enrol(*, name: str, directory: Path, role: str, pol_id: str, msp_id: str | None, as_json: bool) -> None:
     """Give NAME a key and a certificate, and add it to the connection files."""
-    made = _open(directory)
+    made = open_at(directory)
     request = enrolment.Request(name, role, pol_id or name, msp_id)
     with made.directory.lock():
         (enrolled,) = asyncio.run(enrolment.enrol(made, [request]))
@@ -207,17 +204,17 @@ def enrol(*, name: str, directory: Path, role: str, pol_id: str, msp_id: str | N
 
 @network.command()
 @click.argument("name", required=False)
-@_dir
+@dir_option
 @click.option("--serial", default="", help="Revoke this one certificate (hexadecimal serial number), not a whole name.")
 @click.option("--crl", type=click.Path(dir_okay=False, exists=True, path_type=Path), help="A list that the CA made.")
 @click.option("--org", "msp_id", help="The organisation; needed only where the name does not tell.")
 @click.option("--reason", default="unspecified", show_default=True, help="Reason code of RFC 5280, e.g. keyCompromise.")
-@_json
+@json_option
 def revoke(
     *, name: str | None, directory: Path, serial: str, crl: Path | None, msp_id: str | None, reason: str, as_json: bool
 ) -> None:
     """Revoke all certificates of NAME, at its CA and on the channel. It can never enrol under that name again."""
-    made = _open(directory)
+    made = open_at(directory)
     if sum((name is not None, bool(serial), crl is not None)) != 1:
         raise click.UsageError("say one of: a name, --serial, --crl")
     home = msp_id or (made.home_of(name) if name is not None else None)
@@ -239,13 +236,13 @@ def revoke(
 
 
 @network.command()
-@_dir
+@dir_option
 @click.option("--endorsement", metavar="POLICY", help="Agree on this policy, too: AND('AuthorityMSP.peer', …).")
-@_json
+@json_option
 def upgrade(*, directory: Path, endorsement: str | None, as_json: bool) -> None:
     """Have every organisation agree on the contract that is installed now, while the former one runs on."""
-    made = _open(directory)
-    with made.directory.lock(), _progress(quiet=as_json) as report:
+    made = open_at(directory)
+    with made.directory.lock(), progress(quiet=as_json) as report:
         _, done = asyncio.run(upgrading.upgrade(made, report, endorsement=endorsement))
     if as_json:
         click.echo(json.dumps(done.as_json()))
@@ -256,11 +253,11 @@ def upgrade(*, directory: Path, endorsement: str | None, as_json: bool) -> None:
 
 @network.command("add-org")
 @click.argument("msp_id")
-@_dir
+@dir_option
 @click.option("--kind", required=True, type=click.Choice(["pads", "fleet"]), help="What it does.")
 @click.option("--peers", default=1, show_default=True, type=click.IntRange(1, 20), help="How many peers it runs.")
 @click.option("--endorsement", metavar="POLICY", help="Have it endorse: the policy that names it.")
-@_json
+@json_option
 def add_org(*, msp_id: str, directory: Path, kind: str, peers: int, endorsement: str | None, as_json: bool) -> None:
     """Have another organisation join the running channel, with its own CA and peers.
 
@@ -269,12 +266,12 @@ def add_org(*, msp_id: str, directory: Path, kind: str, peers: int, endorsement:
       wonderland network add-org Pad2MSP --kind pads --endorsement POLICY
     where POLICY is "AND('AuthorityMSP.peer', OR('PadMSP.peer', 'Pad2MSP.peer'))"
     """  # noqa: D301 - \b is click's mark for "do not wrap"
-    made = _open(directory)
+    made = open_at(directory)
     try:
         organisation = Organisation.parse({"msp_id": msp_id, "kind": kind, "peers": peers})
     except RecordError as error:
         raise click.ClickException(str(error)) from error
-    with made.directory.lock(), _progress(quiet=as_json) as report:
+    with made.directory.lock(), progress(quiet=as_json) as report:
 
         async def run() -> expansion.Joined:
             return await expansion.add_organisation(
@@ -295,7 +292,7 @@ def add_org(*, msp_id: str, directory: Path, kind: str, peers: int, endorsement:
 
 @network.command()
 @click.argument("name", required=False, default="")
-@_dir
+@dir_option
 @click.option("--org", "msp_id", help="Only this organisation's.")
 @click.option(
     "--days",
@@ -305,12 +302,12 @@ def add_org(*, msp_id: str, directory: Path, kind: str, peers: int, endorsement:
     help="Those that end within so many days.",
 )
 @click.option("--all", "everything", is_flag=True, help="All of them, however long they would hold.")
-@_json
+@json_option
 def renew(*, name: str, directory: Path, msp_id: str | None, days: int, everything: bool, as_json: bool) -> None:
     """Renew the certificates that end soon, or those of NAME; servers are restarted one at a time."""
-    made = _open(directory)
+    made = open_at(directory)
     wanted = renewal.Wanted(days, everything, name)
-    with made.directory.lock(), _progress(quiet=as_json) as report:
+    with made.directory.lock(), progress(quiet=as_json) as report:
 
         async def run() -> list[str]:
             return await renewal.renew(made, await servers.check(), wanted, report, msp_id=msp_id)
@@ -320,29 +317,6 @@ def renew(*, name: str, directory: Path, msp_id: str | None, days: int, everythi
         click.echo(json.dumps({"renewed": done}))
         return
     click.echo(f"{len(done)} certificates renewed" if done else "nothing to renew")
-
-
-def _open(directory: Path) -> Network:
-    return bringing_up.open_network(NetworkDirectory(directory))
-
-
-@contextlib.contextmanager
-def _progress(*, quiet: bool = False) -> Iterator[Report]:
-    """Lines as things get done, and on a terminal a spinner with what goes on."""
-    if quiet:
-        yield lambda _step, _text: None
-        return
-    console = Console(stderr=True)
-    begin = time.monotonic()
-    with console.status("…") as spinner:
-
-        def report(step: str, text: str) -> None:
-            console.print(
-                f"[dim]{time.monotonic() - begin:5.1f} s[/dim]  {step:<13} {text}", highlight=False, soft_wrap=True
-            )
-            spinner.update(f"{step} …")
-
-        yield report
 
 
 def _show(found: NetworkStatus) -> None:
@@ -356,7 +330,7 @@ def _show(found: NetworkStatus) -> None:
         )
         table.add_row(
             each.name,
-            "[red]down[/red]" if each.pid is None else str(each.pid),
+            "elsewhere" if found.elsewhere else "[red]down[/red]" if each.pid is None else str(each.pid),
             each.address,
             "" if each.height is None else str(each.height),
             f"[red]{state}[/red]" if each.trouble else state,

@@ -80,12 +80,13 @@ def remove(network: Network, msp_id: str, name: str) -> None:
 
 
 def _connection(network: Network, msp_id: str, identities: dict[str, IdentityFiles]) -> Connection:
-    host = network.description.host
+    first = network.first_peer(msp_id)
+    host = network.hosts.of(msp_id, first.name)
     return Connection(
         channel=network.channel,
         chaincode=network.description.contract.name,
         gateway=GatewayAddress(
-            network.address(network.first_peer(msp_id)),
+            network.address(first),
             network.directory.organisation(msp_id).tls_root,
             "localhost" if host in {"127.0.0.1", "::1"} else host,
         ),

@@ -18,6 +18,8 @@ from wonderland.proofs.records.schema import Choice, Described, Integer, Items, 
 MSP_ID: Final = r"[A-Za-z][A-Za-z0-9.-]{0,62}"
 CHANNEL_NAME: Final = r"[a-z][a-z0-9.-]{0,248}"
 KINDS: Final = ("authority", "pads", "fleet")
+ONE: Final = "one"
+EACH: Final = "each"
 MAX_YAML_BYTES: Final = 1 << 20
 BFT_MINIMUM: Final = 4
 
@@ -114,11 +116,28 @@ class NetworkDescription(Record):
         ContractDescription()
     )
     certificates: Annotated[Certificates, Described("What the organisations' CAs issue")] = Certificates()
+    hosts: Annotated[
+        str,
+        Choice(
+            (ONE, EACH),
+            "one: everything is on this machine, at host; each: every component has a host of its own, named like "
+            "peer0.padmsp, and something else runs it (containers, system services)",
+        ),
+    ] = ONE
     host: Annotated[
-        str, Text(253, r"[A-Za-z0-9]([A-Za-z0-9.:-]*[A-Za-z0-9])?", "Address at which all components listen", 1)
+        str,
+        Text(
+            253,
+            r"[A-Za-z0-9]([A-Za-z0-9.:-]*[A-Za-z0-9])?",
+            "Address at which all components listen, where hosts is one",
+            1,
+        ),
     ] = "127.0.0.1"
     first_port: Annotated[
-        int, Integer(0, 60_000, "Ports are counted up from here; 0 chooses free ones once and keeps them")
+        int,
+        Integer(
+            0, 60_000, "Ports are counted up from here, where hosts is one; 0 chooses free ones once and keeps them"
+        ),
     ] = 0
 
     def validate(self, path: str) -> None:
@@ -188,6 +207,10 @@ class NetworkDescription(Record):
         )
         return self._checked(replace(self, ordering=changed))
 
+    def with_hosts(self, hosts: str) -> Self:
+        """The same network on one host, or with each component on its own. Raises `DescriptionError`."""
+        return self._checked(replace(self, hosts=hosts))
+
     def with_endorsement(self, endorsement: str) -> Self:
         """The same network with another endorsement policy. Raises `DescriptionError`."""
         return self._checked(replace(self, contract=replace(self.contract, endorsement=endorsement)))
@@ -238,6 +261,8 @@ class _Loader(yaml.SafeLoader):
 
 
 __all__ = [
+    "EACH",
+    "ONE",
     "Certificates",
     "ContractDescription",
     "NetworkDescription",

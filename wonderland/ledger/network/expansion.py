@@ -57,6 +57,7 @@ async def add_organisation(
     if endorsement is not None:
         network.description.with_endorsement(endorsement)  # whether it makes sense, before anything is started
     steps = BringUp(network, binaries, report)
+    network.require_here()
     async with AsyncExitStack() as stack:
         report("certificates", f"starting {organisation.msp_id}'s CA")
         authority = await steps.organisation(organisation.msp_id, stack)

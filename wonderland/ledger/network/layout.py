@@ -79,6 +79,15 @@ class NodeDirectory:
         """Its ledger."""
         return self.path / "data"
 
+    @property
+    def builder_file(self) -> Path:
+        """What a peer's builder of contract servers has to know."""
+        return self.path / "builder.json"
+
+    def package_file(self, slot: str) -> Path:
+        """Which package a contract server serves."""
+        return self.path / f"package-{slot}"
+
 
 @dataclass(frozen=True)
 class OrganisationDirectory:

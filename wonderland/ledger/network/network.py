@@ -1,4 +1,4 @@
-"""One network on this machine: its directory, who listens where, and how each component is started and reached."""
+"""One network: its directory, who listens where, and how each component is configured, started and reached."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ from wonderland.ledger.network.agreement import load_agreement
 from wonderland.ledger.network.authorities import Authority
 from wonderland.ledger.network.certificates import make_private, signing_identity
 from wonderland.ledger.network.contract import SLOTS
+from wonderland.ledger.network.elsewhere import Elsewhere
 from wonderland.ledger.network.errors import DirectoryStateError
 from wonderland.ledger.network.genesis import Consenter
+from wonderland.ledger.network.hosts import CONTRACT, Hosts
 from wonderland.ledger.network.layout import MSP_ADMIN, NetworkDirectory, NodeDirectory
 from wonderland.ledger.network.orderers import Broadcast, OrdererAdmin
 from wonderland.ledger.network.peers import PeerAdmin
@@ -33,7 +35,6 @@ if TYPE_CHECKING:
     from wonderland.ledger.network.contract import ContractPackage
     from wonderland.ledger.network.description import NetworkDescription, Organisation
 
-CONTRACT: Final = "contract"
 _EXECUTABLE: Final = 0o755
 
 
@@ -66,7 +67,10 @@ class Network:
         self.directory: Final = directory
         self.description: Final = description
         self.ports: Final = listening
-        self.processes: Final = ProcessTable(directory.run, directory.logs)
+        self.hosts: Final = Hosts(description)
+        self.processes: Final[ProcessTable] = (Elsewhere if self.hosts.each else ProcessTable)(
+            directory.run, directory.logs
+        )
         self.now: Final = now
         self.random_bytes: Final = random_bytes
 
@@ -74,6 +78,14 @@ class Network:
         """The same network as it will be; ports for what is new are chosen. Nothing else is written."""
         listening = ports.allot(self.directory.ports_file, description, self.random_bytes)
         return Network(self.directory, description, listening, now=self.now, random_bytes=self.random_bytes)
+
+    def require_here(self) -> None:
+        """Raise `DirectoryStateError` when something else runs the servers."""
+        if self.hosts.each:
+            raise DirectoryStateError(
+                "the servers of this network have hosts of their own (hosts: each), and something else starts and "
+                "stops them. Next: see docs/operate/containers.md for what to do there"
+            )
 
     @property
     def channel(self) -> str:
@@ -122,7 +134,7 @@ class Network:
 
     def address(self, member: Member, port: str = "listen") -> str:
         """``host:port`` of a peer or an orderer."""
-        return f"{self.description.host}:{self.port(member, port)}"
+        return f"{self.hosts.of(member.msp_id, member.name)}:{self.port(member, port)}"
 
     def port(self, member: Member, name: str = "listen") -> int:
         """A port of a peer or an orderer."""
@@ -137,7 +149,7 @@ class Network:
         return Authority(
             self.directory.organisation(msp_id),
             (self.ports[f"{msp_id}/ca/listen"], self.ports[f"{msp_id}/ca/operations"]),
-            self.description.host,
+            self.hosts,
             self.description.certificates,
             now=self.now,
             random_bytes=self.random_bytes,
@@ -154,7 +166,8 @@ class Network:
             tls, identity = node.tls.certificate.read_bytes(), node.identity.certificate.read_bytes()
         except OSError as cause:
             raise DirectoryStateError(f"{member.component}: {cause.filename}: {cause.strerror}") from cause
-        return Consenter(member.number, member.msp_id, self.description.host, self.port(member), tls, identity)
+        host = self.hosts.of(member.msp_id, member.name)
+        return Consenter(member.number, member.msp_id, host, self.port(member), tls, identity)
 
     def peer_admin(self, member: Member) -> PeerAdmin:
         """A peer, as its organisation's administrator uses it. Raises `LedgerError`."""
@@ -187,70 +200,84 @@ class Network:
         """All peers, opened on that stack."""
         return [await stack.enter_async_context(self.peer_admin(member)) for member in self.peers]
 
-    def launch_orderer(self, member: Member, binaries: Binaries) -> Launch:
-        """Write an orderer's settings; how it is started."""
+    def configure_orderer(self, member: Member) -> None:
+        """Write an orderer's settings."""
         node = self.node(member)
-        host = self.description.host
         own = (self.port(member), self.port(member, "admin"), self.port(member, "operations"))
-        _write_yaml(node.path / "orderer.yaml", settings.orderer(member.msp_id, node, host, *own))
+        _write_yaml(node.path / "orderer.yaml", settings.orderer(member.msp_id, node, self.hosts.bind, *own))
         make_private(node.data)
-        environment = {"FABRIC_CFG_PATH": str(node.path), "FABRIC_LOGGING_SPEC": "info"}
-        listens = tuple((host, port) for port in own)
+
+    def launch_orderer(self, member: Member, binaries: Binaries) -> Launch:
+        """How an orderer is started."""
+        host = self.hosts.of(member.msp_id, member.name)
+        environment = {"FABRIC_CFG_PATH": str(self.node(member).path), "FABRIC_LOGGING_SPEC": "info"}
+        listens = tuple((host, self.port(member, name)) for name in ("listen", "admin", "operations"))
         return Launch(member.component, (str(binaries.orderer), "start"), environment, listens)
 
-    def launch_peer(self, member: Member, binaries: Binaries) -> Launch:
-        """Write a peer's settings; how it is started."""
+    def configure_peer(self, member: Member) -> None:
+        """Write a peer's settings, and what its builder of contract servers has to know."""
         node = self.node(member)
-        host = self.description.host
         others = [peer for peer in self.peers if peer.msp_id == member.msp_id and peer != member]
         place = settings.PeerPlace(
             member.name,
-            host,
+            self.hosts.of(member.msp_id, member.name),
+            self.hosts.bind,
             self.port(member),
             self.port(member, "chaincode"),
             self.port(member, "operations"),
             tuple(self.address(peer) for peer in (others[:2] or [member])),
         )
-        _write_yaml(node.path / "core.yaml", settings.peer(member.msp_id, node, place, self.directory.builder))
+        builder_path = settings.IMAGE_BUILDER if self.hosts.each else self.directory.builder
+        _write_yaml(node.path / "core.yaml", settings.peer(member.msp_id, node, place, builder_path))
+        configuration = settings.builder_configuration(
+            [self.contract_address(member.msp_id, slot) for slot in SLOTS],
+            node.tls.certificate.read_bytes(),
+            node.tls.key.read_bytes(),
+            node.tls_root.read_bytes(),
+        )
+        write_atomic(node.builder_file, configuration.encode())
         make_private(node.data)
-        environment = {
-            "FABRIC_CFG_PATH": str(node.path),
-            "FABRIC_LOGGING_SPEC": "info",
-            settings.BUILDER_VARIABLE: settings.builder_configuration(
-                [self.contract_address(member.msp_id, slot) for slot in SLOTS],
-                node.tls.certificate.read_bytes(),
-                node.tls.key.read_bytes(),
-                node.tls_root.read_bytes(),
-            ),
-        }
+
+    def launch_peer(self, member: Member, binaries: Binaries) -> Launch:
+        """How a peer is started. Its builder takes its configuration, a key among it, from the environment only."""
+        node = self.node(member)
+        host = self.hosts.of(member.msp_id, member.name)
+        start = f'{settings.BUILDER_VARIABLE}="$(cat "$1")"; export {settings.BUILDER_VARIABLE}; shift; exec "$@"'
         return Launch(
             member.component,
-            (str(binaries.peer), "node", "start"),
-            environment,
+            ("/bin/sh", "-c", start, "sh", str(node.builder_file), str(binaries.peer), "node", "start"),
+            {"FABRIC_CFG_PATH": str(node.path), "FABRIC_LOGGING_SPEC": "info"},
             ((host, self.port(member)), (host, self.port(member, "operations"))),
         )
 
-    def launch_contract(self, msp_id: str, package: ContractPackage) -> Launch:
+    def configure_contract(self, msp_id: str, package: ContractPackage) -> None:
+        """Write which package an organisation's contract server serves."""
+        path = self.directory.organisation(msp_id).node(CONTRACT).package_file(package.slot)
+        make_private(path.parent)
+        write_atomic(path, package.package_id.encode() + b"\n", PUBLIC)
+
+    def launch_contract(self, msp_id: str, slot: str) -> Launch:
         """How an organisation's contract server is started."""
         node = self.directory.organisation(msp_id).node(CONTRACT)
-        port = self.ports[f"{msp_id}/{CONTRACT}/{package.slot}"]
-        metrics = self.ports[f"{msp_id}/{CONTRACT}/metrics-{package.slot}"]
-        host = self.description.host
+        port = self.ports[f"{msp_id}/{CONTRACT}/{slot}"]
+        host = self.hosts.of(msp_id, f"{CONTRACT}-{slot}")
+        program = ("wonderland",) if self.hosts.each else (sys.executable, "-m", "wonderland.cli")
         arguments = (
-            *(sys.executable, "-m", "wonderland.cli", "chaincode", "serve"),
+            *(*program, "chaincode", "serve"),
             *("--contract", self.description.contract.package),
-            *("--package-id", package.package_id),
-            *("--listen", f"{host}:{port}"),
+            *("--package-id-file", str(node.package_file(slot))),
+            *("--listen", f"{self.hosts.bind}:{port}"),
             *("--tls-cert", str(node.tls.certificate)),
             *("--tls-key", str(node.tls.key)),
             *("--client-ca", str(node.tls_root)),
-            *("--metrics", f"{host}:{metrics}"),
+            *("--metrics", f"{self.hosts.bind}:{self.ports[f'{msp_id}/{CONTRACT}/metrics-{slot}']}"),
         )
-        return Launch(contract_component(msp_id, package.slot), arguments, {"PYTHONUNBUFFERED": "1"}, ((host, port),))
+        return Launch(contract_component(msp_id, slot), arguments, {"PYTHONUNBUFFERED": "1"}, ((host, port),))
 
     def contract_address(self, msp_id: str, slot: str) -> str:
         """Where an organisation's peers find its contract server."""
-        return f"{self.description.host}:{self.ports[f'{msp_id}/{CONTRACT}/{slot}']}"
+        host = self.hosts.of(msp_id, f"{CONTRACT}-{slot}")
+        return f"{host}:{self.ports[f'{msp_id}/{CONTRACT}/{slot}']}"
 
     def write_builder(self) -> None:
         """The scripts that peers run to connect to contract servers."""
@@ -263,7 +290,7 @@ class Network:
 
     def ca_address(self, msp_id: str) -> str:
         """``host:port`` of an organisation's CA."""
-        return f"{self.description.host}:{self.ports[f'{msp_id}/ca/listen']}"
+        return f"{self.hosts.of(msp_id, 'ca')}:{self.ports[f'{msp_id}/ca/listen']}"
 
     def running_contract_servers(self) -> dict[str, str]:
         """Address by component: those that run, and of an organisation where none does the one that should."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from wonderland.ledger.files import PUBLIC, read_bounded, write_atomic
+from wonderland.ledger.network.description import EACH
 from wonderland.ledger.network.errors import DirectoryStateError, PortInUseError
 
 if TYPE_CHECKING:
@@ -20,6 +21,13 @@ if TYPE_CHECKING:
 FREE_RANGE: Final = (15_000, 32_000)
 """Below the range from which systems take the ports of outgoing connections: those could be taken while we are down."""
 _ATTEMPTS: Final = 2_000
+USUAL: Final = {
+    "ca": {"listen": 7054, "operations": 9443},
+    "orderer": {"listen": 7050, "admin": 7053, "operations": 9443},
+    "peer": {"listen": 7051, "chaincode": 7052, "operations": 9443},
+    "contract": {"a": 9999, "b": 9999, "metrics-a": 9443, "metrics-b": 9443},
+}
+"""Where each kind listens when it has a host of its own: Fabric's usual ports, and one for all that is watched."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +62,11 @@ def needed(description: NetworkDescription) -> tuple[str, ...]:
 def allot(path: Path, description: NetworkDescription, random_bytes: Callable[[int], bytes]) -> Ports:
     """The ports of ports.json, with new ones for what has none yet; written before they are used.
 
-    Raises `PortInUseError`, `DirectoryStateError`.
+    Components with hosts of their own have the usual ports, and no file. Raises `PortInUseError`,
+    `DirectoryStateError`.
     """
+    if description.hosts == EACH:
+        return Ports({name: _usual(name) for name in needed(description)})
     known = _load(path) if path.exists() else {}
     names = needed(description)
     missing = [name for name in names if name not in known]
@@ -94,6 +105,11 @@ def is_free(host: str, port: int) -> bool:
                 f"{host}: cannot be listened on ({cause.strerror}); set host to an own address"
             ) from cause
     return True
+
+
+def _usual(name: str) -> int:
+    _, component, port = name.split("/")
+    return USUAL[component.rstrip("0123456789")][port]
 
 
 def _of(msp_id: str, component: str, *names: str) -> list[str]:

@@ -108,7 +108,7 @@ class ProcessTable:
         """Wait until a process listens everywhere. Raises `ComponentError` when it ends or takes too long."""
         deadline = time.monotonic() + timeout_s
         for host, port in launch.listens:
-            while not await _listens(host, port):
+            while not await listens(host, port):
                 if self.pid(launch.name) is None:
                     raise self.failure(launch.name, "ended while it was starting")
                 if time.monotonic() > deadline:
@@ -191,7 +191,8 @@ def _is_reaped(pid: int) -> bool:
         return False
 
 
-async def _listens(host: str, port: int) -> bool:
+async def listens(host: str, port: int) -> bool:
+    """Whether somebody accepts connections there; within a second, or not."""
     loop = asyncio.get_running_loop()
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:

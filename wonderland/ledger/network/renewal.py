@@ -19,9 +19,10 @@ from cryptography import x509
 from wonderland.ledger.files import write_atomic
 from wonderland.ledger.network import certificates, settings
 from wonderland.ledger.network.errors import NetworkError, UnreachableError
+from wonderland.ledger.network.hosts import CONTRACT
 from wonderland.ledger.network.layout import REGISTRAR
 from wonderland.ledger.network.leadership import wait_leader
-from wonderland.ledger.network.network import CONTRACT, Member, Network
+from wonderland.ledger.network.network import Member, Network
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -125,7 +126,7 @@ class _Renewal:
 
     async def _orderer(self, authority: Authority, member: Member) -> None:
         if await self._node(authority, member, keep_key=True):
-            await self._restart(member.component, self._network.launch_orderer(member, self._binaries))
+            await self._restart(member.component, self._configured_orderer(member))
             await self._caught_up(member)
 
     async def _caught_up(self, member: Member) -> None:
@@ -157,7 +158,7 @@ class _Renewal:
             node = self._network.node(member)
             for file in (node.data / "externalbuilder").glob("builds/*/release/chaincode/server/connection.json"):
                 _renew_connection(file, node)
-            await self._restart(member.component, self._network.launch_peer(member, self._binaries))
+            await self._restart(member.component, self._configured_peer(member))
 
     async def _node(self, authority: Authority, member: Member, *, keep_key: bool) -> bool:
         node = self._network.node(member)
@@ -177,11 +178,21 @@ class _Renewal:
         await authority.renew_tls(CONTRACT, node.tls)  # the server sees that the files changed
         self._note(f"{CONTRACT} TLS")
 
+    def _configured_orderer(self, member: Member) -> Launch:
+        self._network.configure_orderer(member)
+        return self._network.launch_orderer(member, self._binaries)
+
+    def _configured_peer(self, member: Member) -> Launch:
+        self._network.configure_peer(member)
+        return self._network.launch_peer(member, self._binaries)
+
     async def _restart(self, component: str, launch: Launch) -> None:
         if await self._network.processes.stop(component):
             self._network.processes.start(launch)
             await self._network.processes.wait_ready(launch)
             self._report("certificates", f"{component} restarted")
+        elif self._network.hosts.each:
+            self._report("certificates", f"restart {component}: it takes its new certificates when it starts")
 
     def _chooses(self, name: str, path: Path) -> bool:
         return self._wanted.chooses(name, path, self._network.now())

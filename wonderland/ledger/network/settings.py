@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ NODE_OUS: Final = {
 }
 """config.yaml of an MSP directory."""
 
+IMAGE_BUILDER: Final = PurePosixPath("/opt/hyperledger/ccaas_builder")
+"""Where Fabric's image of a peer has its builder of contract servers."""
 BUILDER_VARIABLE: Final = "CHAINCODE_AS_A_SERVICE_BUILDER_CONFIG"
 MAX_MESSAGE_BYTES: Final = 100 << 20
 TLS_PROFILE: Final = "tls"
@@ -37,9 +40,9 @@ _BCCSP: Final = {"Default": "SW", "SW": {"Hash": "SHA2", "Security": 256}}
 
 @dataclass(frozen=True)
 class CaPlace:
-    """Where a Fabric CA listens and who may register identities with it."""
+    """Where a Fabric CA listens, who may register identities with it, and the names that its TLS certificate is for."""
 
-    host: str
+    bind: str
     port: int
     operations_port: int
     registrar: str
@@ -62,11 +65,11 @@ def ca_server(msp_id: str, place: CaPlace, certificates: Certificates, tls_ca_fi
     return {
         **ca_instance(msp_id, ca_name(msp_id), place, certificates),
         "port": place.port,
-        "address": place.host,
+        "address": place.bind,
         "cafiles": [str(tls_ca_file)],
         "tls": {"enabled": True},
         # Unique per server: the default is one port for all.
-        "operations": {"listenAddress": f"{place.host}:{place.operations_port}"},
+        "operations": {"listenAddress": f"{place.bind}:{place.operations_port}"},
         "metrics": {"provider": "prometheus"},
         "cfg": {"identities": {"allowremove": False}},
     }
@@ -121,9 +124,9 @@ def ca_instance(msp_id: str, name: str, place: CaPlace, certificates: Certificat
 
 
 def orderer(
-    msp_id: str, node: NodeDirectory, host: str, port: int, admin_port: int, operations_port: int
+    msp_id: str, node: NodeDirectory, bind: str, port: int, admin_port: int, operations_port: int
 ) -> dict[str, Any]:
-    """orderer.yaml."""
+    """orderer.yaml. `bind` is the address on which it listens."""
     tls = {
         "Enabled": True,
         "PrivateKey": str(node.tls.key),
@@ -132,7 +135,7 @@ def orderer(
     }
     return {
         "General": {
-            "ListenAddress": host,
+            "ListenAddress": bind,
             "ListenPort": port,
             "TLS": {**tls, "ClientAuthRequired": False},
             "Keepalive": {"ServerMinInterval": "60s", "ServerInterval": "7200s", "ServerTimeout": "20s"},
@@ -153,10 +156,10 @@ def orderer(
             "Authentication": {"TimeWindow": "15m"},
         },
         "FileLedger": {"Location": str(node.data)},
-        "Operations": {"ListenAddress": f"{host}:{operations_port}", "TLS": {"Enabled": False}},
+        "Operations": {"ListenAddress": f"{bind}:{operations_port}", "TLS": {"Enabled": False}},
         "Metrics": {"Provider": "prometheus"},
         "Admin": {
-            "ListenAddress": f"{host}:{admin_port}",
+            "ListenAddress": f"{bind}:{admin_port}",
             "TLS": {**tls, "ClientAuthRequired": True, "ClientRootCAs": [str(node.tls_root)]},
         },
         "ChannelParticipation": {"Enabled": True, "MaxRequestBodySize": "10 MB"},
@@ -166,10 +169,11 @@ def orderer(
 
 @dataclass(frozen=True)
 class PeerPlace:
-    """Where a peer listens, and which peers of its organisation it greets first."""
+    """Where a peer listens and is found, and which peers of its organisation it greets first."""
 
     name: str
     host: str
+    bind: str
     port: int
     chaincode_port: int
     operations_port: int
@@ -187,10 +191,10 @@ def peer(msp_id: str, node: NodeDirectory, place: PeerPlace, builder: PurePath) 
         "peer": {
             "id": f"{place.name}.{msp_id}",
             "networkId": "wonderland",
-            "listenAddress": place.address,
+            "listenAddress": f"{place.bind}:{place.port}",
             "address": place.address,
             # Both are one port for all peers by default.
-            "chaincodeListenAddress": f"{place.host}:{place.chaincode_port}",
+            "chaincodeListenAddress": f"{place.bind}:{place.chaincode_port}",
             "chaincodeAddress": f"{place.host}:{place.chaincode_port}",
             "localMspId": msp_id,
             "mspConfigPath": str(node.msp),
@@ -272,7 +276,7 @@ def peer(msp_id: str, node: NodeDirectory, place: PeerPlace, builder: PurePath) 
             },
             "snapshots": {"rootDir": str(node.data / "snapshots")},
         },
-        "operations": {"listenAddress": f"{place.host}:{place.operations_port}", "tls": {"enabled": False}},
+        "operations": {"listenAddress": f"{place.bind}:{place.operations_port}", "tls": {"enabled": False}},
         "metrics": {"provider": "prometheus"},
     }
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.network import certificates
 from wonderland.ledger.network.leadership import is_leader
+from wonderland.ledger.network.processes import listens
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -58,13 +59,15 @@ class NetworkStatus:
 
     channel: str
     consensus: str
+    elsewhere: bool
+    """Whether something else runs the servers, so that there are no process ids here."""
     components: tuple[ComponentStatus, ...]
     certificates: tuple[CertificateStatus, ...]
 
     @property
     def healthy(self) -> bool:
         """Whether everything runs and answers."""
-        return all(each.pid is not None and not each.trouble for each in self.components)
+        return all((self.elsewhere or each.pid is not None) and not each.trouble for each in self.components)
 
     def as_json(self) -> dict[str, Any]:
         """JSON values."""
@@ -75,32 +78,39 @@ async def network_status(network: Network) -> NetworkStatus:
     """Ask every component that runs. Whatever does not answer is said to be in trouble, not raised."""
     async with asyncio.TaskGroup() as group:
         asked = [
+            *(
+                group.create_task(_listening(network, f"{msp_id}.ca", "ca", network.ca_address(msp_id)))
+                for msp_id in network.msp_ids
+            ),
             *(group.create_task(_orderer(network, member)) for member in network.orderers),
             *(group.create_task(_peer(network, member)) for member in network.peers),
+            *(
+                group.create_task(_listening(network, name, "contract", address))
+                for name, address in network.running_contract_servers().items()
+            ),
         ]
-    running = network.running_contract_servers()
     return NetworkStatus(
         channel=network.channel,
         consensus=network.description.ordering.consensus,
-        components=(
-            *(
-                ComponentStatus(f"{msp_id}.ca", "ca", network.processes.pid(f"{msp_id}.ca"), network.ca_address(msp_id))
-                for msp_id in network.msp_ids
-            ),
-            *(task.result() for task in asked),
-            *(
-                ComponentStatus(name, "contract", network.processes.pid(name), address)
-                for name, address in running.items()
-            ),
-        ),
+        elsewhere=network.hosts.each,
+        components=tuple(task.result() for task in asked),
         certificates=tuple(sorted(_certificates(network), key=lambda each: each.days_left)),
     )
+
+
+async def _listening(network: Network, name: str, kind: str, address: str) -> ComponentStatus:
+    pid = network.processes.pid(name)
+    trouble = ""
+    if network.hosts.each:
+        host, _, port = address.rpartition(":")
+        trouble = "" if await listens(host, int(port)) else "no answer"
+    return ComponentStatus(name, kind, pid, address, trouble=trouble)
 
 
 async def _orderer(network: Network, member: Member) -> ComponentStatus:
     pid = network.processes.pid(member.component)
     address = network.address(member)
-    if pid is None:
+    if pid is None and not network.hosts.each:
         return ComponentStatus(member.component, "orderer", None, address)
     try:
         async with asyncio.timeout(TIMEOUT_S), network.orderer_admin(member) as admin:
@@ -120,7 +130,7 @@ async def _orderer(network: Network, member: Member) -> ComponentStatus:
 async def _peer(network: Network, member: Member) -> ComponentStatus:
     pid = network.processes.pid(member.component)
     address = network.address(member)
-    if pid is None:
+    if pid is None and not network.hosts.each:
         return ComponentStatus(member.component, "peer", None, address)
     try:
         async with asyncio.timeout(TIMEOUT_S), network.peer_admin(member) as peer:

@@ -53,6 +53,7 @@ async def upgrade(network: Network, report: Report, *, endorsement: str | None =
 
     Returns the network with its changed description, too.
     """
+    network.require_here()
     if endorsement is not None:
         network = network.with_description(network.description.with_endorsement(endorsement))
     installed = installed_contract(network.description.contract.package)
@@ -133,7 +134,8 @@ class _Upgrading:
         for msp_id in network.endorsers:
             async with network.authority(msp_id) as authority:
                 await ensure_contract_tls(authority)
-            launch = network.launch_contract(msp_id, package)
+            network.configure_contract(msp_id, package)
+            launch = network.launch_contract(msp_id, package.slot)
             # Something may be left there by an upgrade that was broken off, and serve another package.
             if self._former is None or package.slot != self._former.slot:
                 await network.processes.stop(launch.name)
