@@ -159,7 +159,10 @@ async def read(call: Call, argument: tx.SessionById) -> Answer:
 
 async def read_verdict(call: Call, argument: tx.SessionById) -> Answer:
     """ReadVerdict."""
-    verdict = await _verdict(call, argument.session_id)
+    session = await call.find(keys.composite(keys.SESSION, argument.session_id), Session)
+    decided = session is not None and session.decided_ms is not None
+    # Only the session is sure to bear the signature of the pad's organisation (decision 0005).
+    verdict = await _verdict(call, argument.session_id) if decided else None
     if verdict is None:
         raise not_there("VERDICT_UNKNOWN", f"session {argument.session_id} has no verdict (yet)")
     return Answer(verdict.to_json())

@@ -10,8 +10,16 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.network.description import NetworkDescription, json_schema
+from wonderland.ledger.network.bringing_up import new_network
+from wonderland.ledger.network.description import (
+    NetworkDescription,
+    Organisation,
+    json_schema,
+    standard_endorsement,
+)
 from wonderland.ledger.network.errors import DescriptionError
+from wonderland.ledger.network.expansion import add_organisation
+from wonderland.ledger.network.layout import NetworkDirectory
 
 SCHEMA_FILE = Path(__file__).parents[2] / "docs" / "reference" / "network-schema.json"
 
@@ -76,6 +84,34 @@ def test_a_missing_file_and_a_huge_one_are_named(tmp_path):
 def test_an_unknown_organisation_is_named(description):
     with pytest.raises(DescriptionError, match="SkyMSP is no organisation of this network; there are AuthorityMSP"):
         description.organisation("SkyMSP")
+
+
+PAD2 = Organisation(msp_id="Pad2MSP", kind="pads")
+
+
+def test_the_standard_policy_is_the_authority_and_one_operator_of_pads(description):
+    assert standard_endorsement(description.organisations) == description.contract.endorsement
+    both = "AND('AuthorityMSP.peer', OR('PadMSP.peer', 'Pad2MSP.peer'))"
+    assert standard_endorsement((*description.organisations, PAD2)) == both
+    assert standard_endorsement(description.organisations[:1]) == "AND('AuthorityMSP.peer')"
+    description.with_organisation(PAD2).with_endorsement(both).require_pads_endorse()
+
+
+def test_operators_of_pads_who_cannot_sign_are_refused_before_anything_is_written(tmp_path, description):
+    both = r"Pad2MSP without a signature.*Next: write AND\('AuthorityMSP.peer', OR\('PadMSP.peer', 'Pad2MSP.peer'\)\)"
+    with pytest.raises(DescriptionError, match=both):
+        new_network(NetworkDirectory(tmp_path / "net"), description.with_organisation(PAD2))
+    assert not (tmp_path / "net" / "network.yaml").exists()
+
+
+async def test_a_policy_of_ones_own_is_extended_by_hand(tmp_path, description):
+    own = description.with_endorsement("AND('AuthorityMSP.peer', 'PadMSP.peer', 'FleetMSP.peer')")
+    network = new_network(NetworkDirectory(tmp_path / "net"), own)
+    with pytest.raises(DescriptionError, match=r"one of your own\. Next: say with --endorsement what it becomes"):
+        await add_organisation(network, None, PAD2, lambda *_: None)
+    with pytest.raises(DescriptionError, match="Pad2MSP without a signature"):
+        await add_organisation(network, None, PAD2, lambda *_: None, endorsement="AND('AuthorityMSP.peer')")
+    assert NetworkDescription.load(network.directory.description_file) == own
 
 
 def test_the_schema_file_is_the_definition():

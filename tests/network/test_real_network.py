@@ -384,9 +384,7 @@ async def test_a_new_version_of_the_contract_is_agreed_on_without_downtime(runni
 async def test_a_second_operator_of_pads_joins_and_endorses(running):
     policy = "AND('AuthorityMSP.peer', OR('PadMSP.peer', 'Pad2MSP.peer'))"
     organisation = Organisation(msp_id="Pad2MSP", kind="pads")
-    joined = await expansion.add_organisation(
-        running.network, running.binaries, organisation, quiet, endorsement=policy
-    )
+    joined = await expansion.add_organisation(running.network, running.binaries, organisation, quiet)
     running.reopen()
     assert joined.block is not None
     assert joined.upgrade.changed
@@ -411,3 +409,4 @@ async def test_a_second_operator_of_pads_joins_and_endorses(running):
         await bringing_up.bring_up(running.network, running.binaries, quiet)
     again = await expansion.add_organisation(running.network, running.binaries, organisation, quiet, endorsement=policy)
     assert (again.block, again.upgrade.changed) == (None, False)
+    assert (await expansion.add_organisation(running.network, running.binaries, organisation, quiet)).upgrade is None

@@ -59,6 +59,7 @@ def new_network(directory: NetworkDirectory, description: NetworkDescription | N
             )
         return open_network(directory)
     description = description or NetworkDescription()
+    description.require_pads_endorse()
     installed_contract(description.contract.package)  # whether it is there at all, before anything is written
     listening = ports.allot(directory.ports_file, description, os.urandom)
     description.save(directory.description_file)

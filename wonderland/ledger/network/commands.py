@@ -256,15 +256,17 @@ def upgrade(*, directory: Path, endorsement: str | None, as_json: bool) -> None:
 @dir_option
 @click.option("--kind", required=True, type=click.Choice(["pads", "fleet"]), help="What it does.")
 @click.option("--peers", default=1, show_default=True, type=click.IntRange(1, 20), help="How many peers it runs.")
-@click.option("--endorsement", metavar="POLICY", help="Have it endorse: the policy that names it.")
+@click.option("--endorsement", metavar="POLICY", help="Agree on this policy, too; it names the organisation.")
 @json_option
 def add_org(*, msp_id: str, directory: Path, kind: str, peers: int, endorsement: str | None, as_json: bool) -> None:
     """Have another organisation join the running channel, with its own CA and peers.
 
     \b
-    A second operator of pads, and each transaction needs its signature or the first one's:
-      wonderland network add-org Pad2MSP --kind pads --endorsement POLICY
-    where POLICY is "AND('AuthorityMSP.peer', OR('PadMSP.peer', 'Pad2MSP.peer'))"
+    A second operator of pads:
+      wonderland network add-org Pad2MSP --kind pads
+    Its own pads' records then need its signature, and a transaction about nobody's pad its signature or the first
+    operator's. A policy of your own is changed by hand, for example to
+      --endorsement "AND('AuthorityMSP.peer', OR('PadMSP.peer', 'Pad2MSP.peer'))"
     """  # noqa: D301 - \b is click's mark for "do not wrap"
     made = open_at(directory)
     try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Self
@@ -17,7 +17,8 @@ from wonderland.proofs.records.schema import Choice, Described, Integer, Items, 
 
 MSP_ID: Final = r"[A-Za-z][A-Za-z0-9.-]{0,62}"
 CHANNEL_NAME: Final = r"[a-z][a-z0-9.-]{0,248}"
-KINDS: Final = ("authority", "pads", "fleet")
+PADS: Final = "pads"
+KINDS: Final = ("authority", PADS, "fleet")
 ONE: Final = "one"
 EACH: Final = "each"
 MAX_YAML_BYTES: Final = 1 << 20
@@ -168,6 +169,20 @@ class NetworkDescription(Record):
                     "contract.endorsement", f"names {msp_id}, which is none of {', '.join(sorted(known))}"
                 )
 
+    def require_pads_endorse(self) -> None:
+        """Raise `DescriptionError` unless every operator of pads may endorse.
+
+        A pad's own records need its organisation's signature (decision 0005); without one they could never change.
+        """
+        named = self.contract.policy.organisations
+        silent = [each.msp_id for each in self.organisations if each.kind == PADS and each.msp_id not in named]
+        if silent:
+            raise DescriptionError(
+                f"contract.endorsement: {self.contract.endorsement} leaves {', '.join(silent)} without a signature, so "
+                "that nothing of its pads could ever change. Next: write "
+                f"{standard_endorsement(self.organisations)}"
+            )
+
     @classmethod
     def load(cls, path: Path) -> Self:
         """Read a description. Raises `DescriptionError`, which names the file and the field."""
@@ -236,6 +251,14 @@ class NetworkDescription(Record):
         )
 
 
+def standard_endorsement(organisations: Sequence[Organisation]) -> str:
+    """The policy of a network like that: the authority, and one of the operators of pads."""
+    (authority,) = [f"'{each.msp_id}.peer'" for each in organisations if each.kind == "authority"]
+    pads = [f"'{each.msp_id}.peer'" for each in organisations if each.kind == PADS]
+    operators = f"OR({', '.join(pads)})" if len(pads) > 1 else "".join(pads)
+    return f"AND({', '.join(filter(None, (authority, operators)))})"
+
+
 def json_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of network.yaml."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **NetworkDescription.json_schema()}
@@ -270,4 +293,5 @@ __all__ = [
     "OrderingOrganisation",
     "Organisation",
     "json_schema",
+    "standard_endorsement",
 ]
