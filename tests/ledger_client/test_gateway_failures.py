@@ -312,6 +312,28 @@ async def test_other_refusals_are_not_tried_again(contract, server, refusal):
     assert server.counted("Endorse") == 1
 
 
+def committed_as(code):
+    return gateway_pb2.CommitStatusResponse(result=code, block_number=9).SerializeToString()
+
+
+UNENDORSED = committed_as(ValidationCode.ENDORSEMENT_POLICY_FAILURE)
+
+
+async def test_an_endorsement_that_was_not_enough_is_tried_once_more(contract, server):
+    """The key may have been made, and given its own policy, in the same block."""
+    server.line_up("CommitStatus", UNENDORSED)
+    assert (await contract.submit_with_retry("put", "a")).block_number == 9
+    assert server.counted("Endorse") == 2
+    server.line_up("CommitStatus", UNENDORSED, committed_as(ValidationCode.MVCC_READ_CONFLICT), UNENDORSED)
+    with pytest.raises(CommitError, match="ENDORSEMENT_POLICY_FAILURE"):
+        await contract.submit_with_retry("put", "a")
+    assert server.counted("Endorse") == 5
+    server.line_up("CommitStatus", committed_as(ValidationCode.BAD_CREATOR_SIGNATURE))
+    with pytest.raises(CommitError, match="BAD_CREATOR_SIGNATURE"):
+        await contract.submit_with_retry("put", "a")
+    assert server.counted("Endorse") == 6
+
+
 async def test_an_unknown_outcome_is_not_tried_again(contract, server):
     server.line_up("CommitStatus", hang)
     with pytest.raises(CommitUnknownError):

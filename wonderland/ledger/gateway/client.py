@@ -29,6 +29,7 @@ from wonderland.ledger.gateway.events import Event, EventSource, Position
 from wonderland.ledger.gateway.proposal import Proposal, new_proposal
 from wonderland.ledger.gateway.streams import Stream
 from wonderland.ledger.gateway.transaction import Transaction
+from wonderland.ledger.transactions import ValidationCode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -259,17 +260,22 @@ class Contract:
         """As `submit`, with new attempts where one is safe and may help, after a random pause.
 
         That is: the transaction is known to be invalid because another one came between (MVCC, phantom), or the
-        peers disagreed because they stood at different blocks. Nothing else is tried again.
+        peers disagreed because they stood at different blocks. An endorsement that was not enough is tried once more:
+        another transaction of the same block may have made the key, and with it who must endorse. Nothing else is
+        tried again.
         """
         backoff = Backoff(self._environment.random_bytes, first_s=0.02, max_s=1.0)
+        unendorsed = False
         for _ in range(attempts - 1):
             try:
                 return await self.submit(
                     function, *arguments, transient=transient, endorsing_organizations=endorsing_organizations
                 )
             except CommitError as error:
-                if not error.is_conflict:
+                lacking = error.code == ValidationCode.ENDORSEMENT_POLICY_FAILURE
+                if not error.is_conflict and (unendorsed or not lacking):
                     raise
+                unendorsed = unendorsed or lacking
             except EndorseError as error:
                 if not error.is_mismatch:
                     raise
