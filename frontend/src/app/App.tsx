@@ -1,21 +1,19 @@
 import { useMutation, useQuery, useQueryClient } from "@tanstack/react-query";
-import { useCallback, useEffect, useState, type ReactElement } from "react";
+import { Suspense, useCallback, useEffect, useState, type ReactElement } from "react";
 import { ApiError, useApi } from "../shared/api/api";
 import type { SignedIn } from "../shared/api/records";
 import { useLiveStore } from "../shared/live/useLive";
 import type { LiveSource } from "../shared/live/source";
 import { fillHistory } from "../shared/live/history";
 import { useReading } from "../shared/i18n/locale";
+import { sharedTexts } from "../shared/texts";
 import { useKeys } from "../shared/ui/useKeys";
-import { LivePage } from "../live-map/LivePage";
-import { SessionPage } from "../sessions/SessionPage";
-import { SessionsPage } from "../sessions/SessionsPage";
-import { VerdictsPage } from "../verdicts/VerdictsPage";
 import { Banner } from "./Banner";
 import { Header, nextTheme } from "./Header";
 import { KeyboardHelp } from "./KeyboardHelp";
 import { go, usePlace } from "./location";
 import { NavRail } from "./NavRail";
+import { ROOMS, RoomPage } from "./rooms";
 import { SignInPage } from "./SignIn";
 import { appTexts as t, roomTexts } from "./texts";
 import { setThemeChoice, useTheme } from "./theme";
@@ -100,9 +98,7 @@ function Rooms({ person, source, onSignOut, onSignedOut }: RoomsProperties): Rea
 
   useKeys({
     "?": () => setHelp(true),
-    l: () => go({ room: "live" }),
-    s: () => go({ room: "sessions" }),
-    v: () => go({ room: "verdicts", filters: {} }),
+    ...Object.fromEntries(ROOMS.map((room) => [room.key, () => go(room.place)])),
     t: () => setThemeChoice(nextTheme(choice)),
   });
 
@@ -112,10 +108,9 @@ function Rooms({ person, source, onSignOut, onSignedOut }: RoomsProperties): Rea
       <NavRail room={place.room} />
       <main className="room" aria-label={roomTexts(place.room)}>
         <Banner source={source} />
-        {place.room === "live" && <LivePage place={place} />}
-        {place.room === "sessions" && place.session === undefined && <SessionsPage />}
-        {place.room === "sessions" && place.session !== undefined && <SessionPage session_id={place.session} />}
-        {place.room === "verdicts" && <VerdictsPage filters={place.filters} />}
+        <Suspense fallback={<p className="empty">{sharedTexts("fetching")}</p>}>
+          <RoomPage place={place} />
+        </Suspense>
       </main>
       <KeyboardHelp open={help} onClose={() => setHelp(false)} />
     </div>

@@ -1,5 +1,6 @@
 import { useEffect, useRef, type ReactElement } from "react";
 import { sharedTexts } from "../shared/texts";
+import { ROOMS } from "./rooms";
 import { appTexts, keyTexts, roomTexts } from "./texts";
 
 const keys = (): readonly (readonly [keys: readonly string[], what: string])[] => [
@@ -9,9 +10,7 @@ const keys = (): readonly (readonly [keys: readonly string[], what: string])[] =
   [["0"], keyTexts("all")],
   [["+", "−"], keyTexts("zoom")],
   [["Esc"], keyTexts("close")],
-  [["l"], roomTexts("live")],
-  [["s"], roomTexts("sessions")],
-  [["v"], roomTexts("verdicts")],
+  ...ROOMS.map(({ key, name }) => [[key], roomTexts(name)] as const),
   [["t"], keyTexts("theme")],
   [["?"], keyTexts("help")],
 ];

@@ -1,6 +1,6 @@
 // @vitest-environment happy-dom
 import { afterEach, describe, expect, it } from "vitest";
-import { age, coordinates, count, countWord, decimal, duration, length, likelihood, shortHash } from "./format";
+import { age, bytes, coordinates, count, countWord, decimal, duration, length, likelihood, shortHash } from "./format";
 import { setReading } from "./i18n/locale";
 
 afterEach(() => setReading({ locale: "en", lengths: "metric", coordinates: "degrees" }));
@@ -53,6 +53,10 @@ describe("format", () => {
     expect(countWord(160)).toBe("160");
     expect(shortHash("9f3c00000000000000000000e1")).toBe("9f3c…e1");
     expect(shortHash("short")).toBe("short");
+  });
+
+  it("says sizes", () => {
+    expect([812, 14_240, 999_949, 3_100_000].map(bytes).map(plain)).toEqual(["812 B", "14.2 kB", "1000 kB", "3.1 MB"]);
   });
 
   it("writes decimals as the language does", () => {

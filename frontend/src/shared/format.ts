@@ -77,6 +77,13 @@ export function likelihood(ppm: number): string {
   return decimal(value, decimals);
 }
 
+/** A size: "812 B", "14.2 kB", "3.1 MB". */
+export function bytes(size: number): string {
+  if (size < 1000) return `${count(size)}${NBSP}B`;
+  if (size < 999_950) return `${decimal(size / 1000, size < 99_950 ? 1 : 0)}${NBSP}kB`;
+  return `${decimal(size / 1_000_000, 1)}${NBSP}MB`;
+}
+
 /** A duration: "31 ms", "1.20 s", "2 min 5 s". */
 export function duration(ms: number): string {
   if (ms < 0) return `${MINUS}${duration(-ms)}`;

@@ -1,6 +1,16 @@
 import createClient, { type Client } from "openapi-fetch";
 import { createContext, useContext } from "react";
-import type { SessionDetail, SessionState, SignedIn, Status, VerdictSummary } from "./records";
+import type {
+  LedgerBlock,
+  LedgerBlockDetail,
+  LedgerTransactionDetail,
+  SessionDetail,
+  SessionState,
+  SignedIn,
+  Status,
+  TransactionContents,
+  VerdictSummary,
+} from "./records";
 import type { paths } from "./schema";
 
 /** A problem that the server described (RFC 9457), or that kept it from answering. */
@@ -60,6 +70,31 @@ export class Api {
 
   verdicts(query: VerdictFilters): Promise<Page<VerdictSummary>> {
     return answered((signal) => this.client.GET("/api/v1/verdicts", { params: { query }, signal }));
+  }
+
+  /** Blocks, newest first. */
+  blocks(query: { limit: number; cursor?: string }): Promise<Page<LedgerBlock>> {
+    return answered((signal) => this.client.GET("/api/v1/blocks", { params: { query }, signal }));
+  }
+
+  block(number: number): Promise<LedgerBlockDetail> {
+    return answered((signal) => this.client.GET("/api/v1/blocks/{number}", { params: { path: { number } }, signal }));
+  }
+
+  /** The bytes whose SHA-256 is the header's `data_hash`, from the ledger itself. */
+  blockData(number: number): Promise<ArrayBuffer> {
+    return answered((signal) =>
+      this.client.GET("/api/v1/blocks/{number}/data", { params: { path: { number } }, parseAs: "arrayBuffer", signal }),
+    );
+  }
+
+  transaction(tx_id: string): Promise<LedgerTransactionDetail> {
+    return answered((signal) => this.client.GET("/api/v1/transactions/{tx_id}", { params: { path: { tx_id } }, signal }));
+  }
+
+  /** Arguments, reads, writes and endorsements, from the ledger itself. */
+  transactionContents(tx_id: string): Promise<TransactionContents> {
+    return answered((signal) => this.client.GET("/api/v1/transactions/{tx_id}/contents", { params: { path: { tx_id } }, signal }));
   }
 }
 

@@ -87,6 +87,7 @@ function detail(session: SessionState, verdict: VerdictSummary | undefined, stor
         })),
       },
       claims: [],
+      clock: [],
       broadcast: [],
       matched: "both",
       steps: [],
