@@ -17,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from backend.app import new_app, now_ms, openapi
 from backend.auth.sign_ins import SignIns
 from backend.db import migrate as migrations
+from backend.db import passwords
 from backend.db.engine import Database
 from backend.errors import BackendError
 from backend.mirror import rebuild as rebuilding
@@ -24,6 +25,8 @@ from backend.mirror.rebuild import Digest
 from backend.serve import Listen, serve, setup_logging, source_of
 from backend.settings import Settings, load
 from wonderland.ledger.errors import LedgerError
+
+HEALTH_TIMEOUT_S = 5
 
 _database = click.option(
     "--database", metavar="URL", help="sqlite:///file.db (the default: wonderland.db here) or postgresql://user@host/db"
@@ -97,6 +100,44 @@ def link_command(name: str, *, as_json: bool, **options: Any) -> None:
             )
 
     _run(run, **options)
+
+
+@backend.command("new-password")
+@click.option(
+    "--to",
+    "directory",
+    required=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Where to write it; what is there already stays.",
+)
+@click.option("--user", default="wonderland", show_default=True, help="The database's user that has it.")
+def new_password_command(directory: Path, user: str) -> None:
+    """Make a random password for the database: DIR/password for PostgreSQL, DIR/pgpass for this backend.
+
+    PostgreSQL's image takes the first by POSTGRES_PASSWORD_FILE, the backend the second by
+    --database 'postgresql://USER@HOST/NAME?passfile=DIR/pgpass'.
+    """
+    try:
+        made = passwords.ensure(directory, user, secrets.token_urlsafe(passwords.BYTES))
+    except (LedgerError, OSError) as error:
+        raise click.ClickException(f"{directory}: {error}") from error
+    click.echo(f"{directory} has a new password." if made else f"{directory} has a password already; it stays.")
+
+
+@backend.command("health")
+@click.option("--at", "url", required=True, metavar="URL", help="The backend, for example http://127.0.0.1:8080")
+def health_command(url: str) -> None:
+    """Ask a running backend whether it serves. Exit code 1 when it does not."""
+    import urllib.request  # noqa: PLC0415 - nothing else here needs it
+
+    if not url.startswith(("http://", "https://")):
+        raise click.UsageError(f"--at: {url!r} is no address, for example http://127.0.0.1:8080")
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    try:
+        with opener.open(f"{url.rstrip('/')}/api/v1/health", timeout=HEALTH_TIMEOUT_S) as answer:
+            click.echo(answer.read(4096).decode(errors="replace"))
+    except (OSError, ValueError) as error:
+        raise click.ClickException(f"no backend answers at {url} ({error}); does it run?") from error
 
 
 @backend.command("migrate")

@@ -102,14 +102,29 @@ def status(*, path: Path, as_json: bool) -> None:
         said = read_status(settings.status_file)
     except (SettingsError, LedgerError) as error:
         raise click.ClickException(str(error)) from error
-    t_ms = said.get("t_ms")
-    age_s = time.time() - t_ms / 1000 if isinstance(t_ms, int) else float("inf")
+    age_s = _age_s(said)
     alive = age_s <= STALE_S
     if as_json:
         click.echo(json.dumps({**said, "alive": alive, "age_s": round(min(age_s, 1e9), 1)}))
     else:
         _show(said, alive=alive, age_s=age_s)
     sys.exit(0 if alive else 1)
+
+
+def is_alive(status_file: Path) -> bool:
+    """Whether the agent that writes this status file has done so lately."""
+    from edge_agent.health import read_status  # noqa: PLC0415
+    from wonderland.ledger.errors import LedgerError  # noqa: PLC0415
+
+    try:
+        return _age_s(read_status(status_file)) <= STALE_S
+    except LedgerError:
+        return False
+
+
+def _age_s(said: dict[str, Any]) -> float:
+    t_ms = said.get("t_ms")
+    return time.time() - t_ms / 1000 if isinstance(t_ms, int) else float("inf")
 
 
 def _show(said: dict[str, Any], *, alive: bool, age_s: float) -> None:

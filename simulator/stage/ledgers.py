@@ -1,4 +1,4 @@
-"""The two ledgers that a stage can stand on: the embedded one, and a real Hyperledger Fabric network."""
+"""The ledgers that a stage can stand on: the embedded one, a real Hyperledger Fabric network, one that runs already."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Protocol
 
 from simulator.scenario import DroneSpec, PadSite
 from simulator.stage.processes import ProcessError, Processes
+from wonderland.ledger.connection import Connection
 from wonderland.ledger.embedded.administration import DirectoryAdministration
 from wonderland.ledger.embedded.directory import LedgerDirectory
 from wonderland.ledger.errors import LedgerError
@@ -22,6 +23,26 @@ class StageLedger(Protocol):
 
     async def stop(self) -> None:
         """Bring it down."""
+
+
+class RunningStageLedger:
+    """A ledger that somebody else runs; pads and drones were enrolled before."""
+
+    def __init__(self, connection: Path) -> None:
+        self._connection = connection
+
+    async def start(self, pads: Sequence[PadSite], drones: Sequence[DroneSpec]) -> Path:
+        """See ``StageLedger``."""
+        try:
+            known = Connection.load(self._connection)
+            for name in (*(pad.pad_id for pad in pads), *(drone.uav_id for drone in drones)):
+                known.files(name)
+        except LedgerError as error:
+            raise ProcessError(f"{error}. `wonderland world enrol` makes the identities") from error
+        return self._connection
+
+    async def stop(self) -> None:
+        """Nothing: it is not ours."""
 
 
 class EmbeddedStageLedger:

@@ -18,6 +18,7 @@ REGISTRATION: Final = "FIN87astrdge12k8"
 PAD_OPERATOR: Final = "skyport-turku"
 PATIENCE: Final = 20
 PAUSE_S: Final = 0.25
+CONFLICT: Final = 409
 FLEET_OPERATOR: Final = "aurora-air"
 
 
@@ -100,11 +101,17 @@ class Registry:
         await asyncio.gather(*(one(drone) for drone in drones))
 
     async def _submit(self, who: str, function: str, argument: Record) -> None:
-        """Submit; where one organisation's peer has not yet seen what another has, wait for it."""
+        """Submit; where one organisation's peer has not yet seen what another has, wait for it.
+
+        What is on the ledger already, from an earlier run of the same world, stays.
+        """
         for left in reversed(range(PATIENCE)):
             try:
                 await self._contracts[who].submit_with_retry(function, argument.encode())
-            except EndorseError:
+            except EndorseError as error:
+                answer = error.chaincode_response
+                if answer is not None and answer.status == CONFLICT:
+                    return
                 if not left:
                     raise
                 await asyncio.sleep(PAUSE_S)

@@ -13,7 +13,7 @@ from typing import Self
 
 from simulator.plan import Plan
 from simulator.scenario import DroneSpec, PadSite
-from simulator.stage.ledgers import EmbeddedStageLedger, FabricStageLedger, StageLedger
+from simulator.stage.ledgers import EmbeddedStageLedger, FabricStageLedger, RunningStageLedger, StageLedger
 from simulator.stage.processes import Process, Processes, free_ports
 from simulator.stage.registry import Registry
 from simulator.world import Ports, anchor_path
@@ -39,6 +39,10 @@ class StageSettings:
     port: int = 0
     ledger: str = "embedded"
     """``embedded`` or ``fabric``."""
+    connection: Path | None = None
+    """connection.json of a ledger that runs already, with identities for all pads and drones; None starts one."""
+    backend_url: str = ""
+    """A backend that runs already; empty: one is started."""
     policy: Callable[[PadSite], Policy] = default_policy
     commissioning: Callable[[PadSite], Commissioning] | None = None
 
@@ -54,6 +58,8 @@ class Stage:
     connection_file: Path = field(init=False)
     ports: Ports = field(init=False)
     backend: Process = field(init=False)
+    """Where the stage has started one."""
+    backend_url: str = field(init=False)
     processes: Processes = field(init=False)
     _ledger: StageLedger | None = field(init=False, default=None)
     _stack: AsyncExitStack = field(init=False, default_factory=AsyncExitStack)
@@ -77,8 +83,11 @@ class Stage:
         self._ledger = self._make_ledger()
         self.connection_file = await self._ledger.start(self.settings.pads, self.settings.drones)
         self.connection = Connection.load(self.connection_file)
-        self.say("Starting the backend")
-        self.backend = await self._start_backend()
+        self.backend_url = self.settings.backend_url
+        if not self.backend_url:
+            self.say("Starting the backend")
+            self.backend = await self._start_backend()
+            self.backend_url = self.backend.ready["url"]
         self.say("Registering pads and drones on the ledger")
         now_ms = time.time_ns() // 1_000_000
         channel = self.connection.open_channel()
@@ -95,6 +104,8 @@ class Stage:
             await self._ledger.stop()
 
     def _make_ledger(self) -> StageLedger:
+        if self.settings.connection is not None:
+            return RunningStageLedger(self.settings.connection)
         if self.settings.ledger == "fabric":
             return FabricStageLedger(self.directory / "network", self.say)
         return EmbeddedStageLedger(self.directory / "ledger", self.processes)
@@ -171,6 +182,6 @@ class Stage:
             port = anchor_path(self.directory, pad.pad_id, site.anchor_id)
             lines += ["", "[[anchors]]", f"anchor_id = {quoted(site.anchor_id)}", f"port = {quoted(str(port))}"]
         lines += ["", "[remote_id]", f"listen = {quoted('127.0.0.1:' + str(self.ports.rid[pad.pad_id]))}"]
-        url = self.backend.ready["url"].replace("http", "ws", 1).rstrip("/") + "/ingest"
+        url = self.backend_url.replace("http", "ws", 1).rstrip("/") + "/ingest"
         lines += ["", "[backend]", f"url = {quoted(url)}"]
         return "\n".join(lines) + "\n"
