@@ -14,100 +14,30 @@ import random
 import numpy as np
 import pytest
 from bench_tools import show
-from scipy import stats
-from tests_world import FRAME, START_MS, World
+from tests_world import START_MS, World
 
 from simulator.paper import POINTS, SIGMA_M, cramer_rao_m
-from wonderland.proofs import judgement, stopping
-from wonderland.proofs.agreement import agreement
+from simulator.reproduction import sampling
+from simulator.reproduction.sampling import EVERY_ROUND, POLICY, Share, wald_rounds
+from simulator.reproduction.sampling import means as reduced
+from simulator.reproduction.sampling import outcome_of as outcome
+from simulator.reproduction.sampling import pad_at as pad
+from simulator.reproduction.sampling import place_of as at_mm
+from wonderland.proofs import stopping
 from wonderland.proofs.estimate import solve
 from wonderland.proofs.likelihood import Matrix2, distance_to_disc, distance_to_outside, inside_disc
 from wonderland.proofs.prospects import prospect
-from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning
-from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.reduction import AnchorMean, Reduced
 from wonderland.proofs.verdict import preview
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(900)]
 R = 1000.0
-POLICY = Policy()
-ALPHA = 0.01
 LARGE = 100_000
 COMPROMISED = 1500
 
 
-def pad(point, *, sigma_mm=50, bias_sigma_mm=0, more=()):
-    return Commissioning(
-        frame=FRAME,
-        anchors=tuple(
-            Anchor(
-                anchor_id=f"A{i}",
-                mac=i,
-                east_mm=round(x * 1000),
-                north_mm=round(y * 1000),
-                up_mm=0,
-                survey_sigma_mm=0,
-                bias=(BiasPoint(range_mm=0, bias_mm=0, sigma_mm=bias_sigma_mm),),
-            )
-            for i, (x, y) in enumerate((*point.anchors, *more))
-        ),
-        range_sigma_mm=sigma_mm,
-        installation_sigma_mm=0,
-        max_range_mm=100_000,
-        valid_from_ms=0,
-        valid_until_ms=2,
-        method="simulated",
-        correlation_ppm=0,
-    )
-
-
-def reduced(commissioning, truth, claim, errors, rounds):
-    """Means over ``rounds`` rounds with the given errors (mm), as ``reduction.reduce`` would make them."""
-    white = commissioning.range_sigma_mm**2 / rounds
-    anchors = []
-    for index, (anchor, error) in enumerate(zip(commissioning.anchors, errors, strict=True)):
-        measured = math.dist(truth, (anchor.east_mm, anchor.north_mm)) + error
-        expected = math.dist(claim, (anchor.east_mm, anchor.north_mm))
-        floor = float(anchor.bias[0].sigma_mm ** 2)
-        anchors.append(
-            AnchorMean(
-                index,
-                anchor.east_mm,
-                anchor.north_mm,
-                0.0,
-                measured,
-                measured - expected,
-                rounds,
-                white,
-                floor,
-            )
-        )
-    return Reduced(tuple(anchors), claim[0], claim[1], 0.0, 0, rounds, rounds, 0, 50.0, 0.0)
-
-
-def outcome(commissioning, item):
-    """The side that the decision takes, and the likelihood, for these means."""
-    whole = solve(item)
-    assert whole is not None
-    agreed = agreement(item, whole)
-    session = dataclasses.make_dataclass("S", ["policy"])(POLICY)
-    found = [
-        judgement._compare(session, item, offset, Matrix2(0.0, 0.0, 0.0), (0.0, 0.0))
-        for offset in (agreed.offsets or (whole,))
-    ]
-    inside = agreed.usable and all(one.inside for one in found)
-    outside = agreed.usable and agreed.anchors >= 4 and all(one.outside for one in found)
-    return "verified" if inside else "refuted" if outside else "inconclusive"
-
-
 def interval(count, tries):
-    """95 % (Clopper and Pearson)."""
-    low, high = stats.binomtest(int(count), int(tries)).proportion_ci(method="exact")
+    low, high = Share(int(count), tries).interval
     return f"{count / tries:.5f} ({low:.5f}–{high:.5f})"
-
-
-def at_mm(point):
-    return point.position[0] * 1000, point.position[1] * 1000
 
 
 def test_error_of_the_estimate_beside_the_cramer_rao_bound(keep):
@@ -139,46 +69,14 @@ def test_error_of_the_estimate_beside_the_cramer_rao_bound(keep):
     assert worst <= 1.02
 
 
-def needed(alternatives, s1, step):
-    """Standard deviations from the edge with which ``stopping.proved`` begins to hold."""
-    low, high = 0.0, 50.0
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        if stopping.proved(alternatives, ALPHA, R, s1, middle, step):
-            high = middle
-        else:
-            low = middle
-    return high
+def settle(m_mm, looks, tries, *, s1=1800.0, floor=0.0):
+    found = sampling.settle(m_mm, looks, tries, one_round_mm=s1, floor_mm=floor)
+    return found.verified.count, found.refuted.count, found.mean_rounds
 
 
-def settle(m_mm, looks, tries, *, s1=1800.0, floor=0.0, seed=1):
-    """(verified, refuted, mean rounds) of drones ``m_mm`` off along the long axis, by the decision's thresholds."""
-    rng = np.random.default_rng(seed)
-    bias = rng.normal(0, floor, tries) if floor else np.zeros(tries)
-    total, before = np.zeros(tries), 0
-    alive = np.ones(tries, bool)
-    verified = refuted = 0
-    rounds = np.full(tries, float(looks[-1]))
-    for n in looks:
-        total += rng.normal(0, s1 * math.sqrt(n - before), tries) + m_mm * (n - before)
-        before = n
-        deviation = math.sqrt(s1**2 / n + floor**2)
-        square, white = deviation**2, s1**2 / n
-        step = stopping.step_of(Matrix2(square, 0.0, 0.0), Matrix2(white, 0.0, 0.0), n)
-        distance = (R - np.abs(total / n + bias)) / deviation
-        inside = alive & (distance >= needed(stopping.INSIDE, deviation, step))
-        outside = alive & (-distance >= needed(stopping.OUTSIDE, deviation, step))
-        verified += inside.sum()
-        refuted += outside.sum()
-        rounds[inside | outside] = n
-        alive &= ~(inside | outside)
-    return int(verified), int(refuted), float(rounds.mean())
-
-
-EVERY = tuple(range(3, 501))
-
-
-@pytest.mark.parametrize(("name", "looks"), [("every round, 3 to 500", EVERY), ("the pad's looks", stopping.LOOKS)])
+@pytest.mark.parametrize(
+    ("name", "looks"), [("every round, 3 to 500", EVERY_ROUND), ("the pad's looks", stopping.LOOKS)]
+)
 def test_error_rates_at_the_edge_under_repeated_looks(keep, name, looks):
     rows = []
     cases = [(1800.0, floor, m) for floor in (0.0, 200.0, 300.0) for m in (R, 1.1 * R, 0.9 * R)]
@@ -209,15 +107,9 @@ def test_error_rates_at_the_edge_under_repeated_looks(keep, name, looks):
     )
 
 
-def wald(m_mm, s1=1800.0):
-    """Expected rounds of Wald's test between two hypotheses for error rates of 1 %: here and on the edge."""
-    delta = abs(abs(m_mm) - R)
-    return 2 * s1**2 / delta**2 * (1 - 2 * ALPHA) * math.log((1 - ALPHA) / ALPHA)
-
-
 def test_rounds_to_settle_beside_walds_bound(keep):
     rows = []
-    for name, looks in (("every round from 3", EVERY), ("the pad's looks", stopping.LOOKS)):
+    for name, looks in (("every round from 3", EVERY_ROUND), ("the pad's looks", stopping.LOOKS)):
         for m in (0.0, 2 * R, 3 * R):
             verified, refuted, rounds = settle(m, looks, 20_000)
             rows.append(
@@ -225,13 +117,13 @@ def test_rounds_to_settle_beside_walds_bound(keep):
                     name,
                     f"{m / R:.0f} m",
                     f"{rounds:.1f}",
-                    f"{wald(m):.1f}",
-                    f"{rounds / wald(m):.2f}",
+                    f"{wald_rounds(m):.1f}",
+                    f"{rounds / wald_rounds(m):.2f}",
                     interval(verified, 20_000),
                     interval(refuted, 20_000),
                 )
             )
-            keep(looks=name, m=m, rounds=rounds, wald=wald(m))
+            keep(looks=name, m=m, rounds=rounds, wald=wald_rounds(m))
             wrong = refuted if m == 0 else verified
             assert wrong / 20_000 <= 0.001
     show(
@@ -257,7 +149,7 @@ def test_the_drawn_estimates_judge_as_whole_decisions_do(keep):
             for n in stopping.LOOKS:
                 total += rng.normal(0, 50 * math.sqrt(n - before), 4)
                 before = n
-                said = outcome(commissioning, reduced(commissioning, truth, claim, total / n, n))
+                said = outcome(reduced(commissioning, truth, claim, total / n, n))
                 if said != "inconclusive":
                     break
             counts[said] += 1
@@ -325,7 +217,7 @@ def test_a_vague_estimate_refutes_nobody(keep):
         commissioning = pad(point, sigma_mm=sigma)
         counts = {"verified": 0, "refuted": 0, "inconclusive": 0}
         for errors in rng.normal(0, sigma / math.sqrt(10), (tries, 4)):
-            counts[outcome(commissioning, reduced(commissioning, truth, truth, errors, 10))] += 1
+            counts[outcome(reduced(commissioning, truth, truth, errors, 10))] += 1
         s1 = prospect(commissioning, POLICY, *truth, 0.0).one_round.ellipse().s1 / math.sqrt(10)
         rows.append((f"{s1 / R:.1f} R", counts["verified"], counts["inconclusive"], interval(counts["refuted"], tries)))
         keep(s1=s1, **counts)

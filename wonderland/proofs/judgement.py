@@ -13,6 +13,7 @@ from wonderland.proofs.estimate import Offset, least_chi2_within
 from wonderland.proofs.frame import to_local, to_wgs84
 from wonderland.proofs.likelihood import Matrix2, distance_to_disc, inside_disc
 from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import Judgement, Position, Reason
 from wonderland.proofs.reduction import Reduced, distance
@@ -73,7 +74,7 @@ def judge(
     Where one anchor is bad, every subset that may be the good one has to say the same.
     """
     offsets = measured.agreement.offsets or (measured.whole,)
-    found = [_compare(session, measured.reduced, offset, extra, shift) for offset in offsets]
+    found = [compare(session.policy, measured.reduced, offset, extra, shift) for offset in offsets]
     first = found[0]
     radius = metres(float(session.policy.buffer_mm))
     error = metres(first.error)
@@ -107,7 +108,7 @@ def judge(
 
 
 @dataclass(frozen=True, slots=True)
-class _Comparison:
+class Comparison:
     """One estimate against one claim."""
 
     inside: bool
@@ -117,10 +118,8 @@ class _Comparison:
     error: float
 
 
-def _compare(
-    session: Session, reduced: Reduced, offset: Offset, extra: Matrix2, shift: tuple[float, float]
-) -> _Comparison:
-    policy = session.policy
+def compare(policy: Policy, reduced: Reduced, offset: Offset, extra: Matrix2, shift: tuple[float, float]) -> Comparison:
+    """One estimate against the claim at ``shift`` (mm), with ``extra`` covariance."""
     radius = float(policy.buffer_mm)
     east, north = offset.east - shift[0], offset.north - shift[1]
     covariance = offset.covariance + extra
@@ -138,7 +137,7 @@ def _compare(
         worse = least_chi2_within(reduced, shift[0], shift[1], radius) - offset.chi2
         significance = min(significance, sqrt(worse) if worse > 0.0 else 0.0)
         outside = proved_outside(significance, covariance.ellipse().s1, policy, step)
-    return _Comparison(
+    return Comparison(
         inside=proved.inside and likelihood_ppm >= policy.verify_ppm,
         outside=outside,
         likelihood_ppm=likelihood_ppm,
