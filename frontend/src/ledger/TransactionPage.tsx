@@ -7,6 +7,7 @@ import { count, dayAndTime } from "../shared/format";
 import { useServerNow } from "../shared/live/useLive";
 import { sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
+import { laidOut } from "./json";
 import { blockHref, ledgerHref } from "./links";
 import { ledgerTexts as t } from "./texts";
 
@@ -16,7 +17,7 @@ const SESSION_FUNCTIONS = new Set(["RequestProof", "SubmitProof", "CompleteInter
 function readable(value: LedgerValue): string {
   if (value.text === undefined) return value.base64 ?? "";
   try {
-    return JSON.stringify(JSON.parse(value.text), null, 2);
+    return laidOut(JSON.parse(value.text));
   } catch {
     return value.text;
   }

@@ -1,6 +1,7 @@
 import { useQuery } from "@tanstack/react-query";
 import { useRef, type ReactElement } from "react";
 import { placeHash } from "../app/location";
+import { transactionHref } from "../ledger/links";
 import { useApi } from "../shared/api/api";
 import { useFresh } from "../shared/api/useFresh";
 import type { Evidence, LedgerTransaction, SessionDetail, SessionState } from "../shared/api/records";
@@ -40,7 +41,9 @@ function Transactions({ transactions }: { transactions: readonly LedgerTransacti
             {transactions.map((each) => (
               <tr key={each.tx_id}>
                 <td>
-                  <b>{each.function ?? "–"}</b>
+                  <a href={transactionHref(each.tx_id)}>
+                    <b>{each.function ?? "–"}</b>
+                  </a>
                 </td>
                 <td>{each.creator ? `${each.creator.name} · ${each.creator.msp_id}` : "–"}</td>
                 <td>{each.endorsers.join(", ")}</td>
