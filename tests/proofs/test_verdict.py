@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from wonderland.proofs.records.sessions import AnchorRanges, BroadcastClaim, Evidence, Radio, RangeTable
 from wonderland.proofs.records.verdicts import Reason, Verdict
+from wonderland.proofs.testimony import WitnessBrought
 from wonderland.proofs.verdict import decide, preview
 
 VECTORS = Path(__file__).parent.parent / "vectors" / "verdicts.json"
@@ -360,8 +361,13 @@ def test_golden_vectors():
     """The same bits on every machine and Python: made by ``make vectors``."""
     for vector in json.loads(VECTORS.read_text()):
         from wonderland.proofs.records.pads import Commissioning
-        from wonderland.proofs.records.sessions import Session
+        from wonderland.proofs.records.sessions import Session, Testimony
 
+        witness = None
+        if "testimony" in vector:
+            witness = WitnessBrought(
+                Testimony.parse(vector["testimony"]), Commissioning.parse(vector["witness_commissioning"])
+            )
         verdict = decide(
             Session.parse(vector["session"]),
             Commissioning.parse(vector["commissioning"]),
@@ -371,5 +377,6 @@ def test_golden_vectors():
             authorisation=(),
             now_ms=vector["now_ms"],
             evidence_sha256="0" * 64,
+            witness=witness,
         )
         assert verdict.to_json() == vector["verdict"], vector["name"]

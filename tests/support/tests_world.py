@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Sequence
+from dataclasses import replace
 
 from wonderland.proofs import frame as frames
+from wonderland.proofs.differences import MM_PER_TICK
 from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning, Frame
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import (
+    NO_TICK,
     AnchorRanges,
+    AnchorTicks,
     BroadcastClaim,
     Claim,
     Evidence,
@@ -18,6 +22,8 @@ from wonderland.proofs.records.sessions import (
     Radio,
     RangeTable,
     Session,
+    Testimony,
+    TimeStamps,
 )
 
 FRAME = Frame(
@@ -131,4 +137,57 @@ class World:
             claims=claims,
             broadcast=heard,
             **{"matched": "both", "radio": Radio(measured_by="pad", sts="provisioned"), "steps": (), **more},
+        )
+
+    def share_a_clock(self, *, timestamp_sigma_mm: int = 30, clock_sigma_mm: int = 5) -> None:
+        """Commission the pad for time stamps."""
+        self.commissioning = replace(
+            self.commissioning,
+            timestamp_sigma_mm=timestamp_sigma_mm,
+            anchors=tuple(replace(anchor, clock_sigma_mm=clock_sigma_mm) for anchor in self.commissioning.anchors),
+        )
+
+    def stamps(
+        self,
+        truth,
+        *,
+        frames: int = 60,
+        sigma_mm: float = 30.0,
+        clock_mm: Sequence[float] = (),
+        deaf: Sequence[tuple[int, int]] = (),
+        bound_by: str = "challenge",
+    ) -> TimeStamps:
+        """Frames sent where ``truth`` says; ``clock_mm``: error of each anchor's clock; ``deaf``: (anchor, frame)."""
+        errors = clock_mm or (0.0,) * len(self.commissioning.anchors)
+        columns: list[list[int]] = [[] for _ in self.commissioning.anchors]
+        for number in range(frames):
+            place = truth(500 + 50 * number)
+            stamps = []
+            for anchor, error in zip(self.commissioning.anchors, errors, strict=True):
+                away = math.dist(place, (anchor.east_mm, anchor.north_mm, anchor.up_mm))
+                stamps.append((away + error + self.rng.gauss(0, sigma_mm)) / MM_PER_TICK)
+            first = min(stamps)
+            for index, (column, stamp) in enumerate(zip(columns, stamps, strict=True)):
+                column.append(NO_TICK if (index, number) in deaf else round(stamp - first))
+        return TimeStamps(
+            start_ms=START_MS + 500,
+            gap_ms=(0,) + (50,) * (frames - 1),
+            anchors=tuple(
+                AnchorTicks(anchor_id=anchor.anchor_id, ticks=tuple(column))
+                for anchor, column in zip(self.commissioning.anchors, columns, strict=True)
+            ),
+            bound_by=bound_by,
+        )
+
+    def testimony(self, truth, **more) -> Testimony:
+        """What this pad brings as a witness of a drone; ``truth`` is in the frame that all pads of the tests share."""
+        return Testimony(
+            session_id="0" * 64,
+            pad_id="pad-2",
+            msp_id="OtherPadMSP",
+            certificate_sha256="0" * 64,
+            commissioning_sha256="0" * 64,
+            radio=Radio(measured_by="pad", sts="provisioned"),
+            time_stamps=self.stamps(truth, **{"bound_by": "key", **more}),
+            testified_ms=START_MS + 5_000,
         )

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 from tests_world import START_MS, World
 
+from wonderland.proofs.records.sessions import ClockReading
+from wonderland.proofs.testimony import WitnessBrought
 from wonderland.proofs.verdict import decide
 
 CASES = {
@@ -39,32 +42,66 @@ WORLDS = {
 }
 
 
+TIMED = {
+    "time stamps agree": ((3000, 6000, 4000), (3000, 6000, 4000), 3),
+    "ranges lie, time stamps do not": ((3000, 6000, 4000), (6000, 6000, 4000), 2),
+    "time stamps cannot tell so far away": ((3000, 14_000, 4000), (3000, 14_000, 4000), 3),
+    "the witness agrees": ((3000, 6000, 4000), (3000, 6000, 4000), 4),
+}
+
+
+def _vector(name, world, session, evidence, witness=None) -> dict:
+    verdict = decide(
+        session,
+        world.commissioning,
+        evidence,
+        confirmed=True,
+        signature_valid=True,
+        authorisation=(),
+        now_ms=START_MS + 20_000,
+        evidence_sha256="0" * 64,
+        witness=witness,
+    )
+    vector = {
+        "name": name,
+        "now_ms": START_MS + 20_000,
+        "session": session.to_json(),
+        "commissioning": world.commissioning.to_json(),
+        "evidence": evidence.to_json(),
+        "verdict": verdict.to_json(),
+    }
+    if witness is not None:
+        vector["testimony"] = witness.testimony.to_json()
+        vector["witness_commissioning"] = witness.commissioning.to_json()
+    return vector
+
+
+def _timed(name) -> dict:
+    """The drone's radio makes the ranges fit its claim; the time stamps are where it is."""
+    truth, claimed, level = TIMED[name]
+    world = World(seed=11)
+    world.share_a_clock()
+    session = world.session(world.claim(claimed, START_MS), min_assurance=level)
+    evidence = replace(
+        world.evidence(lambda t: claimed, lambda t: claimed, rounds=40),
+        time_stamps=world.stamps(lambda t: truth, frames=40),
+        clock=(ClockReading(uav_ms=START_MS + 1_030, heard_ms=START_MS + 1_060, asked_ms=START_MS + 1_000),),
+    )
+    witness = None
+    if level == 4:
+        other = World(seed=12, anchors=((9500, 1500), (6500, 1500), (6500, -1500), (9500, -1500)))
+        other.share_a_clock()
+        witness = WitnessBrought(other.testimony(lambda t: truth), other.commissioning)
+    return _vector(name, world, session, evidence, witness)
+
+
 def main() -> None:
-    vectors = []
+    vectors = [_timed(name) for name in TIMED]
     for name, (truth, claimed, rounds, more) in CASES.items():
         world = World(seed=7, **WORLDS.get(name, {}))
         session = world.session(world.claim(claimed, START_MS))
         evidence = world.evidence(lambda t, p=truth: p, lambda t, p=claimed: p, rounds=rounds, **more)
-        verdict = decide(
-            session,
-            world.commissioning,
-            evidence,
-            confirmed=True,
-            signature_valid=True,
-            authorisation=(),
-            now_ms=START_MS + 20_000,
-            evidence_sha256="0" * 64,
-        )
-        vectors.append(
-            {
-                "name": name,
-                "now_ms": START_MS + 20_000,
-                "session": session.to_json(),
-                "commissioning": world.commissioning.to_json(),
-                "evidence": evidence.to_json(),
-                "verdict": verdict.to_json(),
-            }
-        )
+        vectors.append(_vector(name, world, session, evidence))
     Path(__file__).with_name("verdicts.json").write_text(
         json.dumps(vectors, separators=(",", ":"), sort_keys=True) + "\n"
     )

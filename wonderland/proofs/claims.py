@@ -61,6 +61,17 @@ class ClaimedPath:
                 largest = max(largest, step)
         return largest
 
+    def mean_speed(self) -> float:
+        """Mean claimed speed over the ground, mm/ms; 0 where the claims span no time."""
+        span = self.points[-1].t_ms - self.points[0].t_ms
+        if span <= 0:
+            return 0.0
+        total = 0.0
+        for before, after in pairwise(self.points):
+            east, north = after.east - before.east, after.north - before.north
+            total += sqrt(east * east + north * north)
+        return total / span
+
     def at(self, t_ms: int) -> LocalClaim | None:
         """The claimed position at a moment, or None where no claim is within MAX_GAP_MS of it.
 

@@ -16,7 +16,7 @@ from typing import Final
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.fix import Multilateration
 from wonderland.proofs.likelihood import Matrix2
-from wonderland.proofs.reduction import CLAIM_CLOCK_SIGMA_MS, AnchorMean, Reduced, distance
+from wonderland.proofs.reduction import AnchorMean, Reduced, distance
 
 MIRROR_CHI2: Final = 13.815510557964274
 """A second position is excluded only if its χ² is worse by this (a likelihood a thousand times smaller)."""
@@ -241,7 +241,7 @@ def _covariances(reduced: Reduced, fix: _Fix) -> tuple[Matrix2, Matrix2] | None:
         east = inverse.ee * we + inverse.en * wn
         north = inverse.en * we + inverse.nn * wn
         white += Matrix2(east * east, east * north, north * north).scaled(anchor.white)
-    x, y = reduced.velocity_east * CLAIM_CLOCK_SIGMA_MS, reduced.velocity_north * CLAIM_CLOCK_SIGMA_MS
+    x, y = reduced.velocity_east * reduced.clock_sigma_ms, reduced.velocity_north * reduced.clock_sigma_ms
     total = inverse + Matrix2(x * x, x * y, y * y)
     return total, total + white.scaled(-1.0)
 

@@ -68,6 +68,7 @@ class Reduced:
     velocity_east: float = 0.0
     velocity_north: float = 0.0
     """Mean claimed velocity over the rounds, mm/ms: times the clock's uncertainty, one more error."""
+    clock_sigma_ms: float = CLAIM_CLOCK_SIGMA_MS
 
 
 def bias_at(anchor: Anchor, range_mm: float) -> tuple[float, float]:
@@ -83,8 +84,16 @@ def bias_at(anchor: Anchor, range_mm: float) -> tuple[float, float]:
     return float(table[-1].bias_mm), float(table[-1].sigma_mm)
 
 
-def reduce(rounds: UsableRounds, commissioning: Commissioning, path: ClaimedPath) -> Reduced | None:
-    """Means over the rounds, or None where fewer than three anchors are left."""
+def reduce(
+    rounds: UsableRounds,
+    commissioning: Commissioning,
+    path: ClaimedPath,
+    clock_sigma_ms: float = CLAIM_CLOCK_SIGMA_MS,
+) -> Reduced | None:
+    """Means over the rounds, or None where fewer than three anchors are left.
+
+    ``clock_sigma_ms``: how well the claims' times are known on the pad's clock.
+    """
     claimed = path.along(rounds.t_ms)
     present = [point for point in claimed if point is not None]
     if not present:
@@ -107,7 +116,7 @@ def reduce(rounds: UsableRounds, commissioning: Commissioning, path: ClaimedPath
             series.append((index, kept))
     if len(series) < 3:
         return None
-    correlation = _correlation([values for _, values in series], commissioning.correlation_ppm)
+    correlation = correlation_of([values for _, values in series], commissioning.correlation_ppm)
     worth = (1.0 - correlation) / (1.0 + correlation)
     sigma2 = float(commissioning.range_sigma_mm * commissioning.range_sigma_mm)
     anchors = []
@@ -133,6 +142,7 @@ def reduce(rounds: UsableRounds, commissioning: Commissioning, path: ClaimedPath
         installation_sigma_mm=float(commissioning.installation_sigma_mm),
         velocity_east=(last.east - first.east) / span if span > 0 else 0.0,
         velocity_north=(last.north - first.north) / span if span > 0 else 0.0,
+        clock_sigma_ms=clock_sigma_ms,
     )
 
 
@@ -184,7 +194,7 @@ def _without_bursts(values: Sequence[float], sigma: float) -> list[float]:
     return [value for value in values if -limit <= value - median <= limit]
 
 
-def _correlation(series: Sequence[Sequence[float]], commissioned_ppm: int | None) -> float:
+def correlation_of(series: Sequence[Sequence[float]], commissioned_ppm: int | None) -> float:
     """Lag-1 correlation of the residuals over time, all anchors together; 0 to MOST_CORRELATED.
 
     The sample's (von Neumann's ratio: right on average where there is none, too small by about 4ρ/N where there is

@@ -5,27 +5,30 @@
  3. usable rounds   at least three anchors, plausible ranges, no obstruction
  4. bias            each range is corrected by its anchor's calibration
  5. consistency     the ranges agree with one another (χ² about the estimate), all or without one bad anchor
- 6. time differences  (assurance 3; no pad of this version brings them)
+ 6. differences     of the time stamps of the drone's frames: agree with the ranges, alone prove the claim or refute it
  7. claim           residuals against the claimed path, which may move
  8. estimate        offset from the claim, with its covariance
  9. likelihood      that the drone is within the buffer of its claim
 10. outcome         verified, refuted or inconclusive, and permission
 
-Steps 4 and 7 are in ``reduction``, 5 in ``agreement``, 8 in ``estimate``, 9 and 10 for one claim in ``judgement``, what
-holds under repeated looks in ``stopping``, what can be reached at all in ``prospects``. Two claims
-are judged: the one that the drone signed for this session and the one that it broadcast. Integers and exactly rounded
-operations only (``special``).
+Steps 4 and 7 are in ``reduction``, 5 in ``agreement``, 6 in ``differences`` and ``testimony``, 8 in ``estimate``, 9 and
+10 for one claim in ``judgement``, what holds under repeated looks in ``stopping``, what can be reached at all in
+``prospects``, the drone's clock in ``drone_clock``. Two claims are judged: the one that the drone signed for this
+session and the one that it broadcast. Integers and exactly rounded operations only (``special``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from math import sqrt
 from typing import Final
 
 from wonderland.proofs.agreement import agreement
 from wonderland.proofs.claims import ClaimedPath
+from wonderland.proofs.differences import halved
+from wonderland.proofs.drone_clock import EXCUSED_SHARE, Clock, drone_clock
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.estimate import solve
 from wonderland.proofs.judgement import (
@@ -43,14 +46,17 @@ from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.prospects import anchors_in_a_plane, within_hull
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.records.sessions import Evidence, Session
-from wonderland.proofs.records.verdicts import Covariance, Judgement, Position, Reason, Verdict
+from wonderland.proofs.records.sessions import Claim, Evidence, Session
+from wonderland.proofs.records.verdicts import Covariance, DroneClock, Judgement, Position, Reason, Verdict
 from wonderland.proofs.reduction import reduce
 from wonderland.proofs.rounds import UsableRounds, usable
 from wonderland.proofs.stopping import more_rounds
+from wonderland.proofs.testimony import WitnessBrought, judge_testimony, judge_time_stamps
 
 BOUND_Z: Final = 2.83
 """Standard deviations with which ``within_mm`` holds."""
+KEYED: Final = 2
+"""Assurance of two-way ranges that the pad measured with a keyed time-stamp sequence."""
 TIME_DIFFERENCES: Final = 3
 """From this assurance on a drone's own clock cannot make it appear farther away."""
 MAX_HEIGHT_ACCURACY_MM: Final = 20_000
@@ -67,40 +73,54 @@ def decide(
     authorisation: Sequence[Reason],
     now_ms: int,
     evidence_sha256: str,
+    witness: WitnessBrought | None = None,
 ) -> Verdict:
     """The verdict of a session.
 
-    ``confirmed``: both session codes matched. ``signature_valid``: the drone's countersignature, None where it gave
+    ``witness``: what the second pad brought, where the session names one and it did. ``confirmed``: both session codes
+    matched. ``signature_valid``: the drone's countersignature, None where it gave
     none. ``authorisation``: reasons why the drone may not do what it asks, none where it may.
     """
     policy = session.policy
     reasons = Reasons()
+    clock = drone_clock(evidence.clock)
+    claims = _shifted((session.claim, *evidence.claims), clock)
     blocked = not _fresh(session, evidence, now_ms, reasons)  # 1
     blocked = not _confirmed(evidence, confirmed, signature_valid, reasons) or blocked  # 2
-    assurance = _assurance(evidence)
-    if assurance < policy.min_assurance:
-        reasons.add("assurance_too_low", f"Assurance {assurance}; this policy demands {policy.min_assurance}.")
-        blocked = True
     rounds = _usable(evidence, commissioning, policy.min_rounds, reasons)  # 3
     measured: Measured | None = None
     path: ClaimedPath | None = None
     try:
-        path = ClaimedPath(commissioning.frame, (session.claim, *evidence.claims))
+        path = ClaimedPath(commissioning.frame, claims)
     except GeometryError:
         reasons.add("claim_far_away", "The claimed position is nowhere near this pad.")
     if path is not None:
         blocked = not _plausible(path, policy, reasons) or blocked
+        blocked = not _clock_serves(clock, path, policy, reasons) or blocked
     if path is not None and rounds is not None:
-        measured = _measure(rounds, commissioning, path, reasons)  # 4, 5, 7, 8
+        measured = _measure(rounds, commissioning, path, clock, reasons)  # 4, 5, 7, 8
     enough = rounds is not None and len(rounds.t_ms) >= policy.min_rounds
+    timed = judge_time_stamps(session.pad_id, evidence.time_stamps, commissioning, path, policy, measured, clock)  # 6
+    seen = judge_testimony(witness, claims, policy, clock)
+    assurance = _assurance(evidence)
+    if assurance == KEYED:
+        assurance += timed.earned
+        if timed.proved_inside:
+            assurance += seen.earned
+    blocked = timed.say(policy.min_assurance, reasons) or seen.say(policy.min_assurance, reasons) or blocked
+    more_frames = max(timed.wanted, seen.wanted) if assurance < policy.min_assurance and not blocked else 0
+    if assurance < policy.min_assurance:
+        reasons.add("assurance_too_low", f"Assurance {assurance}; this policy demands {policy.min_assurance}.")
+        blocked = True
 
     signed: Judgement | None = None
     broadcast: Judgement | None = None
     more = -1
     if measured is not None and path is not None:
         open_geometry = measured.offset.mirror is not None
+        judged = replace(session, policy=halved(policy)) if timed.may_refute else session
         signed = judge(
-            session,
+            judged,
             commissioning,
             measured,
             Matrix2(0.0, 0.0, 0.0),
@@ -108,11 +128,14 @@ def decide(
             may_verify=not blocked and measured.agreement.usable and enough and not open_geometry,
             may_refute=enough,
         )  # 9, 10
+        signed = timed.overrule(signed, may_refute=enough)
         broadcast = judge_broadcast(session, commissioning, evidence, measured, path, may_refute=enough)
         more = more_rounds(measured.offset, measured.reduced.rounds, policy)
     outcome = _outcome(signed, broadcast, reasons)
     if measured is not None and signed is not None:
         _limits(assurance, commissioning, measured, signed, more, reasons)
+    if more_frames > 0 and more >= 0:
+        more, blocked = max(more, more_frames), False
     authorised = not authorisation
     reasons.items.extend(authorisation)
     granted = outcome == "verified" and authorised
@@ -139,10 +162,19 @@ def decide(
         chi2_milli=_milli(measured.offset.chi2) if measured is not None else None,
         chi2_claim_milli=_milli(measured.offset.chi2_claim) if measured is not None else None,
         within_mm=_within(measured, commissioning) if measured is not None else None,
+        time_differences=timed.record,
+        witness=seen.record,
+        clock=_clock_record(clock),
     )
 
 
-def preview(session: Session, commissioning: Commissioning, evidence: Evidence, now_ms: int) -> Verdict:
+def preview(
+    session: Session,
+    commissioning: Commissioning,
+    evidence: Evidence,
+    now_ms: int,
+    witness: WitnessBrought | None = None,
+) -> Verdict:
     """The pad's look while it ranges: the decision were the drone to countersign and to be authorised."""
     return decide(
         session,
@@ -153,7 +185,39 @@ def preview(session: Session, commissioning: Commissioning, evidence: Evidence, 
         authorisation=(),
         now_ms=now_ms,
         evidence_sha256="0" * 64,
+        witness=witness,
     )
+
+
+def _shifted(claims: Sequence[Claim], clock: Clock) -> tuple[Claim, ...]:
+    """The claims on the pad's clock."""
+    offset_ms = rounded(clock.offset_ms)
+    if offset_ms == 0:
+        return tuple(claims)
+    return tuple(replace(claim, t_ms=max(claim.t_ms - offset_ms, 0)) for claim in claims)
+
+
+def _clock_serves(clock: Clock, path: ClaimedPath, policy: Policy, reasons: Reasons) -> bool:
+    """Step 1: the drone's clock may be wrong only as far as that hardly moves its claim."""
+    if clock.contradictory:
+        reasons.add("clock_contradicts", "No clock gives the times that the drone said: some are later than heard.")
+        return False
+    if clock.beyond_ms <= 0.0:
+        return True
+    off = path.mean_speed() * clock.beyond_ms
+    said = f"The drone's clock is off by at least {rounded(clock.beyond_ms)} ms"
+    if off > EXCUSED_SHARE * policy.buffer_mm:
+        reasons.add("clock_off", f"{said}: at its speed {metres(off)} between what it claims and where it is.")
+        return False
+    return True
+
+
+def _clock_record(clock: Clock) -> DroneClock | None:
+    if clock.readings == 0:
+        return None
+    limit = 2**40
+    offset_ms = max(-limit, min(limit, rounded(clock.offset_ms)))
+    return DroneClock(offset_ms=offset_ms, sigma_ms=min(rounded(clock.sigma_ms), 2**31), readings=clock.readings)
 
 
 def _fresh(session: Session, evidence: Evidence, now_ms: int, reasons: Reasons) -> bool:
@@ -212,10 +276,10 @@ def _confirmed(evidence: Evidence, confirmed: bool, signature_valid: bool | None
 
 
 def _assurance(evidence: Evidence) -> int:
-    """What the way of ranging can bear; 3 and 4 need time differences and a second pad."""
+    """What the way of ranging can bear; 3 and 4 are earned by time differences and a second pad."""
     if evidence.radio.measured_by == "uav":
         return 0
-    return 2 if evidence.radio.sts == "provisioned" else 1
+    return KEYED if evidence.radio.sts == "provisioned" else 1
 
 
 def _usable(evidence: Evidence, commissioning: Commissioning, min_rounds: int, reasons: Reasons) -> UsableRounds | None:
@@ -234,10 +298,10 @@ def _usable(evidence: Evidence, commissioning: Commissioning, min_rounds: int, r
 
 
 def _measure(
-    rounds: UsableRounds, commissioning: Commissioning, path: ClaimedPath, reasons: Reasons
+    rounds: UsableRounds, commissioning: Commissioning, path: ClaimedPath, clock: Clock, reasons: Reasons
 ) -> Measured | None:
     """Steps 4 to 8: estimate, covariance, and whether the ranges agree with one another."""
-    reduced = reduce(rounds, commissioning, path)
+    reduced = reduce(rounds, commissioning, path, clock.sigma_ms)
     if reduced is None:
         reasons.add("no_estimate", "Too few anchors with ranges at the times of the claims.")
         return None
@@ -292,8 +356,8 @@ def _limits(
         bound = metres(float(_within(measured, commissioning)))
         reasons.add(
             "upper_bound",
-            f"Two-way ranges from one side prove that it is within {bound} of the pad; a drone that delays its own "
-            "answers could stand nearer than it says.",
+            f"Two-way ranges from one side prove no more than: within {bound} of the pad, if its radio tells its times "
+            "truly; a drone that delays its answers could stand nearer than it says.",
         )
 
 

@@ -18,6 +18,7 @@ AUTHORISATION: Final = "authorisation"
 POLICY: Final = "policy"
 SESSION: Final = "session"
 VERDICT: Final = "verdict"
+TESTIMONY: Final = "testimony"
 ASSET: Final = "asset"
 
 

@@ -69,6 +69,17 @@ class Anchor(Record):
     up_mm: LocalMm
     survey_sigma_mm: Annotated[int, Integer(0, 10_000, "Standard deviation of each surveyed coordinate")]
     bias: Annotated[tuple[BiasPoint, ...], Items(1, 32, "By rising distance; linear between, constant beyond")]
+    clock_offset_mm: (
+        Annotated[int, Integer(-100_000, 100_000, "Mean error of its time stamps on the pad's clock, as a length")]
+        | None
+    ) = None
+    clock_sigma_mm: (
+        Annotated[
+            int,
+            Integer(0, 10_000, "Its standard deviation: clock synchronisation, antenna. Without it: no common clock"),
+        ]
+        | None
+    ) = None
 
     def validate(self, path: str) -> None:
         """Distances of the bias table must rise."""
@@ -91,6 +102,10 @@ class Commissioning(Record):
     method: Note
     correlation_ppm: (
         Annotated[int, Integer(0, 950_000, "Correlation of one round's errors with the next one's, as commissioned")]
+        | None
+    ) = None
+    timestamp_sigma_mm: (
+        Annotated[int, Integer(1, 10_000, "Standard deviation of one time stamp of a frame, white part, as a length")]
         | None
     ) = None
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from wonderland.proofs.errors import RecordError
-from wonderland.proofs.records.fields import Ppm
+from wonderland.proofs.records.fields import PadId, Ppm
 from wonderland.proofs.records.schema import Integer, Record
 
 
@@ -26,6 +26,8 @@ class Policy(Record):
     max_claim_accuracy_mm: Annotated[int, Integer(100, 1_000_000, "A vaguer claim cannot be verified")] = 20_000
     require_authorisation: bool = True
     require_maintenance: bool = True
+    witness_pad_id: PadId | None = None
+    """A second pad that time-stamps the same drone in its own signed record; assurance 4 needs one."""
 
     def validate(self, path: str) -> None:
         """Thresholds must leave room for a third outcome, and rounds for a look."""

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from wonderland.proofs.errors import RecordError
 from wonderland.proofs.records.fields import (
+    MAX_TIME_MS,
     Action,
     AnchorId,
     HeightMm,
@@ -28,6 +29,10 @@ from wonderland.proofs.records.schema import Binary, Choice, Integer, Items, Rec
 MAX_ROUNDS = 500
 MAX_CLAIMS = 200
 NO_RANGE = -1
+MAX_FRAMES = 500
+NO_TICK = -1
+TICKS_PER_SECOND = 63_897_600_000
+"""Rate of the time stamps: 128 × 499.2 MHz, 15.65 ps and 4.69 mm of light each."""
 
 STATES = ("requested", "decided", "completed", "cancelled")
 STEP_NAMES = ("request", "poll", "match", "reply", "range", "confirm", "verdict", "permission")
@@ -89,6 +94,62 @@ class RangeTable(Record):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class AnchorTicks(Record):
+    """When one anchor heard each frame: ticks after the first anchor that heard it; −1 where it did not."""
+
+    anchor_id: AnchorId
+    ticks: Annotated[tuple[int, ...], Items(0, MAX_FRAMES, of=Integer(NO_TICK, 2**24))]
+
+
+BOUND_BY = ("challenge", "key", "none")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TimeStamps(Record):
+    """Frames of the drone that a pad's nodes time-stamped on one clock (63.8976 GHz); the drone's has no part in it."""
+
+    start_ms: TimeMs
+    gap_ms: Annotated[
+        tuple[int, ...],
+        Items(
+            0,
+            MAX_FRAMES,
+            "Since the frame before, or since ``start_ms``, by the pad's clock",
+            of=Integer(0, 2**24),
+        ),
+    ]
+    anchors: Annotated[tuple[AnchorTicks, ...], Items(0, 16)]
+    bound_by: Annotated[
+        str,
+        Choice(
+            BOUND_BY,
+            "What ties these frames to the session: the answer to the pad's challenge in each, a time-stamp sequence "
+            "keyed for this session, or nothing",
+        ),
+    ]
+
+    def validate(self, path: str) -> None:
+        """Columns must have one value for each frame, and each anchor one column."""
+        prefix = f"{path}." if path else ""
+        for index, anchor in enumerate(self.anchors):
+            if len(anchor.ticks) != len(self.gap_ms):
+                raise RecordError(
+                    f"{prefix}anchors[{index}].ticks", f"{len(anchor.ticks)} values for {len(self.gap_ms)} frames"
+                )
+        if len({anchor.anchor_id for anchor in self.anchors}) != len(self.anchors):
+            raise RecordError(f"{prefix}anchors", "an anchor appears twice")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ClockReading(Record):
+    """The drone's clock as the pad saw it: it said ``uav_ms`` after ``asked_ms`` and before ``heard_ms``, the pad's."""
+
+    uav_ms: TimeMs
+    heard_ms: TimeMs
+    asked_ms: Annotated[int, Integer(0, MAX_TIME_MS, "When the pad asked; left out where it did not ask")] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Radio(Record):
     """How the ranges came about: what the assurance of a verdict can rest on."""
 
@@ -121,6 +182,8 @@ class Evidence(Record):
         Annotated[str, Binary(64, 64, "The drone's signature (r, s) over the statement of step 6")] | None
     ) = None
     failure: Annotated[str, Text(64, r"[a-z0-9_]+", "Why the session stopped early, if it did")] | None = None
+    time_stamps: TimeStamps | None = None
+    clock: Annotated[tuple[ClockReading, ...], Items(0, 16, "The drone's clock against the pad's")] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -130,6 +193,31 @@ class Party(Record):
     msp_id: MspId
     certificate_sha256: Sha256Hex
     public_key: PublicKey | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Witness(Record):
+    """The second pad that shall time-stamp the drone: the policy names it, the request consumes one of its prekeys."""
+
+    pad_id: PadId
+    prekey_id: PrekeyId
+    pad_key: PublicKey
+    party: Party
+    commissioning_sha256: Sha256Hex
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Testimony(Record):
+    """What a witness brought: the same drone, time-stamped by the nodes of another pad, in its own transaction."""
+
+    session_id: SessionId
+    pad_id: PadId
+    msp_id: MspId
+    certificate_sha256: Sha256Hex
+    commissioning_sha256: Sha256Hex
+    radio: Radio
+    time_stamps: TimeStamps
+    testified_ms: TimeMs
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -160,3 +248,4 @@ class Session(Record):
     end: Annotated[str, Text(64, r"[a-z0-9_]+", "How it ended")] | None = None
     ended_by: Annotated[str, Choice(("pad", "uav", "authority"))] | None = None
     note: Note | None = None
+    witness: Witness | None = None

@@ -162,6 +162,8 @@ class RequestProof(Record):
     prekey_id: PrekeyId
     uav_key: PublicKey
     claim: sessions.Claim
+    witness_prekey_id: PrekeyId | None = None
+    """One of the prekeys of the pad that the policy names as witness; required where it names one."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -170,6 +172,15 @@ class SubmitProof(Record):
 
     session_id: SessionId
     evidence: sessions.Evidence
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WitnessProof(Record):
+    """Step 7 for the witness: its own time stamps of the drone's frames, before the pad submits."""
+
+    session_id: SessionId
+    radio: sessions.Radio
+    time_stamps: sessions.TimeStamps
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -67,6 +67,40 @@ class Judgement(Record):
     reasons: Annotated[tuple[Reason, ...], Items(0, 32)]
 
 
+TIMED = ("inside", "outside", "vague", "inconsistent")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TimeDifferences(Record):
+    """What the time stamps of the drone's frames prove without any word of its clock."""
+
+    pad_id: PadId
+    frames: Annotated[int, Integer(0, 500, "Frames that all of the anchors heard")]
+    finding: Annotated[
+        str,
+        Choice(
+            TIMED,
+            "Alone they prove the drone within the buffer, or outside of it, or neither; or contradict one another",
+        ),
+    ]
+    agrees: bool
+    """Whether one place explains them and the two-way ranges."""
+    more_frames: Annotated[int, Integer(-1, 10_000, "Further frames expected to prove it inside; −1: none would")]
+    error_mm: Mm | None = None
+    likelihood_ppm: Ppm | None = None
+    covariance: Covariance | None = None
+    chi2_milli: Annotated[int, Integer(0, 2**52, "χ² of the differences about their estimate × 1000")] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DroneClock(Record):
+    """The drone's clock against the pad's: how far ahead it is, and how well the echoes tell."""
+
+    offset_ms: Annotated[int, Integer(-(2**40), 2**40, "The drone's clock minus the pad's; claims were shifted by it")]
+    sigma_ms: Annotated[int, Integer(0, 2**31, "Standard deviation of what is left")]
+    readings: Annotated[int, Integer(0, 16)]
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Verdict(Record):
     """The contract's decision about a session."""
@@ -94,3 +128,6 @@ class Verdict(Record):
     within_mm: (
         Annotated[int, Integer(0, 100_000_000, "The ranges prove at least: within this distance of the pad")] | None
     ) = None
+    time_differences: TimeDifferences | None = None
+    witness: TimeDifferences | None = None
+    clock: DroneClock | None = None
