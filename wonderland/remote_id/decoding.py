@@ -84,6 +84,10 @@ _HEIGHT: Final[tuple[HeightReference, ...]] = (HeightReference.TAKEOFF, HeightRe
 _HORIZONTAL: Final[tuple[HorizontalAccuracy | None, ...]] = _table(HorizontalAccuracy, 16)  # type: ignore[assignment]
 _VERTICAL: Final[tuple[VerticalAccuracy | None, ...]] = _table(VerticalAccuracy, 16)  # type: ignore[assignment]
 _SPEED: Final[tuple[SpeedAccuracy | None, ...]] = _table(SpeedAccuracy, 16)  # type: ignore[assignment]
+_OPERATOR_LOCATION: Final[tuple[OperatorLocationType | None, ...]] = _table(OperatorLocationType, 4)  # type: ignore[assignment]
+_CLASSIFICATION: Final[tuple[ClassificationType | None, ...]] = _table(ClassificationType, 8)  # type: ignore[assignment]
+_CATEGORY: Final[tuple[CategoryEu | None, ...]] = _table(CategoryEu, 16)  # type: ignore[assignment]
+_CLASS: Final[tuple[ClassEu | None, ...]] = _table(ClassEu, 16)  # type: ignore[assignment]
 
 
 def decode(frame: bytes) -> Message | Pack:
@@ -273,15 +277,16 @@ def _self_id(frame: bytes, start: int, version: ProtocolVersion) -> SelfId:
 
 def _system(frame: bytes, start: int, version: ProtocolVersion) -> System:
     _, flags, lat_e7, lon_e7, count, radius, ceiling, floor, eu, altitude, seconds = SYSTEM.unpack_from(frame, start)
-    try:
-        operator_location = OperatorLocationType(flags & 3)
-        classification = ClassificationType(flags >> 2 & 7)
-    except ValueError as reserved:
-        raise FieldError("operator location or classification", f"reserved value ({reserved})", start + 1) from None
-    try:
-        category, uas_class = CategoryEu(eu >> 4), ClassEu(eu & 15)
-    except ValueError as reserved:
-        raise FieldError("EU category or class", f"reserved value ({reserved})", start + 17) from None
+    operator_location, classification = _OPERATOR_LOCATION[flags & 3], _CLASSIFICATION[flags >> 2 & 7]
+    if operator_location is None:
+        raise FieldError("operator location", f"{flags & 3} is reserved", start + 1)
+    if classification is None:
+        raise FieldError("classification", f"{flags >> 2 & 7} is reserved", start + 1)
+    category, uas_class = _CATEGORY[eu >> 4], _CLASS[eu & 15]
+    if category is None:
+        raise FieldError("EU category", f"{eu >> 4} is reserved", start + 17)
+    if uas_class is None:
+        raise FieldError("EU class", f"{eu & 15} is reserved", start + 17)
     position = lat_e7 != 0 or lon_e7 != 0
     if not -MAX_LAT_E7 <= lat_e7 <= MAX_LAT_E7:
         raise FieldError("operator latitude", f"{lat_e7 / 1e7}° is beyond ±90°", start + 2)
