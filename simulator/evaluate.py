@@ -44,6 +44,8 @@ SESSION_MS: Final = 3_600_000
 CLAIM_ACCURACY_MM: Final = 100
 CLAIM_HEIGHT_ACCURACY_MM: Final = 200
 LONGEST_RANGE_MM: Final = 1_000_000
+SAME_PLACE_M: Final = 0.05
+"""A commissioning is of these anchors if it has them no further from where the list of anchors says."""
 MAX_CLAIM_ROWS: Final = 1_000_000
 
 Claimed = Callable[[float, Vector], Vector]
@@ -132,8 +134,27 @@ def evaluate(settings: EvaluateSettings) -> Iterator[Window]:
         yield judge(rounds[first : first + settings.rounds], commissioning, policy, said)
 
 
+@dataclass(frozen=True)
+class Prepared:
+    """What the contract would be given about a window, were the drone to countersign."""
+
+    session: Session
+    commissioning: Commissioning
+    evidence: Evidence
+
+    def verdict(self) -> Verdict:
+        """The contract's own function on it."""
+        return preview(self.session, self.commissioning, self.evidence, self.evidence.ranges.t_ms[-1])
+
+
 def judge(rounds: tuple[RecordedRound, ...], commissioning: Commissioning, policy: Policy, said: Claimed) -> Window:
-    """The verdict on consecutive rounds, were the drone to countersign them; times are relative to the first round."""
+    """The verdict on consecutive rounds, were the drone to countersign them."""
+    verdict = prepare(rounds, commissioning, policy, said).verdict()
+    return Window(rounds[0].t_s, rounds[-1].t_s, rounds[len(rounds) // 2].truth_m, verdict)
+
+
+def prepare(rounds: tuple[RecordedRound, ...], commissioning: Commissioning, policy: Policy, said: Claimed) -> Prepared:
+    """Session and evidence of consecutive rounds; times are relative to the first. Raises RecordingError."""
     origin_s = rounds[0].t_s
     times = [START_MS + round((item.t_s - origin_s) * 1000) for item in rounds]
     try:
@@ -162,8 +183,7 @@ def judge(rounds: tuple[RecordedRound, ...], commissioning: Commissioning, polic
         radio=Radio(measured_by="pad", sts="provisioned"),
         steps=(),
     )
-    verdict = preview(_session(claims[0], policy), commissioning, evidence, times[-1])
-    return Window(origin_s, rounds[-1].t_s, rounds[len(rounds) // 2].truth_m, verdict)
+    return Prepared(_session(claims[0], policy), commissioning, evidence)
 
 
 def claims_of(text: str) -> Claimed:
@@ -226,6 +246,14 @@ def _commissioning(path: Path | None, recording: Recording) -> Commissioning:
     known = {anchor.anchor_id for anchor in record.anchors}
     if unknown := sorted(set(recording.anchors) - known):
         raise RecordingError(f"{path}: knows {', '.join(sorted(known))}, but not the recording's {', '.join(unknown)}")
+    for anchor in record.anchors:
+        place = (anchor.east_mm / 1000, anchor.north_mm / 1000, anchor.up_mm / 1000)
+        off_m = math.dist(place, recording.anchors.get(anchor.anchor_id, place))
+        if off_m > SAME_PLACE_M:
+            raise RecordingError(
+                f"{path}: commissioned with anchor {anchor.anchor_id} {off_m:.2f} m away from where the list of "
+                "anchors has it; a bias table holds for the anchors that it was fitted to"
+            )
     return record
 
 
