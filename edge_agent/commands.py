@@ -14,6 +14,7 @@ from typing import Any
 
 import click
 
+from edge_agent.commissioning.commands import commission
 from edge_agent.settings import SettingsError, load
 
 _config = click.option(
@@ -28,16 +29,20 @@ STALE_S = 30
 
 @click.group()
 def pad() -> None:
-    """Run the agent of a landing pad.
+    """Calibrate a landing pad, and run its agent.
 
     \b
     A pad is known to the ledger (RegisterPad), surveyed (CommissionPad) and has an identity with the role "pad".
+      wonderland pad commission --recording ranges.csv --anchors anchors.csv --out commissioning.json
       wonderland pad run --config pad.toml
       wonderland pad status --config pad.toml
 
     pad.toml names the pad, connection.json with the identity, a directory for the spool, one serial port for each
     anchor, where Remote ID is heard, and the backend. A mistake in it is reported with the field's name.
     """  # noqa: D301 - \b is click's mark for "do not wrap"
+
+
+pad.add_command(commission)
 
 
 @pad.command()

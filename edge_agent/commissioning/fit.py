@@ -29,6 +29,7 @@ GAP_M: Final = 2.0
 EDGE_M: Final = 0.5
 """Beyond the furthest distance that was driven, the table still holds for this much."""
 MAX_SHIFT_S: Final = 0.5
+MIN_SHIFT_S: Final = 0.02
 SHIFT_GAIN: Final = 0.10
 """A delay of the truth that makes the errors' spread this much smaller is worth telling."""
 SECTORS: Final = 12
@@ -85,8 +86,8 @@ class Fit:
     """Share of each anchor's ranges that were bursts."""
     warnings: tuple[Note, ...]
     interval_s: float
-    delay_s: float
-    """By how much the truth seems late (positive) after the shift that was given."""
+    shift_s: float
+    """By how much more the truth should be shifted (``--truth-shift``); positive where it is old."""
     settings: FitSettings = field(default_factory=FitSettings)
 
     @property
@@ -180,7 +181,7 @@ class Fit:
             "installation_sigma_m": round(self.installation_m, 4),
             "held_out_error_m": round(float(np.nanmedian(np.abs(self.held_m))), 4),
             "uncalibrated_error_m": round(float(np.nanmedian(np.abs(self.windows.error_m))), 4),
-            "truth_delay_s": round(self.delay_s, 3),
+            "truth_shift_left_s": round(self.shift_s, 3),
             "smoothness": self.curves.smoothness,
             "sharing": self.curves.sharing,
             "anchors": {
@@ -220,11 +221,11 @@ def fit_runs(runs: Sequence[Run], settings: FitSettings | None = None) -> Fit:
     interval = float(np.median([run.interval_s for run in runs]))
     spread = find_spread(data, curves, held, reference_sigma_m=settings.reference_sigma_m)
     coverage = _coverage(data, first.anchors_m)
-    delay, gain = _delay(runs)
+    shift, gain = _shift(runs)
     outliers = {
         name: float(data.bursts[index] / max(int(data.ranges[index]), 1)) for index, name in enumerate(first.anchor_ids)
     }
-    notes += _notes(runs, data, coverage, outliers, delay, gain)
+    notes += _notes(runs, data, coverage, outliers, shift, gain)
     return Fit(
         anchor_ids=first.anchor_ids,
         anchors_m=first.anchors_m,
@@ -236,7 +237,7 @@ def fit_runs(runs: Sequence[Run], settings: FitSettings | None = None) -> Fit:
         outliers=outliers,
         warnings=tuple(notes),
         interval_s=interval,
-        delay_s=delay,
+        shift_s=shift,
         settings=settings,
     )
 
@@ -272,8 +273,8 @@ def _coverage(data: Windows, anchors_m: Floats) -> Coverage:
     )
 
 
-def _delay(runs: tuple[Run, ...]) -> tuple[float, float]:
-    """(delay of the truth in s, by what share the spread shrinks with it removed), from the run with most movement."""
+def _shift(runs: tuple[Run, ...]) -> tuple[float, float]:
+    """(best shift of the truth in s, by what share it shrinks the spread), from the run with most movement."""
     run = max(runs, key=lambda item: float(np.ptp(item.truth_m, axis=0).max()))
     shifts = np.linspace(-MAX_SHIFT_S, MAX_SHIFT_S, 41)
     scores = [_roughness(run, float(shift)) for shift in shifts]
@@ -284,7 +285,7 @@ def _delay(runs: tuple[Run, ...]) -> tuple[float, float]:
     before, here, after = scores[best - 1 : best + 2]
     bend = before - 2 * here + after
     peak = shifts[best] + (0.5 * (before - after) / bend if bend > 0 else 0.0) * (shifts[1] - shifts[0])
-    return float(-peak), 1.0 - here / now
+    return float(peak), 1.0 - here / now
 
 
 def _roughness(run: Run, shift_s: float) -> float:
@@ -303,18 +304,19 @@ def _roughness(run: Run, shift_s: float) -> float:
 
 
 def _notes(
-    runs: tuple[Run, ...], data: Windows, coverage: Coverage, outliers: Mapping[str, float], delay: float, gain: float
+    runs: tuple[Run, ...], data: Windows, coverage: Coverage, outliers: Mapping[str, float], shift: float, gain: float
 ) -> list[Note]:
     notes: list[Note] = []
 
     def note(code: str, text: str) -> None:
         notes.append(Note(code, text))
 
-    if abs(delay) >= 0.02 and gain > SHIFT_GAIN:
+    if abs(shift) >= MIN_SHIFT_S and gain > SHIFT_GAIN:
+        older, way = ("late", "higher") if shift > 0 else ("early", "lower")
         note(
             "truth_delayed",
-            f"The truth seems {abs(delay):.2f} s {'late' if delay > 0 else 'early'}: errors would spread {gain:.0%} "
-            f"less with --truth-shift {'lower' if delay > 0 else 'higher'} by that.",
+            f"The truth seems {abs(shift):.2f} s {older}: errors would spread {gain:.0%} less with a --truth-shift "
+            f"{way} by that (auto finds it).",
         )
     for low, high in coverage.gaps_m:
         note("gap", f"No data between {low:.1f} and {high:.1f} m; there the table is interpolated and vaguer.")

@@ -70,14 +70,25 @@ class Recording:
 
     @classmethod
     def of_rows(
-        cls, ranges: Path, places: dict[str, Point], where: str, *, truth_shift_s: float, truth_raise_m: float
+        cls,
+        ranges: Path,
+        places: dict[str, Point],
+        where: str,
+        *,
+        truth_shift_s: float,
+        truth_raise_m: float,
+        reference: Track | None = None,
     ) -> Self:
-        """As ``load``, with anchors (m) that were read already, from ``where``. Raises RecordingError."""
+        """As ``load``, with anchors (m) that were read already, from ``where``; ``reference``: the truth, elsewhere.
+
+        Raises RecordingError.
+        """
         times: list[float] = []
         truths: list[Point] = []
         rows: list[tuple[float, str, float]] = []
         latest: dict[str, float] = {}
-        for line, row in csv_rows(ranges, "t anchor range gt_x gt_y gt_z"):
+        columns = "t anchor range gt_x gt_y gt_z" if reference is None else "t anchor range"
+        for line, row in csv_rows(ranges, columns):
             t_s = number(row, "t", ranges, line)
             name = row["anchor"]
             if times and t_s < times[-1]:
@@ -90,12 +101,12 @@ class Recording:
                 )
             latest[name] = t_s
             rows.append((t_s, name, number(row, "range", ranges, line)))
-            x, y, z = vector(row, ("gt_x", "gt_y", "gt_z"), ranges, line)
             times.append(t_s)
-            truths.append((x, y, z))
+            if reference is None:
+                truths.append(vector(row, ("gt_x", "gt_y", "gt_z"), ranges, line))
         if not rows:
             raise RecordingError(f"{ranges}: no ranges in it")
-        track = Track(tuple(times), tuple(truths))
+        track = reference or Track(tuple(times), tuple(truths))
         grouped = tuple(
             RecordedRound(t_s, values, raised(track.at(t_s + truth_shift_s), truth_raise_m))
             for t_s, values in _rounds(rows)

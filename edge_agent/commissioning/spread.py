@@ -33,6 +33,7 @@ DAY_TO_DAY_M: Final = 0.015
 show it."""
 SLOPE_M_PER_M: Final = 0.02
 """Steepest change of bias with distance that radios show: where a curve is not covered, it may drift off so fast."""
+OBSTRUCTED_M: Final = 0.15
 _TWO_SIGMA: Final = 0.9545
 _LEAST_SHARE: Final = 0.5
 """Of the windows' variance, at least this counts as bias, whatever their noise would explain."""
@@ -65,12 +66,12 @@ def find_spread(data: Windows, curves: Curves, held: Floats, *, reference_sigma_
     present = np.isfinite(held)
     whole = present.sum(axis=1) >= min(3, anchors)
     common = np.full(len(held), np.nan)
-    common[whole] = [float(np.median(row[np.isfinite(row)])) for row in held[whole]]
+    common[whole] = [_centre(row[np.isfinite(row)]) for row in held[whole]]
     # Around their own centre a windows' anchors vary by (a - 1)/a of what each varies.
     own = (held - common[:, None]) * np.sqrt(anchors / max(anchors - 1, 1))
     apart = max(1.0, INDEPENDENT_S)
     global_own = _scale(own[np.isfinite(own)])
-    bias_sigma = _local(data, curves, own, noise.certain, global_own, apart)
+    bias_sigma = _local(data, curves, own, noise.explained, global_own, apart)
     bias_sigma = np.sqrt(bias_sigma**2 + reference_sigma_m**2)
     shared2 = max(_scale(common[np.isfinite(common)]) ** 2 - global_own**2 / anchors, 0.0)
     independent = max(float(np.isfinite(common).sum()) / (apart if data.run.max() == 0 else BLOCK_S), 3.0)
@@ -80,7 +81,7 @@ def find_spread(data: Windows, curves: Curves, held: Floats, *, reference_sigma_
     else:
         means = [float(np.nanmedian(common[data.run == index])) for index in range(int(data.run.max()) + 1)]
         between = float(np.std(means, ddof=0)) * np.sqrt(_inflation(len(means) - 1.0))
-        installation = max(installation, between)
+        installation = max(installation, between, DAY_TO_DAY_M / np.sqrt(len(means)))
     return Spread(noise.sigma, noise.correlation, float(installation), bias_sigma, common, own, noise.lags)
 
 
@@ -90,8 +91,8 @@ class _Noise:
 
     sigma: float
     correlation: float
-    certain: float
-    """Variance of a window's mean that white noise alone surely explains."""
+    explained: float
+    """Part of the variance of a window's mean that is noise and not bias."""
     lags: Floats
 
 
@@ -127,7 +128,9 @@ def _noise(data: Windows, held: Floats) -> _Noise:
     worth = max(between2 * rounds / sigma2, 1.0)
     correlation = min((worth - 1.0) / (worth + 1.0), MOST_CORRELATED)
     sigma2 = max(sigma2, between2 * rounds * (1.0 - correlation) / (1.0 + correlation))
-    return _Noise(float(np.sqrt(sigma2)), correlation, _usual(steps) / rounds, means / means[0])
+    # What is surely white, or half of what changed from second to second: the other half may be bias of the place.
+    explained = max(_usual(steps) / rounds, between2 / 2.0)
+    return _Noise(float(np.sqrt(sigma2)), correlation, explained, means / means[0])
 
 
 def _usual(variances: list[float]) -> float:
@@ -169,6 +172,12 @@ def _scale(values: Floats) -> float:
     if len(values) == 0:
         return 0.0
     return float(np.quantile(np.abs(values), _TWO_SIGMA)) / 2.0
+
+
+def _centre(values: Floats) -> float:
+    """Mean of the anchors that stand together; one that is obstructed has no say."""
+    gaps = np.abs(values - np.median(values))
+    return float(np.mean(values[gaps <= max(4.0 * float(np.median(gaps)), OBSTRUCTED_M)]))
 
 
 def _inflation(freedom: float) -> float:

@@ -1,0 +1,146 @@
+"""``wonderland pad commission --recording``: from files to a commissioning, without a live pad."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+from edge_agent.commissioning.errors import CalibrationError, CommissioningError, RecordingError
+from edge_agent.commissioning.fit import Fit, FitSettings, Note, fit_runs
+from edge_agent.commissioning.reach import Reach, ReachMap, reach, reach_map
+from edge_agent.commissioning.recording import Recording
+from edge_agent.commissioning.reference import load_track
+from edge_agent.commissioning.run import Run
+from edge_agent.commissioning.survey_files import Origin, Survey, load_survey
+from wonderland.ledger.errors import FileWriteError
+from wonderland.ledger.files import PUBLIC, write_atomic
+from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.records.policies import Policy
+
+NOWHERE: Final = Origin(60.45031, 22.27124, 31.0)
+"""Where a pad stands whose survey is not tied to the globe: enough for studies, not for a ledger."""
+DAY_MS: Final = 86_400_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class OfflineSettings:
+    """What the command line asked for. Metres, seconds."""
+
+    recordings: tuple[Path, ...]
+    anchors: Path
+    reference: Path | None = None
+    truth_shift_s: float | None = 0.0
+    """None: find it."""
+    truth_raise_m: float = 0.0
+    fit: FitSettings = field(default_factory=FitSettings)
+    origin: Origin | None = None
+    crs: str = ""
+    control: Path | None = None
+    buffer_m: float = 1.0
+    height_m: float = 3.0
+    valid_days: int = 365
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """What a calibration brought."""
+
+    fit: Fit
+    record: Commissioning
+    reaches: list[Reach]
+    map: ReachMap
+    shift_s: float
+    notes: tuple[Note, ...]
+
+    def document(self) -> dict[str, Any]:
+        """For machines."""
+        out = self.fit.document()
+        out["truth_shift_s"] = round(self.shift_s, 3)
+        out["reach"] = [item.document() for item in self.reaches]
+        out["warnings"] = [{"code": note.code, "text": note.text} for note in self.notes]
+        return out
+
+
+def calibrate(settings: OfflineSettings, now_ms: int) -> Calibrated:
+    """Read, fit, and say what the pad can settle. Raises CommissioningError."""
+    survey = load_survey(settings.anchors, origin=settings.origin, crs=settings.crs, control=settings.control)
+    shift = settings.truth_shift_s or 0.0
+    fit = fit_runs(_runs(settings, survey, shift), settings.fit)
+    if settings.truth_shift_s is None and fit.shift_s:
+        shift += fit.shift_s
+        fit = fit_runs(_runs(settings, survey, shift), settings.fit)
+    return finish(
+        fit, survey, now_ms=now_ms, shift_s=shift, buffer_m=settings.buffer_m, height_m=settings.height_m,
+        valid_days=settings.valid_days,
+    )  # fmt: skip
+
+
+def finish(
+    fit: Fit, survey: Survey, *, now_ms: int, shift_s: float, buffer_m: float, height_m: float, valid_days: int
+) -> Calibrated:
+    """The record, and what the pad can settle with it. Raises CalibrationError."""
+    notes = [Note(code, text) for code, text in survey.notes if code not in {n.code for n in fit.warnings}]
+    notes += list(fit.warnings)
+    if survey.frame is None:
+        text = "The survey is not tied to the globe (--origin): good for studies, no ledger would take it for this pad."
+        notes.append(Note("no_origin", text))
+    record = fit.commissioning(
+        survey.frame or NOWHERE.frame,
+        valid_from_ms=now_ms,
+        valid_until_ms=now_ms + valid_days * DAY_MS,
+        macs={anchor.anchor_id: anchor.mac for anchor in survey.anchors},
+        survey_sigma_m={anchor.anchor_id: anchor.sigma_m for anchor in survey.anchors},
+    )
+    policy = replace(Policy(), buffer_mm=round(buffer_m * 1000))
+    buffers = sorted({0.5, 1.0, 2.0, 3.0, 5.0, 10.0, buffer_m})
+    return Calibrated(
+        fit,
+        record,
+        reach(record, policy, buffers_m=buffers, height_m=height_m),
+        reach_map(record, policy, height_m=height_m),
+        shift_s,
+        tuple(notes),
+    )
+
+
+def write_record(path: Path, record: Commissioning) -> None:
+    """The record as ``wonderland evaluate --commissioning`` and CommissionPad take it. Raises CommissioningError."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, record.encode() + b"\n", PUBLIC)
+    except (OSError, FileWriteError) as error:
+        raise CommissioningError(f"{path}: not written ({error})") from error
+
+
+def write_json(path: Path, document: dict[str, Any]) -> None:
+    """A document for machines. Raises CommissioningError."""
+    try:
+        write_atomic(path, json.dumps(document, indent=2, ensure_ascii=False).encode() + b"\n", PUBLIC)
+    except FileWriteError as error:
+        raise CommissioningError(str(error)) from error
+
+
+def _runs(settings: OfflineSettings, survey: Survey, shift_s: float) -> list[Run]:
+    track = None if settings.reference is None else load_track(settings.reference, survey.frame)
+    runs = []
+    for path in settings.recordings:
+        recording = Recording.of_rows(
+            path,
+            survey.places_m,
+            settings.anchors.name,
+            truth_shift_s=shift_s,
+            truth_raise_m=settings.truth_raise_m,
+            reference=track,
+        )
+        silent = sorted(set(survey.places_m) - {name for item in recording.rounds for name in item.ranges_m})
+        if silent:
+            raise CalibrationError(
+                f"{path}: no range of {', '.join(silent)}; was the node silent, or is it not of this pad? A pad is "
+                "calibrated with all its anchors"
+            )
+        runs.append(Run.of(recording, path.name))
+    if not runs:
+        raise RecordingError("no recording was given")
+    return runs

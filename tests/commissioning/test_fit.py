@@ -1,0 +1,166 @@
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from edge_agent.commissioning.curves import Curves
+from edge_agent.commissioning.errors import CalibrationError, SurveyError
+from edge_agent.commissioning.fit import FitSettings, fit_runs
+from edge_agent.commissioning.offline import NOWHERE
+from edge_agent.commissioning.run import make_run, windows
+from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.reduction import bias_at
+
+
+def record_of(fit) -> Commissioning:
+    return fit.commissioning(NOWHERE.frame, valid_from_ms=0, valid_until_ms=1)
+
+
+def test_the_bias_of_every_anchor_is_found_by_distance(fitted, true_bias):
+    for index in range(4):
+        for distance in (4.0, 8.0, 12.0, 16.0, 20.0):
+            found = np.interp(distance, fitted.curves.knots_m, fitted.curves.bias_m[index])
+            assert found == pytest.approx(true_bias(distance, index), abs=0.015)
+    assert 0.020 < fitted.spread.range_sigma_m < 0.032
+    assert fitted.spread.correlation < 0.3
+    assert np.nanmedian(np.abs(fitted.held_m)) < 0.01 < np.nanmedian(np.abs(fitted.windows.error_m))
+
+
+def test_the_record_says_what_was_found_and_survives_its_encoding(fitted, true_bias):
+    record = record_of(fitted)
+    assert Commissioning.decode(record.encode()) == record
+    for index, anchor in enumerate(record.anchors):
+        bias, sigma = bias_at(anchor, 10_000.0)
+        assert bias == pytest.approx(1000 * true_bias(10.0, index), abs=15)
+        assert 3 <= sigma <= 25
+        assert anchor.bias[0].range_mm == 0
+        assert anchor.bias[0].sigma_mm > sigma  # nobody was there
+    assert record.max_range_mm == pytest.approx(22_000, abs=2_000)
+    assert 12 <= record.installation_sigma_mm <= 40  # one run cannot show another day
+    assert json.dumps(fitted.document())
+
+
+def test_what_is_stated_holds_on_a_run_that_was_not_seen(fitted, make_world):
+    """The pulls of a second run have the spread that the table states, or less."""
+    other = windows((make_world(seed=9).run(),))
+    rest = other.error_m - fitted.curves.at(other.distance_m)
+    sigma = np.stack(
+        [
+            np.interp(other.distance_m[:, i], fitted.curves.knots_m, fitted.spread.bias_sigma_m[i])
+            for i in range(rest.shape[1])
+        ],
+        axis=1,
+    )
+    total = np.sqrt(sigma**2 + fitted.spread.range_sigma_m**2 / other.rounds + fitted.installation_m**2)
+    pulls = (rest / total)[np.isfinite(rest)]
+    assert np.mean(np.abs(pulls) > 2) < 0.05
+    assert np.mean(np.abs(pulls) > 3) < 0.01
+
+
+def test_correlated_rounds_are_worth_less(make_world):
+    run = make_world(sigma_m=0.05).run(60.0)
+    kernel = np.ones(5) / 5  # a node that hands out a moving average
+    smooth = np.stack([np.convolve(np.nan_to_num(c, nan=np.nanmean(c)), kernel, "same") for c in run.error_m.T], axis=1)
+    filtered = replace(run, range_m=run.distance_m + smooth)
+    fit = fit_runs([filtered])
+    assert 0.5 < fit.spread.correlation <= 0.9
+    worth = (1 - fit.spread.correlation) / (1 + fit.spread.correlation)
+    stated = fit.spread.range_sigma_m / math.sqrt(20 * worth)
+    assert stated == pytest.approx(0.05 / math.sqrt(20), rel=0.5)  # of a mean over a second, whatever the filter
+
+
+def test_obstructed_stretches_do_not_bend_the_table(make_world, fitted):
+    run = make_world().run()
+    range_m = run.range_m.copy()
+    range_m[400:520, 2] += 1.5  # six seconds behind a car
+    range_m[1000::37, 1] -= 2.0  # and single bursts
+    fit = fit_runs([replace(run, range_m=range_m)])
+    assert np.max(np.abs(fit.curves.bias_m - _at(fitted.curves, fit.curves.knots_m))) < 0.03
+    assert fit.outliers["A2"] > 0.015
+
+
+def _at(curves: Curves, knots):
+    return np.stack([np.interp(knots, curves.knots_m, bias) for bias in curves.bias_m])
+
+
+def test_a_truth_that_is_late_is_noticed_and_by_how_much(make_world):
+    fit = fit_runs([make_world().run(60.0, late_s=0.15)])
+    assert fit.shift_s == pytest.approx(0.15, abs=0.03)
+    assert "truth_delayed" in {note.code for note in fit.warnings}
+    assert "truth_delayed" not in {note.code for note in fit_runs([make_world().run(60.0)]).warnings}
+
+
+def test_what_differs_between_runs_counts_as_the_installations(make_world):
+    one = make_world(seed=1).run(60.0, "monday")
+    two = make_world(seed=2, bias=tuple(value + 0.08 for value in (0.03, -0.02, 0.0, 0.015))).run(60.0, "friday")
+    fit = fit_runs([one, two])
+    assert fit.installation_m > 0.04
+    assert "one_run" not in {note.code for note in fit.warnings}
+
+
+def test_distances_without_data_are_told_and_widened(make_world):
+    run = make_world().run()
+    away = np.linalg.norm(run.truth_m, axis=1)
+    keep = (away < 8) | (away > 14)
+    cut = replace(run, t_s=run.t_s[keep], truth_m=run.truth_m[keep], range_m=run.range_m[keep])
+    fit = fit_runs([cut])
+    assert any(low < 10 < high for low, high in fit.coverage.gaps_m)
+    _, inside = bias_at(record_of(fit).anchors[0], 11_000.0)
+    _, beside = bias_at(record_of(fit).anchors[0], 6_000.0)
+    assert inside > 2 * beside
+
+
+@pytest.mark.parametrize("count", [3, 5, 8, 16])
+def test_any_number_of_anchors(make_world, count):
+    places = {
+        f"N{i}": (2 * math.cos(2 * math.pi * i / count), 2 * math.sin(2 * math.pi * i / count), 0.3 + 0.2 * (i % 3))
+        for i in range(count)
+    }
+    fit = fit_runs([make_world(anchors=places, bias=tuple(0.01 * (i % 3) for i in range(count))).run(40.0)])
+    assert len(record_of(fit).anchors) == count
+
+
+def test_what_cannot_be_calibrated_is_said(make_world):
+    run = make_world().run(60.0)
+    still = np.repeat(run.truth_m[:1], len(run.t_s), axis=0)
+    with pytest.raises(CalibrationError, match="hardly moved"):
+        make_run("still", run.anchor_ids, run.anchors_m, run.t_s, still, run.range_m)
+    with pytest.raises(CalibrationError, match="zero, negative or beyond"):
+        make_run("mm", run.anchor_ids, run.anchors_m, run.t_s, run.truth_m, run.range_m * 1000)
+    with pytest.raises(CalibrationError, match="zero, negative or beyond"):
+        make_run("none", run.anchor_ids, run.anchors_m, run.t_s, run.truth_m, run.range_m * 0 - 1)
+    with pytest.raises(CalibrationError, match="no range"):
+        make_run("nan", run.anchor_ids, run.anchors_m, run.t_s, run.truth_m, run.range_m * np.nan)
+    few = replace(run, t_s=run.t_s[:200], truth_m=run.truth_m[:200], range_m=run.range_m[:200])
+    with pytest.raises(CalibrationError, match="are the least"):
+        fit_runs([few])
+    dead = run.range_m.copy()
+    dead[:, 1] = np.nan
+    with pytest.raises(CalibrationError, match="anchor A2"):
+        fit_runs([replace(run, range_m=dead)])
+    slow = replace(run, t_s=run.t_s * 20)
+    with pytest.raises(CalibrationError, match="5 Hz"):
+        fit_runs([slow])
+    with pytest.raises(CalibrationError, match="no calibration run"):
+        fit_runs([])
+    with pytest.raises(CalibrationError, match="same anchors"):
+        fit_runs([run, replace(run, anchor_ids=("A1", "A2", "A3", "B4"))])
+    same = run.anchors_m.copy()
+    same[1] = same[0]
+    with pytest.raises(SurveyError, match="same place"):
+        fit_runs([replace(run, anchors_m=same)])
+
+
+def test_anchors_on_a_line_are_fitted_with_a_warning(make_world):
+    line = {f"L{i}": (i * 1.0, 0.0, 0.5 + 0.1 * i) for i in range(4)}
+    fit = fit_runs([make_world(anchors=line).run(40.0)])
+    assert "anchors_on_a_line" in {note.code for note in fit.warnings}
+
+
+def test_the_installation_of_anchors_that_are_mounted_anew(make_world):
+    fit = fit_runs([make_world().run(40.0)], FitSettings(installation_floor_m=0.06))
+    assert record_of(fit).installation_sigma_mm == 60
