@@ -1,0 +1,40 @@
+"""No attack: what honest drones get of the same pads, so that safety is not bought by refusing everybody."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from simulator.attack_lab.attacks.common import still
+from simulator.attack_lab.batch import Batch
+from simulator.attack_lab.model import Attack, Family, Variant
+from simulator.attack_lab.places import SQUARE
+
+GNSS_SIGMA_MM: Final = 150.0
+
+
+def honest(level: int, rng: np.random.Generator, count: int) -> Batch:
+    """Claims are wrong by what a good receiver errs (15 cm on each axis)."""
+    truth = SQUARE.places(rng, count)
+    claim = truth + rng.normal(0.0, GNSS_SIGMA_MM, truth.shape) * np.array((1.0, 1.0, 0.0))
+    batch = still(rng, level, np.rint(claim), truth)
+    batch.rightful = True
+    return batch
+
+
+ATTACKS: Final = (
+    Attack(
+        "honest",
+        Family.BASELINE,
+        "No attack: an honest drone",
+        "Nothing.",
+        "–",
+        "Nothing: a permission is right. Counted here are honest drones that are refuted.",
+        "–",
+        0,
+        (Variant((0, 1, 2), make=partial(honest, 2)),),
+        wire="honest",
+    ),
+)

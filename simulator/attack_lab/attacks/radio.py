@@ -1,0 +1,149 @@
+"""Attacks from outside on the ranging itself: the attacker has no key of the session.
+
+The drone is honest, but its GNSS is spoofed to the claimed place; the attacker tries to make the ranges agree.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from simulator.attack_lab.attacks.common import lying, radially, ranges_of_claim, still
+from simulator.attack_lab.batch import ROUNDS, Batch
+from simulator.attack_lab.model import Attack, Family, Variant
+from simulator.attack_lab.places import SQUARE, WIDE, Floats, directions, distances
+
+SUCCESS: Final = 0.04
+"""Share of ranges that a blind reduction shortens (arXiv 2111.05313: at most 4 %)."""
+DEEPEST_MM: Final = 12_000.0
+
+
+def random_reduction(level: int, rng: np.random.Generator, count: int) -> Batch:
+    """Each range is shortened with a chance of 4 %, by anything up to 12 m."""
+    claim, truth = lying(rng, count)
+    shape = (count, ROUNDS, len(SQUARE.anchors))
+    hit = rng.random(shape) < SUCCESS
+    return still(rng, level, claim, truth, extra=np.where(hit, -rng.uniform(0.0, DEEPEST_MM, shape), 0.0))
+
+
+def known_sequence(level: int, rng: np.random.Generator, count: int) -> Batch:
+    """The time-stamp sequence is public: frames are sent early, to each anchor by as much as it takes."""
+    truth, claim = radially(rng, count)  # the claim is the nearer place
+    claim = np.rint(claim)
+    return still(rng, level, claim, truth, extra=ranges_of_claim(SQUARE, claim, truth))
+
+
+def blind_sequence(level: int, rng: np.random.Generator, count: int) -> Batch:
+    """The same where the sequence is keyed: what comes early has the wrong one and counts in 4 % of the cases only."""
+    truth, claim = radially(rng, count)
+    claim = np.rint(claim)
+    wanted = ranges_of_claim(SQUARE, claim, truth)
+    hit = rng.random((count, ROUNDS, len(SQUARE.anchors))) < SUCCESS
+    return still(rng, level, claim, truth, extra=np.where(hit, wanted, 0.0))
+
+
+def relayed(level: int, rng: np.random.Generator, count: int) -> Batch:
+    """The honest drone is 20 to 300 m away; a box at the claimed place passes frames on, 10 to 100 ns late."""
+    claim = np.rint(SQUARE.places(rng, count))
+    truth = claim + directions(rng, count) * rng.uniform(20_000.0, 300_000.0, count)[:, None]
+    path = np.linalg.norm(truth - claim, axis=1) + rng.uniform(3_000.0, 30_000.0, count)
+    extra = distances(claim, SQUARE.anchors) + path[:, None] - distances(truth, SQUARE.anchors)
+    return still(rng, level, claim, truth, extra=extra[:, None, :])
+
+
+def delay(level: int, rng: np.random.Generator, count: int) -> Batch:
+    """All ranges grow by the same; the claim is farther out on the same bearing."""
+    claim, truth = radially(rng, count)
+    return still(rng, level, claim, truth, extra=_common(ranges_of_claim(SQUARE, claim, truth)))
+
+
+def delay_within(level: int, rng: np.random.Generator, count: int) -> Batch:
+    """The same where drone and claim stand between the anchors."""
+    claim, truth = lying(rng, count, pad=WIDE, far=6_000.0)
+    extra = np.maximum(_common(ranges_of_claim(WIDE, claim, truth)), 0.0)
+    return still(rng, level, claim, truth, pad=WIDE, extra=extra + rng.uniform(0.0, 3_000.0, (count, 1, 1)))
+
+
+def overshadowed(level: int, rng: np.random.Generator, count: int) -> Batch:
+    """Each anchor hears the drone's frame late by as much as it takes; the claim is farther from all of them."""
+    claim, truth = radially(rng, count)
+    return still(rng, level, claim, truth, extra=np.maximum(ranges_of_claim(SQUARE, claim, truth), 0.0))
+
+
+def _common(extra: Floats) -> Floats:
+    return np.asarray(extra.mean(axis=2, keepdims=True), dtype=np.float64)
+
+
+ATTACKS: Final = (
+    Attack(
+        "random-reduction",
+        Family.RADIO,
+        "Random reduction: 4 % of the ranges shortened by 0 to 12 m",
+        "A transmitter near the anchors, blind to the keyed sequence (Ghost Peak, Cicada).",
+        "A software-defined radio or a changed UWB chip near the pad.",
+        "A permission more than one buffer from the claim.",
+        "Many rounds: a few short ranges are bursts and left out; no position rests on a single one.",
+        0,
+        (Variant((1, 2), make=partial(random_reduction, 2)),),
+        wire="random-reduction",
+    ),
+    Attack(
+        "early-commit",
+        Family.RADIO,
+        "Frames sent early to each anchor (early detect, late commit)",
+        "A transmitter near each anchor, and the time-stamp sequence where it is public.",
+        "Some changed UWB chips, synchronised.",
+        "A permission more than one buffer from the claim.",
+        "A sequence keyed for this session (level 2): the attacker cannot send what it cannot know.",
+        2,
+        (Variant((1,), make=partial(known_sequence, 1)), Variant((2,), make=partial(blind_sequence, 2))),
+    ),
+    Attack(
+        "relay",
+        Family.RADIO,
+        "Relay: the honest drone is 20 to 300 m away, a box at the claimed place passes frames on",
+        "Two radios and a fast link between them.",
+        "Some hundred euros.",
+        "A permission more than one buffer from the claim.",
+        "Time of flight: the way round is always longer, for all anchors alike.",
+        0,
+        (Variant((1, 2), make=partial(relayed, 2)),),
+        wire="relay",
+    ),
+    Attack(
+        "delay-line",
+        Family.RADIO,
+        "Enlargement, all ranges alike: the drone is 3 to 9 m nearer than it claims, outside of the anchors' hull",
+        "The drone's antenna path: a cable or a delay of its answers. No key, no time stamp.",
+        "A few metres of cable.",
+        "A permission more than one buffer from the claim.",
+        "Level 2 cannot where the pad is small: the verdict says `upper_bound` and `within_mm`.",
+        None,
+        (Variant((1, 2), make=partial(delay, 2)),),
+        wire="delay-line",
+    ),
+    Attack(
+        "delay-line-inside",
+        Family.RADIO,
+        "The same with a claim between the anchors",
+        "As before; the anchors surround the drone.",
+        "As before.",
+        "A permission more than one buffer from the claim.",
+        "Geometry: to be farther from one anchor is to be nearer to another.",
+        0,
+        (Variant((1, 2), make=partial(delay_within, 2)),),
+    ),
+    Attack(
+        "overshadowing",
+        Family.RADIO,
+        "Enlargement of each range as wanted: the drone's frame is drowned and sent again late",
+        "A strong transmitter for each anchor that also cancels the first path.",
+        "Laboratory equipment, synchronised to a nanosecond, beside every anchor.",
+        "A permission more than one buffer from the claim.",
+        "Nothing here: a range is an upper bound. Claims between the anchors cannot be faked so.",
+        None,
+        (Variant((1, 2), make=partial(overshadowed, 2)),),
+    ),
+)

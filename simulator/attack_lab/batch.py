@@ -1,0 +1,226 @@
+"""Many tries of one attack at once: arrays that can be screened together, and the evidence of each single try."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from simulator.attack_lab.places import (
+    FIRST_ROUND_MS,
+    POLICY,
+    ROUND_MS,
+    START_MS,
+    Booleans,
+    Floats,
+    Integers,
+    LabPad,
+    distances,
+    systematic,
+)
+from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.sessions import (
+    NO_RANGE,
+    AnchorRanges,
+    BroadcastClaim,
+    Claim,
+    Evidence,
+    Party,
+    Radio,
+    RangeTable,
+    Session,
+)
+
+ROUNDS: Final = 160
+"""As many as a pad ranges at most."""
+CLAIM_MS: Final = 1_000
+"""The lab's claims come once a second; between them a path is a straight line."""
+MAX_RANGE_MM: Final = 655_340
+ACCURACY_MM: Final = 100
+_PARTY: Final = Party(msp_id="LabMSP", certificate_sha256="0" * 64)
+
+
+def round_times() -> Integers:
+    """Times of the rounds, ms since the request: (ROUNDS,)."""
+    return FIRST_ROUND_MS + ROUND_MS * np.arange(ROUNDS, dtype=np.int64)
+
+
+def claim_times() -> Integers:
+    """Times of the claims, ms since the request; they reach beyond the last round."""
+    return CLAIM_MS * np.arange(2 + (FIRST_ROUND_MS + ROUND_MS * ROUNDS) // CLAIM_MS, dtype=np.int64)
+
+
+@dataclass
+class Batch:
+    """B tries of one attack at one pad and one level."""
+
+    pad: LabPad
+    claims: Integers
+    """What the drone claims at ``claim_times``: (B, K, 3) mm."""
+    range_mm: Integers
+    """What the pad writes down: (B, ROUNDS, A), −1 for nothing."""
+    off_mm: Floats
+    """How far the drone truly is from its claim in each round, horizontally: (B, ROUNDS)."""
+    assurance: int = 2
+    policy: Policy = POLICY
+    accuracy_mm: int = ACCURACY_MM
+    height_accuracy_mm: int = 2 * ACCURACY_MM
+    broadcast: Integers | None = None
+    """What it tells the public at ``claim_times``, where that differs: (B, K, 3) mm."""
+    rightful: bool = False
+    """A permission is no success of the attacker: the drone is where it claims."""
+    won_mm: float | None = None
+    """From this distance on a permission is the attacker's success; the policy's buffer where nothing else is said."""
+    t_ms: Integers = field(default_factory=round_times)
+    commissioning: Commissioning = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.commissioning = self.pad.commissioning
+
+    def __len__(self) -> int:
+        return len(self.range_mm)
+
+    @property
+    def may_be_screened(self) -> bool:
+        """Whether arrays tell enough: a second claim that is judged apart is left to the decision itself."""
+        return self.broadcast is None
+
+    def session(self, index: int) -> Session:
+        """The request of one try."""
+        return Session(
+            session_id="0" * 64,
+            state="requested",
+            pad_id="lab",
+            uav_id="attacker",
+            action="land",
+            claim=self._claim(index, 0),
+            prekey_id="k",
+            pad_key="A" * 87,
+            uav_key="A" * 87,
+            pad=_PARTY,
+            uav=_PARTY,
+            commissioning_sha256="0" * 64,
+            contract_version="1.0",
+            transcript_sha256="0" * 64,
+            policy=self.policy,
+            requested_ms=START_MS,
+            expires_ms=START_MS + 60_000,
+        )
+
+    def evidence(self, index: int, rounds: int) -> Evidence:
+        """What the pad would bring before the contract after so many rounds."""
+        table = self.range_mm[index, :rounds]
+        anchors = self.commissioning.anchors
+        until = int(self.t_ms[rounds - 1]) + CLAIM_MS
+        told = [number for number, t_ms in enumerate(claim_times()) if 0 < t_ms <= until]
+        heard: tuple[BroadcastClaim, ...] = ()
+        if self.broadcast is not None:
+            said = self.broadcast
+            heard = tuple(
+                BroadcastClaim(
+                    lat_e7=int(said[index, number, 1]),
+                    lon_e7=int(said[index, number, 0]),
+                    height_mm=int(said[index, number, 2]),
+                    t_ms=START_MS + number * CLAIM_MS,
+                )
+                for number in told
+            )
+        return Evidence(
+            ranges=RangeTable(
+                t_ms=tuple((START_MS + self.t_ms[:rounds]).tolist()),
+                anchors=tuple(
+                    AnchorRanges(anchor_id=anchor.anchor_id, range_mm=tuple(table[:, column].tolist()))
+                    for column, anchor in enumerate(anchors)
+                ),
+            ),
+            claims=tuple(self._claim(index, number) for number in told),
+            broadcast=heard,
+            matched="both",
+            radio=Radio(
+                measured_by="uav" if self.assurance == 0 else "pad",
+                sts="provisioned" if self.assurance >= 2 else "static",
+            ),
+            steps=(),
+        )
+
+    def _claim(self, index: int, number: int) -> Claim:
+        east, north, up = (int(value) for value in self.claims[index, number])
+        return Claim(
+            lat_e7=north,
+            lon_e7=east,
+            height_mm=up,
+            accuracy_mm=self.accuracy_mm,
+            height_accuracy_mm=self.height_accuracy_mm,
+            t_ms=START_MS + number * CLAIM_MS,
+        )
+
+
+def standing(place: Floats) -> Integers:
+    """Claims of drones that stay at a place: (B, 3) → (B, K, 3)."""
+    whole = np.rint(place).astype(np.int64)
+    return np.repeat(whole[:, None, :], len(claim_times()), axis=1)
+
+
+def moving(place: Floats, velocity: Floats) -> Integers:
+    """Claims along straight lines: ``place`` at the request, ``velocity`` in mm/ms."""
+    times = claim_times()[None, :, None]
+    return np.rint(place[:, None, :] + velocity[:, None, :] * times).astype(np.int64)
+
+
+def path_at_rounds(claims: Integers) -> Floats:
+    """Claimed places at the times of the rounds: (B, ROUNDS, 3)."""
+    times = round_times()
+    before = times // CLAIM_MS
+    share = ((times % CLAIM_MS) / CLAIM_MS)[None, :, None]
+    return np.asarray(claims[:, before] + (claims[:, before + 1] - claims[:, before]) * share, dtype=np.float64)
+
+
+def measured(
+    rng: np.random.Generator,
+    pad: LabPad,
+    truth: Floats,
+    *,
+    extra: Floats | None = None,
+    anchors: Floats | None = None,
+    noise: float | None = None,
+) -> Integers:
+    """Whole centimetres that the pad's anchors measure, in mm: (B, ROUNDS, A).
+
+    ``truth``: (B, 1 or ROUNDS, 3). ``extra``: an attacker's errors in mm, broadcast to the result. ``anchors``: where
+    they truly stand, (A, 3) or (B, 1, A, 3), if not where the survey says.
+    """
+    places = pad.anchors if anchors is None else anchors
+    away = (
+        distances(truth, places)
+        if places.ndim == 2
+        else np.asarray(np.linalg.norm(truth[:, :, None, :] - places, axis=-1), dtype=np.float64)
+    )
+    count, per_round = len(truth), len(pad.anchors)
+    error = rng.normal(0.0, pad.range_sigma if noise is None else noise, (count, ROUNDS, per_round))
+    total = away + systematic(rng, count, per_round) + error
+    if extra is not None:
+        total = total + extra
+    return rounded_cm(total)
+
+
+def rounded_cm(range_mm: Floats) -> Integers:
+    """As UCI reports: whole centimetres, never below zero; NaN is nothing."""
+    lost = ~np.isfinite(range_mm)
+    whole = np.clip(np.rint(np.where(lost, 0.0, range_mm) / 10.0) * 10.0, 0.0, MAX_RANGE_MM).astype(np.int64)
+    return np.where(lost, NO_RANGE, whole)
+
+
+def off(truth: Floats, claims: Integers) -> Floats:
+    """Horizontal distance (mm) between truth (B, 1 or ROUNDS, 3) and claim in each round: (B, ROUNDS)."""
+    difference = path_at_rounds(claims)[..., :2] - truth[..., :2]
+    return np.asarray(np.linalg.norm(difference, axis=-1), dtype=np.float64)
+
+
+def wrongful(batch: Batch) -> Booleans:
+    """Where a permission would be the attacker's success: (B, ROUNDS)."""
+    if batch.rightful:
+        return np.zeros_like(batch.off_mm, dtype=bool)
+    least = float(batch.policy.buffer_mm) if batch.won_mm is None else batch.won_mm
+    return np.asarray(batch.off_mm >= least)

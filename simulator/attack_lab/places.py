@@ -1,0 +1,129 @@
+"""Where the lab's attacks happen: pads as a good commissioning leaves them, and places about them.
+
+All lengths are millimetres in the pad's frame. The frame is artificial: one unit of latitude or longitude is one
+millimetre, so that a claim is not rounded and thousands of tries can be moved about as arrays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning, Frame
+from wonderland.proofs.records.policies import Policy
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+START_MS: Final = 1_800_000_000_000
+"""The request's time in every try."""
+FIRST_ROUND_MS: Final = 500
+ROUND_MS: Final = 50
+SURVEY_SIGMA_MM: Final = 3
+BIAS_SIGMA_MM: Final = 6
+INSTALLATION_SIGMA_MM: Final = 8
+RANGE_SIGMA_MM: Final = 30
+FRAME: Final = Frame(lat_e7=0, lon_e7=0, height_mm=0, e1=1 << 32, e2=0, e3=0, n1=1 << 32, n2=0, n3=0, n4=0, u2=0, u3=0)
+
+
+@dataclass(frozen=True)
+class LabPad:
+    """A pad of the lab. ``anchors``: one row (east, north, up) each.
+
+    Drones hover ``near`` to ``far`` from its middle, ``low`` to ``high`` above it.
+    """
+
+    name: str
+    title: str
+    anchors: Floats
+    near: float = 4_000.0
+    far: float = 14_000.0
+    low: float = 4_000.0
+    high: float = 7_000.0
+    range_sigma: int = RANGE_SIGMA_MM
+
+    @property
+    def commissioning(self) -> Commissioning:
+        """What the contract knows of it."""
+        return Commissioning(
+            frame=FRAME,
+            anchors=tuple(
+                Anchor(
+                    anchor_id=f"A{index + 1}",
+                    mac=index + 1,
+                    east_mm=round(east),
+                    north_mm=round(north),
+                    up_mm=round(up),
+                    survey_sigma_mm=SURVEY_SIGMA_MM,
+                    bias=(BiasPoint(range_mm=0, bias_mm=0, sigma_mm=BIAS_SIGMA_MM),),
+                )
+                for index, (east, north, up) in enumerate(self.anchors)
+            ),
+            range_sigma_mm=self.range_sigma,
+            installation_sigma_mm=INSTALLATION_SIGMA_MM,
+            max_range_mm=100_000,
+            valid_from_ms=0,
+            valid_until_ms=START_MS * 2,
+            method="The attack lab: as after a good commissioning",
+        )
+
+    def places(self, rng: np.random.Generator, count: int) -> Floats:
+        """Places to hover about the pad, uniform in distance, bearing and height: (count, 3)."""
+        bearing = rng.uniform(0.0, 2.0 * np.pi, count)
+        away = rng.uniform(self.near, self.far, count)
+        up = rng.uniform(self.low, self.high, count)
+        return np.column_stack((away * np.cos(bearing), away * np.sin(bearing), up))
+
+
+def ring(count: int, radius: float) -> Floats:
+    """Anchors on a circle, the first one raised."""
+    angles = np.pi / count + 2.0 * np.pi * np.arange(count) / count
+    up = np.where(np.arange(count) == 0, 1_600.0, 250.0)
+    return np.column_stack((radius * np.cos(angles), radius * np.sin(angles), up))
+
+
+def flat(anchors: Floats) -> Floats:
+    """The same anchors, none raised."""
+    return np.column_stack((anchors[:, 0], anchors[:, 1], np.full(len(anchors), 250.0)))
+
+
+SQUARE: Final = LabPad("square", "four anchors, 3.2 m square, one raised; drones 4 to 14 m away", ring(4, 2_263.0))
+FLAT: Final = LabPad("flat", "the same with no anchor raised", flat(ring(4, 2_263.0)))
+FIVE: Final = LabPad("five", "five anchors on a circle of 2.3 m", ring(5, 2_263.0))
+SIX: Final = LabPad("six", "six anchors on a circle of 2.3 m", ring(6, 2_263.0))
+WIDE: Final = LabPad(
+    "wide", "four anchors, 20 m square, drones between them", ring(4, 14_142.0), near=0.0, far=7_000.0, low=2_000.0
+)
+SMALL: Final = LabPad(
+    "small",
+    "the paper's pad, 0.34 by 0.56 m, drones 12 to 14 m away",
+    np.array([(-171.0, -279.0, 0.0), (-171.0, 279.0, 0.0), (171.0, 279.0, 0.0), (171.0, -279.0, 0.0)]),
+    near=12_000.0,
+    far=14_000.0,
+    low=0.0,
+    high=1.0,
+    range_sigma=50,
+)
+POLICY: Final = Policy()
+"""Buffer 1 m, and all else as the records default; ``min_assurance`` is set for each level."""
+
+
+def directions(rng: np.random.Generator, count: int) -> Floats:
+    """Horizontal unit vectors: (count, 3)."""
+    angle = rng.uniform(0.0, 2.0 * np.pi, count)
+    return np.column_stack((np.cos(angle), np.sin(angle), np.zeros(count)))
+
+
+def distances(place: Floats, anchors: Floats) -> Floats:
+    """Distances from places (…, 3) to each anchor (A, 3): (…, A)."""
+    return np.asarray(np.linalg.norm(place[..., None, :] - anchors, axis=-1), dtype=np.float64)
+
+
+def systematic(rng: np.random.Generator, count: int, anchors: int) -> Floats:
+    """Errors of a commissioning that stay the same through a session: (count, 1, anchors)."""
+    own = rng.normal(0.0, np.hypot(BIAS_SIGMA_MM, SURVEY_SIGMA_MM), (count, 1, anchors))
+    return np.asarray(own + rng.normal(0.0, INSTALLATION_SIGMA_MM, (count, 1, 1)), dtype=np.float64)

@@ -1,0 +1,109 @@
+"""The attack lab on the core: every class comes out as documented, the screen says what the decision says."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from simulator.attack_command import attack as command
+from simulator.attack_lab import ATTACKS, LabError, LabSettings, UnknownAttackError, run, total_tries
+from simulator.attack_lab import judge as judging
+from simulator.attack_lab.judge import run_batch, verdict_of
+from simulator.attack_lab.model import interval, percent, share
+from simulator.attack_lab.screen import Look, look
+
+TRIES = 24
+RANGED = [(name, number) for name, a in ATTACKS.items() for number, v in enumerate(a.variants) if v.make is not None]
+
+
+@pytest.mark.parametrize("name", sorted(ATTACKS))
+def test_each_attack_comes_out_as_documented(name):
+    result = run(LabSettings(attacks=(name,), tries=TRIES, seed=3, sample=4, processes=1))
+    for level in result.attacks[0].levels:
+        assert level.tries == TRIES
+        assert level.as_documented, level
+        assert level.granted + level.refuted + level.open == TRIES
+
+
+@pytest.mark.parametrize(("name", "number"), RANGED)
+def test_the_screen_agrees_with_the_decision(name, number):
+    batch = ATTACKS[name].variants[number].make(np.random.default_rng(5), 3)
+    screened, exact = (run_batch(batch, sample=3, screened=screened) for screened in (True, False))
+    assert (screened.won, screened.granted, screened.refuted, screened.open) == (
+        exact.won,
+        exact.granted,
+        exact.refuted,
+        exact.open,
+    )
+    assert screened.detected_rounds == exact.detected_rounds
+
+
+def test_a_screen_that_errs_is_found(monkeypatch):
+    batch = ATTACKS["honest"].variants[0].make(np.random.default_rng(5), 3)
+    monkeypatch.setattr(judging, "look", lambda batch, rows, rounds: np.full(len(rows), Look.REFUTED))
+    with pytest.raises(LabError, match="screen says refuted and the decision verified"):
+        run_batch(batch, sample=3)
+
+
+def test_whatever_may_be_verified_is_asked():
+    batch = ATTACKS["honest"].variants[0].make(np.random.default_rng(6), 12)
+    assert {int(answer) for answer in look(batch, np.arange(12), 24)} == {Look.ASK}
+    assert {verdict_of(batch, row, 24).outcome for row in range(12)} == {"verified"}
+
+
+def test_the_same_seed_counts_the_same_whatever_else_runs():
+    alone = run(LabSettings(attacks=("edge-retries",), tries=40, seed=9, sample=2, processes=1))
+    beside = run(LabSettings(attacks=("gnss-offset", "edge-retries"), tries=40, seed=9, sample=2, processes=1))
+    assert alone.attacks[0].levels == beside.attacks[1].levels
+
+
+def test_levels_and_totals():
+    settings = LabSettings(attacks=("early-commit",), levels=(2,), tries=5)
+    assert total_tries(settings) == {"early-commit": 5}
+    result = run(LabSettings(attacks=("early-commit",), levels=(2,), tries=5, processes=1))
+    assert [level.level for level in result.attacks[0].levels] == [2]
+    with pytest.raises(UnknownAttackError, match="no attack is called moon-landing"):
+        run(LabSettings(attacks=("moon-landing",)))
+
+
+def test_shares_are_said_without_hiding_a_success():
+    assert share(0, 1000) == "0"
+    assert share(1, 100_000) == "0.001 %"
+    assert share(1000, 1000) == "100 %"
+    assert share(99_999, 100_000) != "100 %"
+    assert percent(0.0317) == "3.2 %"
+    low, high = interval(0, 100_000)
+    assert (low, round(high, 7)) == (0.0, 0.0000369)
+
+
+def test_the_command(tmp_path):
+    arguments = ["--attack", "gnss-offset", "--tries", "5", "--processes", "1"]
+    done = CliRunner().invoke(command, [*arguments, "--report", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert "gnss-offset" in done.output
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "attacks.json",
+        "attacks.md",
+        "permissions.svg",
+        "detection.svg",
+    }
+    said = json.loads((tmp_path / "out" / "attacks.json").read_text())
+    assert said["attacks"][0]["levels"][0]["won"] == 0
+    done = CliRunner().invoke(command, [*arguments, "--json"])
+    assert json.loads(done.stdout)["attacks"][0]["name"] == "gnss-offset"
+    done = CliRunner().invoke(command, ["--attack", "none"])
+    assert done.exit_code == 1
+    assert "--list" in done.output
+
+
+def test_the_list_says_of_each_what_it_costs_and_what_stops_it():
+    done = CliRunner().invoke(command, ["--list", "--json"])
+    said = json.loads(done.stdout)
+    assert [each["name"] for each in said] == list(ATTACKS)
+    for each in said:
+        assert all(each[field] for field in ("title", "controls", "cost", "wins", "stops"))
+    done = CliRunner().invoke(command, ["--list"])
+    assert "at no level" in done.output
