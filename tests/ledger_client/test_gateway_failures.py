@@ -11,11 +11,13 @@ import pytest
 from fabric_protos.common import common_pb2
 from fabric_protos.gateway import gateway_pb2
 from fabric_protos.orderer import ab_pb2
-from fabric_protos.peer import events_pb2, proposal_pb2, proposal_response_pb2
+from fabric_protos.peer import events_pb2, proposal_pb2
 from google.rpc import status_pb2
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scripted_gateway import UNAVAILABLE, FailError, Scripted, details, hang, serving
 
+from wonderland.ledger.blocks import parse_block
 from wonderland.ledger.errors import BlockError, LedgerError
 from wonderland.ledger.gateway import (
     CommitError,
@@ -38,131 +40,16 @@ from wonderland.ledger.transactions import ValidationCode
 MODERATE = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
-class FailError(Exception):
-    def __init__(self, code, text="", trailers=()):
-        super().__init__(text)
-        self.code, self.text, self.trailers = code, text, trailers
-
-
-UNAVAILABLE = FailError(grpc.StatusCode.UNAVAILABLE, "connection reset")
-
-
-def details(*messages):
-    status = status_pb2.Status(code=10, message="see details")
-    for message in messages:
-        status.details.add().Pack(gateway_pb2.ErrorDetail(address="peer:1", msp_id="PadMSP", message=message))
-    return (("grpc-status-details-bin", status.SerializeToString()),)
-
-
-class Scripted:
-    """A Gateway whose answers a test lines up by method. An answer is bytes, a FailError, or a function of the request."""
-
-    def __init__(self, maker):
-        self.maker = maker
-        self.calls = []
-        self.script = {}
-        self.newest = 7
-
-    def line_up(self, method, *answers):
-        self.script.setdefault(method, []).extend(answers)
-
-    def counted(self, method):
-        return sum(name == method for name, _ in self.calls)
-
-    async def answer(self, method, request, context):
-        self.calls.append((method, request))
-        queue = self.script.get(method, [])
-        answer = queue.pop(0) if queue else getattr(self, f"default_{method.lower()}")
-        if callable(answer):
-            answer = answer(request)
-        if asyncio.iscoroutine(answer):
-            answer = await answer
-        if isinstance(answer, FailError):
-            context.set_trailing_metadata(answer.trailers)
-            await context.abort(answer.code, answer.text)
-        return answer
-
-    def default_evaluate(self, _request):
-        result = proposal_response_pb2.Response(status=200, payload=b"evaluated")
-        return gateway_pb2.EvaluateResponse(result=result).SerializeToString()
-
-    def default_endorse(self, request):
-        return self.endorsed(request)
-
-    def endorsed(self, data, header=None, payload=None):
-        request = gateway_pb2.EndorseRequest.FromString(data)
-        proposal = proposal_pb2.Proposal.FromString(request.proposed_transaction.proposal_bytes)
-        ours = common_pb2.Header.FromString(proposal.header)
-        envelope = common_pb2.Envelope.FromString(
-            self.maker.transaction(header=header or ours, transient_free=payload or proposal.payload)
-        )
-        envelope.signature = b""
-        return gateway_pb2.EndorseResponse(prepared_transaction=envelope).SerializeToString()
-
-    def default_submit(self, _request):
-        return b""
-
-    def default_commitstatus(self, _request):
-        return gateway_pb2.CommitStatusResponse(result=0, block_number=9).SerializeToString()
-
-    async def deliver(self, requests, context, method):
-        async for data in requests:
-            self.calls.append((method, data))
-            queue = self.script.get(method, [])
-            newest = events_pb2.DeliverResponse(filtered_block=events_pb2.FilteredBlock(number=self.newest))
-            for answer in queue.pop(0) if queue else [newest]:
-                if isinstance(answer, FailError):
-                    await context.abort(answer.code, answer.text)
-                if answer is None:
-                    await asyncio.Event().wait()
-                yield answer if isinstance(answer, bytes) else answer.SerializeToString()
-            return
-
-
 @pytest.fixture
 async def server(maker):
-    scripted = Scripted(maker)
-
-    def unary(method):
-        async def handle(request, context):
-            return await scripted.answer(method, request, context)
-
-        return grpc.unary_unary_rpc_method_handler(handle)
-
-    def deliver(method):
-        async def handle(requests, context):
-            async for answer in scripted.deliver(requests, context, method):
-                yield answer
-
-        return grpc.stream_stream_rpc_method_handler(handle)
-
-    async def chaincode_events(request, context):
-        async def once():
-            yield request
-
-        async for answer in scripted.deliver(once(), context, "ChaincodeEvents"):
-            yield answer
-
-    running = grpc.aio.server()
-    handlers = {name: unary(name) for name in ("Evaluate", "Endorse", "Submit", "CommitStatus")}
-    handlers["ChaincodeEvents"] = grpc.unary_stream_rpc_method_handler(chaincode_events)
-    streams = {name: deliver(name) for name in ("Deliver", "DeliverFiltered")}
-    running.add_generic_rpc_handlers(
-        (
-            grpc.method_handlers_generic_handler("gateway.Gateway", handlers),
-            grpc.method_handlers_generic_handler("protos.Deliver", streams),
-        )
-    )
-    scripted.port = running.add_insecure_port("127.0.0.1:0")
-    await running.start()
-    yield scripted
-    await running.stop(0)
+    async with serving(Scripted(maker)) as scripted:
+        yield scripted
 
 
 @pytest.fixture
 async def gateway(server, pad):
     async with grpc.aio.insecure_channel(f"127.0.0.1:{server.port}") as channel:
-        limits = Deadlines(evaluate_s=1, endorse_s=1, submit_s=0.5, commit_status_s=1.0, locate_s=0.3)
+        limits = Deadlines(evaluate_s=1, endorse_s=1, submit_s=0.5, commit_status_s=1.0, locate_s=0.3, catch_up_s=0.05)
         # Pauses are as short as can be: randomness that says zero.
         yield Gateway(channel, pad.identity, pad.signer, deadlines=limits, random_bytes=bytes)
 
@@ -175,10 +62,6 @@ def network(gateway):
 @pytest.fixture
 def contract(network):
     return network.contract("pol")
-
-
-async def hang(_request):
-    await asyncio.Event().wait()
 
 
 async def test_the_whole_way(contract, server):
@@ -244,8 +127,8 @@ async def test_the_outcome_is_asked_for_through_interruptions(contract, server):
 
 
 async def test_no_outcome_within_the_deadline_is_said_as_unknown(contract, server):
-    server.line_up("Submit", UNAVAILABLE)
-    server.line_up("CommitStatus", hang)
+    server.line_up("Submit", *[UNAVAILABLE] * 99)
+    server.line_up("CommitStatus", *[hang] * 99)
     with pytest.raises(CommitUnknownError, match="whether it arrived is unknown") as caught:
         await contract.submit("put", "a")
     assert len(caught.value.tx_id) == 64
@@ -334,8 +217,39 @@ async def test_an_endorsement_that_was_not_enough_is_tried_once_more(contract, s
     assert server.counted("Endorse") == 6
 
 
+async def test_a_transaction_without_an_outcome_is_handed_over_again(server, pad):
+    """The orderer that acknowledged it may be gone, and it with it; the very same bytes cannot take effect twice."""
+    server.line_up("Submit", UNAVAILABLE, UNAVAILABLE, b"", b"")
+    server.line_up("CommitStatus", hang, hang, hang)
+    async with grpc.aio.insecure_channel(f"127.0.0.1:{server.port}") as channel:
+        gateway = Gateway(channel, pad.identity, pad.signer, deadlines=Deadlines(resubmit_s=0.2))
+        done = await gateway.network("wonderland").contract("pol").submit("put", "a")
+    assert done.block_number == 9
+    sent = [request for name, request in server.calls if name == "Submit"]
+    assert len(sent) == 4
+    assert len(set(sent)) == 1
+    assert server.counted("Endorse") == 1
+
+
+async def test_refused_the_second_time_the_first_counts(contract, server):
+    """An orderer that has it already may refuse it; then the outcome is that of the first."""
+    server.line_up("Submit", UNAVAILABLE, FailError(grpc.StatusCode.ABORTED, "status=BAD_REQUEST"))
+    server.line_up("CommitStatus", UNAVAILABLE)
+    assert (await contract.submit("put", "a")).block_number == 9
+    assert server.counted("Submit") == 2
+
+
+async def test_peers_that_do_not_know_each_other_yet_are_asked_again(contract, server):
+    young = (
+        "no combination of peers can be derived which satisfy the endorsement policy: required chaincodes are absent"
+    )
+    server.line_up("Endorse", *[FailError(grpc.StatusCode.FAILED_PRECONDITION, young)] * 7)
+    assert (await contract.submit_with_retry("put", "a")).block_number == 9
+    assert server.counted("Endorse") == 8
+
+
 async def test_an_unknown_outcome_is_not_tried_again(contract, server):
-    server.line_up("CommitStatus", hang)
+    server.line_up("CommitStatus", *[hang] * 99)
     with pytest.raises(CommitUnknownError):
         await contract.submit_with_retry("put", "a")
     assert server.counted("Endorse") == 1
@@ -418,6 +332,7 @@ def chain(maker):
     previous = b"p" * 32
     for number in (5, 6, 7):
         message = maker.block([maker.transaction()], number=number, previous=previous)
+        previous = parse_block(message).header.hash
         messages.append(events_pb2.DeliverResponse(block=message))
     return messages
 

@@ -173,7 +173,7 @@ class World:
     async def unary(self, method, request):
         """A call of gateway.Gateway with a message or raw bytes; returns the response's bytes."""
         data = request if isinstance(request, bytes) else request.SerializeToString()
-        return await self.channel.unary_unary(f"/gateway.Gateway/{method}")(data, timeout=20)
+        return await self.channel.preferred.unary_unary(f"/gateway.Gateway/{method}")(data, timeout=20)
 
     async def endorse(self, proposal, organisations=()):
         """The prepared transaction for a signed proposal."""
@@ -233,7 +233,7 @@ class World:
                 yield message
             await asyncio.Event().wait()
 
-        return self.channel.stream_stream(f"/protos.Deliver/{kind}")(requests(), timeout=20)
+        return self.channel.preferred.stream_stream(f"/protos.Deliver/{kind}")(requests(), timeout=20)
 
 
 @dataclass

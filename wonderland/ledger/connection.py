@@ -2,15 +2,19 @@
 
     {"channel": "wonderland", "chaincode": "pol",
      "gateway": {"address": "host:port", "tls_ca": "tls-ca.pem", "server_name": "localhost"},
+     "gateways": [{…}, …],
+     "client_tls": {"certificate": "client-tls.pem", "key": "client-tls.key"},
      "identities": {"pad": {"msp_id": "PadMSP", "certificate": "pad.pem", "key": "pad.key"}},
      "ledger": {"kind": "embedded", "notice": "…"}}
 
-File names are relative to the file itself. `ledger` is optional; further fields are left alone, so that a later
-version may add some.
+File names are relative to the file itself. `gateways` are further peers of the same organisation, for when `gateway`
+does not answer; `client_tls` is what a client shows where peers demand certificates (mutual TLS). These and `ledger`
+are optional; further fields are left alone, so that a later version may add some.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from dataclasses import dataclass, field, replace
@@ -19,9 +23,12 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import grpc
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
 
 from wonderland.ledger.errors import ConnectionFileError, LedgerError
 from wonderland.ledger.files import read_bounded, write_atomic
+from wonderland.ledger.gateways import Gateways
 from wonderland.ledger.identity import Identity
 from wonderland.ledger.signing import Signer, key_file_signer
 
@@ -30,6 +37,7 @@ if TYPE_CHECKING:
 
 FILE_NAME: Final = "connection.json"
 MAX_IDENTITIES: Final = 10_000
+MAX_GATEWAYS: Final = 20
 MAX_MESSAGE_BYTES: Final = 100 << 20
 MAX_TEXT: Final = 4_096
 
@@ -54,6 +62,14 @@ class GatewayAddress:
     address: str
     tls_ca: Path
     server_name: str
+
+
+@dataclass(frozen=True, slots=True)
+class ClientTls:
+    """What a client shows on a TLS connection: certificate file and private key file, both PEM."""
+
+    certificate: Path
+    key: Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +98,9 @@ class Connection:
     gateway: GatewayAddress
     identities: Mapping[str, IdentityFiles] = field(default_factory=lambda: MappingProxyType({}))
     ledger: LedgerKind | None = None
+    others: tuple[GatewayAddress, ...] = ()
+    """Further peers of the same organisation (`gateways` in the file), in the order of preference."""
+    client_tls: ClientTls | None = None
 
     @classmethod
     def load(cls, path: Path) -> Connection:
@@ -102,19 +121,25 @@ class Connection:
         def name(file: Path) -> str:
             return os.path.relpath(file.resolve(), directory)
 
+        def gateway(each: GatewayAddress) -> dict[str, str]:
+            return {"address": each.address, "tls_ca": name(each.tls_ca), "server_name": each.server_name}
+
         document: dict[str, object] = {
             "channel": self.channel,
             "chaincode": self.chaincode,
-            "gateway": {
-                "address": self.gateway.address,
-                "tls_ca": name(self.gateway.tls_ca),
-                "server_name": self.gateway.server_name,
-            },
+            "gateway": gateway(self.gateway),
             "identities": {
                 who: {"msp_id": files.msp_id, "certificate": name(files.certificate), "key": name(files.key)}
                 for who, files in sorted(self.identities.items())
             },
         }
+        if self.others:
+            document["gateways"] = [gateway(each) for each in self.others]
+        if self.client_tls is not None:
+            document["client_tls"] = {
+                "certificate": name(self.client_tls.certificate),
+                "key": name(self.client_tls.key),
+            }
         if self.ledger is not None:
             document["ledger"] = {"kind": self.ledger.kind, "notice": self.ledger.notice}
         write_atomic(path, json.dumps(document, indent=2, ensure_ascii=False).encode() + b"\n")
@@ -144,18 +169,28 @@ class Connection:
         except LedgerError as cause:
             raise ConnectionFileError(f"identities.{name}.key: {cause}") from cause
 
-    def open_channel(self, *options: tuple[str, int | str]) -> grpc.aio.Channel:
-        """A TLS channel to the Gateway; the caller closes it. `options` override ours. Raises `ConnectionFileError`.
+    def open_channel(self, *options: tuple[str, int | str]) -> Gateways:
+        """TLS channels to the Gateways; the caller closes them. `options` override ours. Raises `ConnectionFileError`.
 
-        It connects when first used, and again by itself after the Gateway was away. Call it inside a running
-        event loop.
+        Each connects when first used, and again by itself after its Gateway was away. Call it inside a running event
+        loop.
         """
-        roots = read_bounded(self.gateway.tls_ca, ConnectionFileError, "gateway.tls_ca")
-        ours: dict[str, int | str] = dict(CHANNEL_OPTIONS)
-        ours["grpc.ssl_target_name_override"] = self.gateway.server_name
-        ours.update(options)
-        credentials = grpc.ssl_channel_credentials(root_certificates=roots)
-        return grpc.aio.secure_channel(self.gateway.address, credentials, options=list(ours.items()))
+        key, certificate, digest = None, None, b""
+        if self.client_tls is not None:
+            certificate = read_bounded(self.client_tls.certificate, ConnectionFileError, "client_tls.certificate")
+            key = read_bounded(self.client_tls.key, ConnectionFileError, "client_tls.key")
+            digest = _digest(certificate, self.client_tls.certificate)
+        channels = []
+        for each, field_name in [(self.gateway, "gateway"), *((other, "gateways") for other in self.others)]:
+            roots = read_bounded(each.tls_ca, ConnectionFileError, f"{field_name}.tls_ca")
+            ours: dict[str, int | str] = dict(CHANNEL_OPTIONS)
+            ours["grpc.ssl_target_name_override"] = each.server_name
+            ours.update(options)
+            credentials = grpc.ssl_channel_credentials(roots, key, certificate)
+            channels.append(
+                (each.address, grpc.aio.secure_channel(each.address, credentials, options=list(ours.items())))
+            )
+        return Gateways(channels, tls_certificate_sha256=digest)
 
     def files(self, name: str) -> IdentityFiles:
         """The named identity's files. Raises `ConnectionFileError`."""
@@ -164,6 +199,14 @@ class Connection:
         except KeyError:
             known = ", ".join(sorted(self.identities)[:20]) or "none"
             raise ConnectionFileError(f"identities.{name}: there is no such identity; there are: {known}") from None
+
+
+def _digest(pem: bytes, path: Path) -> bytes:
+    """SHA-256 over the DER certificate."""
+    try:
+        return hashlib.sha256(x509.load_pem_x509_certificate(pem).public_bytes(Encoding.DER)).digest()
+    except ValueError as cause:
+        raise ConnectionFileError(f"client_tls.certificate: {path} holds no PEM certificate ({cause})") from cause
 
 
 class _Reader:
@@ -175,21 +218,35 @@ class _Reader:
 
     def connection(self, document: object) -> Connection:
         top = self._object(document, "the file")
-        gateway = self._object(top.get("gateway"), "gateway")
         identities = self._object(top.get("identities", {}), "identities")
         if len(identities) > MAX_IDENTITIES:
             raise self._wrong("identities", f"has {len(identities)} entries; at most {MAX_IDENTITIES}")
         return Connection(
             channel=self._text(top, "channel"),
             chaincode=self._text(top, "chaincode"),
-            gateway=GatewayAddress(
-                address=self._address(self._text(gateway, "address", "gateway.")),
-                tls_ca=self._file(gateway, "tls_ca", "gateway."),
-                server_name=self._text(gateway, "server_name", "gateway."),
-            ),
+            gateway=self._gateway(top.get("gateway"), "gateway"),
             identities=MappingProxyType({name: self._identity(name, each) for name, each in identities.items()}),
             ledger=self._ledger(top["ledger"]) if "ledger" in top else None,
+            others=self._others(top.get("gateways", [])),
+            client_tls=self._client_tls(top["client_tls"]) if "client_tls" in top else None,
         )
+
+    def _gateway(self, value: object, name: str) -> GatewayAddress:
+        fields = self._object(value, name)
+        return GatewayAddress(
+            address=self._address(self._text(fields, "address", f"{name}."), f"{name}.address"),
+            tls_ca=self._file(fields, "tls_ca", f"{name}."),
+            server_name=self._text(fields, "server_name", f"{name}."),
+        )
+
+    def _others(self, value: object) -> tuple[GatewayAddress, ...]:
+        if not isinstance(value, list) or len(value) > MAX_GATEWAYS:
+            raise self._wrong("gateways", f"is not a list of at most {MAX_GATEWAYS} gateways")
+        return tuple(self._gateway(each, f"gateways[{index}]") for index, each in enumerate(value))
+
+    def _client_tls(self, value: object) -> ClientTls:
+        fields = self._object(value, "client_tls")
+        return ClientTls(self._file(fields, "certificate", "client_tls."), self._file(fields, "key", "client_tls."))
 
     def _identity(self, name: str, value: object) -> IdentityFiles:
         prefix = f"identities.{name}"
@@ -207,10 +264,10 @@ class _Reader:
             raise self._wrong("ledger.notice", "is not text")
         return LedgerKind(kind=self._text(fields, "kind", "ledger."), notice=notice)
 
-    def _address(self, address: str) -> str:
+    def _address(self, address: str, name: str) -> str:
         host, separator, port = address.rpartition(":")
         if not (separator and host and port.isascii() and port.isdigit() and len(port) <= 5 and 0 < int(port) < 65_536):
-            raise self._wrong("gateway.address", f"is {address!r}, not host:port")
+            raise self._wrong(name, f"is {address!r}, not host:port")
         return address
 
     def _file(self, fields: dict[str, object], name: str, prefix: str) -> Path:

@@ -15,6 +15,7 @@ from wonderland.ledger.gateway.client import Contract, Gateway, Network, Submitt
 from wonderland.ledger.gateway.commit import Commit, CommitStatus
 from wonderland.ledger.gateway.deliver import FilteredBlock, FilteredEvent, FilteredTransaction
 from wonderland.ledger.gateway.errors import (
+    BehindError,
     ChaincodeResponse,
     CommitError,
     CommitStatusError,
@@ -35,6 +36,7 @@ from wonderland.ledger.gateway.streams import Stream
 from wonderland.ledger.gateway.transaction import Transaction
 
 __all__ = [
+    "BehindError",
     "ChaincodeResponse",
     "Commit",
     "CommitError",

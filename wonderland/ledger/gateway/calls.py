@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import grpc
@@ -27,8 +27,19 @@ from wonderland.ledger.protobuf import decode
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from wonderland.ledger.gateways import Gateways
     from wonderland.ledger.identity import Identity
     from wonderland.ledger.signing import Signer
+
+
+_ASK_ELSEWHERE: Final = frozenset(
+    {
+        grpc.StatusCode.UNAVAILABLE,
+        grpc.StatusCode.DEADLINE_EXCEEDED,
+        grpc.StatusCode.CANCELLED,
+        grpc.StatusCode.INTERNAL,
+    }
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +52,12 @@ class Deadlines:
     commit_status_s: float = 60.0
     locate_s: float = 5.0
     """For finding the transaction or block at which a stream is to continue."""
+    resubmit_s: float = 3.0
+    """Without an outcome for so long, the same transaction is submitted again; it takes effect once at most."""
+    catch_up_s: float = 15.0
+    """How long a chain that is shorter than a checkpoint may stand still before it counts as another one."""
+    gossip_s: float = 10.0
+    """How long peers may need to find the endorsers that the policy demands, after a start or a failure."""
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -60,6 +77,10 @@ class Environment:
     random_bytes: Callable[[int], bytes]
     tls_certificate_sha256: bytes
 
+    def pinned(self) -> Environment:
+        """The same with one Gateway."""
+        return replace(self, calls=self.calls.pinned())
+
     def sign(self, message: bytes, tx_id: str) -> bytes:
         """A signature over `message`. Raises `UnsignedError` when this gateway has no signer."""
         if self.signer is None:
@@ -68,54 +89,108 @@ class Environment:
 
 
 class Calls:
-    """The methods of a Gateway and a peer on a channel that the caller owns.
+    """The methods of Gateways and peers on channels that the caller owns.
+
+    A Gateway that cannot be reached or does not answer is passed over for the next one; none of these calls does
+    anything twice by that (a transaction that arrives twice is refused by its id the second time).
 
     Answers are taken as bytes and parsed here: gRPC's own way with an answer that it cannot parse is a line in the
     log and None.
     """
 
-    def __init__(self, channel: grpc.aio.Channel, deadlines: Deadlines) -> None:
+    def __init__(self, gateways: Gateways, deadlines: Deadlines, only: int | None = None) -> None:
         self.deadlines: Final = deadlines
+        self._gateways = gateways
+        self._only = only
+        self._methods: dict[tuple[int, str], grpc.aio.UnaryUnaryMultiCallable[Any, bytes]] = {}
 
-        def unary(name: str) -> grpc.aio.UnaryUnaryMultiCallable[Any, bytes]:
-            return channel.unary_unary(f"/gateway.Gateway/{name}", _to_bytes)
+    @property
+    def count(self) -> int:
+        """How many Gateways there are to ask."""
+        return len(self._gateways) if self._only is None else 1
 
-        def both_streams(name: str) -> grpc.aio.StreamStreamMultiCallable[Any, bytes]:
-            return channel.stream_stream(f"/protos.Deliver/{name}", _to_bytes)
+    def pinned(self) -> Calls:
+        """The same by one Gateway, the best one now: what belongs together is asked of one and the same ledger."""
+        return self if self._only is not None else Calls(self._gateways, self.deadlines, self._gateways.order()[0])
 
-        events: grpc.aio.UnaryStreamMultiCallable[Any, bytes] = channel.unary_stream(
-            "/gateway.Gateway/ChaincodeEvents", _to_bytes
-        )
-        self.open_chaincode_events: Final = events
-        self.open_deliver: Final = both_streams("Deliver")
-        self.open_deliver_filtered: Final = both_streams("DeliverFiltered")
-        self._evaluate = unary("Evaluate")
-        self._endorse = unary("Endorse")
-        self._submit = unary("Submit")
-        self._commit_status = unary("CommitStatus")
+    def pass_over(self, *, behind: bool = False) -> None:
+        """The Gateway of a pinned one ended a stream, or is behind: others are better now."""
+        if self._only is not None:
+            (self._gateways.behind if behind else self._gateways.failed)(self._only)
+
+    def open_chaincode_events(self, request: Any) -> Any:
+        """ChaincodeEvents, of one Gateway."""
+        return self._channel().unary_stream("/gateway.Gateway/ChaincodeEvents", _to_bytes)(request)
+
+    def open_deliver(self, timeout: float | None = None) -> Any:
+        """Deliver, of one peer."""
+        return self._channel().stream_stream("/protos.Deliver/Deliver", _to_bytes)(timeout=timeout)
+
+    def open_deliver_filtered(self, timeout: float | None = None) -> Any:
+        """DeliverFiltered, of one peer."""
+        return self._channel().stream_stream("/protos.Deliver/DeliverFiltered", _to_bytes)(timeout=timeout)
 
     async def evaluate(self, request: Any, tx_id: str, timeout_s: float | None) -> Any:
         """Evaluate: run the contract on one peer, record nothing. Raises `EvaluateError`."""
         limit_s = self.deadlines.evaluate_s if timeout_s is None else timeout_s
-        data = await _call(self._evaluate, request, limit_s, EvaluateError, tx_id)
+        data = await self._anywhere("Evaluate", request, limit_s, EvaluateError, tx_id)
         return decode(gateway_pb2.EvaluateResponse, data, "the gateway's answer", MalformedError)
 
     async def endorse(self, request: Any, tx_id: str, timeout_s: float | None) -> Any:
         """Endorse: gather the signatures that the policy demands. Raises `EndorseError`."""
         limit_s = self.deadlines.endorse_s if timeout_s is None else timeout_s
-        data = await _call(self._endorse, request, limit_s, EndorseError, tx_id)
+        data = await self._anywhere("Endorse", request, limit_s, EndorseError, tx_id)
         return decode(gateway_pb2.EndorseResponse, data, "the gateway's answer", MalformedError)
 
     async def submit(self, request: Any, tx_id: str, timeout_s: float | None) -> None:
         """Submit: hand the transaction to the orderer. Raises `SubmitError`."""
         limit_s = self.deadlines.submit_s if timeout_s is None else timeout_s
-        await _call(self._submit, request, limit_s, SubmitError, tx_id)
+        await self._anywhere("Submit", request, limit_s, SubmitError, tx_id)
 
     async def commit_status(self, request: Any, tx_id: str, timeout_s: float | None) -> Any:
         """CommitStatus: wait for the block. Raises `CommitStatusError`."""
         limit_s = self.deadlines.commit_status_s if timeout_s is None else timeout_s
-        data = await _call(self._commit_status, request, limit_s, CommitStatusError, tx_id)
+        # Silence is no failure here: the block may just not have come.
+        data = await self._anywhere("CommitStatus", request, limit_s, CommitStatusError, tx_id, patient=True)
         return decode(gateway_pb2.CommitStatusResponse, data, "the gateway's answer", MalformedError)
+
+    async def _anywhere(
+        self,
+        method: str,
+        request: Any,
+        limit_s: float,
+        error: type[GatewayError],
+        tx_id: str,
+        *,
+        patient: bool = False,
+    ) -> bytes:
+        """The first answer of a Gateway that can be reached; each has an equal share of the time that is left."""
+        order = self._gateways.order() if self._only is None else [self._only]
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + limit_s
+        for left, index in zip(range(len(order), 0, -1), order, strict=True):
+            share_s = limit_s if len(order) == 1 else max(0.001, (deadline_s - loop.time()) / left)
+            try:
+                answer = await _call(self._method(index, method), request, share_s, error, tx_id)
+            except GatewayError as failure:
+                if failure.is_unreached and not (patient and failure.status_code is grpc.StatusCode.DEADLINE_EXCEEDED):
+                    self._gateways.failed(index)
+                if left == 1 or failure.status_code not in _ASK_ELSEWHERE:
+                    raise
+            else:
+                self._gateways.answered(index)
+                return answer
+        raise AssertionError("unreachable: the last Gateway answers or fails")
+
+    def _method(self, index: int, name: str) -> grpc.aio.UnaryUnaryMultiCallable[Any, bytes]:
+        found = self._methods.get((index, name))
+        if found is None:
+            found = self._gateways.channel(index).unary_unary(f"/gateway.Gateway/{name}", _to_bytes)
+            self._methods[index, name] = found
+        return found
+
+    def _channel(self) -> grpc.aio.Channel:
+        return self._gateways.channel(self._gateways.order()[0] if self._only is None else self._only)
 
 
 async def _call(

@@ -7,46 +7,33 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-import grpc
-
 from wonderland.ledger.gateway.backoff import Backoff
 from wonderland.ledger.gateway.calls import Calls, Deadlines, Environment, system_now_ns
-from wonderland.ledger.gateway.commit import Commit, CommitStatus, new_commit
+from wonderland.ledger.gateway.commit import Commit, new_commit
 from wonderland.ledger.gateway.deliver import (
     BlockSource,
     FilteredBlock,
     FilteredBlockSource,
     height,
 )
-from wonderland.ledger.gateway.errors import (
-    CommitError,
-    CommitStatusError,
-    CommitUnknownError,
-    EndorseError,
-    SubmitError,
-)
+from wonderland.ledger.gateway.errors import CommitError, EndorseError
 from wonderland.ledger.gateway.events import Event, EventSource, Position
 from wonderland.ledger.gateway.proposal import Proposal, new_proposal
+from wonderland.ledger.gateway.settle import settle
 from wonderland.ledger.gateway.streams import Stream
 from wonderland.ledger.gateway.transaction import Transaction
+from wonderland.ledger.gateways import Gateways
 from wonderland.ledger.transactions import ValidationCode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    import grpc
+
     from wonderland.ledger.blocks import Block
     from wonderland.ledger.checkpoints import Checkpointer
     from wonderland.ledger.identity import Identity
     from wonderland.ledger.signing import Signer
-
-_WORTH_ASKING_AGAIN: Final = frozenset(
-    {
-        grpc.StatusCode.UNAVAILABLE,
-        grpc.StatusCode.INTERNAL,
-        grpc.StatusCode.UNKNOWN,
-        grpc.StatusCode.CANCELLED,
-    }
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +48,14 @@ class Submitted:
 class Gateway:
     """A client of a Fabric Gateway, acting as one identity.
 
-    The caller opens and closes `channel`; many gateways (identities) may share one. Without `signer` everything
-    is signed offline. `tls_certificate_sha256` is needed where peers demand client certificates.
+    The caller opens and closes `channel` (`Connection.open_channel`, or any gRPC channel); many gateways
+    (identities) may share one. Without `signer` everything is signed offline. `tls_certificate_sha256` is needed
+    where peers demand client certificates and `channel` does not know it.
     """
 
     def __init__(
         self,
-        channel: grpc.aio.Channel,
+        channel: Gateways | grpc.aio.Channel,
         identity: Identity,
         signer: Signer | None,
         *,
@@ -77,13 +65,14 @@ class Gateway:
         tls_certificate_sha256: bytes = b"",
     ) -> None:
         self.identity: Final = identity
+        gateways = Gateways.of(channel)
         self._environment = Environment(
-            calls=Calls(channel, deadlines or Deadlines()),
+            calls=Calls(gateways, deadlines or Deadlines()),
             identity=identity,
             signer=signer,
             now_ns=now_ns,
             random_bytes=random_bytes,
-            tls_certificate_sha256=tls_certificate_sha256,
+            tls_certificate_sha256=tls_certificate_sha256 or gateways.tls_certificate_sha256,
         )
 
     def network(self, channel_name: str) -> Network:
@@ -152,10 +141,10 @@ class Network:
         saved = checkpointer.load() if checkpointer else None
         position: Position | None = None
         if saved is not None:
-            position = Position(saved.block_number, saved.tx_id, must_be_reached=True)
+            position = Position(saved.block_number, saved.tx_id, exact=True)
         elif start_block is not None or after_transaction_id:
             position = Position(start_block, after_transaction_id)
-        source = EventSource(self._environment, self.name, chaincode, position)
+        source = EventSource(self.name, chaincode, position)
         return Stream(self._environment, source, reconnect=reconnect)
 
     def blocks(
@@ -167,7 +156,7 @@ class Network:
         `UnknownTransactionError` for a checkpoint beyond the chain.
         """
         start, saved = _start(start_block, checkpointer)
-        source = BlockSource(self._environment, self.name, start, must_be_reached=saved)
+        source = BlockSource(self.name, start, must_be_reached=saved)
         return Stream(self._environment, source, reconnect=reconnect)
 
     def filtered_blocks(
@@ -175,7 +164,7 @@ class Network:
     ) -> Stream[FilteredBlock]:
         """Outlines of blocks, as `blocks`."""
         start, saved = _start(start_block, checkpointer)
-        source = FilteredBlockSource(self._environment, self.name, start, must_be_reached=saved)
+        source = FilteredBlockSource(self.name, start, must_be_reached=saved)
         return Stream(self._environment, source, reconnect=reconnect)
 
 
@@ -231,21 +220,15 @@ class Contract:
     ) -> Submitted:
         """Endorse, submit, and wait until the transaction is committed and valid.
 
-        When the orderer's answer is lost, the outcome is asked for instead of sending anything twice. Raises
-        `EndorseError`, `SubmitError`, `CommitStatusError`, `CommitError`, `CommitUnknownError`, each with `tx_id`.
+        When an answer is lost or no outcome comes, the same transaction is submitted again: it takes effect once at
+        most. Raises `EndorseError`, `SubmitError`, `CommitStatusError`, `CommitError`, `CommitUnknownError`, each
+        with `tx_id`.
         """
         proposal = self.propose(
             function, *arguments, transient=transient, endorsing_organizations=endorsing_organizations
         )
         transaction = await proposal.endorse()
-        lost: SubmitError | None = None
-        try:
-            commit = await transaction.submit()
-        except SubmitError as error:
-            if not error.outcome_unknown:
-                raise
-            lost, commit = error, transaction.commit
-        status = await self._outcome(commit, lost)
+        status = await settle(transaction, self._environment)
         status.require_valid()
         return Submitted(transaction.tx_id, status.block_number, transaction.payload)
 
@@ -260,54 +243,51 @@ class Contract:
         """As `submit`, with new attempts where one is safe and may help, after a random pause.
 
         That is: the transaction is known to be invalid because another one came between (MVCC, phantom), or the
-        peers disagreed because they stood at different blocks. An endorsement that was not enough is tried once more:
+        peers disagreed because they stood at different blocks (`attempts` in all); or the peers do not know enough of
+        each other yet to endorse (for `Deadlines.gossip_s`). An endorsement that was not enough is tried once more:
         another transaction of the same block may have made the key, and with it who must endorse. Nothing else is
         tried again.
         """
+        attempt = _Attempts(attempts)
         backoff = Backoff(self._environment.random_bytes, first_s=0.02, max_s=1.0)
-        unendorsed = False
-        for _ in range(attempts - 1):
+        loop = asyncio.get_running_loop()
+        gossip_until_s = loop.time() + self._environment.calls.deadlines.gossip_s
+        while True:
             try:
                 return await self.submit(
                     function, *arguments, transient=transient, endorsing_organizations=endorsing_organizations
                 )
             except CommitError as error:
-                lacking = error.code == ValidationCode.ENDORSEMENT_POLICY_FAILURE
-                if not error.is_conflict and (unendorsed or not lacking):
+                if not attempt.again_after_invalid(error):
                     raise
-                unendorsed = unendorsed or lacking
             except EndorseError as error:
-                if not error.is_mismatch:
+                if not attempt.again_after_refusal(error, is_gossip_time=loop.time() < gossip_until_s):
                     raise
             await asyncio.sleep(backoff.next_s())
-        return await self.submit(
-            function, *arguments, transient=transient, endorsing_organizations=endorsing_organizations
-        )
 
-    async def _outcome(self, commit: Commit, lost: SubmitError | None) -> CommitStatus:
-        """The outcome, asked for again through interruptions until the deadline; asking changes nothing."""
-        loop = asyncio.get_running_loop()
-        limit_s = self._environment.calls.deadlines.commit_status_s
-        deadline = loop.time() + limit_s
-        backoff = Backoff(self._environment.random_bytes)
-        while True:
-            try:
-                return await commit.status(timeout_s=max(0.001, deadline - loop.time()))
-            except CommitStatusError as error:
-                pause_s = backoff.next_s()
-                again = error.status_code in _WORTH_ASKING_AGAIN and loop.time() + pause_s < deadline
-                if not again:
-                    if error.status_code not in _WORTH_ASKING_AGAIN | {grpc.StatusCode.DEADLINE_EXCEEDED}:
-                        raise
-                    sent = "it was handed over" if lost is None else f"whether it arrived is unknown ({lost.message})"
-                    raise CommitUnknownError(
-                        f"no outcome within {limit_s:g} s; {sent}. Ask again with the transaction id; a second "
-                        "attempt may do the same thing twice",
-                        tx_id=commit.tx_id,
-                        status_code=error.status_code,
-                        details=error.details,
-                    ) from error
-            await asyncio.sleep(pause_s)
+
+class _Attempts:
+    """What was tried so far, and whether one more attempt is safe and may help."""
+
+    def __init__(self, left: int) -> None:
+        self._left = left
+        self._unendorsed = False
+
+    def again_after_invalid(self, error: CommitError) -> bool:
+        lacking = error.code == ValidationCode.ENDORSEMENT_POLICY_FAILURE
+        if not error.is_conflict and (self._unendorsed or not lacking):
+            return False
+        self._unendorsed = self._unendorsed or lacking
+        return self._one_less()
+
+    def again_after_refusal(self, error: EndorseError, *, is_gossip_time: bool) -> bool:
+        if error.is_mismatch:
+            return self._one_less()
+        return error.has_no_endorsers and is_gossip_time
+
+    def _one_less(self) -> bool:
+        self._left -= 1
+        return self._left > 0
 
 
 def _start(start_block: int | None, checkpointer: Checkpointer | None) -> tuple[int | None, bool]:

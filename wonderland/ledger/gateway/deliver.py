@@ -16,10 +16,16 @@ from fabric_protos.common import common_pb2
 from fabric_protos.orderer import ab_pb2
 from fabric_protos.peer import events_pb2
 
-from wonderland.ledger.blocks import Block, parse_block
+from wonderland.ledger.blocks import Block, BlockHeader, parse_block
 from wonderland.ledger.checkpoints import MAX_BLOCK_NUMBER, Checkpoint
 from wonderland.ledger.gateway.calls import cancelled_from_outside, unusable_channel_is_an_error
-from wonderland.ledger.gateway.errors import MalformedError, StreamError, UnknownTransactionError, from_rpc
+from wonderland.ledger.gateway.errors import (
+    BehindError,
+    MalformedError,
+    StreamError,
+    UnknownTransactionError,
+    from_rpc,
+)
 from wonderland.ledger.protobuf import decode
 from wonderland.ledger.transactions import code_name
 
@@ -79,33 +85,56 @@ class FilteredBlock:
         return Checkpoint.after_block(self.number)
 
 
+class Patience:
+    """How long to believe that a chain which is shorter than what was seen of it is still catching up.
+
+    As long as it grows, and `catch_up_s` beyond that: another peer of the organisation may be behind the one that
+    was asked before, while the chain of another ledger stands still, or is found to be another when it has grown.
+    """
+
+    def __init__(self) -> None:
+        self._highest = -1
+        self._since_s = 0.0
+
+    def behind(self, environment: Environment, channel: str, checkpoint: Checkpoint, blocks: int) -> StreamError:
+        """What to raise about a chain of so many blocks: `BehindError`, or in the end `UnknownTransactionError`."""
+        now_s = asyncio.get_running_loop().time()
+        if blocks > self._highest:
+            self._highest, self._since_s = blocks, now_s
+        text = f"the checkpoint continues at block {checkpoint.block_number}, but channel {channel} has {blocks} blocks"
+        if now_s - self._since_s < environment.calls.deadlines.catch_up_s:
+            return BehindError(f"{text} so far", status_code=grpc.StatusCode.UNAVAILABLE)
+        return UnknownTransactionError(
+            f"{text} and gets no more: the ledger was set up anew, or this is another one (or its peers get nothing "
+            "from the orderers; see `wonderland network status`). Remove the checkpoint to begin anew"
+        )
+
+
 class _Source:
     """Where a block stream stands: the next block, None before "from now on" has become a number."""
 
-    def __init__(
-        self, environment: Environment, channel: str, next_block: int | None, *, must_be_reached: bool = False
-    ) -> None:
-        self._environment = environment
+    def __init__(self, channel: str, next_block: int | None, *, must_be_reached: bool = False) -> None:
         self._channel = channel
         self._next = next_block
         self._must_be_reached = must_be_reached
+        self._patience = Patience()
 
-    async def _open(self, method: Any) -> Any:
-        """A call on which blocks arrive. "From now on" becomes a number the first time, so that none is missed."""
+    async def _position(self, environment: Environment) -> Any:
+        """The request that continues. "From now on" becomes a number the first time, so that none is missed."""
         if self._next is None:
-            self._next = await height(self._environment, self._channel)
+            self._next = await height(environment, self._channel)
         elif self._must_be_reached:
-            await require_reached(self._environment, self._channel, Checkpoint(self._next))
+            checkpoint = Checkpoint(self._next)
+            blocks = await height(environment, self._channel)
+            if checkpoint.block_number > blocks:
+                raise self._patience.behind(environment, self._channel, checkpoint, blocks)
+            self._patience = Patience()
             self._must_be_reached = False
-        request = seek_request(self._environment, self._channel, start=self._next)
-        with unusable_channel_is_an_error(StreamError):
-            call = method()
-        await _send(call, request)
-        return call
+        return seek_request(environment, self._channel, start=self._next)
 
     def _note(self, delivered: int) -> None:
         self._next = delivered + 1
-        self._must_be_reached = True  # opened again, a ledger that has become shorter is another one
+        self._must_be_reached = True  # opened again, a ledger that has become shorter is behind, or another one
 
     def _require_next(self, block: AnyBlock) -> AnyBlock:
         if block.number != self._next:
@@ -114,29 +143,43 @@ class _Source:
 
 
 class BlockSource(_Source):
-    """Whole blocks of a channel; a source for `streams.Stream`."""
+    """Whole blocks of a channel, each the successor of the one before; a source for `streams.Stream`."""
 
-    async def open(self) -> Any:
+    _last: BlockHeader | None = None
+
+    async def open(self, environment: Environment) -> Any:
         """A new call. Raises `StreamError`, `UnknownTransactionError`."""
-        return await self._open(self._environment.calls.open_deliver)
+        request = await self._position(environment)
+        with unusable_channel_is_an_error(StreamError):
+            call = environment.calls.open_deliver()
+        await _send(call, request)
+        return call
 
     def items(self, answer: bytes) -> Iterator[Block]:
         """The block of an answer, which must be the next one. Raises `BlockError`, `StreamError`."""
         message = _answer(answer)
         _require_block(message, "block")
-        yield self._require_next(parse_block(message.block))
+        block = self._require_next(parse_block(message.block))
+        if self._last is not None:
+            block.require_follows(self._last)  # another peer has the same chain, or it is another ledger
+        yield block
 
     def delivered(self, item: Block) -> None:
         """Note that the consumer has it."""
+        self._last = item.header
         self._note(item.number)
 
 
 class FilteredBlockSource(_Source):
     """Filtered blocks of a channel; a source for `streams.Stream`."""
 
-    async def open(self) -> Any:
+    async def open(self, environment: Environment) -> Any:
         """A new call. Raises `StreamError`, `UnknownTransactionError`."""
-        return await self._open(self._environment.calls.open_deliver_filtered)
+        request = await self._position(environment)
+        with unusable_channel_is_an_error(StreamError):
+            call = environment.calls.open_deliver_filtered()
+        await _send(call, request)
+        return call
 
     def items(self, answer: bytes) -> Iterator[FilteredBlock]:
         """The filtered block of an answer, which must be the next one. Raises `StreamError`."""
@@ -151,25 +194,25 @@ class FilteredBlockSource(_Source):
 
 async def height(environment: Environment, channel: str) -> int:
     """How many blocks the channel has: the number of the next one. Raises `StreamError`."""
-    newest = await _read_one(environment, channel, None)
+    newest = await read_filtered_block(environment, channel, None)
     if newest is None:
         raise StreamError(f"channel {channel} has no blocks", status_code=grpc.StatusCode.NOT_FOUND)
     return newest.number + 1
 
 
-async def read_filtered_block(environment: Environment, channel: str, number: int) -> FilteredBlock | None:
-    """One filtered block; None when the chain has not come that far. Raises `StreamError`."""
-    return await _read_one(environment, channel, number)
-
-
-async def require_reached(environment: Environment, channel: str, checkpoint: Checkpoint) -> None:
-    """Raise `UnknownTransactionError` when a checkpoint lies beyond the chain: it is of another ledger."""
-    blocks = await height(environment, channel)
-    if checkpoint.block_number > blocks:
-        raise UnknownTransactionError(
-            f"the checkpoint continues at block {checkpoint.block_number}, but channel {channel} has {blocks} blocks: "
-            "the ledger was set up anew, or this is another one. Remove the checkpoint to begin anew"
-        )
+async def read_filtered_block(environment: Environment, channel: str, number: int | None) -> FilteredBlock | None:
+    """One filtered block (None: the newest); None when the chain has not come that far. Raises `StreamError`."""
+    for left in reversed(range(environment.calls.count)):
+        pinned = environment.pinned()
+        try:
+            return await _read_one(pinned, channel, number)
+        except StreamError as error:
+            if not error.is_unreached:
+                raise
+            pinned.calls.pass_over()
+            if not left:
+                raise
+    raise AssertionError("unreachable: the last Gateway answers or fails")
 
 
 def seek_request(environment: Environment, channel: str, *, start: int | None, only: bool = False) -> Any:

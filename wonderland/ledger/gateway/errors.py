@@ -5,7 +5,7 @@
 - `CommitStatusError`: the question for the outcome failed; the transaction may be committed or not.
 - `CommitError`: the transaction is in a block and **invalid**; its writes did not happen.
 - `CommitUnknownError`: submitted, and within the deadline nobody said what became of it. Ask again later with
-  the transaction id; a blind second attempt may do the thing twice.
+  the transaction id; a second *proposal* may do the thing twice (the same transaction sent again does not).
 """
 
 from __future__ import annotations
@@ -36,6 +36,20 @@ _OUTCOME_UNKNOWN: Final = frozenset(
         grpc.StatusCode.UNKNOWN,
     }
 )
+_UNREACHED: Final = frozenset(
+    {
+        grpc.StatusCode.UNAVAILABLE,
+        grpc.StatusCode.DEADLINE_EXCEEDED,
+        grpc.StatusCode.CANCELLED,
+        grpc.StatusCode.INTERNAL,
+    }
+)
+_NO_ENDORSERS: Final = re.compile(
+    r"no combination of peers can be derived|failed to select a set of endorsers|no endorsement combination"
+    r"|failed to find any endorsing peers|no peers available to",
+)
+_FOR_EVER: Final = "this ledger"
+"""The embedded ledger's word for what does not change by waiting: there, one node has all endorsers."""
 MAX_DETAILS: Final = 100
 
 
@@ -82,6 +96,16 @@ class GatewayError(LedgerError):
         parts.append(f": {self.status_code.name if self.status_code else 'ERROR'}: {self.message}")
         parts += [f"; {each.msp_id or '?'} at {each.address or '?'}: {each.message}" for each in self.details]
         return "".join(parts)
+
+    @property
+    def is_unreached(self) -> bool:
+        """Whether the Gateway itself could not be reached or was silent, and did not say why it failed."""
+        return self.status_code in _UNREACHED and not self.details
+
+    @property
+    def has_no_endorsers(self) -> bool:
+        """The peers do not know each other well enough to endorse, as after a start; that passes within seconds."""
+        return bool(_NO_ENDORSERS.search(self.message)) and _FOR_EVER not in self.message
 
     @property
     def chaincode_response(self) -> ChaincodeResponse | None:
@@ -160,6 +184,10 @@ class StreamError(GatewayError):
     """An event or block stream ended. `status_code` UNAVAILABLE means that it is worth opening it again."""
 
     operation = "stream"
+
+
+class BehindError(StreamError):
+    """The peer's chain is shorter than what was seen of it: it is catching up, or it is not the same chain."""
 
 
 class UnknownTransactionError(StreamError):

@@ -16,7 +16,7 @@ from fabric_protos.gateway import gateway_pb2
 from wonderland.ledger.checkpoints import Checkpoint
 from wonderland.ledger.gateway.calls import unusable_channel_is_an_error
 from wonderland.ledger.gateway.commit import new_commit
-from wonderland.ledger.gateway.deliver import FilteredBlock, height, read_filtered_block, require_reached
+from wonderland.ledger.gateway.deliver import FilteredBlock, Patience, height, read_filtered_block
 from wonderland.ledger.gateway.errors import CommitStatusError, MalformedError, StreamError, UnknownTransactionError
 from wonderland.ledger.protobuf import decode
 
@@ -45,27 +45,25 @@ class Event:
 class EventSource:
     """A contract's events after `position` (None: from now on); a source for `streams.Stream`."""
 
-    def __init__(self, environment: Environment, channel: str, chaincode: str, position: Position | None) -> None:
-        self._environment = environment
+    def __init__(self, channel: str, chaincode: str, position: Position | None) -> None:
         self._channel = channel
         self._chaincode = chaincode
         self._position = position
-        self._checked = False
+        self._patience = Patience()
         self._left_out: frozenset[str] = frozenset()
 
-    async def open(self) -> Any:
+    async def open(self, environment: Environment) -> Any:
         """A call on which events arrive. Raises `UnknownTransactionError`, `StreamError`."""
-        start = await self._locate()
+        start = await self._locate(environment)
+        self._patience = Patience()
         request = gateway_pb2.ChaincodeEventsRequest(
-            channel_id=self._channel, chaincode_id=self._chaincode, identity=self._environment.identity.creator
+            channel_id=self._channel, chaincode_id=self._chaincode, identity=environment.identity.creator
         )
         request.start_position.specified.number = start
         message = request.SerializeToString()
-        signed = gateway_pb2.SignedChaincodeEventsRequest(
-            request=message, signature=self._environment.sign(message, "")
-        )
+        signed = gateway_pb2.SignedChaincodeEventsRequest(request=message, signature=environment.sign(message, ""))
         with unusable_channel_is_an_error(StreamError):
-            return self._environment.calls.open_chaincode_events(signed)
+            return environment.calls.open_chaincode_events(signed)
 
     def items(self, answer: bytes) -> Iterator[Event]:
         """The events of one block. Raises `MalformedError`."""
@@ -77,27 +75,39 @@ class EventSource:
 
     def delivered(self, item: Event) -> None:
         """Note that the consumer has it."""
-        self._position = Position(item.block_number, item.tx_id)
+        self._position = Position(item.block_number, item.tx_id, exact=True)
 
-    async def _locate(self) -> int:
+    async def _locate(self, environment: Environment) -> int:
         """The block to begin with; sets what is to be left out of it."""
-        environment, channel = self._environment, self._channel
+        channel = self._channel
         if self._position is None:
             self._position = Position(await height(environment, channel), "")
         position = self._position
         if not position.tx_id:
-            if position.must_be_reached and not self._checked:
-                await require_reached(environment, channel, Checkpoint(position.block_number or 0))
-            self._checked = True
-            return position.block_number or 0
-        block = await self._block_of(position)
+            number = position.block_number or 0
+            if position.exact:
+                blocks = await height(environment, channel)
+                if number > blocks:
+                    raise self._patience.behind(environment, channel, Checkpoint(number), blocks)
+            return number
+        block = await (self._exact_block if position.exact else self._block_of)(environment, position)
         ids = [transaction.tx_id for transaction in block.transactions]
         self._left_out = frozenset(ids[: ids.index(position.tx_id) + 1])
-        self._checked = True
         return block.number
 
-    async def _block_of(self, position: Position) -> FilteredBlock:
-        environment, channel = self._environment, self._channel
+    async def _exact_block(self, environment: Environment, position: Position) -> FilteredBlock:
+        """The block that a checkpoint names, as soon as this peer has it."""
+        number = position.block_number or 0
+        block = await read_filtered_block(environment, self._channel, number)
+        if block is None:
+            blocks = await height(environment, self._channel)
+            raise self._patience.behind(environment, self._channel, Checkpoint(number, position.tx_id), blocks)
+        if not _holds(block, position.tx_id):
+            raise _unknown(position, self._channel, f"block {number} does not hold it")
+        return block
+
+    async def _block_of(self, environment: Environment, position: Position) -> FilteredBlock:
+        channel = self._channel
         if position.block_number is not None:
             block = await read_filtered_block(environment, channel, position.block_number)
             if block is not None and _holds(block, position.tx_id):
@@ -127,11 +137,14 @@ class EventSource:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """Where to begin: at a block, after a transaction, or both. `must_be_reached`: the chain is that long already."""
+    """Where to begin: at a block, after a transaction, or both.
+
+    `exact`: it was seen on the chain, so the chain is that long, and that block holds that transaction.
+    """
 
     block_number: int | None
     tx_id: str
-    must_be_reached: bool = False
+    exact: bool = False
 
 
 def _holds(block: FilteredBlock, tx_id: str) -> bool:

@@ -11,7 +11,7 @@ import grpc
 from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.gateway.backoff import Backoff
 from wonderland.ledger.gateway.calls import cancelled_from_outside
-from wonderland.ledger.gateway.errors import StreamError, from_rpc
+from wonderland.ledger.gateway.errors import BehindError, StreamError, from_rpc
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Generator, Iterator
@@ -35,8 +35,8 @@ _WORTH_REOPENING: Final = frozenset(
 class Source(Protocol[Item]):
     """What a stream reads, and where it continues."""
 
-    async def open(self) -> Any:
-        """A new call that continues after the last item delivered."""
+    async def open(self, environment: Environment) -> Any:
+        """A new call, at the one Gateway of that environment, that continues after the last item delivered."""
         ...
 
     def items(self, answer: bytes) -> Iterator[Item]:
@@ -54,8 +54,9 @@ class Stream(Generic[Item]):
     It is opened by ``async with``, by ``await stream``, by `open`, or by the first item asked for.
 
     With `reconnect`, an interruption (ledger restarted, network gone) is survived: the stream is opened again, after
-    the last item that was delivered, with growing pauses, for ever. What cannot be cured by waiting (not allowed,
-    unknown checkpoint) is raised. One task at a time may iterate.
+    the last item that was delivered, with growing pauses, for ever, and at another Gateway where there is one. What
+    cannot be cured by waiting (not allowed, unknown checkpoint) is raised. Without `reconnect`, each Gateway is tried
+    once for the beginning. One task at a time may iterate.
     """
 
     def __init__(
@@ -66,8 +67,11 @@ class Stream(Generic[Item]):
         reconnect: bool,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
+        self._environment = environment
+        self._at = environment
         self._source = source
         self._reconnect = reconnect
+        self._others = environment.calls.count - 1
         self._backoff = Backoff(environment.random_bytes)
         self._sleep = sleep
         self._call: Any = None
@@ -103,6 +107,7 @@ class Stream(Generic[Item]):
                 if answer is not grpc.aio.EOF:
                     self._waiting.extend(self._source.items(answer))
                     self._backoff.reset()
+                    self._others = 0
                     continue
                 ended = StreamError("the gateway ended the stream", status_code=grpc.StatusCode.UNAVAILABLE)
             except asyncio.CancelledError as cause:
@@ -131,8 +136,9 @@ class Stream(Generic[Item]):
         With `reconnect` it waits until there is a gateway to open it at.
         """
         while self._call is None and not self._closed:
+            self._at = self._environment.pinned()
             try:
-                self._call = await self._source.open()
+                self._call = await self._source.open(self._at)
             except StreamError as error:
                 await self._interrupted(error)
 
@@ -156,7 +162,19 @@ class Stream(Generic[Item]):
         self._drop_call()
         if self._closed:
             return
-        if not self._reconnect or error.status_code not in _WORTH_REOPENING:
+        if error.is_unreached:
+            self._at.calls.pass_over(behind=isinstance(error, BehindError))
+        if not self._is_worth_reopening(error):
             self.close()
             raise error
         await self._sleep(self._backoff.next_s())
+
+    def _is_worth_reopening(self, error: StreamError) -> bool:
+        if isinstance(error, BehindError):  # the source knows for how long
+            return True
+        if error.status_code not in _WORTH_REOPENING:
+            return False
+        if not self._reconnect and error.is_unreached and self._others > 0:
+            self._others -= 1
+            return True
+        return self._reconnect
