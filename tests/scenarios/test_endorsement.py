@@ -1,0 +1,84 @@
+"""Who must sign: the authority and an operator of pads; and for what belongs to a pad, its own operator."""
+
+import pytest
+
+from wonderland.ledger.gateway import CommitError
+
+pytestmark = pytest.mark.timeout(180)
+NOT_ENOUGH = "ENDORSEMENT_POLICY_FAILURE"
+
+
+async def not_enough(person, organisations, function, argument=None, /, **fields):
+    """Endorsed by these organisations only, the transaction gets into a block and is invalid."""
+    with pytest.raises(CommitError) as raised:
+        await person.submit(function, argument, endorsed_by=organisations, **fields)
+    assert raised.value.code_name == NOT_ENOUGH
+    await person.people.everywhere(raised.value.block_number)
+    return raised.value
+
+
+@pytest.mark.parametrize(
+    ("organisations", "enough"),
+    [
+        ("AuthorityMSP", False),
+        ("PadMSP", False),
+        ("PadMSP Pad2MSP", False),
+        ("AuthorityMSP PadMSP", True),
+        ("AuthorityMSP Pad2MSP", True),
+    ],
+)
+async def test_a_transaction_needs_the_authority_and_an_operator_of_pads(people, tag, organisations, enough):
+    asset = {"id": tag, "type": "std_msgs/msg/String", "media_type": "text/plain", "value": "1"}
+    uav, organisations = people["uav"], organisations.split()
+    if enough:
+        await uav.submit("CreateAsset", asset, endorsed_by=organisations)
+        assert (await uav.query("ReadAsset", id=tag))["value"] == "1"
+    else:
+        await not_enough(uav, organisations, "CreateAsset", asset)
+        await uav.finds_nothing("ReadAsset", id=tag)
+
+
+async def test_the_gateway_finds_out_itself_who_must_sign(people, site_of):
+    """Nobody names organisations; the second operator's pad is signed for by the second operator."""
+    site = await site_of("Pad2MSP")
+    done, _ = await site.operator.submitted("UpdatePad", pad_id=site.pad_id, name="East roof")
+    assert {"AuthorityMSP", "Pad2MSP"} <= await people.endorsers(done)
+    done, session = await site.uav.submitted("RequestProof", site.wish())
+    assert {"AuthorityMSP", "Pad2MSP"} <= await people.endorsers(done)
+    evidence = site.evidence(session)
+    done, verdict = await site.pad.submitted("SubmitProof", session_id=session["session_id"], evidence=evidence)
+    assert {"AuthorityMSP", "Pad2MSP"} <= await people.endorsers(done)
+    assert verdict["permission"] == "granted"
+
+
+async def test_the_other_operators_signature_does_not_count_for_a_pad(site_of):
+    """A session of one operator's pad from its request to its end: the authority and the other operator cannot."""
+    site = await site_of("Pad2MSP")
+    without_it = ["AuthorityMSP", "PadMSP"]
+    await not_enough(site.operator, without_it, "UpdatePad", pad_id=site.pad_id, name="Mine now")
+    await not_enough(site.admin, without_it, "RetirePad", pad_id=site.pad_id, reason="unwanted")
+    await not_enough(site.uav, without_it, "RequestProof", site.wish())
+
+    session = await site.uav.submit("RequestProof", site.wish(), endorsed_by=["AuthorityMSP", "Pad2MSP"])
+    its = {"session_id": session["session_id"]}
+    evidence = site.evidence(session)
+    await not_enough(site.pad, without_it, "SubmitProof", its, evidence=evidence)
+    await not_enough(site.admin, without_it, "CancelProof", its, reason="operator")
+    assert (await site.mirror.query("ReadSession", its))["state"] == "requested"
+    await site.mirror.finds_nothing("ReadVerdict", **its)
+
+    await site.pad.submit("SubmitProof", its, evidence=evidence, endorsed_by=["AuthorityMSP", "Pad2MSP"])
+    await not_enough(site.uav, without_it, "CompleteInteraction", its, result="done")
+    await site.uav.submit("CompleteInteraction", its, result="done")
+    pad = await site.mirror.query("ReadPad", pad_id=site.pad_id)
+    assert (pad["name"], pad["status"]) == ("Roof", "commissioned")
+
+
+async def test_two_verdicts_at_once_leave_one(people, site):
+    """The second comes to a key that the first has just made: not its endorsers to count on, or not its version."""
+    session = await site.request()
+    fields = {"session_id": session["session_id"], "evidence": site.evidence(session)}
+    outcomes = await people.outcomes([await site.pad.endorsed("SubmitProof", fields) for _ in range(2)])
+    outcomes.remove("VALID")
+    assert outcomes[0] in {NOT_ENOUGH, "MVCC_READ_CONFLICT"}  # in the same block, or in the next
+    await site.pad.is_refused(422, "SESSION_DECIDED", "SubmitProof", fields)
