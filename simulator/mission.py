@@ -8,7 +8,7 @@ from enum import StrEnum
 
 from simulator.broadcaster import Fix
 from simulator.flight import Flight, Vector
-from simulator.gnss import Gnss, NoSpoofing, SlowDrag
+from simulator.gnss import Gnss, Jump, NoSpoofing, SlowDrag
 from simulator.scenario import FALSE_BROADCAST_M, Behaviour, DroneSpec
 from wonderland.proofs.frame import to_local, to_wgs84
 from wonderland.proofs.records.pads import Frame
@@ -45,6 +45,8 @@ class Mission:
     flight: Flight = field(init=False)
     gnss: Gnss = field(init=False)
     mode: Mode = Mode.WAITING
+    claimed_m: Vector | None = None
+    """Where it last said that it is, in the pad's frame; None before it said anything."""
     proofs: int = 0
     """Times that it came to hold before the pad: the agent proves once in each."""
     _until_s: float = 0.0
@@ -76,12 +78,16 @@ class Mission:
                 self._enter(Mode.APPROACHING, t_s)
                 if self.spec.behaviour is Behaviour.GNSS_DRAGGED:
                     self.gnss.spoofing = SlowDrag(t_s + 2.0, limit_m=DRAG_LIMIT_M)
+                if self.spec.attack is not None and any(self.spec.attack.spoofed_m):
+                    self.gnss.spoofing = Jump(t_s, *self.spec.attack.spoofed_m)
                 self._go(self.spec.hover_m, t_s)
             case Mode.APPROACHING:
                 self._go(self.spec.hover_m, t_s)
                 if self.flight.arrived:
                     self.proofs += 1
                     self._enter(Mode.HOLDING, t_s)
+                    if self.spec.attack is not None and self.spec.attack.drag_m_s:
+                        self.gnss.spoofing = SlowDrag(t_s, speed_m_s=self.spec.attack.drag_m_s)
             case Mode.HOLDING:
                 self._go(self.spec.hover_m, t_s)
                 if t_s - self._since_s > HOLD_LIMIT_S:
@@ -101,7 +107,10 @@ class Mission:
 
     def fix(self, t_s: float, t_ms: int) -> Fix:
         """The drone's own word on where it is: what it signs."""
-        return self._fix(self.gnss.fix(self.flight.position, t_s), t_ms)
+        x, y, z = self.gnss.fix(self.flight.position, t_s)
+        lie = self.spec.attack.lie_m if self.spec.attack is not None else (0.0, 0.0, 0.0)
+        self.claimed_m = (x + lie[0], y + lie[1], z + lie[2])
+        return self._fix(self.claimed_m, t_ms)
 
     def broadcast(self, fix: Fix) -> Fix:
         """What it tells the public: the same, unless it lies there."""
@@ -122,14 +131,19 @@ class Mission:
             lon_e7=lon_e7,
             height_mm=height_mm,
             above_takeoff_mm=round(position[2] * 1000),
-            accuracy_mm=self.gnss.accuracy_mm,
-            height_accuracy_mm=self.gnss.height_accuracy_mm,
+            accuracy_mm=self._told("accuracy_m", self.gnss.accuracy_mm),
+            height_accuracy_mm=self._told("height_accuracy_m", self.gnss.height_accuracy_mm),
             speed_mm_s=round(self.flight.speed_m_s * 1000),
             track_cdeg=round(self.flight.track_deg * 100) % 36_000,
             vertical_mm_s=round(self.flight.velocity[2] * 1000),
             airborne=self.mode is not Mode.LANDED,
             t_ms=t_ms,
         )
+
+    def _told(self, name: str, known_mm: int) -> int:
+        """The accuracy that it claims: its receiver's, unless it lies about that, too."""
+        lie = getattr(self.spec.attack, name, None)
+        return known_mm if lie is None else round(lie * 1000)
 
     def _enter(self, mode: Mode, t_s: float) -> None:
         self.mode = mode

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from simulator.scenario import AnchorSite, Behaviour, DroneSpec, PadSite
+from simulator.scenario import AnchorSite, AttackSpec, Behaviour, DroneSpec, PadSite
 from simulator.world import Ports
 
 
@@ -47,6 +47,7 @@ class Plan:
                     "behaviour": Behaviour(drone["behaviour"]),
                     "hover_m": tuple(drone["hover_m"]),
                     "away_m": tuple(drone["away_m"]),
+                    "attack": _attack(drone.get("attack")),
                 }
             )
             for drone in value["drones"]
@@ -59,6 +60,12 @@ class Plan:
             Ports.from_json(value["ports"]),
             value["seed"],
         )
+
+
+def _attack(value: dict[str, Any] | None) -> AttackSpec | None:
+    if value is None:
+        return None
+    return AttackSpec(**{**value, "lie_m": tuple(value["lie_m"]), "spoofed_m": tuple(value["spoofed_m"])})
 
 
 def _say_ready() -> None:

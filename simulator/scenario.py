@@ -25,6 +25,8 @@ class Behaviour(StrEnum):
     """Its radio answers with frames of a session that it overheard."""
     MAINTENANCE_LAPSED = "maintenance-lapsed"
     """It is where it says, but may not fly."""
+    ATTACK = "attack"
+    """One of the attack lab's: what it does is in its spec's ``attack``."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,24 @@ class PadSite:
 
 
 @dataclass(frozen=True)
+class AttackSpec:
+    """What a drone of the attack lab does. Lengths in metres, in the pad's frame.
+
+    ``lie_m``: claim minus truth. ``spoofed_m``: its GNSS is shifted by that, so that it hovers beside its hover.
+    ``drag_m_s``: its GNSS is dragged away from when it holds before the pad. ``ranges``: one of
+    ``simulator.attackers.ranging.RANGE_ATTACKS``. ``accuracy_m``, ``height_accuracy_m``: what it claims to know.
+    """
+
+    name: str
+    lie_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    spoofed_m: tuple[float, float] = (0.0, 0.0)
+    drag_m_s: float = 0.0
+    ranges: str = ""
+    accuracy_m: float | None = None
+    height_accuracy_m: float | None = None
+
+
+@dataclass(frozen=True)
 class DroneSpec:
     """One drone: where it goes, how good its GNSS is, how it lies."""
 
@@ -104,6 +124,7 @@ class DroneSpec:
     start_s: float
     """When it first sets out."""
     gnss_sigma_m: float = 0.02
+    attack: AttackSpec | None = None
 
     @property
     def honest(self) -> bool:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from simulator.attackers.ranging import RANGE_ATTACKS, Situation
 from simulator.attackers.replay import ReplayAttack
 from simulator.broadcaster import Fix, frame
 from simulator.channel import Channel
@@ -95,6 +96,11 @@ class World:
         self._sites = {f"{pad.pad_id}/{site.anchor_id}": (pad.pad_id, site) for pad in pads for site in pad.anchors}
         replaying = frozenset(drone.uav_id for drone in drones if drone.behaviour is Behaviour.REPLAY)
         attack = ReplayAttack(replaying, {drone.uav_id: drone.pad_id for drone in drones})
+        self._attacks = {
+            drone.uav_id: (RANGE_ATTACKS[drone.attack.ranges], random.Random(f"{seed}/{drone.uav_id}/attack"))
+            for drone in drones
+            if drone.attack is not None and drone.attack.ranges
+        }
         self._drawn: dict[tuple[str, str], tuple[float, Measurement]] = {}
         self._air = Air(self._measure, rng=random.Random(f"{seed}/air"), data_loss=0.02, intercept=attack.intercept)
         self._serial = []
@@ -175,9 +181,14 @@ class World:
         here: Vector = mission.flight.position
         distance = math.dist(here, (site.east_m, site.north_m, site.up_m))
         result = self._channels[pad_id].measure(distance, site.mac)
-        measured = Measurement(
-            None if result.range_m is None else round(result.range_m * 1000), result.obstructed, result.power_dbm
-        )
+        range_m = result.range_m
+        if range_m is not None and pair[1] in self._attacks and mission.claimed_m is not None:
+            range_error, rng = self._attacks[pair[1]]
+            anchors = [(each.east_m, each.north_m, each.up_m) for each in self._pads[pad_id].anchors]
+            index = self._pads[pad_id].anchors.index(site)
+            situation = Situation(here, mission.claimed_m, anchors, index, t_s)
+            range_m = max(0.0, range_m + range_error(situation, rng))
+        measured = Measurement(None if range_m is None else round(range_m * 1000), result.obstructed, result.power_dbm)
         self._drawn[pair] = (t_s, measured)
         return measured
 
