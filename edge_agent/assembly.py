@@ -126,6 +126,12 @@ def _uplink(settings: PadSettings, identity: Identity, signer: Signer, spool: Sp
             certificate_pem=identity.certificate_pem.decode("ascii", "replace"),
             sign=signer,
         )
-        return Uplink(settings.backend_url, credentials, spool, ssl_context=context)
+        return Uplink(
+            settings.backend_url,
+            credentials,
+            spool,
+            ssl_context=context,
+            allow_plaintext=settings.backend_plaintext,
+        )
     except UplinkError as cause:
         raise AgentError(f"backend: {cause}") from cause

@@ -69,6 +69,8 @@ class PadSettings:
     remote_id_serial: tuple[str, ...] = ()
     backend_url: str = ""
     backend_tls_ca: Path | None = None
+    backend_plaintext: bool = False
+    """Whether the backend may be another machine without TLS: the network itself is protected."""
     reports_listen: tuple[str, int] | None = None
     """Where drones with a DWM1001 report; None where the pad has nodes of its own."""
 
@@ -125,6 +127,7 @@ def parse(document: dict[str, Any], path: Path) -> PadSettings:
         remote_id_serial=remote_id.texts("serial"),
         backend_url=backend.url("url"),
         backend_tls_ca=backend.path("tls_ca") if backend.has("tls_ca") else None,
+        backend_plaintext=backend.flag("plaintext", default=False),
         reports_listen=reports_listen,
     )
     for table in (top, remote_id, backend):

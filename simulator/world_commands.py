@@ -5,11 +5,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import signal
 import sys
 from pathlib import Path
 
 import click
+
+# Processes are started while gRPC's threads run; its own fork handlers would only complain about it.
+os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "0")
 
 _directory = click.Path(file_okay=False, path_type=Path)
 WATCH_S = 0.5

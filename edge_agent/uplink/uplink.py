@@ -334,6 +334,6 @@ def _check_url(url: str, *, allow_plaintext: bool) -> bool:
         loopback = loopback or ipaddress.ip_address(host).is_loopback
     if parts.scheme == "ws" and not loopback and not allow_plaintext:
         raise UplinkConfigurationError(
-            f"{url!r} is not encrypted: use wss://, or allow plaintext where a tunnel protects it"
+            f"{url!r} is not encrypted: use wss://, or say plaintext = true where a tunnel protects it"
         )
     return loopback
