@@ -18,6 +18,10 @@ from pydantic.json_schema import models_json_schema
 from sqlalchemy import insert, select
 
 from backend import console, errors
+from backend.alerts import endpoints as alerts
+from backend.alerts.deliver import Delivery
+from backend.alerts.service import Alerts
+from backend.alerts.watch import Watch
 from backend.auth import endpoints as auth
 from backend.auth.sign_ins import SignIns
 from backend.boundary import Boundary
@@ -117,6 +121,8 @@ class Backend:
             epoch=epoch,
             version=__version__,
         )
+        self._alerts = Alerts(settings, board, clock)
+        self.watch = Watch(self.context)
         self._mirror = (
             Mirror(
                 database,
@@ -126,6 +132,7 @@ class Backend:
                 status=status,
                 clock=clock,
                 on_changes=self._committed,
+                also=self._alerts.in_transaction,
                 batch_transactions=settings.mirror_batch_transactions,
             )
             if source is not None
@@ -148,6 +155,9 @@ class Backend:
         self._run(self._check(), "check")
         if self._mirror is not None:
             self._run(self._mirror.run(), "mirror")
+            self._run(self.watch.run(), "watch")
+        if self.settings.alert_emails or self.settings.alert_webhooks:
+            self._run(Delivery(self.database, self.settings, self.context.clock).run(), "delivery")
 
     async def stop(self) -> None:
         """Close live connections, stop the parts, close the database."""
@@ -186,6 +196,7 @@ class Backend:
             self.context.members.configure((row["msp_id"], row["definition"]) for row in changes.organisations)
             self._dismiss()
         self.context.board.commit(changes)
+        self._alerts.committed()
 
     def _dismiss(self) -> None:
         now = self.context.clock()
@@ -240,6 +251,7 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
         sessions.router,
         verdicts.router,
         tracks.router,
+        alerts.router,
         live.router,
     ):
         api.include_router(router)

@@ -93,6 +93,12 @@ class Forbidden(Problem):
     status, code = HTTPStatus.FORBIDDEN, "forbidden"
 
 
+class Conflict(Problem):
+    """Somebody else was quicker; nothing was overwritten."""
+
+    status, code = HTTPStatus.CONFLICT, "conflict"
+
+
 class LedgerAway(Problem):
     """The ledger cannot be asked just now."""
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, Self
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from backend.errors import SettingsError
@@ -42,9 +42,35 @@ class Settings(BaseSettings):
     client_queue_bytes: int = Field(default=4 << 20, ge=1024, description="A client further behind is closed")
     max_viewers: int = Field(default=2_000, ge=1, description="Most live connections at a time")
 
+    alert_emails: tuple[str, ...] = Field(default=(), description="Who is told by e-mail: mailto:name@host, …")
+    alert_webhooks: tuple[str, ...] = Field(default=(), description="Who is told by webhook: https://…, …")
+    alert_severity: Literal["critical", "warning", "notice"] = Field(
+        default="warning", description="The least grave alert that is told outside"
+    )
+    alert_webhook_secret: str | None = Field(default=None, min_length=32, description="Signs webhooks (HMAC-SHA256)")
+    smtp: str | None = Field(
+        default=None, pattern=r"(smtp|smtps|smtp\+starttls)://\S+", description="smtp+starttls://user@host:587"
+    )
+    smtp_from: str | None = Field(default=None, description="Sender of e-mails")
+    smtp_password: str | None = Field(default=None, description="Best given by the environment")
+
     track_retention_h: float = Field(default=24 * 7, gt=0, description="How long unverified positions are kept")
     mirror_batch_transactions: int = Field(default=2_000, ge=1, description="Most transactions in one commit")
     log_level: Literal["debug", "info", "warning", "error"] = "info"
+
+    @model_validator(mode="after")
+    def _alerts_can_be_told(self) -> Self:
+        for address in self.alert_emails:
+            if not address.startswith("mailto:") or "@" not in address or len(address) > 300:
+                raise ValueError(f"alert_emails: {address!r} is not mailto:name@host")
+        for url in self.alert_webhooks:
+            if not url.startswith(("https://", "http://127.0.0.1", "http://localhost")) or len(url) > 500:
+                raise ValueError("alert_webhooks: https:// addresses only (http:// on this machine alone)")
+        if self.alert_emails and self.smtp is None:
+            raise ValueError("alert_emails need smtp: say which server sends them")
+        if self.alert_webhooks and self.alert_webhook_secret is None:
+            raise ValueError("alert_webhooks need alert_webhook_secret: receivers must know who speaks")
+        return self
 
     @property
     def is_https(self) -> bool:

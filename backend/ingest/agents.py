@@ -80,6 +80,9 @@ class Agents:
         """Whether this pad's agent is connected."""
         return (PAD, pad_id) in self._agents
 
+    def __iter__(self) -> Iterator[Agent]:
+        return iter(list(self._agents.values()))
+
     def __len__(self) -> int:
         return len(self._agents)
 

@@ -15,6 +15,7 @@ import orjson
 from sqlalchemy import func, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from backend.alerts import store as alerts
 from backend.db.models import (
     DroneRow,
     EvidenceRow,
@@ -80,6 +81,8 @@ class Board:
         self._changed_estimates: dict[str, orjson.Fragment] = {}
         self._changed_sessions: list[Any] = []
         self._new_verdicts: list[Any] = []
+        self._alerts: OrderedDict[str, dict[str, Any]] = OrderedDict()
+        self._changed_alerts: list[dict[str, Any]] = []
         self._shown_status: dict[str, Any] | None = None
 
     async def load(self, database: AsyncSession) -> None:
@@ -96,6 +99,8 @@ class Board:
             self._sessions[view.session_id] = view
         for row in reversed(await verdicts.listing(database, VerdictQuery(limit=LAST_VERDICTS))):
             self._verdicts.append(verdicts.shown(row))
+        for alert in await alerts.current(database):
+            self._alerts[alert.alert_id] = alerts.shown(alert)
         self._counts["sessions"] = (await database.execute(select(func.count()).select_from(SessionRow))).scalar_one()
         outcomes = select(VerdictRow.outcome, func.count()).group_by(VerdictRow.outcome)
         for outcome, count in await database.execute(outcomes):
@@ -130,6 +135,16 @@ class Board:
             self._verdicts.append(shown)
             self._new_verdicts.append(shown)
             self._counts[row["outcome"]] = self._counts.get(row["outcome"], 0) + 1
+
+    def alert(self, shown: dict[str, Any]) -> None:
+        """An alert that is new, or has changed."""
+        self._changed_alerts.append(shown)
+        if shown["state"] == alerts.OPEN:
+            self._alerts[shown["alert_id"]] = shown
+            while len(self._alerts) > alerts.MAX_OPEN:
+                self._alerts.popitem(last=False)
+        else:
+            self._alerts.pop(shown["alert_id"], None)
 
     def hear(self, uav_id: str, t_ms: int, body: str) -> None:
         """A position that a pad heard; an older one than is known changes nothing."""
@@ -201,6 +216,7 @@ class Board:
             "pads": [self._shown_pad(pad_id) for pad_id in sorted(self._pads)],
             "sessions": [view.to_json() for view in self._sessions.values()],
             "verdicts": list(self._verdicts),
+            "alerts": list(self._alerts.values()),
             "tracks": [fragment for t_ms, fragment in self._tracks.values() if t_ms >= oldest],
             "estimates": [fragment for _, fragment in self._estimates.values()],
         }
@@ -220,6 +236,9 @@ class Board:
         if self._new_verdicts:
             changed["verdicts"] = self._new_verdicts
             self._new_verdicts = []
+        if self._changed_alerts:
+            changed["alerts"] = self._changed_alerts
+            self._changed_alerts = []
         if self._changed_pads:
             changed["pads"] = [self._shown_pad(pad_id) for pad_id in sorted(self._changed_pads)]
             self._changed_pads = set()

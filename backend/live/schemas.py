@@ -6,6 +6,7 @@ from typing import Final, Literal
 
 from pydantic import Field
 
+from backend.alerts.schemas import Alert
 from backend.ledger.schemas import Status
 from backend.pads.schemas import Pad
 from backend.schemas import ApiModel
@@ -35,6 +36,7 @@ class LiveSnapshot(ApiModel):
     estimates: list[Estimate] | None = None
     sessions: list[SessionState] | None = None
     verdicts: list[VerdictSummary] | None = Field(default=None, description="Oldest first")  # type: ignore[valid-type]
+    alerts: list[Alert] | None = Field(default=None, description="Those that are open, oldest first")
     status: Status | None = None
 
 
@@ -51,6 +53,7 @@ class LiveDelta(ApiModel):
         default=None, description="Every verdict, in order"
     )
     pads: list[Pad] | None = None  # type: ignore[valid-type]
+    alerts: list[Alert] | None = Field(default=None, description="Every change of every alert, in order")
     status: Status | None = None
 
 

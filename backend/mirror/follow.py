@@ -16,7 +16,7 @@ from backend.ledger.status import MirrorStatus
 from backend.mirror import store
 from backend.mirror.derive import Changes, derive
 from backend.mirror.source import BlockSource
-from backend.mirror.store import Position
+from backend.mirror.store import AlsoWrite, Position
 from wonderland.ledger.blocks import Block
 from wonderland.ledger.errors import BlockError, LedgerError
 
@@ -32,7 +32,8 @@ Listener = Callable[[Changes], None]
 class Mirror:
     """Mirrors one channel into one database.
 
-    `on_changes` is called after each commit, with what was committed. `status` is kept up to date for others to read.
+    `on_changes` is called after each commit, with what was committed; `also` writes within it. `status` is kept up to
+    date for others to read.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class Mirror:
         status: MirrorStatus,
         clock: Callable[[], int],
         on_changes: Listener = lambda _changes: None,
+        also: AlsoWrite | None = None,
         batch_transactions: int = 2_000,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
@@ -55,6 +57,7 @@ class Mirror:
         self._status = status
         self._clock = clock
         self._on_changes = on_changes
+        self._also = also
         self._batch = batch_transactions
         self._sleep = sleep
         self._until: int | None = None
@@ -163,7 +166,7 @@ class Mirror:
                 failed = following
                 break
             item = following
-        await store.save(self._database, self._channel, before, changes)
+        await store.save(self._database, self._channel, before, changes, self._also)
         self._committed(changes)
         if failed is not None:
             raise failed

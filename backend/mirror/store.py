@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -45,7 +46,13 @@ async def position(database: Database) -> Position | None:
     return Position(row.channel, header)
 
 
-async def save(database: Database, channel: str, before: Position | None, changes: Changes) -> None:
+AlsoWrite = Callable[[AsyncConnection, Changes], Awaitable[None]]
+"""What else belongs into the same database transaction: it sees the rows that were just written."""
+
+
+async def save(
+    database: Database, channel: str, before: Position | None, changes: Changes, also: AlsoWrite | None = None
+) -> None:
     """Write everything, or nothing. Raises `MirrorHalted` when the checkpoint is no longer the one in `before`."""
     async with database.write() as connection:
         await _move_checkpoint(connection, channel, before, changes.last)
@@ -58,6 +65,8 @@ async def save(database: Database, channel: str, before: Position | None, change
             await _delete(connection, table, keys)
         for table, rows in changes.upserts.items():
             await _upsert(connection, table, list(rows.values()))
+        if also is not None:
+            await also(connection, changes)
 
 
 async def clear(database: Database) -> None:

@@ -1,0 +1,192 @@
+"""Alerts that follow from watching: pads that fall silent or drift, a ledger that stops, certificates, permissions.
+
+`conditions` says what is wrong now; the watch raises what is new, and ends what is no longer so. Only the backend
+that mirrors watches, so that two never raise the same.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final
+
+import orjson
+from cryptography import x509
+from sqlalchemy import func, select
+
+from backend.alerts import store
+from backend.alerts.deliver import enqueue
+from backend.alerts.kinds import Alert
+from backend.context import Context
+from backend.db.models import AlertRow, HealthRow, OrganisationRow, PadRow, TrackRow, VerdictRow
+from wonderland.ledger.errors import IdentityError
+from wonderland.ledger.identity import Identity
+
+logger = logging.getLogger(__name__)
+
+EVERY_S: Final = 5.0
+SILENT_MS: Final = 60_000
+"""Pads report every few seconds; a minute is more than a restart takes."""
+AWAY_MS: Final = 30_000
+EXPIRING_MS: Final = 30 * 86_400_000
+MATCH_AFTER_MS: Final = 60_000
+"""A drone that got permission is heard within this, at a pad that hears drones at all."""
+MATCH_BEFORE_MS: Final = 10_000
+MATCH_LOOK_BACK_MS: Final = 15 * 60_000
+HEARS_MS: Final = 10 * 60_000
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Something that is wrong now. `key` tells two of one kind apart, and stays the same while it lasts."""
+
+    kind: str
+    key: str
+    t_ms: int
+    pad_id: str | None
+    facts: dict[str, Any]
+
+    def alert(self, now_ms: int) -> Alert:
+        """The alert that it raises; another time it would be another one."""
+        return Alert(self.kind, f"{self.key}@{now_ms}", self.t_ms, pad_id=self.pad_id, facts=self.facts)
+
+
+CONDITIONS: Final = ("pad_silent", "pad_drifting", "ledger_halted", "ledger_away", "certificate_expiring")
+
+
+def pad_conditions(
+    pads: Iterable[tuple[str, int, str]], connected: Callable[[str], bool], now_ms: int
+) -> Iterable[Condition]:
+    """`pads`: (pad_id, last health report's time, its body) of commissioned pads that have ever reported."""
+    for pad_id, t_ms, body in pads:
+        if now_ms - t_ms > SILENT_MS and not connected(pad_id):
+            since = datetime.fromtimestamp(t_ms / 1000, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+            yield Condition("pad_silent", pad_id, t_ms, pad_id, {"since_ms": t_ms, "since": since})
+            continue
+        why = _drift(body)
+        if why is not None:
+            yield Condition("pad_drifting", pad_id, t_ms, pad_id, {"why": why})
+
+
+def _drift(body: str) -> str | None:
+    """What a pad's health says of anchors that no longer measure as commissioned."""
+    drift = orjson.loads(body).get("drift")
+    if not isinstance(drift, dict) or not drift.get("drifting"):
+        return None
+    anchors = ", ".join(str(each) for each in drift.get("anchors", []))
+    return f"anchor {anchors}" if anchors else "its anchors"
+
+
+def ledger_conditions(context: Context, now_ms: int) -> Iterable[Condition]:
+    """The mirror halted, or not level for long because the ledger is away."""
+    mirror = context.mirror
+    if mirror.halted is not None:
+        yield Condition("ledger_halted", mirror.channel, now_ms, None, {"why": mirror.halted[:500]})
+    elif not mirror.connected and mirror.lag_ms(now_ms) > AWAY_MS:
+        why = (mirror.problem or "no answer")[:500]
+        yield Condition("ledger_away", mirror.channel, now_ms - mirror.lag_ms(now_ms), None, {"why": why})
+
+
+def certificate_conditions(certificates: Iterable[tuple[str, x509.Certificate]], now_ms: int) -> Iterable[Condition]:
+    """`certificates`: whose, and the certificate."""
+    for who, certificate in certificates:
+        until = certificate.not_valid_after_utc
+        until_ms = int(until.timestamp() * 1000)
+        if until_ms - now_ms < EXPIRING_MS:
+            key = f"{who}/{certificate.serial_number:x}"
+            facts = {"who": who, "until_ms": until_ms, "until": until.strftime("%Y-%m-%d")}
+            yield Condition("certificate_expiring", key, now_ms, None, facts)
+
+
+class Watch:
+    """Looks every few seconds; `look` once by itself for tests."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    async def run(self) -> None:
+        """Until cancelled. What goes wrong in one look is said, and the next look follows."""
+        while True:
+            await asyncio.sleep(EVERY_S)
+            try:
+                await self.look()
+            except Exception:
+                logger.exception("the watch for alerts failed; trying again")
+
+    async def look(self) -> None:
+        """Raise what is new, end what is over, and tell the live side."""
+        now = self._context.clock()
+        async with self._context.database.read() as session:
+            pads = await session.execute(
+                select(HealthRow.agent_id, HealthRow.t_ms, HealthRow.body)
+                .join(PadRow, PadRow.pad_id == HealthRow.agent_id)
+                .where(HealthRow.agent == "pad", PadRow.status == "commissioned")
+            )
+            found = [
+                *pad_conditions(((each[0], each[1], each[2]) for each in pads), self._context.agents.is_connected, now),
+                *ledger_conditions(self._context, now),
+                *certificate_conditions(await self._certificates(session), now),
+            ]
+            lasting = await session.scalars(
+                select(AlertRow).where(AlertRow.state != store.OVER, AlertRow.kind.in_(CONDITIONS))
+            )
+            known = {(row.kind, row.source.rpartition("@")[0]): row.alert_id for row in lasting}
+            unmatched = await self._unmatched(session, now)
+        holds = {(each.kind, each.key) for each in found}
+        new = [each.alert(now) for each in found if (each.kind, each.key) not in known]
+        over = [alert_id for key, alert_id in known.items() if key not in holds]
+        if not new and not over and not unmatched:
+            return
+        async with self._context.database.write() as connection:
+            raised = await store.raise_all(connection, [*new, *unmatched], now)
+            await enqueue(connection, self._context.settings, [*new, *unmatched], raised, now)
+            ended = await store.end(connection, over, now)
+        async with self._context.database.read() as session:
+            for row in await store.by_ids(session, [*raised, *ended]):
+                self._context.board.alert(store.shown(row))
+
+    async def _certificates(self, session: Any) -> list[tuple[str, x509.Certificate]]:
+        found: list[tuple[str, x509.Certificate]] = []
+        for row in await session.scalars(select(OrganisationRow)):
+            definition = orjson.loads(row.definition)
+            for pem in (*definition.get("root_certs", ()), *definition.get("intermediate_certs", ())):
+                try:
+                    found.append((f"{row.msp_id} CA", x509.load_pem_x509_certificate(pem.encode())))
+                except ValueError:
+                    continue  # The channel's peers judge what an MSP holds; here only dates are read.
+        for agent in self._context.agents:
+            try:
+                found.append((f"{agent.kind} {agent.id}", Identity.from_creator(agent.creator).certificate))
+            except IdentityError:
+                continue
+        return found
+
+    async def _unmatched(self, session: Any, now: int) -> list[Alert]:
+        """Permissions that no broadcast followed, at pads that hear broadcasts."""
+        granted = await session.scalars(
+            select(VerdictRow).where(
+                VerdictRow.permission == "granted",
+                VerdictRow.decided_ms.between(now - MATCH_LOOK_BACK_MS, now - MATCH_AFTER_MS),
+            )
+        )
+        alerts = []
+        for verdict in granted:
+            heard = select(func.count()).select_from(TrackRow)
+            of_drone = heard.where(
+                TrackRow.uav_id == verdict.uav_id,
+                TrackRow.t_ms.between(verdict.decided_ms - MATCH_BEFORE_MS, verdict.decided_ms + MATCH_AFTER_MS),
+            )
+            of_pad = heard.where(TrackRow.pad_id == verdict.pad_id, TrackRow.t_ms > verdict.decided_ms - HEARS_MS)
+            if not (await session.execute(of_drone)).scalar_one() and (await session.execute(of_pad)).scalar_one():
+                place = {"pad_id": verdict.pad_id, "uav_id": verdict.uav_id, "session_id": verdict.session_id}
+                facts = {"action": verdict.action}
+                alerts.append(
+                    Alert(
+                        "permission_unmatched", verdict.session_id, verdict.decided_ms, **place,
+                        tx_id=verdict.tx_id, facts=facts,
+                    )
+                )  # fmt: skip
+        return alerts

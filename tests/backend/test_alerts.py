@@ -1,0 +1,351 @@
+"""Alerts: raised with the mirror's commit, never twice, never lost; acted upon by one at a time; told outside."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hashlib
+import hmac
+import json
+
+import pytest
+from aiosmtpd.controller import Controller
+from aiosmtpd.handlers import Message
+from jsonschema import Draft202012Validator
+
+from backend.alerts import watch
+from backend.alerts.deliver import Delivery, retry_ms, signature
+from backend.alerts.kinds import KINDS, Alert, plain_text
+from backend.alerts.schemas import KindName
+from backend.app import new_app, openapi
+from backend.errors import SettingsError
+from backend.settings import Settings, load
+
+START_MS = 1_800_000_000_000
+BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
+both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
+SECRET = "s" * 40
+DOCUMENT = openapi(new_app(Settings(), frozenset(), None))
+
+
+def conforms(name, value):
+    schema = {"$ref": f"#/components/schemas/{name}", "components": DOCUMENT["components"]}
+    assert [each.message for each in Draft202012Validator(schema).iter_errors(value)] == []
+
+
+async def alerts(running, **filters):
+    return (await running.json("/alerts", **filters))["items"]
+
+
+async def act(running, alert, name, **more):
+    body = {"act": name, "revision": alert["revision"], **more}
+    return await running.http.post(f"/api/v1/alerts/{alert['alert_id']}/acts", json=body)
+
+
+@both
+async def test_a_refuted_drone_raises_one_alert_with_its_verdict(running, number):
+    found = await alerts(running)
+    assert [(each["kind"], each["severity"], each["state"]) for each in found] == [("refuted", "critical", "open")]
+    conforms("AlertPage", await running.json("/alerts"))
+    (alert,) = found
+    assert (alert["uav_id"], alert["session_id"]) == ("uav-2", number("session", "two"))
+    assert alert["facts"]["error_mm"] > 0
+    detail = await running.json(f"/alerts/{alert['alert_id']}")
+    conforms("AlertDetail", detail)
+    assert (detail["acts"], detail["deliveries"]) == ([], [])
+
+
+async def test_mirroring_anew_raises_nothing_twice_and_forgets_no_acknowledgement(
+    running, new_backend, serving, source_of, chain
+):
+    (alert,) = await alerts(running)
+    assert (await act(running, alert, "acknowledge", note="seen")).status_code == 200
+    from backend.mirror import store
+
+    await store.clear(running.context.database)
+    again = new_backend(source_of(chain), database=running.context.database)
+    async with serving(again) as client:
+        await client.mirrored(chain.height)
+        found = await alerts(client)
+    assert [(each["alert_id"], each["state"], each["acknowledged_by"]) for each in found] == [
+        (alert["alert_id"], "acknowledged", "Inspector")
+    ]
+
+
+@both
+async def test_two_officers_do_not_overwrite_each_other(running):
+    (alert,) = await alerts(running)
+    first = await act(running, alert, "assign", assignee="M. Inspector")
+    assert first.json()["assigned_to"] == "M. Inspector"
+    second = await act(running, alert, "acknowledge", note="mine")
+    assert (second.status_code, second.json()["type"]) == (409, "urn:wonderland:problem:conflict")
+    assert "look at it again" in second.json()["detail"]
+    alert = first.json()
+    alert = (await act(running, alert, "note", note="<b>not markup</b>")).json()
+    alert = (await act(running, alert, "acknowledge")).json()
+    alert = (await act(running, alert, "reopen")).json()
+    assert (alert["state"], alert["revision"]) == ("open", 4)
+    detail = await running.json(f"/alerts/{alert['alert_id']}")
+    assert [each["act"] for each in detail["acts"]] == ["assign", "note", "acknowledge", "reopen"]
+    assert detail["acts"][1]["note"] == "<b>not markup</b>"
+
+
+async def test_what_sleeps_comes_back(running, clock):
+    (alert,) = await alerts(running, state="inbox")
+    await act(running, alert, "snooze", until_ms=clock.now_ms + 600_000)
+    assert await alerts(running, state="inbox") == []
+    assert len(await alerts(running, state="snoozed")) == 1
+    clock.now_ms += 600_001
+    assert len(await alerts(running, state="inbox")) == 1
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"act": "snooze", "revision": 0},
+        {"act": "acknowledge", "revision": 0, "until_ms": 5},
+        {"act": "note", "revision": 0},
+        {"act": "assign", "revision": -1},
+        {"act": "delete", "revision": 0},
+        {"act": "acknowledge", "revision": 0, "note": "x" * 2_001},
+        {"act": "acknowledge", "revision": 0, "assignee": "x"},
+        {"act": "acknowledge", "revision": 0, "extra": 1},
+    ],
+)
+async def test_acts_that_make_no_sense_are_refused(running, body):
+    (alert,) = await alerts(running)
+    answer = await running.http.post(f"/api/v1/alerts/{alert['alert_id']}/acts", json=body)
+    assert (answer.status_code, answer.headers["content-type"]) == (422, "application/problem+json")
+
+
+async def test_unknown_alerts_are_not_found(running):
+    assert (await running.get(f"/alerts/{'0' * 32}")).status_code == 404
+    assert (await act(running, {"alert_id": "0" * 32, "revision": 0}, "acknowledge")).status_code == 404
+
+
+async def test_each_is_told_live_and_none_is_coalesced(running, chain, facts):
+    async with running.live() as socket:
+        frames = [json.loads(await asyncio.wait_for(socket.recv(), 5)) for _ in range(2)]
+        assert [each["kind"] for each in frames[1]["alerts"]] == ["refuted"]
+        names = [f"more-{index}" for index in range(3)]
+        chain.add(*(facts.request(name, uav_id="uav-2", t_ms=START_MS + 40_000) for name in names))
+        chain.add(*(facts.decide(name, uav_id="uav-2", t_ms=START_MS + 40_000, outcome="refuted") for name in names))
+        told = []
+        async with asyncio.timeout(10):
+            while len(told) < 3:
+                told += json.loads(await socket.recv()).get("alerts", [])
+    assert len({each["alert_id"] for each in told}) == 3
+
+
+async def test_an_old_ledger_brings_history_not_news(new_backend, serving, source_of, chain, facts, clock):
+    clock.now_ms = START_MS + 30 * 86_400_000
+    chain.add(facts.put_pad(), facts.put_uav("uav-2"), facts.request("two", uav_id="uav-2"))
+    chain.add(facts.decide("two", uav_id="uav-2", outcome="refuted"))
+    backend = new_backend(source_of(chain), alert_webhooks=("https://example.invalid",), alert_webhook_secret=SECRET)
+    async with serving(backend) as client:
+        await client.mirrored(chain.height)
+        (alert,) = await alerts(client)
+        assert alert["state"] == "over"
+        assert (await client.json(f"/alerts/{alert['alert_id']}"))["deliveries"] == []
+
+
+async def test_a_pad_that_falls_silent_and_comes_back(running, database, clock):
+    from sqlalchemy import insert, update
+
+    from backend.db.models import HealthRow
+
+    row = {"agent": "pad", "agent_id": "pad-1", "t_ms": clock.now_ms, "body": "{}"}
+    async with database.write() as connection:
+        await connection.execute(insert(HealthRow), [row])
+    await running.backend.watch.look()
+    assert await alerts(running, kind="pad_silent") == []
+    clock.now_ms += watch.SILENT_MS + 1
+    for _ in range(2):
+        await running.backend.watch.look()
+    (silent,) = await alerts(running, kind="pad_silent", state="open")
+    assert silent["facts"]["since_ms"] == row["t_ms"]
+    async with database.write() as connection:
+        await connection.execute(update(HealthRow).values(t_ms=clock.now_ms))
+    await running.backend.watch.look()
+    (over,) = await alerts(running, kind="pad_silent")
+    assert (over["state"], over["over_ms"]) == ("over", clock.now_ms)
+    clock.now_ms += watch.SILENT_MS + 1
+    await running.backend.watch.look()
+    assert len(await alerts(running, kind="pad_silent")) == 2
+
+
+async def test_a_halted_mirror_and_certificates_that_expire(running, clock):
+    running.context.mirror.halted = "block 9 does not continue the chain"
+    clock.now_ms += 20 * 365 * 86_400_000
+    await running.backend.watch.look()
+    await running.sign_in()
+    kinds = {each["kind"] for each in await alerts(running, state="open", limit=100)}
+    assert {"ledger_halted", "certificate_expiring"} <= kinds
+    running.context.mirror.halted = None
+
+
+async def test_a_permission_that_no_broadcast_follows(running, database, clock):
+    from sqlalchemy import insert
+
+    from backend.db.models import TrackRow
+
+    clock.now_ms = START_MS + 2_000 + watch.MATCH_AFTER_MS + 1
+    await running.backend.watch.look()
+    assert await alerts(running, kind="permission_unmatched") == [], "a pad that hears nobody accuses nobody"
+    async with database.write() as connection:
+        row = {"uav_id": "another", "pad_id": "pad-1", "t_ms": START_MS, "body": "{}"}
+        await connection.execute(insert(TrackRow), [row])
+    await running.backend.watch.look()
+    (alert,) = await alerts(running, kind="permission_unmatched")
+    assert (alert["uav_id"], alert["pad_id"]) == ("uav-1", "pad-1")
+
+
+class Receiver:
+    """An HTTP server that keeps what it gets, and answers as told."""
+
+    def __init__(self):
+        self.requests = []
+        self.answers = []
+
+    async def serve(self, reader, writer):
+        head = (await reader.readuntil(b"\r\n\r\n")).decode()
+        headers = dict(line.split(": ", 1) for line in head.split("\r\n")[1:] if line)
+        headers = {name.lower(): value for name, value in headers.items()}
+        body = await reader.readexactly(int(headers.get("content-length", 0)))
+        self.requests.append((headers, body))
+        status = self.answers.pop(0) if self.answers else 204
+        writer.write(
+            f"HTTP/1.1 {status} x\r\ncontent-length: 0\r\nconnection: close\r\nlocation: /else\r\n\r\n".encode()
+        )
+        await writer.drain()
+        writer.close()
+
+    @contextlib.asynccontextmanager
+    async def listening(self):
+        server = await asyncio.start_server(self.serve, "127.0.0.1", 0)
+        async with server:
+            yield f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}/hook"
+
+
+async def test_a_webhook_is_signed_tried_again_and_sent_once(new_backend, serving, source_of, chain, facts, clock):
+    receiver = Receiver()
+    receiver.answers = [500, 302]
+    async with receiver.listening() as url:
+        options = {"alert_webhooks": (url,), "alert_webhook_secret": SECRET}
+        backend = new_backend(source_of(chain), **options)
+        chain.add(facts.put_pad(), facts.put_uav("uav-2"), facts.request("two", uav_id="uav-2"))
+        chain.add(facts.decide("two", uav_id="uav-2", outcome="refuted"))
+        async with serving(backend) as client:
+            await client.mirrored(chain.height)
+            delivery = Delivery(client.context.database, client.context.settings, clock, _client())
+            async with asyncio.timeout(20):
+                for _ in range(2):
+                    while not receiver.requests:
+                        await delivery.send_due()
+                        await asyncio.sleep(0.01)
+                (alert,) = await alerts(client)
+
+                async def told():
+                    (found,) = (await client.json(f"/alerts/{alert['alert_id']}"))["deliveries"]
+                    return found
+
+                for attempts, problem in ((1, "500"), (2, "302")):
+                    while (await told())["attempts"] < attempts:
+                        await delivery.send_due()
+                        await asyncio.sleep(0.01)
+                    found = await told()
+                    assert problem in found["problem"]
+                    assert "delivered_ms" not in found
+                    clock.now_ms += retry_ms(attempts) + 60_001
+                while "delivered_ms" not in (await told()):
+                    await delivery.send_due()
+                    await asyncio.sleep(0.01)
+            count = len(receiver.requests)
+            clock.now_ms += 86_400_000
+            await delivery.send_due()
+    assert (count, len(receiver.requests)) == (3, 3)
+    headers, body = receiver.requests[-1]
+    t_s = int(headers["wonderland-signature"].split(",")[0].removeprefix("t="))
+    assert headers["wonderland-signature"] == signature(SECRET, t_s, body)
+    mac = hmac.new(SECRET.encode(), f"{t_s}.".encode() + body, hashlib.sha256).hexdigest()
+    assert headers["wonderland-signature"].endswith(mac)
+    content = json.loads(body)
+    assert content["alert"]["uav_id"] == "uav-2"
+    assert "uav-2 is not where it says" in content["text"]
+
+
+def _client():
+    import httpx
+
+    return httpx.AsyncClient(timeout=5, follow_redirects=False, trust_env=False)
+
+
+class Mailbox(Message):
+    def __init__(self):
+        super().__init__()
+        self.messages = []
+
+    def handle_message(self, message):
+        self.messages.append(message)
+
+
+async def test_an_alert_by_mail(new_backend, serving, source_of, chain, facts):
+    mailbox = Mailbox()
+    controller = Controller(mailbox, hostname="127.0.0.1", port=_free_port())
+    controller.start()
+    try:
+        backend = new_backend(
+            source_of(chain),
+            alert_emails=("mailto:duty@authority.example",),
+            smtp=f"smtp://127.0.0.1:{controller.port}",
+            smtp_from="wonderland@authority.example",
+            public_url="http://127.0.0.1/",
+        )
+        chain.add(facts.put_pad(), facts.put_uav("uav-2"), facts.request("two", uav_id="uav-2"))
+        chain.add(facts.decide("two", uav_id="uav-2", outcome="refuted"))
+        async with serving(backend) as client:
+            await client.mirrored(chain.height)
+            async with asyncio.timeout(20):
+                while not mailbox.messages:
+                    await asyncio.sleep(0.02)
+            (alert,) = await alerts(client)
+    finally:
+        controller.stop()
+    (message,) = mailbox.messages
+    assert message["Subject"].startswith("[Wonderland] critical: uav-2 is not where it says")
+    assert message["To"] == "duty@authority.example"
+    assert f"/#/alerts/{alert['alert_id']}" in message.get_payload()
+
+
+def _free_port():
+    import socket
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"alert_emails": ("duty@x",), "smtp": "smtp://x"}, "mailto:"),
+        ({"alert_emails": ("mailto:duty@x",)}, "smtp"),
+        ({"alert_webhooks": ("https://x",)}, "alert_webhook_secret"),
+        ({"alert_webhooks": ("http://x",), "alert_webhook_secret": SECRET}, "https"),
+        ({"alert_webhook_secret": "short"}, "32"),
+    ],
+)
+def test_settings_that_could_not_tell_anybody_are_refused(options, said):
+    with pytest.raises(SettingsError, match=said):
+        load(**options)
+
+
+def test_every_kind_has_a_text_and_a_name_in_the_interface():
+    assert set(KINDS) == set(KindName.__args__)
+    for kind in KINDS:
+        text = plain_text(kind, "pad-1", None, {})
+        assert "{" not in text
+        assert text.endswith(".")
+    one, other = (Alert("refuted", source, 0) for source in "ab")
+    assert one.alert_id == Alert("refuted", "a", 99).alert_id != other.alert_id
+    assert [retry_ms(each) for each in (1, 2, 3, 30)] == [10_000, 20_000, 40_000, 3_600_000]
