@@ -1,7 +1,9 @@
 """Broadcast Remote ID (ASTM F3411-22a, EN 4709-002): a codec without input or output.
 
 ``decode(frame)`` gives a message or a pack, ``encode`` the frame of one; both raise `RemoteIdError` and nothing else.
-``framings`` holds the wrappings in which frames arrive.
+``decode_tolerant`` keeps what can be read of a bad frame and names its faults; ``to_json`` and ``from_json`` are the
+messages as JSON objects, ``check_message`` and ``check_set`` the rules of the EU and the US. ``framings`` holds the
+wrappings in which frames arrive. Nothing outside the standard library is needed.
 
 >>> frame = encode(BasicId(uas_id="1581F5FKD229400A1234", ua_type=UaType.HELICOPTER_OR_MULTIROTOR))
 >>> len(frame), decode(frame).uas_id
@@ -36,6 +38,7 @@ from wonderland.remote_id.errors import (
     ProtocolVersionError,
     RemoteIdError,
 )
+from wonderland.remote_id.json_form import from_json, to_json
 from wonderland.remote_id.messages import (
     Authentication,
     BasicId,
@@ -47,7 +50,10 @@ from wonderland.remote_id.messages import (
     System,
     resolve_time,
 )
-from wonderland.remote_id.operators import public_operator_id
+from wonderland.remote_id.operators import check_operator_id, public_operator_id
+from wonderland.remote_id.profiles import Profile, Severity, Violation, check_message, check_set
+from wonderland.remote_id.serials import SerialNumber, parse_serial_number
+from wonderland.remote_id.tolerant import Problem, Tolerated, decode_tolerant
 
 __all__ = [
     "MAX_FRAME_BYTES",
@@ -73,16 +79,29 @@ __all__ = [
     "OperatorLocationType",
     "Pack",
     "PackError",
+    "Problem",
+    "Profile",
     "ProtocolVersion",
     "ProtocolVersionError",
     "RemoteIdError",
     "SelfId",
+    "SerialNumber",
+    "Severity",
     "SpeedAccuracy",
     "System",
+    "Tolerated",
     "UaType",
     "VerticalAccuracy",
+    "Violation",
+    "check_message",
+    "check_operator_id",
+    "check_set",
     "decode",
+    "decode_tolerant",
     "encode",
+    "from_json",
+    "parse_serial_number",
     "public_operator_id",
     "resolve_time",
+    "to_json",
 ]

@@ -29,10 +29,13 @@ class FrameLine:
     rssi_dbm: int | None = None
 
 
-def parse_line(line: str | bytes) -> FrameLine:
-    """The frame in a line (its end included or not). Raises `FramingError`."""
-    if len(line) > MAX_LINE_CHARS:
-        raise FramingError(f"a line of {len(line)} characters; a frame needs at most {2 * MAX_FRAME_BYTES}")
+def parse_line(line: str | bytes, max_bytes: int = MAX_FRAME_BYTES) -> FrameLine:
+    """The frame in a line (its end included or not). Raises `FramingError`.
+
+    ``max_bytes`` is larger where the line holds a packet around the frame.
+    """
+    if len(line) > MAX_LINE_CHARS + 3 * (max_bytes - MAX_FRAME_BYTES):
+        raise FramingError(f"a line of {len(line)} characters; a frame needs at most {2 * max_bytes}")
     try:
         text = line if isinstance(line, str) else line.decode("ascii")
     except UnicodeDecodeError:
@@ -43,10 +46,18 @@ def parse_line(line: str | bytes) -> FrameLine:
     digits = re.sub(r"[:\s]", "", match["frame"])
     if len(digits) % 2:
         raise FramingError(f"{len(digits)} hexadecimal digits: the last byte is cut in half")
-    if len(digits) > 2 * MAX_FRAME_BYTES:
-        raise FramingError(f"{len(digits) // 2} bytes; a frame has at most {MAX_FRAME_BYTES}")
+    if len(digits) > 2 * max_bytes:
+        raise FramingError(f"{len(digits) // 2} bytes; a frame has at most {max_bytes}")
     rssi_dbm = int(match["rssi"]) if match["rssi"] else None
     if rssi_dbm is not None and not -128 <= rssi_dbm <= 20:
         raise FramingError(f"a signal strength of {rssi_dbm} dBm is outside -128..20")
     address = match["address"]
     return FrameLine(bytes.fromhex(digits), address.lower() if address else None, rssi_dbm)
+
+
+def format_line(frame: bytes, address: str | None = None, rssi_dbm: int | None = None) -> str:
+    """The line of a frame, without its end: the inverse of `parse_line`."""
+    head = f"{address} " if address else ""
+    if address and rssi_dbm is not None:
+        head += f"{rssi_dbm} "
+    return head + frame.hex()

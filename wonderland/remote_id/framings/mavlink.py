@@ -86,6 +86,11 @@ def build(
     return bytes((_MAGIC,)) + head + payload + checksum(head + payload + bytes((extra,))).to_bytes(2, "little")
 
 
+def build_frame(frame: bytes, *, address: str | None = None, sequence: int = 0) -> bytes:
+    """The MAVLink 2 packet of a frame as it would be broadcast. Raises `RemoteIdError`."""
+    return build(decode(frame), address=address, sequence=sequence)
+
+
 class MavlinkStream:
     """Finds the packets in a stream; what is none is passed over and counted in ``skipped_bytes``."""
 
