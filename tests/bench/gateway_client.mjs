@@ -14,7 +14,10 @@ const { connect, hash, signers } = require("@hyperledger/fabric-gateway");
 const read = (file) => fs.readFileSync(path.resolve(home, file));
 const connection = JSON.parse(read("connection.json"));
 const identity = connection.identities[name];
-const client = new grpc.Client(connection.gateway.address, grpc.credentials.createSsl(read(connection.gateway.tls_ca)), {
+const tls = connection.client_tls;
+const shown = tls ? [read(tls.key), read(tls.certificate)] : [];
+const credentials = grpc.credentials.createSsl(read(connection.gateway.tls_ca), ...shown);
+const client = new grpc.Client(connection.gateway.address, credentials, {
     "grpc.ssl_target_name_override": connection.gateway.server_name,
     "grpc.default_authority": connection.gateway.server_name,
 });
@@ -23,6 +26,7 @@ const gateway = connect({
     identity: { mspId: identity.msp_id, credentials: read(identity.certificate) },
     signer: signers.newPrivateKeySigner(crypto.createPrivateKey(read(identity.key))),
     hash: hash.sha256,
+    tlsClientCertificateHash: tls && crypto.createHash("sha256").update(new crypto.X509Certificate(shown[1]).raw).digest(),
 });
 const contract = gateway.getNetwork(connection.channel).getContract(connection.chaincode);
 const say = (value) => process.stdout.write(JSON.stringify(value) + "\n");

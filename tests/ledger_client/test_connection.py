@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import stat
 
@@ -10,8 +11,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.connection import Connection, GatewayAddress, IdentityFiles, LedgerKind
+from wonderland.ledger.connection import ClientTls, Connection, GatewayAddress, IdentityFiles, LedgerKind
 from wonderland.ledger.errors import ConnectionFileError, FileWriteError
+from wonderland.ledger.export import export_identities
 
 
 @pytest.fixture
@@ -43,6 +45,48 @@ def test_it_is_read(document, write, tmp_path):
     assert connection.identities["pad"].key == tmp_path / "ids" / "pad.key"
     assert connection.ledger == LedgerKind("embedded", "No multi-party trust.")
     assert Connection.load(tmp_path) == connection
+
+
+def test_further_gateways_and_a_client_certificate(document, write, tmp_path):
+    other = {"address": "127.0.0.1:7052", "tls_ca": "tls-ca.pem", "server_name": "peer1"}
+    document["gateways"] = [other]
+    document["client_tls"] = {"certificate": "client.pem", "key": "client.key"}
+    connection = Connection.load(write(document))
+    assert connection.others == (GatewayAddress("127.0.0.1:7052", tmp_path / "tls-ca.pem", "peer1"),)
+    assert connection.client_tls == ClientTls(tmp_path / "client.pem", tmp_path / "client.key")
+    (tmp_path / "sub").mkdir()
+    connection.save(tmp_path / "sub" / "connection.json")
+    written = json.loads((tmp_path / "sub" / "connection.json").read_text())
+    assert written["gateways"] == [{**other, "tls_ca": "../tls-ca.pem"}]
+    assert written["client_tls"] == {"certificate": "../client.pem", "key": "../client.key"}
+
+
+async def test_channels_to_all_gateways_show_the_certificate(document, write, tmp_path, ca):
+    enrolment = ca.enrol("client")
+    (tmp_path / "client.pem").write_bytes(enrolment.identity.certificate_pem)
+    (tmp_path / "client.key").write_bytes(enrolment.private_key_pem)
+    (tmp_path / "tls-ca.pem").write_bytes(ca.root_pem())
+    document["gateways"] = [{"address": "127.0.0.1:7052", "tls_ca": "tls-ca.pem", "server_name": "peer1"}]
+    document["client_tls"] = {"certificate": "client.pem", "key": "client.key"}
+    async with Connection.load(write(document)).open_channel() as gateways:
+        assert [gateways.address(index) for index in range(len(gateways))] == ["127.0.0.1:7051", "127.0.0.1:7052"]
+        assert gateways.tls_certificate_sha256 == hashlib.sha256(enrolment.identity.certificate_der).digest()
+    (tmp_path / "client.pem").write_text("nonsense")
+    with pytest.raises(ConnectionFileError, match=r"client_tls\.certificate"):
+        Connection.load(write(document)).open_channel()
+
+
+def test_an_export_takes_everything_along(document, write, tmp_path):
+    for name in ("tls-ca.pem", "client.pem", "client.key", "ids/pad.pem", "ids/pad.key"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(name)
+    document["gateways"] = [{"address": "127.0.0.1:7052", "tls_ca": "tls-ca.pem", "server_name": "peer1"}]
+    document["client_tls"] = {"certificate": "client.pem", "key": "client.key"}
+    export_identities(Connection.load(write(document)), ["pad"], tmp_path / "machine")
+    moved = Connection.load(tmp_path / "machine")
+    assert moved.others[0].tls_ca.read_text() == "tls-ca.pem"
+    assert (moved.client_tls.certificate_pem(), moved.client_tls.key_pem()) == (b"client.pem", b"client.key")
+    assert all(each.parent == tmp_path / "machine" for each in (moved.client_tls.key, moved.others[0].tls_ca))
 
 
 def test_ledger_and_identities_are_optional(document, write):
@@ -93,6 +137,12 @@ def test_writing_where_nothing_can_be_written(document, write, tmp_path):
         (["gateway", "tls_ca"], None, "gateway.tls_ca is missing"),
         (["gateway", "tls_ca"], "a\0b", "gateway.tls_ca"),
         (["gateway", "server_name"], None, "gateway.server_name is missing"),
+        (["gateways"], {}, "gateways is not a list"),
+        (["gateways"], [{}] * 21, "gateways is not a list of at most 20"),
+        (["gateways"], [3], r"gateways\[0\] is not a JSON object"),
+        (["gateways"], [{"address": "x"}], r"gateways\[0\].address is 'x'"),
+        (["client_tls"], None, "client_tls is missing"),
+        (["client_tls"], {"certificate": "a"}, "client_tls.key is missing"),
         (["identities"], [], "identities is not"),
         (["identities", "pad"], "x", "identities.pad is not"),
         (["identities", "pad", "key"], None, "identities.pad.key is missing"),

@@ -15,7 +15,7 @@ import yaml
 from wonderland.ledger.gateway import GatewayError
 from wonderland.ledger.network import bringing_up, settings
 from wonderland.ledger.network.description import NetworkDescription
-from wonderland.ledger.network.layout import MSP_ADMIN
+from wonderland.ledger.network.layout import CLIENT, MSP_ADMIN
 from wonderland.ledger.network.status import network_status
 
 pytestmark = [pytest.mark.fabric, pytest.mark.timeout(180)]
@@ -140,6 +140,9 @@ def test_fabrics_own_cli_reads_our_channel(running, tmp_path):
         "CORE_PEER_ADDRESS": network.address(peer),
         "CORE_PEER_TLS_ENABLED": "true",
         "CORE_PEER_TLS_ROOTCERT_FILE": str(organisation.tls_root),
+        "CORE_PEER_TLS_CLIENTAUTHREQUIRED": "true",
+        "CORE_PEER_TLS_CLIENTCERT_FILE": str(organisation.tls_identity(CLIENT).certificate),
+        "CORE_PEER_TLS_CLIENTKEY_FILE": str(organisation.tls_identity(CLIENT).key),
     }
 
     def cli(*arguments):

@@ -18,11 +18,15 @@ from contextlib import AsyncExitStack
 
 import grpc
 import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
 from wonderland.ledger.ca.errors import AlreadyEnrolledError, CaRequestError
 from wonderland.ledger.connection import Connection
 from wonderland.ledger.errors import RevocationListError
-from wonderland.ledger.gateway import EndorseError, GatewayError
+from wonderland.ledger.gateway import EndorseError, Gateway, GatewayError
 from wonderland.ledger.identity import Identity
 from wonderland.ledger.network import (
     agreement,
@@ -150,6 +154,37 @@ async def test_contract_servers_let_in_only_peers_of_their_organisation(running)
     assert await connects(peer)
     assert not await connects(stranger)
     assert not await connects(None)
+
+
+async def test_peers_let_in_only_clients_with_a_certificate(running):
+    """Mutual TLS: nobody without one, whatever identity he signs with; and not one that a stranger made."""
+    connection = running.connection
+    roots = connection.gateway.tls_ca.read_bytes()
+    shown = connection.client_tls
+    stranger_key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "client")])
+    now = dt.datetime.now(dt.UTC)
+    stranger = (
+        x509.CertificateBuilder(name, name, stranger_key.public_key(), 1, now - dt.timedelta(1), now + dt.timedelta(1))
+        .sign(stranger_key, hashes.SHA256())
+        .public_bytes(Encoding.PEM)
+    )
+    stranger_pem = stranger_key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+
+    async def evaluates(key, certificate):
+        credentials = grpc.ssl_channel_credentials(roots, key, certificate)
+        options = [("grpc.ssl_target_name_override", "localhost")]
+        async with grpc.aio.secure_channel(connection.gateway.address, credentials, options=options) as channel:
+            gateway = Gateway(channel, connection.identity("inspector"), connection.signer("inspector"))
+            contract_of = gateway.network(connection.channel).contract(connection.chaincode)
+            try:
+                return await contract_of.evaluate("ReadPolicy", '{"action":"land","pad_id":"pad-1"}')
+            except GatewayError as error:
+                return error.status_code
+
+    assert b"min_assurance" in await evaluates(shown.key_pem(), shown.certificate_pem())
+    assert await evaluates(None, None) is grpc.StatusCode.UNAVAILABLE
+    assert await evaluates(stranger_pem, stranger) is grpc.StatusCode.UNAVAILABLE
 
 
 # --- again, and after crashes

@@ -1,7 +1,7 @@
 // The official Fabric Gateway client for Node.js against a ledger: node client.mjs CONNECTION.json SCENARIO [ARGUMENT…]
 // Prints one JSON document with what was observed; the judging is done by the test that started it.
 
-import { createHash, createPrivateKey } from 'node:crypto';
+import { createHash, createPrivateKey, X509Certificate } from 'node:crypto';
 import { readFileSync } from 'node:fs';
 import { dirname, join } from 'node:path';
 import * as grpc from '@grpc/grpc-js';
@@ -12,9 +12,12 @@ const connection = JSON.parse(readFileSync(file, 'utf8'));
 const read = (name) => readFileSync(join(dirname(file), name));
 const text = (bytes) => Buffer.from(bytes).toString('utf8');
 
+const tls = connection.client_tls;
+const shown = tls ? [read(tls.key), read(tls.certificate)] : [];
+const tlsClientCertificateHash = tls && createHash('sha256').update(new X509Certificate(shown[1]).raw).digest();
 const client = new grpc.Client(
     connection.gateway.address,
-    grpc.credentials.createSsl(read(connection.gateway.tls_ca)),
+    grpc.credentials.createSsl(read(connection.gateway.tls_ca), ...shown),
     { 'grpc.ssl_target_name_override': connection.gateway.server_name },
 );
 
@@ -30,6 +33,7 @@ function gatewayOf(name, { offline = false } = {}) {
         client,
         identity: identityOf(name),
         hash: hash.sha256,
+        tlsClientCertificateHash,
         ...(offline ? {} : { signer: signerOf(name) }),
         evaluateOptions: () => ({ deadline: Date.now() + 5000 }),
         endorseOptions: () => ({ deadline: Date.now() + 15000 }),

@@ -66,10 +66,31 @@ class GatewayAddress:
 
 @dataclass(frozen=True, slots=True)
 class ClientTls:
-    """What a client shows on a TLS connection: certificate file and private key file, both PEM."""
+    """What a client shows on a TLS connection: certificate file and private key file, both PEM.
+
+    Every method raises `ConnectionFileError`.
+    """
 
     certificate: Path
     key: Path
+
+    def certificate_pem(self) -> bytes:
+        """The certificate."""
+        return read_bounded(self.certificate, ConnectionFileError, "client_tls.certificate")
+
+    def key_pem(self) -> bytes:
+        """Its private key."""
+        return read_bounded(self.key, ConnectionFileError, "client_tls.key")
+
+    def sha256(self) -> bytes:
+        """SHA-256 over the DER certificate, which requests for blocks name."""
+        try:
+            certificate = x509.load_pem_x509_certificate(self.certificate_pem())
+        except ValueError as cause:
+            raise ConnectionFileError(
+                f"client_tls.certificate: {self.certificate} holds no PEM certificate ({cause})"
+            ) from cause
+        return hashlib.sha256(certificate.public_bytes(Encoding.DER)).digest()
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,9 +198,8 @@ class Connection:
         """
         key, certificate, digest = None, None, b""
         if self.client_tls is not None:
-            certificate = read_bounded(self.client_tls.certificate, ConnectionFileError, "client_tls.certificate")
-            key = read_bounded(self.client_tls.key, ConnectionFileError, "client_tls.key")
-            digest = _digest(certificate, self.client_tls.certificate)
+            certificate, key = self.client_tls.certificate_pem(), self.client_tls.key_pem()
+            digest = self.client_tls.sha256()
         channels = []
         for each, field_name in [(self.gateway, "gateway"), *((other, "gateways") for other in self.others)]:
             roots = read_bounded(each.tls_ca, ConnectionFileError, f"{field_name}.tls_ca")
@@ -199,14 +219,6 @@ class Connection:
         except KeyError:
             known = ", ".join(sorted(self.identities)[:20]) or "none"
             raise ConnectionFileError(f"identities.{name}: there is no such identity; there are: {known}") from None
-
-
-def _digest(pem: bytes, path: Path) -> bytes:
-    """SHA-256 over the DER certificate."""
-    try:
-        return hashlib.sha256(x509.load_pem_x509_certificate(pem).public_bytes(Encoding.DER)).digest()
-    except ValueError as cause:
-        raise ConnectionFileError(f"client_tls.certificate: {path} holds no PEM certificate ({cause})") from cause
 
 
 class _Reader:

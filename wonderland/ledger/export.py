@@ -6,7 +6,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from wonderland.ledger.connection import FILE_NAME, Connection, IdentityFiles
+from wonderland.ledger.connection import FILE_NAME, ClientTls, Connection, IdentityFiles
 from wonderland.ledger.errors import FileWriteError
 from wonderland.ledger.files import PUBLIC, write_atomic
 
@@ -27,6 +27,12 @@ def export_identities(connection: Connection, names: Iterable[str], target: Path
             raise FileWriteError(f"{target} is not empty")
         root = target / "tls-ca.pem"
         write_atomic(root, connection.gateway.tls_ca.read_bytes(), PUBLIC)
+        shown = connection.client_tls
+        if shown is not None:
+            copied = ClientTls(target / "client-tls.pem", target / "client-tls.key")
+            write_atomic(copied.key, shown.key.read_bytes())
+            write_atomic(copied.certificate, shown.certificate.read_bytes(), PUBLIC)
+            shown = copied
         moved: dict[str, IdentityFiles] = {}
         for name, files in chosen.items():
             copy = IdentityFiles(files.msp_id, target / f"{name}.pem", target / f"{name}.key")
@@ -35,6 +41,11 @@ def export_identities(connection: Connection, names: Iterable[str], target: Path
             moved[name] = copy
     except OSError as cause:
         raise FileWriteError(f"{target}: {cause.strerror or cause}") from cause
-    replace(connection, gateway=replace(connection.gateway, tls_ca=root), identities=MappingProxyType(moved)).save(
-        target / FILE_NAME
-    )
+    replace(
+        connection,
+        gateway=replace(connection.gateway, tls_ca=root),
+        # Peers of one organisation have one TLS root.
+        others=tuple(replace(each, tls_ca=root) for each in connection.others),
+        client_tls=shown,
+        identities=MappingProxyType(moved),
+    ).save(target / FILE_NAME)

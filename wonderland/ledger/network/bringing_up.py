@@ -23,7 +23,7 @@ from wonderland.ledger.network.description import NetworkDescription
 from wonderland.ledger.network.errors import ComponentError, DirectoryStateError, NetworkError, UnreachableError
 from wonderland.ledger.network.genesis import ChannelPlan, first_block
 from wonderland.ledger.network.hosts import CONTRACT
-from wonderland.ledger.network.layout import MSP_ADMIN, NetworkDirectory
+from wonderland.ledger.network.layout import CLIENT, MSP_ADMIN, NetworkDirectory
 from wonderland.ledger.network.leadership import wait_leader
 from wonderland.ledger.network.network import Member, Network
 
@@ -177,7 +177,8 @@ class BringUp:
                     authority.ensure_administrator(),
                     *(self._start(authority, member, "orderer") for member in orderers),
                     *(self._start(authority, member, "peer") for member in peers),
-                    *([self._administrator_tls(authority)] if orderers else []),
+                    *([self._client_tls(authority, MSP_ADMIN)] if orderers else []),
+                    *([self._client_tls(authority, CLIENT)] if peers else []),
                     *([ensure_contract_tls(authority)] if msp_id in network.endorsers else []),
                 ]
             )
@@ -201,8 +202,8 @@ class BringUp:
         await self._processes.wait_ready(launch)
         self._report(f"{kind}s", f"{member.component} runs")
 
-    async def _administrator_tls(self, authority: Authority) -> None:
-        await authority.ensure_tls(MSP_ADMIN, "client", authority.directory.tls_identity(MSP_ADMIN))
+    async def _client_tls(self, authority: Authority, name: str) -> None:
+        await authority.ensure_tls(name, "client", authority.directory.tls_identity(name))
 
     async def identities(self, authority: Authority) -> None:
         """One identity for each role of an organisation that uses the channel, the first time."""
@@ -273,10 +274,13 @@ class BringUp:
         save_agreement(network.directory.contract_file, agreement)
         for msp_id in network.endorsers:
             await self._processes.wait_ready(network.launch_contract(msp_id, agreement.slot))
-        self._report("contract", "waiting until every organisation that must endorse is reached")
+        self._report("contract", "waiting until every peer reaches the organisations that must endorse")
         authority = peers[0].msp_id
         inspector = signing_identity(authority, network.directory.organisation(authority).identity("inspector"))
-        await lifecycle.wait_answering(peers[0], inspector, network.channel, described.name, PROBE)
+        # Each peer for itself: a client of any organisation begins at one of its own.
+        await together(
+            lifecycle.wait_answering(peer, inspector, network.channel, described.name, PROBE) for peer in peers
+        )
 
     async def _recall(self, peers: list[PeerAdmin], sequence: int, contract: InstalledContract) -> Agreement:
         """What was agreed on, when the note about it is lost: the channel knows."""

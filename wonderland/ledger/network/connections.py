@@ -5,14 +5,16 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
-from wonderland.ledger.connection import Connection, GatewayAddress, IdentityFiles, LedgerKind
+from wonderland.ledger.connection import ClientTls, Connection, GatewayAddress, IdentityFiles, LedgerKind
 from wonderland.ledger.embedded.organisations import ROLES
 from wonderland.ledger.network.authorities import Certified
+from wonderland.ledger.network.layout import CLIENT
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
-    from wonderland.ledger.network.network import Network
+    from wonderland.ledger.network.network import Member, Network
 
 KIND: Final = "fabric"
 ROLES_OF_KIND: Final = {
@@ -29,9 +31,10 @@ def first_identities(kind: str) -> tuple[Certified, ...]:
 
 
 def write_first(network: Network) -> None:
-    """Write the files that are missing. Raises `FileWriteError`, `ConnectionFileError`."""
+    """Write the files that are missing, and how the peers are reached now. Raises `LedgerError`."""
     for organisation in network.organisations:
         directory = network.directory.organisation(organisation.msp_id)
+        _refresh(network, organisation.msp_id, directory.connection_file)
         if not directory.connection_file.exists():
             found = {
                 who.name: _files(network, organisation.msp_id, who.name)
@@ -39,8 +42,9 @@ def write_first(network: Network) -> None:
                 if directory.identity(who.name).exist()
             }
             _connection(network, organisation.msp_id, found).save(directory.connection_file)
+    authority = network.organisations[0].msp_id
+    _refresh(network, authority, network.directory.connection_file)
     if not network.directory.connection_file.exists():
-        authority = network.organisations[0].msp_id
         everyone: dict[str, IdentityFiles] = {}
         for organisation in network.organisations:
             for name, files in Connection.load(
@@ -79,20 +83,36 @@ def remove(network: Network, msp_id: str, name: str) -> None:
         connection.save(path)
 
 
-def _connection(network: Network, msp_id: str, identities: dict[str, IdentityFiles]) -> Connection:
-    first = network.first_peer(msp_id)
-    host = network.hosts.of(msp_id, first.name)
+def _connection(network: Network, msp_id: str, identities: Mapping[str, IdentityFiles]) -> Connection:
+    first, *others = [_gateway(network, member) for member in network.peers if member.msp_id == msp_id]
+    shown = network.directory.organisation(msp_id).tls_identity(CLIENT)
     return Connection(
         channel=network.channel,
         chaincode=network.description.contract.name,
-        gateway=GatewayAddress(
-            network.address(first),
-            network.directory.organisation(msp_id).tls_root,
-            "localhost" if host in {"127.0.0.1", "::1"} else host,
-        ),
-        identities=MappingProxyType(identities),
+        gateway=first,
+        identities=MappingProxyType(dict(identities)),
         ledger=LedgerKind(KIND, ""),
+        others=tuple(others),
+        client_tls=ClientTls(shown.certificate, shown.key),
     )
+
+
+def _gateway(network: Network, member: Member) -> GatewayAddress:
+    host = network.hosts.of(member.msp_id, member.name)
+    return GatewayAddress(
+        network.address(member),
+        network.directory.organisation(member.msp_id).tls_root,
+        "localhost" if host in {"127.0.0.1", "::1"} else host,
+    )
+
+
+def _refresh(network: Network, msp_id: str, path: Path) -> None:
+    """Bring an existing file up to date with the organisation's peers, its identities as they are."""
+    if path.exists():
+        there = Connection.load(path)
+        wanted = _connection(network, msp_id, there.identities)
+        if (there.gateway, there.others, there.client_tls) != (wanted.gateway, wanted.others, wanted.client_tls):
+            wanted.save(path)
 
 
 def _files(network: Network, msp_id: str, name: str) -> IdentityFiles:

@@ -11,14 +11,14 @@ from wonderland.ledger.embedded.organisations import ROLES
 from wonderland.ledger.network import certificates, connections
 from wonderland.ledger.network.authorities import Certified
 from wonderland.ledger.network.concurrency import together
-from wonderland.ledger.network.layout import MSP_ADMIN, REGISTRAR
+from wonderland.ledger.network.layout import CLIENT, MSP_ADMIN, REGISTRAR
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from wonderland.ledger.network.network import Network
 
-RESERVED: Final = frozenset({MSP_ADMIN, REGISTRAR, "contract"})
+RESERVED: Final = frozenset({MSP_ADMIN, CLIENT, REGISTRAR, "contract"})
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 DESCRIPTION: Final = "network.yaml"
 MSP_ADMIN: Final = "msp-admin"
 """The organisation's administrator (OU admin): joins peers, approves contracts, signs changes of the channel."""
+CLIENT: Final = "client"
+"""What an organisation's clients show on TLS connections to its peers; who they are is said by what they sign."""
 REGISTRAR: Final = "registrar"
 """Who may register identities with the organisation's CA."""
 

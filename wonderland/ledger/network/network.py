@@ -23,7 +23,7 @@ from wonderland.ledger.network.elsewhere import Elsewhere
 from wonderland.ledger.network.errors import DirectoryStateError
 from wonderland.ledger.network.genesis import Consenter
 from wonderland.ledger.network.hosts import CONTRACT, Hosts
-from wonderland.ledger.network.layout import MSP_ADMIN, NetworkDirectory, NodeDirectory
+from wonderland.ledger.network.layout import CLIENT, MSP_ADMIN, NetworkDirectory, NodeDirectory
 from wonderland.ledger.network.orderers import Broadcast, OrdererAdmin
 from wonderland.ledger.network.peers import PeerAdmin
 from wonderland.ledger.network.processes import Launch, ProcessTable
@@ -178,6 +178,7 @@ class Network:
             self.address(member),
             organisation.tls_root.read_bytes(),
             administrator,
+            client=organisation.tls_identity(CLIENT),
             random_bytes=self.random_bytes,
         )
 

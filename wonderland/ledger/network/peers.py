@@ -16,8 +16,9 @@ from fabric_protos.peer import proposal_pb2, proposal_response_pb2, query_pb2
 from fabric_protos.peer.lifecycle import lifecycle_pb2
 
 from wonderland.ledger.channel_groups import serialise
-from wonderland.ledger.connection import CHANNEL_OPTIONS
+from wonderland.ledger.connection import CHANNEL_OPTIONS, ClientTls
 from wonderland.ledger.gateway import Gateway
+from wonderland.ledger.gateways import Gateways
 from wonderland.ledger.network.errors import RefusedError, UnreachableError
 from wonderland.ledger.protobuf import decode
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
     from wonderland.ledger.gateway import Contract
     from wonderland.ledger.identity import SigningIdentity
+    from wonderland.ledger.network.layout import IdentityPaths
 
 TIMEOUT_S: Final = 30.0
 LIFECYCLE: Final = "_lifecycle"
@@ -60,14 +62,18 @@ class PeerAdmin:
         address: str,
         tls_root: bytes,
         administrator: SigningIdentity,
+        *,
+        client: IdentityPaths,
         random_bytes: Callable[[int], bytes] = os.urandom,
     ) -> None:
         self.component: Final = component
         self.address: Final = address
         self.administrator: Final = administrator
-        credentials = grpc.ssl_channel_credentials(root_certificates=tls_root)
+        shown = ClientTls(client.certificate, client.key)
+        credentials = grpc.ssl_channel_credentials(tls_root, shown.key_pem(), shown.certificate_pem())
         self.channel: Final = grpc.aio.secure_channel(address, credentials, options=list(CHANNEL_OPTIONS))
-        self._gateway = Gateway(self.channel, administrator.identity, administrator.sign, random_bytes=random_bytes)
+        gateways = Gateways([(address, self.channel)], tls_certificate_sha256=shown.sha256())
+        self._gateway = Gateway(gateways, administrator.identity, administrator.sign, random_bytes=random_bytes)
 
     @property
     def msp_id(self) -> str:

@@ -210,7 +210,9 @@ def peer(msp_id: str, node: NodeDirectory, place: PeerPlace, builder: PurePath) 
             "gossip": _gossip(place),
             "tls": {
                 "enabled": True,
-                "clientAuthRequired": False,
+                # Mutual TLS. Other organisations' peers have other TLS roots, which a peer learns from the channel.
+                "clientAuthRequired": True,
+                "clientRootCAs": {"files": [str(node.tls_root)]},
                 "cert": {"file": str(node.tls.certificate)},
                 "key": {"file": str(node.tls.key)},
                 "rootcert": {"file": str(node.tls_root)},
