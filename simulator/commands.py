@@ -1,4 +1,4 @@
-"""``wonderland demo``, ``simulate`` and ``reproduce``."""
+"""``wonderland demo`` and ``simulate``."""
 
 from __future__ import annotations
 
@@ -114,37 +114,6 @@ def simulate(
     try:
         sys.exit(asyncio.run(run(settings)))
     except (RecordingError, ProcessError) as error:
-        raise click.ClickException(str(error)) from error
-    except KeyboardInterrupt:
-        sys.exit(130)
-
-
-@click.group()
-def reproduce() -> None:
-    """Repeat published experiments with this implementation."""
-
-
-@reproduce.command("paper")
-@click.option("--seed", type=int, default=1, show_default=True, help="Same seed, same noise.")
-@click.option(
-    "--plot",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE",
-    help="Draw both figures (.svg, .pdf or .png).",
-)
-@click.option("--json", "as_json", is_flag=True, help="One line of JSON for each point on standard output.")
-def paper(*, seed: int, plot: Path | None, as_json: bool) -> None:
-    """The paper's four points (Fu et al., figures 4 and 5), each sent the whole way.
-
-    Its anchors and positions are taken from its figures; ranges are drawn with the noise that fits its error circles.
-    Beside each verdict stand the Cramér–Rao bound for the rounds it took, the paper's circle and the paper's rule.
-    """
-    from simulator.paper import reproduce as run  # noqa: PLC0415
-    from simulator.stage import ProcessError  # noqa: PLC0415
-
-    try:
-        sys.exit(asyncio.run(run(seed=seed, as_json=as_json, plot=plot)))
-    except ProcessError as error:
         raise click.ClickException(str(error)) from error
     except KeyboardInterrupt:
         sys.exit(130)

@@ -14,6 +14,7 @@ import math
 import random
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -29,10 +30,12 @@ from simulator.playback import Playback
 from simulator.recording import RecordedRound, Recording
 from simulator.scenario import DAY_MS, Behaviour, DroneSpec, PadSite
 from simulator.simulate import Player
-from simulator.stage import Stage, StageSettings
+from simulator.stage import ProcessError, Stage, StageSettings
 from simulator.verdicts import CommittedVerdict
 from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning
 from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.sessions import STEP_NAMES
+from wonderland.proofs.records.verdicts import Verdict
 
 SIGMA_M: Final = 0.05
 MAX_ROUNDS: Final = 160
@@ -109,34 +112,80 @@ def commissioning_of(pad: PadSite, now_ms: int) -> Commissioning:
     )
 
 
-async def reproduce(*, seed: int, as_json: bool, plot: Path | None) -> int:
+@dataclass(frozen=True)
+class PaperRun:
+    """One point, sent the whole way: its committed verdict, and when its drone was permitted to land (ms)."""
+
+    point: PaperPoint
+    item: CommittedVerdict
+    permitted_ms: int | None
+
+    @property
+    def steps_ms(self) -> dict[str, int]:
+        """Milliseconds from the request to the end of each step."""
+        times = {step.step: step.t_ms for step in self.item.evidence.steps}
+        times["verdict"] = self.item.seen_ms
+        if self.permitted_ms is not None:  # the drone may read the committed event before this reader of blocks does
+            times["permission"] = self.permitted_ms
+            times["verdict"] = min(times["verdict"], self.permitted_ms)
+        start = times.get("request", min(times.values()))
+        return {name: max(0, times[name] - start) for name in STEP_NAMES if name in times}
+
+    def line(self) -> dict[str, Any]:
+        """One JSON object for machines."""
+        return {
+            "point": self.point.name,
+            "paper_error_m": self.point.paper_error_m,
+            "cramer_rao_m": round(cramer_rao_m(self.point, self.item.verdict.rounds), 4),
+            "cramer_rao_one_round_m": round(cramer_rao_m(self.point, 1), 4),
+            "since_request_ms": self.steps_ms,
+            **self.item.line(),
+        }
+
+
+async def reproduce(*, seed: int, as_json: bool, plot: Path | None, sequence: Path | None) -> int:
     """All four points; the exit code."""
     console = Console(stderr=as_json, highlight=False)
-    results: list[tuple[PaperPoint, CommittedVerdict]] = []
-    for point in POINTS:
-        results.append((point, await _one(point, seed, console)))
-        if as_json:
-            print(json.dumps(_line(*results[-1])), flush=True)  # noqa: T201 - the product of --json
+    results: list[PaperRun] = []
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("Starting", total=len(POINTS))
+        for point in POINTS:
+
+            def say(text: str, name: str = point.name) -> None:
+                progress.update(task, description=f"{name}: {text}")
+
+            results.append(await run_point(point, seed, console, say))
+            progress.advance(task)
+            if as_json:
+                print(json.dumps(results[-1].line()), flush=True)  # noqa: T201 - the product of --json
     if not as_json:
         console.print(_table(results))
-    if plot is not None:
-        from simulator.plots import paper_figures  # noqa: PLC0415 - matplotlib takes a second
+        console.print(_steps_table(results))
+    if plot is not None or sequence is not None:
+        from simulator.reproduction import paper_figures  # noqa: PLC0415 - matplotlib takes a second
+        from simulator.reproduction.style import save  # noqa: PLC0415
 
-        paper_figures(results, plot)
-        console.print(f"Drawn: {plot}")
-    return 0 if all(item.verdict.outcome == "verified" for _, item in results) else 1
+        for path, draw in ((plot, paper_figures.positions), (sequence, paper_figures.sequence)):
+            if path is not None:
+                save(draw(results), path)
+                console.print(f"Drawn: {path}")
+    return 0 if all(run.item.verdict.outcome == "verified" for run in results) else 1
 
 
-async def _one(point: PaperPoint, seed: int, console: Console) -> CommittedVerdict:
+async def run_point(point: PaperPoint, seed: int, console: Console, say: Callable[[str], None]) -> PaperRun:
+    """A point the whole way: virtual nodes on serial ports, agents, an embedded ledger. Raises ProcessError."""
     recording = recording_of(point, seed)
     pad = recording.pad(f"paper-{point.name.lower()}")
     drone = DroneSpec("ALICE", "TDrone M690B", pad.pad_id, "land", Behaviour.HONEST, (0, 0, 0), (0, 0, 0), 0.0)
     now_ms = time.time_ns() // 1_000_000
-    with (
-        tempfile.TemporaryDirectory(prefix="wonderland-paper-") as folder,
-        Progress(console=console, transient=True) as progress,
-    ):
-        task = progress.add_task(point.name, total=None)
+    permitted: list[int] = []
+
+    async def land(verdict: Verdict) -> str:
+        del verdict
+        permitted.append(time.time_ns() // 1_000_000)
+        return "done"
+
+    with tempfile.TemporaryDirectory(prefix="wonderland-paper-") as folder:
         stage = Stage(
             Path(folder),
             StageSettings(
@@ -145,7 +194,7 @@ async def _one(point: PaperPoint, seed: int, console: Console) -> CommittedVerdi
                 policy=lambda _: Policy(min_rounds=10, max_rounds=MAX_ROUNDS, min_assurance=2),
                 commissioning=lambda site: commissioning_of(site, now_ms),
             ),
-            say=lambda text: progress.update(task, description=f"{point.name}: {text}"),
+            say=say,
         )
         async with stage:
             port = stage.ports.position[drone.uav_id]
@@ -153,28 +202,30 @@ async def _one(point: PaperPoint, seed: int, console: Console) -> CommittedVerdi
             air = asyncio.ensure_future(playback.run())
             try:
                 await stage.start_pads()
-                progress.update(task, description=f"{point.name}: ranging")
+                say("ranging")
                 shown: list[CommittedVerdict] = []
-                player = Player(stage, playback, drone.uav_id, console, lambda item, *_: shown.append(item))
+                player = Player(stage, playback, drone.uav_id, console, lambda item, *_: shown.append(item), land)
                 await player.play(windows=1, rounds=10)
-                return shown[0]
             finally:
                 air.cancel()
                 with contextlib.suppress(asyncio.CancelledError):
                     await air
+    if not shown:
+        raise ProcessError(f"{point.name}: no verdict after several tries; the lines above say why")
+    return PaperRun(point, shown[0], permitted[0] if permitted else None)
 
 
-def _line(point: PaperPoint, item: CommittedVerdict) -> dict[str, Any]:
-    return {
-        "point": point.name,
-        "paper_error_m": point.paper_error_m,
-        "cramer_rao_m": round(cramer_rao_m(point, item.verdict.rounds), 4),
-        "cramer_rao_one_round_m": round(cramer_rao_m(point, 1), 4),
-        **item.line(),
-    }
+def _steps_table(results: list[PaperRun]) -> Table:
+    table = Table(title="The eight steps, milliseconds since the request")
+    table.add_column("Step")
+    for run in results:
+        table.add_column(run.point.name, justify="right")
+    for name in STEP_NAMES:
+        table.add_row(name, *(str(run.steps_ms.get(name, "–")) for run in results))
+    return table
 
 
-def _table(results: list[tuple[PaperPoint, CommittedVerdict]]) -> Table:
+def _table(results: list[PaperRun]) -> Table:
     table = Table(title="The paper's four points, the whole way (buffer 1 m, σ 5 cm)")
     for column in (
         "Point",
@@ -187,8 +238,8 @@ def _table(results: list[tuple[PaperPoint, CommittedVerdict]]) -> Table:
         "Its rule",
     ):
         table.add_column(column)
-    for point, item in results:
-        line = _line(point, item)
+    for run in results:
+        point, item, line = run.point, run.item, run.line()
         table.add_row(
             point.name,
             item.verdict.outcome,

@@ -10,7 +10,7 @@ import contextlib
 import json
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,6 +130,7 @@ async def run(settings: SimulateSettings) -> int:
     return 0 if player.count and mirrored == player.count else 1
 
 
+Act = Callable[[Verdict], Awaitable[str]]
 Show = Callable[[CommittedVerdict, float, float], None]
 """Hears each verdict with the recorded time (s) at which its window began and ended."""
 
@@ -137,8 +138,12 @@ Show = Callable[[CommittedVerdict, float, float], None]
 class Player:
     """Proves window after window until the recording is over."""
 
-    def __init__(self, stage: Stage, playback: Playback, uav_id: str, console: Console, show: Show) -> None:
+    def __init__(
+        self, stage: Stage, playback: Playback, uav_id: str, console: Console, show: Show, act: Act | None = None
+    ) -> None:
+        """``act``: what the drone does with its permission; nothing unless given."""
         self._stage = stage
+        self._act = act or _land_at_once
         self._playback = playback
         self._uav_id = uav_id
         self._console = console
@@ -170,7 +175,7 @@ class Player:
                 signer=signer,
                 radio=radio,
                 position=position,
-                act=_land_at_once,
+                act=self._act,
                 clock=clock,
             )
             await position.wait(POSITION_S)

@@ -41,7 +41,7 @@ table { border-collapse: collapse; width: 100%; font-size: .8rem; line-height: 1
 th { text-align: left; font-weight: 600; border-bottom: 1px solid var(--ink); vertical-align: bottom; }
 th, td { padding: .38rem .8rem .38rem 0; vertical-align: top; } th:last-child, td:last-child { padding-right: 0; }
 tbody tr + tr td { border-top: 1px solid var(--line); }
-.n { text-align: right; white-space: nowrap; }
+.n { text-align: right; } td.n { white-space: nowrap; }
 .mark { font-weight: 600; white-space: nowrap; } .good { color: var(--good); } .bad { color: var(--bad); }
 .none { color: var(--quiet); font-weight: 400; }
 code { font: .84em/1.4 "JetBrains Mono", "SFMono-Regular", Consolas, "DejaVu Sans Mono", monospace; background:

@@ -55,16 +55,21 @@ CONTEXT: Final[Any] = {
 def subplots(
     rows: int = 1, columns: int = 1, *, height_in: float = 3.0, width_in: float = WIDTH_IN, **more: Any
 ) -> Any:
-    """``plt.subplots`` in this style."""
-    with mpl.rc_context(CONTEXT):
-        return plt.subplots(rows, columns, figsize=(width_in, height_in), **more)
+    """``plt.subplots`` in this style, which holds from then on: titles and legends take it when they are made."""
+    mpl.rcParams.update(CONTEXT)
+    return plt.subplots(rows, columns, figsize=(width_in, height_in), **more)
+
+
+def blank(*, height_in: float = 3.0, width_in: float = WIDTH_IN) -> Any:
+    """A figure without axes, in this style."""
+    mpl.rcParams.update(CONTEXT)
+    return plt.figure(figsize=(width_in, height_in))
 
 
 def svg(figure: Any) -> str:
     """A figure as an SVG element without prologue or date, for a page; the figure is closed."""
-    with mpl.rc_context(CONTEXT):
-        out = io.StringIO()
-        figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+    out = io.StringIO()
+    figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     plt.close(figure)
     text = out.getvalue()
     return text[text.index("<svg") :].strip()
@@ -72,7 +77,6 @@ def svg(figure: Any) -> str:
 
 def save(figure: Any, path: Path) -> None:
     """A figure as a file, by its suffix: .svg, .pdf or .png."""
-    with mpl.rc_context(CONTEXT):
-        undated = {"Date": None} if path.suffix == ".svg" else None
-        figure.savefig(path, metadata=undated, dpi=200)
+    undated = {"Date": None} if path.suffix == ".svg" else None
+    figure.savefig(path, metadata=undated, dpi=200)
     plt.close(figure)
