@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Final, Self
 
-from edge_agent.session.events import AnchorRange, DataHeard, PadEvent, RadiosFailed
+from edge_agent.session.events import AnchorRange, DataHeard, FrameHeard, PadEvent, RadiosFailed
 from wonderland.clock import Clock
+from wonderland.uwb.blinks import BlinkPlan
 from wonderland.uwb.errors import NodeError, UwbError
-from wonderland.uwb.events import DataReceived, RangeMeasurement, SessionFailed
+from wonderland.uwb.events import DataReceived, FrameStamped, RangeMeasurement, SessionFailed
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.node import UwbNode, UwbSession
 from wonderland.uwb.serial_port import Opener
@@ -113,9 +114,19 @@ class PadRadios:
         if len(anchor_ids) - len(missing) < MIN_ANCHORS or outcomes[0]:
             await self.close_session()
             raise RadiosError(f"nodes that cannot range: {', '.join(missing)}")
+        if plan.blinks is not None:  # not waited for: ranging begins meanwhile
+            self._read(self._stamp_blinks(plan.blinks, anchor_ids, sink))
         firmware = {_firmware(self._nodes[anchor_id]) for anchor_id in anchor_ids if anchor_id in self._nodes}
         firmware.discard(None)
         return "; ".join(sorted(str(entry) for entry in firmware))[:64] or None
+
+    async def listen(self, plan: BlinkPlan, anchor_ids: Sequence[str], sink: Sink) -> None:
+        """Only time-stamp blinks, as a witness does, until ``close_session``. Raises RadiosError where no node can."""
+        await self.close_session()
+        self._reported = dict.fromkeys(anchor_ids, self._clock())
+        if not await self._open_blinks(plan, anchor_ids, sink):
+            await self.close_session()
+            raise RadiosError("no node can time-stamp blinks")
 
     async def send(self, frame: bytes) -> None:
         """Hand a frame to the node that speaks. Raises NodeError; whether it is heard nobody knows."""
@@ -151,6 +162,42 @@ class PadRadios:
         except UwbError as error:
             return str(error)
         return ""
+
+    async def _stamp_blinks(self, plan: BlinkPlan, anchor_ids: Sequence[str], sink: Sink) -> None:
+        await self._open_blinks(plan, anchor_ids, sink)
+
+    async def _open_blinks(self, plan: BlinkPlan, anchor_ids: Sequence[str], sink: Sink) -> int:
+        """Session C on every node that can; returns how many. Without it the proof has no time differences."""
+        outcomes = await asyncio.gather(
+            *(self._open_anchor_blinks(plan, index, anchor_id, sink) for index, anchor_id in enumerate(anchor_ids))
+        )
+        missing = [f"{anchor_id} ({why})" for anchor_id, why in zip(anchor_ids, outcomes, strict=True) if why]
+        if missing:
+            _log.warning("session %#010x: no time stamps from %s", plan.session_id, ", ".join(missing))
+        return len(anchor_ids) - len(missing)
+
+    async def _open_anchor_blinks(self, plan: BlinkPlan, index: int, anchor_id: str, sink: Sink) -> str:
+        node = self._nodes.get(anchor_id)
+        if node is None:
+            return "no port configured"
+        try:
+            await node.wait_ready(READY_GRACE_S)
+            session = await self._started(node, plan.pad_anchor(index))
+        except UwbError as error:
+            return str(error)
+        self._read(self._stamps(session, anchor_id, plan.uav_mac, sink))
+        return ""
+
+    async def _stamps(self, session: UwbSession, anchor_id: str, uav_mac: int, sink: Sink) -> None:
+        async for event in session.events():
+            match event:
+                case FrameStamped() if event.tag_mac == uav_mac:
+                    self._reported[anchor_id] = event.t_ms
+                    sink(FrameHeard(anchor_id, event.t_ms, event.number, event.ticks, event.payload))
+                case SessionFailed():
+                    _log.warning("anchor %s: no time stamps any more: %s", anchor_id, event.error)
+                case _:
+                    pass
 
     async def _started(self, node: UwbNode, config: SessionConfig) -> UwbSession:
         session = await node.open_session(config)

@@ -35,6 +35,20 @@ class AnchorRange:
 
 
 @dataclass(frozen=True, slots=True)
+class FrameHeard:
+    """One blink of the drone as one node time-stamped it: ``ticks`` of 15.65 ps on the nodes' common clock (40 bits).
+
+    ``number`` is the drone's count of its blinks, ``payload`` what its host put into it.
+    """
+
+    anchor_id: str
+    t_ms: int
+    number: int
+    ticks: int
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class DataHeard:
     """One in-band data unit from the drone, as a node reported it; not yet authenticated."""
 
@@ -52,6 +66,11 @@ class VerdictCommitted:
 
     verdict: Verdict
     tx_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class Permitted:
+    """What the pad does for a permitted drone is done (a light, a hangar's door): it may come."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +115,11 @@ PadEvent = (
     RadiosOpened
     | RadiosFailed
     | AnchorRange
+    | FrameHeard
     | DataHeard
     | Tick
     | VerdictCommitted
+    | Permitted
     | SubmitRefused
     | LedgerLost
     | SessionCancelled

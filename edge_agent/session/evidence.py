@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from edge_agent.session.gather import Round
+from wonderland.proofs.records.fields import MAX_TIME_MS
 from wonderland.proofs.records.sessions import (
     MAX_CLAIMS,
     MAX_ROUNDS,
     AnchorRanges,
     BroadcastClaim,
     Claim,
+    ClockReading,
     Evidence,
     Radio,
     RangeTable,
     StepTime,
+    TimeStamps,
 )
 from wonderland.uwb.link.proof_payloads import ClaimBatch
+
+MAX_ANSWERS: Final = 8
 
 
 class GatheredEvidence:
@@ -29,6 +35,8 @@ class GatheredEvidence:
         self._nlos: list[list[int]] = [[] for _ in self.anchor_ids]
         self._claims: list[Claim] = []
         self._steps: dict[str, int] = {}
+        self._answers: list[ClockReading] = []
+        self._said: ClockReading | None = None
         self.frozen = False
 
     @property
@@ -72,6 +80,22 @@ class GatheredEvidence:
         self._claims.extend(batch.claims)
         return True
 
+    @property
+    def clock(self) -> tuple[ClockReading, ...]:
+        """Readings of the drone's clock: its answers, and the one claim that bounds it best."""
+        return (*self._answers, *(() if self._said is None else (self._said,)))
+
+    def read_clock(self, uav_ms: int, heard_ms: int, asked_ms: int | None = None) -> None:
+        """The drone said ``uav_ms`` by its clock; heard at ``heard_ms``, asked for at ``asked_ms`` by the pad's."""
+        if not (0 <= uav_ms <= MAX_TIME_MS and 0 <= heard_ms <= MAX_TIME_MS):
+            return
+        reading = ClockReading(uav_ms=uav_ms, heard_ms=heard_ms, asked_ms=asked_ms)
+        if asked_ms is not None:
+            if len(self._answers) < MAX_ANSWERS:
+                self._answers.append(reading)
+        elif self._said is None or uav_ms - heard_ms > self._said.uav_ms - self._said.heard_ms:
+            self._said = reading
+
     def reach(self, step: str, t_ms: int) -> bool:
         """Note the time of a step, the first time only; False if it was reached before."""
         if step in self._steps:
@@ -111,6 +135,7 @@ class GatheredEvidence:
         radio: Radio,
         uav_signature: str | None = None,
         failure: str | None = None,
+        time_stamps: TimeStamps | None = None,
     ) -> Evidence:
         """The record that SubmitProof takes."""
         return Evidence(
@@ -122,4 +147,6 @@ class GatheredEvidence:
             steps=tuple(StepTime(step=step, t_ms=t_ms) for step, t_ms in self._steps.items()),
             uav_signature=uav_signature,
             failure=failure,
+            time_stamps=time_stamps,
+            clock=self.clock,
         )

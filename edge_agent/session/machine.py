@@ -25,6 +25,7 @@ from typing import Final
 from edge_agent.session import actions as do
 from edge_agent.session import events as on
 from edge_agent.session.evidence import GatheredEvidence
+from edge_agent.session.frames import FrameGatherer
 from edge_agent.session.ranging import Progress, Ranging
 from edge_agent.session.timing import PadTiming
 from edge_agent.session.words import PadWords, Word
@@ -36,6 +37,7 @@ from wonderland.proofs.records.sessions import BroadcastClaim, Evidence, Radio, 
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.rounds import MIN_ANCHORS
 from wonderland.proofs.verdict import preview
+from wonderland.uwb.blinks import blink_plan
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.link.messages import AbortReason
 
@@ -97,20 +99,25 @@ class PadSession:
             pad_macs=tuple(anchor.mac for anchor in commissioning.anchors),
             uav_mac=keys.uav_mac,
             sts_key=keys.sts_key,
+            blinks=blink_plan(keys, commissioning),
         )
         self._gathered = GatheredEvidence(anchor_ids)
+        self._frames = FrameGatherer(anchor_ids, "challenge")
         self._ranging = Ranging(
             self._gathered,
             lambda at_ms: judge(session, commissioning, self._evidence(at_ms), at_ms),
             interval_ms=self._plan.interval_a_ms,
             max_rounds=session.policy.max_rounds,
             timing=self._timing,
+            stamps_frames=self._plan.blinks is not None and measured_by == "pad",
         )
         self._words = PadWords(
             session, keys, certificate=certificate, whole_certificate=whole_certificate, now_ms=now_ms
         )
         self._code_uav = keys.code_uav
         self._challenge = random_octets(8)
+        self._answer = keys.answer(self._challenge)
+        self._asked_ms = 0
         spread = max(1, self._timing.challenge_spread_ms)
         self._challenge_delay_ms = int.from_bytes(random_octets(4), "big") % spread
         self._measured_by = measured_by
@@ -151,6 +158,8 @@ class PadSession:
         match event:
             case on.AnchorRange():
                 self._ranging.take(event.anchor_id, event.t_ms, event.range_mm, nlos=event.nlos, now_ms=now_ms)
+            case on.FrameHeard():
+                self._frames.add(event.anchor_id, event.t_ms, event.number, event.ticks, event.payload)
             case on.DataHeard():
                 self._words.receive(event.data, now_ms)
             case on.RadiosOpened():
@@ -159,6 +168,8 @@ class PadSession:
                 self._radios_failed(event, now_ms, actions)
             case on.VerdictCommitted():
                 self._decided(event, now_ms, actions)
+            case on.Permitted() if self.phase is Phase.PERMITTED:
+                self._reach("permission", now_ms, actions, detail="granted")
             case on.SubmitRefused():
                 self._refused(event, now_ms, actions)
             case on.LedgerLost():
@@ -169,7 +180,7 @@ class PadSession:
                 self._completed(event, now_ms, actions)
             case on.Interrupted():
                 self._interrupted(event, now_ms, actions)
-            case on.Tick():
+            case _:
                 pass
         self._words_heard(now_ms, actions)
         self._time_passed(now_ms, actions)
@@ -219,19 +230,22 @@ class PadSession:
                 return
             match heard.word:
                 case Word.POLL_SENT:
-                    self._reach("poll", now_ms, actions)
+                    self._reach("poll", heard.t_ms, actions)
                 case Word.POLL_DELIVERED:
-                    self._reach("match", now_ms, actions)
+                    pass  # it arrived; whether the drone matched it, the reply says
                 case Word.REPLY:
-                    self._replied(heard.octets, now_ms, actions)
+                    self._replied(heard.octets, heard.t_ms, now_ms, actions)
                 case Word.CLAIMS:
                     if heard.claims is None or not self._gathered.add_claims(heard.claims):
                         self._fail("claims_out_of_order", "claims do not follow on one another", now_ms, actions)
+                    else:
+                        for claim in heard.claims.claims:
+                            self._gathered.read_clock(claim.t_ms, now_ms)
                     self._ranging.heard_claim(now_ms)
                 case Word.IDENTITY:
                     self._times.pop("identity", None)
                 case Word.ECHO:
-                    self._echoed(heard.octets, now_ms, actions)
+                    self._echoed(heard.octets, heard.t_ms, now_ms, actions)
                 case Word.SIGNATURE:
                     self._signed(heard.octets, now_ms, actions)
                 case Word.ABORT:
@@ -239,8 +253,8 @@ class PadSession:
                 case Word.BROKEN:
                     self._fail(heard.reason, heard.detail, now_ms, actions)
 
-    def _replied(self, code: bytes, now_ms: int, actions: list[do.PadAction]) -> None:
-        """Step 4: the drone's code."""
+    def _replied(self, code: bytes, matched_ms: int, now_ms: int, actions: list[do.PadAction]) -> None:
+        """Step 4: the drone's code. Its own word on when it matched the pad's counts within what the pad saw."""
         if self.phase is not Phase.POLLING:
             self._fail("out_of_turn", "a second reply", now_ms, actions)
             return
@@ -251,7 +265,9 @@ class PadSession:
         self._times.pop("reply", None)
         self._matched = True
         self._reach("poll", now_ms, actions)
-        self._reach("match", now_ms, actions)
+        polled_ms = self._gathered.steps["poll"]
+        self._gathered.read_clock(matched_ms, now_ms, polled_ms)
+        self._reach("match", min(max(matched_ms, polled_ms), now_ms), actions)
         self._reach("reply", now_ms, actions)
         self.phase = Phase.RANGING
         self._ranging.start(now_ms)
@@ -272,7 +288,7 @@ class PadSession:
     def _confirm(self, now_ms: int, actions: list[do.PadAction]) -> None:
         """Step 5 is over; step 6: tell all ranges and ask for the countersignature."""
         self._reach("range", self._gathered.last_ms, actions)
-        self._gathered.frozen = True
+        self._gathered.frozen = self._frames.frozen = True
         self.phase = Phase.CONFIRMING
         if "challenge" in self._times:  # ranging was over before its moment came
             self._send_challenge(now_ms)
@@ -282,15 +298,18 @@ class PadSession:
     def _send_challenge(self, now_ms: int) -> None:
         self._times.pop("challenge", None)
         self._words.challenge(self._challenge, now_ms)
+        self._asked_ms = now_ms
+        self._frames.expect(self._answer)
         self._times["echo"] = now_ms + self._timing.echo_ms
 
-    def _echoed(self, challenge: bytes, now_ms: int, actions: list[do.PadAction]) -> None:
+    def _echoed(self, challenge: bytes, uav_ms: int, now_ms: int, actions: list[do.PadAction]) -> None:
         if "echo" not in self._times:
             self._fail("out_of_turn", "an echo without a challenge", now_ms, actions)
         elif not hmac.compare_digest(challenge, self._challenge):
             self._fail("echo_mismatch", "the echo is not the challenge's", now_ms, actions)
         else:
             del self._times["echo"]
+            self._gathered.read_clock(uav_ms, now_ms, self._asked_ms)
 
     def _signed(self, signature: bytes, now_ms: int, actions: list[do.PadAction]) -> None:
         """Step 6, the answer. Whether it holds, the contract decides; the pad says what it saw."""
@@ -309,7 +328,7 @@ class PadSession:
         """Step 7."""
         self.phase = Phase.SUBMITTING
         self._times.clear()
-        self._gathered.frozen = True
+        self._gathered.frozen = self._frames.frozen = True
         actions.append(do.Submit(self._evidence(now_ms)))
 
     def _evidence(self, now_ms: int) -> Evidence:
@@ -321,6 +340,7 @@ class PadSession:
             radio=Radio(measured_by=self._measured_by, sts=self._sts, firmware=self._firmware),
             uav_signature=self._signature,
             failure=self._failure,
+            time_stamps=self._frames.stamps(),
         )
 
     def _decided(self, event: on.VerdictCommitted, now_ms: int, actions: list[do.PadAction]) -> None:
@@ -332,7 +352,6 @@ class PadSession:
         self._reach("verdict", now_ms, actions, detail=event.verdict.outcome)
         if granted:
             self.phase = Phase.PERMITTED
-            self._reach("permission", now_ms, actions, detail="granted")
             actions.extend((do.Permit(event.verdict), do.CloseRadios()))
             self._times["permission"] = max(
                 self.session.expires_ms + self._timing.lapse_margin_ms, now_ms + self._timing.completion_ms

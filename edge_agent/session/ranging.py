@@ -16,6 +16,9 @@ from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.rounds import MIN_ANCHORS
 from wonderland.proofs.stopping import LOOKS
 
+STAMPS_PATIENCE = 25
+"""Rounds that a claim which the ranges verify waits for time stamps."""
+
 
 class Progress(Enum):
     """What a step in time brought."""
@@ -30,7 +33,8 @@ class Progress(Enum):
 class Ranging:
     """Rounds, looks and running estimates of one session.
 
-    ``judge(now_ms)``: what the contract would say of what there is.
+    ``judge(now_ms)``: what the contract would say of what there is. ``stamps_frames``: the pad's nodes share a clock,
+    so that a claim that the ranges verify is held against time stamps too, before it is brought before the contract.
     """
 
     def __init__(
@@ -41,7 +45,10 @@ class Ranging:
         interval_ms: int,
         max_rounds: int,
         timing: PadTiming,
+        stamps_frames: bool = False,
     ) -> None:
+        self._stamps_frames = stamps_frames
+        self._settled_at: int | None = None
         self._gathered = gathered
         self._judge = judge
         self._timing = timing
@@ -112,9 +119,24 @@ class Ranging:
         # One look that sees no hope is enough: it allows for two standard deviations of noise already, and of sessions
         # that would still have settled it ends 1 in 100 (simulated at the largest bias with which a pad can verify).
         hopeless = undecided and verdict.more_rounds < 0
-        enough = not undecided or hopeless or self._gathered.rounds >= self._most
+        settled = not undecided and not self._awaits_stamps(verdict)
+        enough = settled or hopeless or self._gathered.rounds >= self._most
         self._running = not enough
         return Progress.ENOUGH if enough else Progress.GO_ON, self._estimate(verdict)
+
+    def _awaits_stamps(self, verdict: Verdict) -> bool:
+        """Whether a settled claim waits a little for the time stamps, whatever assurance the policy demands.
+
+        They need the drone's answer first and come a few rounds later. A drone that does not blink, and a place where
+        time stamps tell too little, end the wait.
+        """
+        if not self._stamps_frames or verdict.outcome != "verified":
+            return False
+        if self._settled_at is None:
+            self._settled_at = self._gathered.rounds
+        seen = verdict.time_differences
+        open_yet = seen is None or (seen.finding == "vague" and seen.more_frames > 0)
+        return open_yet and self._gathered.rounds < self._settled_at + STAMPS_PATIENCE
 
     def _estimate(self, verdict: Verdict) -> ReportEstimate:
         self._estimated = self._gathered.rounds

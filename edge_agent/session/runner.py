@@ -131,6 +131,7 @@ class SessionRunner:
                     await self._cancel(action)
                 case do.Permit():
                     await self._permission.grant(action.verdict)
+                    self.deliver(on.Permitted())
                 case do.Withdraw() if self._machine.verdict is not None:
                     await self._permission.withdraw(self._machine.verdict, action.reason)
                 case do.ReportStep():

@@ -26,7 +26,7 @@ from wonderland.uwb.link.messages import (
     Echo,
     Identity,
     MessageType,
-    decode_code,
+    Reply,
     decode_signature,
     encode_challenge,
     encode_code,
@@ -54,6 +54,8 @@ class Heard:
 
     word: Word
     octets: bytes = b""
+    t_ms: int = 0
+    """When the pad sent it (POLL_SENT, by its clock), or the drone says that it did (REPLY, ECHO, by the drone's)."""
     claims: ClaimBatch | None = None
     abort: AbortReason = AbortReason.UNSPECIFIED
     reason: str = ""
@@ -138,7 +140,7 @@ class PadWords:
         frames = self._link.frames_to_send(budget)
         if frames and self._poll_id is not None and not self._poll_sent:
             self._poll_sent = True
-            self._heard.append(Heard(Word.POLL_SENT))
+            self._heard.append(Heard(Word.POLL_SENT, t_ms=now_ms))
         return frames
 
     def next_wakeup_ms(self) -> int | None:
@@ -189,13 +191,15 @@ class PadWords:
     def _meaning(self, message_type: int, payload: bytes) -> Heard:
         match message_type:
             case MessageType.REPLY:
-                return Heard(Word.REPLY, decode_code(payload))
+                reply = Reply.decode(payload)
+                return Heard(Word.REPLY, reply.code, reply.matched_ms)
             case MessageType.CLAIMS:
                 return Heard(Word.CLAIMS, claims=ClaimBatch.decode(payload))
             case MessageType.IDENTITY:
                 return self._identity(Identity.decode(payload))
             case MessageType.ECHO:
-                return Heard(Word.ECHO, Echo.decode(payload).challenge)
+                echo = Echo.decode(payload)
+                return Heard(Word.ECHO, echo.challenge, echo.heard_ms)
             case MessageType.SIGNATURE:
                 return Heard(Word.SIGNATURE, decode_signature(payload))
             case MessageType.ABORT:

@@ -1,7 +1,8 @@
 """The air between virtual nodes: who hears whom, in rounds, and what they measure.
 
 A round is led by the session's controller, at its interval. The channel itself (geometry, noise, obstruction,
-attackers at the physical layer) is the caller's ``measure``.
+attackers at the physical layer) is the caller's ``measure``. Blinks (UL-TDoA) are led by the tag and go one way: what
+each anchor's clock shows when it hears one is the caller's ``stamp``.
 """
 
 from __future__ import annotations
@@ -13,9 +14,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from wonderland.uwb.uci.config import AppConfig, DeviceRole, DeviceType, MultiNodeMode
+from wonderland.uwb.uci.config import AppConfig, DeviceRole, DeviceType, MultiNodeMode, ParameterId, RangingUsage
 from wonderland.uwb.uci.data import DataReceive
-from wonderland.uwb.uci.ranging import INVALID_DISTANCE_CM, LineOfSight, TwoWayMeasurement
+from wonderland.uwb.uci.ranging import (
+    CLOCK_BITS,
+    INVALID_DISTANCE_CM,
+    FrameType,
+    LineOfSight,
+    OneWayMeasurement,
+    TwoWayMeasurement,
+)
 from wonderland.uwb.uci.status import Status
 
 if TYPE_CHECKING:
@@ -40,6 +48,9 @@ Measure = Callable[[str, str, float], Measurement]
 Called once for each observer of a pair in a round, with the same ``t_s`` for all: keep what was drawn for a pair and
 a time if both ends shall report the same."""
 
+Stamp = Callable[[str, str, float], int | None]
+"""``stamp(anchor, tag, t_s)``: the anchor's counter (15.65 ps) on hearing the tag's frame of ``t_s``, or None."""
+
 Intercept = Callable[[str, str, bytes], bytes | None]
 """``intercept(sender, receiver, data)``: what arrives instead, or None for nothing."""
 
@@ -51,13 +62,15 @@ class _Group:
     members: list[NodeSession] = field(default_factory=list)
     timer: asyncio.TimerHandle | None = None
     due_s: float = 0.0
+    blinks: int = 0
 
 
 class Air:
     """Joins virtual nodes of one process and one event loop.
 
     ``data_loss``: probability that a data frame is not heard by a responder. ``jitter_ms``: reports of one round reach
-    the ports up to that much later, each on its own. ``clock_s``: what ``measure`` is asked about.
+    the ports up to that much later, each on its own. ``clock_s``: what ``measure`` is asked about. Without ``stamp`` no
+    nodes share a clock, and blinks are not heard.
     """
 
     def __init__(
@@ -69,11 +82,13 @@ class Air:
         jitter_ms: float = 3.0,
         intercept: Intercept | None = None,
         clock_s: Callable[[], float] = time.monotonic,
+        stamp: Stamp | None = None,
     ) -> None:
         self.measure = measure
         self.data_loss = data_loss
         self.jitter_ms = jitter_ms
         self.intercept = intercept
+        self.stamp = stamp
         self.rounds = 0
         self._rng = rng
         self._clock_s = clock_s
@@ -115,6 +130,9 @@ class Air:
         pace = self._leader(group) or group.members[0]
         loop = asyncio.get_running_loop()
         group.due_s = from_s + pace.app.interval_ms / 1000 * (1 + pace.node.quirks.drift)
+        window_ms = _parameter(pace.app, ParameterId.UL_TDOA_RANDOM_WINDOW)
+        if window_ms:
+            group.due_s += self._rng.uniform(-0.5, 0.5) * window_ms / 1000
         if group.due_s < loop.time() - 1:  # the process was stopped for a while: no rounds to catch up
             group.due_s = loop.time()
         group.timer = loop.call_at(group.due_s, self._round, session_id)
@@ -129,6 +147,9 @@ class Air:
                 self._later(session, [], [])
             return
         t_s = self._clock_s()
+        if leader.app.ranging_usage is RangingUsage.UL_TDOA:
+            self._blink(group, leader, t_s)
+            return
         led: list[TwoWayMeasurement] = []
         frames = leader.take_data()
         for mac in leader.app.destination_macs:
@@ -151,6 +172,36 @@ class Air:
                 self._later(session, [], [])
         self._rng.shuffle(led)
         self._later(leader, led, [])
+
+    def _blink(self, group: _Group, tag: NodeSession, t_s: float) -> None:
+        """One frame of a tag, time-stamped by whoever listens with the same key."""
+        for _, data in tag.take_data():
+            tag.blink_payload = data
+        group.blinks += 1
+        for anchor in group.members:
+            if anchor is tag or self.stamp is None or not _hears_blinks(tag.app, anchor.app):
+                continue
+            ticks = self.stamp(anchor.node.name, tag.node.name, t_s)
+            if ticks is None:
+                continue
+            record = OneWayMeasurement(
+                tag.app.mac_address,
+                FrameType.BLINK,
+                LineOfSight.CLEAR,
+                0,
+                0,
+                0,
+                0,
+                ticks % (1 << CLOCK_BITS),
+                group.blinks,
+                b"",
+                tag.blink_payload,
+            )
+            if self.jitter_ms <= 0:
+                anchor.report_blink((record,))
+            else:
+                delay_s = self._rng.random() * self.jitter_ms / 1000
+                asyncio.get_running_loop().call_later(delay_s, anchor.report_blink, (record,))
 
     def _record(self, observer: NodeSession, peer: NodeSession, t_s: float) -> TwoWayMeasurement:
         measured = self.measure(observer.node.name, peer.node.name, t_s)
@@ -228,3 +279,21 @@ def _same_air(lead: AppConfig, follow: AppConfig) -> bool:
 
 def _same_key(lead: AppConfig, follow: AppConfig) -> bool:
     return (lead.sts_config, lead.session_key) == (follow.sts_config, follow.session_key)
+
+
+def _hears_blinks(tag: AppConfig, anchor: AppConfig) -> bool:
+    """Whether an anchor listens for this tag's blinks, with its key."""
+    return (
+        tag.device_role is DeviceRole.UT_TAG
+        and anchor.device_role in (DeviceRole.UT_ANCHOR, DeviceRole.UT_SYNCHRONISATION_ANCHOR)
+        and anchor.ranging_usage is RangingUsage.UL_TDOA
+        and tag.mac_address in anchor.destination_macs
+        and (tag.channel, tag.preamble_code, tag.sfd_id, tag.rframe_config)
+        == (anchor.channel, anchor.preamble_code, anchor.sfd_id, anchor.rframe_config)
+        and _same_key(tag, anchor)
+    )
+
+
+def _parameter(app: AppConfig, identifier: int) -> int:
+    """A number among the parameters that have no field of their own; 0 where it is not given."""
+    return next((int.from_bytes(value, "little") for known, value in app.extra if known == identifier), 0)

@@ -27,7 +27,13 @@ from wonderland.uwb.uci.data import (
 )
 from wonderland.uwb.uci.errors import UciDecodeError
 from wonderland.uwb.uci.packets import DataFormat, Group, MessageType, encode_control, encode_data
-from wonderland.uwb.uci.ranging import MeasurementType, RangeData, TwoWayMeasurement, encode_range_data
+from wonderland.uwb.uci.ranging import (
+    MeasurementType,
+    OneWayMeasurement,
+    RangeData,
+    TwoWayMeasurement,
+    encode_range_data,
+)
 from wonderland.uwb.uci.session import (
     Command,
     Core,
@@ -95,6 +101,7 @@ class NodeSession:
         self.parameters: dict[int, bytes] = {}
         self.config: SessionConfig | None = None
         self.sequence = 0
+        self.blink_payload = b""
         self._data: deque[tuple[int, int, bytes]] = deque()
 
     @property
@@ -145,13 +152,25 @@ class NodeSession:
         out = b""
         if received is not None:
             out = encode_data(DataFormat.RECEIVE, encode_data_receive(received))
-        report = RangeData(
-            self.sequence, self.handle, 0, self.app.interval_ms, MeasurementType.TWO_WAY, 0, tuple(records)
-        )
+        out += self._notification(MeasurementType.TWO_WAY, two_way=tuple(records))
+        self.node.transmit(out)
+
+    def report_blink(self, records: tuple[OneWayMeasurement, ...]) -> None:
+        """What this anchor time-stamped of one blink."""
+        if self.state is SessionState.ACTIVE and self.node.sessions.get(self.handle) is self:
+            self.node.transmit(self._notification(MeasurementType.ONE_WAY, one_way=records))
+
+    def _notification(
+        self,
+        kind: MeasurementType,
+        *,
+        two_way: tuple[TwoWayMeasurement, ...] = (),
+        one_way: tuple[OneWayMeasurement, ...] = (),
+    ) -> bytes:
+        report = RangeData(self.sequence, self.handle, 0, self.app.interval_ms, kind, 0, two_way, one_way)
         self.sequence = (self.sequence + 1) & 0xFFFFFFFF
         payload = encode_range_data(report)
-        out += encode_control(MessageType.NOTIFICATION, Group.SESSION_CONTROL, SessionControlOp.START, payload)
-        self.node.transmit(out)
+        return encode_control(MessageType.NOTIFICATION, Group.SESSION_CONTROL, SessionControlOp.START, payload)
 
 
 class VirtualNode:

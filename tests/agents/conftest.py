@@ -44,7 +44,7 @@ from wonderland.proofs import encoding, keys
 from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.records.sessions import Claim, Evidence, Party, Session
+from wonderland.proofs.records.sessions import TICKS_PER_SECOND, Claim, Evidence, Party, Session
 from wonderland.proofs.statement import statement
 from wonderland.proofs.transcript import transcript_of
 from wonderland.proofs.verdict import decide
@@ -72,9 +72,12 @@ FAST_PAD = PadTiming(
 FAST_UAV = UavTiming(open_ms=4_000, pad_silence_ms=2_500, verdict_grace_ms=1_000)
 
 
-def commissioning(now_ms: int) -> Commissioning:
+def commissioning(now_ms: int, *, timed: bool = False) -> Commissioning:
+    """``timed``: the nodes share a clock, good to 5 mm."""
+    clock = {"clock_offset_mm": 0, "clock_sigma_mm": 5} if timed else {}
     return Commissioning.parse(
-        {
+        ({"timestamp_sigma_mm": 30} if timed else {})
+        | {
             "frame": FRAME.to_json(),
             "anchors": [
                 {
@@ -85,6 +88,7 @@ def commissioning(now_ms: int) -> Commissioning:
                     "up_mm": up,
                     "survey_sigma_mm": 3,
                     "bias": [{"range_mm": 0, "bias_mm": 0, "sigma_mm": 5}],
+                    **clock,
                 }
                 for index, (name, (east, north, up)) in enumerate(ANCHORS.items())
             ],
@@ -106,11 +110,28 @@ class Flight:
     claimed: tuple[float, float, float] = HERE
     silent: set[str] = field(default_factory=set)
     noise_mm: float = 20.0
+    ranged: tuple[float, float, float] | None = None
+    """Where the drone's radio makes the ranges say that it is, by lies about its own time stamps."""
+    clock_ms: int = 0
+    """How far the drone's clock is ahead."""
+
+    def range_mm(self, anchor: str, rng: random.Random) -> float:
+        return math.dist(ANCHORS[anchor], self.ranged or self.truth) + rng.gauss(0, self.noise_mm)
+
+    def stamp(self, anchor: str, sent_s: float, rng: random.Random) -> int:
+        """Ticks of the pad's common clock when the anchor hears what was sent then."""
+        away_m = (math.dist(ANCHORS[anchor], self.truth) + rng.gauss(0, 30.0)) / 1000
+        return round((sent_s + away_m / 299_792_458) * TICKS_PER_SECOND) % 2**40
 
     def claim(self, now_ms: int) -> Claim | None:
         lat_e7, lon_e7, height_mm = to_wgs84(FRAME, *(round(value) for value in self.claimed))
         return Claim(
-            lat_e7=lat_e7, lon_e7=lon_e7, height_mm=height_mm, accuracy_mm=500, height_accuracy_mm=500, t_ms=now_ms
+            lat_e7=lat_e7,
+            lon_e7=lon_e7,
+            height_mm=height_mm,
+            accuracy_mm=500,
+            height_accuracy_mm=500,
+            t_ms=now_ms + self.clock_ms,
         )
 
 
@@ -125,7 +146,7 @@ class World:
         self.flight = Flight()
         self.rng = random.Random(5)
         self.drawn: dict[tuple[str, float], Measurement] = {}
-        self.air = Air(self.measure, rng=random.Random(7))
+        self.air = Air(self.measure, rng=random.Random(7), stamp=self.stamp)
         self.ports: dict[str, PtyPort] = {}
         self.acted: list = []
         self.all_identities = None
@@ -155,9 +176,17 @@ class World:
         if key not in self.drawn:
             if len(self.drawn) > 64:
                 self.drawn.clear()
-            distance = math.dist(ANCHORS[anchor], self.flight.truth) + self.rng.gauss(0, self.flight.noise_mm)
+            distance = self.flight.range_mm(anchor, self.rng)
             self.drawn[key] = Measurement(round(distance), nlos=False, rssi_dbm=-80.0)
         return self.drawn[key]
+
+    def stamp(self, anchor: str, tag: str, t_s: float) -> int | None:
+        return None if anchor in self.flight.silent else self.flight.stamp(anchor, t_s, self.rng)
+
+    async def share_a_clock(self) -> None:
+        """Commission the pad anew, for time stamps."""
+        new = commissioning(self.clock(), timed=True)
+        await self.call("pad_operator", "CommissionPad", pad_id="pad-1", commissioning=new.to_json())
 
     async def set_up(self) -> None:
         now_ms = self.clock()
@@ -356,7 +385,9 @@ class Duo:
         self.now_ms = self.START_MS
         self.flight = flight or Flight()
         self.rng = random.Random(3)
-        self.commissioning = commissioning(self.now_ms)
+        self.commissioning = commissioning(self.now_ms, timed=more.get("timed", False))
+        self.blink_payload = b""
+        self.blinks = 0
         self.uav_key = private_key(77)
         pad_secret, uav_secret = private_key(5), private_key(6)
         blank = Session(
@@ -482,12 +513,16 @@ class Duo:
             frames, self._a_frames = self._a_frames, []
             if not both or "uav" in self.mute:
                 return
-            for name, position in ANCHORS.items():
+            self.blinks += 1
+            for name in ANCHORS:
                 if name in self.flight.silent:
                     continue
-                distance = math.dist(position, self.flight.truth) + self.rng.gauss(0, self.flight.noise_mm)
-                range_mm = round(distance / 10) * 10
+                range_mm = round(self.flight.range_mm(name, self.rng) / 10) * 10
                 self.tell_pad(pad_on.AnchorRange(name, self.now_ms, range_mm))
+                if self.pad.plan.blinks is not None:
+                    # The counter's end lies within the session.
+                    ticks = self.flight.stamp(name, 17.0 + (self.now_ms - self.START_MS) / 1000, self.rng)
+                    self.tell_pad(pad_on.FrameHeard(name, self.now_ms, self.blinks, ticks, self.blink_payload))
                 self.tell_uav(uav_on.OwnRange(0xA000 + list(ANCHORS).index(name), self.now_ms, range_mm))
             for frame in frames:
                 self.tell_pad(pad_on.DataHeard(frame))
@@ -505,6 +540,8 @@ class Duo:
                     self.evidence = action.evidence
                     if not self.ledger_away and self.ledger_state == "requested":
                         self._decide(action.evidence)
+                case pad_do.Permit():
+                    self.when.insert(0, (lambda duo: True, lambda duo: duo.tell_pad(pad_on.Permitted())))
                 case pad_do.Cancel():
                     self._cancel("pad", action.reason)
 
@@ -517,6 +554,8 @@ class Duo:
                     self.tell_uav(uav_on.RadiosOpened())
                 case uav_do.CloseRadios():
                     self._ranging["uav"] = False
+                case uav_do.AnswerInBlinks():
+                    self.blink_payload = action.answer
                 case uav_do.Sign():
                     self.tell_uav(uav_on.Signed(raw_from_der(key_signer(self.uav_key)(action.statement))))
                 case uav_do.Act():

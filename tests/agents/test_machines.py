@@ -419,3 +419,81 @@ def test_lost_frames_cost_time_and_no_verdict(make_duo, loss, seed):
     duo.run()
     assert duo.verdict.outcome == "verified"
     assert duo.ledger_state == "completed"
+
+
+# --- time stamps of the drone's frames ------------------------------------------------------------------------------
+
+
+def test_time_stamps_of_the_drones_frames_earn_assurance_3(make_duo):
+    duo = make_duo(timed=True, policy=Policy(min_assurance=3))
+    duo.run()
+    stamps = duo.evidence.time_stamps
+    assert stamps is not None
+    assert stamps.bound_by == "challenge"
+    assert [anchor.anchor_id for anchor in stamps.anchors] == ["A1", "A2", "A3", "A4"]
+    assert all(0 <= tick < 1000 for anchor in stamps.anchors for tick in anchor.ticks)
+    assert (duo.verdict.outcome, duo.verdict.permission, duo.verdict.assurance) == ("verified", "granted", 3)
+    assert "upper_bound" not in {reason.code for reason in duo.verdict.reasons}
+
+
+@pytest.mark.parametrize("level", [2, 3])
+def test_a_drone_that_lies_about_its_time_stamps_to_each_anchor_is_refuted(make_duo, make_flight, level):
+    """Its ranges fit the claim perfectly; all that gives it away is that it has one antenna."""
+    flight = make_flight(truth=(4_000.0, 3_000.0, 6_000.0), claimed=(7_000.0, 3_000.0, 6_000.0))
+    flight.ranged = flight.claimed
+    duo = make_duo(flight=flight, timed=True, policy=Policy(min_assurance=level))
+    duo.run()
+    assert (duo.verdict.outcome, duo.verdict.permission) == ("refuted", "refused")
+    assert "time_differences_contradict" in {reason.code for reason in duo.verdict.reasons}
+    untimed = make_duo(flight=flight, policy=Policy(min_assurance=2))
+    untimed.run()
+    assert untimed.verdict.outcome == "verified", "two-way ranging alone falls for it"
+
+
+def test_a_drone_without_time_stamps_is_not_verified_where_they_are_demanded(make_duo):
+    duo = make_duo(policy=Policy(min_assurance=3))
+    duo.run()
+    assert (duo.verdict.outcome, duo.verdict.assurance) == ("inconclusive", 2)
+    assert {"no_time_stamps", "assurance_too_low"} <= {reason.code for reason in duo.verdict.reasons}
+    assert len(duo.evidence.ranges.t_ms) <= 10, "and nobody ranges for longer because of it"
+
+
+def test_blinks_without_the_answer_to_the_challenge_do_not_count(make_duo):
+    duo = make_duo(timed=True, policy=Policy(min_assurance=3, max_rounds=30))
+    duo.pad._answer = b"another!"
+    duo.run()
+    assert duo.evidence.time_stamps is None
+    assert duo.verdict.outcome == "inconclusive"
+    assert duo.pad._frames.foreign > 0
+
+
+# --- the drone's clock ----------------------------------------------------------------------------------------------
+
+
+def test_the_echoes_tell_how_far_the_drones_clock_is_off(make_duo, make_flight):
+    duo = make_duo(flight=make_flight(clock_ms=0))
+    duo.run()
+    clock = duo.verdict.clock
+    assert clock is not None
+    assert clock.readings >= 3, "the reply, the echo and a claim"
+    assert -100 <= clock.offset_ms <= 100
+    assert clock.sigma_ms <= 50
+
+
+def test_the_match_is_dated_by_the_drone_and_the_reply_by_the_pad(make_duo):
+    duo = make_duo()
+    duo.run()
+    steps = duo.pad.evidence.steps
+    assert steps["match"] == duo.uav.steps["match"]
+    assert steps["poll"] <= steps["match"] < steps["reply"]
+
+
+def test_the_permission_is_dated_when_the_pad_has_opened(make_duo):
+    duo = make_duo()
+    duo.run()
+    assert duo.of(duo.pad_actions, pad_do.Permit)
+    assert duo.pad.evidence.steps["permission"] >= duo.pad.evidence.steps["verdict"]
+    quiet = make_duo()
+    quiet.tell_pad = lambda event: None if isinstance(event, pad_on.Permitted) else type(quiet).tell_pad(quiet, event)
+    quiet.run()
+    assert "permission" not in quiet.pad.evidence.steps

@@ -301,3 +301,22 @@ async def test_a_flood_of_requests_is_ended_and_the_next_drone_is_served(world, 
         assert any(end.end == "pad_overloaded" for end in ends)
         result = await uav.prove("pad-1", "land")
     assert result.verdict.outcome == "verified"
+
+
+async def test_the_whole_way_with_time_stamps_an_honest_drone_and_one_whose_radio_lies(world):
+    """Blinks over UCI, four ports, one clock: the ranges fit both claims, the time stamps only one."""
+    await world.share_a_clock()
+    await world.policy(min_assurance=3, session_ttl_ms=20_000)
+    async with world.pad(), world.uav() as uav:
+        honest = await uav.prove("pad-1", "land")
+        assert honest.verdict is not None
+        assert (honest.verdict.outcome, honest.verdict.assurance) == ("verified", 3), honest.verdict.reasons
+        assert honest.verdict.time_differences.frames >= 10
+        assert honest.verdict.clock.readings >= 3
+        world.flight.claimed = world.flight.ranged = (7_500.0, 3_000.0, 6_000.0)
+        world.drawn.clear()
+        liar = await uav.prove("pad-1", "land")
+    assert liar.verdict is not None
+    assert (liar.verdict.outcome, liar.verdict.permission) == ("refuted", "refused"), liar.verdict.reasons
+    assert "time_differences_contradict" in {reason.code for reason in liar.verdict.reasons}
+    assert len(world.acted) == 1

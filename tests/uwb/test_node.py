@@ -12,10 +12,12 @@ from pathlib import Path
 import pytest
 
 from simulator.uci_node import Quirks
-from wonderland.uwb.errors import NodeClosedError, NodeUnavailableError
+from wonderland.uwb.blinks import BlinkPlan
+from wonderland.uwb.errors import NodeClosedError, NodeUnavailableError, RangingPlanError
 from wonderland.uwb.events import (
     DataFailed,
     DataReceived,
+    FrameStamped,
     RangeMeasurement,
     RangingSilent,
     SessionFailed,
@@ -384,3 +386,51 @@ async def test_the_newest_events_are_kept_when_nobody_reads(world, plan: Plan) -
             session.push(RangingSilent(0, 0, number))
         assert session.events_dropped >= 900
         assert session.events_nowait()[-1] == RangingSilent(0, 0, 4_999)
+
+
+async def test_four_nodes_time_stamp_the_same_blinks_and_hear_their_payload(world) -> None:
+    plan_ = BlinkPlan(
+        session_id=0x8000_0001, pad_macs=(0xA001, 0xA002, 0xA003, 0xA004), uav_mac=0xD001, sts_key=b"k" * 16
+    )
+    other = BlinkPlan(session_id=0x8000_0001, pad_macs=plan_.pad_macs, uav_mac=plan_.uav_mac, sts_key=b"x" * 16)
+    world.air.stamp = lambda anchor, tag, t_s: 2**40 - 5 + PAD.index(anchor) * 100
+    paths = {name: world.add(name) for name in (*PAD, "uav")}
+    async with contextlib.AsyncExitStack() as stack:
+        nodes = {name: await stack.enter_async_context(node(path)) for name, path in paths.items()}
+        tag = await nodes["uav"].open_session(plan_.uav_tag())
+        anchors = [await nodes[name].open_session(plan_.pad_anchor(index)) for index, name in enumerate(PAD[:3])]
+        anchors.append(await nodes[PAD[3]].open_session(other.pad_anchor(3)))  # another key: it hears nothing
+        await tag.send(b"answer")
+        heard: list[list[FrameStamped]] = [[] for _ in anchors]
+
+        def gather() -> bool:
+            for session, seen in zip(anchors, heard, strict=True):
+                seen += [event for event in session.events_nowait() if isinstance(event, FrameStamped)]
+            return all(len([event for event in seen if event.payload == b"answer"]) >= 3 for seen in heard[:3])
+
+        await until(gather, 20.0)
+    assert not heard[3]
+    numbers = {event.number for event in heard[0]} & {event.number for event in heard[1]}
+    assert numbers, "the tag's own count is the same at every node"
+    assert {event.ticks for event in heard[0]} == {2**40 - 5}
+    assert {event.ticks for event in heard[1]} == {95}, "the counter has 40 bits"
+    assert {event.tag_mac for event in heard[2]} == {0xD001}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"session_id": 0},
+        {"pad_macs": ()},
+        {"uav_mac": 0xA001},
+        {"sts_key": b"short"},
+        {"interval_ms": 5},
+        {"window_ms": 50},
+        {"payload": bytes(17)},
+    ],
+)
+def test_a_plan_of_blinks_that_cannot_work_is_refused(change: dict[str, object]) -> None:
+    good: dict[str, object] = {"session_id": 1, "pad_macs": (0xA001, 0xA002), "uav_mac": 0xD001, "sts_key": bytes(16)}
+    BlinkPlan(**good)  # type: ignore[arg-type]
+    with pytest.raises(RangingPlanError):
+        BlinkPlan(**(good | change))  # type: ignore[arg-type]

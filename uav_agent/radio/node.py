@@ -1,9 +1,14 @@
-"""One node in two sessions: controller of the ranging session, controlee of the one that carries the pad's words."""
+"""One node in several sessions: it leads the ranging session, hears the pad's words in another, and blinks.
+
+Blinks (session C, and another for a witness) are for the pads' time stamps; a node that cannot blink ranges all the
+same, and the proof has no time differences.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from collections.abc import Coroutine
 from pathlib import Path
 from types import TracebackType
@@ -12,11 +17,14 @@ from typing import Self
 from uav_agent.session.events import DataHeard, OwnRange, RadiosFailed
 from uav_agent.session.ports import Sink
 from wonderland.clock import Clock
-from wonderland.uwb.errors import NodeError
+from wonderland.uwb.blinks import BlinkPlan
+from wonderland.uwb.errors import NodeError, UwbError
 from wonderland.uwb.events import DataReceived, RangeMeasurement, SessionFailed
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.node import UwbNode, UwbSession
 from wonderland.uwb.serial_port import Opener
+
+_log = logging.getLogger(__name__)
 
 READY_GRACE_S = 3.0
 """A node that is away when a session begins gets this long to come back."""
@@ -28,6 +36,8 @@ class UavRadio:
     def __init__(self, port: Path | str | Opener, clock: Clock, *, name: str = "drone's node") -> None:
         self._node = UwbNode(port, name=name, clock=clock)
         self._ranging: UwbSession | None = None
+        self._blinks: UwbSession | None = None
+        self._answer = b""
         self._sessions: list[UwbSession] = []
         self._readers: list[asyncio.Task[None]] = []
 
@@ -52,6 +62,34 @@ class UavRadio:
         self._ranging = await self._node.open_session(plan.uav_ranging())
         self._sessions.append(self._ranging)
         self._read(self._measure(self._ranging, frozenset(plan.pad_macs), sink))
+        # Not waited for: ranging begins meanwhile, and goes on where the node cannot blink.
+        if plan.blinks is not None:
+            self._read(self._blink(plan.blinks))
+        if plan.witness_blinks is not None:
+            self._read(self._blink(plan.witness_blinks, for_witness=True))
+
+    async def answer_in_blinks(self, answer: bytes) -> None:
+        """Let each blink for the pad carry this from now on. Raises UwbError."""
+        self._answer = answer
+        if self._blinks is not None:
+            await self._blinks.send(answer)
+
+    async def _blink(self, plan: BlinkPlan, *, for_witness: bool = False) -> None:
+        try:
+            session = await self._node.open_session(plan.uav_tag())
+            self._sessions.append(session)
+            payload = plan.payload
+            if not for_witness:
+                self._blinks = session
+                payload = self._answer or payload
+            if payload:
+                await session.send(payload)
+        except UwbError as error:
+            _log.warning("no blinks in session %#010x: %s", plan.session_id, error)
+            return
+        async for event in session.events():
+            if isinstance(event, SessionFailed):
+                _log.warning("no blinks any more: %s", event.error)
 
     async def send(self, frame: bytes) -> None:
         """Hand a frame to the node. Raises NodeError; whether it is heard nobody knows."""
@@ -63,7 +101,8 @@ class UavRadio:
         """Stop both sessions. Never raises."""
         readers, self._readers = self._readers, []
         sessions, self._sessions = self._sessions, []
-        self._ranging = None
+        self._ranging = self._blinks = None
+        self._answer = b""
         for reader in readers:
             reader.cancel()
         for reader in readers:

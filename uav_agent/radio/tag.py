@@ -83,6 +83,9 @@ class TagRadio(asyncio.DatagramProtocol):
             raise NodeError("no session is open")
         self._out(self._carrier.words(frame))
 
+    async def answer_in_blinks(self, answer: bytes) -> None:
+        """This board does not blink; nothing to do."""
+
     async def close_session(self) -> None:
         """Report nothing more. Never raises."""
         self._carrier = self._sink = None

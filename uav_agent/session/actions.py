@@ -21,6 +21,13 @@ class CloseRadios:
 
 
 @dataclass(frozen=True, slots=True)
+class AnswerInBlinks:
+    """From now on the blinks shall carry this answer."""
+
+    answer: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class Sign:
     """Sign these octets with the drone's ledger key; answer with Signed or SignFailed."""
 
@@ -77,4 +84,6 @@ class Finish:
     detail: str = ""
 
 
-UavAction = OpenRadios | CloseRadios | Sign | Act | StopActing | Complete | Cancel | ReportStep | Finish
+UavAction = (
+    OpenRadios | CloseRadios | AnswerInBlinks | Sign | Act | StopActing | Complete | Cancel | ReportStep | Finish
+)

@@ -29,6 +29,7 @@ from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import MAX_CLAIMS, AnchorRanges, Claim, RangeTable, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.statement import statement
+from wonderland.uwb.blinks import BlinkPlan, blink_plan
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.link.messages import AbortReason
 from wonderland.uwb.link.proof_payloads import RangesPart
@@ -77,6 +78,7 @@ class UavSession:
         now_ms: int,
         timing: UavTiming | None = None,
         whole_certificate: bool = False,
+        witness_blinks: BlinkPlan | None = None,
     ) -> None:
         self.session: Final = session
         self.phase = Phase.OPENING
@@ -94,7 +96,10 @@ class UavSession:
             pad_macs=tuple(anchor.mac for anchor in commissioning.anchors),
             uav_mac=keys.uav_mac,
             sts_key=keys.sts_key,
+            blinks=blink_plan(keys, commissioning),
+            witness_blinks=witness_blinks,
         )
+        self._answer = keys.answer
         self._words = UavWords(
             session,
             keys,
@@ -193,6 +198,8 @@ class UavSession:
                     self._polled(heard.octets, now_ms, actions)
                 case Word.CHALLENGE if self.phase in {Phase.RANGING, Phase.SIGNING}:
                     self._words.echo(heard.octets, now_ms)
+                    if self._plan.blinks is not None:
+                        actions.append(do.AnswerInBlinks(self._answer(heard.octets)))
                 case Word.RANGES if heard.ranges is not None:
                     self._told(heard.ranges, now_ms, actions)
                 case Word.REPLY_DELIVERED | Word.IDENTITY | Word.SIGNATURE_DELIVERED:

@@ -29,6 +29,9 @@ class Radio(Protocol):
     async def send(self, frame: bytes) -> None:
         """Hand a frame to the node; raises UwbError."""
 
+    async def answer_in_blinks(self, answer: bytes) -> None:
+        """Let each blink carry this from now on, where the node blinks; raises UwbError."""
+
     async def close_session(self) -> None:
         """Stop both UWB sessions; never raises."""
 

@@ -135,6 +135,8 @@ class SessionRunner:
                     self._start(self._open(action.plan))
                 case do.CloseRadios():
                     await self._radio.close_session()
+                case do.AnswerInBlinks():
+                    self._start(self._answer_in_blinks(action.answer))
                 case do.Sign():
                     self._sign(action.statement)
                 case do.Act():
@@ -165,6 +167,12 @@ class SessionRunner:
             self.deliver(on.RadiosFailed(str(error) or type(error).__name__))
         else:
             self.deliver(on.RadiosOpened())
+
+    async def _answer_in_blinks(self, answer: bytes) -> None:
+        try:
+            await self._radio.answer_in_blinks(answer)
+        except UwbError as error:
+            _log.warning("the blinks carry no answer, so that the pad cannot use their time stamps: %s", error)
 
     def _sign(self, statement: bytes) -> None:
         try:

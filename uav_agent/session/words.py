@@ -19,9 +19,9 @@ from wonderland.uwb.link.messages import (
     Echo,
     Identity,
     MessageType,
+    Reply,
     decode_challenge,
     decode_code,
-    encode_code,
     encode_signature,
 )
 from wonderland.uwb.link.proof_payloads import ClaimBatch, RangesPart
@@ -87,7 +87,7 @@ class UavWords:
     def reply(self, now_ms: int) -> None:
         """Step 4: the drone's session code, and who it is: its certificate's hash, or the certificate."""
         self._now_ms = now_ms
-        self._reply_id = self._send(MessageType.REPLY, encode_code(self._code))
+        self._reply_id = self._send(MessageType.REPLY, Reply(self._code, now_ms).encode())
         identity = (
             Identity(certificate_der=self._certificate)
             if self._whole_certificate

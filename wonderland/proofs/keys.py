@@ -19,6 +19,7 @@ from wonderland.proofs.errors import KeyAgreementError
 
 _LABEL: Final = b"wonderland/1 "
 _PUBLIC_BYTES: Final = 65
+ANSWER_BYTES: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +48,18 @@ class SessionKeys:
     """UCI id of the session that carries words from pad to drone."""
     link_session: bytes
     """4 B that name the session in each frame of the link."""
+    session_c: int
+    """UCI id of the session in which the drone blinks and the pad's nodes time-stamp."""
+    sts_key_blinks: bytes = field(repr=False)
+    """16 B, session key of the blinks' scrambled time-stamp sequence."""
+    answer_key: bytes = field(repr=False)
+    """32 B, key of the answer that rides in each blink (``answer``)."""
     uav_mac: int
     """Short UWB address of the drone in this session: nothing to follow from one session to the next."""
+
+    def answer(self, challenge: bytes) -> bytes:
+        """The answer (8 B) to a challenge, carried in each blink; for a witness, who has no words, to no challenge."""
+        return hmac.new(self.answer_key, challenge, hashlib.sha256).digest()[:ANSWER_BYTES]
 
 
 def new_key() -> ec.EllipticCurvePrivateKey:
@@ -88,6 +99,10 @@ def derive(secret: bytes, transcript_digest: bytes) -> SessionKeys:
         # Ids of the two UCI sessions differ in their lowest bit, so that they can not be the same.
         session_a=int.from_bytes(names[:4], "big") & 0x7FFFFFFE or 2,
         session_b=int.from_bytes(names[:4], "big") & 0x7FFFFFFE | 1,
+        # The third one has the highest bit, which they have not.
+        session_c=int.from_bytes(names[4:8], "big") | 0x80000000,
+        sts_key_blinks=_expand(root, b"sts blinks", 16),
+        answer_key=_expand(root, b"answer", 32),
         link_session=names[8:12],
         # 0xB000–0xBFFF: apart from the addresses that pads give their own nodes (0xA000 and up).
         uav_mac=0xB000 | int.from_bytes(names[12:14], "big") & 0x0FFF,

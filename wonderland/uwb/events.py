@@ -26,6 +26,22 @@ class RangeMeasurement(NamedTuple):
     rssi_dbm: float | None
 
 
+class FrameStamped(NamedTuple):
+    """One frame of a tag as this node time-stamped it, on the clock that the pad's nodes share (uplink TDoA).
+
+    ``t_ms``: arrival of the report on the node's clock. ``ticks``: 15.65 ps each, of a counter of 40 bits. ``number``:
+    the tag's count of its frames, the same at every node. ``payload``: what the tag's host put into it.
+    """
+
+    t_ms: int
+    session_id: int
+    tag_mac: int
+    number: int
+    ticks: int
+    nlos: bool | None
+    payload: bytes
+
+
 @dataclass(frozen=True, slots=True)
 class RangingSilent:
     """A round in which the node heard nobody (a report without records)."""
@@ -85,6 +101,7 @@ class SessionFailed:
 
 SessionEvent = (
     RangeMeasurement
+    | FrameStamped
     | RangingSilent
     | DataReceived
     | DataFailed

@@ -7,7 +7,7 @@
   In-band data goes pad → drone; it yields one more range.
 
 Data travels from the initiator to responders only, hence two sessions. Both use provisioned STS with a key that lives
-for one proof.
+for one proof. A third session, in which the drone blinks and the pad's nodes time-stamp, is ``blinks``.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
+from wonderland.uwb.blinks import BlinkPlan
 from wonderland.uwb.errors import RangingPlanError
 from wonderland.uwb.uci.config import (
     SESSION_KEY_SIZES,
@@ -53,6 +54,10 @@ class RangingPlan:
     interval_b_ms: int = 100
     slot_duration_rstu: int = 2400
     slots_per_round: int = 12
+    blinks: BlinkPlan | None = None
+    """Session C, for pads whose nodes share a clock."""
+    witness_blinks: BlinkPlan | None = None
+    """The same for a second pad that is the witness."""
 
     def __post_init__(self) -> None:
         for name in ("session_a_id", "session_b_id"):

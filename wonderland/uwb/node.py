@@ -15,6 +15,7 @@ from wonderland.uwb.errors import NodeClosedError, NodeUnavailableError
 from wonderland.uwb.events import (
     DataFailed,
     DataReceived,
+    FrameStamped,
     RangeMeasurement,
     RangingSilent,
     SessionEvent,
@@ -37,7 +38,7 @@ from wonderland.uwb.uci.device_events import (
     SessionMessage,
     StreamResynchronised,
 )
-from wonderland.uwb.uci.ranging import RangeData
+from wonderland.uwb.uci.ranging import FrameType, RangeData
 from wonderland.uwb.uci.session import DeviceInfo
 from wonderland.uwb.uci.status import SessionState, Status, TransferStatus
 
@@ -415,6 +416,19 @@ class UwbNode:
                         m.rssi_dbm,
                     )
                 )
+            for blink in message.one_way:
+                if blink.frame_type == FrameType.BLINK:  # what keeps the anchors' clocks together is their own affair
+                    session.push(
+                        FrameStamped(
+                            now_ms,
+                            session_id,
+                            blink.mac_address & 0xFFFF,
+                            blink.frame_number,
+                            blink.timestamp_ticks,
+                            blink.obstructed,
+                            blink.blink_payload,
+                        )
+                    )
         elif isinstance(message, DataReceive):
             if message.data and message.status == Status.OK:  # nodes send empty ones when there was nothing to hear
                 session.push(DataReceived(now_ms, session_id, message.source & 0xFFFF, message.data))

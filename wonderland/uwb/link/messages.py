@@ -19,6 +19,7 @@ HASH_OCTETS: Final = 32
 SIGNATURE_OCTETS: Final = 64
 MAX_REASON_OCTETS: Final = 200
 _ECHO: Final = struct.Struct(">8sQ")
+_REPLY: Final = struct.Struct(">16sQ")
 
 
 class MessageType(IntEnum):
@@ -27,7 +28,7 @@ class MessageType(IntEnum):
     POLL = 1
     """pad → UAV: the pad's session code (16 octets). Step 2 of the proof."""
     REPLY = 2
-    """UAV → pad: the UAV's session code (16 octets). Step 4."""
+    """UAV → pad: ``Reply``: the UAV's session code and when it matched the pad's. Step 4."""
     IDENTITY = 3
     """Both ways: ``Identity``: certificate hash or whole certificate."""
     CLAIMS = 4
@@ -47,12 +48,12 @@ class MessageType(IntEnum):
 
 
 def encode_code(code: bytes) -> bytes:
-    """Payload of POLL and REPLY; raises ``PayloadError`` unless it has 16 octets."""
+    """Payload of POLL; raises ``PayloadError`` unless it has 16 octets."""
     return _exactly("session code", code, CODE_OCTETS)
 
 
 def decode_code(payload: bytes) -> bytes:
-    """The session code of a POLL or REPLY payload; compare it in constant time (``hmac.compare_digest``)."""
+    """The session code of a POLL payload; compare it in constant time (``hmac.compare_digest``)."""
     return _exactly("session code", payload, CODE_OCTETS)
 
 
@@ -120,6 +121,25 @@ class Echo:
     def decode(cls, payload: bytes) -> Echo:
         """Raises ``PayloadError`` unless the payload has 16 octets."""
         return cls(*_ECHO.unpack(_exactly("echo", payload, _ECHO.size)))
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """Answer to a poll: the UAV's session code (16 octets) and ``matched_ms``, its clock when it matched the pad's."""
+
+    code: bytes
+    matched_ms: int
+
+    def encode(self) -> bytes:
+        """24 octets."""
+        if not 0 <= self.matched_ms < 1 << 64:
+            raise PayloadError(f"reply: matched_ms {self.matched_ms} does not fit in 64 bits")
+        return _REPLY.pack(_exactly("session code", self.code, CODE_OCTETS), self.matched_ms)
+
+    @classmethod
+    def decode(cls, payload: bytes) -> Reply:
+        """Raises ``PayloadError`` unless the payload has 24 octets; compare the code in constant time."""
+        return cls(*_REPLY.unpack(_exactly("reply", payload, _REPLY.size)))
 
 
 class AbortReason(IntEnum):

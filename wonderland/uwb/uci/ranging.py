@@ -22,6 +22,8 @@ INVALID_DISTANCE_CM: Final = 0xFFFF
 MAX_RECORDS: Final = 0xFF
 TICK_S: Final = 1 / (128 * 499.2e6)
 """Seconds per time-stamp tick: 15.65 ps, 4.7 mm of light."""
+CLOCK_BITS: Final = 40
+"""The counter behind a time stamp begins anew every 17.2 s."""
 
 
 class MeasurementType(IntEnum):
@@ -29,6 +31,13 @@ class MeasurementType(IntEnum):
 
     ONE_WAY = 0
     TWO_WAY = 1
+
+
+class FrameType(IntEnum):
+    """What an uplink TDoA anchor time-stamped."""
+
+    BLINK = 0
+    SYNCHRONISATION = 1
 
 
 class LineOfSight(IntEnum):
@@ -92,6 +101,11 @@ class OneWayMeasurement(NamedTuple):
     frame_number: int
     device_info: bytes = b""
     blink_payload: bytes = b""
+
+    @property
+    def obstructed(self) -> bool | None:
+        """Whether the anchor thinks that the direct path is blocked; None when it cannot tell."""
+        return None if self.nlos not in (LineOfSight.CLEAR, LineOfSight.OBSTRUCTED) else bool(self.nlos)
 
 
 class RangeData(NamedTuple):
