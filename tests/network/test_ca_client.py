@@ -244,3 +244,28 @@ async def test_any_json_is_an_answer_or_a_typed_error(ca, registrar, body, statu
                 await call
             except CaError:
                 continue
+
+
+@pytest.mark.parametrize("said", ["Wed, 21 Oct 2026 07:28:00 GMT", "Wed, 21 Oct 2026 07:28:00 -0000"])
+async def test_the_servers_time_is_read(ca, said):
+    result = {"CAName": "ca-pad", "CAChain": _encoded(b"pem"), "Version": "1.5"}
+
+    async def handle(_request):
+        return httpx.Response(200, headers={"date": said}, json={"success": True, "result": result, "errors": []})
+
+    root = ca.root_pem(Kind.TLS)
+    async with FabricCaClient("ca.example.org:7054", "c", root, transport=httpx.MockTransport(handle)) as client:
+        assert (await client.info()).now == dt.datetime(2026, 10, 21, 7, 28, tzinfo=dt.UTC)
+
+
+@pytest.mark.parametrize("said", [None, "yesterday", "Wed, 99 Oct 2026 07:28:00 GMT"])
+async def test_a_server_without_a_time_is_borne(ca, said):
+    result = {"CAName": "ca-pad", "CAChain": _encoded(b"pem"), "Version": "1.5"}
+
+    async def handle(_request):
+        headers = {} if said is None else {"date": said}
+        return httpx.Response(200, headers=headers, json={"success": True, "result": result, "errors": []})
+
+    root = ca.root_pem(Kind.TLS)
+    async with FabricCaClient("ca.example.org:7054", "c", root, transport=httpx.MockTransport(handle)) as client:
+        assert (await client.info()).now is None

@@ -160,3 +160,38 @@ def test_looking_disturbs_nobody(table):
     while time.monotonic() < deadline and table.pid("server") is None:
         table.start(launch)
     assert table.pid("server") is not None
+
+
+async def test_logs_are_put_aside_while_the_process_writes_on(table):
+    script = "import sys, time\nwhile True: print('x' * 99, flush=True); time.sleep(0.001)"
+    table.start(Launch("writer", (sys.executable, "-c", script)))
+    log = table.log("writer")
+    while not log.exists() or log.stat().st_size < 10_000:
+        await asyncio.sleep(0.01)
+    assert table.shorten_logs(limit=100 << 20) == []
+    assert table.shorten_logs(limit=5_000) == ["writer"]
+    aside = log.with_name("writer.log.1")
+    assert aside.stat().st_size >= 10_000
+    assert aside.stat().st_mode & 0o077 == 0
+    while log.stat().st_size == 0:
+        await asyncio.sleep(0.01)
+    assert log.read_bytes()[:5] == b"xxxxx"  # no hole where the former lines were
+
+
+async def test_only_the_last_run_counts_for_the_remedy(table):
+    table.log("broken").write_text("panic: no space left on device\n")
+    launch = Launch("broken", (sys.executable, "-c", "import sys; sys.exit('bind: address already in use')"))
+    table.start(launch)
+    while table.pid("broken") is not None:
+        await asyncio.sleep(0.01)
+    assert "another program has its port" in table.failure("broken", "ended").remedy
+
+
+def test_a_go_programs_stacks_are_left_out(table):
+    stack = "".join(f"main.f{number}()\n\t/src/f.go:{number}\n" for number in range(100))
+    table.log("peer").write_text(
+        f"2026 INFO starting\npanic: write db: no space left on device\n\ngoroutine 1:\n{stack}"
+    )
+    error = table.failure("peer", "ended")
+    assert error.log_tail.splitlines()[-1] == "panic: write db: no space left on device"
+    assert "make room" in error.remedy

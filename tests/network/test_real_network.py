@@ -245,6 +245,7 @@ def test_a_port_that_somebody_took_is_said_before_anything_starts(running):
     [
         (dt.timedelta(days=400), r"expired on .*Next: `wonderland network renew`"),
         (-dt.timedelta(hours=1), r"valid only from .*Next: set the clock right"),
+        (dt.timedelta(hours=1), r"\.ca: its clock says .*Next: set both clocks right"),
     ],
 )
 def test_an_expired_certificate_or_a_wrong_clock_is_said(running, shift, says):

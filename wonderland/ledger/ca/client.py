@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import base64
 import binascii
+import datetime as dt
 import ipaddress
 import json
 import ssl
 from dataclasses import dataclass
+from email.utils import parsedate_to_datetime
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import httpx
@@ -60,11 +62,12 @@ class FabricCaAnswerError(CaError):
 
 @dataclass(frozen=True)
 class CaInfo:
-    """What a CA says of itself. `chain_pem` ends in its root."""
+    """What a CA says of itself. `chain_pem` ends in its root; `now` is its time (aware), None when it says none."""
 
     name: str
     chain_pem: bytes
     version: str
+    now: dt.datetime | None = None
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,7 @@ class FabricCaClient:
     ) -> None:
         self.address: Final = address
         self.ca_name: Final = ca_name
+        self._said_at: dt.datetime | None = None
         try:
             context = ssl.create_default_context(cadata=tls_root_pem.decode("ascii"))
         except (ssl.SSLError, UnicodeDecodeError) as cause:
@@ -116,9 +120,11 @@ class FabricCaClient:
         await self._http.aclose()
 
     async def info(self) -> CaInfo:
-        """The CA's name, chain and version. Raises `CaError`."""
+        """The CA's name, chain, version and time. Raises `CaError`."""
         result = await self._call("POST", "/api/v1/cainfo", {})
-        return CaInfo(_text(result, "CAName"), _base64(result, "CAChain"), str(result.get("Version", "")))
+        return CaInfo(
+            _text(result, "CAName"), _base64(result, "CAChain"), str(result.get("Version", "")), self._said_at
+        )
 
     async def enrol(
         self,
@@ -233,6 +239,7 @@ class FabricCaClient:
             response = await self._http.send(request, auth=basic, stream=True)
             try:
                 answer = await _bounded(response)
+                self._said_at = _http_date(response.headers.get("date", ""))
             finally:
                 await response.aclose()
         except httpx.HTTPError as cause:
@@ -317,6 +324,14 @@ def _enrolment(name: str, key: ec.EllipticCurvePrivateKey, profile: str, hosts: 
 
 def _attributes(attributes: Mapping[str, str] | None) -> list[dict[str, Any]]:
     return [{"name": name, "value": value, "ecert": True} for name, value in (attributes or {}).items()]
+
+
+def _http_date(text: str) -> dt.datetime | None:
+    try:
+        moment = parsedate_to_datetime(text)
+    except ValueError:
+        return None
+    return moment if moment.tzinfo is not None else moment.replace(tzinfo=dt.UTC)
 
 
 async def _bounded(response: httpx.Response) -> bytes:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from wonderland.ledger.network.hosts import Hosts
 
 _SECRET_BYTES: Final = 24
+MAX_CLOCK_DIFFERENCE: Final = dt.timedelta(minutes=5)
 _SETTINGS: Final = "fabric-ca-server-config.yaml"
 
 
@@ -168,6 +169,16 @@ class Authority:
         """The CA of TLS certificates."""
         assert self._tls_ca is not None
         return self._tls_ca
+
+    async def require_clock(self) -> None:
+        """Raise `CertificateStateError` when this machine's clock is far from the CA's; `CaError` without an answer."""
+        said, here = (await self.ca.info()).now, self._now()
+        if said is not None and abs(said - here) > MAX_CLOCK_DIFFERENCE:
+            raise CertificateStateError(
+                f"{self.component}: its clock says {said:%Y-%m-%d %H:%M} UTC, this machine's {here:%Y-%m-%d %H:%M} "
+                "UTC; Fabric refuses what is more than 15 minutes off. Next: set both clocks right (NTP), then run "
+                "this again"
+            )
 
     async def registrar(self) -> SigningIdentity:
         """Who registers and revokes identities."""

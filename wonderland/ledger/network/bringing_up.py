@@ -182,6 +182,7 @@ class BringUp:
                     *([ensure_contract_tls(authority)] if msp_id in network.endorsers else []),
                 ]
             )
+            await authority.require_clock()
         except NetworkError:
             raise
         except LedgerError as error:

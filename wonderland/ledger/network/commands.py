@@ -140,10 +140,15 @@ def status(*, directory: Path, as_json: bool) -> None:
 @dir_option
 @click.option("-n", "--lines", default=20, show_default=True, type=click.IntRange(1, 100_000), help="How many lines.")
 @click.option("-f", "--follow", is_flag=True, help="Go on showing what is added (one component).")
-def logs(*, component: str | None, directory: Path, lines: int, follow: bool) -> None:
+@click.option("--shorten", is_flag=True, help="Put aside logs of more than 64 MiB (NAME.log.1) and begin new ones.")
+def logs(*, component: str | None, directory: Path, lines: int, follow: bool, shorten: bool) -> None:
     """Show the end of what COMPONENT wrote (PadMSP.peer0, OrdererMSP.orderer0, PadMSP.ca, …), or of all."""
     processes = open_at(directory).processes
     names = processes.names()
+    if shorten:
+        done = processes.shorten_logs()
+        click.echo(f"begun anew: {', '.join(done)}" if done else "no log is longer than 64 MiB")
+        return
     if component is None:
         for name in names:
             click.secho(f"{name}  {processes.log(name)}", bold=True)
@@ -310,6 +315,7 @@ def renew(*, name: str, directory: Path, msp_id: str | None, days: int, everythi
     made = open_at(directory)
     wanted = renewal.Wanted(days, everything, name)
     with made.directory.lock(), progress(quiet=as_json) as report:
+        made.processes.shorten_logs()
 
         async def run() -> list[str]:
             return await renewal.renew(made, await servers.check(), wanted, report, msp_id=msp_id)

@@ -11,6 +11,8 @@ import asyncio
 import contextlib
 import fcntl
 import os
+import re
+import shutil
 import signal
 import socket
 import time
@@ -23,11 +25,14 @@ from wonderland.ledger.network.errors import ComponentError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+MAX_LOG_BYTES: Final = 64 << 20
+"""A log that is longer is put aside; see `ProcessTable.shorten_logs`."""
 STOP_S: Final = 15.0
 READY_S: Final = 60.0
 _POLL_S: Final = 0.01
 _TAIL_BYTES: Final = 32_768
 _TAIL_LINES: Final = 15
+_GAVE_UP: Final = re.compile(r"^panic: |\bPANI\b|\bFATA\b|^fatal error: ")
 _LOCK_HANDLE: Final = 9
 # The shell writes the id of the process that it then becomes.
 _BECOME: Final = f'echo $$ >&{_LOCK_HANDLE}; exec "$@"'
@@ -51,6 +56,7 @@ class ProcessTable:
     def __init__(self, run: Path, logs: Path) -> None:
         self._run = run
         self._logs = logs
+        self._begun: dict[str, int] = {}
 
     def pid(self, name: str) -> int | None:
         """The id of a process that runs, or None."""
@@ -82,7 +88,9 @@ class ProcessTable:
         try:
             self._take(handle, launch.name)
             os.truncate(handle, 0)
+            self._shorten(launch.name)
             log = str(self.log(launch.name))
+            self._begun[launch.name] = _size(self.log(launch.name))
             environment = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
             pid = os.posix_spawn(
                 "/bin/sh",
@@ -136,19 +144,45 @@ class ProcessTable:
 
     def tail(self, name: str, lines: int = _TAIL_LINES) -> str:
         """The end of a component's log."""
+        return "\n".join(self._written(name)[-lines:])
+
+    def failure(self, name: str, reason: str) -> ComponentError:
+        """An error with the last words of the component, as it ran last, and the remedy where they show it."""
+        written = self._written(name, self._begun.get(name, 0))
+        tail = "\n".join(_last_words(written))
+        return ComponentError(
+            name, reason, log_tail=tail, remedy=_remedy("\n".join(written)) or f"see {self.log(name)}"
+        )
+
+    def _written(self, name: str, since: int = 0) -> list[str]:
         try:
             with self.log(name).open("rb") as file:
                 file.seek(0, os.SEEK_END)
-                file.seek(max(0, file.tell() - _TAIL_BYTES))
-                text = file.read().decode(errors="replace")
+                end = file.tell()
+                file.seek(max(since if since <= end else 0, end - _TAIL_BYTES))
+                return file.read().decode(errors="replace").splitlines()
         except OSError:
-            return ""
-        return "\n".join(text.splitlines()[-lines:])
+            return []
 
-    def failure(self, name: str, reason: str) -> ComponentError:
-        """An error with the end of the component's log and, where that shows it, the remedy."""
-        tail = self.tail(name)
-        return ComponentError(name, reason, log_tail=tail, remedy=_remedy(tail) or f"see {self.log(name)}")
+    def shorten_logs(self, limit: int = MAX_LOG_BYTES) -> list[str]:
+        """Put aside the logs that are longer, in the place of those put aside before; whose they are.
+
+        Whoever writes goes on; what it writes between the copy and the cut is lost. Raises `ComponentError`.
+        """
+        return [name for name in self.names() if self._shorten(name, limit)]
+
+    def _shorten(self, name: str, limit: int = MAX_LOG_BYTES) -> bool:
+        log = self.log(name)
+        try:
+            if not log.exists() or log.stat().st_size <= limit:
+                return False
+            aside = log.with_name(f"{log.name}.1")
+            aside.touch(mode=0o600)
+            shutil.copyfile(log, aside)
+            os.truncate(log, 0)
+        except OSError as cause:
+            raise ComponentError(name, f"its log {log} cannot be put aside ({cause.strerror})") from cause
+        return True
 
     def _take(self, handle: int, name: str) -> None:
         # Somebody who just looks holds the lock for a moment, too.
@@ -171,6 +205,14 @@ _REMEDIES: Final[Sequence[tuple[str, str]]] = (
 )
 
 
+def _last_words(written: list[str]) -> list[str]:
+    """The end of a log; of a Go program that gave up, the reason and what led to it, without the stacks."""
+    found = [index for index, line in enumerate(written) if _GAVE_UP.search(line)]
+    if not found:
+        return written[-_TAIL_LINES:]
+    return written[: found[-1] + 1][-_TAIL_LINES:]
+
+
 def _remedy(log: str) -> str:
     low = log.lower()
     return next((remedy for sign, remedy in _REMEDIES if sign in low), "")
@@ -181,6 +223,13 @@ def _open(path: Path, flags: int) -> int | None:
         return os.open(path, flags | os.O_CLOEXEC, 0o600)
     except OSError:
         return None
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0
 
 
 def _is_reaped(pid: int) -> bool:
