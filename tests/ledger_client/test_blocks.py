@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from wonderland.ledger.blocks import BlockHeader, TransactionType, block_signatures, data_hash, parse_block
 from wonderland.ledger.errors import BlockError
 from wonderland.ledger.signing import verify
-from wonderland.ledger.transactions import RangeQuery, Read, Version, Write, code_name
+from wonderland.ledger.transactions import RangeQuery, Read, ReadsSummary, Version, Write, code_name
 
 MODERATE = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -66,7 +66,7 @@ def test_a_transaction(maker, pad, peer):
     assert access.writes == (Write("c", b"value", is_delete=False), Write("d", b"", is_delete=True))
     assert access.range_queries == (
         RangeQuery("p", "q", exhausted=True, reads=(Read("p1", Version(3, 1)),)),
-        RangeQuery("r", "", exhausted=False, reads=None),
+        RangeQuery("r", "", exhausted=False, reads=None, summary=ReadsSummary(50, 0, ())),
     )
     assert [namespace for namespace, _ in transaction.writes] == ["pol", "pol"]
 

@@ -221,7 +221,9 @@ async def test_an_event_request_must_be_signed_and_well_formed(filled):
     async def code(request_bytes, signature):
         data = gateway_pb2.SignedChaincodeEventsRequest(request=request_bytes, signature=signature).SerializeToString()
         with pytest.raises(grpc.aio.AioRpcError) as caught:
-            await anext(aiter(filled.channel.preferred.unary_stream("/gateway.Gateway/ChaincodeEvents")(data, timeout=5)))
+            await anext(
+                aiter(filled.channel.preferred.unary_stream("/gateway.Gateway/ChaincodeEvents")(data, timeout=5))
+            )
         return caught.value.code()
 
     data = request.SerializeToString()

@@ -138,6 +138,20 @@ def test_repeated_ids_in_one_block_and_over_blocks(store):
     assert (reader.transaction("t1").block, reader.transaction("t1").position) == (1, 0)
 
 
+@pytest.mark.parametrize("count", [50, 51, 52, 102, 103, 2601, 2652, 2653])
+def test_a_long_range_is_checked_by_its_summary(store, count):
+    """As it comes back from a client: with a list up to fifty keys, beyond with the top of a Merkle tree."""
+    writer, reader = store
+    assert commit(writer, 1, candidate("t1", writes=[put(f"k{index:05}") for index in range(count)])) == ["VALID"]
+    seen = tuple((key, version) for key, _, version in reader.range(NS, "k", "l"))
+    (back,) = from_accesses(parse_accesses(encode(ReadWriteSet((), (RangeRead(NS, "k", "l", True, seen),)), NS))).ranges
+    assert (back.summary is None) == (count <= 50)
+    assert commit(writer, 2, candidate("t2", ranges=[back])) == ["VALID"]
+    changed = candidate("t3", writes=[put("k00025", b"2")])
+    assert commit(writer, 3, changed, candidate("t4", ranges=[back]))[1] == "PHANTOM_READ_CONFLICT"
+    assert commit(writer, 4, candidate("t5", ranges=[back])) == ["PHANTOM_READ_CONFLICT"]
+
+
 FAILS = "ENDORSEMENT_POLICY_FAILURE"
 
 
@@ -302,12 +316,9 @@ def test_encoding_and_parsing_give_the_same_set(reads, writes, ranges, policies)
     assert from_accesses(parse_accesses(encode(rwset, NS))) == rwset
 
 
-def test_a_hashed_range_or_one_without_versions_is_refused():
+def test_a_range_without_versions_is_refused():
     from wonderland.ledger.transactions import Read as ParsedRead
 
-    hashed = NamespaceAccess(NS, (), (RangeQuery("a", "b", True, None),), ())
-    with pytest.raises(MalformedRequestError, match="hashed range"):
-        from_accesses([hashed])
     unversioned = NamespaceAccess(NS, (), (RangeQuery("a", "b", True, (ParsedRead("a", None),)),), ())
     with pytest.raises(MalformedRequestError, match="without its version"):
         from_accesses([unversioned])

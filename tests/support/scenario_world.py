@@ -124,6 +124,11 @@ class FabricPlace:
         )
         self._network = None
 
+    @property
+    def network(self):
+        """What the network's own tools take."""
+        return self._network
+
     def start(self):
         if self._network is None:
             self._network = bringing_up.new_network(self.directory, self._description)
@@ -176,8 +181,8 @@ class Person:
         connection = people.connection
         self.identity = connection.identity(name)
         self._sign = connection.signer(name)
-        gateway = Gateway(people.channel, self.identity, self._sign, now_ns=people.now_ns)
-        self.network = gateway.network(connection.channel)
+        self.gateway = Gateway(people.channel, self.identity, self._sign, now_ns=people.now_ns)
+        self.network = self.gateway.network(connection.channel)
         self.contract = self.network.contract(connection.chaincode)
 
     def sign(self, message):
@@ -228,6 +233,8 @@ class Person:
 class People:
     """Everybody, over one connection. Their clocks stand a minute behind, so that a test can let time pass at once."""
 
+    person = Person
+
     def __init__(self, place, connection, channel, watches):
         self.place = place
         self.connection = connection
@@ -238,7 +245,7 @@ class People:
 
     def __getitem__(self, name):
         if name not in self._known:
-            self._known[name] = Person(self, name)
+            self._known[name] = self.person(self, name)
         return self._known[name]
 
     @property
@@ -286,7 +293,7 @@ class People:
 
 
 @contextlib.asynccontextmanager
-async def people_at(place):
+async def people_at(place, kind=People):
     """The people of a ledger that runs."""
     async with contextlib.AsyncExitStack() as stack:
         watches = []
@@ -297,7 +304,7 @@ async def people_at(place):
             watches.append(gateway.network(connection.channel))
         connection = Connection.load(place.connection_file)
         channel = await stack.enter_async_context(connection.open_channel())
-        yield People(place, connection, channel, watches)
+        yield kind(place, connection, channel, watches)
 
 
 # --- the place of the story
@@ -344,6 +351,11 @@ class Site:
         self._prekeys += count
         offered = [{"prekey_id": name, "public_key": Scene.point(50 + int(name[1:]))} for name in names]
         await self.pad.submit("PublishPrekeys", pad_id=self.pad_id, prekeys=offered)
+
+    async def offer_until(self, count):
+        """So many prekeys wait, if none was used but k0."""
+        while (missing := count + 1 - self._prekeys) > 0:
+            await self.offer(min(missing, 100))
 
     def wish(self, prekey_id="k0"):
         """What the drone asks."""

@@ -111,16 +111,26 @@ class MetadataWrite:
 
 
 @dataclass(frozen=True, slots=True)
+class ReadsSummary:
+    """The top of the Merkle tree over a long range's keys and versions (``kvrwset.QueryReadsMerkleSummary``)."""
+
+    max_degree: int
+    max_level: int
+    hashes: tuple[bytes, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class RangeQuery:
     """A range that was read: `end_key` is excluded, "" is open; `exhausted` when it was read to its end.
 
-    `reads` is None when the peer recorded only a Merkle summary of what it saw.
+    `reads` is None when the peer recorded only a Merkle summary of what it saw, in `summary`.
     """
 
     start_key: str
     end_key: str
     exhausted: bool
     reads: tuple[Read, ...] | None
+    summary: ReadsSummary | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -363,9 +373,12 @@ def _reads(reads: Any) -> tuple[Read, ...]:
 
 
 def _range_query(query: Any) -> RangeQuery:
-    raw = query.WhichOneof("reads_info") == "raw_reads" or not query.HasField("reads_merkle_hashes")
-    reads = _reads(query.raw_reads.kv_reads) if raw else None
-    return RangeQuery(query.start_key, query.end_key, query.itr_exhausted, reads)
+    place = query.start_key, query.end_key, query.itr_exhausted
+    if query.WhichOneof("reads_info") != "reads_merkle_hashes":
+        return RangeQuery(*place, _reads(query.raw_reads.kv_reads))
+    found = query.reads_merkle_hashes
+    summary = ReadsSummary(found.max_degree, found.max_level, tuple(found.max_level_hashes))
+    return RangeQuery(*place, None, summary)
 
 
 def _timestamp_ms(timestamp: Any) -> int:

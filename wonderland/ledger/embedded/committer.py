@@ -11,6 +11,7 @@ from bisect import bisect_left
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+from wonderland.ledger.embedded.range_reads import summary_of
 from wonderland.ledger.embedded.rwset import ReadWriteSet
 from wonderland.ledger.embedded.state import CommittedTx
 from wonderland.ledger.signature_policies import parse_policy, satisfied
@@ -124,7 +125,10 @@ def _check_reads(state: CommittedState, updates: _BlockUpdates, rwset: ReadWrite
             return ValidationCode.MVCC_READ_CONFLICT
     for item in rwset.ranges:
         now = updates.over(item, state.versions(item.namespace, item.start, item.end, end_included=not item.exhausted))
-        if any(found != expected for found, expected in _pairs(now, item.results)):
+        if item.summary is not None:
+            if summary_of(now) != item.summary:
+                return ValidationCode.PHANTOM_READ_CONFLICT
+        elif any(found != expected for found, expected in _pairs(now, item.results)):
             return ValidationCode.PHANTOM_READ_CONFLICT
     return ValidationCode.VALID
 

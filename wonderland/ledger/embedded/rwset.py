@@ -9,13 +9,14 @@ from fabric_protos.ledger.rwset import rwset_pb2
 from fabric_protos.ledger.rwset.kvrwset import kv_rwset_pb2
 
 from wonderland.ledger.embedded.errors import MalformedRequestError
+from wonderland.ledger.embedded.range_reads import summary_of
 from wonderland.ledger.signature_policies import VALIDATION_PARAMETER
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from wonderland.ledger import transactions
-    from wonderland.ledger.transactions import NamespaceAccess
+    from wonderland.ledger.transactions import NamespaceAccess, ReadsSummary
 
 Version: TypeAlias = tuple[int, int]
 """Where a value was written: block number and position in the block. A key that is not there has no version."""
@@ -32,13 +33,17 @@ class Read:
 
 @dataclass(frozen=True, slots=True)
 class RangeRead:
-    """A range that was read. Unless `exhausted`, reading stopped early and `end` is the last key seen (included)."""
+    """A range that was read. Unless `exhausted`, reading stopped early and `end` is the last key seen (included).
+
+    `summary` stands in place of `results` where the set was read back from a transaction that has only that.
+    """
 
     namespace: str
     start: str
     end: str
     exhausted: bool
     results: tuple[tuple[str, Version], ...]
+    summary: ReadsSummary | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +84,12 @@ class ReadWriteSet:
 
 
 def encode(rwset: ReadWriteSet, namespace: str) -> bytes:
-    """``ledger.rwset.TxReadWriteSet`` with the one namespace of the contract that ran; keys sorted as Fabric does."""
+    """``ledger.rwset.TxReadWriteSet`` with the one namespace of the contract that ran; keys sorted as Fabric does.
+
+    A set without anything has no namespace, and a range without keys no list of them, as on Fabric.
+    """
+    if rwset == ReadWriteSet():
+        return bytes(rwset_pb2.TxReadWriteSet(data_model=rwset_pb2.TxReadWriteSet.KV).SerializeToString())
     kv = kv_rwset_pb2.KVRWSet()
     for read in sorted(rwset.reads, key=lambda item: item.key.encode()):
         entry = kv.reads.add(key=read.key)
@@ -88,7 +98,12 @@ def encode(rwset: ReadWriteSet, namespace: str) -> bytes:
             entry.version.SetInParent()
     for item in rwset.ranges:
         query = kv.range_queries_info.add(start_key=item.start, end_key=item.end, itr_exhausted=item.exhausted)
-        query.raw_reads.SetInParent()
+        summary = item.summary or summary_of(item.results)
+        if summary is not None:
+            found = query.reads_merkle_hashes
+            found.max_degree, found.max_level = summary.max_degree, summary.max_level
+            found.max_level_hashes.extend(summary.hashes)
+            continue
         for key, version in item.results:
             entry = query.raw_reads.kv_reads.add(key=key)
             entry.version.block_num, entry.version.tx_num = version
@@ -115,13 +130,11 @@ def from_accesses(accesses: Iterable[NamespaceAccess]) -> ReadWriteSet:
         namespace = access.namespace
         reads.extend(Read(namespace, read.key, _version(read)) for read in access.reads)
         for query in access.range_queries:
-            if query.reads is None:
-                raise MalformedRequestError("the read-write set has a hashed range read; this ledger lists them whole")
-            results = tuple((read.key, _version(read)) for read in query.reads)
+            results = tuple((read.key, _version(read)) for read in query.reads or ())
             if any(version is None for _, version in results):
                 raise MalformedRequestError(f"the range read from {query.start_key!r} lists a key without its version")
             found = tuple((key, version) for key, version in results if version is not None)
-            ranges.append(RangeRead(namespace, query.start_key, query.end_key, query.exhausted, found))
+            ranges.append(RangeRead(namespace, query.start_key, query.end_key, query.exhausted, found, query.summary))
         writes.extend(Write(namespace, write.key, None if write.is_delete else write.value) for write in access.writes)
         policies.extend(
             KeyPolicy(namespace, each.key, value)

@@ -7,7 +7,8 @@ No awaitable of this stub ever suspends.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections import deque
+from typing import TYPE_CHECKING, Final
 
 from wonderland.ledger.contract_rules import Budget, check_endorsers, check_event, check_key, check_value
 from wonderland.ledger.embedded.rwset import KeyPolicy, RangeRead, Read, ReadWriteSet, Write
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from wonderland.ledger.embedded.msp import Creator
     from wonderland.ledger.embedded.rwset import Version
     from wonderland.ledger.embedded.state import Modification, StateReader
+
+PAGE_ROWS: Final = 100
+"""Rows of a range that a Fabric peer hands over at once; it takes one more, to know whether another page follows."""
 
 
 class TransactionStub:
@@ -125,9 +129,13 @@ class TransactionStub:
 
 
 class _RangeCursor:
-    """One range being read. It keeps its own record, so that leaving a loop early loses nothing."""
+    """One range being read. It keeps its own record, so that leaving a loop early loses nothing.
 
-    __slots__ = ("_count", "_end", "_exhausted", "_rows", "_seen", "_start", "started")
+    Rows are taken in pages, as a Fabric peer hands them to its contract, and what was taken counts as read although
+    the contract may not have looked at it.
+    """
+
+    __slots__ = ("_ahead", "_count", "_end", "_exhausted", "_page", "_rows", "_seen", "_start", "started")
 
     def __init__(
         self, start: str, end: str, rows: Iterator[tuple[str, bytes, Version]], count: Callable[[], None]
@@ -137,6 +145,9 @@ class _RangeCursor:
         self._rows = rows
         self._count = count
         self._seen: list[tuple[str, Version]] = []
+        self._page: deque[tuple[str, bytes]] = deque()
+        self._ahead: tuple[str, bytes] | None = None
+        """The row by which it is known that another page follows."""
         self._exhausted = False
         self.started = False
 
@@ -145,16 +156,26 @@ class _RangeCursor:
 
     async def __anext__(self) -> tuple[str, bytes]:
         self.started = True
-        row = next(self._rows, None)
-        if row is None:
-            self._exhausted = True
+        if not self._page and not self._exhausted:
+            self._fetch()
+        if not self._page:
             raise StopAsyncIteration
         self._count()
-        key, value, version = row
-        self._seen.append((key, version))
-        return key, value
+        return self._page.popleft()
 
     def record(self, namespace: str) -> RangeRead:
-        """What was seen. Left early, the range ends with the last key seen: nothing beyond it was relied on."""
-        end = self._end if self._exhausted else self._seen[-1][0]
+        """What was taken. Left early, the range ends with the last key taken: nothing beyond it was relied on."""
+        end = self._end if self._exhausted or not self._seen else self._seen[-1][0]
         return RangeRead(namespace, self._start, end, self._exhausted, tuple(self._seen))
+
+    def _fetch(self) -> None:
+        if self._ahead is not None:
+            self._page.append(self._ahead)
+            self._ahead = None
+        for key, value, version in self._rows:
+            self._seen.append((key, version))
+            if len(self._page) == PAGE_ROWS:
+                self._ahead = key, value
+                return
+            self._page.append((key, value))
+        self._exhausted = True
