@@ -42,6 +42,8 @@ ROUNDS_COMPARED: Final = (1, 10, 50, 100)
 EDGE_S1_MM: Final = (300.0, 700.0, 1000.0, L1_ONE_ROUND_MM, 3000.0, 6000.0)
 FLOORS_MM: Final = (0.0, 200.0, 300.0)
 DECILES: Final = 10
+CURVE_MM: Final = 4000.0
+CURVE_STEP_MM: Final = 125.0
 ENOUGH_TRIES: Final = 50_000
 """With fewer a figure may miss its goal by chance."""
 
@@ -95,6 +97,8 @@ class Simulated:
     edges: tuple[Edge, ...]
     sessions: dict[tuple[str, float], Settled]
     """By looks (``every`` round, the ``pad``'s) and offset from the claim (mm)."""
+    curve: tuple[tuple[float, Settled], ...]
+    """Sessions at the pad's looks by offset from the claim (mm), at L1."""
     deciles: tuple[Decile, ...]
     largest_bias_mm: dict[str, int]
     told: dict[str, Share]
@@ -231,7 +235,7 @@ class Simulated:
 
 def simulate(*, tries: int, seed: int = 1, progress: Progress = lambda *_: None) -> Simulated:
     """Measure it all: with 100,000 tries two minutes, with 2,000 some seconds."""
-    steps = len(POINTS) * 2 + (len(EDGE_S1_MM) + len(FLOORS_MM) - 1) * 2 + 6 + 2
+    steps = len(POINTS) * 2 + (len(EDGE_S1_MM) + len(FLOORS_MM) - 1) * 2 + 6 + 3
     done = 0
 
     def step(name: str) -> None:
@@ -259,6 +263,11 @@ def simulate(*, tries: int, seed: int = 1, progress: Progress = lambda *_: None)
         for offset in (0.0, 2 * BUFFER_MM, 3 * BUFFER_MM):
             step(f"Sessions {offset / 1000:.0f} m off")
             sessions[looks, offset] = settle(offset, _looks(looks), max(tries // 5, 200), seed=seed)
+    step("Sessions by offset")
+    curve = [
+        (offset, settle(offset, stopping.LOOKS, max(tries // 10, 200), seed=seed))
+        for offset in np.arange(0.0, CURVE_MM + 1.0, CURVE_STEP_MM).tolist()
+    ]
     step("Likelihood")
     deciles = _deciles(4 * tries, seed)
     largest, told = {}, {}
@@ -274,6 +283,7 @@ def simulate(*, tries: int, seed: int = 1, progress: Progress = lambda *_: None)
         fix_ratios=fix_ratios,
         edges=tuple(edges),
         sessions=sessions,
+        curve=tuple(curve),
         deciles=deciles,
         largest_bias_mm=largest,
         told=told,
