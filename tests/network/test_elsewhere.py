@@ -1,0 +1,115 @@
+"""Networks whose servers something else runs: what is written, what is waited for, what is refused."""
+
+import asyncio
+import stat
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from wonderland.ledger.connection import Connection
+from wonderland.ledger.errors import ConnectionFileError, FileWriteError
+from wonderland.ledger.export import export_identities
+from wonderland.ledger.network import bringing_up
+from wonderland.ledger.network.binaries import BY_NAME
+from wonderland.ledger.network.commands import network as commands
+from wonderland.ledger.network.description import EACH, NetworkDescription
+from wonderland.ledger.network.elsewhere import Elsewhere
+from wonderland.ledger.network.errors import ComponentError, DirectoryStateError
+from wonderland.ledger.network.hosts import CONTRACT, Hosts
+from wonderland.ledger.network.layout import NetworkDirectory
+from wonderland.ledger.network.processes import Launch
+
+
+@pytest.fixture
+def made(tmp_path):
+    return bringing_up.new_network(NetworkDirectory(tmp_path / "net"), NetworkDescription().with_hosts(EACH))
+
+
+def _run(tmp_path, *arguments):
+    return CliRunner().invoke(commands, [*arguments, "--dir", str(tmp_path / "net")])
+
+
+def test_every_component_has_a_name_of_its_own():
+    here, each = Hosts(NetworkDescription()), Hosts(NetworkDescription().with_hosts(EACH))
+    assert (here.of("PadMSP", "peer0"), here.bind) == ("127.0.0.1", "127.0.0.1")
+    assert (each.of("PadMSP", "peer0"), each.bind) == ("peer0.padmsp", "0.0.0.0")
+    assert each.names("PadMSP", CONTRACT) == ("contract-a.padmsp", "contract-b.padmsp", "localhost", "127.0.0.1")
+
+
+def test_ports_are_the_usual_ones_and_need_no_file(made, tmp_path):
+    assert made.address(made.first_peer("PadMSP")) == "peer0.padmsp:7051"
+    assert made.ca_address("PadMSP") == "ca.padmsp:7054"
+    assert made.contract_address("PadMSP", "b") == "contract-b.padmsp:9999"
+    assert not (tmp_path / "net" / "ports.json").exists()
+
+
+def test_prepare_writes_what_the_cas_need_and_keeps_their_secrets(tmp_path):
+    (tmp_path / "my.yaml").write_text("channel: helsinki")
+    assert _run(tmp_path, "prepare", "--file", str(tmp_path / "my.yaml")).exit_code == 0
+    home = tmp_path / "net" / "organisations" / "PadMSP" / "ca"
+    file = home / "fabric-ca-server-config.yaml"
+    first = yaml.safe_load(file.read_text())
+    assert (first["address"], first["port"]) == ("0.0.0.0", 7054)
+    assert "ca.padmsp" in first["csr"]["hosts"]
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert _run(tmp_path, "prepare", "--file", str(tmp_path / "my.yaml")).exit_code == 0
+    assert yaml.safe_load(file.read_text()) == first
+    described = NetworkDescription.load(tmp_path / "net" / "network.yaml")
+    assert (described.channel, described.hosts) == ("helsinki", EACH)
+
+
+def test_what_needs_our_own_processes_is_refused_with_the_next_step(made, tmp_path, monkeypatch):
+    for name in ("peer", "orderer", "fabric-ca-server"):
+        (tmp_path / name).write_text("#!/bin/sh\necho ' Version: v3.1.0'")
+        (tmp_path / name).chmod(0o755)
+    (tmp_path / "fabric-ca-server").write_text("#!/bin/sh\necho ' Version: v1.5.0'")
+    monkeypatch.setenv("FABRIC_BIN", str(tmp_path))
+    with pytest.raises(DirectoryStateError, match=r"something else starts and stops them. Next: see docs/operate"):
+        made.require_here()
+    answer = _run(tmp_path, "up")
+    assert answer.exit_code == 1
+    assert "something else starts and stops" in " ".join(answer.output.split())
+
+
+def test_a_server_that_does_not_answer_is_named_with_where_to_look(tmp_path):
+    elsewhere = Elsewhere(tmp_path, tmp_path)
+    launch = Launch("PadMSP.ca", ("fabric-ca-server",), {}, (("127.0.0.1", 1),))
+    with pytest.raises(ComponentError, match=r"PadMSP.ca: does not listen on 127.0.0.1:1.*\nNext: start it.*its log"):
+        asyncio.run(elsewhere.wait_ready(launch, timeout_s=0))
+
+
+def test_commands_are_those_of_the_images(made):
+    peer = made.launch_peer(made.first_peer("PadMSP"), BY_NAME)
+    assert peer.arguments[-3:] == ("peer", "node", "start")
+    assert made.launch_contract("PadMSP", "a").arguments[0] == "wonderland"
+    assert peer.listens == (("peer0.padmsp", 7051), ("peer0.padmsp", 9443))
+
+
+class TestExport:
+    @pytest.fixture
+    def connection(self, tmp_path):
+        source = tmp_path / "source"
+        source.mkdir()
+        for name in ("tls.pem", "pad.pem", "pad.key"):
+            (source / name).write_text(name)
+        (source / "connection.json").write_text(
+            '{"channel":"c","chaincode":"pol","gateway":{"address":"h:1","tls_ca":"tls.pem","server_name":"h"},'
+            '"identities":{"pad":{"msp_id":"PadMSP","certificate":"pad.pem","key":"pad.key"}}}'
+        )
+        return Connection.load(source)
+
+    def test_one_machine_gets_its_own_and_no_more(self, connection, tmp_path):
+        export_identities(connection, ["pad"], tmp_path / "out")
+        moved = Connection.load(tmp_path / "out")
+        assert moved.files("pad").key.read_text() == "pad.key"
+        assert moved.gateway.tls_ca.read_text() == "tls.pem"
+        assert stat.S_IMODE(moved.files("pad").key.stat().st_mode) == 0o600
+        with pytest.raises(FileWriteError, match="is not empty"):
+            export_identities(connection, ["pad"], tmp_path / "out")
+        export_identities(connection, ["pad"], tmp_path / "out", again=True)
+
+    def test_an_unknown_name_writes_nothing(self, connection, tmp_path):
+        with pytest.raises(ConnectionFileError, match=r"identities\.nobody"):
+            export_identities(connection, ["nobody"], tmp_path / "out")
+        assert not (tmp_path / "out").exists()
