@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from simulator.attack_lab import LabResult, LabSettings
 
 _DEFAULT_TRIES = 1_000
+# The wire starts processes while gRPC's threads run; its own fork handlers would only complain about it.
+os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "0")
 
 
 @click.command()
@@ -40,6 +43,11 @@ _DEFAULT_TRIES = 1_000
     metavar="DIR",
     help="Write attacks.json, attacks.md and plots (SVG) here.",
 )
+@click.option(
+    "--wire",
+    is_flag=True,
+    help="One of each through real agents, radio bytes and a ledger instead of many on the core (minutes).",
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
 def attack(
     *,
@@ -51,6 +59,7 @@ def attack(
     exact: bool,
     processes: int,
     directory: Path | None,
+    wire: bool,
     as_json: bool,
 ) -> None:
     """Attack the verdict, many thousand times, and count the permissions won.
@@ -65,6 +74,7 @@ def attack(
     wonderland attack                                  a thousand tries of each
     wonderland attack --tries 100000 --report out      as in docs/threat-model.md
     wonderland attack --attack gnss-drag --level 2     one of them
+    wonderland attack --wire                           one of each through agents and ledger
     """  # noqa: D301 - \b is click's mark for "do not wrap"
     from rich.console import Console  # noqa: PLC0415 - --help must not load the lab
 
@@ -82,6 +92,8 @@ def attack(
     try:
         if only_list:
             _list(console, as_json=as_json)
+        elif wire:
+            sys.exit(_wire(settings, as_json=as_json))
         else:
             result = _run(settings, console)
             if as_json:
@@ -150,3 +162,15 @@ def _list(console: Console, *, as_json: bool) -> None:
         console.print(f"[bold]{each.name}[/bold]  {each.title}", soft_wrap=True)
         console.print(f"    Controls: {each.controls} Cost: {each.cost}", soft_wrap=True)
         console.print(f"    Stopped {from_level}: {each.stops}\n", soft_wrap=True)
+
+
+def _wire(settings: LabSettings, *, as_json: bool) -> int:
+    import asyncio  # noqa: PLC0415
+
+    from simulator.attack_lab.wire import run_wire  # noqa: PLC0415
+    from simulator.stage import ProcessError  # noqa: PLC0415
+
+    try:
+        return asyncio.run(run_wire(settings.attacks, seed=settings.seed, as_json=as_json))
+    except ProcessError as error:
+        raise click.ClickException(str(error)) from error

@@ -37,6 +37,8 @@ ROUNDS: Final = 160
 """As many as a pad ranges at most."""
 CLAIM_MS: Final = 1_000
 """The lab's claims come once a second; between them a path is a straight line."""
+LEAST_ROUNDS: Final = 10
+"""Fewer decide nothing under the default policy."""
 MAX_RANGE_MM: Final = 655_340
 ACCURACY_MM: Final = 100
 _PARTY: Final = Party(msp_id="LabMSP", certificate_sha256="0" * 64)

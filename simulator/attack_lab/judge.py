@@ -29,8 +29,11 @@ class Tally:
     won: int = 0
     """Permissions that the attacker should not have."""
     granted: int = 0
+    """All permissions, or whatever else an attack on the protocol is after."""
     refuted: int = 0
     open: int = 0
+    refused: int = 0
+    """Tries that the contract, or the link, did not even take."""
     detected_rounds: list[int] = field(default_factory=list)
     """Rounds after which each refuted try was refuted."""
     error_won_mm: list[int] = field(default_factory=list)
@@ -46,7 +49,7 @@ class Tally:
 
     def add(self, other: Tally) -> None:
         """Take another one's counts."""
-        for name in ("tries", "won", "granted", "refuted", "open", "sampled", "decisions"):
+        for name in ("tries", "won", "granted", "refuted", "open", "refused", "sampled", "decisions"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.detected_rounds += other.detected_rounds
         self.error_won_mm += other.error_won_mm

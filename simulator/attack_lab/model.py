@@ -90,6 +90,8 @@ class LevelResult:
     granted: int
     refuted: int
     open: int
+    refused: int
+    """Not even taken, by the contract or by the link."""
     detected_s_median: float | None
     """Seconds of ranging until it was refuted, of the tries that were."""
     detected_s_95: float | None
@@ -175,6 +177,7 @@ def _level(attack: Attack, level: int, tally: Tally) -> LevelResult:
         granted=tally.granted,
         refuted=tally.refuted,
         open=tally.open,
+        refused=tally.refused,
         detected_s_median=seconds(float(np.median(rounds))) if rounds else None,
         detected_s_95=seconds(float(np.quantile(rounds, 0.95))) if rounds else None,
         error_refuted_m_most=max(tally.error_refuted_mm) / 1000.0 if tally.error_refuted_mm else None,

@@ -47,7 +47,7 @@ def show(result: LabResult, console: Console) -> None:
                 f"{one.tries:,}",
                 str(one.won) if one.won else "0",
                 f"≤ {percent(one.won_high)}" if not one.won else f"{percent(one.won_low)}–{percent(one.won_high)}",
-                share(one.refuted, one.tries),
+                share(one.refuted + one.refused, one.tries),
                 share(one.open, one.tries),
                 found_after(one),
                 style=style,
@@ -122,13 +122,13 @@ def _rows(attack: AttackResult) -> list[str]:
         bound = f"≤ {percent(one.won_high)}" if not one.won else f"{percent(one.won_low)}–{percent(one.won_high)}"
         rows.append(
             f"| {name} | {controls} | {span(levels)} | {won} ({bound}) | "
-            f"{share(one.refuted, one.tries)}; {share(one.open, one.tries)} | {found_after(one)} |"
+            f"{share(one.refuted + one.refused, one.tries)}; {share(one.open, one.tries)} | {found_after(one)} |"
         )
     return rows
 
 
 def _same(one: LevelResult, other: LevelResult) -> bool:
-    keys = ("tries", "won", "granted", "refuted", "open", "sampled", "decisions", "detected_s_median")
+    keys = ("tries", "won", "granted", "refuted", "refused", "open", "sampled", "decisions", "detected_s_median")
     return all(getattr(one, key) == getattr(other, key) for key in keys)
 
 

@@ -131,6 +131,13 @@ class Processes:
                 await asyncio.wait_for(child.handle.wait(), patience)
                 return
 
+    def named(self, name: str) -> Process:
+        """The child that was started under this name last; raises ProcessError where there is none."""
+        for child in reversed(self._children):
+            if child.name == name:
+                return child
+        raise ProcessError(f"no process {name} was started")
+
     def ended(self) -> Process | None:
         """A child that ended by itself, if one did."""
         return next((child for child in self._children if not child.running), None)

@@ -113,6 +113,5 @@ ATTACKS: Final = (
         "A wrong clock is a lie along the path, and is judged as one; only 50 ms are granted to honest clocks.",
         0,
         (Variant(TWO_WAY, make=partial(clock, 2)),),
-        wire="clock-lie",
     ),
 )

@@ -38,7 +38,6 @@ ATTACKS: Final = (
         "No level: what is proved is that a holder of the keys is there. Keys in a secure element make it harder.",
         None,
         (Variant(TWO_WAY, make=partial(accomplice, 2)),),
-        wire="borrowed-identity",
     ),
     Attack(
         "transmitter-per-anchor",

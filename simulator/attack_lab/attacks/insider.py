@@ -133,7 +133,6 @@ ATTACKS: Final = (
         "Noise of centimetres cannot be chosen into metres, where the pad is as wide as it should be.",
         0,
         (Variant((1, 2), make=partial(choosy, 2, SQUARE, NEAR_LIE, FAR_LIE)),),
-        wire="dropped-rounds",
     ),
     Attack(
         "dropped-rounds-small-pad",
