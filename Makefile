@@ -1,11 +1,12 @@
 # Everything that one does with this checkout. `make demo` and `make test` need nothing but python3 (3.11 or later,
 # with venv), make and git: they make .venv and the built console first, and again whenever these have become stale.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-python test-console lint types bench fmt docs screenshots vectors lock compose api clean
+.PHONY: help setup demo test test-python test-console lint types bench fuzz fmt docs screenshots vectors lock compose api clean
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+RUNS ?= 10000000
 PACKAGES := wonderland chaincode edge_agent uav_agent simulator backend
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PYTHONDONTWRITEBYTECODE :=
@@ -49,6 +50,9 @@ types: setup ## mypy --strict, TypeScript strict
 
 bench: setup ## Benchmarks: ratios against peers and floors, in one run
 	@$(BIN)/python -m pytest tests/bench -m bench -q -s -p no:xdist --timeout 900
+
+fuzz: setup ## Coverage-guided fuzzing of the Remote ID codec and framings (RUNS=10000000)
+	@mkdir -p .fuzz/corpus && $(BIN)/python tests/fuzz/seeds.py .fuzz/corpus && cd .fuzz && ../$(BIN)/python ../tests/fuzz/fuzz_remote_id.py -runs=$(RUNS) -max_len=300 -print_final_stats=1 corpus
 
 fmt: $(VENV)/.ready ## Format
 	@$(BIN)/ruff check --fix --quiet . ; $(BIN)/ruff format --quiet .

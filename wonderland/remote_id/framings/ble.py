@@ -26,6 +26,7 @@ _ACCESS_ADDRESS: Final = 0x8E89BED6
 _HEADER_BYTES: Final = 6
 _CRC_BYTES: Final = 3
 _CRC_INIT: Final = 0xAAAAAA  # 0x555555, its bits in the order of transmission
+_CRC_POLYNOMIAL: Final = 0xDA6000
 _ADV_EXT_IND: Final = 7
 _LEGACY: Final = frozenset({0, 2, 6})  # ADV_IND, ADV_NONCONN_IND, ADV_SCAN_IND
 _EXTENDED_FIELDS: Final = ((0x01, 6), (0x02, 6), (0x04, 1), (0x08, 2), (0x10, 3), (0x20, 18), (0x40, 1))
@@ -157,13 +158,20 @@ def _extended(payload: bytes) -> tuple[str | None, bytes]:
     return address, payload[1 + length :]
 
 
+def _crc_of(octet: int) -> int:
+    for _ in range(8):
+        octet = octet >> 1 ^ _CRC_POLYNOMIAL if octet & 1 else octet >> 1
+    return octet
+
+
+_CRC_TABLE: Final = tuple(_crc_of(octet) for octet in range(256))
+
+
 def crc(pdu: bytes) -> bytes:
     """The CRC of an advertising channel's PDU, as transmitted (Bluetooth Core 5.4, volume 6, part B, 3.1.1)."""
     register = _CRC_INIT
     for octet in pdu:
-        register ^= octet
-        for _ in range(8):
-            register = register >> 1 ^ 0xDA6000 if register & 1 else register >> 1
+        register = register >> 8 ^ _CRC_TABLE[(register ^ octet) & 0xFF]
     return register.to_bytes(3, "little")
 
 

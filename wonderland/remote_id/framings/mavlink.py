@@ -55,7 +55,7 @@ _ID_OR_MAC: Final = 20
 
 # Fields in the order of the wire (by size, then by declaration); the last byte of a message's checksum input tells its
 # definition (CRC_EXTRA), so that a definition that changed is refused rather than misread.
-_LAYOUTS: Final[dict[int, tuple[struct.Struct, int]]] = {
+LAYOUTS: Final[dict[int, tuple[struct.Struct, int]]] = {
     BASIC_ID: (struct.Struct("<BB20sBB20s"), 114),
     LOCATION: (struct.Struct("<iiffffHHhBB20sBBBBBBB"), 254),
     AUTHENTICATION: (struct.Struct("<IBB20sBBBB23s"), 140),
@@ -80,7 +80,7 @@ def build(
     except ValueError:
         raise FramingError(f"{address!r:.40} is no address, for example c0:ff:ee:00:00:01") from None
     number, values = _values(message, mac)
-    layout, extra = _LAYOUTS[number]
+    layout, extra = LAYOUTS[number]
     payload = layout.pack(*values).rstrip(b"\0") or b"\0"
     head = struct.pack("<BBBBBB", len(payload), 0, 0, sequence & 0xFF, system, component) + number.to_bytes(3, "little")
     return bytes((_MAGIC,)) + head + payload + checksum(head + payload + bytes((extra,))).to_bytes(2, "little")
@@ -112,7 +112,7 @@ class MavlinkStream:
             number = int.from_bytes(self._buffer[7:10], "little")
             signature = _SIGNATURE_BYTES if self._buffer[2] & _SIGNED else 0
             end = _HEADER_BYTES + self._buffer[1] + 2
-            layout = _LAYOUTS.get(number)
+            layout = LAYOUTS.get(number)
             if layout is None or self._buffer[2] & ~_SIGNED:
                 # Another message's checksum cannot be verified: only this byte is surely not the start of one of ours.
                 self._drop(1)
@@ -143,14 +143,21 @@ def checksum(data: bytes) -> int:
     """CRC-16/MCRF4XX, as MAVLink has it."""
     crc = 0xFFFF
     for octet in data:
-        mixed = (octet ^ crc) & 0xFF
-        mixed ^= mixed << 4 & 0xFF
-        crc = crc >> 8 ^ mixed << 8 ^ mixed << 3 ^ mixed >> 4
-    return crc & 0xFFFF
+        crc = crc >> 8 ^ _CRC_TABLE[(crc ^ octet) & 0xFF]
+    return crc
+
+
+def _crc_of(octet: int) -> int:
+    for _ in range(8):
+        octet = octet >> 1 ^ 0x8408 if octet & 1 else octet >> 1
+    return octet
+
+
+_CRC_TABLE: Final = tuple(_crc_of(octet) for octet in range(256))
 
 
 def _framed(number: int, payload: bytes) -> Framed:
-    layout, _ = _LAYOUTS[number]
+    layout, _ = LAYOUTS[number]
     # Zeros at the end are not transmitted; a longer payload has fields of a later revision.
     values = layout.unpack(payload.ljust(layout.size, b"\0")[: layout.size])
     mac = next(value for value in values if isinstance(value, bytes))
