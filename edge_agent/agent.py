@@ -51,6 +51,13 @@ HEALTH_S: Final = 10.0
 CARE_S: Final = 5.0
 """Between two looks at prekeys and left-over sessions."""
 AGAIN_S: Final = 1.0
+LAG_S: Final = 0.1
+"""Until a peer that is behind is asked again."""
+_NO_EVENTS: Final = frozenset({"NOT_FOUND", "PERMISSION_DENIED", "UNAUTHENTICATED"})
+_NOT_THERE: Final = 404
+COMMISSIONING_LOOKS: Final = 5
+COMMISSIONING_PAUSE_S: Final = 0.4
+"""The survey that a session rests on is on the ledger; a peer may be behind it, or another one may have replaced it."""
 FOREIGN_EVENTS: Final = 256
 STOP_S: Final = 5.0
 """Longest that a session under way keeps the agent from stopping."""
@@ -143,6 +150,7 @@ class PadAgent:
         self._idle.set()
         self._sessions = 0
         self._foreign = 0
+        self._heard = False
 
     async def wait_ready(self) -> None:
         """Until prekeys are offered and requests are heard: from now on a drone can ask."""
@@ -194,7 +202,8 @@ class PadAgent:
             except CheckpointError as error:
                 raise AgentError(str(error)) from error
             except RefusedError as error:
-                if error.code in {"NOT_FOUND", "PERMISSION_DENIED", "UNAUTHENTICATED"}:
+                # A place that was on the chain before can only be missing while its peers are behind.
+                if error.code in _NO_EVENTS and (error.code != "NOT_FOUND" or not self._heard):
                     raise AgentError(f"the ledger gives this pad no events: {error}") from error
                 _log.warning("the ledger's events stopped: %s", error)
             except AwayError as error:
@@ -202,6 +211,7 @@ class PadAgent:
             await asyncio.sleep(AGAIN_S)
 
     async def _take(self, event: ContractEvent) -> None:
+        self._heard = True
         self._foreign += 1
         if event.record.get("pad_id") != self.pad_id:
             if self._foreign >= FOREIGN_EVENTS:  # so that a restart has not all other pads' history to read again
@@ -268,6 +278,11 @@ class PadAgent:
                 await asyncio.sleep(AGAIN_S)
                 self._again(session)
             except RefusedError as error:
+                if error.status == _NOT_THERE:  # its event came from a peer that is further than the one asked
+                    _log.info("session %.12s: waits for a peer that is behind: %s", session.session_id, error)
+                    await asyncio.sleep(LAG_S)
+                    self._again(session)
+                    continue
                 _log.warning("session %.12s: not begun: %s", session.session_id, error)
                 self._reconciler.add(session.session_id, "not_begun")
             except ProofError as error:
@@ -354,7 +369,9 @@ class PadAgent:
 
     async def _commissioning(self, session: Session) -> Commissioning | None:
         """The survey that the session rests on; None where it is no longer the pad's."""
-        for attempt in range(2):
+        for attempt in range(COMMISSIONING_LOOKS):
+            if attempt > 1:
+                await asyncio.sleep(COMMISSIONING_PAUSE_S)
             if self._pad is None or attempt:
                 self._pad = await self._ledger.read_pad(self.pad_id)
             if self._pad.commissioning_sha256 == session.commissioning_sha256:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 LAPSE_MARGIN_MS: Final = 2_000
+UNKNOWN_MS: Final = 60_000
+"""For so long a ledger must not know a session before it counts as one of another ledger: a peer may be behind."""
 _NOT_THERE: Final = 404
 
 
@@ -56,6 +58,7 @@ class Reconciler:
         self._ends = ends
         self._clock = clock
         self._open: dict[str, str] = {}
+        self._unknown_ms: dict[str, int] = {}
 
     @property
     def waiting(self) -> int:
@@ -82,11 +85,19 @@ class Reconciler:
                 return
             except RefusedError as error:
                 _log.warning("session %.12s: %s", session_id, error)
-                done = error.status == _NOT_THERE
+                done = error.status == _NOT_THERE and self._is_unknown(session_id)
                 if done:
                     self._ends.ended(session_id, "cancelled", "unknown_to_ledger", self._clock())
+            else:
+                self._unknown_ms.pop(session_id, None)
             if done:
                 del self._open[session_id]
+                self._unknown_ms.pop(session_id, None)
+
+    def _is_unknown(self, session_id: str) -> bool:
+        """Whether the ledger has not known a session for so long that no peer can be that far behind."""
+        now_ms = self._clock()
+        return now_ms - self._unknown_ms.setdefault(session_id, now_ms) >= UNKNOWN_MS
 
     async def _end(self, session_id: str, reason: str) -> bool:
         session = await self._ledger.read_session(session_id)

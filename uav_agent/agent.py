@@ -6,6 +6,7 @@ process and a companion computer runs one.
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import secrets
 from collections.abc import Callable, Sequence
@@ -21,7 +22,7 @@ from uav_agent.session.runner import SessionRunner, StepListener
 from uav_agent.session.timing import UavTiming
 from wonderland.clock import Clock
 from wonderland.ledger.identity import Identity
-from wonderland.ledger.proof_contract import RefusedError
+from wonderland.ledger.proof_contract import AwayError, RefusedError
 from wonderland.ledger.signing import Signer
 from wonderland.proofs import encoding, keys
 from wonderland.proofs.encoding import from_base64url, to_base64url
@@ -34,8 +35,16 @@ from wonderland.proofs.transcript import transcript_of
 
 _log = logging.getLogger(__name__)
 
-REQUEST_ATTEMPTS: Final = 5
+REQUEST_ATTEMPTS: Final = 6
 """Another drone may take the same prekey at the same moment; then the next one is tried."""
+TAKEN_PAUSE_S: Final = 0.05
+"""Doubled with each attempt: a peer may be behind the one that listed the prekeys."""
+AWAY_PAUSE_S: Final = 0.5
+REQUEST_PATIENCE_S: Final = 15.0
+"""How long a request waits for a ledger that is away, as long as nothing was sent."""
+COMMISSIONING_LOOKS: Final = 5
+COMMISSIONING_PAUSE_S: Final = 0.4
+"""The survey that the session rests on is on the ledger, but the peer that is asked may be behind."""
 PREKEYS_LISTED: Final = 20
 _TAKEN: Final = frozenset({"PREKEY_USED", "PREKEY_UNKNOWN", "MVCC_READ_CONFLICT", "PHANTOM_READ_CONFLICT"})
 
@@ -111,9 +120,10 @@ class UavAgent:
         Raises UavAgentError where no proof could begin, RefusedError where the contract refused the request, and
         AwayError where the ledger is away.
         """
-        commissioning = await self._commissioning(pad_id)
+        await self._commissioning(pad_id)
         session, session_keys = await self._request(pad_id, action)
         _log.info("%s asks %s to %s: session %.12s", self.uav_id, pad_id, action, session.session_id)
+        commissioning = await self._commissioning(pad_id, session.commissioning_sha256)
         mismatch = _mismatch(session, commissioning, self._identity, self._ledger.channel)
         if mismatch:
             await self._ledger.cancel(session.session_id, "session_mismatch", mismatch)
@@ -157,41 +167,61 @@ class UavAgent:
             closing_tx=runner.completed_tx,
         )
 
-    async def _commissioning(self, pad_id: str) -> Commissioning:
-        pad = await self._ledger.read_pad(pad_id)
-        if pad.commissioning is None:
-            raise UavAgentError("pad_not_commissioned", f"pad {pad_id} has not been surveyed and proves nothing yet")
-        return pad.commissioning
+    async def _commissioning(self, pad_id: str, sha256: str = "") -> Commissioning:
+        """The pad's survey; the one with that digest, if it is found in a while."""
+        look = 0
+        while True:
+            look += 1
+            pad = await self._ledger.read_pad(pad_id)
+            if pad.commissioning is None:
+                raise UavAgentError(
+                    "pad_not_commissioned", f"pad {pad_id} has not been surveyed and proves nothing yet"
+                )
+            if sha256 in {"", pad.commissioning_sha256} or look == COMMISSIONING_LOOKS:
+                return pad.commissioning
+            await asyncio.sleep(COMMISSIONING_PAUSE_S)
 
     async def _request(self, pad_id: str, action: str) -> tuple[Session, keys.SessionKeys]:
-        """Step 1."""
-        for attempt in range(1, REQUEST_ATTEMPTS + 1):
-            prekeys = await self._ledger.list_prekeys(pad_id, PREKEYS_LISTED)
-            if not prekeys:
-                raise UavAgentError("no_prekey", f"pad {pad_id} offers no prekey: its agent is not running")
-            claim = self._position.claim(self._clock())
-            if claim is None:
-                raise UavAgentError("no_position", "the position source has no fresh position")
-            prekey = self._choose(prekeys)
-            own = keys.new_key()
-            argument = tx.RequestProof(
-                pad_id=pad_id,
-                action=action,
-                prekey_id=prekey.prekey_id,
-                uav_key=to_base64url(keys.public_bytes(own)),
-                claim=claim,
-            )
+        """Step 1, through a ledger that is away for a while, and other drones that take the same prekey."""
+        loop = asyncio.get_running_loop()
+        patient_until_s = loop.time() + REQUEST_PATIENCE_S
+        attempts = 0
+        while True:
             try:
-                session, _ = await self._ledger.request_proof(argument)
+                return await self._request_once(pad_id, action)
             except RefusedError as error:
-                if error.code not in _TAKEN or attempt == REQUEST_ATTEMPTS:
+                attempts += 1
+                if error.code not in _TAKEN or attempts == REQUEST_ATTEMPTS:
                     raise
-                continue
-            if (session.pad_key, session.uav_key) != (prekey.public_key, argument.uav_key):
-                raise UavAgentError("session_mismatch", "the session on the ledger has other keys than the request")
-            secret = keys.shared_secret(own, from_base64url(session.pad_key))
-            return session, keys.derive(secret, bytes.fromhex(session.transcript_sha256))
-        raise AssertionError("unreachable: the last attempt returns or raises")
+                await asyncio.sleep(TAKEN_PAUSE_S * 2**attempts)
+            except AwayError as error:
+                # What may have been sent is not asked for twice: it would open a second session.
+                if error.tx_id or loop.time() > patient_until_s:
+                    raise
+                _log.warning("the request waits for the ledger: %s", error)
+                await asyncio.sleep(AWAY_PAUSE_S)
+
+    async def _request_once(self, pad_id: str, action: str) -> tuple[Session, keys.SessionKeys]:
+        prekeys = await self._ledger.list_prekeys(pad_id, PREKEYS_LISTED)
+        if not prekeys:
+            raise UavAgentError("no_prekey", f"pad {pad_id} offers no prekey: its agent is not running")
+        claim = self._position.claim(self._clock())
+        if claim is None:
+            raise UavAgentError("no_position", "the position source has no fresh position")
+        prekey = self._choose(prekeys)
+        own = keys.new_key()
+        argument = tx.RequestProof(
+            pad_id=pad_id,
+            action=action,
+            prekey_id=prekey.prekey_id,
+            uav_key=to_base64url(keys.public_bytes(own)),
+            claim=claim,
+        )
+        session, _ = await self._ledger.request_proof(argument)
+        if (session.pad_key, session.uav_key) != (prekey.public_key, argument.uav_key):
+            raise UavAgentError("session_mismatch", "the session on the ledger has other keys than the request")
+        secret = keys.shared_secret(own, from_base64url(session.pad_key))
+        return session, keys.derive(secret, bytes.fromhex(session.transcript_sha256))
 
 
 def _mismatch(session: Session, commissioning: Commissioning, identity: Identity, channel: str) -> str:

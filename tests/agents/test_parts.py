@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_agent.prekeys import ORPHAN_AGE_MS, PrekeyKeeper
-from edge_agent.reconcile import Reconciler
+from edge_agent.reconcile import UNKNOWN_MS, Reconciler
 from edge_agent.session.evidence import GatheredEvidence
 from edge_agent.session.gather import Round, RoundGatherer
 from uav_agent.position import AutopilotPosition, PositionError, TrackPosition
@@ -392,9 +392,34 @@ async def test_an_absent_ledger_is_waited_for_and_an_unknown_session_forgotten(s
     ledger.away = False
     await reconciler.look()
     assert reconciler.waiting == 0
-    ends, reconciler = await looked(EndLedger(None))
-    assert ends == [("a" * 64, "cancelled", "unknown_to_ledger")]
+
+
+async def test_a_session_is_unknown_to_a_ledger_only_after_a_while(session_of):
+    """The peer that is asked may be behind the one that told of the session."""
+    ledger, ends, now_ms = EndLedger(None), Ends(), [NOW_MS]
+    reconciler = Reconciler(ledger, ends, lambda: now_ms[0])
+    reconciler.add("a" * 64, "agent_restart")
+    await reconciler.look()
+    ledger.away = True
+    now_ms[0] += UNKNOWN_MS - 1
+    await reconciler.look()
+    ledger.away = False
+    await reconciler.look()
+    assert (ends.list, reconciler.waiting) == ([], 1)
+    now_ms[0] += 1
+    await reconciler.look()
+    assert ends.list == [("a" * 64, "cancelled", "unknown_to_ledger")]
     assert reconciler.waiting == 0
+
+
+async def test_a_session_that_appears_after_all_is_ended(session_of):
+    ledger, ends = EndLedger(None), Ends()
+    reconciler = Reconciler(ledger, ends, lambda: NOW_MS)
+    reconciler.add("a" * 64, "agent_restart")
+    await reconciler.look()
+    ledger.session = session_of
+    await reconciler.look()
+    assert ends.list == [("a" * 64, "cancelled", "agent_restart")]
 
 
 # --- positions ----------------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import grpc
 import pytest
 
-from wonderland.ledger.gateway import Event
+from wonderland.ledger.gateway import Event, Submitted
 from wonderland.ledger.gateway.errors import (
     CommitError,
     CommitUnknownError,
@@ -15,7 +15,7 @@ from wonderland.ledger.gateway.errors import (
     GatewayError,
     SubmitError,
 )
-from wonderland.ledger.proof_contract import MAX_NOTE, AwayError, ProofContract, RefusedError, _note
+from wonderland.ledger.proof_contract import MAX_NOTE, AwayError, Committed, ProofContract, RefusedError, _note
 
 
 class Stream:
@@ -98,7 +98,7 @@ async def test_a_refusal_is_final_and_says_why(error, status, code):
         await contract(error).read_pad("pad-1")
     assert (caught.value.status, caught.value.code) == (status, code)
     with pytest.raises(RefusedError):
-        await contract(error).cancel("a" * 64, "test")
+        await contract(error).publish_prekeys("pad-1", ())
 
 
 @pytest.mark.parametrize(
@@ -115,6 +115,61 @@ async def test_an_absent_ledger_says_nothing_about_the_question(error):
     with pytest.raises(AwayError) as caught:
         await contract(error).read_session("a" * 64)
     assert caught.value.tx_id == error.tx_id
+
+
+async def test_what_was_not_even_endorsed_can_not_be_committed():
+    error = EndorseError("no peer", tx_id="t", status_code=grpc.StatusCode.UNAVAILABLE)
+    with pytest.raises(AwayError) as caught:
+        await contract(error).cancel("a" * 64, "test")
+    assert caught.value.tx_id == ""
+
+
+def refusal(text):
+    said = detail(f"chaincode response {text}")
+    return EndorseError("see details", status_code=grpc.StatusCode.ABORTED, details=said)
+
+
+class Behind(Network):
+    """Refuses some times, as a peer that has not seen the last block, and then answers."""
+
+    def __init__(self, error, times, answer):
+        super().__init__()
+        self.error, self.left, self.answer = error, times, answer
+
+    async def submit_with_retry(self, function, argument):
+        self.left -= 1
+        if self.left >= 0:
+            raise self.error
+        return Submitted("t" * 64, 7, self.answer)
+
+
+@pytest.mark.parametrize(
+    ("text", "way"),
+    [
+        ("404, SESSION_UNKNOWN: none", lambda c, s: c.cancel(s, "test")),
+        ("404, SESSION_UNKNOWN: none", lambda c, s: c.complete(s, "done")),
+        ("422, SESSION_REQUESTED: not decided", lambda c, s: c.complete(s, "done")),
+    ],
+)
+async def test_a_peer_that_is_behind_is_waited_for(text, way, make_duo):
+    session = make_duo().session
+    known = ProofContract(Behind(refusal(text), 3, session.encode()), "pol")
+    done = await way(known, session.session_id)
+    assert done == (session, Committed("t" * 64, 7))
+
+
+async def test_a_peer_that_stays_behind_is_away_not_a_refusal():
+    known = ProofContract(Behind(refusal("404, SESSION_UNKNOWN: none"), 10**6, b""), "pol", lag_s=0.01)
+    with pytest.raises(AwayError, match="behind") as caught:
+        await known.cancel("a" * 64, "test")
+    assert caught.value.tx_id == ""
+
+
+async def test_a_session_of_another_state_is_a_refusal_at_once():
+    network = Behind(refusal("422, SESSION_REQUESTED: not decided"), 10**6, b"")
+    with pytest.raises(RefusedError):
+        await ProofContract(network, "pol").cancel("a" * 64, "test")
+    assert network.left == 10**6 - 1
 
 
 @pytest.mark.parametrize("answer", [b"", b"[]", b"{", b'{"pad_id":1}', b"\xff", b'{"x":1.5}'])

@@ -7,6 +7,7 @@ what stands on the ledger.
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
@@ -15,7 +16,14 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import grpc
 
 from wonderland.ledger.errors import LedgerError
-from wonderland.ledger.gateway.errors import CommitError, CommitUnknownError, GatewayError, UnknownTransactionError
+from wonderland.ledger.gateway.errors import (
+    CommitError,
+    CommitUnknownError,
+    EndorseError,
+    EvaluateError,
+    GatewayError,
+    UnknownTransactionError,
+)
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records import transactions as tx
@@ -42,6 +50,12 @@ _AWAY: Final = frozenset(
     }
 )
 _NOT_THERE: Final = 404
+_KNOWN: Final = frozenset({"SESSION_UNKNOWN", "PAD_UNKNOWN"})
+_DECIDED: Final = _KNOWN | {"SESSION_REQUESTED"}
+"""How a peer that is a block behind refuses what the sender has seen on the ledger already."""
+LAG_S: Final = 3.0
+"""How long such a peer is waited for."""
+_LAG_PAUSE_S: Final = 0.05
 MAX_NOTE: Final = 500
 AnyRecord = TypeVar("AnyRecord", bound="Record")
 
@@ -61,7 +75,10 @@ class RefusedError(LedgerError):
 
 
 class AwayError(LedgerError):
-    """The ledger could not be reached, or its answer was lost. ``tx_id`` of a transaction that may yet be committed."""
+    """The ledger could not be reached, or its answer was lost.
+
+    ``tx_id`` of a transaction that may yet be committed; empty where nothing was sent for ordering.
+    """
 
     def __init__(self, text: str, tx_id: str = "") -> None:
         super().__init__(text)
@@ -88,9 +105,14 @@ class ContractEvent:
 
 
 class ProofContract:
-    """The contract on one channel, as one identity. Every method raises `RefusedError` and `AwayError`."""
+    """The contract on one channel, as one identity. Every method raises `RefusedError` and `AwayError`.
 
-    def __init__(self, network: Network, chaincode: str) -> None:
+    What changes a session is for those who know it from the ledger: a peer that does not is behind, and is waited for
+    (`lag_s`), in the end by `AwayError`.
+    """
+
+    def __init__(self, network: Network, chaincode: str, *, lag_s: float = LAG_S) -> None:
+        self._lag_s = lag_s
         self.channel: Final = network.name
         self._network = network
         self._chaincode = chaincode
@@ -103,19 +125,20 @@ class ProofContract:
 
     async def submit_proof(self, session_id: str, evidence: Evidence) -> tuple[Verdict, Committed]:
         """Step 7: the evidence, for a verdict."""
-        answer, done = await self._submit("SubmitProof", tx.SubmitProof(session_id=session_id, evidence=evidence))
+        argument = tx.SubmitProof(session_id=session_id, evidence=evidence)
+        answer, done = await self._submit("SubmitProof", argument, _KNOWN)
         return _parsed(Verdict, answer), done
 
     async def complete(self, session_id: str, result: str, note: str = "") -> tuple[Session, Committed]:
         """Step 8: how the permitted interaction ended (``done`` or ``aborted``)."""
         argument = tx.CompleteInteraction(session_id=session_id, result=result, note=_note(note))
-        answer, done = await self._submit("CompleteInteraction", argument)
+        answer, done = await self._submit("CompleteInteraction", argument, _DECIDED)
         return _parsed(Session, answer), done
 
     async def cancel(self, session_id: str, reason: str, note: str = "") -> tuple[Session, Committed]:
         """End a session without a verdict, or one whose permission lapsed."""
         argument = tx.CancelProof(session_id=session_id, reason=reason, note=_note(note))
-        answer, done = await self._submit("CancelProof", argument)
+        answer, done = await self._submit("CancelProof", argument, _KNOWN)
         return _parsed(Session, answer), done
 
     async def publish_prekeys(self, pad_id: str, prekeys: tuple[OfferedPrekey, ...]) -> Committed:
@@ -182,12 +205,24 @@ class ProofContract:
         except GatewayError as error:
             raise _translated(error) from error
 
-    async def _submit(self, function: str, argument: Record) -> tuple[dict[str, Any], Committed]:
-        try:
-            done = await self._contract.submit_with_retry(function, argument.encode())
-        except GatewayError as error:
-            raise _translated(error) from error
-        return _object(done.payload), Committed(done.tx_id, done.block_number)
+    async def _submit(
+        self, function: str, argument: Record, behind: frozenset[str] = frozenset()
+    ) -> tuple[dict[str, Any], Committed]:
+        """Submit. `behind`: codes of refusals that only a peer which is behind can mean."""
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + self._lag_s
+        while True:
+            try:
+                done = await self._contract.submit_with_retry(function, argument.encode())
+            except GatewayError as error:
+                refusal = _translated(error)
+                if not isinstance(refusal, RefusedError) or refusal.code not in behind:
+                    raise refusal from error
+                if loop.time() >= deadline_s:
+                    raise AwayError(f"a peer that must endorse is behind: {refusal}") from error
+            else:
+                return _object(done.payload), Committed(done.tx_id, done.block_number)
+            await asyncio.sleep(_LAG_PAUSE_S)
 
     async def _evaluate(self, function: str, argument: Record) -> dict[str, Any]:
         try:
@@ -211,7 +246,8 @@ def _translated(error: GatewayError) -> LedgerError:
     if isinstance(error, UnknownTransactionError) and error.status_code in {None, grpc.StatusCode.NOT_FOUND}:
         return RefusedError(0, grpc.StatusCode.NOT_FOUND.name, error.message)
     if isinstance(error, CommitUnknownError) or error.status_code is None or error.status_code in _AWAY:
-        return AwayError(str(error), error.tx_id)
+        sent = not isinstance(error, EndorseError | EvaluateError)
+        return AwayError(str(error), error.tx_id if sent else "")
     return RefusedError(0, error.status_code.name, str(error))
 
 
