@@ -16,6 +16,9 @@ listen = "0.0.0.0:5481"
 [remote_id]
 listen = "0.0.0.0:5480"                 # UDP; or serial = ["/dev/ttyUSB4"]
 
+[drift]
+every_s = 600                           # how often the anchors range each other when no drone is there; 0: never
+
 [backend]
 url = "wss://console.example/ingest"    # optional: where telemetry goes
 tls_ca = "console-ca.pem"               # optional: its certificate authority, where it is not a public one
@@ -71,6 +74,8 @@ class PadSettings:
     backend_tls_ca: Path | None = None
     backend_plaintext: bool = False
     """Whether the backend may be another machine without TLS: the network itself is protected."""
+    drift_every_s: int = 600
+    """How often the anchors range each other while no drone is there; 0: never."""
     reports_listen: tuple[str, int] | None = None
     """Where drones with a DWM1001 report; None where the pad has nodes of its own."""
 
@@ -78,6 +83,11 @@ class PadSettings:
     def status_file(self) -> Path:
         """Where the agent says how it is, for ``wonderland pad status``."""
         return self.spool / "status.json"
+
+    @property
+    def baseline_file(self) -> Path:
+        """What the anchors measured to each other when they were commissioned."""
+        return self.spool / "anchors.json"
 
     @property
     def checkpoint_file(self) -> Path:
@@ -106,6 +116,7 @@ def parse(document: dict[str, Any], path: Path) -> PadSettings:
     top = _Table(document, path, "")
     remote_id = top.table("remote_id")
     backend = top.table("backend")
+    drift = top.table("drift")
     reports_listen = _reports_listen(top, top.table("uwb"))
     anchors = tuple(AnchorSetting(entry.identifier("anchor_id"), entry.text("port")) for entry in top.tables("anchors"))
     if reports_listen is None and not MIN_ANCHORS <= len(anchors) <= MAX_ANCHORS:
@@ -128,9 +139,10 @@ def parse(document: dict[str, Any], path: Path) -> PadSettings:
         backend_url=backend.url("url"),
         backend_tls_ca=backend.path("tls_ca") if backend.has("tls_ca") else None,
         backend_plaintext=backend.flag("plaintext", default=False),
+        drift_every_s=drift.integer("every_s", 600, 0, 86_400),
         reports_listen=reports_listen,
     )
-    for table in (top, remote_id, backend):
+    for table in (top, remote_id, backend, drift):
         table.refuse_unknown()
     return settings
 

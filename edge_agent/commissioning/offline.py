@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -66,15 +67,43 @@ class Calibrated:
 def calibrate(settings: OfflineSettings, now_ms: int) -> Calibrated:
     """Read, fit, and say what the pad can settle. Raises CommissioningError."""
     survey = load_survey(settings.anchors, origin=settings.origin, crs=settings.crs, control=settings.control)
-    shift = settings.truth_shift_s or 0.0
-    fit = fit_runs(_runs(settings, survey, shift), settings.fit)
-    if settings.truth_shift_s is None and fit.shift_s:
-        shift += fit.shift_s
-        fit = fit_runs(_runs(settings, survey, shift), settings.fit)
-    return finish(
-        fit, survey, now_ms=now_ms, shift_s=shift, buffer_m=settings.buffer_m, height_m=settings.height_m,
+    return calibrate_runs(
+        [(path, settings.reference) for path in settings.recordings],
+        survey,
+        now_ms=now_ms,
+        truth_shift_s=settings.truth_shift_s,
+        truth_raise_m=settings.truth_raise_m,
+        fit=settings.fit,
+        buffer_m=settings.buffer_m,
+        height_m=settings.height_m,
         valid_days=settings.valid_days,
-    )  # fmt: skip
+    )
+
+
+def calibrate_runs(
+    runs: Sequence[tuple[Path, Path | None]],
+    survey: Survey,
+    *,
+    now_ms: int,
+    truth_shift_s: float | None,
+    truth_raise_m: float,
+    fit: FitSettings,
+    buffer_m: float,
+    height_m: float,
+    valid_days: int,
+) -> Calibrated:
+    """Fit recordings, each with its reference (None: in the recording). ``truth_shift_s`` None: find it.
+
+    Raises CommissioningError.
+    """
+    shift = truth_shift_s or 0.0
+    found = fit_runs(_runs(runs, survey, shift, truth_raise_m), fit)
+    if truth_shift_s is None and found.shift_s:
+        shift += found.shift_s
+        found = fit_runs(_runs(runs, survey, shift, truth_raise_m), fit)
+    return finish(
+        found, survey, now_ms=now_ms, shift_s=shift, buffer_m=buffer_m, height_m=height_m, valid_days=valid_days
+    )
 
 
 def finish(
@@ -122,17 +151,16 @@ def write_json(path: Path, document: dict[str, Any]) -> None:
         raise CommissioningError(str(error)) from error
 
 
-def _runs(settings: OfflineSettings, survey: Survey, shift_s: float) -> list[Run]:
-    track = None if settings.reference is None else load_track(settings.reference, survey.frame)
+def _runs(files: Sequence[tuple[Path, Path | None]], survey: Survey, shift_s: float, raise_m: float) -> list[Run]:
     runs = []
-    for path in settings.recordings:
+    for path, reference in files:
         recording = Recording.of_rows(
             path,
             survey.places_m,
-            settings.anchors.name,
+            "the survey",
             truth_shift_s=shift_s,
-            truth_raise_m=settings.truth_raise_m,
-            reference=track,
+            truth_raise_m=raise_m,
+            reference=None if reference is None else load_track(reference, survey.frame),
         )
         silent = sorted(set(survey.places_m) - {name for item in recording.rounds for name in item.ranges_m})
         if silent:

@@ -27,8 +27,8 @@ from wonderland.ledger.gateway.errors import (
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records import transactions as tx
-from wonderland.proofs.records.pads import OfferedPrekey, Pad, Prekey
-from wonderland.proofs.records.sessions import Evidence, Session
+from wonderland.proofs.records.pads import Commissioning, OfferedPrekey, Pad, Prekey
+from wonderland.proofs.records.sessions import Evidence, Radio, Session, Testimony, TimeStamps
 from wonderland.proofs.records.verdicts import Verdict
 
 if TYPE_CHECKING:
@@ -129,6 +129,23 @@ class ProofContract:
         answer, done = await self._submit("SubmitProof", argument, _KNOWN)
         return _parsed(Verdict, answer), done
 
+    async def witness_proof(
+        self, session_id: str, radio: Radio, time_stamps: TimeStamps
+    ) -> tuple[Testimony, Committed]:
+        """Step 7 of the witness: its own time stamps of the drone's frames."""
+        argument = tx.WitnessProof(session_id=session_id, radio=radio, time_stamps=time_stamps)
+        answer, done = await self._submit("WitnessProof", argument)
+        return _parsed(Testimony, answer), done
+
+    async def read_testimony(self, session_id: str) -> Testimony | None:
+        """What the witness of a session brought; None while there is nothing."""
+        try:
+            return _parsed(Testimony, await self._evaluate("ReadTestimony", tx.SessionById(session_id=session_id)))
+        except RefusedError as error:
+            if error.status == _NOT_THERE:
+                return None
+            raise
+
     async def complete(self, session_id: str, result: str, note: str = "") -> tuple[Session, Committed]:
         """Step 8: how the permitted interaction ended (``done`` or ``aborted``)."""
         argument = tx.CompleteInteraction(session_id=session_id, result=result, note=_note(note))
@@ -153,6 +170,17 @@ class ProofContract:
         if not isinstance(listed, list):
             raise RefusedError(0, "BAD_ANSWER", "the contract's list of prekeys is no list")
         return tuple(_parsed(Prekey, entry) for entry in listed)
+
+    async def register_pad(self, argument: tx.RegisterPad) -> tuple[Pad, Committed]:
+        """Make a pad known; its operator's organisation owns it."""
+        answer, done = await self._submit("RegisterPad", argument)
+        return _parsed(Pad, answer), done
+
+    async def commission_pad(self, pad_id: str, commissioning: Commissioning) -> tuple[Pad, Committed]:
+        """Survey and calibration of a pad: from now on the ground of its verdicts."""
+        argument = tx.CommissionPad(pad_id=pad_id, commissioning=commissioning)
+        answer, done = await self._submit("CommissionPad", argument)
+        return _parsed(Pad, answer), done
 
     async def read_pad(self, pad_id: str) -> Pad:
         """A pad with its commissioning."""

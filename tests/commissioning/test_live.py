@@ -1,0 +1,263 @@
+"""The whole live path: virtual nodes on pseudo-terminals, a reference by UDP, the transaction on the embedded ledger."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import math
+import random
+import socket
+import time
+from dataclasses import replace
+
+import pytest
+
+from chaincode.contract import CONTRACT
+from edge_agent.commissioning.errors import PublishError, RadioError, StateError, SurveyError
+from edge_agent.commissioning.live.publish import Operator
+from edge_agent.commissioning.live.wizard import LiveSettings, Wizard
+from edge_agent.commissioning.survey_files import Origin
+from edge_agent.settings import parse
+from edge_agent.spool.lock import ProcessLock
+from simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
+from wonderland.ledger.embedded.node import EmbeddedLedger, LedgerSettings
+from wonderland.ledger.embedded.orderer import BatchLimits
+from wonderland.ledger.gateway import Gateway
+from wonderland.ledger.proof_contract import ProofContract
+from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.reduction import bias_at
+
+SPEED = 8
+"""The calibration's clock runs so much faster: half a minute takes four seconds."""
+BIAS_M = {"A1": 0.20, "A2": -0.10, "A3": 0.05, "A4": 0.12}
+PLACES = {"A1": (1.6, 1.6, 1.6), "A2": (-1.6, 1.6, 0.25), "A3": (-1.6, -1.6, 0.25), "A4": (1.6, -1.6, 0.25)}
+ORIGIN = Origin(60.4518, 22.2666, 30.0)
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.start_s = time.monotonic()
+        self.epoch_ms = time.time_ns() // 1_000_000
+
+    def __call__(self) -> int:
+        return self.epoch_ms + round((time.monotonic() - self.start_s) * 1000 * SPEED)
+
+
+class Person:
+    """Who answers yes, and remembers what was told."""
+
+    def __init__(self, answers=()) -> None:
+        self.said: list[str] = []
+        self.checks: list = []
+        self.answers = list(answers)
+        self.asked: list[str] = []
+
+    def step(self, number, name, text) -> None:
+        self.said.append(f"{number} {name}")
+
+    def say(self, text) -> None:
+        self.said.append(text)
+
+    warn = say
+
+    def confirm(self, text) -> bool:
+        self.asked.append(text)
+        return self.answers.pop(0) if self.answers else text.startswith("Publish")
+
+    def show_check(self, found) -> None:
+        self.checks.append(found)
+
+    def progress(self, recorder, seconds, reach_m, problem) -> None:
+        self.coverage = recorder.coverage
+
+    def show_result(self, found) -> None:
+        self.result = found
+
+
+class Site:
+    """A pad and a drone that is carried around it: out and back, one and a half turns in 30 s of the clock."""
+
+    def __init__(self, directory) -> None:
+        self.directory = directory
+        self.clock = Clock()
+        self.stand = dict(PLACES)
+        self.rng = random.Random(4)
+        self.air = Air(self.measure, rng=random.Random(3), jitter_ms=0)
+        self.ports = {}
+        for name in (*PLACES, "tag"):
+            self.ports[name] = PtyPort(VirtualNode(name, self.air), directory / f"tty-{name}")
+            self.ports[name].plug()
+        (directory / "survey.csv").write_text(
+            "anchor,x,y,z,sigma,mac\n"
+            + "".join(f"{n},{x},{y},{z},0.003,{0xA001 + i:04x}\n" for i, (n, (x, y, z)) in enumerate(PLACES.items()))
+        )
+
+    def where(self, t_s: float) -> tuple[float, float, float]:
+        share = (t_s - self.clock.epoch_ms / 1000) / 30
+        radius = 3.0 + 6.0 * abs(math.sin(math.pi * share))
+        return (radius * math.cos(3 * math.pi * share), radius * math.sin(3 * math.pi * share), 2.0)
+
+    def measure(self, observer: str, peer: str, t_s: float) -> Measurement:
+        if "tag" in (observer, peer):
+            anchor = peer if observer == "tag" else observer
+            place = self.where(self.clock() / 1000)
+            away = math.dist(self.stand[anchor], place) + BIAS_M[anchor] + self.rng.gauss(0, 0.02)
+        else:
+            away = math.dist(self.stand[observer], self.stand[peer]) + 0.05 + self.rng.gauss(0, 0.02)
+        return Measurement(round(away * 1000))
+
+    def settings(self, **more) -> LiveSettings:
+        pad = parse(
+            {
+                "pad_id": "pad-7",
+                "connection": str(self.directory / "ledger" / "connection.json"),
+                "spool": str(self.directory / "spool"),
+                "anchors": [{"anchor_id": n, "port": str(self.directory / f"tty-{n}")} for n in PLACES],
+            },
+            self.directory / "pad.toml",
+        )
+        found = LiveSettings(
+            pad=pad,
+            state=self.directory / "state",
+            anchors=self.directory / "survey.csv",
+            origin=ORIGIN,
+            tag_port=str(self.directory / "tty-tag"),
+            reference_listen=("127.0.0.1", 0),
+            seconds=26.0,
+            truth_shift_s=0.0,
+            check_rounds=8,
+            run_interval_ms=20,
+            operator=Operator(connection=pad.connection, register_as="Pad seven", operator_id="skyport"),
+        )
+        return replace(found, **more)
+
+    @contextlib.asynccontextmanager
+    async def surveyor(self, wizard: Wizard):
+        """Sends where the drone is, as soon as somebody listens."""
+
+        async def send() -> None:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+                while True:
+                    await asyncio.sleep(0.01)
+                    if wizard.reference_address is not None:
+                        t_s = self.clock() / 1000
+                        x, y, z = self.where(t_s)
+                        out.sendto(json.dumps({"t": t_s, "x": x, "y": y, "z": z}).encode(), wizard.reference_address)
+                        out.sendto(b"not a position", wizard.reference_address)
+
+        task = asyncio.create_task(send())
+        try:
+            yield
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+    async def commission(self, operator=None, **more):
+        operator = operator or Person()
+        wizard = Wizard(self.settings(**more), operator, clock=self.clock)
+        async with self.surveyor(wizard):
+            return await wizard.run(), operator
+
+    def close(self) -> None:
+        for port in self.ports.values():
+            port.close()
+        self.air.close()
+
+
+@pytest.fixture
+async def site(tmp_path):
+    made = Site(tmp_path)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+async def ledger(site):
+    node = EmbeddedLedger(site.directory / "ledger", {"pol": CONTRACT}, LedgerSettings(limits=BatchLimits(time_ms=1)))
+    await node.start()
+    yield node
+    await node.stop()
+
+
+async def pad_on(ledger):
+    async with ledger.connection.open_channel() as channel:
+        connection = ledger.connection
+        gateway = Gateway(channel, connection.identity("pad_operator"), connection.signer("pad_operator"))
+        return await ProofContract(gateway.network(connection.channel), connection.chaincode).read_pad("pad-7")
+
+
+@pytest.mark.timeout(120)
+async def test_a_pad_is_commissioned_from_survey_to_ledger_and_can_go_on_at_any_step(site, ledger):
+    refused = Person(answers=[False])
+    done, _ = await site.commission(refused)
+    assert done["published"] is False
+    assert refused.checks[0].agrees
+    assert refused.coverage.rounds > 100
+    await ledger.stop()
+    with pytest.raises(PublishError, match="publish again later"):
+        await site.commission()
+    await ledger.start()
+    # Called again it measures nothing: the nodes may even be gone.
+    for port in site.ports.values():
+        port.unplug()
+    done, again = await site.commission()
+    assert done["published"] is True
+    assert again.checks == []
+    pad = await pad_on(ledger)
+    assert pad.status == "commissioned"
+    assert pad.commissioning_sha256 == done["commissioning_sha256"]
+    record = Commissioning.decode((site.directory / "state" / "commissioning.json").read_bytes())
+    assert pad.commissioning == record
+    for anchor in record.anchors:
+        bias, sigma = bias_at(anchor, 6_000.0)
+        assert bias == pytest.approx(1000 * BIAS_M[anchor.anchor_id], abs=50)  # without a table it is 50 to 200 mm off
+        assert sigma < 60
+    assert (record.anchors[0].mac, record.anchors[0].survey_sigma_mm) == (0xA001, 3)
+    assert (site.directory / "state" / "report.html").stat().st_size > 50_000
+    baseline = json.loads((site.directory / "spool" / "anchors.json").read_text())
+    assert baseline["commissioning_sha256"] == done["commissioning_sha256"]
+    assert len(baseline["pairs"]) == 6
+
+
+async def test_an_anchor_that_stands_elsewhere_is_named_before_anything_is_calibrated(site):
+    site.stand["A3"] = (-1.2, -1.6, 0.25)
+    operator = Person(answers=[False])
+    with pytest.raises(SurveyError, match="disagree"):
+        await site.commission(operator, dry_run=True)
+    found = operator.checks[0]
+    assert found.suspect.anchor_id == "A3"
+    assert found.suspect.off_m == pytest.approx(0.4, abs=0.08)
+    assert "go on" in operator.asked[0].lower()
+
+
+async def test_without_a_reference_the_run_is_kept_until_it_comes(site, tmp_path):
+    with pytest.raises(Exception, match="give --reference FILE"):
+        await site.commission(reference_listen=None, dry_run=True, seconds=26.0)
+    track = tmp_path / "track.csv"
+    start = site.clock.epoch_ms / 1000
+    rows = (f"{start + i / 10},{','.join(map(str, site.where(start + i / 10)))}" for i in range(3_000))
+    track.write_text("t,x,y,z\n" + "\n".join(rows) + "\n")
+    done, operator = await site.commission(reference_listen=None, reference_file=track, dry_run=True)
+    assert done["published"] is False
+    assert operator.result.fit.coverage.seconds >= 20
+
+
+async def test_what_keeps_a_live_commissioning_from_beginning(site):
+    lock_directory = site.directory / "spool"
+    lock_directory.mkdir()
+    lock = ProcessLock(lock_directory / "spool.lock")
+    with pytest.raises(RadioError, match="agent seems to run"):
+        await site.commission(dry_run=True)
+    lock.release()
+    with pytest.raises(SurveyError, match="tied to the globe"):
+        await site.commission(dry_run=True, origin=None, state=site.directory / "other")
+    with pytest.raises(StateError, match="no step"):
+        await site.commission(redo="everything")
+    (site.directory / "state" / "about.json").write_text('{"version": 1, "pad_id": "pad-8"}')
+    with pytest.raises(StateError, match="pad-8"):
+        await site.commission(dry_run=True)
+    survey = site.directory / "survey.csv"
+    survey.write_text(survey.read_text().replace("A4", "A5"))
+    with pytest.raises(SurveyError, match="A4, A5"):
+        await site.commission(dry_run=True, state=site.directory / "third")
