@@ -15,8 +15,9 @@ RECORDS: tuple[type[Record], ...] = (
     pads.Pad, pads.Commissioning, pads.Frame, pads.Anchor, pads.BiasPoint, pads.Prekey, uavs.Uav, uavs.Maintenance,
     uavs.Authorisation, policies.Policy, sessions.Session, sessions.Claim, sessions.Evidence, sessions.RangeTable,
     sessions.AnchorRanges, sessions.TimeStamps, sessions.AnchorTicks, sessions.ClockReading, sessions.BroadcastClaim,
-    sessions.Radio, sessions.Witness, sessions.Party, sessions.Testimony, verdicts.Verdict, verdicts.Judgement,
-    verdicts.TimeDifferences, verdicts.DroneClock, verdicts.Position, verdicts.Covariance, verdicts.Reason, assets.Asset, assets.AssetChange, Transcript,
+    sessions.Radio, sessions.Witness, sessions.LastRequest, sessions.Party, sessions.Testimony, verdicts.Verdict,
+    verdicts.Judgement, verdicts.TimeDifferences, verdicts.DroneClock, verdicts.Position, verdicts.Covariance,
+    verdicts.Reason, assets.Asset, assets.AssetChange, Transcript,
 )  # fmt: skip
 
 

@@ -391,8 +391,9 @@ _READERS: Final[dict[str, _Reader]] = {
     keys.VERDICT: (VerdictRow, 1, _verdict),
     keys.ASSET: (AssetRow, 1, _asset),
 }
-_WITHOUT_ROWS: Final = frozenset({keys.PREKEY, keys.USED_PREKEY})
-"""Secrets' public halves and their tombstones: of use to pads and drones on the ledger only."""
+_WITHOUT_ROWS: Final = frozenset({keys.PREKEY, keys.USED_PREKEY, keys.LAST_REQUEST, keys.TESTIMONY})
+"""Secrets' public halves and their tombstones, and the times of requests: of use on the ledger only. What a witness
+brought is judged in the verdict, which says so; its transaction is there in full."""
 
 APPENDED: Final[tuple[tuple[type[LedgerRow], str], ...]] = (
     (BlockRow, "blocks"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import orjson
@@ -91,7 +91,19 @@ class SessionView:
             known = best.get(step.step)
             if known is None or _RANK[step.source] < _RANK[known.source]:
                 best[step.step] = step
+        self._date_permission(best)
         return sorted(best.values(), key=lambda each: _ORDER[each.step])
+
+    def _date_permission(self, best: dict[str, ReportedStep]) -> None:
+        """The ledger says that there is a permission; when it had effect at the pad, or the drone, they say."""
+        committed = best.get("permission")
+        if committed is None or committed.source != LEDGER:
+            return
+        for source in (PAD, UAV):
+            told = self.reported.get(("permission", source))
+            if told is not None and told.ok == committed.ok and told.t_ms >= committed.t_ms:
+                best["permission"] = replace(committed, t_ms=told.t_ms)
+                return
 
     def to_json(self) -> dict[str, Any]:
         """The SessionState of the REST and live interfaces."""

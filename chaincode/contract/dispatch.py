@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Final
 
-from chaincode.contract import access, assets, pads, policies, sessions, uavs
+from chaincode.contract import access, assets, pads, policies, sessions, uavs, witnesses
 from chaincode.contract.call import Answer, Call
 from chaincode.contract.errors import bad_input, not_there
 from chaincode.stub import Stub
@@ -32,11 +32,13 @@ HANDLERS: Final[Mapping[str, Handler]] = {
     "SetPolicy": policies.set_policy,
     "ReadPolicy": policies.read,
     "RequestProof": sessions.request,
+    "WitnessProof": witnesses.testify,
     "SubmitProof": sessions.submit,
     "CompleteInteraction": sessions.complete,
     "CancelProof": sessions.cancel,
     "ReadSession": sessions.read,
     "ReadVerdict": sessions.read_verdict,
+    "ReadTestimony": witnesses.read,
     "CreateAsset": assets.create,
     "UpdateAsset": assets.update,
     "DeleteAsset": assets.delete,

@@ -1,6 +1,7 @@
 """Sessions: requested → decided → completed, or cancelled; forward only, each step once.
 
-- RequestProof opens a session (``requested``) and consumes a prekey.
+- RequestProof opens a session (``requested``) and consumes a prekey, and one of the witness's where there is one.
+- WitnessProof (``witnesses``) brings what the witness saw; the state stays.
 - SubmitProof brings the evidence; the verdict makes it ``decided``.
 - CompleteInteraction ends a permitted one (``completed``).
 - CancelProof ends one that is not decided, gave no permission, or whose permission expired (``cancelled``).
@@ -11,7 +12,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from chaincode.contract import access, pads, policies, uavs
+from chaincode.contract import access, pads, policies, uavs, witnesses
 from chaincode.contract.call import Answer, Call
 from chaincode.contract.errors import ContractError, bad_input, conflict, not_there, refused
 from chaincode.contract.signatures import is_point, signature_holds
@@ -20,7 +21,7 @@ from wonderland.proofs.records import keys
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.pads import Commissioning, Pad, Prekey
 from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.records.sessions import Claim, Evidence, Party, Session
+from wonderland.proofs.records.sessions import Claim, Evidence, LastRequest, Party, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.statement import statement
 from wonderland.proofs.transcript import transcript_of
@@ -53,10 +54,9 @@ async def request(call: Call, argument: tx.RequestProof) -> Answer:
     _, digest = _commissioned(pad, now_ms)
     policy = await policies.in_force(call, pad.pad_id, argument.action)
     _require_fresh(argument.claim, policy, now_ms)
-    prekey_key = keys.composite(keys.PREKEY, pad.pad_id, argument.prekey_id)
-    prekey = await _waiting_prekey(call, prekey_key, pad.pad_id, argument.prekey_id)
-    if prekey.published_ms > now_ms + policy.max_clock_skew_ms:
-        raise refused("CLOCKS_DISAGREE", "the request is older than the prekey that it names; set the drone's clock")
+    await _require_patience(call, pad.pad_id, uav_id, policy)
+    prekey = await _consumed_prekey(call, pad.pad_id, argument.prekey_id, policy)
+    witness = await witnesses.chosen(call, argument, policy, _commissioned, _consumed_prekey)
 
     session = Session(
         session_id=call.stub.tx_id,
@@ -80,15 +80,11 @@ async def request(call: Call, argument: tx.RequestProof) -> Answer:
         policy=policy,
         requested_ms=now_ms,
         expires_ms=now_ms + policy.session_ttl_ms,
+        witness=witness,
     )
     transcript = transcript_of(session, call.stub.channel)
     session = replace(session, transcript_sha256=transcript.digest().hex())
     await call.store_new(keys.composite(keys.SESSION, session.session_id), session, session.pad.msp_id)
-    await call.stub.delete(prekey_key)
-    await call.stub.put(
-        keys.composite(keys.USED_PREKEY, pad.pad_id, prekey.prekey_id),
-        encoding.encode({"session_id": session.session_id}),
-    )
     return Answer.of(session)
 
 
@@ -120,6 +116,7 @@ async def submit(call: Call, argument: tx.SubmitProof) -> Answer:
         authorisation=await uavs.reasons_against(call, session),
         now_ms=now_ms,
         evidence_sha256=encoding.digest(evidence.to_json()).hex(),
+        witness=await witnesses.brought(call, session),
     )
     await call.store_new(keys.composite(keys.VERDICT, session.session_id), verdict, session.pad.msp_id)
     await _store(call, replace(session, state="decided", decided_ms=now_ms))
@@ -187,6 +184,34 @@ def _require_fresh(claim: Claim, policy: Policy, now_ms: int) -> None:
         )
     if claim.t_ms > now_ms + policy.max_clock_skew_ms:
         raise refused("CLAIM_FROM_FUTURE", f"claim.t_ms: {claim.t_ms - now_ms} ms in the future; set the drone's clock")
+
+
+async def _require_patience(call: Call, pad_id: str, uav_id: str, policy: Policy) -> None:
+    """A drone that asks again and again would use up a pad's prekeys; the key makes its parallel requests conflict."""
+    if policy.min_request_gap_ms == 0:
+        return
+    key = keys.composite(keys.LAST_REQUEST, uav_id, pad_id)
+    last = await call.find(key, LastRequest)
+    if last is not None and call.now_ms < last.requested_ms + policy.min_request_gap_ms:
+        raise refused(
+            "ASKED_TOO_SOON",
+            f"drone {uav_id} asked pad {pad_id} {call.now_ms - last.requested_ms} ms ago; this policy wants "
+            f"{policy.min_request_gap_ms} ms between two requests",
+        )
+    await call.store(key, LastRequest(session_id=call.stub.tx_id, requested_ms=call.now_ms))
+
+
+async def _consumed_prekey(call: Call, pad_id: str, prekey_id: str, policy: Policy) -> Prekey:
+    """A prekey that this transaction's session uses up."""
+    key = keys.composite(keys.PREKEY, pad_id, prekey_id)
+    prekey = await _waiting_prekey(call, key, pad_id, prekey_id)
+    if prekey.published_ms > call.now_ms + policy.max_clock_skew_ms:
+        raise refused("CLOCKS_DISAGREE", "the request is older than the prekey that it names; set the drone's clock")
+    await call.stub.delete(key)
+    await call.stub.put(
+        keys.composite(keys.USED_PREKEY, pad_id, prekey_id), encoding.encode({"session_id": call.stub.tx_id})
+    )
+    return prekey
 
 
 async def _waiting_prekey(call: Call, key: str, pad_id: str, prekey_id: str) -> Prekey:

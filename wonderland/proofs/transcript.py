@@ -22,7 +22,7 @@ from wonderland.proofs.records.fields import (
     UavId,
 )
 from wonderland.proofs.records.schema import Choice, Record, Text
-from wonderland.proofs.records.sessions import Session
+from wonderland.proofs.records.sessions import Session, Witness
 
 PROTOCOL: Final = "wonderland/1"
 SUITE: Final = "P256-HKDF-SHA256-AESCCM8"
@@ -52,6 +52,7 @@ class Transcript(Record):
     commissioning_sha256: Sha256Hex
     expires_ms: TimeMs
     sts: Annotated[str, Choice((STS,))]
+    witness: Witness | None = None
 
     def digest(self) -> bytes:
         """SHA-256 of the canonical encoding (32 B)."""
@@ -80,4 +81,5 @@ def transcript_of(session: Session, channel: str, *, contract: str = "pol") -> T
         commissioning_sha256=session.commissioning_sha256,
         expires_ms=session.expires_ms,
         sts=STS,
+        witness=session.witness,
     )

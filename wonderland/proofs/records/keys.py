@@ -18,6 +18,7 @@ AUTHORISATION: Final = "authorisation"
 POLICY: Final = "policy"
 SESSION: Final = "session"
 VERDICT: Final = "verdict"
+LAST_REQUEST: Final = "last-request"
 TESTIMONY: Final = "testimony"
 ASSET: Final = "asset"
 

@@ -26,6 +26,9 @@ class Policy(Record):
     max_claim_accuracy_mm: Annotated[int, Integer(100, 1_000_000, "A vaguer claim cannot be verified")] = 20_000
     require_authorisation: bool = True
     require_maintenance: bool = True
+    min_request_gap_ms: Annotated[
+        int, Integer(0, 600_000, "Least time between two requests of one drone to one pad; 0: any")
+    ] = 0
     witness_pad_id: PadId | None = None
     """A second pad that time-stamps the same drone in its own signed record; assurance 4 needs one."""
 

@@ -196,6 +196,14 @@ class Party(Record):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class LastRequest(Record):
+    """When a drone last asked a pad, where its policy sets a gap between requests."""
+
+    session_id: SessionId
+    requested_ms: TimeMs
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Witness(Record):
     """The second pad that shall time-stamp the drone: the policy names it, the request consumes one of its prekeys."""
 

@@ -302,6 +302,7 @@ TRANSACTIONS: Final = _all(
     Transaction("RecordMaintenance", RecordMaintenance, (ADMIN, FLEET_OPERATOR), "MaintenanceRecorded"),
     Transaction("SetPolicy", SetPolicy, (ADMIN,), "PolicySet"),
     Transaction("RequestProof", RequestProof, (UAV,), "ProofRequested"),
+    Transaction("WitnessProof", WitnessProof, (PAD,), "ProofWitnessed"),
     Transaction("SubmitProof", SubmitProof, (PAD,), "ProofDecided"),
     Transaction("CompleteInteraction", CompleteInteraction, (PAD, UAV), "InteractionCompleted"),
     Transaction("CancelProof", CancelProof, (PAD, UAV, ADMIN), "ProofCancelled"),
@@ -314,6 +315,7 @@ TRANSACTIONS: Final = _all(
     Transaction("ReadUav", UavById, ROLES),
     Transaction("ReadSession", SessionById, ROLES),
     Transaction("ReadVerdict", SessionById, ROLES),
+    Transaction("ReadTestimony", SessionById, ROLES),
     Transaction("ReadPolicy", PolicyFor, ROLES),
     Transaction("ListPrekeys", PrekeysOf, ROLES),
 )
