@@ -8,6 +8,7 @@ import { fillHistory } from "../shared/live/history";
 import { useReading } from "../shared/i18n/locale";
 import { sharedTexts } from "../shared/texts";
 import { useKeys } from "../shared/ui/useKeys";
+import { Herald } from "../alerts/Herald";
 import { Banner } from "./Banner";
 import { Header, nextTheme } from "./Header";
 import { KeyboardHelp } from "./KeyboardHelp";
@@ -108,10 +109,12 @@ function Rooms({ person, source, onSignOut, onSignedOut }: RoomsProperties): Rea
       <NavRail room={place.room} />
       <main className="room" aria-label={roomTexts(place.room)}>
         <Banner source={source} />
-        <Suspense fallback={<p className="empty">{sharedTexts("fetching")}</p>}>
+        {/* By room: a room that is left must go at once, with its timers, even while the next one is still loading. */}
+        <Suspense key={place.room} fallback={<p className="empty">{sharedTexts("fetching")}</p>}>
           <RoomPage place={place} />
         </Suspense>
       </main>
+      <Herald />
       <KeyboardHelp open={help} onClose={() => setHelp(false)} />
     </div>
   );

@@ -1,13 +1,18 @@
 import type { ReactElement } from "react";
+import "../alerts/alerts.css";
+import { inboxTexts } from "../alerts/texts";
+import { isWaiting } from "../alerts/words";
 import type { SignedIn, Status } from "../shared/api/records";
 import { count, duration } from "../shared/format";
 import { useLive } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
+import { Symbol } from "../shared/ui/Symbol";
+import { placeHash } from "./location";
 import { LOCALES, setReading, useReading } from "../shared/i18n/locale";
 import { appTexts as t } from "./texts";
 import { setThemeChoice, useTheme, type Choice } from "./theme";
 
-const TOPICS: readonly Topic[] = ["status", "pads", "connection"];
+const TOPICS: readonly Topic[] = ["status", "pads", "alerts", "connection"];
 /** Up to here the mirror keeps up. */
 export const LAG_MS = 5_000;
 
@@ -98,11 +103,13 @@ type Properties = { person: SignedIn; onHelp: () => void; onSignOut: () => void 
 
 /** The ledger is always in sight: which one, how many organisations, height, lag. */
 export function Header({ person, onHelp, onSignOut }: Properties): ReactElement {
-  const { status, pads, silent } = useLive(TOPICS, (store) => {
+  const { status, pads, silent, waiting } = useLive(TOPICS, (store) => {
+    const now_ms = store.serverNow_ms();
     const all = [...store.pads.values()].filter((pad) => pad.status !== "retired");
     return {
       status: store.status,
       pads: all.length,
+      waiting: [...store.alerts.values()].filter((alert) => isWaiting(alert, now_ms)).length,
       silent: all.filter((pad) => pad.health?.connected === false).length,
     };
   });
@@ -120,6 +127,12 @@ export function Header({ person, onHelp, onSignOut }: Properties): ReactElement 
         </span>
       )}
       <span className="header-end">
+        {waiting > 0 && (
+          <a className="chip chip-alerts num" href={placeHash({ room: "alerts", path: [], query: {} })} data-testid="alerts-chip">
+            <Symbol look="refuted" size={14} />
+            {inboxTexts("count", { count: waiting })}
+          </a>
+        )}
         <LanguageButton />
         <ThemeButton />
         <button type="button" className="icon-button" title={t("keysTitle")} aria-label={t("keys")} onClick={onHelp}>

@@ -5,6 +5,7 @@ import { SessionsPage } from "../sessions/SessionsPage";
 import { VerdictsPage } from "../verdicts/VerdictsPage";
 import type { Place, PlainRoom } from "./location";
 
+const AlertsRoom = lazy(() => import("../alerts/AlertsRoom").then(({ AlertsRoom: Room }) => ({ default: Room })));
 const LedgerRoom = lazy(() => import("../ledger/LedgerRoom").then(({ LedgerRoom: Room }) => ({ default: Room })));
 
 export type RoomName = Place["room"];
@@ -26,6 +27,12 @@ export const ROOMS: readonly Room[] = [
     key: "v",
     icon: "M10 2.2l6.2 2.3v4.7c0 4-2.6 7-6.2 8.6-3.6-1.6-6.2-4.6-6.2-8.6V4.5zM7 9.8l2.2 2.2L13.2 8",
   },
+  {
+    name: "alerts",
+    place: plain("alerts"),
+    key: "a",
+    icon: "M10 3a5 5 0 0 1 5 5v4l1.5 2h-13L5 12V8a5 5 0 0 1 5-5zM8 17h4",
+  },
   { name: "ledger", place: plain("ledger"), key: "e", icon: "M3 6l7-3 7 3-7 3zM3 10l7 3 7-3M3 14l7 3 7-3" },
 ];
 
@@ -41,6 +48,7 @@ export function RoomPage({ place }: { place: Place }): ReactElement | null {
     case "ledger":
       return <LedgerRoom place={place} />;
     case "alerts":
+      return <AlertsRoom place={place} />;
     case "replay":
     case "registry":
     case "statistics":

@@ -1,5 +1,5 @@
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState, type ReactElement } from "react";
-import { go, placeHash, type Camera, type Place } from "../app/location";
+import { currentPlace, go, placeHash, type Camera, type Place } from "../app/location";
 import type { VerdictSummary } from "../shared/api/records";
 import { asOf, drones, sessionOf } from "../shared/drones";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
@@ -125,7 +125,10 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
     camera.current = at;
     setGrid(grid);
     clearTimeout(urlTimer.current);
-    urlTimer.current = setTimeout(() => go({ ...latest.current, camera: at }, true), CAMERA_IN_URL_MS);
+    urlTimer.current = setTimeout(() => {
+      // The map moves once more while it goes away; by then the address may be another room's.
+      if (currentPlace().room === "live") go({ ...latest.current, camera: at }, true);
+    }, CAMERA_IN_URL_MS);
   }, []);
 
   useKeys({

@@ -1,6 +1,8 @@
 import createClient, { type Client } from "openapi-fetch";
 import { createContext, useContext } from "react";
 import type {
+  Alert,
+  AlertDetail,
   LedgerBlock,
   LedgerBlockDetail,
   LedgerTransactionDetail,
@@ -11,7 +13,7 @@ import type {
   TransactionContents,
   VerdictSummary,
 } from "./records";
-import type { paths } from "./schema";
+import type { components, paths } from "./schema";
 
 /** A problem that the server described (RFC 9457), or that kept it from answering. */
 export class ApiError extends Error {
@@ -28,6 +30,8 @@ export class ApiError extends Error {
 
 export type Page<T> = { items: T[]; next?: string };
 export type SessionFilters = NonNullable<paths["/api/v1/sessions"]["get"]["parameters"]["query"]>;
+export type AlertFilters = NonNullable<paths["/api/v1/alerts"]["get"]["parameters"]["query"]>;
+export type AlertAction = components["schemas"]["Act"];
 export type VerdictFilters = NonNullable<paths["/api/v1/verdicts"]["get"]["parameters"]["query"]>;
 
 /** An answer takes no longer than this. */
@@ -70,6 +74,21 @@ export class Api {
 
   verdicts(query: VerdictFilters): Promise<Page<VerdictSummary>> {
     return answered((signal) => this.client.GET("/api/v1/verdicts", { params: { query }, signal }));
+  }
+
+  alerts(query: AlertFilters): Promise<Page<Alert>> {
+    return answered((signal) => this.client.GET("/api/v1/alerts", { params: { query }, signal }));
+  }
+
+  alert(alert_id: string): Promise<AlertDetail> {
+    return answered((signal) => this.client.GET("/api/v1/alerts/{alert_id}", { params: { path: { alert_id } }, signal }));
+  }
+
+  /** Refused with status 409 where somebody else has acted since. */
+  act(alert_id: string, body: AlertAction): Promise<Alert> {
+    return answered((signal) =>
+      this.client.POST("/api/v1/alerts/{alert_id}/acts", { params: { path: { alert_id } }, body, signal }),
+    );
   }
 
   /** Blocks, newest first. */

@@ -7,6 +7,9 @@ import type { components } from "./schema";
 
 type Schemas = components["schemas"];
 
+export type Alert = Schemas["Alert"];
+export type AlertAct = Schemas["AlertAct"];
+export type AlertDetail = Schemas["AlertDetail"];
 export type Anchor = Schemas["Anchor"];
 export type Covariance = Schemas["Covariance"];
 export type Estimate = Schemas["Estimate"];

@@ -44,7 +44,7 @@ export class FakeWorld {
   /** Everything that changed at t seconds since the start. */
   tick(t_s: number): Changes {
     const t_ms = this.start_ms + Math.round(t_s * 1000);
-    const changes: Required<Omit<Changes, "status" | "pads">> = { tracks: [], estimates: [], sessions: [], verdicts: [] };
+    const changes: Required<Omit<Changes, "status" | "pads" | "alerts">> = { tracks: [], estimates: [], sessions: [], verdicts: [] };
     for (const actor of ACTORS) {
       const cycle = Math.floor(t_s / CYCLE_S);
       const into_s = actor.asks_at_s === undefined ? -1 : (t_s % CYCLE_S) - actor.asks_at_s;

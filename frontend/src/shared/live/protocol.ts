@@ -9,7 +9,7 @@ export class ProtocolError extends Error {
   override readonly name = "ProtocolError";
 }
 
-const LISTS = ["tracks", "estimates", "sessions", "verdicts", "pads"] as const;
+const LISTS = ["tracks", "estimates", "sessions", "verdicts", "pads", "alerts"] as const;
 
 function isObject(value: unknown): value is Record<string, unknown> {
   return typeof value === "object" && value !== null && !Array.isArray(value);

@@ -1,9 +1,9 @@
-import type { Estimate, Pad, SessionState, Status, Track, VerdictSummary } from "../api/records";
+import type { Alert, Estimate, Pad, SessionState, Status, Track, VerdictSummary } from "../api/records";
 import type { ConnectionEvent, ConnectionState } from "./connection";
 import type { Changes, LiveFrame } from "./protocol";
 
 /** What can change; a subscriber names what it wants to hear of. */
-export type Topic = "tracks" | "estimates" | "sessions" | "verdicts" | "pads" | "status" | "connection";
+export type Topic = "tracks" | "estimates" | "sessions" | "verdicts" | "pads" | "alerts" | "status" | "connection";
 
 export type TrailPoint = { lat_e7: number; lon_e7: number; t_ms: number };
 
@@ -28,6 +28,8 @@ export class LiveStore {
   /** By session. */
   readonly verdicts = new Map<string, VerdictSummary>();
   readonly pads = new Map<string, Pad>();
+  /** Those that are open, by id; what is acknowledged or over is in REST. */
+  readonly alerts = new Map<string, Alert>();
   status: Status | undefined;
   connection: ConnectionState = { phase: "connecting", attempt: 1 };
   /** When the last frame came, by this machine's clock; undefined before the first. */
@@ -110,7 +112,9 @@ export class LiveStore {
         this.gap = true;
         // Sessions and verdicts are on the ledger and stay; positions are only as good as the connection was.
         this.estimates.clear();
-        changed.add("estimates");
+        // The snapshot has every open alert; one that was dealt with meanwhile must not stand here for ever.
+        this.alerts.clear();
+        changed.add("estimates").add("alerts");
       }
       changed.add("connection");
       return;
@@ -166,6 +170,11 @@ export class LiveStore {
     for (const verdict of changes.verdicts ?? []) {
       this.verdicts.set(verdict.session_id, verdict);
       changed.add("verdicts");
+    }
+    for (const alert of changes.alerts ?? []) {
+      if (alert.state === "open") this.alerts.set(alert.alert_id, alert);
+      else this.alerts.delete(alert.alert_id);
+      changed.add("alerts");
     }
     if (changes.status !== undefined) {
       this.status = changes.status;

@@ -1,0 +1,134 @@
+import { useInfiniteQuery } from "@tanstack/react-query";
+import { useRef, useState, type ReactElement } from "react";
+import { go, placeHash, type Place, type PlainRoom } from "../app/location";
+import { useApi, type AlertFilters } from "../shared/api/api";
+import type { Alert } from "../shared/api/records";
+import { useFresh } from "../shared/api/useFresh";
+import { age } from "../shared/format";
+import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
+import type { LiveStore, Topic } from "../shared/live/store";
+import { More } from "../shared/ui/More";
+import { Phrases } from "../shared/ui/Sentence";
+import { Symbol } from "../shared/ui/Symbol";
+import { AlertPanel } from "./AlertPanel";
+import "./alerts.css";
+import { useWishes, wishNotify, wishSound } from "./notice";
+import { alertTexts, inboxTexts as t } from "./texts";
+import { lookOf, sentence } from "./words";
+
+const TOPICS: readonly Topic[] = ["alerts", "pads"];
+const TABS = ["inbox", "snoozed", "acknowledged", "over", "all"] as const;
+type Tab = (typeof TABS)[number];
+const PAGE = 50;
+
+function mark(store: LiveStore): string {
+  let newest = 0;
+  for (const alert of store.alerts.values()) newest = Math.max(newest, alert.changed_ms);
+  return `${store.alerts.size}/${newest}`;
+}
+
+function Wishes(): ReactElement {
+  const wishes = useWishes();
+  const [refused, setRefused] = useState(false);
+  return (
+    <div className="wishes">
+      <label title={t("soundHint")}>
+        <input type="checkbox" checked={wishes.sound} onChange={(event) => wishSound(event.target.checked)} />
+        {t("sound")}
+      </label>
+      <label title={t("notifyHint")}>
+        <input
+          type="checkbox"
+          checked={wishes.notify}
+          onChange={(event) => void wishNotify(event.target.checked).then((allowed) => setRefused(!allowed))}
+        />
+        {t("notify")}
+      </label>
+      {refused && (
+        <span role="alert" className="look-inconclusive">
+          {t("notifyRefused")}
+        </span>
+      )}
+    </div>
+  );
+}
+
+function Row({ alert, selected, href, now_ms }: { alert: Alert; selected: boolean; href: string; now_ms: number }): ReactElement {
+  const store = useLiveStore();
+  return (
+    <li>
+      <a className="alert-row" href={href} aria-current={selected ? "true" : undefined}>
+        <Symbol look={lookOf(alert)} />
+        <b>{alertTexts("title", { kind: alert.kind })}</b>
+        <span className="quiet num">{age(now_ms - alert.t_ms)}</span>
+        <small>
+          <Phrases phrases={sentence(alert, store.pads, now_ms)} />
+          {alert.assigned_to !== undefined && <em> · {t("assigned", { who: alert.assigned_to })}</em>}
+        </small>
+      </a>
+    </li>
+  );
+}
+
+/** The inbox, and the alert that is chosen. `#/alerts?state=snoozed`, `#/alerts/<id>`. */
+export function AlertsRoom({ place }: { place: Place & { room: PlainRoom } }): ReactElement {
+  const api = useApi();
+  const store = useLiveStore();
+  const now_ms = useServerNow(5_000);
+  const tab: Tab = TABS.find((each) => each === place.query["state"]) ?? "inbox";
+  const [selected] = place.path;
+  const fresh = useLive(TOPICS, mark);
+  const fetched = useRef<string | undefined>(undefined);
+  const filters: AlertFilters = tab === "all" ? {} : { state: tab };
+  const query = useInfiniteQuery({
+    queryKey: ["alerts", tab],
+    queryFn: ({ pageParam }) => {
+      fetched.current = mark(store);
+      return api.alerts({ ...filters, limit: PAGE, ...(pageParam !== undefined && { cursor: pageParam }) });
+    },
+    initialPageParam: undefined as string | undefined,
+    getNextPageParam: (last) => last.next ?? undefined,
+  });
+  useFresh(fresh, query, fetched);
+  const rows = query.data?.pages.flatMap((page) => page.items) ?? [];
+  const hrefOf = (path: readonly string[]): string =>
+    placeHash({ room: "alerts", path, query: tab === "inbox" ? {} : { state: tab } });
+  return (
+    <div className="page">
+      <div className="page-head">
+        <h1>{t("alerts")}</h1>
+        <Wishes />
+      </div>
+      <div className="alerts" data-open={selected !== undefined}>
+        <section className="float alert-list" aria-label={t("list")}>
+          <div className="tabs" role="group" aria-label={t("which")}>
+            {TABS.map((each) => (
+              <button
+                key={each}
+                type="button"
+                className="tab"
+                aria-pressed={each === tab}
+                onClick={() => go({ room: "alerts", path: [], query: each === "inbox" ? {} : { state: each } })}
+              >
+                {t("tab", { state: each })}
+              </button>
+            ))}
+          </div>
+          <ul>
+            {rows.map((alert) => (
+              <Row key={alert.alert_id} alert={alert} selected={alert.alert_id === selected} href={hrefOf([alert.alert_id])} now_ms={now_ms} />
+            ))}
+          </ul>
+          <More query={query} empty={t("empty", { state: tab })} count={rows.length} />
+        </section>
+        <section className="float alert-panel" aria-label={t("alerts")}>
+          {selected === undefined ? (
+            <p className="empty">{t("choose")}</p>
+          ) : (
+            <AlertPanel key={selected} alert_id={selected} back={hrefOf([])} now_ms={now_ms} />
+          )}
+        </section>
+      </div>
+    </div>
+  );
+}

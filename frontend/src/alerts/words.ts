@@ -1,0 +1,43 @@
+import type { Alert, Pad } from "../shared/api/records";
+import type { Look } from "../shared/drones";
+import { actionVerb, age, day, length } from "../shared/format";
+import type { Phrase } from "../shared/i18n/texts";
+import { alertTexts as t } from "./texts";
+
+const ACTIONS = ["land", "takeoff", "dock"] as const;
+
+function fact(alert: Alert, name: string): string | number | undefined {
+  const value: unknown = alert.facts[name];
+  return typeof value === "string" || typeof value === "number" ? value : undefined;
+}
+
+/** The alert in one sentence, in the user's language and units. What it does not know it calls unknown. */
+export function sentence(alert: Alert, pads: ReadonlyMap<string, Pad>, now_ms: number): Phrase[] {
+  const error_mm = fact(alert, "error_mm");
+  const action = ACTIONS.find((each) => each === fact(alert, "action"));
+  const since_ms = fact(alert, "since_ms");
+  const until_ms = fact(alert, "until_ms");
+  const unknown = t("unknown");
+  return t.rich(alert.kind, {
+    uav: alert.uav_id ?? unknown,
+    pad: alert.pad_id === undefined ? unknown : (pads.get(alert.pad_id)?.name ?? alert.pad_id),
+    distance: typeof error_mm === "number" ? length(error_mm, true) : unknown,
+    action: action === undefined ? unknown : actionVerb(action),
+    since: typeof since_ms === "number" ? age(now_ms - since_ms) : unknown,
+    until: typeof until_ms === "number" ? day(until_ms) : unknown,
+    who: fact(alert, "who") ?? unknown,
+    why: fact(alert, "why") ?? unknown,
+  });
+}
+
+/** The symbol: that of the verdict where the alert is about one, else the triangle of a warning. */
+export function lookOf(alert: Alert): Look {
+  if (alert.kind === "refuted" || alert.kind === "broadcast_contradicts") return "refuted";
+  if (alert.kind === "pad_silent") return "silent";
+  return alert.severity === "critical" ? "refuted" : "inconclusive";
+}
+
+/** Open, and not asleep. */
+export function isWaiting(alert: Alert, now_ms: number): boolean {
+  return alert.state === "open" && (alert.snoozed_until_ms ?? 0) <= now_ms;
+}

@@ -1,0 +1,82 @@
+"""The inbox of alerts in Chromium on a real backend: found at once, acted upon with a name, nothing overwritten."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import expect
+
+expect.set_options(timeout=15_000)
+
+
+@pytest.fixture
+def inbox(real, open_page):
+    page = open_page(real.link())
+    expect(page.get_by_role("option")).to_have_count(2)
+    page.get_by_test_id("alerts-chip").click()
+    expect(page.get_by_role("heading", name="Alerts", exact=True)).to_be_visible()
+    return page
+
+
+def row(page):
+    return page.get_by_role("link", name="Refuted")
+
+
+def test_from_the_header_to_why(inbox):
+    row(inbox).click()
+    panel = inbox.get_by_role("region", name="Alerts", exact=True)
+    expect(panel.locator(".told")).to_contain_text("uav-2 is not where it says: measured")
+    expect(panel.locator(".told")).to_contain_text("from its claim at Aurajoki 2")
+    panel.get_by_role("link", name="Explain").click()
+    expect(inbox.get_by_role("heading", level=2).first).to_have_text("Refuted")
+    inbox.go_back()
+    expect(panel.locator(".told")).to_be_visible()
+
+
+def test_an_acknowledgement_has_a_name_and_a_note_and_stays(inbox):
+    row(inbox).click()
+    inbox.get_by_label("Note").fill("Called the operator. <b>Not</b> markup.")
+    inbox.get_by_role("button", name="Acknowledge", exact=True).click()
+    expect(inbox.get_by_text("acknowledged by")).to_be_visible()
+    expect(inbox.locator(".act-note")).to_have_text("Called the operator. <b>Not</b> markup.")
+    expect(inbox.get_by_test_id("alerts-chip")).to_have_count(0)
+    expect(inbox.get_by_text("Nothing needs you.")).to_be_visible()
+    inbox.get_by_role("button", name="Acknowledged").click()
+    inbox.reload()
+    row(inbox).click()
+    inbox.get_by_role("button", name="Open again").click()
+    expect(inbox.get_by_test_id("alerts-chip")).to_contain_text("1 alert")
+
+
+def test_two_officers_and_one_alert(real, open_page, inbox):
+    row(inbox).click()
+    other = open_page(f"{real.link()}")
+    other.get_by_test_id("alerts-chip").click()
+    row(other).click()
+    expect(other.get_by_role("button", name="Take it")).to_be_visible()
+    inbox.get_by_role("button", name="Take it").click()
+    expect(inbox.get_by_text("assigned to").first).to_be_visible()
+    other.watched.expected = ("409",)
+    other.get_by_label("Note").fill("my own finding")
+    other.get_by_role("button", name="Add note").click()
+    expect(other.get_by_role("alert").filter(has_text="Somebody else has acted")).to_be_visible()
+    expect(other.get_by_label("Note")).to_have_value("my own finding")
+    other.get_by_role("button", name="Add note").click()
+    expect(other.locator(".act-note")).to_have_text("my own finding")
+
+
+def test_a_new_alert_is_said_to_screen_readers_and_counted(real, inbox):
+    facts, now_ms = real.facts, real.now_ms()
+    real.add(facts.request("nine", uav_id="uav-2", t_ms=now_ms))
+    real.add(facts.decide("nine", uav_id="uav-2", t_ms=now_ms, outcome="refuted"))
+    expect(inbox.get_by_test_id("alerts-chip")).to_contain_text("2 alerts")
+    expect(inbox.get_by_role("log")).to_contain_text("uav-2 is not where it says")
+    expect(row(inbox)).to_have_count(2)
+
+
+def test_what_sleeps_leaves_the_inbox(inbox):
+    row(inbox).click()
+    inbox.get_by_label("Snooze").select_option("60")
+    expect(inbox.get_by_text("asleep until")).to_be_visible()
+    expect(inbox.get_by_test_id("alerts-chip")).to_have_count(0)
+    inbox.get_by_role("button", name="Snoozed").click()
+    expect(row(inbox)).to_have_count(1)
