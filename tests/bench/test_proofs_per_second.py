@@ -9,177 +9,24 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import httpx
 import psutil
 import pytest
 from bench_tools import p50, p95, show
-from cryptography.hazmat.primitives.asymmetric import ec
-from tests_world import START_MS, World
+from proof_actors import DRONES, PADS, ROUNDS, Actors
 
-from edge_agent.geodesy import frame_at
 from wonderland.ledger.embedded.administration import DirectoryAdministration
 from wonderland.ledger.embedded.directory import LedgerDirectory
 from wonderland.ledger.gateway import Gateway
-from wonderland.ledger.signing import raw_from_der
-from wonderland.proofs import encoding
-from wonderland.proofs.frame import to_wgs84
-from wonderland.proofs.keys import public_bytes
-from wonderland.proofs.records import transactions as tx
-from wonderland.proofs.records.pads import OfferedPrekey
-from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.statement import statement
 
 FULL = os.environ.get("WONDERLAND_BENCH_FULL") == "1"
 PROOFS = 10_000 if FULL else 1_500
-PADS = 4
-DRONES = 8
 AT_ONCE = 32
-ROUNDS = 20
-FRAME = frame_at(604_518_000, 222_666_000, 30_000)
-HERE = (3_000, 6_000, 4_000)
-DAY_MS = 86_400_000
 SAMPLES = 20
 
 pytestmark = pytest.mark.bench
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """A session that only has to be asked for: which prekey of which pad, and the drone's own key."""
-
-    pad_id: str
-    prekey_id: str
-    uav_id: str
-    uav_key: str
-
-
-class Actors:
-    """Pads and drones with their contracts and the ranges that they will bring."""
-
-    def __init__(self, connection, channel):
-        self._connection = connection
-        self._channel = channel
-        self._contracts = {}
-        world = World(seed=11)
-        self.commissioning = replace(world.commissioning, frame=FRAME)
-        lat_e7, lon_e7, height_mm = to_wgs84(FRAME, *HERE)
-        self.here = {"lat_e7": lat_e7, "lon_e7": lon_e7, "height_mm": height_mm}
-        self.claim = replace(world.claim(HERE, START_MS), **self.here)
-        self.evidence = [
-            world.evidence(lambda t: HERE, lambda t: HERE, rounds=ROUNDS, broadcast=lambda t: HERE) for _ in range(16)
-        ]
-        self.signers = {}
-
-    def contract(self, name):
-        if name not in self._contracts:
-            gateway = Gateway(self._channel, self._connection.identity(name), self._connection.signer(name))
-            self._contracts[name] = gateway.network(self._connection.channel).contract(self._connection.chaincode)
-            self.signers[name] = self._connection.signer(name)
-        return self._contracts[name]
-
-    async def submit(self, name, function, argument):
-        return await self.contract(name).submit_with_retry(function, argument.encode())
-
-    async def register(self, now_ms):
-        for index in range(PADS):
-            pad_id = f"pad-{index}"
-            await self.submit(
-                "pad_operator",
-                "RegisterPad",
-                tx.RegisterPad(
-                    pad_id=pad_id,
-                    name=pad_id,
-                    operator_id="bench",
-                    lat_e7=FRAME.lat_e7,
-                    lon_e7=FRAME.lon_e7,
-                    height_mm=FRAME.height_mm,
-                ),
-            )
-            await self.submit(
-                "pad_operator", "CommissionPad", tx.CommissionPad(pad_id=pad_id, commissioning=self.commissioning)
-            )
-        await self.submit(
-            "admin",
-            "SetPolicy",
-            tx.SetPolicy(pad_id="*", action="*", policy=Policy(min_assurance=2, max_claim_age_ms=60_000)),
-        )
-        for index in range(DRONES):
-            uav_id = f"uav-{index}"
-            await self.submit(
-                "fleet_operator",
-                "RegisterUav",
-                tx.RegisterUav(uav_id=uav_id, operator_id="bench", registration="FIN87astrdge12k8", model="Bench"),
-            )
-            await self.submit(
-                "fleet_operator",
-                "RecordMaintenance",
-                tx.RecordMaintenance(
-                    uav_id=uav_id, performed_ms=now_ms - DAY_MS, valid_until_ms=now_ms + DAY_MS, work="Inspection"
-                ),
-            )
-            await self.submit(
-                "admin",
-                "GrantAuthorisation",
-                tx.GrantAuthorisation(
-                    authorisation_id="bench",
-                    uav_id=uav_id,
-                    pad_id="*",
-                    actions=("land",),
-                    valid_from_ms=now_ms - DAY_MS,
-                    valid_until_ms=now_ms + DAY_MS,
-                ),
-            )
-
-    async def prepare(self, count):
-        """Prekeys on the ledger, a hundred a transaction, and a key for each drone's session."""
-        # A few keys serve for all: what is new on the ledger is the prekey's id, and points cost time to make.
-        points = [encoding.to_base64url(public_bytes(ec.generate_private_key(ec.SECP256R1()))) for _ in range(100)]
-        each = -(-count // PADS)
-        for pad in range(PADS):
-            for first in range(0, each, 100):
-                keys = tuple(
-                    OfferedPrekey(prekey_id=f"k{number}", public_key=points[number % 100])
-                    for number in range(first, min(first + 100, each))
-                )
-                await self.submit(f"pad-{pad}", "PublishPrekeys", tx.PublishPrekeys(pad_id=f"pad-{pad}", prekeys=keys))
-        return [
-            Prepared(f"pad-{number % PADS}", f"k{number // PADS}", f"uav-{number % DRONES}", points[number % 100])
-            for number in range(count)
-        ]
-
-    async def prove(self, prepared, number):
-        """Steps 1, 6 and 7; returns milliseconds and the verdict."""
-        start = time.perf_counter()
-        now_ms = time.time_ns() // 1_000_000
-        request = tx.RequestProof(
-            pad_id=prepared.pad_id,
-            action="land",
-            prekey_id=prepared.prekey_id,
-            uav_key=prepared.uav_key,
-            claim=replace(self.claim, t_ms=now_ms),
-        )
-        done = await self.contract(prepared.uav_id).submit("RequestProof", request.encode())
-        session = encoding.decode(done.payload)
-        evidence = self.measured(number, now_ms)
-        said = statement(done.tx_id, session["transcript_sha256"], evidence.ranges, evidence.claims)
-        signature = encoding.to_base64url(raw_from_der(self.signers[prepared.uav_id](said)))
-        argument = tx.SubmitProof(session_id=done.tx_id, evidence=replace(evidence, uav_signature=signature))
-        done = await self.contract(prepared.pad_id).submit("SubmitProof", argument.encode())
-        return (time.perf_counter() - start) * 1e3, encoding.decode(done.payload)
-
-    def measured(self, number, now_ms):
-        """One of the prepared sets of ranges, as if they had just been measured."""
-        evidence = self.evidence[number % len(self.evidence)]
-        by_ms = now_ms - evidence.ranges.t_ms[-1]
-        return replace(
-            evidence,
-            ranges=replace(evidence.ranges, t_ms=tuple(t_ms + by_ms for t_ms in evidence.ranges.t_ms)),
-            claims=tuple(replace(self.claim, t_ms=claim.t_ms + by_ms) for claim in evidence.claims),
-            broadcast=tuple(replace(each, t_ms=each.t_ms + by_ms, **self.here) for each in evidence.broadcast),
-        )
 
 
 class Memory:

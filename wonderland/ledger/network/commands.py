@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -23,6 +24,7 @@ from wonderland.ledger.network import (
     elsewhere_commands,
     enrolment,
     expansion,
+    keeping,
     renewal,
     revocations,
     taking_down,
@@ -116,6 +118,24 @@ def up(*, directory: Path, file: Path | None, consensus: str | None, orderers: i
     )
     click.echo(f"connect  {places.connection_file}")
     click.echo("`wonderland network down` stops it.")
+
+
+@network.command()
+@dir_option
+def keep(*, directory: Path) -> None:
+    """Bring up again whatever of a running network ends by itself, until this is stopped (Ctrl-C, SIGTERM).
+
+    The network goes on running then. For a system service: `network up`, then `network keep`.
+    """
+    places = NetworkDirectory(directory)
+
+    async def run() -> None:
+        stop = asyncio.Event()
+        for each in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(each, stop.set)
+        await keeping.keep_up(places, await servers.check(), lambda _step, text: click.echo(text), stop)
+
+    asyncio.run(run())
 
 
 @network.command()

@@ -1,0 +1,112 @@
+"""kill −9 of each kind of server under a load of proofs: nothing lost, nothing done twice, no permission unfounded.
+
+The longer version with both kinds of consensus, which measures, is tests/bench/test_faults.py.
+"""
+
+import asyncio
+import sqlite3
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
+
+from fault_load import audit, faulty, kill, proofs_after
+
+from wonderland.ledger.network import bringing_up, keeping
+from wonderland.ledger.network.description import NetworkDescription
+from wonderland.ledger.network.leadership import is_leader
+
+pytestmark = [pytest.mark.fabric, pytest.mark.timeout(240)]
+
+DESCRIPTION = NetworkDescription.parse(
+    {
+        "organisations": [
+            {"msp_id": "AuthorityMSP", "kind": "authority", "peers": 2},
+            {"msp_id": "PadMSP", "kind": "pads", "peers": 2},
+            {"msp_id": "FleetMSP", "kind": "fleet"},
+        ],
+        "ordering": {"organisations": [{"msp_id": "OrdererMSP", "orderers": 3}]},
+    }
+)
+
+
+@pytest.fixture(scope="module")
+def robust(fabric, network_class, tmp_path_factory):
+    """Three orderers, and two peers of the organisations that endorse."""
+    network = network_class.start(tmp_path_factory.mktemp("faults") / "net", DESCRIPTION)
+    yield network
+    network.down()
+
+
+async def leader(network):
+    """The orderer that leads."""
+    async with asyncio.timeout(60):
+        while True:
+            for member in network.orderers:
+                if network.processes.pid(member.component) is not None and await is_leader(
+                    network.address(member, "operations"), network.channel
+                ):
+                    return member.component
+            await asyncio.sleep(0.1)
+
+
+def quiet(_step, _text):
+    """Nobody listens."""
+
+
+async def test_whatever_is_killed_nothing_is_lost_or_done_twice(robust, tmp_path):
+    """One after the other, each restarted before the next: the orderers' leader, a peer of each endorsing
+    organisation, a contract server, a CA."""
+    network = robust.network
+    async with faulty(network, tmp_path, 4_000) as (load, listeners, prepared):
+        running = asyncio.create_task(load.run(prepared, at_once=4))
+        try:
+            await proofs_after(load.account, 5)
+            victims = [await leader(network), "PadMSP.peer0", "AuthorityMSP.peer0", "PadMSP.contract-a", "PadMSP.ca"]
+            for victim in victims:
+                await kill(network, victim)
+                if not victim.endswith("contract-a"):  # without one of the contracts nothing can be endorsed
+                    await proofs_after(load.account, 5)
+                await bringing_up.bring_up(network, robust.binaries, quiet)
+                await proofs_after(load.account, 5)
+        except BaseException:
+            running.cancel()
+            raise
+        load.stop()
+        await running
+        await listeners.reach(await load.actors.gateway_network("mirror").height())
+    found = audit(load.account, listeners.blocks)
+    assert (found.lost, found.duplicated, found.unresolved, found.unfounded) == (0, 0, 0, 0), found
+    assert load.account.invalid == set()
+    assert load.account.unknown == set()
+    assert len(load.account.granted) == len(load.account.proofs_s)
+    heard = [(tx_id, name) for _, tx_id, name in listeners.events if name == "ProofDecided"]
+    assert len(heard) == len(set(heard)) == sum(each == "SubmitProof" for each in load.account.valid.values())
+    assert [block.number for block in listeners.blocks] == list(
+        range(listeners.blocks[0].number, listeners.blocks[-1].number + 1)
+    )
+    rows = sqlite3.connect(tmp_path / "mirror.db")
+    assert rows.execute("SELECT count(*) FROM verdicts").fetchone() == (len(load.account.proofs_s),)
+    rows.close()
+
+
+async def test_what_ends_is_brought_up_again(robust):
+    """`wonderland network keep`."""
+    network, said, stop = robust.network, [], asyncio.Event()
+    keeper = asyncio.create_task(
+        keeping.keep_up(network.directory, robust.binaries, lambda _step, text: said.append(text), stop)
+    )
+    try:
+        for victim in ("PadMSP.contract-a", "OrdererMSP.orderer1"):
+            await kill(network, victim)
+            async with asyncio.timeout(60):
+                while f"{victim} up again" not in said:
+                    assert not keeper.done()
+                    await asyncio.sleep(0.05)
+            assert keeping.ended(network) == []
+    finally:
+        stop.set()
+        await keeper
+    await robust.register_pad()
