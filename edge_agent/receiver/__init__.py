@@ -1,8 +1,10 @@
-"""The pad's Remote ID receiver: frames by UDP or serial line → who broadcasts which position, unverified."""
+"""The pad's Remote ID receiver: frames from any source → who broadcasts which position, and what is odd, unverified."""
 
 from edge_agent.receiver.assembler import Assembler
+from edge_agent.receiver.errors import ReceiverError
+from edge_agent.receiver.findings import Finding
 from edge_agent.receiver.heard import Heard, ReceiverCounts
 from edge_agent.receiver.limits import ReceiverLimits
-from edge_agent.receiver.receiver import ReceiverError, RemoteIdReceiver
+from edge_agent.receiver.receiver import RemoteIdReceiver
 
-__all__ = ["Assembler", "Heard", "ReceiverCounts", "ReceiverError", "ReceiverLimits", "RemoteIdReceiver"]
+__all__ = ["Assembler", "Finding", "Heard", "ReceiverCounts", "ReceiverError", "ReceiverLimits", "RemoteIdReceiver"]

@@ -1,4 +1,4 @@
-"""Frames in, attributed positions out: puts together what drones spread over several messages. No I/O.
+"""Frames in, attributed positions and findings out: puts together what drones spread over messages. No I/O.
 
 Single messages carry no identity but their source's. Where one source (a receiver that relays without telling the
 transmitters' addresses) names several drones outside packs, its single positions could be anyone's: they are counted
@@ -11,8 +11,10 @@ import re
 from collections import OrderedDict, deque
 from typing import TYPE_CHECKING, Final
 
+from edge_agent.receiver.findings import RATE_HIGH, SEVERAL_IDENTITIES, Finding, FindingGate, Position
 from edge_agent.receiver.heard import MAX_ACCURACY_MM, Heard, ReceiverCounts
 from edge_agent.receiver.limits import ReceiverLimits, TokenBucket
+from edge_agent.receiver.tracks import DroneTrack
 from wonderland.proofs.records.fields import ID_PATTERN
 from wonderland.proofs.records.sessions import MAX_CLAIMS, BroadcastClaim
 from wonderland.remote_id import (
@@ -24,6 +26,7 @@ from wonderland.remote_id import (
     RemoteIdError,
     System,
     decode,
+    encode,
     public_operator_id,
     resolve_time,
 )
@@ -47,30 +50,19 @@ class _Source:
         self.identities: dict[tuple[IdType, str], int] = {}
 
 
-class _Drone:
-    """What is known of one drone."""
-
-    __slots__ = ("bucket", "history", "operator_id", "operator_lat_e7", "operator_lon_e7")
-
-    def __init__(self, bucket: TokenBucket, history: int) -> None:
-        self.bucket = bucket
-        self.history: deque[BroadcastClaim] = deque(maxlen=history)
-        self.operator_id: str | None = None
-        self.operator_lat_e7: int | None = None
-        self.operator_lon_e7: int | None = None
-
-
 class Assembler:
     """Bounded in memory and work whatever comes in; see `ReceiverLimits`."""
 
     def __init__(self, now_ms: int, limits: ReceiverLimits | None = None) -> None:
         self._limits = limits or ReceiverLimits()
         self._sources: OrderedDict[str, _Source] = OrderedDict()
-        self._drones: OrderedDict[str, _Drone] = OrderedDict()
+        self._drones: OrderedDict[str, DroneTrack] = OrderedDict()
         self._watched: set[str] = set()
         self._all = TokenBucket(self._limits.frames_per_s, self._limits.frames_per_s, now_ms)
         self._new = TokenBucket(self._limits.new_drones_per_s, 4 * self._limits.new_drones_per_s, now_ms)
+        self._gate = FindingGate()
         self._frames = self._bad = self._limited = self._unattributed = self._ambiguous = self._heard = 0
+        self._duplicates = 0
 
     @property
     def counts(self) -> ReceiverCounts:
@@ -82,6 +74,8 @@ class Assembler:
             unattributed=self._unattributed,
             ambiguous=self._ambiguous,
             heard=self._heard,
+            duplicates=self._duplicates,
+            lost=sum(drone.lost for drone in self._drones.values()),
             drones=len(self._drones),
         )
 
@@ -115,10 +109,26 @@ class Assembler:
         self._frames += 1
         self._bad += 1
 
+    def findings(self) -> list[Finding]:
+        """What was odd since the last call."""
+        return self._gate.take()
+
     def feed(
-        self, frame: bytes, *, source: str, transport: str, now_ms: int, rssi_dbm: int | None = None
+        self,
+        frame: bytes,
+        *,
+        source: str,
+        transport: str,
+        now_ms: int,
+        rssi_dbm: int | None = None,
+        counter: int | None = None,
+        address: str | None = None,
     ) -> Heard | None:
-        """Take one frame; the position in it when there is one and its drone is known. Never raises."""
+        """Take one frame; the position in it when there is one, it is new and its drone is known. Never raises.
+
+        ``source`` tells transmitters apart as well as the receiver can; ``address`` is the transmitter's own where it
+        is known, ``counter`` the message counter of the frame's wrapping.
+        """
         self._frames += 1
         if not self._all.take(now_ms):
             self._limited += 1
@@ -133,7 +143,7 @@ class Assembler:
             self._bad += 1
             return None
         messages = decoded.messages if isinstance(decoded, Pack) else (decoded,)
-        uav_id = self._identity(sender, messages, now_ms)
+        uav_id = self._identity(sender, messages, now_ms, address)
         location = next((message for message in messages if isinstance(message, Location)), None)
         if uav_id is None:
             if location is not None:
@@ -148,17 +158,23 @@ class Assembler:
             self._limited += 1
             return None
         self._describe(drone, messages)
+        drone.count(source, transport, frame[0] >> 4, counter, now_ms)
         if location is None or location.lat_e7 is None or location.lon_e7 is None:
+            return None
+        if drone.is_duplicate(encode(location), source, counter, now_ms):
+            self._duplicates += 1
             return None
         if not drone.bucket.take(now_ms):
             self._limited += 1
+            self._gate.put(Finding(uav_id=uav_id, kind=RATE_HIGH, t_ms=now_ms, transport=transport))
             return None
         heard = _heard(uav_id, drone, location, transport=transport, now_ms=now_ms, rssi_dbm=rssi_dbm)
+        drone.look(uav_id, source, _position(heard), self._gate)
         drone.history.append(heard.claim())
         self._heard += 1
         return heard
 
-    def _identity(self, sender: _Source, messages: tuple[Message, ...], now_ms: int) -> str | None:
+    def _identity(self, sender: _Source, messages: tuple[Message, ...], now_ms: int, address: str | None) -> str | None:
         """Whose the messages are: None when nobody said, "" when several did."""
         here: dict[tuple[IdType, str], int] = {}
         for message in messages:
@@ -172,12 +188,29 @@ class Assembler:
             known[key] = now_ms
         while len(known) > MAX_IDENTITIES:
             del known[next(iter(known))]
+        if address is not None and here:
+            self._look_at_names(known, now_ms)
         if here and len(messages) > 1:
             return _preferred(here)
         oldest_ms = now_ms - self._limits.identity_lifetime_ms
         for key in [key for key, t_ms in known.items() if not oldest_ms <= t_ms <= now_ms]:
             del known[key]
         return _preferred(known)
+
+    def _look_at_names(self, known: dict[tuple[IdType, str], int], now_ms: int) -> None:
+        """One transmitter, several serial numbers: not a relay, whose frames keep their senders' addresses."""
+        since_ms = now_ms - self._limits.identity_lifetime_ms
+        serials = [name for (kind, name), t_ms in known.items() if kind is IdType.SERIAL_NUMBER and t_ms >= since_ms]
+        if len(serials) > 1:
+            self._gate.put(
+                Finding(
+                    uav_id=serials[-1],
+                    kind=SEVERAL_IDENTITIES,
+                    t_ms=now_ms,
+                    other_uav_id=serials[-2],
+                    count=len(serials) - 1,
+                )
+            )
 
     def _source(self, name: str, now_ms: int) -> _Source:
         source = self._sources.get(name)
@@ -190,7 +223,7 @@ class Assembler:
             self._sources.move_to_end(name)
         return source
 
-    def _drone(self, uav_id: str, now_ms: int) -> _Drone | None:
+    def _drone(self, uav_id: str, now_ms: int) -> DroneTrack | None:
         """The drone's place; a new one only where new ones do not come too fast, and then in place of the stalest."""
         drone = self._drones.get(uav_id)
         if drone is not None:
@@ -205,14 +238,14 @@ class Assembler:
                 return None
             del self._drones[stalest]
         rate = self._limits.positions_per_drone_s
-        drone = _Drone(
+        drone = DroneTrack(
             TokenBucket(rate, rate, now_ms), self._limits.watched_history if watched else self._limits.history
         )
         self._drones[uav_id] = drone
         return drone
 
     @staticmethod
-    def _describe(drone: _Drone, messages: tuple[Message, ...]) -> None:
+    def _describe(drone: DroneTrack, messages: tuple[Message, ...]) -> None:
         for message in messages:
             if isinstance(message, OperatorId):
                 # The boundary: what follows the dash is the operator's secret and goes no further.
@@ -231,11 +264,14 @@ def _preferred(identities: dict[tuple[IdType, str], int]) -> str | None:
 
 
 def _heard(
-    uav_id: str, drone: _Drone, location: Location, *, transport: str, now_ms: int, rssi_dbm: int | None
+    uav_id: str, drone: DroneTrack, location: Location, *, transport: str, now_ms: int, rssi_dbm: int | None
 ) -> Heard:
     assert location.lat_e7 is not None
     assert location.lon_e7 is not None
     accuracy_mm = location.horizontal_accuracy.mm
+    claim_t_ms = resolve_time(location, now_ms)
+    if claim_t_ms is not None:
+        drone.latency_ms = now_ms - claim_t_ms
     return Heard(
         uav_id=uav_id,
         t_ms=now_ms,
@@ -252,6 +288,15 @@ def _heard(
         operator_id=drone.operator_id,
         operator_lat_e7=drone.operator_lat_e7,
         operator_lon_e7=drone.operator_lon_e7,
-        claim_t_ms=resolve_time(location, now_ms),
+        claim_t_ms=claim_t_ms,
         rssi_dbm=rssi_dbm,
+        latency_ms=drone.latency_ms if claim_t_ms is not None else None,
+        lost=drone.lost,
+        duplicates=drone.duplicates,
+        transports=drone.transports(now_ms),
+        drip=drone.drip,
     )
+
+
+def _position(heard: Heard) -> Position:
+    return Position(heard.lat_e7, heard.lon_e7, heard.accuracy_mm, heard.t_ms, heard.claim_t_ms, heard.transport)

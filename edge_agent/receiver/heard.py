@@ -36,6 +36,16 @@ class Heard:
     operator_lon_e7: int | None = None
     claim_t_ms: int | None = None
     rssi_dbm: int | None = None
+    latency_ms: int | None = None
+    """How long after its own time the position was heard; negative where the drone's clock is ahead."""
+    lost: int = 0
+    """Frames that were missed so far, by the gaps in the transports' counters."""
+    duplicates: int = 0
+    """Positions that were heard again, over another transport or repeated."""
+    transports: tuple[str, ...] = ()
+    """The transports over which the drone was heard within the last ten seconds."""
+    drip: dict[str, str | int] | None = None
+    """Who signed its broadcasts (RFC 9575): what was verified, apart from whether the position is true."""
 
     def claim(self) -> BroadcastClaim:
         """The record that goes into a session's evidence."""
@@ -64,6 +74,11 @@ class Heard:
             "claim_t_ms": self.claim_t_ms,
             "transport": self.transport,
             "rssi": self.rssi_dbm,
+            "latency_ms": self.latency_ms,
+            "lost": self.lost or None,
+            "duplicates": self.duplicates or None,
+            "transports": list(self.transports) if len(self.transports) > 1 else None,
+            "drip": self.drip,
         }
         return {name: value for name, value in body.items() if value is not None}
 
@@ -74,7 +89,8 @@ class ReceiverCounts:
 
     ``bad``: no frame, or refused by the codec. ``limited``: dropped unread or unattributed because too many came.
     ``unattributed``: positions before (or without) an identity; ``ambiguous``: positions whose source had named
-    several drones outside packs. ``heard``: positions attributed.
+    several drones outside packs. ``duplicates``: positions heard before, by another way or again. ``heard``: positions
+    attributed. ``lost`` are frames that never came, by their counters.
     """
 
     frames: int = 0
@@ -83,6 +99,8 @@ class ReceiverCounts:
     unattributed: int = 0
     ambiguous: int = 0
     heard: int = 0
+    duplicates: int = 0
+    lost: int = 0
     drones: int = 0
 
     def health(self) -> dict[str, int]:

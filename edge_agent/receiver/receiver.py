@@ -1,36 +1,29 @@
-"""The receiver's shell: UDP datagrams and serial lines of hexadecimal digits, into the assembler."""
+"""The receiver's shell: whatever the sources hear goes into the assembler, and out come positions and findings."""
 
 from __future__ import annotations
 
-import asyncio
-import logging
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING
 
 from edge_agent.receiver.assembler import Assembler
-from wonderland.remote_id import FramingError
-from wonderland.remote_id.framings.hex_lines import MAX_LINE_CHARS, parse_line
-from wonderland.uwb.serial_port import ReconnectingPort, serial_opener
+from edge_agent.receiver.errors import ReceiverError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from edge_agent.receiver.findings import Finding
     from edge_agent.receiver.heard import Heard, ReceiverCounts
     from edge_agent.receiver.limits import ReceiverLimits
+    from edge_agent.receiver.sources import Source
+    from edge_agent.receiver.sources.udp import UdpSource
     from wonderland.proofs.records.sessions import BroadcastClaim
+    from wonderland.remote_id.framings.framed import Framed
     from wonderland.uwb.serial_port import Opener
 
 OnHeard = Callable[["Heard"], None]
+OnFinding = Callable[["Finding"], None]
 ClockMs = Callable[[], int]
-
-BAUD_RATE: Final = 115_200
-
-_log = logging.getLogger(__name__)
-
-
-class ReceiverError(Exception):
-    """The receiver cannot listen where it was told to; the text names the address."""
 
 
 def system_clock_ms() -> int:
@@ -39,11 +32,10 @@ def system_clock_ms() -> int:
 
 
 class RemoteIdReceiver:
-    """Hears Remote ID and tells ``on_heard`` of each position that has a drone's name.
+    """Hears Remote ID; tells ``on_heard`` of each new position that has a drone's name, ``on_finding`` of oddities.
 
-    ``listen`` is (host, port) of the UDP socket, port 0 for one that the system chooses (`address` says which);
-    ``serial_ports`` are device paths or openers, each read as lines of hexadecimal digits and reopened when it comes
-    back after having been unplugged.
+    ``listen`` is (host, port) of a UDP socket, port 0 for one that the system chooses (`address` says which);
+    ``serial_ports`` are device paths or openers, each read as lines; ``sources`` are any others.
 
     >>> receiver = RemoteIdReceiver(listen=("127.0.0.1", 0), on_heard=lambda heard: spool.offer(...))
     >>> await receiver.start(); receiver.address
@@ -55,27 +47,34 @@ class RemoteIdReceiver:
         *,
         listen: tuple[str, int] | None = None,
         serial_ports: Sequence[str | Opener] = (),
+        sources: Sequence[Source] = (),
         on_heard: OnHeard | None = None,
+        on_finding: OnFinding | None = None,
         clock_ms: ClockMs = system_clock_ms,
         limits: ReceiverLimits | None = None,
     ) -> None:
-        self._listen = listen
         self._clock_ms = clock_ms
         self._on_heard = on_heard
+        self._on_finding = on_finding
         self._assembler = Assembler(clock_ms(), limits)
-        self._transport: asyncio.DatagramTransport | None = None
-        self._ports = [
-            _SerialLines(self, f"serial:{index}", serial_opener(port, BAUD_RATE) if isinstance(port, str) else port)
-            for index, port in enumerate(serial_ports)
-        ]
+        self._udp: UdpSource | None = None
+        self._sources = list(sources)
+        if listen is not None:
+            from edge_agent.receiver.sources.udp import UdpSource  # noqa: PLC0415 - each source only where it is used
+
+            self._udp = UdpSource(*listen)
+            self._sources.append(self._udp)
+        if serial_ports:
+            from edge_agent.receiver.sources.serial import SerialLines  # noqa: PLC0415 - as above
+
+            self._sources += [SerialLines(f"serial:{index}", port) for index, port in enumerate(serial_ports)]
 
     @property
     def address(self) -> tuple[str, int]:
         """Where it listens for datagrams. Raises `ReceiverError` when it does not."""
-        if self._transport is None:
+        if self._udp is None:
             raise ReceiverError("the Remote ID receiver does not listen for datagrams")
-        host, port = self._transport.get_extra_info("sockname")[:2]
-        return str(host), int(port)
+        return self._udp.address
 
     @property
     def counts(self) -> ReceiverCounts:
@@ -83,29 +82,18 @@ class RemoteIdReceiver:
         return self._assembler.counts
 
     async def start(self) -> None:
-        """Begin to listen. Raises `ReceiverError` when the address cannot be had."""
-        if self._listen is not None:
-            host, port = self._listen
-            loop = asyncio.get_running_loop()
+        """Begin to hear. Raises `ReceiverError` when a source cannot be had; then none is left open."""
+        for source in self._sources:
             try:
-                transport, _ = await loop.create_datagram_endpoint(lambda: _Datagrams(self), local_addr=(host, port))
-            except OSError as cause:
-                raise ReceiverError(
-                    f"Remote ID: cannot listen on UDP {host}:{port} ({cause.strerror or cause}); "
-                    "is another agent running, or the address not this machine's?"
-                ) from cause
-            self._transport = transport
-        for port_reader in self._ports:
-            port_reader.port.start()
+                await source.start(self)
+            except ReceiverError:
+                await self.close()
+                raise
 
     async def close(self) -> None:
-        """Stop listening; what was heard stays readable."""
-        for port_reader in self._ports:
-            port_reader.port.close()
-        if self._transport is not None:
-            self._transport.close()
-            self._transport = None
-            await asyncio.sleep(0)  # the transport closes its socket in the next turn of the loop
+        """Stop hearing; what was heard stays readable."""
+        for source in self._sources:
+            await source.close()
 
     def recent(self, uav_id: str, since_ms: int) -> tuple[BroadcastClaim, ...]:
         """What was heard of a drone from ``since_ms`` (the pad's clock) on: for a session's evidence, at most 200."""
@@ -121,68 +109,44 @@ class RemoteIdReceiver:
 
     def take(self, frame: bytes, *, source: str, transport: str, rssi_dbm: int | None = None) -> None:
         """Take a bare frame from any other transport; ``source`` tells transmitters apart."""
+        self._feed(frame, source=source, transport=transport, rssi_dbm=rssi_dbm)
+
+    def take_framed(self, framed: Framed, source: str) -> None:
+        """Take a frame out of its wrapping; ``source`` is the receiver that heard it."""
+        self._feed(
+            framed.frame,
+            source=f"{source}:{framed.transport}:{framed.address}" if framed.address else source,
+            transport=framed.transport,
+            rssi_dbm=framed.rssi_dbm,
+            counter=framed.counter,
+            address=framed.address,
+        )
+
+    def take_bad(self) -> None:
+        """Count what should have held a frame and does not."""
+        self._assembler.count_bad()
+
+    def _feed(
+        self,
+        frame: bytes,
+        *,
+        source: str,
+        transport: str,
+        rssi_dbm: int | None = None,
+        counter: int | None = None,
+        address: str | None = None,
+    ) -> None:
         heard = self._assembler.feed(
-            frame, source=source, transport=transport, now_ms=self._clock_ms(), rssi_dbm=rssi_dbm
+            frame,
+            source=source,
+            transport=transport,
+            now_ms=self._clock_ms(),
+            rssi_dbm=rssi_dbm,
+            counter=counter,
+            address=address,
         )
         if heard is not None and self._on_heard is not None:
             self._on_heard(heard)
-
-    def take_line(self, line: bytes, source: str) -> None:
-        """Take a line of hexadecimal digits."""
-        try:
-            parsed = parse_line(line)
-        except FramingError:
-            self._assembler.count_bad()
-            return
-        self.take(
-            parsed.frame,
-            source=f"{source}:{parsed.address}" if parsed.address else source,
-            transport="serial",
-            rssi_dbm=parsed.rssi_dbm,
-        )
-
-
-class _Datagrams(asyncio.DatagramProtocol):
-    def __init__(self, receiver: RemoteIdReceiver) -> None:
-        self._receiver = receiver
-
-    def datagram_received(self, data: bytes, addr: tuple[str | Any, int]) -> None:
-        self._receiver.take(data, source=f"udp:{addr[0]}:{addr[1]}", transport="udp")
-
-    def error_received(self, exc: Exception) -> None:
-        _log.debug("Remote ID socket: %s", exc)
-
-
-class _SerialLines:
-    """Cuts a serial stream into lines; what is longer than any line can be is dropped up to the next line's end."""
-
-    def __init__(self, receiver: RemoteIdReceiver, name: str, opener: Opener) -> None:
-        self._receiver = receiver
-        self._name = name
-        self._buffer = bytearray()
-        self._skipping = False
-        self.port = ReconnectingPort(opener, self)
-
-    def port_up(self) -> None:
-        self._buffer.clear()
-        # The first line after opening may have begun before: its rest is no frame, and is counted as bad.
-        self._skipping = False
-        _log.info("Remote ID receiver on %s is there", self._name)
-
-    def port_down(self, detail: str) -> None:
-        _log.warning("Remote ID receiver on %s is gone (%s); waiting for its return", self._name, detail)
-
-    def data_received(self, data: bytes) -> None:
-        self._buffer += data
-        *lines, rest = self._buffer.replace(b"\r", b"\n").split(b"\n")
-        for line in lines:
-            if self._skipping:
-                self._skipping = False
-            elif line.strip():
-                self._receiver.take_line(bytes(line), self._name)
-        if len(rest) > MAX_LINE_CHARS:
-            if not self._skipping:
-                self._receiver.take_line(bytes(rest), self._name)
-            self._skipping = True
-            rest = bytearray()
-        self._buffer = rest
+        for finding in self._assembler.findings():
+            if self._on_finding is not None:
+                self._on_finding(finding)

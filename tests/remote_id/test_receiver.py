@@ -86,6 +86,8 @@ def test_a_pack_says_everything_at_once() -> None:
         operator_lat_e7=601_800_000,
         operator_lon_e7=249_500_000,
         claim_t_ms=T0,
+        latency_ms=250,
+        transports=("udp",),
     )
     assert heard.track() == {
         "uav_id": SERIAL,
@@ -99,6 +101,7 @@ def test_a_pack_says_everything_at_once() -> None:
         "status": "airborne",
         "operator_id": "FIN87astrdge12k8",
         "claim_t_ms": T0,
+        "latency_ms": 250,
         "transport": "udp",
     }
     claims = assembler.recent(SERIAL, T0)
@@ -336,8 +339,8 @@ async def test_serial_lines_survive_garbage_and_unplugging() -> None:
         await until(lambda: len(heard) == 1)
         os.write(masters[0], b"0" * 3_000 + b"\n")  # one endless line is one bad frame, and costs no memory
         await until(lambda: receiver.counts.bad == 3)
-        single = [encode(BasicId(uas_id=SERIAL)), encode(BasicId(uas_id=OTHER)), encode(location())]
-        for index, data in enumerate([single[0], single[1], single[2], single[2]]):
+        here, there = encode(location(601_700_100)), encode(location(601_700_200))
+        for index, data in enumerate([encode(BasicId(uas_id=SERIAL)), encode(BasicId(uas_id=OTHER)), here, there]):
             address = f"02:00:00:00:00:0{index % 2}"
             os.write(masters[0], f"{address} -70 {data.hex()}\n".encode())
         await until(lambda: len(heard) == 3)
