@@ -112,9 +112,10 @@ class Mirror:
         height = await self._source.height()
         self._status.mirrored = start + 1 if before is not None else 0
         if height < self._status.mirrored:
+            await self._require_same_chain(height)
             raise LedgerError(
-                f"the ledger has only {height} blocks, of which {self._status.mirrored} are mirrored already: it is "
-                "still catching up, or was set up anew or restored (then use another database, or rebuild this one)"
+                f"the ledger has only {height} blocks, of which {self._status.mirrored} are mirrored already: this "
+                "peer is still catching up, or the ledger was restored from a backup (then rebuild this database)"
             )
         self._status.saw(height, self._clock())
         self._connected()
@@ -128,6 +129,14 @@ class Mirror:
         finally:
             reader.cancel()
             await asyncio.gather(reader, return_exceptions=True)
+
+    async def _require_same_chain(self, height: int) -> None:
+        """Raise `MirrorHalted` when a shorter ledger is not the beginning of what is mirrored, but another one."""
+        async with contextlib.aclosing(self._source.blocks(height - 1)) as blocks:
+            newest = await anext(blocks)
+        mirrored = await store.header_hash(self._database, newest.number)
+        if newest.header.hash.hex() != mirrored:
+            raise _another(newest.number)
 
     async def _read(self, start: int, before: Position | None, queue: asyncio.Queue[Block | Exception]) -> None:
         """Blocks into the queue; the error that ended the stream after them."""
@@ -194,7 +203,11 @@ class Mirror:
 
 def _require_same(block: Block, before: Position) -> None:
     if block.header != before.header:
-        raise MirrorHalted(
-            f"The ledger has another block {block.number} than the one that was mirrored: it was set up anew, or it is "
-            "another ledger. Use another database, or `wonderland backend rebuild` for this one."
-        )
+        raise _another(block.number)
+
+
+def _another(number: int) -> MirrorHalted:
+    return MirrorHalted(
+        f"The ledger has another block {number} than the one that was mirrored: it was set up anew, or it is another "
+        "ledger. Use another database, or `wonderland backend rebuild` for this one."
+    )

@@ -11,7 +11,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from backend.db.engine import Database
-from backend.db.models import Checkpoint, LedgerRow, SessionRow, ledger_tables
+from backend.db.models import BlockRow, Checkpoint, LedgerRow, SessionRow, ledger_tables
 from backend.errors import MirrorHalted
 from backend.mirror.derive import APPENDED, REPLACED, Changes, Row
 from wonderland.ledger.blocks import BlockHeader
@@ -44,6 +44,12 @@ async def position(database: Database) -> Position | None:
             "The checkpoint in the database contradicts itself; `wonderland backend rebuild` makes the rows anew."
         )
     return Position(row.channel, header)
+
+
+async def header_hash(database: Database, number: int) -> str | None:
+    """The hash (hex) of a mirrored block's header; None for one that is not mirrored."""
+    async with database.read() as session:
+        return await session.scalar(select(BlockRow.header_hash).where(BlockRow.number == number))
 
 
 AlsoWrite = Callable[[AsyncConnection, Changes], Awaitable[None]]

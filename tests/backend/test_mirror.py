@@ -408,3 +408,19 @@ async def test_a_shorter_ledger_is_waited_for(new_mirror, new_chain, source_of, 
     finally:
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
+
+
+async def test_a_shorter_ledger_of_other_blocks_halts_it(database, new_mirror, new_chain, source_of, facts):
+    """A database of another network: no waiting makes that good, and it is said before a single block is read."""
+    chain = new_chain()
+    fill(chain, facts, 4)
+    mirror, _ = new_mirror(source_of(chain))
+    await mirror.run_until(chain.height)
+    before = await digest(database)
+    other = new_chain()
+    other.add(facts.put_uav("another"))
+    mirror, status = new_mirror(source_of(other))
+    await asyncio.wait_for(mirror.run(), 20)
+    assert "another block 1 than the one that was mirrored" in status.halted
+    assert "rebuild" in status.halted
+    assert await digest(database) == before
