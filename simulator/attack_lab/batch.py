@@ -7,10 +7,12 @@ from typing import Final
 
 import numpy as np
 
+from simulator.attack_lab.blinks import commissioned, testimony, time_stamps
 from simulator.attack_lab.places import (
     FIRST_ROUND_MS,
     POLICY,
     ROUND_MS,
+    ROUNDS,
     START_MS,
     Booleans,
     Floats,
@@ -31,10 +33,10 @@ from wonderland.proofs.records.sessions import (
     Radio,
     RangeTable,
     Session,
+    TimeStamps,
 )
+from wonderland.proofs.testimony import WitnessBrought
 
-ROUNDS: Final = 160
-"""As many as a pad ranges at most."""
 CLAIM_MS: Final = 1_000
 """The lab's claims come once a second; between them a path is a straight line."""
 LEAST_ROUNDS: Final = 10
@@ -73,13 +75,20 @@ class Batch:
     """What it tells the public at ``claim_times``, where that differs: (B, K, 3) mm."""
     rightful: bool = False
     """A permission is no success of the attacker: the drone is where it claims."""
+    heard_mm: Floats | None = None
+    """How far the drone's own frames seem to have come, from level 3 on: (B, ROUNDS, A) mm."""
+    witness: LabPad | None = None
+    witness_heard_mm: Floats | None = None
+    """The same at the second pad, at level 4."""
+    steady: bool = False
+    """Nothing changes from round to round but the noise, so that what contradicts itself goes on doing so."""
     won_mm: float | None = None
     """From this distance on a permission is the attacker's success; the policy's buffer where nothing else is said."""
     t_ms: Integers = field(default_factory=round_times)
     commissioning: Commissioning = field(init=False)
 
     def __post_init__(self) -> None:
-        self.commissioning = self.pad.commissioning
+        self.commissioning = commissioned(self.pad) if self.heard_mm is not None else self.pad.commissioning
 
     def __len__(self) -> int:
         return len(self.range_mm)
@@ -87,7 +96,7 @@ class Batch:
     @property
     def may_be_screened(self) -> bool:
         """Whether arrays tell enough: a second claim that is judged apart is left to the decision itself."""
-        return self.broadcast is None
+        return self.broadcast is None and self.heard_mm is None
 
     def session(self, index: int) -> Session:
         """The request of one try."""
@@ -145,7 +154,20 @@ class Batch:
                 sts="provisioned" if self.assurance >= 2 else "static",
             ),
             steps=(),
+            time_stamps=self._time_stamps(index, rounds),
         )
+
+    def witnessed(self, index: int, rounds: int) -> WitnessBrought | None:
+        """What the second pad brought of one try by then."""
+        if self.witness is None or self.witness_heard_mm is None:
+            return None
+        survey = commissioned(self.witness)
+        return WitnessBrought(testimony(survey, self.witness_heard_mm[index, :rounds]), survey)
+
+    def _time_stamps(self, index: int, rounds: int) -> TimeStamps | None:
+        if self.heard_mm is None:
+            return None
+        return time_stamps(self.commissioning, self.heard_mm[index, :rounds], "challenge")
 
     def _claim(self, index: int, number: int) -> Claim:
         east, north, up = (int(value) for value in self.claims[index, number])

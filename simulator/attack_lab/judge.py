@@ -14,6 +14,8 @@ from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.stopping import LOOKS
 from wonderland.proofs.verdict import decide
 
+_LOOK_AGAIN: Final = (LOOKS[len(LOOKS) // 2], LOOKS[-1])
+"""Tries that are stuck are looked at again only then."""
 DECIDED_MS: Final = START_MS + 20_000
 
 
@@ -69,6 +71,7 @@ def verdict_of(batch: Batch, index: int, rounds: int) -> Verdict:
         authorisation=(),
         now_ms=DECIDED_MS,
         evidence_sha256="0" * 64,
+        witness=batch.witnessed(index, rounds),
     )
 
 
@@ -80,10 +83,12 @@ def run_batch(batch: Batch, *, sample: int, screened: bool = True) -> Tally:
     tally = Tally(tries=len(batch))
     bad = wrongful(batch)
     alive = np.arange(len(batch))
+    stuck = np.zeros(len(batch), dtype=bool)
     screened = screened and batch.may_be_screened
     for rounds in LOOKS:
-        if not len(alive):
-            break
+        if rounds in _LOOK_AGAIN:
+            stuck[:] = False
+        every, alive = alive, alive[~stuck[alive]]
         answers = look(batch, alive, rounds) if screened else np.full(len(alive), Look.ASK, dtype=np.int64)
         if screened:
             _compare(batch, alive, answers, rounds, sample, tally)
@@ -98,10 +103,13 @@ def run_batch(batch: Batch, *, sample: int, screened: bool = True) -> Tally:
                 _refuted(batch, tally, row, rounds)
             elif verdict.outcome == "verified":
                 _verified(batch, tally, row, rounds, verdict, bad)
-            settled[position] = verdict.outcome != "inconclusive"
+            hopeless = not screened and verdict.more_rounds < 0  # the pad ends it there
+            settled[position] = verdict.outcome != "inconclusive" or hopeless
+            tally.open += verdict.outcome == "inconclusive" and hopeless
             for reason in verdict.reasons:
                 tally.reasons[reason.code] = tally.reasons.get(reason.code, 0) + 1
-        alive = alive[~settled]
+        stuck[alive[answers == Look.STUCK]] = True
+        alive = np.setdiff1d(every, alive[settled], assume_unique=True)
     tally.open += len(alive)
     return tally
 

@@ -43,6 +43,8 @@ class Variant:
     levels: tuple[int, ...]
     make: Make | None = None
     play: Play | None = None
+    dear: int = 1
+    """Only every so manieth of the tries asked for is played: each costs much more than elsewhere."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,8 @@ START_MS: Final = 1_800_000_000_000
 """The request's time in every try."""
 FIRST_ROUND_MS: Final = 500
 ROUND_MS: Final = 50
+ROUNDS: Final = 160
+"""As many as a pad ranges at most."""
 SURVEY_SIGMA_MM: Final = 3
 BIAS_SIGMA_MM: Final = 6
 INSTALLATION_SIGMA_MM: Final = 8
@@ -45,6 +47,8 @@ class LabPad:
     low: float = 4_000.0
     high: float = 7_000.0
     range_sigma: int = RANGE_SIGMA_MM
+    bearing: float = np.pi
+    """Drones hover within this angle (rad) of east."""
 
     @property
     def commissioning(self) -> Commissioning:
@@ -73,7 +77,7 @@ class LabPad:
 
     def places(self, rng: np.random.Generator, count: int) -> Floats:
         """Places to hover about the pad, uniform in distance, bearing and height: (count, 3)."""
-        bearing = rng.uniform(0.0, 2.0 * np.pi, count)
+        bearing = rng.uniform(-self.bearing, self.bearing, count)
         away = rng.uniform(self.near, self.far, count)
         up = rng.uniform(self.low, self.high, count)
         return np.column_stack((away * np.cos(bearing), away * np.sin(bearing), up))
@@ -108,6 +112,23 @@ SMALL: Final = LabPad(
     high=1.0,
     range_sigma=50,
 )
+WITNESS_AT_MM: Final = (12_000.0, 0.0, 0.0)
+"""Where the second pad's middle is, in the first one's frame."""
+BETWEEN: Final = LabPad(
+    "between",
+    "the square pad with a second one 12 m to the east; drones between them",
+    ring(4, 2_263.0),
+    near=4_000.0,
+    far=8_000.0,
+    bearing=0.5,
+)
+
+
+def witness_of(pad: LabPad) -> LabPad:
+    """The second pad, of the same build, in the first one's frame."""
+    return LabPad("witness", "the second pad", pad.anchors + np.array(WITNESS_AT_MM))
+
+
 POLICY: Final = Policy()
 """Buffer 1 m, and all else as the records default; ``min_assurance`` is set for each level."""
 

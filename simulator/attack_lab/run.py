@@ -112,10 +112,10 @@ def _chunks(settings: LabSettings, attacks: Sequence[Attack]) -> list[_Chunk]:
         for number, variant in enumerate(attack.variants):
             if not set(variant.levels) & set(settings.levels):
                 continue
-            left = settings.tries
-            for count in range(0, settings.tries, CHUNK):
+            left = tries = max(1, settings.tries // variant.dear)
+            for count in range(0, tries, CHUNK):
                 size = min(CHUNK, left)
-                part = min(size, max(1, settings.sample * CHUNK // settings.tries))
+                part = min(size, max(1, settings.sample * CHUNK // tries))
                 chunks.append(_Chunk(attack.name, number, count // CHUNK, size, part, settings.seed, settings.exact))
                 left -= size
     return chunks

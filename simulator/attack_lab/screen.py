@@ -42,6 +42,8 @@ _PER_95_HEIGHT: Final = 0.5102
 _ITERATIONS: Final = 12
 _CONVERGED_MM: Final = 1.0
 _CONTRADICTS: Final = 4.0
+_STUCK: Final = 20.0
+"""A χ² this many times its limit is a contradiction that noise neither made nor can undo."""
 _DIRECTIONS: Final = 24
 _GRID: Final = 160
 _LARGEST_STEP: Final = 1e9
@@ -54,6 +56,8 @@ class Look(IntEnum):
     OPEN = 0
     REFUTED = 1
     ASK = 2
+    STUCK = 3
+    """Open, and so far from settled that further rounds of the same kind change nothing."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,7 @@ def look(batch: Batch, rows: Integers, rounds: int) -> Integers:
     contradict = np.nonzero(sure & (fits.chi2 > limit * (1.0 + MARGIN)))[0]
     if len(contradict):
         answer[contradict] = _without_one(batch, means.of(contradict), velocity[contradict])
-    answer[means.nothing] = Look.OPEN
+    answer[means.nothing] = Look.STUCK if batch.steady else Look.OPEN
     return answer
 
 
@@ -349,6 +353,7 @@ def _without_one(batch: Batch, means: _Means, velocity: Floats) -> Integers:
     inside_excluded = np.zeros(len(middle), dtype=bool)
     outside_all = np.ones(len(middle), dtype=bool)
     outside_excluded = np.zeros(len(middle), dtype=bool)
+    hopeless = np.full(len(middle), fill_value=batch.steady)
     for left_out in range(count):
         fits = _fit(batch, means, middle, velocity, tuple(i for i in range(count) if i != left_out))
         passing, possible = _limit(CHI2_LIMITS, fits.freedom), _limit(CHI2_MILLIONTH, fits.freedom)
@@ -358,6 +363,7 @@ def _without_one(batch: Batch, means: _Means, velocity: Floats) -> Integers:
         good.append(fits.chi2 <= passing)
         unlikely.append(~candidate)
         not_inside, outside, not_outside = _compare(batch, fits, middle)
+        hopeless &= fits.chi2 > _STUCK * passing
         inside_excluded |= candidate & not_inside
         outside_all &= ~candidate | outside
         outside_excluded |= candidate & not_outside
@@ -368,7 +374,7 @@ def _without_one(batch: Batch, means: _Means, velocity: Floats) -> Integers:
     some = ~np.all(unlikely, axis=0)
     answer = np.where(
         none_good,
-        Look.OPEN,
+        np.where(hopeless, Look.STUCK, Look.OPEN),
         np.where(outside_all & some, Look.REFUTED, np.where(inside_excluded & outside_excluded, Look.OPEN, Look.ASK)),
     )
     return np.where(unsure, Look.ASK, answer)

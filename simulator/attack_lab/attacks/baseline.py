@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Final
 
 import numpy as np
 
-from simulator.attack_lab.attacks.common import still
+from simulator.attack_lab.attacks.common import at_levels, pad_at, still
 from simulator.attack_lab.batch import Batch
-from simulator.attack_lab.model import Attack, Family, Variant
-from simulator.attack_lab.places import SQUARE
+from simulator.attack_lab.model import Attack, Family
 
 GNSS_SIGMA_MM: Final = 150.0
 
 
 def honest(level: int, rng: np.random.Generator, count: int) -> Batch:
     """Claims are wrong by what a good receiver errs (15 cm on each axis)."""
-    truth = SQUARE.places(rng, count)
+    pad = pad_at(level)
+    truth = pad.places(rng, count)
     claim = truth + rng.normal(0.0, GNSS_SIGMA_MM, truth.shape) * np.array((1.0, 1.0, 0.0))
-    batch = still(rng, level, np.rint(claim), truth)
+    batch = still(rng, level, np.rint(claim), truth, pad=pad)
     batch.rightful = True
     return batch
 
@@ -34,7 +33,7 @@ ATTACKS: Final = (
         "Nothing: a permission is right. Counted here are honest drones that are refuted.",
         "–",
         0,
-        (Variant((0, 1, 2), make=partial(honest, 2)),),
+        at_levels(honest, 0, 1, 2),
         wire="honest",
     ),
 )

@@ -2,29 +2,40 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Final
 
 import numpy as np
 
-from simulator.attack_lab.attacks.common import TWO_WAY, lying, ranges_of_claim, still
+from simulator.attack_lab.attacks.common import PAD_MEASURES, TWO_WAY, at_levels, lying, pad_at, ranges_of_claim, still
 from simulator.attack_lab.batch import Batch
-from simulator.attack_lab.model import Attack, Family, Variant
-from simulator.attack_lab.places import SQUARE
+from simulator.attack_lab.model import Attack, Family
+from simulator.attack_lab.places import witness_of
 
 
 def accomplice(level: int, rng: np.random.Generator, count: int) -> Batch:
     """A second drone with the first one's keys stands at the claimed place; the first is anywhere."""
-    place = np.rint(SQUARE.places(rng, count))
-    batch = still(rng, level, place, place)
+    pad = pad_at(level)
+    place = np.rint(pad.places(rng, count))
+    batch = still(rng, level, place, place, pad=pad)
     batch.won_mm = -1.0
     return batch
 
 
 def many_transmitters(level: int, rng: np.random.Generator, count: int) -> Batch:
     """Each anchor hears its own transmitter, and each of these keeps the time that fits the claim."""
-    claim, truth = lying(rng, count)
-    return still(rng, level, claim, truth, extra=ranges_of_claim(SQUARE, claim, truth))
+    pad = pad_at(level)
+    claim, truth = lying(rng, count, pad=pad)
+    there = ranges_of_claim(pad, claim, truth)
+    witness = ranges_of_claim(witness_of(pad), claim, truth)
+    return still(rng, level, claim, truth, pad=pad, extra=there, frames=there, witness_frames=witness)
+
+
+def pad_and_drone(level: int, rng: np.random.Generator, count: int) -> Batch:
+    """The pad invents ranges and time stamps, the drone's owner signs them; the witness is honest."""
+    pad = pad_at(level)
+    claim, truth = lying(rng, count, pad=pad)
+    there = ranges_of_claim(pad, claim, truth)
+    return still(rng, level, claim, truth, pad=pad, extra=there, frames=there)
 
 
 ATTACKS: Final = (
@@ -37,17 +48,28 @@ ATTACKS: Final = (
         "Any permission.",
         "No level: what is proved is that a holder of the keys is there. Keys in a secure element make it harder.",
         None,
-        (Variant(TWO_WAY, make=partial(accomplice, 2)),),
+        at_levels(accomplice, *TWO_WAY),
+    ),
+    Attack(
+        "pad-and-drone",
+        Family.COLLUSION,
+        "The pad's operator and the drone's owner invent a session together",
+        "The keys of a pad and of a drone.",
+        "A bribe.",
+        "A permission more than one buffer from the claim.",
+        "Level 4: the second pad's testimony is its own, signed by another agent. With that one too: nothing.",
+        4,
+        at_levels(pad_and_drone, *TWO_WAY),
     ),
     Attack(
         "transmitter-per-anchor",
         Family.COLLUSION,
         "A transmitter with the drone's keys beside each anchor, synchronised",
         "The drone's keys in as many radios as there are anchors, each beside one of them.",
-        "Several radios, synchronised to a nanosecond, on the pad's site.",
+        "Several radios, synchronised to a nanosecond, on the pad's site; at level 4 on the second pad's, too.",
         "A permission more than one buffer from the claim.",
         "No level: each anchor hears what its own transmitter wants it to.",
         None,
-        (Variant((1, 2), make=partial(many_transmitters, 2)),),
+        at_levels(many_transmitters, *PAD_MEASURES),
     ),
 )

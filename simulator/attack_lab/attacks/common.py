@@ -2,20 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from simulator.attack_lab.batch import Batch, measured, off, standing
-from simulator.attack_lab.places import POLICY, SQUARE, Floats, LabPad, directions, distances
+from simulator.attack_lab.blinks import heard
+from simulator.attack_lab.model import Variant
+from simulator.attack_lab.places import BETWEEN, POLICY, SQUARE, Floats, LabPad, directions, distances, witness_of
 from wonderland.proofs.records.policies import Policy
 
 BUFFER_MM: Final = float(POLICY.buffer_mm)
 NEAR_LIE: Final = 3.0 * BUFFER_MM
+TIMED_LEVEL, WITNESSED_LEVEL = 3, 4
 FAR_LIE: Final = 9.0 * BUFFER_MM
 TWO_WAY: Final = (0, 1, 2)
 PAD_MEASURES: Final = (1, 2)
+ALL: Final = (0, 1, 2, 3, 4)
+
+
+def pad_at(level: int) -> LabPad:
+    """The square pad; from level 4 on drones come between it and a second one."""
+    return BETWEEN if level >= WITNESSED_LEVEL else SQUARE
+
+
+DEAR: Final = 10
+"""One try in ten where every look is a whole decision with time stamps."""
+
+
+def at_levels(
+    make: Callable[[int, np.random.Generator, int], Batch], *first: int, dear: int = DEAR
+) -> tuple[Variant, ...]:
+    """One simulation for these lower levels, which go the same way, and one each for 3 and 4."""
+    return (
+        Variant(first, make=partial(make, max(first))),
+        Variant((TIMED_LEVEL,), make=partial(make, TIMED_LEVEL), dear=dear),
+        Variant((WITNESSED_LEVEL,), make=partial(make, WITNESSED_LEVEL), dear=DEAR),
+    )
 
 
 def policy(level: int) -> Policy:
@@ -62,10 +88,17 @@ def still(
     anchors: Floats | None = None,
     accuracy_mm: int = 100,
     height_accuracy_mm: int = 200,
+    frames: Floats | None = None,
+    witness_frames: Floats | None = None,
 ) -> Batch:
-    """Drones that stand still at ``truth`` and claim ``claim``; ``extra`` are the attacker's errors in the ranges."""
+    """Drones that stand still at ``truth`` and claim ``claim``; ``extra`` are the attacker's errors in the ranges.
+
+    ``frames``, ``witness_frames``: the attacker's delays of the drone's own frames for each anchor, if it has any.
+    """
     claims = standing(claim)
     there = truth[:, None, :]
+    timed = level >= TIMED_LEVEL
+    witness = witness_of(pad) if level >= WITNESSED_LEVEL else None
     return Batch(
         pad,
         claims,
@@ -75,6 +108,10 @@ def still(
         policy=policy(level),
         accuracy_mm=accuracy_mm,
         height_accuracy_mm=height_accuracy_mm,
+        heard_mm=heard(rng, pad, there, extra=frames, anchors=anchors) if timed else None,
+        steady=extra is None or extra.shape[1] == 1,
+        witness=witness,
+        witness_heard_mm=None if witness is None else heard(rng, witness, there, extra=witness_frames),
     )
 
 

@@ -5,15 +5,27 @@ In two-way ranging the drone supplies time stamps, and every range is computed f
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
 import numpy as np
 
-from simulator.attack_lab.attacks.common import FAR_LIE, NEAR_LIE, lying, radially, ranges_of_claim, still, turned
-from simulator.attack_lab.batch import ROUNDS, Batch, rounded_cm
+from simulator.attack_lab.attacks.common import (
+    FAR_LIE,
+    NEAR_LIE,
+    PAD_MEASURES,
+    at_levels,
+    lying,
+    pad_at,
+    radially,
+    ranges_of_claim,
+    still,
+    turned,
+)
+from simulator.attack_lab.batch import Batch, rounded_cm
 from simulator.attack_lab.model import Attack, Family, Variant
-from simulator.attack_lab.places import SMALL, SQUARE, Floats, LabPad, distances
+from simulator.attack_lab.places import ROUNDS, SMALL, SQUARE, Floats, LabPad, distances
 
 MANY_ROUNDS: Final = 10
 """A choosy drone throws nine rounds of ten away."""
@@ -27,17 +39,29 @@ def invented(rng: np.random.Generator, count: int) -> Batch:
 
 def uniform(level: int, rng: np.random.Generator, count: int) -> Batch:
     """One false time for all: every range is off by the same, either way."""
-    claim, truth = radially(rng, count)
+    pad = pad_at(level)
+    claim, truth = radially(rng, count, pad=pad)
     nearer = rng.random(count) < 0.5
     claim, truth = np.where(nearer[:, None], np.rint(truth), claim), np.where(nearer[:, None], claim, truth)
-    extra = ranges_of_claim(SQUARE, claim, truth).mean(axis=2, keepdims=True)
-    return still(rng, level, claim, truth, extra=extra)
+    extra = ranges_of_claim(pad, claim, truth).mean(axis=2, keepdims=True)
+    return still(rng, level, claim, truth, pad=pad, extra=extra)
 
 
 def per_anchor(level: int, rng: np.random.Generator, count: int) -> Batch:
     """A false time for each anchor, such that the ranges fit the claim exactly."""
-    claim, truth = lying(rng, count)
-    return still(rng, level, claim, truth, extra=ranges_of_claim(SQUARE, claim, truth))
+    pad = pad_at(level)
+    claim, truth = lying(rng, count, pad=pad)
+    return still(rng, level, claim, truth, pad=pad, extra=ranges_of_claim(pad, claim, truth))
+
+
+def per_anchor_far(level: int, rng: np.random.Generator, count: int) -> Batch:
+    """The same where time differences tell least: far out, along the bearing, and no farther off than need be."""
+    pad = replace(SQUARE, near=11_000.0)
+    truth, claim = radially(rng, count, far=4_000.0, pad=pad)
+    outer = rng.random(count) < 0.5
+    claim, truth = np.where(outer[:, None], np.rint(claim), truth), np.where(outer[:, None], truth, claim)
+    claim = np.rint(claim)
+    return still(rng, level, claim, truth, pad=pad, extra=ranges_of_claim(pad, claim, truth))
 
 
 def mixed(level: int, rng: np.random.Generator, count: int) -> Batch:
@@ -96,7 +120,7 @@ ATTACKS: Final = (
         "A permission more than one buffer from the claim.",
         "Level 3: all anchors time-stamp the same frame, and one frame cannot have two times.",
         3,
-        (Variant((1, 2), make=partial(uniform, 2)),),
+        at_levels(uniform, *PAD_MEASURES, dear=1),
         wire="uniform-stamp-lie",
     ),
     Attack(
@@ -108,8 +132,19 @@ ATTACKS: Final = (
         "A permission more than one buffer from the claim.",
         "Level 3. No statistic of two-way ranges can: they are perfect.",
         3,
-        (Variant((1, 2), make=partial(per_anchor, 2)),),
+        at_levels(per_anchor, *PAD_MEASURES, dear=1),
         wire="per-anchor-stamp-lie",
+    ),
+    Attack(
+        "per-anchor-stamp-lie-far",
+        Family.INSIDER,
+        "The same where time differences tell least: 11 to 18 m out, along the bearing, 3 to 4 m",
+        _STAMPS,
+        _STAMPS_COST,
+        "A permission more than one buffer from the claim.",
+        "Level 3: what the differences alone do not prove is not verified there.",
+        3,
+        (Variant((1, 2), make=partial(per_anchor_far, 2)), Variant((3,), make=partial(per_anchor_far, 3))),
     ),
     Attack(
         "mixed-rounds",

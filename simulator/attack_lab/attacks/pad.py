@@ -7,7 +7,16 @@ from typing import Final
 
 import numpy as np
 
-from simulator.attack_lab.attacks.common import NEAR_LIE, TWO_WAY, lying, ranges_of_claim, still
+from simulator.attack_lab.attacks.common import (
+    DEAR,
+    NEAR_LIE,
+    TWO_WAY,
+    at_levels,
+    lying,
+    pad_at,
+    ranges_of_claim,
+    still,
+)
 from simulator.attack_lab.attacks.common import turned as turned_about
 from simulator.attack_lab.batch import Batch
 from simulator.attack_lab.model import Attack, Family, Variant
@@ -25,7 +34,8 @@ def compromised(level: int, pad: LabPad, rng: np.random.Generator, count: int) -
     size = np.exp(rng.uniform(np.log(SMALLEST_MM), np.log(LARGEST_MM), count)) * rng.choice((-1.0, 1.0), count)
     fitting = rng.random(count) < 0.5
     error = np.where(fitting[:, None], ranges_of_claim(pad, claim, truth)[:, 0], size[:, None])
-    return still(rng, level, claim, truth, pad=pad, extra=np.where(chosen, error, 0.0)[:, None, :])
+    lie = np.where(chosen, error, 0.0)[:, None, :]
+    return still(rng, level, claim, truth, pad=pad, extra=lie, frames=lie)
 
 
 def moved(level: int, rng: np.random.Generator, count: int) -> Batch:
@@ -41,16 +51,17 @@ def moved(level: int, rng: np.random.Generator, count: int) -> Batch:
 
 def turned(level: int, rng: np.random.Generator, count: int) -> Batch:
     """All anchors stand turned about the pad's middle, so that a drone is seen where it would be after that turn."""
-    claim = np.rint(SQUARE.places(rng, count))
+    pad = pad_at(level)
+    claim = np.rint(pad.places(rng, count))
     arc = rng.uniform(NEAR_LIE, 5_000.0, count) * rng.choice((-1.0, 1.0), count)
     truth = turned_about(claim, arc)
     angle = arc / np.linalg.norm(claim[:, :2], axis=1)
     cosine, sine = np.cos(angle), np.sin(angle)
-    anchors = np.repeat(SQUARE.anchors[None, None], count, axis=0)
+    anchors = np.repeat(pad.anchors[None, None], count, axis=0)
     east, north = anchors[..., 0].copy(), anchors[..., 1].copy()
     anchors[..., 0] = east * cosine[:, None, None] - north * sine[:, None, None]
     anchors[..., 1] = east * sine[:, None, None] + north * cosine[:, None, None]
-    return still(rng, level, claim, truth, anchors=anchors)
+    return still(rng, level, claim, truth, pad=pad, anchors=anchors)
 
 
 def _one_anchor(name: str, pad: LabPad, stops: str) -> Attack:
@@ -64,7 +75,10 @@ def _one_anchor(name: str, pad: LabPad, stops: str) -> Attack:
         "A permission more than one buffer from the claim.",
         stops,
         0,
-        (Variant(TWO_WAY, make=partial(compromised, 2, pad)),),
+        (
+            Variant(TWO_WAY, make=partial(compromised, 2, pad)),
+            Variant((3,), make=partial(compromised, 3, pad), dear=DEAR),
+        ),
         wire=name if pad is SQUARE else "",
     )
 
@@ -96,8 +110,8 @@ ATTACKS: Final = (
         "All of a pad's anchors, by hand, moved as one rigid body.",
         "A screwdriver and a survey: ranges among the anchors stay as they were.",
         "A permission more than one buffer from the claim.",
-        "No level that one pad alone can reach: guard the site, and prove a reference drone now and then.",
-        None,
-        (Variant(TWO_WAY, make=partial(turned, 2)),),
+        "Level 4: the second pad sees the drone where it is. One pad alone is turned with its anchors.",
+        4,
+        at_levels(turned, *TWO_WAY),
     ),
 )

@@ -7,8 +7,19 @@ from typing import Final
 
 import numpy as np
 
-from simulator.attack_lab.attacks.common import BUFFER_MM, TWO_WAY, lying, policy, still
+from simulator.attack_lab.attacks.common import (
+    BUFFER_MM,
+    DEAR,
+    TIMED_LEVEL,
+    TWO_WAY,
+    at_levels,
+    lying,
+    pad_at,
+    policy,
+    still,
+)
 from simulator.attack_lab.batch import Batch, measured, moving, off, round_times, standing
+from simulator.attack_lab.blinks import heard
 from simulator.attack_lab.model import Attack, Family, Variant
 from simulator.attack_lab.places import SQUARE, directions
 
@@ -19,8 +30,9 @@ GOAL_BUFFERS: Final = 2.0
 
 def offset(level: int, rng: np.random.Generator, count: int) -> Batch:
     """3 to 9 m, any direction."""
-    claim, truth = lying(rng, count)
-    return still(rng, level, claim, truth)
+    pad = pad_at(level)
+    claim, truth = lying(rng, count, pad=pad)
+    return still(rng, level, claim, truth, pad=pad)
 
 
 def edge(level: int, rng: np.random.Generator, count: int) -> Batch:
@@ -42,13 +54,22 @@ def meaconing(level: int, rng: np.random.Generator, count: int) -> Batch:
 
 def drag(level: int, slowest: float, fastest: float, rng: np.random.Generator, count: int) -> Batch:
     """The receiver is led away while the drone holds what it reads, so that it flies the other way."""
-    place = SQUARE.places(rng, count)
+    pad = pad_at(level)
+    place = pad.places(rng, count)
     claims = standing(place)
     speed = rng.uniform(slowest, fastest, count)
     start = rng.uniform(*DRAG_STARTS_MS, count)
     led = np.maximum(round_times()[None, :] - start[:, None], 0.0) * speed[:, None]
     truth = np.rint(place)[:, None, :] - directions(rng, count)[:, None, :] * led[:, :, None]
-    batch = Batch(SQUARE, claims, measured(rng, SQUARE, truth), off(truth, claims), level, policy(level))
+    batch = Batch(
+        pad,
+        claims,
+        measured(rng, pad, truth),
+        off(truth, claims),
+        level,
+        policy(level),
+        heard_mm=heard(rng, pad, truth) if level >= TIMED_LEVEL else None,
+    )
     batch.won_mm = GOAL_BUFFERS * BUFFER_MM
     return batch
 
@@ -63,7 +84,7 @@ ATTACKS: Final = (
         "A permission more than one buffer from the claim.",
         "The ranges: they do not depend on GNSS. Level 0 too, as an honest drone reports its ranges truthfully.",
         0,
-        (Variant(TWO_WAY, make=partial(offset, 2)),),
+        at_levels(offset, *TWO_WAY),
         wire="gnss-offset",
     ),
     Attack(
@@ -75,7 +96,7 @@ ATTACKS: Final = (
         "A permission two buffers or more from the claim.",
         "The ranges. A permission that came before the drag is not taken back; it expires with the session.",
         0,
-        (Variant(TWO_WAY, make=partial(drag, 2, 1.0, 1.0)),),
+        (Variant(TWO_WAY, make=partial(drag, 2, 1.0, 1.0)), Variant((3,), make=partial(drag, 3, 1.0, 1.0), dear=DEAR)),
         wire="gnss-drag",
     ),
     Attack(

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from chaincode.contract.errors import ContractError
+from simulator.attack_lab.attacks.common import ALL
 from simulator.attack_lab.judge import Tally
 from simulator.attack_lab.memory_ledger import (
     ADMIN,
@@ -258,7 +259,7 @@ def _sealed(link: Link, rng: np.random.Generator) -> list[bytes]:
 
 
 def _protocol(one: Try) -> tuple[Variant, ...]:
-    return (Variant((2,), play=partial(played, one)),)
+    return (Variant(ALL, play=partial(played, one)),)
 
 
 ATTACKS: Final = (
@@ -283,7 +284,7 @@ ATTACKS: Final = (
         "A message that is taken and was not sent.",
         "Keys of one session only, a sequence number in each nonce, a window that takes each number once.",
         0,
-        (Variant((2,), play=replayed_frames),),
+        (Variant(ALL, play=replayed_frames),),
     ),
     Attack(
         "stranger",
@@ -339,8 +340,8 @@ ATTACKS: Final = (
         "A pad's agent and its ledger key.",
         "Breaking into a pad.",
         "A refutation of an honest drone (no permission is won).",
-        "Nothing before level 4: a refutation needs no countersignature, or liars would withhold it. The record shows "
-        "that it lacks one, and the drone's own ranges contradict it.",
+        "Nothing: a refutation needs no countersignature, or liars would withhold theirs. The record shows that it "
+        "lacks one; the drone's own ranges contradict it. It lands elsewhere.",
         None,
         _protocol(framed),
     ),

@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from simulator.attack_lab.attacks.common import lying, radially, ranges_of_claim, still
-from simulator.attack_lab.batch import ROUNDS, Batch
+from simulator.attack_lab.attacks.common import PAD_MEASURES, at_levels, lying, pad_at, radially, ranges_of_claim, still
+from simulator.attack_lab.batch import Batch
 from simulator.attack_lab.model import Attack, Family, Variant
-from simulator.attack_lab.places import SQUARE, WIDE, Floats, directions, distances
+from simulator.attack_lab.places import ROUNDS, SQUARE, WIDE, Floats, directions, distances
 
 SUCCESS: Final = 0.04
 """Share of ranges that a blind reduction shortens (arXiv 2111.05313: at most 4 %)."""
@@ -55,8 +55,9 @@ def relayed(level: int, rng: np.random.Generator, count: int) -> Batch:
 
 def delay(level: int, rng: np.random.Generator, count: int) -> Batch:
     """All ranges grow by the same; the claim is farther out on the same bearing."""
-    claim, truth = radially(rng, count)
-    return still(rng, level, claim, truth, extra=_common(ranges_of_claim(SQUARE, claim, truth)))
+    pad = pad_at(level)
+    claim, truth = radially(rng, count, pad=pad)
+    return still(rng, level, claim, truth, pad=pad, extra=_common(ranges_of_claim(pad, claim, truth)))
 
 
 def delay_within(level: int, rng: np.random.Generator, count: int) -> Batch:
@@ -68,8 +69,10 @@ def delay_within(level: int, rng: np.random.Generator, count: int) -> Batch:
 
 def overshadowed(level: int, rng: np.random.Generator, count: int) -> Batch:
     """Each anchor hears the drone's frame late by as much as it takes; the claim is farther from all of them."""
-    claim, truth = radially(rng, count)
-    return still(rng, level, claim, truth, extra=np.maximum(ranges_of_claim(SQUARE, claim, truth), 0.0))
+    pad = pad_at(level)
+    claim, truth = radially(rng, count, pad=pad)
+    late = np.maximum(ranges_of_claim(pad, claim, truth), 0.0)
+    return still(rng, level, claim, truth, pad=pad, extra=late, frames=late)
 
 
 def _common(extra: Floats) -> Floats:
@@ -119,9 +122,9 @@ ATTACKS: Final = (
         "The drone's antenna path: a cable or a delay of its answers. No key, no time stamp.",
         "A few metres of cable.",
         "A permission more than one buffer from the claim.",
-        "Level 2 cannot where the pad is small: the verdict says `upper_bound` and `within_mm`.",
-        None,
-        (Variant((1, 2), make=partial(delay, 2)),),
+        "Level 3: what delays all anchors alike cancels in the differences. At level 2 the verdict says `upper_bound`.",
+        3,
+        at_levels(delay, *PAD_MEASURES),
         wire="delay-line",
     ),
     Attack(
@@ -142,8 +145,8 @@ ATTACKS: Final = (
         "A strong transmitter for each anchor that also cancels the first path.",
         "Laboratory equipment, synchronised to a nanosecond, beside every anchor.",
         "A permission more than one buffer from the claim.",
-        "Nothing here: a range is an upper bound. Claims between the anchors cannot be faked so.",
-        None,
-        (Variant((1, 2), make=partial(overshadowed, 2)),),
+        "Level 4: the second pad hears the drone's own frames. At one pad nothing: a range is an upper bound.",
+        4,
+        at_levels(overshadowed, *PAD_MEASURES),
     ),
 )
