@@ -25,14 +25,14 @@ def operating(result: Simulated) -> Any:
     left.plot(offsets, 1 - refuted, color=REFUTED, lw=1.8, label="1 − refuted")
     paper = [_paper_rule(offset * 1000) for offset in offsets]
     left.plot(offsets, paper, color=PAPER, lw=1.3, ls="--", label="paper's rule accepts, one round")
-    left.text(1.5, 0.5, "inconclusive", color=QUIET, fontsize=8, ha="center", va="center", rotation=90)
+    left.text(1.1, 0.62, "inconclusive", color=QUIET, fontsize=8, ha="center", va="center", rotation=90)
     left.set_xlabel("drone's distance from its claim (m)")
     left.set_ylabel("share of sessions")
     left.set_title("How sessions end at 13 m")
     left.set_xlim(0, offsets[-1])
     left.set_ylim(0, 1.01)
     left.grid()
-    left.legend(loc="upper right")
+    left.legend(loc="center right", bbox_to_anchor=(1.0, 0.62))
 
     right.axvspan(0, BUFFER_MM / 1000, color=BUFFER, alpha=0.12, lw=0)
     right.plot(offsets, [one.mean_rounds for _, one in result.curve], color=CLAIM, lw=1.8)
@@ -95,7 +95,7 @@ def edges(result: Simulated) -> Any:
     axes[0].set_yticks(range(len(labels)), labels)
     axes[0].invert_yaxis()
     axes[0].set_ylabel("one round's ellipse")
-    axes[1].legend(loc="lower right")
+    axes[1].legend(loc="upper right")
     return figure
 
 

@@ -104,7 +104,7 @@ class Simulated:
     told: dict[str, Share]
     """Sessions that can not settle, told so at the first look."""
     decision_ms: dict[int, float]
-    """Whole decision by rounds, four anchors; median."""
+    """Whole decision by rounds, four anchors; least of 21 runs."""
     fix_us: float
     scipy_us: float
     batch_us: float
@@ -182,7 +182,7 @@ class Simulated:
         tries = self.sessions["every", 0.0].verified.tries
         every = [ratio("every", offset) for offset in (0.0, two, three)]
         pad = [self.sessions["pad", offset].mean_rounds for offset in (0.0, two, three)]
-        told = ", ".join(f"{share.value:.0%}" for share in self.told.values())
+        told = ", ".join(f"{share.value * 100:.0f} %" for share in self.told.values())
         return [
             Goal(
                 "Rounds to settle / Wald's bound: honest; 2 m; 3 m lies (looks at every round)",
@@ -211,7 +211,7 @@ class Simulated:
         low, high = min(self.decision_ms), max(self.decision_ms)
         slope = (self.decision_ms[high] - self.decision_ms[low]) / (high - low) * 1000
         return [
-            Goal("A fix in pure Python", "≤ 8 µs", f"{self.fix_us:.1f} µs", "median", self.fix_us <= 8.0),
+            Goal("A fix in pure Python", "≤ 8 µs", f"{self.fix_us:.1f} µs", "least of 21 runs", self.fix_us <= 8.0),
             Goal(
                 "… against SciPy's Levenberg–Marquardt; error / bound",
                 "≥ 60 ×; ≤ 1.02",
@@ -222,12 +222,18 @@ class Simulated:
                     self.tries >= ENOUGH_TRIES,
                 ),
             ),
-            Goal("A fix in NumPy, by the batch", "≤ 2 µs", f"{self.batch_us:.2f} µs", "median", self.batch_us <= 2.0),
+            Goal(
+                "A fix in NumPy, by the batch",
+                "≤ 2 µs",
+                f"{self.batch_us:.2f} µs",
+                "least of 21 runs",
+                self.batch_us <= 2.0,
+            ),
             Goal(
                 "Whole decision, 4 anchors × 100 rounds",
                 "≤ 1 ms, linear",
                 f"{self.decision_ms[100]:.2f} ms; {slope:.1f} µs a round",
-                "median",
+                "least of 21 runs",
                 self.decision_ms[100] <= 1.0,
             ),
         ]
@@ -379,13 +385,14 @@ def _hopeless(index: int, tries: int, seed: int) -> tuple[int, Share]:
     return largest, Share(told, tries)
 
 
-def _median_s(work: Callable[[], Any], repeat: int = 21) -> float:
+def _least_s(work: Callable[[], Any], repeat: int = 21) -> float:
+    """Seconds, the least of some runs: what else the machine does only adds."""
     took = []
     for _ in range(repeat):
         start = time.perf_counter()
         work()
         took.append(time.perf_counter() - start)
-    return sorted(took)[repeat // 2]
+    return min(took)
 
 
 def _decision_ms(rounds: int) -> float:
@@ -405,7 +412,7 @@ def _decision_ms(rounds: int) -> float:
     )
     commissioning = pad_at(point)
     prepared = prepare(recorded, commissioning, POLICY, lambda _, place: place)
-    return _median_s(prepared.verdict) * 1e3
+    return _least_s(prepared.verdict) * 1e3
 
 
 def _residuals(place: Any, anchors: Any, ranges: Any) -> Any:
@@ -424,7 +431,7 @@ def _fix_speed() -> tuple[float, float, float]:
         for row in ranges[:10]:
             least_squares(_residuals, np.array([0.0, 3000.0]), method="lm", args=(anchors, row))
 
-    ours = _median_s(lambda: [geometry.fix(row, 0.0) for row in rows]) / len(rows)
-    theirs = _median_s(peer, 9) / 10
-    batch = _median_s(lambda: fixes(anchors, ranges, 0.0)) / len(ranges)
+    ours = _least_s(lambda: [geometry.fix(row, 0.0) for row in rows]) / len(rows)
+    theirs = _least_s(peer, 9) / 10
+    batch = _least_s(lambda: fixes(anchors, ranges, 0.0)) / len(ranges)
     return ours * 1e6, theirs * 1e6, batch * 1e6

@@ -136,6 +136,7 @@ def measure(
     Raises RecordingError for files that are none, CommissioningError where a part cannot be fitted.
     """
     recordings = load(directory)
+    static = tuple(_static(directory / STATIC))
     los, nlos = recordings["los"], recordings["nlos"]
     fits = {
         "los": fit_part(los, 0),
@@ -170,7 +171,7 @@ def measure(
         {name: single_rounds(name, recording) for name, recording in recordings.items()},
         fits,
         Run.of(part(los, 1), "held out"),
-        tuple(_static(directory / STATIC)),
+        static,
         rounds,
         seed,
     )

@@ -16,6 +16,7 @@ KNOWN: Final = {
     "part": "calibrated, held-out part",
     "other": "calibration of the other mounting",
 }
+SHORT: Final = {"none": "Not calibrated", "part": "Held-out part", "other": "Other mounting"}
 DECILES: Final = 5
 """Fifths: the recordings are too short for tenths."""
 _LABELS: Final = [f"{near:.0f}–{far:.0f} m" for near, far in DISTANCES_M]
@@ -60,7 +61,7 @@ def bias(result: HyuResult) -> Any:
             if (bins == b).sum() >= 15
         ]
         right.scatter(*zip(*points, strict=True), s=16, color=colour, edgecolors="white", linewidths=0.5, zorder=3)
-    right.set_title("Fitted on one part (lines), seen in the other (dots)")
+    right.set_title("Lines: fitted; dots: held out")
     right.set_xlabel("distance (m)")
     right.set_ylim(-0.25, 0.5)
     right.grid()
@@ -123,8 +124,7 @@ def calibration(result: HyuResult) -> Any:
                 fontsize=7,
                 color=QUIET,
             )
-        axis.set_title(KNOWN[name][0].upper() + KNOWN[name][1:])
-        axis.title.set_fontsize(8.5)
+        axis.set_title(SHORT[name])
         axis.set_xlabel("likelihood stated")
         axis.set_xlim(-0.03, 1.03)
         axis.set_ylim(-0.03, 1.12)
@@ -136,10 +136,9 @@ def calibration(result: HyuResult) -> Any:
 def reliability(windows: Sequence[Judged]) -> list[tuple[float, Share]]:
     """(mean stated, share truly within the buffer) for each fifth of likelihoods that has windows."""
     rows = []
+    judged = [one for one in windows if one.likelihood >= 0.0]  # no estimate, no likelihood
     for fifth in range(DECILES):
-        chosen = [
-            one for one in windows if min(int(one.likelihood * DECILES), DECILES - 1) == fifth and one.likelihood >= 0.0
-        ]
+        chosen = [one for one in judged if min(int(one.likelihood * DECILES), DECILES - 1) == fifth]
         if chosen:
             stated = sum(one.likelihood for one in chosen) / len(chosen)
             rows.append((stated, Share(sum(one.lie_m <= BUFFER_M for one in chosen), len(chosen))))

@@ -160,12 +160,17 @@ def _closely(axis: Any, run: PaperRun) -> None:
     axis.text(
         place[0], place[1] - 0.93, f"{verdict.rounds} rounds", ha="center", va="bottom", fontsize=7.5, color=QUIET
     )
-    axis.text(place[0], place[1] - 0.77, f"{likelihood:.4f}", ha="center", va="bottom", fontsize=7.5, color=QUIET)
+    axis.text(place[0], place[1] - 0.77, _said(likelihood), ha="center", va="bottom", fontsize=7.5, color=QUIET)
     axis.set_aspect("equal")
     for which, centre in (("x", place[0]), ("y", place[1])):
         axis.set(**{f"{which}lim": (centre - 1.1, centre + 1.1), f"{which}ticks": (centre - 1, centre, centre + 1)})
         axis.set(**{f"{which}ticklabels": ("−1", "claim" if which == "x" else "0", "+1 m" if which == "x" else "+1")})
     axis.tick_params(labelsize=7.5)
+
+
+def _said(likelihood: float) -> str:
+    """Never rounded up to certainty."""
+    return "> 0.9999" if likelihood > 0.9999 else f"{likelihood:.4f}"
 
 
 def _measured(axis: Any, run: PaperRun) -> None:

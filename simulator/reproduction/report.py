@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -126,7 +126,7 @@ def lab_goals(lab: LabResult) -> list[Goal]:
                 command,
             )
         )
-    drags = [attack for attack in lab.attacks if attack.name in {"slow_drag", "drag"}]
+    drags = [attack for attack in lab.attacks if attack.name == "gnss-drag"]
     for attack in drags:
         farthest = max((one.error_refuted_m_most or 0.0 for one in attack.levels), default=0.0)
         found.append(
@@ -139,7 +139,7 @@ def lab_goals(lab: LabResult) -> list[Goal]:
                 command,
             )
         )
-    bad = [one for name, one in stopped if "anchor" in name and "compromised" in name]
+    bad = [one for name, one in stopped if name.startswith("compromised-anchor")]
     if bad:
         won, tries = sum(one.won for one in bad), sum(one.tries for one in bad)
         found.append(
@@ -269,7 +269,7 @@ def _paper_section(document: Document, runs: Sequence[PaperRun]) -> None:
             [
                 line["point"],
                 line["outcome"],
-                Cell(f"{line.get('likelihood', 0.0):.4f}", "n"),
+                Cell(_likelihood(line), "n"),
                 Cell(f"{line.get('error_m', 0.0):.2f} m", "n"),
                 Cell(str(line["rounds"]), "n"),
                 Cell(f"{line['cramer_rao_m']:.2f} m", "n"),
@@ -296,6 +296,12 @@ def _paper_section(document: Document, runs: Sequence[PaperRun]) -> None:
             for number, name in enumerate(STEP_NAMES, start=1)
         ],
     )
+
+
+def _likelihood(line: dict[str, Any]) -> str:
+    """Never rounded up to certainty."""
+    value = line.get("likelihood", 0.0)
+    return "> 0.9999" if value > 0.9999 else f"{value:.4f}"
 
 
 def _attacks(document: Document, lab: LabResult) -> None:

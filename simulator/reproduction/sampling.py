@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -166,6 +167,7 @@ def outcome_of(item: Reduced, policy: Policy = POLICY) -> str:
     return "inconclusive"
 
 
+@lru_cache(maxsize=20_000)
 def needed_sigmas(alternatives: stopping.Alternatives, s1_mm: float, step: float) -> float:
     """Distance from the buffer's edge, in standard deviations, from which on ``stopping.proved`` holds."""
     low, high = 0.0, _FAR_SIGMAS
