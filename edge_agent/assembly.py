@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from edge_agent.agent import AgentError, PadAgent, PadRadiosPort
 from edge_agent.permission import CommandPermission, LogPermission, Permissions
 from edge_agent.radios import AnchorPort, PadRadios, RadiosError
-from edge_agent.receiver import Heard, ReceiverError, RemoteIdReceiver
+from edge_agent.receiver import Finding, Heard, ReceiverError, RemoteIdReceiver
+from edge_agent.receiver.settings import sources_of
 from edge_agent.reporting import SpoolReporter
 from edge_agent.spool import Spool, SpoolError
 from wonderland.clock import SteadyClock
@@ -57,7 +58,9 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
     receiver = RemoteIdReceiver(
         listen=settings.remote_id_listen,
         serial_ports=settings.remote_id_serial,
+        sources=sources_of(settings.receivers),
         on_heard=lambda heard: _tell(tracks, heard),
+        on_finding=lambda finding: _tell_finding(tracks, finding),
         clock_ms=clock,
     )
     await receiver.start()
@@ -100,6 +103,10 @@ async def _radios(settings: PadSettings, stack: contextlib.AsyncExitStack, clock
 
 def _tell(tracks: SpoolReporter, heard: Heard) -> None:
     tracks.offer("track", heard.t_ms, heard.track())
+
+
+def _tell_finding(tracks: SpoolReporter, finding: Finding) -> None:
+    tracks.offer("finding", finding.t_ms, finding.body())
 
 
 def _uplink(settings: PadSettings, identity: Identity, signer: Signer, spool: Spool) -> Uplink | None:

@@ -14,7 +14,12 @@ kind = "dwm1001"                        # drones measure and report by UDP, so t
 listen = "0.0.0.0:5481"
 
 [remote_id]
-listen = "0.0.0.0:5480"                 # UDP; or serial = ["/dev/ttyUSB4"]
+listen = "0.0.0.0:5480"                 # UDP; or serial = ["/dev/ttyUSB4"], mavlink = [...], bluetooth = "hci0",
+                                        # wifi = "wlan1" (monitor mode), replay = "heard.pcap"
+
+[remote_id.mqtt]                        # a receiver that publishes JSON over MQTT
+host = "broker.example"
+topics = ["dronescout/#"]
 
 [drift]
 every_s = 600                           # how often the anchors range each other when no drone is there; 0: never
@@ -28,11 +33,12 @@ from __future__ import annotations
 
 import re
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeVar
 from urllib.parse import urlsplit
 
+from edge_agent.receiver.settings import ReceiverSettings, parse_receivers
 from wonderland.proofs.records.fields import ID_PATTERN
 
 MAX_FILE_BYTES: Final = 256 * 1024
@@ -70,6 +76,7 @@ class PadSettings:
     permission_command: tuple[str, ...] = ()
     remote_id_listen: tuple[str, int] | None = None
     remote_id_serial: tuple[str, ...] = ()
+    receivers: ReceiverSettings = field(default_factory=ReceiverSettings)
     backend_url: str = ""
     backend_tls_ca: Path | None = None
     backend_plaintext: bool = False
@@ -136,6 +143,7 @@ def parse(document: dict[str, Any], path: Path) -> PadSettings:
         permission_command=top.texts("permission_command"),
         remote_id_listen=remote_id.address("listen"),
         remote_id_serial=remote_id.texts("serial"),
+        receivers=parse_receivers(remote_id),
         backend_url=backend.url("url"),
         backend_tls_ca=backend.path("tls_ca") if backend.has("tls_ca") else None,
         backend_plaintext=backend.flag("plaintext", default=False),

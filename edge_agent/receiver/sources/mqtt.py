@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import ssl
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import aiomqtt
@@ -15,6 +13,7 @@ from edge_agent.receiver.errors import ReceiverError
 from edge_agent.receiver.sources.udp import deliver_json
 
 if TYPE_CHECKING:
+    from edge_agent.receiver.settings import MqttSettings
     from edge_agent.receiver.sources import Sink
 
 AGAIN_S: Final = 1.0
@@ -23,18 +22,6 @@ MAX_QUEUED: Final = 1_000
 KEEPALIVE_S: Final = 30
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MqttSettings:
-    """A broker and what to hear there. A password without TLS is refused but on this machine."""
-
-    host: str
-    topics: tuple[str, ...]
-    port: int = 1883
-    tls_ca: Path | None = None
-    username: str | None = None
-    password_file: Path | None = None
 
 
 class MqttSource:

@@ -1,0 +1,120 @@
+"""The ``[remote_id]`` part of ``pad.toml`` beyond ``listen`` and ``serial``, and the sources that it configures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+from edge_agent.receiver.errors import ReceiverError
+
+if TYPE_CHECKING:
+    from edge_agent.receiver.sources import Source
+
+LOOPBACK: Final = frozenset({"localhost", "127.0.0.1", "::1"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MqttSettings:
+    """A broker and what to hear there."""
+
+    host: str
+    topics: tuple[str, ...]
+    port: int = 1883
+    tls_ca: Path | None = None
+    username: str | None = None
+    password_file: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReceiverSettings:
+    """Receivers beside UDP and serial lines; none of them by default."""
+
+    mavlink: tuple[str, ...] = ()
+    """Serial devices that speak MAVLink 2 (DroneScout Bridge)."""
+    mqtt: MqttSettings | None = None
+    bluetooth: str | None = None
+    """BlueZ's adapter, for example hci0."""
+    wifi: str | None = None
+    """An interface in monitor mode, for example wlan1."""
+    replay: Path | None = None
+    """A capture that is played in place of a receiver."""
+    replay_speed_percent: int = 100
+    drip: Path | None = None
+    """The registries of DRIP identities that this pad believes (JSON)."""
+
+
+class Table(Protocol):
+    """A table of the settings file, as `edge_agent.settings` reads it."""
+
+    def has(self, name: str) -> bool: ...  # noqa: D102 - the same as there
+    def text(self, name: str, default: str | None = None) -> str: ...  # noqa: D102
+    def texts(self, name: str) -> tuple[str, ...]: ...  # noqa: D102
+    def path(self, name: str) -> Path: ...  # noqa: D102
+    def integer(self, name: str, default: int, minimum: int, maximum: int) -> int: ...  # noqa: D102
+    def table(self, name: str) -> Any: ...  # noqa: D102
+    def wrong(self, name: str, why: str) -> Exception: ...  # noqa: D102
+    def refuse_unknown(self) -> None: ...  # noqa: D102
+
+
+def parse_receivers(remote_id: Table) -> ReceiverSettings:
+    """The settings in ``[remote_id]``. Raises `SettingsError` as its table does."""
+    return ReceiverSettings(
+        mavlink=remote_id.texts("mavlink"),
+        mqtt=_mqtt(remote_id.table("mqtt")) if remote_id.has("mqtt") else None,
+        bluetooth=remote_id.text("bluetooth") if remote_id.has("bluetooth") else None,
+        wifi=remote_id.text("wifi") if remote_id.has("wifi") else None,
+        replay=remote_id.path("replay") if remote_id.has("replay") else None,
+        replay_speed_percent=remote_id.integer("replay_speed_percent", 100, 0, 10_000),
+        drip=remote_id.path("drip") if remote_id.has("drip") else None,
+    )
+
+
+def _mqtt(table: Table) -> MqttSettings:
+    settings = MqttSettings(
+        host=table.text("host"),
+        topics=table.texts("topics"),
+        port=table.integer("port", 8883 if table.has("tls_ca") else 1883, 1, 65_535),
+        tls_ca=table.path("tls_ca") if table.has("tls_ca") else None,
+        username=table.text("username") if table.has("username") else None,
+        password_file=table.path("password_file") if table.has("password_file") else None,
+    )
+    table.refuse_unknown()
+    if not settings.topics:
+        raise table.wrong("topics", 'is empty; name what to hear, for example ["dronescout/#"]')
+    if settings.password_file is not None and settings.username is None:
+        raise table.wrong("username", "is missing beside password_file")
+    if settings.password_file is not None and settings.tls_ca is None and settings.host not in LOOPBACK:
+        raise table.wrong("tls_ca", "is missing: a password would cross the network for everybody to read")
+    return settings
+
+
+def sources_of(settings: ReceiverSettings) -> list[Source]:
+    """The configured sources, each imported only here. Raises `ReceiverError` where a package is missing."""
+    sources: list[Source] = []
+    try:
+        if settings.mavlink:
+            from edge_agent.receiver.sources.serial import SerialMavlink  # noqa: PLC0415 - only what is configured
+
+            sources += [SerialMavlink(f"mavlink:{index}", port) for index, port in enumerate(settings.mavlink)]
+        if settings.mqtt is not None:
+            from edge_agent.receiver.sources.mqtt import MqttSource  # noqa: PLC0415
+
+            sources.append(MqttSource(settings.mqtt))
+        if settings.bluetooth is not None:
+            from edge_agent.receiver.sources.bluez import BluezSource  # noqa: PLC0415
+
+            sources.append(BluezSource(settings.bluetooth))
+        if settings.wifi is not None:
+            from edge_agent.receiver.sources.wifi_monitor import WifiMonitorSource  # noqa: PLC0415
+
+            sources.append(WifiMonitorSource(settings.wifi))
+        if settings.replay is not None:
+            from edge_agent.receiver.sources.replay import ReplaySource  # noqa: PLC0415
+
+            sources.append(ReplaySource(settings.replay, settings.replay_speed_percent / 100))
+    except ModuleNotFoundError as missing:
+        raise ReceiverError(
+            f"remote_id: the package {missing.name} is not installed; pip install 'wonderland-pol[receivers]'"
+        ) from missing
+    return sources
