@@ -35,6 +35,7 @@ from wonderland.proofs.transcript import transcript_of
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from edge_agent.drift.keeper import DriftKeeper
     from edge_agent.permission import Permission
     from edge_agent.radios import AnchorState
     from edge_agent.receiver import RemoteIdReceiver
@@ -48,6 +49,8 @@ _log = logging.getLogger(__name__)
 
 NAMES: Final = frozenset({"ProofRequested", "ProofCancelled", "InteractionCompleted", "PadCommissioned", "PadRetired"})
 HEALTH_S: Final = 10.0
+FIRST_LOOK_S: Final = 60.0
+"""After the start; then the anchors are looked at as often as pad.toml says."""
 CARE_S: Final = 5.0
 """Between two looks at prekeys and left-over sessions."""
 AGAIN_S: Final = 1.0
@@ -121,6 +124,7 @@ class PadAgent:
         timing: PadTiming | None = None,
         whole_certificate: bool = False,
         status_file: Path | None = None,
+        drift: DriftKeeper | None = None,
         random_octets: Callable[[int], bytes] = os.urandom,
     ) -> None:
         self.pad_id: Final = pad_id
@@ -135,6 +139,7 @@ class PadAgent:
         self._timing = timing
         self._whole_certificate = whole_certificate
         self._status_file = status_file
+        self._drift = drift
         self._random_octets = random_octets
         self._reporter = SpoolReporter(spool)
         self._prekeys = PrekeyKeeper(pad_id, spool, ledger, clock, prekeys)
@@ -162,7 +167,7 @@ class PadAgent:
         self._reconciler.add_interrupted(interrupted)
         if interrupted:
             _log.warning("%d sessions were under way when this agent stopped; they are being ended", len(interrupted))
-        parts = (self._listen(), self._serve(), self._take_care(), self._tell_health())
+        parts = (self._listen(), self._serve(), self._take_care(), self._tell_health(), self._watch_anchors())
         tasks = [asyncio.create_task(part) for part in parts]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -185,7 +190,7 @@ class PadAgent:
             "sessions_run": self._sessions,
             "requests_waiting": self._requests.qsize(),
             "sessions_to_end": self._reconciler.waiting,
-            **health_record(self._radios.states(), spool, self._receiver.counts, self._prekeys.available),
+            **self._health(),
         }
 
     # --- what the ledger says ----------------------------------------------------------------------------------
@@ -335,6 +340,7 @@ class PadAgent:
             whole_certificate=self._whole_certificate,
             measured_by=self._radios.measured_by,
             sts=self._radios.sts,
+            drift_sigma_mm=None if self._drift is None else self._drift.extra_sigma_mm(session.commissioning_sha256),
         )
         self._receiver.watch(uav_id)
         runner = self._runner = SessionRunner(
@@ -362,6 +368,9 @@ class PadAgent:
         """Why the pad does not begin this session; empty where it does."""
         if self._clock() > session.expires_ms - MIN_SESSION_MS:
             return "expired"
+        if self._drift is not None and self._drift.moved(session.commissioning_sha256):
+            _log.error("session %.12s refused: an anchor was moved; commission the pad again", session.session_id)
+            return "pad_moved"
         if not self._spool.accepts_sessions:
             _log.error("session %.12s refused: %s", session.session_id, self._spool.status.reason)
             return "pad_spool_full"
@@ -403,12 +412,35 @@ class PadAgent:
                     await self._care.wait()
             self._care.clear()
 
+    async def _watch_anchors(self) -> None:
+        """While nobody asks for a proof, let the anchors range each other: whether one has moved."""
+        if self._drift is None:
+            await asyncio.Event().wait()
+            return
+        await asyncio.sleep(min(FIRST_LOOK_S, self._drift.every_s))
+        while True:
+            try:
+                await self._idle.wait()
+                pad = self._pad = self._pad or await self._ledger.read_pad(self.pad_id)
+                if pad.commissioning is not None and pad.commissioning_sha256 is not None:
+                    await self._drift.look(pad.commissioning_sha256, pad.commissioning)
+            except (AwayError, RefusedError) as error:
+                _log.debug("the anchors were not checked: %s", error)
+            await asyncio.sleep(self._drift.every_s)
+
+    def _health(self) -> dict[str, Any]:
+        return health_record(
+            self._radios.states(),
+            self._spool.status,
+            self._receiver.counts,
+            self._prekeys.available,
+            None if self._drift is None else self._drift.state,
+        )
+
     async def _tell_health(self) -> None:
         while True:
             status = self.status()
-            record = health_record(
-                self._radios.states(), self._spool.status, self._receiver.counts, self._prekeys.available
-            )
+            record = self._health()
             self._reporter.offer("health", status["t_ms"], record)
             if self._status_file is not None:
                 try:

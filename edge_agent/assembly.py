@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING
 
 from edge_agent.agent import AgentError, PadAgent, PadRadiosPort
+from edge_agent.drift.keeper import DriftKeeper
 from edge_agent.permission import CommandPermission, LogPermission, Permissions
 from edge_agent.radios import AnchorPort, PadRadios, RadiosError
 from edge_agent.receiver import Finding, Heard, ReceiverError, RemoteIdReceiver
@@ -70,6 +71,9 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
         await uplink.start()
         stack.push_async_callback(uplink.close)
     radios = await _radios(settings, stack, clock)
+    drift = None
+    if settings.drift_every_s and isinstance(radios, PadRadios):
+        drift = DriftKeeper(radios, settings.baseline_file, clock, settings.drift_every_s)
     command = [CommandPermission(settings.permission_command)] if settings.permission_command else []
     return PadAgent(
         settings.pad_id,
@@ -85,6 +89,7 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
         timing=timing,
         whole_certificate=settings.whole_certificate,
         status_file=settings.status_file,
+        drift=drift,
     )
 
 

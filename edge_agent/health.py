@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from edge_agent.drift import DriftState
 from edge_agent.radios import AnchorState
 from edge_agent.receiver import ReceiverCounts
 from edge_agent.spool import SpoolStatus
@@ -20,7 +21,11 @@ class StatusError(LedgerError):
 
 
 def health_record(
-    anchors: Sequence[AnchorState], spool: SpoolStatus, receiver: ReceiverCounts, prekeys: int
+    anchors: Sequence[AnchorState],
+    spool: SpoolStatus,
+    receiver: ReceiverCounts,
+    prekeys: int,
+    drift: DriftState | None = None,
 ) -> dict[str, Any]:
     """The body of a ``health`` record (docs/seams.md, "ingest")."""
     return {
@@ -33,7 +38,7 @@ def health_record(
         "receiver": receiver.health(),
         "prekeys": prekeys,
         "version": __version__,
-    }
+    } | ({} if drift is None else {"drift": drift.health()})
 
 
 def write_status(path: Path, status: dict[str, Any]) -> None:

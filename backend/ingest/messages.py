@@ -178,6 +178,20 @@ class ReceiverBody(_Strict):
     bad: _between(0, 2**53)  # type: ignore[valid-type]
 
 
+class DriftBody(_Strict):
+    """Whether the anchors stand as they were commissioned, by the ranges that they measure to each other."""
+
+    state: Literal["ok", "drifting", "moved"]
+    checked_ms: _between(0, 253_402_300_799_999)  # type: ignore[valid-type]
+    looks: _between(0, 2**53)  # type: ignore[valid-type]
+    since_ms: _between(0, 253_402_300_799_999) | None = None  # type: ignore[valid-type]
+    anchor_id: _AnchorId | None = None  # type: ignore[valid-type]
+    off_mm: _between(0, 100_000) | None = None  # type: ignore[valid-type]
+    sigma_mm: _between(0, 100_000) | None = None  # type: ignore[valid-type]
+    common_mm: _between(-100_000, 100_000) | None = None  # type: ignore[valid-type]
+    extra_sigma_mm: _between(0, 200_000) | None = None  # type: ignore[valid-type]
+
+
 class HealthBody(_Strict):
     """An agent's word on itself."""
 
@@ -186,6 +200,7 @@ class HealthBody(_Strict):
     receiver: ReceiverBody | None = None
     prekeys: _between(0, 1_000_000) | None = None  # type: ignore[valid-type]
     version: _plain(64) | None = None  # type: ignore[valid-type]
+    drift: DriftBody | None = None
 
 
 class DroppedBody(_Strict):

@@ -44,6 +44,20 @@ class ReceiverHealth(ApiModel):
     bad: int
 
 
+class DriftHealth(ApiModel):
+    """Whether the anchors stand as they were commissioned, by the ranges that they measure to each other."""
+
+    state: Literal["ok", "drifting", "moved"]
+    checked_ms: int
+    looks: int
+    since_ms: int | None = None
+    anchor_id: str | None = Field(default=None, description="The anchor that explains it best")
+    off_mm: int | None = None
+    sigma_mm: int | None = None
+    common_mm: int | None = Field(default=None, description="Change of range that all anchors share")
+    extra_sigma_mm: int | None = Field(default=None, description="What the pad adds to its anchors' uncertainty")
+
+
 class Health(ApiModel):
     """The agent's last report of itself. Not from the ledger."""
 
@@ -54,6 +68,7 @@ class Health(ApiModel):
     receiver: ReceiverHealth | None = None
     prekeys: int | None = Field(default=None, description="Unused one-time keys on the ledger, as the agent counts")
     version: str | None = None
+    drift: DriftHealth | None = None
     verified: Literal[False]
 
 

@@ -66,7 +66,7 @@ class Baseline:
             if not all(math.isfinite(p.range_mm) and p.range_mm > 0 and 0 < p.sigma_mm < 1e4 for p in pairs.values()):
                 raise BaselineError("a baseline with ranges that are none")
             return cls(pairs, int(value["t_ms"]), str(value["source"]))
-        except (KeyError, TypeError, ValueError) as cause:
+        except (KeyError, TypeError, ValueError, OverflowError) as cause:
             raise BaselineError(f"no baseline of ranges between anchors ({cause})") from cause
 
     def save(self, path: Path, commissioning_sha256: str) -> None:

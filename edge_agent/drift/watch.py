@@ -30,6 +30,10 @@ COMMON_MM: Final = 25.0
 MIN_PAIRS: Final = 2
 MOVED_MM: Final = 30.0
 """Less than this is called drift, not a moved anchor."""
+RECOVERY_LOOKS: Final = 3
+"""So many good looks end an alarm, where what caused it is over."""
+LEAST_MM: Final = 10
+MOST_MM: Final = 10_000
 _OVERSHOOT: Final = 1.166
 _MOST: Final = 50.0
 
@@ -62,7 +66,7 @@ class DriftState:
         """Uncertainty of each range that the change adds; 0 while all is well."""
         if self.state == "ok":
             return 0
-        return max(abs(self.common_mm), round(math.hypot(self.off_mm, self.sigma_mm)), 10)
+        return min(max(abs(self.common_mm), round(math.hypot(self.off_mm, self.sigma_mm)), LEAST_MM), MOST_MM)
 
     def health(self) -> dict[str, Any]:
         """Part ``drift`` of a health record (docs/seams.md)."""
@@ -84,13 +88,14 @@ class Cusum:
 
     def add(self, z: float) -> bool:
         """Take a value; whether the alarm is raised."""
-        self.up = min(max(0.0, self.up + z - SLACK), _MOST)
-        self.down = min(max(0.0, self.down - z - SLACK), _MOST)
+        most = self.threshold + RECOVERY_LOOKS * SLACK
+        self.up = min(max(0.0, self.up + z - SLACK), most)
+        self.down = min(max(0.0, self.down - z - SLACK), most)
         return self.alarmed
 
     @property
     def alarmed(self) -> bool:
-        """Whether either sum is at its threshold; it falls back only as slowly as it rose."""
+        """Whether either sum is at its threshold."""
         return max(self.up, self.down) >= self.threshold
 
 

@@ -6,11 +6,12 @@ import asyncio
 import contextlib
 import logging
 from collections import OrderedDict
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Final, Self
 
+from edge_agent.radios.between import PairRanges, measure_between
 from edge_agent.session.events import AnchorRange, DataHeard, FrameHeard, PadEvent, RadiosFailed
 from wonderland.clock import Clock
 from wonderland.uwb.blinks import BlinkPlan
@@ -72,6 +73,7 @@ class PadRadios:
         self._readers: list[asyncio.Task[None]] = []
         self._heard: OrderedDict[bytes, int] = OrderedDict()
         self._reported: dict[str, int] = {}
+        self._between: asyncio.Task[PairRanges] | None = None
 
     async def __aenter__(self) -> Self:
         for node in self._nodes.values():
@@ -128,6 +130,23 @@ class PadRadios:
             await self.close_session()
             raise RadiosError("no node can time-stamp blinks")
 
+    async def measure_between(self, macs: Mapping[str, int], rounds: int) -> PairRanges:
+        """Let the nodes range each other; a session that is opened ends it at once, and there is nothing then."""
+        if self._sessions or self._between is not None:
+            return {}
+        task = self._between = asyncio.create_task(measure_between(self._nodes, macs, rounds=rounds))
+        try:
+            await asyncio.wait({task})
+            return {} if task.cancelled() else task.result()
+        finally:
+            await self._stop_between()
+
+    async def _stop_between(self) -> None:
+        task, self._between = self._between, None
+        if task is not None:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
     async def send(self, frame: bytes) -> None:
         """Hand a frame to the node that speaks. Raises NodeError; whether it is heard nobody knows."""
         if self._words is None:
@@ -136,6 +155,7 @@ class PadRadios:
 
     async def close_session(self) -> None:
         """Stop both UWB sessions on all nodes. Never raises."""
+        await self._stop_between()
         readers, self._readers = self._readers, []
         sessions, self._sessions = self._sessions, []
         self._words = None

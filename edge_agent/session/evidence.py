@@ -136,6 +136,7 @@ class GatheredEvidence:
         uav_signature: str | None = None,
         failure: str | None = None,
         time_stamps: TimeStamps | None = None,
+        drift_sigma_mm: int | None = None,
     ) -> Evidence:
         """The record that SubmitProof takes."""
         return Evidence(
@@ -149,4 +150,5 @@ class GatheredEvidence:
             failure=failure,
             time_stamps=time_stamps,
             clock=self.clock,
+            drift_sigma_mm=drift_sigma_mm,
         )

@@ -84,6 +84,7 @@ class PadSession:
         whole_certificate: bool = False,
         measured_by: str = "pad",
         sts: str = "provisioned",
+        drift_sigma_mm: int | None = None,
         judge: Judge = preview,
     ) -> None:
         self.session: Final = session
@@ -122,6 +123,7 @@ class PadSession:
         self._challenge_delay_ms = int.from_bytes(random_octets(4), "big") % spread
         self._measured_by = measured_by
         self._sts = sts
+        self._drift_sigma_mm = drift_sigma_mm
         self._firmware: str | None = None
         self._matched = False
         self._signature: str | None = None
@@ -341,6 +343,7 @@ class PadSession:
             uav_signature=self._signature,
             failure=self._failure,
             time_stamps=self._frames.stamps(),
+            drift_sigma_mm=self._drift_sigma_mm,
         )
 
     def _decided(self, event: on.VerdictCommitted, now_ms: int, actions: list[do.PadAction]) -> None:

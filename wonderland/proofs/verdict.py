@@ -28,6 +28,7 @@ from typing import Final
 from wonderland.proofs.agreement import agreement
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.differences import halved
+from wonderland.proofs.drift import widened
 from wonderland.proofs.drone_clock import EXCUSED_SHARE, Clock, drone_clock
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.estimate import solve
@@ -83,6 +84,10 @@ def decide(
     """
     policy = session.policy
     reasons = Reasons()
+    if evidence.drift_sigma_mm is not None:
+        commissioning = widened(commissioning, evidence.drift_sigma_mm)
+        added = metres(float(evidence.drift_sigma_mm))
+        reasons.add("pad_drifts", f"The pad has drifted since it was commissioned: {added} are added to each anchor.")
     clock = drone_clock(evidence.clock)
     claims = _shifted((session.claim, *evidence.claims), clock)
     blocked = not _fresh(session, evidence, now_ms, reasons)  # 1

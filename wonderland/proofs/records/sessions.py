@@ -184,6 +184,9 @@ class Evidence(Record):
     failure: Annotated[str, Text(64, r"[a-z0-9_]+", "Why the session stopped early, if it did")] | None = None
     time_stamps: TimeStamps | None = None
     clock: Annotated[tuple[ClockReading, ...], Items(0, 16, "The drone's clock against the pad's")] = ()
+    drift_sigma_mm: (
+        Annotated[int, Integer(1, 10_000, "What the pad adds to where each anchor stands: it has drifted")] | None
+    ) = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -15,6 +15,7 @@ export type Covariance = Schemas["Covariance"];
 export type Estimate = Schemas["Estimate"];
 export type Evidence = Schemas["Evidence"];
 export type Frame = Schemas["Frame"];
+export type Hit = Schemas["Hit"];
 export type Judgement = Schemas["Judgement"];
 export type LedgerBlock = Schemas["LedgerBlock"];
 export type LedgerBlockDetail = Schemas["LedgerBlockDetail"];

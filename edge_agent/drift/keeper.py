@@ -1,0 +1,165 @@
+"""When the anchors range each other, and what follows from it: one look at a time, only while no session is there."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+from edge_agent.drift.baseline import Baseline, BaselineError, summary
+from edge_agent.drift.watch import DriftState, DriftWatch
+from edge_agent.self_survey import Priors, self_survey
+from wonderland.ledger.errors import LedgerError
+from wonderland.ledger.files import read_bounded, write_atomic
+
+if TYPE_CHECKING:
+    from edge_agent.radios.between import PairRanges
+    from wonderland.clock import Clock
+    from wonderland.proofs.records.pads import Commissioning
+
+_log = logging.getLogger(__name__)
+
+ROUNDS: Final = 20
+FIRST_ROUNDS: Final = 30
+CONTRADICTED_MM: Final = 50.0
+"""The survey alone is contradicted by ranges whose units' biases are unknown: less than this is not claimed."""
+
+
+class AnchorRadios(Protocol):
+    """Nodes that can range each other."""
+
+    async def measure_between(self, macs: Mapping[str, int], rounds: int) -> PairRanges:
+        """Ranges by (leader, follower), mm; empty where a session has come between."""
+        ...
+
+
+class DriftKeeper:
+    """One pad's watch over itself. ``state`` is None until it has looked, and after a new commissioning."""
+
+    def __init__(self, radios: AnchorRadios, baseline_file: Path, clock: Clock, every_s: float) -> None:
+        self.every_s: Final = every_s
+        self._radios = radios
+        self._baseline_file = baseline_file
+        self._state_file = baseline_file.with_name("drift.json")
+        self._clock = clock
+        self._of = ""
+        self._watch: DriftWatch | None = None
+        self.state: DriftState | None = None
+
+    def load(self, commissioning_sha256: str, commissioning: Commissioning) -> None:
+        """Take up the watch over this commissioning, with what was found before a restart."""
+        if self._of == commissioning_sha256:
+            return
+        self._of, self._watch, self.state = commissioning_sha256, None, self._kept(commissioning_sha256)
+        try:
+            baseline = Baseline.load(self._baseline_file, commissioning_sha256)
+        except BaselineError as error:
+            _log.warning("%s", error)
+            baseline = None
+        if baseline is not None:
+            self._watch = self._over(baseline, commissioning)
+
+    def moved(self, commissioning_sha256: str) -> bool:
+        """Whether an anchor stands elsewhere than this commissioning says: then nothing can be proved with it."""
+        return self._of == commissioning_sha256 and self.state is not None and self.state.state == "moved"
+
+    def extra_sigma_mm(self, commissioning_sha256: str) -> int | None:
+        """What the pad has to add to its anchors' uncertainty; None while they are as this commissioning found them."""
+        if self._of != commissioning_sha256 or self.state is None:
+            return None
+        return self.state.extra_sigma_mm or None
+
+    async def look(self, commissioning_sha256: str, commissioning: Commissioning) -> DriftState | None:
+        """Measure and judge once; the state after it."""
+        self.load(commissioning_sha256, commissioning)
+        macs = {anchor.anchor_id: anchor.mac for anchor in commissioning.anchors}
+        ranges = await self._radios.measure_between(macs, ROUNDS if self._watch is not None else FIRST_ROUNDS)
+        measured = summary(ranges)
+        if not measured:
+            return self.state
+        before = self.state
+        if self._watch is None:
+            self._learn(ranges, commissioning)
+        else:
+            self.state = self._watch.look(self._clock(), measured)
+        if self.state is not None and (before is None or before.state != self.state.state):
+            self._tell(self.state)
+        return self.state
+
+    def _learn(self, ranges: PairRanges, commissioning: Commissioning) -> None:
+        """No baseline of the commissioning is here: the first look is one, unless it contradicts the survey."""
+        baseline = Baseline.of(ranges, t_ms=self._clock(), source="first look")
+        found = self_survey(
+            _places(commissioning),
+            {pair: value.range_mm / 1000 for pair, value in baseline.pairs.items()},
+            priors=Priors(
+                place_m={anchor.anchor_id: max(anchor.survey_sigma_mm, 1) / 1000 for anchor in commissioning.anchors}
+            ),
+        )
+        suspect = found.suspect
+        if suspect is not None and suspect.off_m * 1000 >= CONTRADICTED_MM:
+            now_ms = self._clock()
+            self.state = DriftState(
+                "moved",
+                now_ms,
+                1,
+                anchor_id=suspect.anchor_id,
+                off_mm=round(suspect.off_m * 1000),
+                sigma_mm=round(suspect.sigma_m * 1000),
+                since_ms=now_ms,
+            )
+            return
+        self._watch = self._over(baseline, commissioning)
+        self.state = DriftState("ok", baseline.t_ms, 1)
+        try:
+            baseline.save(self._baseline_file, self._of)
+        except (LedgerError, OSError) as error:
+            _log.warning("the anchors' ranges to each other are not kept: %s", error)
+
+    def _over(self, baseline: Baseline, commissioning: Commissioning) -> DriftWatch:
+        return DriftWatch(baseline, _places(commissioning), self.every_s)
+
+    def _tell(self, state: DriftState) -> None:
+        if state.state == "ok":
+            _log.info("the anchors measure to each other what they did when they were commissioned")
+        elif state.state == "moved":
+            _log.error(
+                "anchor %s stands about %d mm from where it was commissioned: nothing is proved until the pad is "
+                "commissioned again (wonderland pad commission)",
+                state.anchor_id,
+                state.off_mm,
+            )
+        else:
+            _log.warning(
+                "the anchors no longer measure to each other what they did when commissioned; %d mm of uncertainty are "
+                "added to each, and the pad should be commissioned again",
+                state.extra_sigma_mm,
+            )
+        try:
+            write_atomic(self._state_file, json.dumps({"commissioning": self._of, **asdict(state)}).encode() + b"\n")
+        except LedgerError as error:
+            _log.warning("what the anchors say of each other is not kept: %s", error)
+
+    def _kept(self, commissioning_sha256: str) -> DriftState | None:
+        """What the last look before a restart found."""
+        if not self._state_file.exists():
+            return None
+        try:
+            value: Any = json.loads(read_bounded(self._state_file, BaselineError, "drift"))
+            if value.pop("commissioning") != commissioning_sha256:
+                return None
+            state = DriftState(**value)
+        except (LedgerError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            _log.warning("%s is not used: %s", self._state_file, error)
+            return None
+        return state if state.state in {"ok", "drifting", "moved"} else None
+
+
+def _places(commissioning: Commissioning) -> dict[str, tuple[float, float, float]]:
+    return {
+        anchor.anchor_id: (anchor.east_mm / 1000, anchor.north_mm / 1000, anchor.up_mm / 1000)
+        for anchor in commissioning.anchors
+    }
