@@ -11,6 +11,8 @@ from simulator.channel import BIAS_M
 from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning, Frame
 
 DAY_MS: Final = 86_400_000
+STAMP_SIGMA_M: Final = 0.03
+"""White error of one time stamp, as a length: 100 ps."""
 
 
 class Behaviour(StrEnum):
@@ -39,11 +41,17 @@ class AnchorSite:
     north_m: float
     up_m: float
     bias_m: float
+    clock_error_m: float = 0.0
+    """How late its time stamps are on the pad's common clock, as a length."""
 
 
 @dataclass(frozen=True)
 class PadSite:
-    """One landing pad. ``gnss_buffer_mm`` is the buffer of its policy."""
+    """One landing pad.
+
+    ``buffer_mm`` is the buffer of its policy. ``clock_sigma_mm``: how well its nodes' common clock was commissioned;
+    None where they have none. ``dock_assurance``: what its policy demands of a drone that docks.
+    """
 
     pad_id: str
     name: str
@@ -52,6 +60,8 @@ class PadSite:
     height_mm: int
     anchors: tuple[AnchorSite, ...]
     buffer_mm: int = 1_000
+    clock_sigma_mm: int | None = None
+    dock_assurance: int | None = None
 
     @property
     def frame(self) -> Frame:
@@ -78,6 +88,8 @@ class PadSite:
                         )
                         for distance, bias in BIAS_M
                     ),
+                    clock_offset_mm=None if self.clock_sigma_mm is None else 0,
+                    clock_sigma_mm=self.clock_sigma_mm,
                 )
                 for site in self.anchors
             ),
@@ -87,6 +99,7 @@ class PadSite:
             valid_from_ms=now_ms - DAY_MS,
             valid_until_ms=now_ms + 365 * DAY_MS,
             method="Simulated survey and calibration",
+            timestamp_sigma_mm=None if self.clock_sigma_mm is None else round(STAMP_SIGMA_M * 1000),
         )
 
 
@@ -132,11 +145,15 @@ class DroneSpec:
         return self.behaviour is Behaviour.HONEST
 
 
-def _square(first_mac: int, half_m: float, biases: tuple[float, ...]) -> tuple[AnchorSite, ...]:
+def _square(
+    first_mac: int, half_m: float, biases: tuple[float, ...], clocks: tuple[float, ...] = (0.0,) * 4
+) -> tuple[AnchorSite, ...]:
     corners = ((half_m, half_m), (-half_m, half_m), (-half_m, -half_m), (half_m, -half_m))
     # One raised anchor: four in a plane could not tell above from below.
     return tuple(
-        AnchorSite(f"A{index + 1}", first_mac + index, east, north, 1.6 if index == 0 else 0.25, biases[index])
+        AnchorSite(
+            f"A{index + 1}", first_mac + index, east, north, 1.6 if index == 0 else 0.25, biases[index], clocks[index]
+        )
         for index, (east, north) in enumerate(corners)
     )
 
@@ -145,7 +162,16 @@ PADS: Final = (
     PadSite(
         "aurajoki-2", "Aurajoki 2", 604_503_100, 222_712_400, 31_000, _square(0xA000, 1.6, (0.02, -0.01, 0.0, 0.015))
     ),
-    PadSite("satama-1", "Satama 1", 604_360_800, 222_308_900, 24_000, _square(0xA010, 1.6, (-0.02, 0.01, 0.02, 0.0))),
+    PadSite(
+        "satama-1",
+        "Satama 1",
+        604_360_800,
+        222_308_900,
+        24_000,
+        _square(0xA010, 1.6, (-0.02, 0.01, 0.02, 0.0), (0.003, -0.004, 0.001, 0.0)),
+        clock_sigma_mm=4,
+        dock_assurance=3,
+    ),
     PadSite(
         "kupittaa",
         "Kupittaa",
@@ -184,6 +210,17 @@ DRONES: Final = (
     ),
     DroneSpec(
         "OH-DRN-0102", "Heavylift X8", "satama-1", "dock", Behaviour.HONEST, (-5.0, -7.0, 6.0), (-150, -260, 70), 13.5
+    ),
+    DroneSpec(
+        "OH-DRN-0559",
+        "Courier C1",
+        "satama-1",
+        "dock",
+        Behaviour.ATTACK,
+        (-4.0, 6.5, 5.0),
+        (-200, 210, 60),
+        16.5,
+        attack=AttackSpec("time stamps falsified for each anchor", lie_m=(3.5, -1.0, 0.0), ranges="per-anchor"),
     ),
 )
 FALSE_BROADCAST_M: Final = (22.0, 21.0)

@@ -24,16 +24,19 @@ from simulator.broadcaster import Fix, frame
 from simulator.channel import Channel
 from simulator.flight import Vector
 from simulator.mission import Mission, Mode
-from simulator.scenario import Behaviour, DroneSpec, PadSite
+from simulator.scenario import STAMP_SIGMA_M, AnchorSite, Behaviour, DroneSpec, PadSite
 from simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
 from wonderland.proofs.errors import GeometryError
-from wonderland.proofs.frame import to_local
-from wonderland.proofs.records.sessions import Claim
+from wonderland.proofs.frame import to_local, to_wgs84
+from wonderland.proofs.records.sessions import TICKS_PER_SECOND, Claim
 
 TICK_S: Final = 0.05
 POSITION_EVERY: Final = 2
 BROADCAST_EVERY: Final = 10
 EARSHOT_M: Final = 1_500.0
+BLINK_REACH_M: Final = 90.0
+BLINK_LOSS: Final = 0.01
+LIGHT_M_S: Final = 299_792_458.0
 OPERATOR_ID: Final = "FIN87astrdge12k8"
 
 
@@ -102,7 +105,14 @@ class World:
             if drone.attack is not None and drone.attack.ranges
         }
         self._drawn: dict[tuple[str, str], tuple[float, Measurement]] = {}
-        self._air = Air(self._measure, rng=random.Random(f"{seed}/air"), data_loss=0.02, intercept=attack.intercept)
+        self._stamp_rng = random.Random(f"{seed}/stamps")
+        self._air = Air(
+            self._measure,
+            rng=random.Random(f"{seed}/air"),
+            data_loss=0.02,
+            intercept=attack.intercept,
+            stamp=self._stamp,
+        )
         self._serial = []
         for name, (pad_id, site) in self._sites.items():
             node = VirtualNode(name, self._air)
@@ -175,6 +185,8 @@ class World:
         if drawn is not None and drawn[0] == t_s:
             return drawn[1]
         pad_id, site = self._sites[pair[0]]
+        if pair[1] in self._sites:
+            return self._between(pad_id, site, *self._sites[pair[1]])
         mission = self._missions.get(pair[1])
         if mission is None or mission.spec.pad_id != pad_id:
             return Measurement(None)
@@ -191,6 +203,43 @@ class World:
         measured = Measurement(None if range_m is None else round(range_m * 1000), result.obstructed, result.power_dbm)
         self._drawn[pair] = (t_s, measured)
         return measured
+
+    def _between(self, pad_id: str, site: AnchorSite, other_pad_id: str, other: AnchorSite) -> Measurement:
+        """Two anchors of a pad range each other; those of another pad are not in its session."""
+        if pad_id != other_pad_id:
+            return Measurement(None)
+        distance = math.dist((site.east_m, site.north_m, site.up_m), (other.east_m, other.north_m, other.up_m))
+        result = self._channels[pad_id].measure(distance, site.mac)
+        range_m = None if result.range_m is None else result.range_m + other.bias_m
+        return Measurement(None if range_m is None else round(range_m * 1000), result.obstructed, result.power_dbm)
+
+    def _stamp(self, anchor: str, tag: str, t_s: float) -> int | None:
+        """What the pad's clock shows when the anchor hears a blink: where the drone *is*, whatever its radio says."""
+        pad_id, site = self._sites[anchor]
+        mission = self._missions.get(tag)
+        if mission is None or self._pads[pad_id].clock_sigma_mm is None:
+            return None
+        here = self._seen_from(pad_id, mission)
+        if here is None:
+            return None
+        away_m = math.dist(here, (site.east_m, site.north_m, site.up_m))
+        if away_m > BLINK_REACH_M or self._stamp_rng.random() < BLINK_LOSS:
+            return None
+        away_m += site.clock_error_m + self._stamp_rng.gauss(0.0, STAMP_SIGMA_M)
+        return round(t_s * TICKS_PER_SECOND) + round(away_m / LIGHT_M_S * TICKS_PER_SECOND)
+
+    def _seen_from(self, pad_id: str, mission: Mission) -> Vector | None:
+        """Where the drone is, in the frame of any pad."""
+        if mission.spec.pad_id == pad_id:
+            return mission.flight.position
+        home = self._frames[mission.spec.pad_id]
+        try:
+            east, north, up = to_local(
+                self._frames[pad_id], *to_wgs84(home, *(round(value * 1000) for value in mission.flight.position))
+            )
+        except GeometryError:
+            return None
+        return (east / 1000, north / 1000, up / 1000)
 
 
 class _Commands(asyncio.DatagramProtocol):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Final
 
 from simulator.scenario import DAY_MS, Behaviour, DroneSpec, PadSite
@@ -60,6 +61,9 @@ class Registry:
                 "pad_operator", "CommissionPad", tx.CommissionPad(pad_id=pad.pad_id, commissioning=survey)
             )
             await self._submit("admin", "SetPolicy", tx.SetPolicy(pad_id=pad.pad_id, action="*", policy=policy(pad)))
+            if pad.dock_assurance is not None:
+                docking = replace(policy(pad), min_assurance=pad.dock_assurance)
+                await self._submit("admin", "SetPolicy", tx.SetPolicy(pad_id=pad.pad_id, action="dock", policy=docking))
 
         await asyncio.gather(*(one(pad) for pad in pads))
 
