@@ -112,12 +112,14 @@ def link_command(name: str, *, as_json: bool, **options: Any) -> None:
 )
 @click.option("--user", default="wonderland", show_default=True, help="The database's user that has it.")
 def new_password_command(directory: Path, user: str) -> None:
-    """Make a random password for the database: DIR/password for PostgreSQL, DIR/pgpass for this backend.
+    """Make a random password for the database, and a token for /metrics.
 
-    PostgreSQL's image takes the first by POSTGRES_PASSWORD_FILE, the backend the second by
-    --database 'postgresql://USER@HOST/NAME?passfile=DIR/pgpass'.
+    DIR/password is for PostgreSQL (its image takes it by POSTGRES_PASSWORD_FILE), DIR/pgpass for this backend
+    (--database 'postgresql://USER@HOST/NAME?passfile=DIR/pgpass'); DIR/metrics-token is for Prometheus and, by
+    WONDERLAND_BACKEND_METRICS_TOKEN_FILE, for this backend.
     """
     try:
+        passwords.ensure_token(directory, secrets.token_urlsafe(passwords.BYTES))
         made = passwords.ensure(directory, user, secrets.token_urlsafe(passwords.BYTES))
     except (LedgerError, OSError) as error:
         raise click.ClickException(f"{directory}: {error}") from error

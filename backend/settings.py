@@ -11,6 +11,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from backend.errors import SettingsError
 
 PREFIX: Final = "WONDERLAND_BACKEND_"
+MIN_TOKEN: Final = 16
 
 
 class Settings(BaseSettings):
@@ -31,6 +32,7 @@ class Settings(BaseSettings):
     sign_in_ttl_s: int = Field(default=12 * 3600, ge=60, le=30 * 86_400, description="How long a sign-in lasts")
     sign_in_idle_s: int = Field(default=4 * 3600, ge=60, le=30 * 86_400, description="Unused, it ends after this")
     metrics_token: str | None = Field(default=None, min_length=16, description="Bearer token for /metrics")
+    metrics_token_file: Path | None = Field(default=None, description="A file with it, read when it is asked for")
 
     max_body_bytes: int = Field(default=64 * 1024, ge=1024, description="Largest body of a request")
     ingest_max_bytes: int = Field(default=256 * 1024, ge=1024, description="Largest frame of an agent")
@@ -71,6 +73,16 @@ class Settings(BaseSettings):
         if self.alert_webhooks and self.alert_webhook_secret is None:
             raise ValueError("alert_webhooks need alert_webhook_secret: receivers must know who speaks")
         return self
+
+    def metrics_bearer(self) -> str | None:
+        """The token that opens /metrics; None where nobody has set one, or its file cannot be read."""
+        if self.metrics_token_file is None:
+            return self.metrics_token
+        try:
+            token = self.metrics_token_file.read_text().strip()
+        except (OSError, UnicodeDecodeError):
+            return None
+        return token if len(token) >= MIN_TOKEN else None
 
     @property
     def is_https(self) -> bool:

@@ -14,6 +14,7 @@ from collections.abc import AsyncIterator, Callable
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from edge_agent.health import health_record, write_status
+from edge_agent.metrics import write_metrics
 from edge_agent.prekeys import PrekeyKeeper, PrekeyLedger
 from edge_agent.reconcile import ReconcileLedger, Reconciler
 from edge_agent.reporting import SpoolReporter
@@ -125,6 +126,7 @@ class PadAgent:
         whole_certificate: bool = False,
         status_file: Path | None = None,
         drift: DriftKeeper | None = None,
+        metrics_file: Path | None = None,
         random_octets: Callable[[int], bytes] = os.urandom,
     ) -> None:
         self.pad_id: Final = pad_id
@@ -140,6 +142,7 @@ class PadAgent:
         self._whole_certificate = whole_certificate
         self._status_file = status_file
         self._drift = drift
+        self._metrics_file = metrics_file
         self._random_octets = random_octets
         self._reporter = SpoolReporter(spool)
         self._prekeys = PrekeyKeeper(pad_id, spool, ledger, clock, prekeys)
@@ -442,11 +445,12 @@ class PadAgent:
             status = self.status()
             record = self._health()
             self._reporter.offer("health", status["t_ms"], record)
-            if self._status_file is not None:
-                try:
-                    await asyncio.to_thread(write_status, self._status_file, status)
-                except LedgerError as error:
-                    _log.warning("%s", error)
+            for path, write in ((self._status_file, write_status), (self._metrics_file, write_metrics)):
+                if path is not None:
+                    try:
+                        await asyncio.to_thread(write, path, status)
+                    except LedgerError as error:
+                        _log.warning("%s", error)
             await asyncio.sleep(HEALTH_S)
 
     async def _stop(self, tasks: list[asyncio.Task[None]]) -> None:

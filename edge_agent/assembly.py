@@ -90,6 +90,7 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
         whole_certificate=settings.whole_certificate,
         status_file=settings.status_file,
         drift=drift,
+        metrics_file=settings.metrics_file,
     )
 
 

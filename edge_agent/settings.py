@@ -38,6 +38,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 from urllib.parse import urlsplit
 
+from edge_agent.metrics import SUFFIX
 from edge_agent.receiver.settings import ReceiverSettings, parse_receivers
 from wonderland.proofs.records.fields import ID_PATTERN
 
@@ -83,6 +84,8 @@ class PadSettings:
     """Whether the backend may be another machine without TLS: the network itself is protected."""
     drift_every_s: int = 600
     """How often the anchors range each other while no drone is there; 0: never."""
+    metrics_file: Path | None = None
+    """Where the agent writes its metrics for the node exporter's textfile collector; None: nowhere."""
     reports_listen: tuple[str, int] | None = None
     """Where drones with a DWM1001 report; None where the pad has nodes of its own."""
 
@@ -148,11 +151,21 @@ def parse(document: dict[str, Any], path: Path) -> PadSettings:
         backend_tls_ca=backend.path("tls_ca") if backend.has("tls_ca") else None,
         backend_plaintext=backend.flag("plaintext", default=False),
         drift_every_s=drift.integer("every_s", 600, 0, 86_400),
+        metrics_file=_metrics_file(top),
         reports_listen=reports_listen,
     )
     for table in (top, remote_id, backend, drift):
         table.refuse_unknown()
     return settings
+
+
+def _metrics_file(top: _Table) -> Path | None:
+    if not top.has("metrics_file"):
+        return None
+    path = top.path("metrics_file")
+    if path.suffix != SUFFIX:
+        raise top.wrong("metrics_file", f"is {path.name}; the node exporter reads files that end in {SUFFIX} only")
+    return path
 
 
 def _reports_listen(top: _Table, uwb: _Table) -> tuple[str, int] | None:

@@ -1,4 +1,4 @@
-"""A password for the database that nobody has to think of, in the two forms in which it is read."""
+"""Secrets of an installation that nobody has to think of: the database's password, the token that opens /metrics."""
 
 from __future__ import annotations
 
@@ -10,7 +10,16 @@ from wonderland.ledger.files import write_atomic
 BYTES: Final = 32
 FOR_SERVER: Final = "password"
 FOR_CLIENT: Final = "pgpass"
+METRICS_TOKEN: Final = "metrics-token"  # noqa: S105 - a file name
 _GROUP: Final = 0o640
+
+
+def ensure_token(directory: Path, fresh: str) -> None:
+    """Write `fresh` as the token of /metrics where there is none. Raises `FileWriteError`, OSError."""
+    directory.mkdir(parents=True, exist_ok=True, mode=0o750)
+    path = directory / METRICS_TOKEN
+    if not path.exists():
+        write_atomic(path, f"{fresh}\n".encode(), _GROUP)
 
 
 def ensure(directory: Path, user: str, fresh: str) -> bool:

@@ -40,7 +40,7 @@ async def read_health() -> Response:
 async def read_metrics(request: Request) -> Response:
     """Metrics in Prometheus's text format, for whoever is signed in or bears the metrics token."""
     context = context_of(request)
-    expected = context.settings.metrics_token
+    expected = context.settings.metrics_bearer()
     given = request.headers.get("authorization", "").removeprefix("Bearer ")
     if expected is None or not hmac.compare_digest(given.encode(), expected.encode()):
         await person_of(request)

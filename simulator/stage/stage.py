@@ -178,6 +178,7 @@ class Stage:
             f"connection = {quoted(str(self.connection_file))}",
             f"identity = {quoted(pad.pad_id)}",
             'spool = "spool"',
+            'metrics_file = "pad.prom"',
         ]
         for site in pad.anchors:
             port = anchor_path(self.directory, pad.pad_id, site.anchor_id)

@@ -38,6 +38,24 @@ async def granted(engine, console, after_block):
     raise EngineError(f"no permission within {PATIENCE_S} s\n{engine.tail(engine.services['world'])}")
 
 
+async def metrics(engine, console):
+    """Names of metrics by kind of service, as whoever scrapes them would find them."""
+    found = {"backend": _names((await console.get("/api/v1/metrics")).raise_for_status().text), "pad": set()}
+    for path in (engine.work / "volumes" / "world").glob("pads/*/pad.prom"):
+        found["pad"] |= _names(path.read_text())
+    async with httpx.AsyncClient(trust_env=False, timeout=20) as client:
+        for name, service in engine.services.items():
+            kind = name.partition(".")[0].rstrip("0123456789").removesuffix("-a")
+            if not service.is_job and "." in name:
+                page = await client.get(f"http://{service.addresses['ledger']}:9443/metrics")
+                found.setdefault(kind, set()).update(_names(page.raise_for_status().text))
+    return {kind: sorted(names) for kind, names in found.items()}
+
+
+def _names(text):
+    return {line.partition("{")[0].partition(" ")[0] for line in text.splitlines() if line and line[0] != "#"}
+
+
 async def once(engine, after_block):
     begin = time.monotonic()
     await engine.start()
@@ -48,6 +66,7 @@ async def once(engine, after_block):
         await sign_in(engine, console)
         verdict = await granted(engine, console, after_block)
         status = (await console.get("/api/v1/status")).raise_for_status().json()
+        watched = await metrics(engine, console)
     return {
         "healthy_s": round(healthy_s, 1),
         "granted_s": round(time.monotonic() - begin, 1),
@@ -55,6 +74,7 @@ async def once(engine, after_block):
         "verdict": {name: verdict[name] for name in ("outcome", "permission", "pad_id", "uav_id", "block")},
         "ledger": status["ledger"]["kind"],
         "height": status["ledger"]["height"],
+        "metrics": watched,
         "seconds": {name: round(each.seconds_to_healthy, 1) for name, each in engine.services.items()},
         "mib": {
             name: round(engine.resident_bytes(each) / (1 << 20))

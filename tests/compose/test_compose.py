@@ -15,6 +15,9 @@ from wonderland.ledger.network import binaries
 from wonderland.ledger.network.compose import BFT, EMBEDDED, IMAGES, RAFT, compose, compose_yaml
 from wonderland.ledger.network.description import NetworkDescription, Organisation
 
+sys.path.insert(0, str(Path(__file__).parent))
+from monitoring_names import names
+
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "compose.yaml"
 HERE = Path(__file__).parent
@@ -163,7 +166,12 @@ def test_the_embedded_profile_permits_a_landing(tmp_path):
 def test_the_raft_profile_permits_a_landing(tmp_path):
     _needs_namespaces()
     _needs_fabric()
-    _check(_run(RAFT, tmp_path), "fabric")
+    found = _run(RAFT, tmp_path)
+    _check(found, "fabric")
+    there = {name for each in found["runs"][0]["metrics"].values() for name in each}
+    # Of the other consensus, and from a command that an operator runs.
+    elsewhere = {name for name in names() if name.startswith(("consensus_BFT_", "wonderland_network_"))}
+    assert {name: where for name, where in names().items() if name not in there | elsewhere} == {}
 
 
 def _needs_fabric():

@@ -18,6 +18,7 @@ from rich.table import Table
 
 from wonderland.ledger.embedded.organisations import ROLES
 from wonderland.ledger.errors import LedgerError
+from wonderland.ledger.files import PUBLIC, write_atomic
 from wonderland.ledger.network import binaries as servers
 from wonderland.ledger.network import (
     bringing_up,
@@ -141,12 +142,20 @@ def keep(*, directory: Path) -> None:
 @network.command()
 @dir_option
 @json_option
-def status(*, directory: Path, as_json: bool) -> None:
+@click.option(
+    "--metrics",
+    "metrics",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also write it there for Prometheus (node exporter's textfile collector; a name that ends in .prom).",
+)
+def status(*, directory: Path, as_json: bool, metrics: Path | None) -> None:
     """Say what runs, how high the chain is, who leads, which contract, and which certificates end soon.
 
     Exit code 0 when everything runs and answers, 3 otherwise.
     """
     found = asyncio.run(network_status(open_at(directory)))
+    if metrics is not None:
+        write_atomic(metrics, found.exposition(), PUBLIC)
     if as_json:
         click.echo(json.dumps(found.as_json()))
     else:

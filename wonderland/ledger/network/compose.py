@@ -44,7 +44,7 @@ SLOT: Final = "a"
 """In containers a new version of the contract takes the place of the former one; there is no second server."""
 _DESCRIPTION: Final = "/etc/wonderland/network.yaml"
 _LEDGER: Final = "/run/wonderland/ledger"
-_DATABASE: Final = "/run/wonderland/database"
+_SECRETS: Final = "/run/wonderland/secrets"
 _CONSOLE_PORT: Final = 8080
 _EMBEDDED_PORT: Final = 7051
 _WATCHED: Final = USUAL["peer"]["operations"]
@@ -207,9 +207,9 @@ def _embedded() -> dict[str, Any]:
 def _project() -> dict[str, Any]:
     """What every profile has: database, backend with console, simulated pads and drones."""
     identified = _after({"identities-fabric": _COMPLETED, "identities-embedded": _COMPLETED}, required=False)
-    url = f"postgresql://wonderland@postgres/wonderland?passfile={_DATABASE}/pgpass"
+    url = f"postgresql://wonderland@postgres/wonderland?passfile={_SECRETS}/pgpass"
     return {
-        "database-password": {
+        "secrets": {
             **_job(["backend", "new-password", "--to", "/secrets"], [], [_volume("secrets")]),
             "network_mode": "none",
         },
@@ -220,18 +220,18 @@ def _project() -> dict[str, Any]:
             "environment": {
                 "POSTGRES_USER": "wonderland",
                 "POSTGRES_DB": "wonderland",
-                "POSTGRES_PASSWORD_FILE": f"{_DATABASE}/password",
+                "POSTGRES_PASSWORD_FILE": f"{_SECRETS}/password",
             },
             "networks": ["database"],
             "volumes": [
                 _volume("database", Path("/var/lib/postgresql/data"), whole=True),
-                _volume("secrets", Path(_DATABASE), whole=True, read_only=True),
+                _volume("secrets", Path(_SECRETS), whole=True, read_only=True),
             ],
             "tmpfs": [_SCRATCH, f"/var/run/postgresql:size=1m,uid={POSTGRES_OWNER},gid={POSTGRES_OWNER},mode=0755"],
             "shm_size": "128M",
             "stop_signal": "SIGINT",
             "healthcheck": _check("pg_isready", "--username", "wonderland", "--dbname", "wonderland"),
-            "depends_on": _after({"database-password": _COMPLETED}),
+            "depends_on": _after({"secrets": _COMPLETED}),
         },
         "backend": {
             **_base("wonderland", "512M"),
@@ -241,7 +241,10 @@ def _project() -> dict[str, Any]:
                 *("--connection", f"{_LEDGER}/connection.json"),
                 *("--public-url", f"http://127.0.0.1:${{CONSOLE_PORT:-{_CONSOLE_PORT}}}"),
             ],
-            "environment": {"WONDERLAND_BACKEND_DATABASE": _literal(url)},
+            "environment": {
+                "WONDERLAND_BACKEND_DATABASE": _literal(url),
+                "WONDERLAND_BACKEND_METRICS_TOKEN_FILE": f"{_SECRETS}/metrics-token",
+            },
             "ports": [
                 {
                     "target": _CONSOLE_PORT,
@@ -253,7 +256,7 @@ def _project() -> dict[str, Any]:
             "networks": ["ledger", "agents", "database", "console"],
             "volumes": [
                 _volume("clients", Path(_LEDGER), subpath="backend", read_only=True),
-                _volume("secrets", Path(_DATABASE), whole=True, read_only=True),
+                _volume("secrets", Path(_SECRETS), whole=True, read_only=True),
             ],
             "tmpfs": [_SCRATCH],
             "healthcheck": _check("wonderland", "backend", "health", "--at", f"http://127.0.0.1:{_CONSOLE_PORT}"),

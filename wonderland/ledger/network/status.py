@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from wonderland.ledger.network.network import Member, Network
 
 TIMEOUT_S: Final = 5.0
+_MOMENT: Final = "%Y-%m-%dT%H:%M:%SZ"
 SOON: Final = dt.timedelta(days=30)
 """A certificate with less time left is worth renewing now."""
 
@@ -68,6 +69,24 @@ class NetworkStatus:
     def healthy(self) -> bool:
         """Whether everything runs and answers."""
         return all((self.elsewhere or each.pid is not None) and not each.trouble for each in self.components)
+
+    def exposition(self) -> bytes:
+        """The same for Prometheus (text format 0.0.4): what runs, and until when each certificate is valid."""
+        lines = [
+            "# HELP wonderland_network_component_up 1 while the component runs and answers",
+            "# TYPE wonderland_network_component_up gauge",
+        ]
+        for each in self.components:
+            up = int((self.elsewhere or each.pid is not None) and not each.trouble)
+            lines.append(f'wonderland_network_component_up{{component="{each.name}",kind="{each.kind}"}} {up}')
+        lines += [
+            "# HELP wonderland_network_certificate_expiry_timestamp_seconds End of a certificate of this network",
+            "# TYPE wonderland_network_certificate_expiry_timestamp_seconds gauge",
+        ]
+        for one in self.certificates:
+            end = dt.datetime.strptime(one.expires, _MOMENT).replace(tzinfo=dt.UTC).timestamp()
+            lines.append(f'wonderland_network_certificate_expiry_timestamp_seconds{{owner="{one.owner}"}} {end:.0f}')
+        return "\n".join(lines).encode() + b"\n"
 
     def as_json(self) -> dict[str, Any]:
         """JSON values."""
@@ -149,7 +168,7 @@ def _certificates(network: Network) -> Iterator[CertificateStatus]:
             end = certificates.load(path).not_valid_after_utc
         except LedgerError:
             continue
-        yield CertificateStatus(owner, _relative(path, network), f"{end:%Y-%m-%dT%H:%M:%SZ}", (end - now).days)
+        yield CertificateStatus(owner, _relative(path, network), end.strftime(_MOMENT), (end - now).days)
 
 
 def _relative(path: Path, network: Network) -> str:
