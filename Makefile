@@ -1,7 +1,7 @@
 # Everything that one does with this checkout. `make demo` and `make test` need nothing but python3 (3.11 or later,
 # with venv), make and git: they make .venv and the built console first, and again whenever these have become stale.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-python test-console lint types bench fuzz fmt docs screenshots vectors lock compose api clean
+.PHONY: help setup demo test test-python test-console lint types bench fuzz fmt docs figures screenshots vectors lock compose api clean
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
@@ -59,6 +59,9 @@ fmt: $(VENV)/.ready ## Format
 
 docs: $(VENV)/.ready ## Regenerate the reference of records and transactions from their definitions
 	@$(BIN)/python scripts/reference.py docs/reference/records.md
+
+figures: $(VENV)/.ready ## Draw the pictures of docs/method.md
+	@$(BIN)/python scripts/figures.py
 
 screenshots: setup ## Take the documentation's pictures from a running demo (needs Chromium)
 	@$(BIN)/python scripts/screenshots.py

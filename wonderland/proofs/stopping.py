@@ -155,6 +155,12 @@ def rounds_needed(away_mm: float, white_mm2: float, floor_mm2: float, policy: Po
     return int(white_mm2 / room) + 1
 
 
+def settled_variance(policy: Policy) -> float:
+    """Largest variance (mm², along the ellipse's long axis) with which a claim that is exactly right is verified."""
+    radius = float(policy.buffer_mm)
+    return _largest_variance(INSIDE, _alpha(1_000_000 - policy.verify_ppm), radius, radius)
+
+
 def _alpha(ppm: int) -> float:
     return ppm / 1_000_000.0
 
