@@ -72,12 +72,15 @@ def pad_conditions(
 
 
 def _drift(body: str) -> str | None:
-    """What a pad's health says of anchors that no longer measure as commissioned."""
+    """What a pad's health says of anchors that no longer measure as commissioned (docs/seams.md, "health")."""
     drift = orjson.loads(body).get("drift")
-    if not isinstance(drift, dict) or not drift.get("drifting"):
+    if not isinstance(drift, dict) or drift.get("state", "ok") == "ok":
         return None
-    anchors = ", ".join(str(each) for each in drift.get("anchors", []))
-    return f"anchor {anchors}" if anchors else "its anchors"
+    anchor, off_mm = drift.get("anchor_id"), drift.get("off_mm")
+    if drift["state"] == "moved" and anchor is not None and off_mm is not None:
+        return f"anchor {anchor} stands about {off_mm / 10:.0f} cm from its place, nothing is proved there"
+    added = f", {drift['extra_sigma_mm']} mm of uncertainty are added" if drift.get("extra_sigma_mm") else ""
+    return f"{f'anchor {anchor}' if anchor is not None else 'its anchors together'}{added}"
 
 
 def ledger_conditions(context: Context, now_ms: int) -> Iterable[Condition]:

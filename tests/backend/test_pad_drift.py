@@ -1,0 +1,42 @@
+"""A pad that says of itself that it drifts: taken in, and raised as an alert."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from backend.alerts.watch import pad_conditions
+from backend.ingest.messages import BODIES
+from backend.pads.schemas import DriftHealth
+from edge_agent.drift import DriftState
+
+NOW_MS = 1_800_000_000_000
+STATES = [
+    DriftState("moved", NOW_MS, 7, anchor_id="A3", off_mm=114, sigma_mm=12, common_mm=-3, since_ms=NOW_MS - 9),
+    DriftState("drifting", NOW_MS, 7, common_mm=-180, since_ms=NOW_MS - 9),
+    DriftState("ok", NOW_MS, 7),
+]
+
+
+@pytest.mark.parametrize("state", STATES, ids=lambda state: state.state)
+def test_what_the_agent_says_is_taken_in_and_given_out(state):
+    body = {"anchors": [], "drift": state.health()}
+    assert BODIES["health"].model_validate(body).drift.state == state.state
+    assert DriftHealth.model_validate(state.health()).extra_sigma_mm == (state.extra_sigma_mm or None)
+
+
+@pytest.mark.parametrize(
+    ("state", "why"),
+    [
+        (STATES[0], "anchor A3 stands about 11 cm from its place, nothing is proved there"),
+        (STATES[1], "its anchors together, 180 mm of uncertainty are added"),
+        (STATES[2], None),
+    ],
+)
+def test_the_alert_says_which_anchor_and_what_follows(state, why):
+    pads = [("roof", NOW_MS, json.dumps({"drift": state.health()})), ("other", NOW_MS, json.dumps({"prekeys": 1}))]
+    found = list(pad_conditions(pads, lambda _: True, NOW_MS))
+    assert [(each.kind, each.pad_id, each.facts["why"]) for each in found] == (
+        [("pad_drifting", "roof", why)] if why else []
+    )
