@@ -43,6 +43,7 @@ from backend.mirror.derive import Changes
 from backend.mirror.follow import Mirror
 from backend.mirror.source import BlockSource
 from backend.pads import endpoints as pads
+from backend.search import endpoints as search
 from backend.sessions import endpoints as sessions
 from backend.settings import Settings
 from backend.tracks import endpoints as tracks
@@ -252,6 +253,7 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
         verdicts.router,
         tracks.router,
         alerts.router,
+        search.router,
         live.router,
     ):
         api.include_router(router)

@@ -31,7 +31,7 @@ EVERY_S: Final = 5.0
 SILENT_MS: Final = 60_000
 """Pads report every few seconds; a minute is more than a restart takes."""
 AWAY_MS: Final = 30_000
-EXPIRING_MS: Final = 30 * 86_400_000
+EXPIRING_MS: Final = 14 * 86_400_000
 MATCH_AFTER_MS: Final = 60_000
 """A drone that got permission is heard within this, at a pad that hears drones at all."""
 MATCH_BEFORE_MS: Final = 10_000

@@ -106,6 +106,44 @@ async def test_records_are_taken_in_and_shown_as_unverified(running, agent_clien
     assert await count(running, VerdictRow) == 2
 
 
+FINDING = {"uav_id": "uav-1", "kind": "two_places", "count": 3, "distance_mm": 900_000, "other_transport": "ble5"}
+DRIP = {"state": "verified", "det": "2001:30:280:1405:1:2:3:4", "format": "wrapper", "t_ms": START_MS}
+
+
+@both
+async def test_what_is_odd_about_broadcasts_is_kept_and_shown(running, agent_client, number):
+    session_id = number("session", "three")
+    requested_ms = (await running.json(f"/sessions/{session_id}"))["summary"]["requested_ms"]
+    async with running.connect("/ingest") as socket:
+        agent = agent_client(socket, agent_id="pad-2")
+        await agent.hello()
+        heard = TRACK | {
+            "latency_ms": -20,
+            "lost": 4,
+            "duplicates": 9,
+            "transports": ["ble4", "wifi-nan"],
+            "drip": DRIP,
+        }
+        await agent.report(
+            ("track", heard), ("finding", FINDING), ("finding", FINDING | {"uav_id": "uav-2", "kind": "time_off"})
+        )
+        (track,) = (await running.json("/tracks"))["items"]
+        assert track == heard | {"t_ms": START_MS, "pad_id": "pad-2", "verified": False}
+        first = await running.json("/findings?limit=1")
+        assert first["items"][0]["kind"] == "time_off"
+        (second,) = (await running.json(f"/findings?limit=1&cursor={first['next']}"))["items"]
+        assert second == FINDING | {"t_ms": START_MS, "pad_id": "pad-2", "verified": False}
+        assert (await running.json("/findings?drone=uav-1&pad=pad-2"))["items"] == [second]
+        assert (await running.json(f"/findings?until_ms={START_MS - 1}"))["items"] == []
+        wrong = await agent.report(("finding", FINDING | {"kind": "colour"}))
+        assert (wrong["type"], wrong["code"]) == ("rejected", "bad_body")
+        await agent.receive()
+        await agent.report(("finding", FINDING), t_ms=requested_ms)
+    detail = await running.json(f"/sessions/{session_id}")
+    assert requested_ms in [finding["t_ms"] for finding in detail["findings"]]
+    assert {finding["uav_id"] for finding in detail["findings"]} == {detail["summary"]["uav_id"]}
+
+
 async def gone(running, pad_id):
     async with asyncio.timeout(5):
         while running.context.agents.is_connected(pad_id):

@@ -365,3 +365,24 @@ def test_any_cursor_is_a_position_or_a_bad_request(text):
         except BadRequest:
             continue
         assert [type(part) for part in position] == list(kinds)
+
+
+@both
+async def test_one_box_finds_everything_that_has_a_name(running, number):
+    async def found(text):
+        answer = await running.json("/search", q=text)
+        conforms("Hits", answer)
+        return [(hit["kind"], hit["id"]) for hit in answer["items"]]
+
+    assert await found("aurajoki") == [("pad", "pad-1"), ("pad", "pad-2")]
+    assert await found("UAV-2") == [("drone", "uav-2")]
+    assert await found("FIN87") == [("drone", "uav-1"), ("drone", "uav-2")]
+    session = number("session", "one")
+    assert (await found(session[:8]))[0] == ("session", session)
+    block = await running.json("/blocks/3")
+    tx_id = block["items"][1]["tx_id"]
+    assert ("transaction", tx_id) in await found(tx_id)
+    assert (await found("3"))[-1] == ("block", "3")
+    for nothing in ("%", "_", "record", "lat_e7", "'; DROP TABLE pads; --", "zzzzzz", "999999999"):
+        assert await found(nothing) == []
+    assert (await running.get("/search", params={"q": ""})).status_code == 422

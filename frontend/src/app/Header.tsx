@@ -8,6 +8,7 @@ import { useLive } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
 import { Symbol } from "../shared/ui/Symbol";
 import { placeHash } from "./location";
+import { Search } from "./Search";
 import { LOCALES, setReading, useReading } from "../shared/i18n/locale";
 import { appTexts as t } from "./texts";
 import { setThemeChoice, useTheme, type Choice } from "./theme";
@@ -126,6 +127,7 @@ export function Header({ person, onHelp, onSignOut }: Properties): ReactElement 
           {silent > 0 ? t("padsSilent", { count: silent }) : ""}
         </span>
       )}
+      <Search />
       <span className="header-end">
         {waiting > 0 && (
           <a className="chip chip-alerts num" href={placeHash({ room: "alerts", path: [], query: {} })} data-testid="alerts-chip">
@@ -135,7 +137,7 @@ export function Header({ person, onHelp, onSignOut }: Properties): ReactElement 
         )}
         <LanguageButton />
         <ThemeButton />
-        <button type="button" className="icon-button" title={t("keysTitle")} aria-label={t("keys")} onClick={onHelp}>
+        <button type="button" className="icon-button keys" title={t("keysTitle")} aria-label={t("keys")} onClick={onHelp}>
           <svg viewBox="0 0 20 20" aria-hidden="true">
             <circle cx="10" cy="10" r="7.6" />
             <path d="M7.8 7.8a2.3 2.3 0 1 1 3.3 2c-.8.5-1.1.9-1.1 1.8M10 14.2v.1" />

@@ -11,6 +11,7 @@ const keys = (): readonly (readonly [keys: readonly string[], what: string])[] =
   [["+", "−"], keyTexts("zoom")],
   [["Esc"], keyTexts("close")],
   ...ROOMS.map(({ key, name }) => [[key], roomTexts(name)] as const),
+  [["/"], keyTexts("search")],
   [["t"], keyTexts("theme")],
   [["?"], keyTexts("help")],
 ];

@@ -3,6 +3,7 @@ import { createContext, useContext } from "react";
 import type {
   Alert,
   AlertDetail,
+  Hit,
   LedgerBlock,
   LedgerBlockDetail,
   LedgerTransactionDetail,
@@ -74,6 +75,10 @@ export class Api {
 
   verdicts(query: VerdictFilters): Promise<Page<VerdictSummary>> {
     return answered((signal) => this.client.GET("/api/v1/verdicts", { params: { query }, signal }));
+  }
+
+  search(q: string): Promise<{ items: Hit[] }> {
+    return answered((signal) => this.client.GET("/api/v1/search", { params: { query: { q } }, signal }));
   }
 
   alerts(query: AlertFilters): Promise<Page<Alert>> {

@@ -25,6 +25,7 @@ const POLICY: SessionDetail["session"]["policy"] = {
   max_rounds: 160,
   max_claim_age_ms: 10_000,
   max_clock_skew_ms: 5_000,
+  min_request_gap_ms: 0,
   session_ttl_ms: 60_000,
   max_claim_accuracy_mm: 20_000,
   require_authorisation: true,
