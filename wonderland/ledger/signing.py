@@ -29,6 +29,7 @@ P256_ORDER: Final = 0xFFFFFFFF00000000FFFFFFFFFFFFFFFFBCE6FAADA7179E84F3B9CAC2FC
 _HALF_ORDER: Final = P256_ORDER // 2
 _ALGORITHM: Final = ec.ECDSA(hashes.SHA256())
 _COORDINATE_BYTES: Final = 32
+_IN_HARDWARE: Final = b"pkcs11:"
 _MAX_DER_BYTES: Final = 72  # SEQUENCE of two INTEGERs of at most 33 bytes
 
 
@@ -46,8 +47,13 @@ def key_signer(private_key: ec.EllipticCurvePrivateKey) -> Signer:
 
 
 def key_file_signer(path: Path) -> Signer:
-    """A signer with the key of an unencrypted PEM file (PKCS#8 or SEC 1). Raises `SignatureError`."""
+    """A signer with the key of an unencrypted PEM file (PKCS#8 or SEC 1), or of the hardware module that it names.
+
+    Raises `SignatureError`.
+    """
     data = read_bounded(path, SignatureError, "private key")
+    if data.startswith(_IN_HARDWARE):
+        return _hardware_signer(path, data)
     try:
         key = load_pem_private_key(data, password=None)
     except (ValueError, TypeError, UnsupportedAlgorithm) as cause:
@@ -56,6 +62,23 @@ def key_file_signer(path: Path) -> Signer:
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise SignatureError(f"{path}: not an elliptic-curve key; Fabric identities are P-256")
     return key_signer(key)
+
+
+def _hardware_signer(path: Path, data: bytes) -> Signer:
+    from wonderland.ledger.hsm import HsmKey, HsmSigner  # noqa: PLC0415 - most never need it
+
+    try:
+        module = HsmSigner(HsmKey.parse(data.decode().strip()))
+    except UnicodeDecodeError as cause:
+        raise SignatureError(f"{path}: its PKCS#11 URI is no text") from cause
+    except SignatureError as cause:
+        raise SignatureError(f"{path}: {cause}") from cause
+
+    def sign(message: bytes) -> bytes:
+        r, s = _der_numbers(der_from_raw(module.raw(message)))
+        return encode_dss_signature(r, min(s, P256_ORDER - s))
+
+    return sign
 
 
 def verify(public_key: ec.EllipticCurvePublicKey, message: bytes, signature: bytes) -> None:
