@@ -21,7 +21,7 @@ from simulator.flight import Vector
 from simulator.recording import RecordedRound, Recording, RecordingError, dw1000_commissioning
 from simulator.simulate import MIN_ROUNDS, parse_claim
 from wonderland.proofs import frame as frames
-from wonderland.proofs.errors import ProofError
+from wonderland.proofs.errors import GeometryError, ProofError
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import (
@@ -43,6 +43,7 @@ START_MS: Final = 1_800_000_000_000
 SESSION_MS: Final = 3_600_000
 CLAIM_ACCURACY_MM: Final = 100
 CLAIM_HEIGHT_ACCURACY_MM: Final = 200
+FARTHEST_CLAIM_M: Final = 1e8
 LONGEST_RANGE_MM: Final = 1_000_000
 SAME_PLACE_M: Final = 0.05
 """A commissioning is of these anchors if it has them no further from where the list of anchors says."""
@@ -114,6 +115,13 @@ class Window:
 
 def evaluate(settings: EvaluateSettings) -> Iterator[Window]:
     """Judge each whole window of ``settings.rounds`` rounds; raises RecordingError for files that are none."""
+    for name, value in (
+        ("--truth-shift", settings.truth_shift_s),
+        ("--truth-raise", settings.truth_raise_m),
+        ("--buffer", settings.buffer_m),
+    ):
+        if not math.isfinite(value):
+            raise RecordingError(f"{name} {value}: a finite number is needed")
     recording = Recording.load(
         settings.recording,
         settings.anchors,
@@ -258,6 +266,8 @@ def _commissioning(path: Path | None, recording: Recording) -> Commissioning:
 
 
 def _claim(commissioning: Commissioning, t_ms: int, place_m: Vector) -> Claim:
+    if not all(abs(value) <= FARTHEST_CLAIM_M for value in place_m):
+        raise GeometryError(f"a claim at {place_m[0]:g}, {place_m[1]:g}, {place_m[2]:g} m is nowhere on Earth")
     east, north, up = (round(value * 1000) for value in place_m)
     lat_e7, lon_e7, height_mm = frames.to_wgs84(commissioning.frame, east, north, up)
     return Claim(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 import tempfile
 import time
 from collections.abc import Awaitable, Callable
@@ -73,6 +74,8 @@ def parse_claim(text: str) -> Callable[[Vector], Vector]:
     with contextlib.suppress(ValueError):
         if kind == "offset":
             east, north, up = (float(part) for part in rest.split(","))
+            if not all(math.isfinite(value) for value in (east, north, up)):
+                raise RecordingError(f"--claim {text!r}: three finite numbers, in metres")
             return lambda truth: (truth[0] + east, truth[1] + north, truth[2] + up)
     raise RecordingError(f"--claim {text!r}: say truth, or offset:E,N,U in metres, for example offset:3,0,0")
 

@@ -108,3 +108,52 @@ def test_short_windows_are_judged_by_fewer_rounds(files):
     assert [window.verdict.rounds for window in windows] == [3] * 5
     assert "refuted" not in {window.verdict.outcome for window in windows}
     assert [window.first_s for window in windows] == pytest.approx([0.0, 0.15, 0.3, 0.45, 0.6])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--claim", "offset:nan,0,0"), "finite numbers"),
+        (("--claim", "offset:0,inf,0"), "finite numbers"),
+        (("--claim", "offset:1e300,0,0"), "nowhere on Earth"),
+        (("--claim", "csv:nowhere.csv"), "nowhere.csv"),
+        (("--claim", "offset:1,2"), "offset:3,0,0"),
+        (("--truth-shift", "nan"), "--truth-shift"),
+        (("--truth-raise", "inf"), "--truth-raise"),
+        (("--truth-raise", "1e12"), "nowhere on Earth"),
+        (("--rounds", "0"), "--rounds"),
+        (("--buffer", "nan"), "--buffer"),
+    ],
+)
+def test_arguments_that_mean_nothing_are_refused(files, arguments, says):
+    ranges, anchors = files
+    result, lines = run("--recording", ranges, "--anchors", anchors, *arguments)
+    assert result.exit_code in {1, 2}
+    assert isinstance(result.exception, SystemExit)
+    assert says in result.output
+    assert lines == []
+
+
+@pytest.mark.parametrize("count", [3, 4, 9, 16])
+def test_any_number_of_anchors(tmp_path, count):
+    """Anchors on a helix about the pad: any placement, three of them to sixteen."""
+    rng = random.Random(count)
+    places = {
+        f"N{i}": (2.5 * math.cos(math.tau * i / count), 2.5 * math.sin(math.tau * i / count), 0.2 + 1.5 * i / count)
+        for i in range(count)
+    }
+    anchors, ranges = tmp_path / "anchors.csv", tmp_path / "ranges.csv"
+    anchors.write_text("anchor,x,y,z\n" + "".join(f"{n},{x},{y},{z}\n" for n, (x, y, z) in places.items()))
+    rows = ["t,anchor,range,gt_x,gt_y,gt_z"]
+    for index in range(40):
+        for name, place in places.items():
+            measured = math.dist((3.0, 6.0, 4.0), place) + rng.gauss(0, 0.02)
+            rows.append(f"{0.1 * index:.3f},{name},{measured:.4f},3,6,4")
+    ranges.write_text("\n".join(rows) + "\n")
+    more = ("--recording", ranges, "--anchors", anchors, "--rounds", "40", "--json")
+    _, honest = run(*more)
+    _, lie = run(*more, "--claim", "offset:4,0,0")
+    assert honest[0]["truth_error_m"] < 0.3
+    assert honest[0]["outcome"] != "refuted"
+    # Three anchors have no redundancy, so that nobody is refuted on them.
+    assert lie[0]["outcome"] == ("inconclusive" if count == 3 else "refuted")
