@@ -51,6 +51,13 @@ class VerdictQuery(SessionQuery):
     )
 
 
+class FindingQuery(TimeQuery):
+    """Which findings."""
+
+    pad: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only of this pad's receiver")
+    drone: str | None = Field(default=None, pattern=_ID, max_length=40, description="Only of this drone")
+
+
 class LatestQuery(PageQuery):
     """Which drones' last positions."""
 
@@ -61,4 +68,5 @@ Paging = Annotated[PageQuery, Query()]
 Spanning = Annotated[TimeQuery, Query()]
 SessionFilters = Annotated[SessionQuery, Query()]
 VerdictFilters = Annotated[VerdictQuery, Query()]
+FindingFilters = Annotated[FindingQuery, Query()]
 LatestFilters = Annotated[LatestQuery, Query()]

@@ -302,6 +302,20 @@ class TrackRow(Base):
     body: Mapped[str]
 
 
+class FindingRow(Base):
+    """Something odd about a drone's broadcasts, as a pad's receiver saw it. Unverified."""
+
+    __tablename__ = "findings"
+    __table_args__ = (Index(None, "uav_id", "t_ms"), Index(None, "pad_id", "t_ms"), Index(None, "t_ms"))
+
+    id: Mapped[int] = mapped_column(RowId, primary_key=True)
+    uav_id: Mapped[str] = mapped_column(Identifier)
+    pad_id: Mapped[str] = mapped_column(Identifier)
+    kind: Mapped[str] = mapped_column(String(32))
+    t_ms: Mapped[int]
+    body: Mapped[str]
+
+
 class LatestTrackRow(Base):
     """The last position heard of each drone. Unverified."""
 

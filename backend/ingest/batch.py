@@ -27,6 +27,7 @@ class Batch:
     received_ms: int
     last_seq: int = 0
     tracks: list[Row] = field(default_factory=list)
+    findings: list[Row] = field(default_factory=list)
     estimates: list[Row] = field(default_factory=list)
     steps: list[Row] = field(default_factory=list)
     ends: list[Row] = field(default_factory=list)
@@ -64,7 +65,7 @@ def read(agent: Agent, records: list[Row], *, acknowledged: int, now_ms: int) ->
 
 
 def _require_not_ahead(entry: Entry, now_ms: int) -> None:
-    if entry.kind in {"track", "estimate", "health"} and entry.t_ms > now_ms + MAX_AHEAD_MS:
+    if entry.kind in {"track", "finding", "estimate", "health"} and entry.t_ms > now_ms + MAX_AHEAD_MS:
         raise IngestError("clock", f"dated {entry.t_ms - now_ms} ms ahead of this server's clock")
 
 
@@ -84,6 +85,16 @@ def _take(batch: Batch, entry: Entry, body: messages.Body) -> None:
         row = {"uav_id": body.uav_id, "pad_id": batch.agent.id, "t_ms": entry.t_ms, "body": shown}
         batch.tracks.append(row)
         batch.tell.append(("hear", (body.uav_id, entry.t_ms, shown)))
+    elif isinstance(body, messages.FindingBody):
+        batch.findings.append(
+            {
+                "uav_id": body.uav_id,
+                "pad_id": batch.agent.id,
+                "kind": body.kind,
+                "t_ms": entry.t_ms,
+                "body": _shown(body, t_ms=entry.t_ms, pad_id=batch.agent.id),
+            }
+        )
     else:
         shown = _shown(body, t_ms=entry.t_ms, pad_id=batch.agent.id)
         batch.estimates.append(

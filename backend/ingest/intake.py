@@ -16,6 +16,7 @@ from backend.db.engine import Database
 from backend.db.models import (
     Base,
     EstimateRow,
+    FindingRow,
     HealthRow,
     IrregularRow,
     LatestTrackRow,
@@ -104,6 +105,7 @@ class Intake:
             tracks = [row for batch in batches for row in batch.tracks]
             await _insert(connection, TrackRow, tracks)
             await _upsert(connection, LatestTrackRow, _latest(tracks, "uav_id"), rising=_LATEST)
+            await _insert(connection, FindingRow, [row for batch in batches for row in batch.findings])
             await _insert(connection, EstimateRow, [row for batch in batches for row in batch.estimates])
             steps = [row for batch in batches for row in batch.steps]
             await _upsert(connection, StepRow, _last(steps, "session_id", "step", "agent", "agent_id"))

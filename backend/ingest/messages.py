@@ -90,6 +90,17 @@ class Records(_Strict):
     records: list[dict[str, Any]]
 
 
+class DripBody(_Strict):
+    """Who signed a drone's broadcasts (DRIP, RFC 9575), as far as the pad could verify it."""
+
+    state: Literal["verified", "unknown_signer", "refused"]
+    det: Annotated[str, Field(pattern="^[0-9a-f:]{2,39}$")]
+    format: Literal["link", "wrapper", "manifest", "frame"]
+    t_ms: _TimeMs  # type: ignore[valid-type]
+    signer: _plain(64) | None = None  # type: ignore[valid-type]
+    reason: _plain(200) | None = None  # type: ignore[valid-type]
+
+
 class TrackBody(_Strict):
     """A Remote ID position heard."""
 
@@ -106,6 +117,37 @@ class TrackBody(_Strict):
     operator_id: _plain(64) | None = None  # type: ignore[valid-type]
     claim_t_ms: _TimeMs | None = None  # type: ignore[valid-type]
     rssi: _between(-200, 100) | None = None  # type: ignore[valid-type]
+    latency_ms: _between(-3_600_000, 3_600_000) | None = None  # type: ignore[valid-type]
+    lost: _between(0, MAX_SEQ) | None = None  # type: ignore[valid-type]
+    duplicates: _between(0, MAX_SEQ) | None = None  # type: ignore[valid-type]
+    transports: Annotated[list[_plain(24)], Field(max_length=8)] | None = None  # type: ignore[valid-type]
+    drip: DripBody | None = None
+
+
+class FindingBody(_Strict):
+    """Something odd about a drone's broadcasts."""
+
+    uav_id: _UavId  # type: ignore[valid-type]
+    kind: Literal[
+        "two_places",
+        "impossible_speed",
+        "time_stuck",
+        "time_backwards",
+        "time_off",
+        "several_identities",
+        "rate_high",
+        "signature_bad",
+    ]
+    count: _between(1, MAX_SEQ) = 1  # type: ignore[valid-type]
+    lat_e7: _LatE7 | None = None  # type: ignore[valid-type]
+    lon_e7: _LonE7 | None = None  # type: ignore[valid-type]
+    other_lat_e7: _LatE7 | None = None  # type: ignore[valid-type]
+    other_lon_e7: _LonE7 | None = None  # type: ignore[valid-type]
+    transport: _plain(24) | None = None  # type: ignore[valid-type]
+    other_transport: _plain(24) | None = None  # type: ignore[valid-type]
+    distance_mm: _between(0, 2**40) | None = None  # type: ignore[valid-type]
+    interval_ms: _between(0, 2**40) | None = None  # type: ignore[valid-type]
+    other_uav_id: _UavId | None = None  # type: ignore[valid-type]
 
 
 class EstimateBody(_Strict):
@@ -210,9 +252,10 @@ class DroppedBody(_Strict):
     to_seq: _between(1, MAX_SEQ)  # type: ignore[valid-type]
 
 
-Body = TrackBody | EstimateBody | StepBody | SessionEndBody | HealthBody | DroppedBody
+Body = TrackBody | FindingBody | EstimateBody | StepBody | SessionEndBody | HealthBody | DroppedBody
 BODIES: Final[dict[str, type[Body]]] = {
     "track": TrackBody,
+    "finding": FindingBody,
     "estimate": EstimateBody,
     "step": StepBody,
     "session_end": SessionEndBody,

@@ -17,9 +17,13 @@ from backend.pagination import decode_cursor
 from backend.responses import page, record, resource
 from backend.sessions import queries
 from backend.sessions.schemas import SessionDetail, SessionPage
+from backend.tracks import queries as tracks
 from backend.verdicts import queries as verdicts
 
 router = APIRouter(tags=["sessions"], dependencies=SIGNED_IN)
+FINDINGS_BEFORE_MS = 60_000
+"""A drone's broadcasts are looked at from this long before its request."""
+MAX_FINDINGS = 100
 SessionIdPath = Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="Transaction id of its RequestProof")]
 
 
@@ -50,11 +54,20 @@ async def read_session(request: Request, session_id: SessionIdPath) -> Response:
         transactions = await with_events(database, await queries.transactions(database, view))
         estimates = await queries.estimates(database, session_id)
         ends = await queries.reported_ends(database, session_id)
+        outline = view.outline
+        findings = await tracks.findings(
+            database,
+            uav_id=outline["uav_id"],
+            since_ms=outline["requested_ms"] - FINDINGS_BEFORE_MS,
+            until_ms=outline.get("ended_ms") or outline["expires_ms"],
+            limit=MAX_FINDINGS,
+        )
     content: dict[str, Any] = {
         "summary": view.to_json(),
         "session": record(row.record),
         "transactions": transactions,
         "estimates": [orjson.Fragment(text) for text in estimates],
+        "findings": [orjson.Fragment(finding.body) for finding in reversed(findings)],
         "reported_ends": [orjson.Fragment(each.body) for each in ends],
     }
     if verdict is not None:

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from backend.ledger.schemas import LedgerTransaction
 from backend.schemas import ApiModel, model_of, page_of
-from backend.tracks.schemas import Estimate
+from backend.tracks.schemas import Estimate, Finding
 from backend.verdicts.schemas import VerdictSummary
 from wonderland.proofs.records import sessions
 
@@ -70,6 +70,9 @@ class SessionDetail(ApiModel):
     transactions: list[LedgerTransaction] = Field(description="The session's transactions, oldest first")
     estimates: list[Estimate] = Field(description="Running estimates of the pad, oldest first; unverified")
     reported_ends: list[ReportedEnd]
+    findings: list[Finding] = Field(
+        description="What was odd about the drone's broadcasts, oldest first; unverified, no part of the verdict"
+    )
 
 
 SessionPage = page_of("SessionPage", SessionState)

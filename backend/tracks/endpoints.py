@@ -11,11 +11,11 @@ from fastapi.responses import Response
 from backend.auth.endpoints import SIGNED_IN
 from backend.context import context_of
 from backend.errors import BadRequest, documented
-from backend.filters import LatestFilters, Spanning
+from backend.filters import FindingFilters, LatestFilters, Spanning
 from backend.pagination import decode_cursor, encode_cursor
 from backend.responses import Json, page
 from backend.tracks import queries
-from backend.tracks.schemas import TrackHistory, TrackPage
+from backend.tracks.schemas import FindingPage, TrackHistory, TrackPage
 from wonderland.proofs.records.fields import ID_PATTERN
 
 router = APIRouter(tags=["tracks"], dependencies=SIGNED_IN)
@@ -28,6 +28,24 @@ async def list_tracks(request: Request, filters: LatestFilters) -> Response:
     async with context_of(request).database.read() as database:
         rows = await queries.latest(database, since_ms=filters.since_ms, after=after, limit=filters.limit + 1)
     return page(((row, orjson.Fragment(row.body)) for row in rows), filters.limit, cursor_of=lambda row: (row.uav_id,))
+
+
+@router.get("/findings", response_model=FindingPage, responses=documented(BadRequest))
+async def list_findings(request: Request, filters: FindingFilters) -> Response:
+    """What was odd about broadcasts (one serial from two places, time that stands still), newest first. Unverified."""
+    place = decode_cursor(filters.cursor, int, int) if filters.cursor is not None else None
+    async with context_of(request).database.read() as database:
+        rows = await queries.findings(
+            database,
+            uav_id=filters.drone,
+            pad_id=filters.pad,
+            since_ms=filters.since_ms,
+            until_ms=filters.until_ms,
+            before=(place[0], place[1]) if place else None,
+            limit=filters.limit + 1,
+        )
+    fragments = ((row, orjson.Fragment(row.body)) for row in rows)
+    return page(fragments, filters.limit, cursor_of=lambda row: (row.t_ms, row.id))
 
 
 @router.get("/tracks/{uav_id}", response_model=TrackHistory, responses=documented(BadRequest))

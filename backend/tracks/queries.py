@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from sqlalchemy import delete, select, tuple_
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
-from backend.db.models import EstimateRow, IrregularRow, LatestTrackRow, TrackRow
+from backend.db.models import EstimateRow, FindingRow, IrregularRow, LatestTrackRow, TrackRow
 
 
 async def latest(
@@ -42,9 +42,35 @@ async def history(
     return (await database.scalars(query)).all()
 
 
+async def findings(
+    database: AsyncSession,
+    *,
+    uav_id: str | None = None,
+    pad_id: str | None = None,
+    since_ms: int | None = None,
+    until_ms: int | None = None,
+    before: tuple[int, int] | None = None,
+    limit: int,
+) -> Sequence[FindingRow]:
+    """What was odd about broadcasts, newest first. `before` is (t_ms, id) of the page before."""
+    query = select(FindingRow).order_by(FindingRow.t_ms.desc(), FindingRow.id.desc()).limit(limit)
+    if uav_id is not None:
+        query = query.where(FindingRow.uav_id == uav_id)
+    if pad_id is not None:
+        query = query.where(FindingRow.pad_id == pad_id)
+    if since_ms is not None:
+        query = query.where(FindingRow.t_ms >= since_ms)
+    if until_ms is not None:
+        query = query.where(FindingRow.t_ms <= until_ms)
+    if before is not None:
+        query = query.where(tuple_(FindingRow.t_ms, FindingRow.id) < before)
+    return (await database.scalars(query)).all()
+
+
 async def forget(connection: AsyncConnection, before_ms: int) -> None:
-    """Delete unverified positions and estimates, and irregular records, older than this."""
+    """Delete unverified positions, findings and estimates, and irregular records, older than this."""
     await connection.execute(delete(TrackRow).where(TrackRow.t_ms < before_ms))
     await connection.execute(delete(LatestTrackRow).where(LatestTrackRow.t_ms < before_ms))
+    await connection.execute(delete(FindingRow).where(FindingRow.t_ms < before_ms))
     await connection.execute(delete(EstimateRow).where(EstimateRow.t_ms < before_ms))
     await connection.execute(delete(IrregularRow).where(IrregularRow.received_ms < before_ms))

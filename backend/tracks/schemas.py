@@ -9,6 +9,46 @@ from pydantic import Field
 from backend.schemas import ApiModel, page_of
 
 
+class Drip(ApiModel):
+    """Who signed a drone's broadcasts (RFC 9575). It says nothing about whether its position is true."""
+
+    state: Literal["verified", "unknown_signer", "refused"]
+    det: str = Field(description="The DRIP entity tag that signed, as an IPv6 address")
+    format: Literal["link", "wrapper", "manifest", "frame"]
+    t_ms: int = Field(description="When the pad verified it")
+    signer: str | None = Field(default=None, description="What the registry calls it")
+    reason: str | None = Field(default=None, description="Why it was refused")
+
+
+class Finding(ApiModel):
+    """Something odd about a drone's broadcasts, as a pad's receiver saw it. Unverified, and never part of a verdict."""
+
+    uav_id: str
+    pad_id: str
+    t_ms: int
+    kind: Literal[
+        "two_places",
+        "impossible_speed",
+        "time_stuck",
+        "time_backwards",
+        "time_off",
+        "several_identities",
+        "rate_high",
+        "signature_bad",
+    ]
+    count: int = Field(description="How often it was seen since it was last told; at most once a minute")
+    lat_e7: int | None = None
+    lon_e7: int | None = None
+    other_lat_e7: int | None = Field(default=None, description="The place that does not fit to it")
+    other_lon_e7: int | None = None
+    transport: str | None = None
+    other_transport: str | None = None
+    distance_mm: int | None = None
+    interval_ms: int | None = None
+    other_uav_id: str | None = None
+    verified: Literal[False]
+
+
 class Track(ApiModel):
     """A Remote ID position of a drone, as a pad heard it. Unverified."""
 
@@ -24,6 +64,11 @@ class Track(ApiModel):
     operator_id: str | None = None
     claim_t_ms: int | None = Field(default=None, description="The broadcast's own time")
     rssi: int | None = Field(default=None, description="dBm")
+    latency_ms: int | None = Field(default=None, description="How long after its own time it was heard")
+    lost: int | None = Field(default=None, description="Frames missed so far, by their counters")
+    duplicates: int | None = Field(default=None, description="Positions heard again so far, over other transports")
+    transports: list[str] | None = Field(default=None, description="Transports heard lately, where several")
+    drip: Drip | None = Field(default=None, description="Who signed its broadcasts; not whether they are true")
     t_ms: int = Field(description="When the pad heard it, by the pad's clock")
     pad_id: str
     transport: str
@@ -59,3 +104,4 @@ class TrackHistory(ApiModel):
 
 
 TrackPage = page_of("TrackPage", Track)
+FindingPage = page_of("FindingPage", Finding)

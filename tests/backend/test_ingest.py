@@ -129,12 +129,12 @@ async def test_what_is_odd_about_broadcasts_is_kept_and_shown(running, agent_cli
         )
         (track,) = (await running.json("/tracks"))["items"]
         assert track == heard | {"t_ms": START_MS, "pad_id": "pad-2", "verified": False}
-        first = await running.json("/findings?limit=1")
+        first = await running.json("/findings", limit=1)
         assert first["items"][0]["kind"] == "time_off"
-        (second,) = (await running.json(f"/findings?limit=1&cursor={first['next']}"))["items"]
+        (second,) = (await running.json("/findings", limit=1, cursor=first["next"]))["items"]
         assert second == FINDING | {"t_ms": START_MS, "pad_id": "pad-2", "verified": False}
-        assert (await running.json("/findings?drone=uav-1&pad=pad-2"))["items"] == [second]
-        assert (await running.json(f"/findings?until_ms={START_MS - 1}"))["items"] == []
+        assert (await running.json("/findings", drone="uav-1", pad="pad-2"))["items"] == [second]
+        assert (await running.json("/findings", until_ms=START_MS - 1))["items"] == []
         wrong = await agent.report(("finding", FINDING | {"kind": "colour"}))
         assert (wrong["type"], wrong["code"]) == ("rejected", "bad_body")
         await agent.receive()
