@@ -82,6 +82,7 @@ def token(tmp_path_factory):
     (path / "plain.pem").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
     run("--init-token", "--free", "--label", "wonderland", "--so-pin", "314159", "--pin", PIN)
     run("--import", str(path / "plain.pem"), "--token", "wonderland", "--label", "pad-7", "--id", "07", "--pin", PIN)
+    run("--init-token", "--free", "--label", "locked", "--so-pin", "314159", "--pin", PIN)
     (path / "pin").write_text(f"{PIN}\n")
     (path / "pad-7.key").write_text(_uri(module, path / "pin"))
     yield path, key, module
@@ -118,7 +119,7 @@ def test_several_threads_sign_at_once(token):
     [
         ("pad-8", "wonderland", PIN, "there is no single key 'pad-8' on it"),
         ("pad-7", "elsewhere", PIN, "token 'elsewhere': cannot be used by"),
-        ("pad-7", "wonderland", "000000", "is wrong; a token locks itself"),
+        ("pad-7", "locked", "000000", "is wrong; a token locks itself"),
     ],
 )
 def test_what_is_wrong_is_said_and_no_pin_with_it(token, tmp_path, name, in_token, pin, says):

@@ -100,7 +100,10 @@ class HsmSigner:
         pin = read_bounded(key.pin_file, SignatureError, "PIN of the token", 1024).decode(errors="replace").strip()
         try:
             token = pkcs11.lib(str(key.module)).get_token(token_label=key.token)
-            session = token.open(user_pin=pin)
+            try:
+                session = token.open(user_pin=pin)
+            except pkcs11.exceptions.UserAlreadyLoggedIn:
+                session = token.open()  # a process logs in to a token once, for all its sessions
             self._private = session.get_key(
                 object_class=pkcs11.ObjectClass.PRIVATE_KEY,
                 key_type=pkcs11.KeyType.EC,
@@ -115,7 +118,7 @@ class HsmSigner:
             raise SignatureError(f"{self._where}: there is no single key {key.label or key.key_id!r} on it") from cause
         except (pkcs11.exceptions.PKCS11Error, RuntimeError, OSError) as cause:
             raise SignatureError(
-                f"{self._where}: cannot be used by {key.module} ({_why(cause)}); is the module there, and the token in it?"
+                f"{self._where}: cannot be used by {key.module} ({_why(cause)}); is the module there, the token in it?"
             ) from cause
 
 
