@@ -46,6 +46,7 @@ from backend.pads import endpoints as pads
 from backend.search import endpoints as search
 from backend.sessions import endpoints as sessions
 from backend.settings import Settings
+from backend.statistics import endpoints as statistics
 from backend.tracks import endpoints as tracks
 from backend.tracks import queries as track_queries
 from backend.verdicts import endpoints as verdicts
@@ -254,6 +255,7 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
         tracks.router,
         alerts.router,
         search.router,
+        statistics.router,
         live.router,
     ):
         api.include_router(router)

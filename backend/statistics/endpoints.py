@@ -1,0 +1,23 @@
+"""Statistics by REST."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Request
+from fastapi.responses import Response
+
+from backend.auth.endpoints import SIGNED_IN
+from backend.context import context_of
+from backend.errors import documented
+from backend.responses import Json
+from backend.statistics import queries
+from backend.statistics.schemas import Statistics, StatisticsFor
+
+router = APIRouter(tags=["statistics"], dependencies=SIGNED_IN)
+
+
+@router.get("/statistics", response_model=Statistics, responses=documented())
+async def read_statistics(request: Request, wanted: StatisticsFor) -> Response:
+    """What the verdicts of a span come to, by time, pad, operator and action."""
+    async with context_of(request).database.read() as database:
+        found = await queries.statistics(database, wanted)
+    return Json(found, headers={"Cache-Control": "private, no-store"})
