@@ -12,9 +12,10 @@
 10. outcome         verified, refuted or inconclusive, and permission
 
 Steps 4 and 7 are in ``reduction``, 5 in ``agreement``, 6 in ``differences`` and ``testimony``, 8 in ``estimate``, 9 and
-10 for one claim in ``judgement``, what holds under repeated looks in ``stopping``, what can be reached at all in
-``prospects``, the drone's clock in ``drone_clock``. Two claims are judged: the one that the drone signed for this
-session and the one that it broadcast. Integers and exactly rounded operations only (``special``).
+10 for one claim in ``judgement``, for the newest rounds alone in ``leaving``, what holds under repeated looks in
+``stopping``, what can be reached at all in ``prospects``, the drone's clock in ``drone_clock``. Two claims are judged:
+the one that the drone signed for this session and the one that it broadcast. Integers and exactly rounded operations
+only (``special``).
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ from wonderland.proofs.judgement import (
     place,
     rounded,
 )
+from wonderland.proofs.leaving import judge_newest
 from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.prospects import anchors_in_a_plane, within_hull
 from wonderland.proofs.records.pads import Commissioning
@@ -133,6 +135,17 @@ def decide(
             may_verify=not blocked and measured.agreement.usable and enough and not open_geometry,
             may_refute=enough,
         )  # 9, 10
+        if rounds is not None:
+            signed = judge_newest(
+                signed,
+                judged,
+                commissioning,
+                rounds,
+                path,
+                measured.reduced,
+                clock.sigma_ms,
+                may_refute=enough,
+            )
         signed = timed.overrule(signed, may_refute=enough)
         broadcast = judge_broadcast(session, commissioning, evidence, measured, path, may_refute=enough)
         more = more_rounds(measured.offset, measured.reduced.rounds, policy)

@@ -1,0 +1,111 @@
+"""Is the drone leaving its claim while it is ranged: steps 8 to 10 once more, for the newest rounds by themselves.
+
+The estimate of a session is a mean over its rounds. A receiver that is dragged away at 1 m/s is two buffers off when
+that mean is only one off. So where the newest rounds differ from all of them by more than noise explains, they are
+judged alone: they can refute, with a tenth of the policy's error, and they can keep a claim from being verified.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from wonderland.proofs.agreement import agreement
+from wonderland.proofs.claims import ClaimedPath
+from wonderland.proofs.estimate import solve
+from wonderland.proofs.judgement import Measured, judge, metres
+from wonderland.proofs.likelihood import Matrix2
+from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.records.sessions import Session
+from wonderland.proofs.records.verdicts import Judgement, Reason
+from wonderland.proofs.reduction import Reduced, reduce
+from wonderland.proofs.rounds import UsableRounds
+from wonderland.proofs.special import CHI2_LIMITS
+
+NEWEST: Final = 10
+"""Half a second of ranging: enough to refute on, short enough that a drag of 1 m/s hardly moves within it."""
+CLEAR_BUFFERS: Final = 0.2
+"""Only where the newest rounds alone know the place to a fifth of the buffer (1σ): elsewhere correlated noise may pass
+for a drift, and half a second is no reason to refute anybody."""
+ERROR_SHARE: Final = 10
+"""The newest rounds refute with one part in so many of the policy's error, so that the whole keeps its limit."""
+
+
+def judge_newest(
+    signed: Judgement,
+    session: Session,
+    commissioning: Commissioning,
+    rounds: UsableRounds,
+    path: ClaimedPath,
+    whole: Reduced,
+    clock_sigma_ms: float,
+    *,
+    may_refute: bool,
+) -> Judgement:
+    """The judgement of the signed claim, unless the newest rounds tell that the drone is leaving it."""
+    if len(rounds.t_ms) <= NEWEST or signed.outcome == "refuted":
+        return signed
+    last = reduce(_newest(rounds), commissioning, path, clock_sigma_ms)
+    if last is None or not _drifts(whole, last, commissioning):
+        return signed
+    last = _white(last, commissioning)
+    offset = solve(last)
+    policy = session.policy
+    if offset is None or offset.covariance.ellipse().s1 > CLEAR_BUFFERS * policy.buffer_mm:
+        return signed
+    strict = replace(session, policy=replace(policy, refute_ppm=max(1, policy.refute_ppm // ERROR_SHARE)))
+    now = judge(
+        strict,
+        commissioning,
+        Measured(last, agreement(last, offset), offset),
+        Matrix2(0.0, 0.0, 0.0),
+        (0.0, 0.0),
+        may_verify=False,
+        may_refute=may_refute,
+    )
+    away = metres(float(now.error_mm))
+    if now.outcome == "refuted":
+        reason = Reason(code="leaving", text=f"Its newest {NEWEST} rounds put it {away} from its claim, and going.")
+        return replace(signed, outcome="refuted", reasons=(*signed.reasons, reason))
+    if signed.outcome == "verified" and now.error_mm > policy.buffer_mm:
+        reason = Reason(code="drifting", text=f"Its newest {NEWEST} rounds put it {away} from its claim.")
+        return replace(signed, outcome="inconclusive", reasons=(*signed.reasons, reason))
+    return signed
+
+
+def _white(last: Reduced, commissioning: Commissioning) -> Reduced:
+    """The noise as commissioned: within a drift each round resembles the one before, whatever the noise does."""
+    variance = _variance(commissioning)
+    return replace(last, anchors=tuple(replace(anchor, white=variance / anchor.count) for anchor in last.anchors))
+
+
+def _variance(commissioning: Commissioning) -> float:
+    """Of one range, mm², counted for how much its neighbours resemble it."""
+    correlation = (commissioning.correlation_ppm or 0) / 1_000_000.0
+    variance = float(commissioning.range_sigma_mm * commissioning.range_sigma_mm)
+    return variance * (1.0 + correlation) / (1.0 - correlation)
+
+
+def _newest(rounds: UsableRounds) -> UsableRounds:
+    return replace(
+        rounds,
+        t_ms=rounds.t_ms[-NEWEST:],
+        range_mm=tuple(column[-NEWEST:] for column in rounds.range_mm),
+    )
+
+
+def _drifts(whole: Reduced, last: Reduced, commissioning: Commissioning) -> bool:
+    """Whether the newest residuals differ from all of them by more than one in a thousand honest sessions."""
+    variance = _variance(commissioning)
+    means = {anchor.index: anchor for anchor in whole.anchors}
+    chi2 = 0.0
+    shared = 0
+    for anchor in last.anchors:
+        mean = means.get(anchor.index)
+        # The newest are part of all, so that their means differ by σ²(1/k − 1/n).
+        if mean is None or mean.count <= anchor.count:
+            continue
+        difference = anchor.residual_mm - mean.residual_mm
+        chi2 += difference * difference / (variance * (1.0 / anchor.count - 1.0 / mean.count))
+        shared += 1
+    return shared > 0 and chi2 > CHI2_LIMITS[min(shared, len(CHI2_LIMITS)) - 1]
