@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 from edge_agent.health import health_record, write_status
 from edge_agent.metrics import write_metrics
 from edge_agent.prekeys import PrekeyKeeper, PrekeyLedger
+from edge_agent.radios import RadiosError
 from edge_agent.reconcile import ReconcileLedger, Reconciler
 from edge_agent.reporting import SpoolReporter
 from edge_agent.session import events as on
@@ -23,6 +24,7 @@ from edge_agent.session.machine import PadSession
 from edge_agent.session.ports import Radios, SessionLedger
 from edge_agent.session.runner import SessionRunner
 from edge_agent.spool import SpoolError
+from edge_agent.witness import WitnessLedger, WitnessRadios, WitnessRun
 from wonderland.clock import SteadyClock
 from wonderland.ledger.checkpoints import Checkpoint
 from wonderland.ledger.errors import CheckpointError, LedgerError
@@ -48,7 +50,17 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-NAMES: Final = frozenset({"ProofRequested", "ProofCancelled", "InteractionCompleted", "PadCommissioned", "PadRetired"})
+NAMES: Final = frozenset(
+    {
+        "ProofRequested",
+        "ProofWitnessed",
+        "ProofDecided",
+        "ProofCancelled",
+        "InteractionCompleted",
+        "PadCommissioned",
+        "PadRetired",
+    }
+)
 HEALTH_S: Final = 10.0
 FIRST_LOOK_S: Final = 60.0
 """After the start; then the anchors are looked at as often as pad.toml says."""
@@ -71,11 +83,17 @@ MAX_WAITING: Final = 64
 """Requests that wait for the pad; more are cancelled at once, so that a flood costs nobody else's time."""
 
 
+def _witness_of(record: dict[str, Any]) -> object:
+    """The pad that a requested session names as witness."""
+    witness = record.get("witness")
+    return witness.get("pad_id") if isinstance(witness, dict) else None
+
+
 class AgentError(Exception):
     """The agent cannot work and will not by waiting; the text says what to do."""
 
 
-class PadLedger(SessionLedger, PrekeyLedger, ReconcileLedger, Protocol):
+class PadLedger(SessionLedger, PrekeyLedger, ReconcileLedger, WitnessLedger, Protocol):
     """The ledger as a pad uses it (``wonderland.ledger.proof_contract.ProofContract``)."""
 
     @property
@@ -98,7 +116,7 @@ class PadLedger(SessionLedger, PrekeyLedger, ReconcileLedger, Protocol):
         ...
 
 
-class PadRadiosPort(Radios, Protocol):
+class PadRadiosPort(Radios, WitnessRadios, Protocol):
     """The nodes, and how they are."""
 
     def states(self) -> list[AnchorState]:
@@ -149,6 +167,7 @@ class PadAgent:
         self._reconciler = Reconciler(ledger, self._reporter, clock)
         self._requests: asyncio.Queue[Session] = asyncio.Queue(MAX_WAITING)
         self._runner: SessionRunner | None = None
+        self._witness: WitnessRun | None = None
         self._pad: Pad | None = None
         self._care = asyncio.Event()
         self._placed = asyncio.Event()
@@ -221,7 +240,11 @@ class PadAgent:
     async def _take(self, event: ContractEvent) -> None:
         self._heard = True
         self._foreign += 1
-        if event.record.get("pad_id") != self.pad_id:
+        if event.name in {"ProofWitnessed", "ProofDecided"}:
+            self._testified_or_decided(event)
+        elif event.name == "ProofRequested" and _witness_of(event.record) == self.pad_id:
+            self._asked_to_witness(event)
+        if event.record.get("pad_id") != self.pad_id or event.name in {"ProofWitnessed", "ProofDecided"}:
             if self._foreign >= FOREIGN_EVENTS:  # so that a restart has not all other pads' history to read again
                 await self._keep_place(event)
             return
@@ -240,6 +263,25 @@ class PadAgent:
             await asyncio.to_thread(self._checkpointer.save, event.checkpoint)
         except CheckpointError as error:
             _log.warning("the place in the ledger's events is not kept; after a restart some are seen again: %s", error)
+
+    def _testified_or_decided(self, event: ContractEvent) -> None:
+        """A witness's word for the session under way here, or the end of one that this pad is the witness of."""
+        session_id = event.record.get("session_id")
+        runner, witness = self._runner, self._witness
+        if event.name == "ProofWitnessed":
+            if runner is not None and runner.session.session_id == session_id:
+                runner.deliver(on.Witnessed(event.tx_id))
+        elif witness is not None and witness.session.session_id == session_id:
+            witness.ended()
+
+    def _asked_to_witness(self, event: ContractEvent) -> None:
+        """Another pad's proof names this one as witness; where it is busy, that proof goes without."""
+        try:
+            self._requests.put_nowait(Session.parse(event.record))
+        except ProofError as error:
+            _log.warning("transaction %s: not witnessed: %s", event.tx_id, error)
+        except asyncio.QueueFull:
+            _log.warning("transaction %s: not witnessed: too many requests wait", event.tx_id)
 
     async def _requested(self, event: ContractEvent) -> None:
         try:
@@ -279,6 +321,9 @@ class PadAgent:
     async def _serve(self) -> None:
         while True:
             session = await self._requests.get()
+            if session.pad_id != self.pad_id:
+                await self._witness_one(session)
+                continue
             try:
                 await self._serve_one(session)
             except AwayError as error:  # nothing was begun: in a while, unless it has expired by then
@@ -296,6 +341,51 @@ class PadAgent:
             except ProofError as error:
                 _log.warning("session %.12s: not begun: %s", session.session_id, error)
                 self._reconciler.add(session.session_id, "malformed_session")
+            self._care.set()
+
+    async def _witness_one(self, session: Session) -> None:
+        """Time-stamp a drone's blinks for another pad's proof. Whatever goes wrong, that proof goes without."""
+        self._clock.resync()
+        try:
+            current, pad = await asyncio.gather(
+                self._ledger.read_session(session.session_id), self._ledger.read_pad(self.pad_id)
+            )
+            named, found = current.witness, pad.commissioning
+            digest = transcript_of(current, self._ledger.channel).digest()
+            usable = (
+                current.state == "requested"
+                and self._clock() < current.expires_ms - MIN_SESSION_MS
+                and digest.hex() == current.transcript_sha256
+            )
+            if not usable or named is None or found is None:
+                _log.info("session %.12s: not witnessed: it is over, or changed", session.session_id)
+                return
+            if pad.commissioning_sha256 != named.commissioning_sha256:
+                _log.info("session %.12s: not witnessed: this pad was commissioned anew", session.session_id)
+                return
+            private_key = await self._prekeys.take(named.prekey_id)
+            if private_key is None:
+                _log.warning("session %.12s: not witnessed: the prekey is lost", session.session_id)
+                return
+            secret = keys.shared_secret(private_key, from_base64url(current.uav_key))
+            witness = self._witness = WitnessRun(
+                current,
+                found,
+                keys.derive(secret, digest),
+                radios=self._radios,
+                ledger=self._ledger,
+                clock=self._clock,
+                sts=self._radios.sts,
+            )
+            self._idle.clear()
+            end = await witness.run()
+        except (AwayError, RefusedError, ProofError, RadiosError, SpoolError) as error:
+            _log.warning("session %.12s: not witnessed: %s", session.session_id, error)
+        else:
+            _log.info("session %.12s: as witness of pad %s: %s", session.session_id, session.pad_id, end)
+        finally:
+            self._witness = None
+            self._idle.set()
             self._care.set()
 
     def _again(self, session: Session) -> None:

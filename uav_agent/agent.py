@@ -32,6 +32,7 @@ from wonderland.proofs.records.pads import Commissioning, Prekey
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.transcript import transcript_of
+from wonderland.uwb.blinks import BlinkPlan, blink_plan
 
 _log = logging.getLogger(__name__)
 
@@ -46,6 +47,8 @@ COMMISSIONING_LOOKS: Final = 5
 COMMISSIONING_PAUSE_S: Final = 0.4
 """The survey that the session rests on is on the ledger, but the peer that is asked may be behind."""
 PREKEYS_LISTED: Final = 20
+WITNESSED: Final = 4
+"""Assurance that only a witness gives."""
 _TAKEN: Final = frozenset({"PREKEY_USED", "PREKEY_UNKNOWN", "MVCC_READ_CONFLICT", "PHANTOM_READ_CONFLICT"})
 
 
@@ -72,6 +75,15 @@ class ProofResult:
     verdict: Verdict | None
     verdict_tx: str
     closing_tx: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """A request that is on the ledger, and the keys that follow from it."""
+
+    session: Session
+    pad_keys: keys.SessionKeys
+    witness_keys: keys.SessionKeys | None
 
 
 class UavAgent:
@@ -121,7 +133,8 @@ class UavAgent:
         AwayError where the ledger is away.
         """
         await self._commissioning(pad_id)
-        session, session_keys = await self._request(pad_id, action)
+        asked = await self._request(pad_id, action)
+        session = asked.session
         _log.info("%s asks %s to %s: session %.12s", self.uav_id, pad_id, action, session.session_id)
         commissioning = await self._commissioning(pad_id, session.commissioning_sha256)
         mismatch = _mismatch(session, commissioning, self._identity, self._ledger.channel)
@@ -131,12 +144,13 @@ class UavAgent:
         machine = UavSession(
             session,
             commissioning,
-            session_keys,
+            asked.pad_keys,
             certificate=self._identity.certificate_der,
             claims=self._position.claim,
             now_ms=self._clock(),
             timing=self._timing,
             whole_certificate=self._whole_certificate,
+            witness_blinks=await self._witness_blinks(asked),
         )
         runner = self._runner = SessionRunner(
             machine,
@@ -181,7 +195,29 @@ class UavAgent:
                 return pad.commissioning
             await asyncio.sleep(COMMISSIONING_PAUSE_S)
 
-    async def _request(self, pad_id: str, action: str) -> tuple[Session, keys.SessionKeys]:
+    async def _witness_blinks(self, asked: _Asked) -> BlinkPlan | None:
+        """The blinks for the session's witness, where it has one."""
+        witness, witness_keys = asked.session.witness, asked.witness_keys
+        if witness is None or witness_keys is None:
+            return None
+        commissioning = await self._commissioning(witness.pad_id, witness.commissioning_sha256)
+        return blink_plan(witness_keys, commissioning, payload=witness_keys.answer(b""))
+
+    async def _witness_prekey(self, pad_id: str, action: str) -> Prekey | None:
+        """A prekey of the witness that the policy names; None where it names none, or can do without."""
+        policy = await self._ledger.read_policy(pad_id, action)
+        if policy.witness_pad_id is None:
+            return None
+        prekeys = await self._ledger.list_prekeys(policy.witness_pad_id, PREKEYS_LISTED)
+        if prekeys:
+            return self._choose(prekeys)
+        if policy.min_assurance >= WITNESSED:
+            raise UavAgentError(
+                "no_witness", f"pad {policy.witness_pad_id}, the witness, offers no prekey: its agent is not running"
+            )
+        return None
+
+    async def _request(self, pad_id: str, action: str) -> _Asked:
         """Step 1, through a ledger that is away for a while, and other drones that take the same prekey."""
         loop = asyncio.get_running_loop()
         patient_until_s = loop.time() + REQUEST_PATIENCE_S
@@ -201,8 +237,10 @@ class UavAgent:
                 _log.warning("the request waits for the ledger: %s", error)
                 await asyncio.sleep(AWAY_PAUSE_S)
 
-    async def _request_once(self, pad_id: str, action: str) -> tuple[Session, keys.SessionKeys]:
-        prekeys = await self._ledger.list_prekeys(pad_id, PREKEYS_LISTED)
+    async def _request_once(self, pad_id: str, action: str) -> _Asked:
+        prekeys, witness = await asyncio.gather(
+            self._ledger.list_prekeys(pad_id, PREKEYS_LISTED), self._witness_prekey(pad_id, action)
+        )
         if not prekeys:
             raise UavAgentError("no_prekey", f"pad {pad_id} offers no prekey: its agent is not running")
         claim = self._position.claim(self._clock())
@@ -216,12 +254,20 @@ class UavAgent:
             prekey_id=prekey.prekey_id,
             uav_key=to_base64url(keys.public_bytes(own)),
             claim=claim,
+            witness_prekey_id=None if witness is None else witness.prekey_id,
         )
         session, _ = await self._ledger.request_proof(argument)
         if (session.pad_key, session.uav_key) != (prekey.public_key, argument.uav_key):
             raise UavAgentError("session_mismatch", "the session on the ledger has other keys than the request")
-        secret = keys.shared_secret(own, from_base64url(session.pad_key))
-        return session, keys.derive(secret, bytes.fromhex(session.transcript_sha256))
+        named = session.witness
+        if (None if named is None else named.pad_key) != (None if witness is None else witness.public_key):
+            raise UavAgentError("session_mismatch", "the session on the ledger has another witness than the request")
+        digest = bytes.fromhex(session.transcript_sha256)
+
+        def derived(public_key: str) -> keys.SessionKeys:
+            return keys.derive(keys.shared_secret(own, from_base64url(public_key)), digest)
+
+        return _Asked(session, derived(session.pad_key), None if named is None else derived(named.pad_key))
 
 
 def _mismatch(session: Session, commissioning: Commissioning, identity: Identity, channel: str) -> str:

@@ -16,6 +16,7 @@ from typing import Final, Self, cast
 from edge_agent.radios.nodes import MIN_ANCHORS, AnchorState, RadiosError, Sink
 from edge_agent.session.events import AnchorRange, DataHeard
 from wonderland.clock import Clock
+from wonderland.uwb.blinks import BlinkPlan
 from wonderland.uwb.dwm1001.carrier import Carrier, Content, Ranges, Words
 from wonderland.uwb.dwm1001.errors import Dwm1001DecodeError
 from wonderland.uwb.errors import NodeError
@@ -96,6 +97,11 @@ class ReportedRadios(asyncio.DatagramProtocol):
         self._carrier = Carrier(plan.sts_key, plan.session_a_id, is_pad=True)
         self._sink = sink
         return FIRMWARE
+
+    async def listen(self, plan: BlinkPlan, anchor_ids: Sequence[str], sink: Sink) -> None:
+        """These anchors time-stamp nothing for the pad: always raises RadiosError."""
+        del plan, anchor_ids, sink
+        raise RadiosError("DWM1001 anchors tell the pad no time stamps, so that it cannot be a witness")
 
     async def send(self, frame: bytes) -> None:
         """Send a frame to the drone. Raises NodeError while nobody knows where it is."""

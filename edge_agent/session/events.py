@@ -69,6 +69,13 @@ class VerdictCommitted:
 
 
 @dataclass(frozen=True, slots=True)
+class Witnessed:
+    """The session's witness has testified: WitnessProof is VALID in a block."""
+
+    tx_id: str
+
+
+@dataclass(frozen=True, slots=True)
 class Permitted:
     """What the pad does for a permitted drone is done (a light, a hangar's door): it may come."""
 
@@ -120,6 +127,7 @@ PadEvent = (
     | Tick
     | VerdictCommitted
     | Permitted
+    | Witnessed
     | SubmitRefused
     | LedgerLost
     | SessionCancelled

@@ -27,6 +27,8 @@ class PadTiming:
     """A look wants a claim no older than this; otherwise it waits for the next one."""
     look_patience_ms: int = 400
     """Longest that a look waits for a claim."""
+    witness_ms: int = 6_000
+    """From the countersignature until the witness has testified, where the session has one."""
     submit_reserve_ms: int = 5_000
     """Kept free before the session expires, to submit and commit what there is."""
     completion_ms: int = 60_000

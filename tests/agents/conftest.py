@@ -118,9 +118,9 @@ class Flight:
     def range_mm(self, anchor: str, rng: random.Random) -> float:
         return math.dist(ANCHORS[anchor], self.ranged or self.truth) + rng.gauss(0, self.noise_mm)
 
-    def stamp(self, anchor: str, sent_s: float, rng: random.Random) -> int:
-        """Ticks of the pad's common clock when the anchor hears what was sent then."""
-        away_m = (math.dist(ANCHORS[anchor], self.truth) + rng.gauss(0, 30.0)) / 1000
+    def stamp(self, place, sent_s: float, rng: random.Random) -> int:
+        """Ticks of the pad's common clock when an anchor there hears what was sent then."""
+        away_m = (math.dist(place, self.truth) + rng.gauss(0, 30.0)) / 1000
         return round((sent_s + away_m / 299_792_458) * TICKS_PER_SECOND) % 2**40
 
     def claim(self, now_ms: int) -> Claim | None:
@@ -138,11 +138,14 @@ class Flight:
 class World:
     """The ledger, the air, one pad and one drone."""
 
+    fast_pad = FAST_PAD
+
     def __init__(self, directory: Path, ledger: EmbeddedLedger, channel) -> None:
         self.directory = directory
         self.ledger = ledger
         self.channel = channel
         self.clock = SteadyClock()
+        self.anchors = dict(ANCHORS)
         self.flight = Flight()
         self.stand = dict(ANCHORS)
         """Where the anchors really stand, mm."""
@@ -186,11 +189,14 @@ class World:
         return self.drawn[key]
 
     def stamp(self, anchor: str, tag: str, t_s: float) -> int | None:
-        return None if anchor in self.flight.silent else self.flight.stamp(anchor, t_s, self.rng)
+        return None if anchor in self.flight.silent else self.flight.stamp(self.anchors[anchor], t_s, self.rng)
+
+    def commissioning(self, *, timed: bool = False) -> Commissioning:
+        return commissioning(self.clock(), timed=timed)
 
     async def share_a_clock(self) -> None:
         """Commission the pad anew, for time stamps."""
-        new = commissioning(self.clock(), timed=True)
+        new = self.commissioning(timed=True)
         await self.call("pad_operator", "CommissionPad", pad_id="pad-1", commissioning=new.to_json())
 
     async def set_up(self) -> None:
@@ -520,14 +526,14 @@ class Duo:
             if not both or "uav" in self.mute:
                 return
             self.blinks += 1
-            for name in ANCHORS:
+            for name, place in ANCHORS.items():
                 if name in self.flight.silent:
                     continue
                 range_mm = round(self.flight.range_mm(name, self.rng) / 10) * 10
                 self.tell_pad(pad_on.AnchorRange(name, self.now_ms, range_mm))
                 if self.pad.plan.blinks is not None:
                     # The counter's end lies within the session.
-                    ticks = self.flight.stamp(name, 17.0 + (self.now_ms - self.START_MS) / 1000, self.rng)
+                    ticks = self.flight.stamp(place, 17.0 + (self.now_ms - self.START_MS) / 1000, self.rng)
                     self.tell_pad(pad_on.FrameHeard(name, self.now_ms, self.blinks, ticks, self.blink_payload))
                 self.tell_uav(uav_on.OwnRange(0xA000 + list(ANCHORS).index(name), self.now_ms, range_mm))
             for frame in frames:

@@ -33,6 +33,9 @@ class Asked:
             ),
         )
 
+    async def read_policy(self, pad_id, action):
+        return self.session.policy
+
     async def request_proof(self, argument):
         self.requests += 1
         if self.failures:
@@ -76,7 +79,7 @@ def quick(monkeypatch):
 
 async def test_a_ledger_that_is_away_is_waited_for(session):
     ledger = Asked(session, [AwayError("no peer")] * 3)
-    opened, _ = await drone(ledger)._request("pad-1", "land")
+    opened = (await drone(ledger)._request("pad-1", "land")).session
     assert (opened.session_id, ledger.requests) == (session.session_id, 4)
 
 

@@ -9,6 +9,7 @@ from uav_agent.session import events as on
 from wonderland.ledger.proof_contract import Committed
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.pads import Pad, Prekey
+from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.uwb.layout import RangingPlan
@@ -62,6 +63,10 @@ class UavLedger(Protocol):
 
     async def list_prekeys(self, pad_id: str, limit: int = 10) -> tuple[Prekey, ...]:
         """Unused prekeys of a pad."""
+        ...
+
+    async def read_policy(self, pad_id: str, action: str) -> Policy:
+        """The policy that holds for an action at a pad."""
         ...
 
     async def read_session(self, session_id: str) -> Session:

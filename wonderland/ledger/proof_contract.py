@@ -28,6 +28,7 @@ from wonderland.proofs import encoding
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.pads import Commissioning, OfferedPrekey, Pad, Prekey
+from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Evidence, Radio, Session, Testimony, TimeStamps
 from wonderland.proofs.records.verdicts import Verdict
 
@@ -185,6 +186,10 @@ class ProofContract:
     async def read_pad(self, pad_id: str) -> Pad:
         """A pad with its commissioning."""
         return _parsed(Pad, await self._evaluate("ReadPad", tx.PadById(pad_id=pad_id)))
+
+    async def read_policy(self, pad_id: str, action: str) -> Policy:
+        """The policy that holds for an action at a pad."""
+        return _parsed(Policy, await self._evaluate("ReadPolicy", tx.PolicyFor(pad_id=pad_id, action=action)))
 
     async def read_session(self, session_id: str) -> Session:
         """A session as it stands."""

@@ -193,7 +193,13 @@ def preview(
     now_ms: int,
     witness: WitnessBrought | None = None,
 ) -> Verdict:
-    """The pad's look while it ranges: the decision were the drone to countersign and to be authorised."""
+    """The pad's look while it ranges: the decision were the drone to countersign and to be authorised.
+
+    A witness that the session names and that has not testified yet is counted on.
+    """
+    policy = session.policy
+    if witness is None and session.witness is not None and policy.min_assurance > TIME_DIFFERENCES:
+        session = replace(session, policy=replace(policy, min_assurance=TIME_DIFFERENCES))
     return decide(
         session,
         commissioning,
