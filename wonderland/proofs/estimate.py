@@ -189,34 +189,42 @@ def _normal(
 
 
 def _weights(reduced: Reduced, east: float, north: float) -> Weights:
-    """Inverse of diag(white + floor) + installation²·11ᵀ + height²·hhᵀ (Sherman and Morrison, twice)."""
-    anchors = reduced.anchors
-    count = len(anchors)
-    rows = [
-        [1.0 / max(anchor.white + anchor.floor, 1.0) if i == j else 0.0 for j in range(count)]
-        for i, anchor in enumerate(anchors)
-    ]
-    heights = []
-    for anchor in anchors:
-        z = reduced.up - anchor.up
-        away = distance(reduced.east + east - anchor.east, reduced.north + north - anchor.north, z)
-        heights.append(z / away if away >= 1.0 else 1.0)
-    for sigma, vector in ((reduced.installation_sigma_mm, [1.0] * count), (reduced.height_sigma_mm, heights)):
-        if sigma <= 0.0:
-            continue
-        product = []
-        for row in rows:
-            total = 0.0
-            for weight, value in zip(row, vector, strict=True):
-                total += weight * value
-            product.append(total)
-        scale = 1.0 / (sigma * sigma)
-        for value, element in zip(vector, product, strict=True):
-            scale += value * element
-        for row, left in zip(rows, product, strict=True):
-            for column, right in enumerate(product):
-                row[column] -= left * right / scale
-    return tuple(tuple(row) for row in rows)
+    """Inverse of diag(white + floor) + installation²·11ᵀ + height²·hhᵀ (Sherman and Morrison, twice).
+
+    With d the inverse of the diagonal: diag(d) − α·ddᵀ − β·qqᵀ.
+    """
+    own: list[float] = []
+    heights: list[float] = []
+    total = weighted = 0.0
+    x, y, z = reduced.east + east, reduced.north + north, reduced.up
+    for anchor in reduced.anchors:
+        rise = z - anchor.up
+        away = distance(x - anchor.east, y - anchor.north, rise)
+        height = rise / away if away >= 1.0 else 1.0
+        inverse = 1.0 / max(anchor.white + anchor.floor, 1.0)
+        own.append(inverse)
+        heights.append(height)
+        total += inverse
+        weighted += inverse * height
+    sigma = reduced.installation_sigma_mm
+    alpha = 1.0 / (1.0 / (sigma * sigma) + total) if sigma > 0.0 else 0.0
+    shared = alpha * weighted
+    second: list[float] = []
+    gain = 0.0
+    for inverse, height in zip(own, heights, strict=True):
+        value = inverse * (height - shared)
+        second.append(value)
+        gain += height * value
+    sigma = reduced.height_sigma_mm
+    beta = 1.0 / (1.0 / (sigma * sigma) + gain) if sigma > 0.0 else 0.0
+    pairs = tuple(zip(own, second, strict=True))
+    return tuple(
+        tuple(
+            (left if i == j else 0.0) - alpha * left * right - beta * of_left * of_right
+            for j, (right, of_right) in enumerate(pairs)
+        )
+        for i, (left, of_left) in enumerate(pairs)
+    )
 
 
 def _covariances(reduced: Reduced, fix: _Fix) -> tuple[Matrix2, Matrix2] | None:
