@@ -23,6 +23,7 @@ from wonderland.proofs import stopping
 from wonderland.proofs.agreement import REFUTING_ANCHORS
 from wonderland.proofs.estimate import MIRROR_CHI2
 from wonderland.proofs.judgement import VAGUE_BUFFERS
+from wonderland.proofs.leaving import NEWEST
 from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.reduction import (
@@ -108,6 +109,8 @@ def look(batch: Batch, rows: Integers, rounds: int) -> Integers:
     if len(contradict):
         answer[contradict] = _without_one(batch, means.of(contradict), velocity[contradict])
     answer[means.nothing] = Look.STUCK if batch.steady else Look.OPEN
+    if not batch.steady and rounds > NEWEST:
+        answer[answer == Look.OPEN] = Look.ASK  # its newest rounds alone may tell more
     return answer
 
 
