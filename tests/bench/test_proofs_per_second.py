@@ -9,17 +9,21 @@ from __future__ import annotations
 import asyncio
 import os
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
 import psutil
 import pytest
+from bench_fabric import fabric_network
 from bench_tools import p50, p95, show
 from proof_actors import DRONES, PADS, ROUNDS, Actors
 
+from wonderland.ledger.connection import Connection
 from wonderland.ledger.embedded.administration import DirectoryAdministration
 from wonderland.ledger.embedded.directory import LedgerDirectory
 from wonderland.ledger.gateway import Gateway
+from wonderland.ledger.network import enrolment, taking_down
 
 FULL = os.environ.get("WONDERLAND_BENCH_FULL") == "1"
 PROOFS = 10_000 if FULL else 1_500
@@ -30,18 +34,31 @@ pytestmark = pytest.mark.bench
 
 
 class Memory:
-    """Resident memory (MB) and CPU time (s) of some processes."""
+    """Resident memory (MB) and CPU time (s) of groups of processes."""
 
     def __init__(self, **pids):
-        self._processes = {name: psutil.Process(pid) for name, pid in pids.items()}
+        self._groups = {
+            name: [psutil.Process(pid) for pid in ([pids[name]] if isinstance(pids[name], int) else pids[name])]
+            for name in pids
+        }
         self.rss_mb = {name: [] for name in pids}
 
     def sample(self):
-        for name, process in self._processes.items():
-            self.rss_mb[name].append(process.memory_info().rss / 1e6)
+        for name, group in self._groups.items():
+            self.rss_mb[name].append(sum(process.memory_info().rss for process in group) / 1e6)
 
     def cpu_s(self):
-        return {name: sum(process.cpu_times()[:2]) for name, process in self._processes.items()}
+        return {name: sum(sum(each.cpu_times()[:2]) for each in group) for name, group in self._groups.items()}
+
+
+@dataclass(frozen=True)
+class Place:
+    """A ledger that runs, with identities for all actors, and its processes by what they are."""
+
+    kind: str
+    connection_file: Path
+    pids: dict
+    goal: str
 
 
 @pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)])
@@ -51,16 +68,45 @@ def database_url(request, tmp_path):
     return request.getfixturevalue("postgres").new_database()
 
 
-async def test_complete_proofs(start_ledger, processes, database_url, keep):
-    connection, ledger = await start_ledger()
-    home = Path(ledger.ready["connection"]).parent
-    administration = DirectoryAdministration(LedgerDirectory(home))
-    for index in range(PADS):
-        administration.enrol(f"pad-{index}", role="pad", pol_id=f"pad-{index}")
-    for index in range(DRONES):
-        administration.enrol(f"uav-{index}", role="uav", pol_id=f"uav-{index}")
-    connection = type(connection).load(home)
-    options = ("--connection", str(home), "--database", database_url, "--listen", "127.0.0.1:0", "--json")
+@pytest.fixture(params=["embedded", pytest.param("fabric", marks=pytest.mark.fabric)])
+async def place(request, tmp_path):
+    """The embedded ledger in a process of its own; or Fabric with three organisations, one peer each, one orderer."""
+    if request.param == "embedded":
+        _, ledger = await request.getfixturevalue("start_ledger")()
+        home = Path(ledger.ready["connection"]).parent
+        administration = DirectoryAdministration(LedgerDirectory(home))
+        for index in range(PADS):
+            administration.enrol(f"pad-{index}", role="pad", pol_id=f"pad-{index}")
+        for index in range(DRONES):
+            administration.enrol(f"uav-{index}", role="uav", pol_id=f"uav-{index}")
+        yield Place("embedded", home / "connection.json", {"ledger": ledger.handle.pid}, "≥ 150")
+        return
+    network = await fabric_network(tmp_path / "net")
+    try:
+        requests = [enrolment.Request(f"pad-{index}", "pad", f"pad-{index}") for index in range(PADS)]
+        requests += [enrolment.Request(f"uav-{index}", "uav", f"uav-{index}") for index in range(DRONES)]
+        await enrolment.enrol(network, requests)
+        pids = {}
+        for name in network.processes.names():
+            if (pid := network.processes.pid(name)) is not None:
+                group = name.partition(".")[2].partition("-")[0].rstrip("0123456789")
+                pids.setdefault({"contract": "contract servers"}.get(group, f"{group}s"), []).append(pid)
+        yield Place("Fabric (Raft)", network.directory.connection_file, pids, "≥ 60")
+    finally:
+        await taking_down.take_down(network, lambda *_: None)
+
+
+async def test_complete_proofs(place, processes, database_url, keep):
+    connection = Connection.load(place.connection_file)
+    options = (
+        "--connection",
+        str(place.connection_file),
+        "--database",
+        database_url,
+        "--listen",
+        "127.0.0.1:0",
+        "--json",
+    )
     backend = await processes.start("backend", "backend", "serve", *options)
     async with (
         connection.open_channel() as channel,
@@ -75,7 +121,7 @@ async def test_complete_proofs(start_ledger, processes, database_url, keep):
         prepared = await actors.prepare(PROOFS + AT_ONCE)
         await asyncio.gather(*(actors.prove(each, 0) for each in prepared[:AT_ONCE]))
         await mirrored(http, await network.height())
-        memory = Memory(ledger=ledger.handle.pid, backend=backend.handle.pid, clients=os.getpid())
+        memory = Memory(**place.pids, backend=backend.handle.pid, clients=os.getpid())
         took, outcomes = [], []
         waiting = iter(list(enumerate(prepared[AT_ONCE:])))
         cpu_before = memory.cpu_s()
@@ -102,10 +148,10 @@ async def test_complete_proofs(start_ledger, processes, database_url, keep):
     assert kept == PROOFS + AT_ONCE
     kind = database_url.partition(":")[0]
     show(
-        f"{PROOFS} complete proofs ({ROUNDS} rounds × 4 anchors), {AT_ONCE} at a time, {kind}",
+        f"{PROOFS} complete proofs ({ROUNDS} rounds × 4 anchors), {AT_ONCE} at a time, {place.kind}, {kind}",
         ("figure", "value", "goal"),
         [
-            ("proofs/s until in the database", f"{PROOFS / whole_s:.0f}", "≥ 150"),
+            ("proofs/s until in the database", f"{PROOFS / whole_s:.0f}", place.goal),
             ("proofs/s until committed", f"{PROOFS / committed_s:.0f}", ""),
             ("the mirror after the last commit", f"{(whole_s - committed_s) * 1e3:.0f} ms behind", ""),
             ("one proof, p50 / p95", f"{p50(took):.0f} / {p95(took):.0f} ms", ""),
@@ -122,6 +168,7 @@ async def test_complete_proofs(start_ledger, processes, database_url, keep):
         ],
     )
     keep(
+        ledger=place.kind,
         database=kind,
         proofs=PROOFS,
         proofs_per_s=PROOFS / whole_s,

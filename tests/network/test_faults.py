@@ -13,7 +13,10 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 
 from fault_load import audit, faulty, kill, proofs_after
+from listening import Listener
 
+from wonderland.ledger.checkpoints import Checkpoint, MemoryCheckpointer
+from wonderland.ledger.gateway import Deadlines, Gateway, UnknownTransactionError
 from wonderland.ledger.network import bringing_up, keeping
 from wonderland.ledger.network.description import NetworkDescription
 from wonderland.ledger.network.leadership import is_leader
@@ -90,6 +93,73 @@ async def test_whatever_is_killed_nothing_is_lost_or_done_twice(robust, tmp_path
     rows = sqlite3.connect(tmp_path / "mirror.db")
     assert rows.execute("SELECT count(*) FROM verdicts").fetchone() == (len(load.account.proofs_s),)
     rows.close()
+
+
+async def test_a_listener_goes_on_over_kill_9_of_itself_its_peer_and_the_leading_orderer(robust, tmp_path):
+    network = robust.network
+    organisation = network.directory.organisation("PadMSP")
+    listener = Listener(organisation.connection_file, "pad_operator", tmp_path / "events.db")
+    told = []
+
+    async def register(count):
+        told.extend([(await robust.register_pad("pad_operator", "PadMSP")).tx_id for _ in range(count)])
+
+    await listener.start()
+    try:
+        await register(3)
+        await listener.kill()
+        await register(3)  # while nobody listens
+        await listener.start()
+        await kill(network, "PadMSP.peer0")  # whose stream it is
+        await register(3)
+        await kill(network, await leader(network))
+        await register(3)
+        await listener.kill()  # it comes back to peers of which one is gone
+        await register(1)
+        await listener.start()
+        await bringing_up.bring_up(network, robust.binaries, quiet)
+        await register(3)
+        await listener.reach(told[-1])
+    finally:
+        await listener.kill()
+    heard = [tx_id for _, tx_id, name in listener.rows() if name == "PadRegistered"]
+    assert heard[-len(told) :] == told
+    assert len(set(heard)) == len(heard)
+    blocks = [block for block, _, _ in listener.rows()]
+    assert blocks == sorted(blocks)
+
+
+async def test_a_checkpoint_of_another_network_is_said_before_anything_is_heard(robust):
+    """Fabric itself would stay silent for ever."""
+    done = await robust.register_pad()
+    async with robust.mirror() as network:
+        height = await network.height()
+        for checkpoint, says in (
+            (Checkpoint(done.block_number, "f" * 64), f"block {done.block_number} does not hold it"),
+            (Checkpoint(height - 1, done.tx_id[::-1]), "does not hold it"),
+        ):
+            keeper = MemoryCheckpointer()
+            keeper.save(checkpoint)
+            with pytest.raises(UnknownTransactionError, match=says) as caught:
+                await network.chaincode_events("pol", checkpointer=keeper, reconnect=True)
+            assert "Remove the checkpoint to begin anew" in str(caught.value)
+
+
+async def test_a_checkpoint_beyond_the_chain_is_waited_for_a_while_and_then_said(robust):
+    connection = robust.connection
+    async with connection.open_channel() as channel:
+        limits = Deadlines(catch_up_s=1.0)
+        gateway = Gateway(channel, connection.identity("mirror"), connection.signer("mirror"), deadlines=limits)
+        network = gateway.network(connection.channel)
+        beyond = await network.height() + 5
+        for stream in (
+            lambda keeper: network.chaincode_events("pol", checkpointer=keeper, reconnect=True),
+            lambda keeper: network.blocks(checkpointer=keeper, reconnect=True),
+        ):
+            keeper = MemoryCheckpointer()
+            keeper.save(Checkpoint(beyond))
+            with pytest.raises(UnknownTransactionError, match=f"continues at block {beyond}.*gets no more"):
+                await stream(keeper)
 
 
 async def test_what_ends_is_brought_up_again(robust):

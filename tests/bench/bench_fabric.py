@@ -1,0 +1,29 @@
+"""Fabric networks for the benchmarks."""
+
+from __future__ import annotations
+
+import pytest
+
+from wonderland.ledger.network import binaries, bringing_up, taking_down
+from wonderland.ledger.network.description import NetworkDescription
+from wonderland.ledger.network.errors import BinaryError
+from wonderland.ledger.network.layout import NetworkDirectory
+
+
+def quiet(_step, _text):
+    """Nobody listens."""
+
+
+async def fabric_network(directory, **described):
+    """A network that is up; without a description three organisations, one peer each, one orderer. Take it down!"""
+    try:
+        servers = await binaries.check()
+    except BinaryError as error:
+        pytest.skip(f"Fabric's servers are needed: {error}")
+    network = bringing_up.new_network(NetworkDirectory(directory), NetworkDescription.parse(described))
+    try:
+        await bringing_up.bring_up(network, servers, quiet)
+    except BaseException:
+        await taking_down.take_down(network, quiet)
+        raise
+    return network
