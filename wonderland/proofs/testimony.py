@@ -134,7 +134,7 @@ class TimeFinding:
                 text=f"Its frames' time stamps exclude every place in the buffer by {decimal(timed.significance)} σ.",
             )
             return replace(signed, outcome="refuted", reasons=(*signed.reasons, reason))
-        if timed.finding == "inside" and timed.agrees and signed.outcome == "refuted":
+        if timed.finding == "inside" and signed.outcome == "refuted":
             reason = Reason(
                 code="measurements_contradict",
                 text="Two-way ranges refute the claim and time stamps prove it: one of the two is wrong.",

@@ -113,7 +113,7 @@ def decide(
     if assurance == KEYED:
         assurance += timed.earned
         if timed.proved_inside:
-            assurance += seen.earned
+            assurance += int(seen.proved_inside)
     blocked = timed.say(policy.min_assurance, reasons) or seen.say(policy.min_assurance, reasons) or blocked
     more_frames = max(timed.wanted, seen.wanted) if assurance < policy.min_assurance and not blocked else 0
     if assurance < policy.min_assurance:
