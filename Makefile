@@ -66,6 +66,9 @@ figures: $(VENV)/.ready ## Draw the pictures of docs/method.md
 screenshots: setup ## Take the documentation's pictures from a running demo (needs Chromium)
 	@$(BIN)/python scripts/screenshots.py
 
+threat-model: setup ## Play the attack lab anew for docs/threat-model.md (an hour or two)
+	@$(BIN)/python scripts/threat_model.py
+
 vectors: $(VENV)/.ready ## Regenerate the golden vectors of the verdict (read the diff!)
 	@$(BIN)/python tests/vectors/make_verdicts.py
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -63,6 +64,43 @@ def show(result: LabResult, console: Console) -> None:
         console.print("[bold red]Attacks in red did not come out as documented.[/bold red]")
 
 
+def result_from(texts: Sequence[str]) -> LabResult:
+    """Runs read back from their ``attacks.json``, as one: of each attack and level, the run with the most tries counts.
+
+    Raises ValueError for a text that is none.
+    """
+    runs = [_parsed(text) for text in texts]
+    attacks: dict[str, AttackResult] = {}
+    for one in runs:
+        for attack in one.attacks:
+            before = attacks.get(attack.name)
+            attacks[attack.name] = attack if before is None else _together(before, attack)
+    first = runs[0]
+    tries = max(one.tries for one in runs)
+    return LabResult(first.seed, tries, sum(one.took_s for one in runs), first.versions, tuple(attacks.values()))
+
+
+def _together(one: AttackResult, other: AttackResult) -> AttackResult:
+    levels = {level.level: level for level in one.levels}
+    for level in other.levels:
+        if level.level not in levels or level.tries > levels[level.level].tries:
+            levels[level.level] = level
+    # Levels that go the same way were one simulation: the larger run of one of them stands for all.
+    return replace(other, levels=tuple(levels[level] for level in sorted(levels)))
+
+
+def _parsed(text: str) -> LabResult:
+    try:
+        value = json.loads(text)
+        attacks = tuple(
+            AttackResult(**{**attack, "levels": tuple(LevelResult(**level) for level in attack["levels"])})
+            for attack in value.pop("attacks")
+        )
+        return LabResult(**value, attacks=attacks)
+    except (TypeError, KeyError, AttributeError) as error:
+        raise ValueError(f"no attacks.json of this version: {error}") from error
+
+
 def grouped(levels: Sequence[LevelResult]) -> list[tuple[tuple[int, ...], LevelResult]]:
     """Levels at which an attack goes the same way, together."""
     groups: list[tuple[tuple[int, ...], LevelResult]] = []
@@ -98,16 +136,14 @@ def markdown(result: LabResult) -> str:
         lines += [
             f"### {title}",
             "",
-            "| Attack | The attacker controls; *cost* | Assurance | Permissions won | Refuted; open | Found after |",
-            "|---|---|---|---|---|---|",
+            "| Attack | The attacker controls; *cost* | Level | Tries | Permissions won | Refuted; open | Found |",
+            "|---|---|---|---|---|---|---|",
         ]
         for attack in attacks:
             lines += _rows(attack)
         lines.append("")
     lines.append(
-        f"{result.tries:,} tries of each attack on the core, seed {result.seed}; "
-        + ", ".join(f"{name} {version}" for name, version in result.versions.items())
-        + "."
+        f"Seed {result.seed}; " + ", ".join(f"{name} {version}" for name, version in result.versions.items()) + "."
     )
     return "\n".join(lines) + "\n"
 
@@ -121,7 +157,7 @@ def _rows(attack: AttackResult) -> list[str]:
         won = "**0**" if not one.won else f"**{share(one.won, one.tries)}**"
         bound = f"≤ {percent(one.won_high)}" if not one.won else f"{percent(one.won_low)}–{percent(one.won_high)}"
         rows.append(
-            f"| {name} | {controls} | {span(levels)} | {won} ({bound}) | "
+            f"| {name} | {controls} | {span(levels)} | {one.tries:,} | {won} ({bound}) | "
             f"{share(one.refuted + one.refused, one.tries)}; {share(one.open, one.tries)} | {found_after(one)} |"
         )
     return rows

@@ -13,6 +13,7 @@ from simulator.attack_lab import ATTACKS, LabError, LabSettings, UnknownAttackEr
 from simulator.attack_lab import judge as judging
 from simulator.attack_lab.judge import run_batch, verdict_of
 from simulator.attack_lab.model import interval, percent, share
+from simulator.attack_lab.report import markdown, result_from
 from simulator.attack_lab.screen import Look, look
 
 TRIES = 12
@@ -107,3 +108,17 @@ def test_the_list_says_of_each_what_it_costs_and_what_stops_it():
         assert all(each[field] for field in ("title", "controls", "cost", "wins", "stops"))
     done = CliRunner().invoke(command, ["--list"])
     assert "at no level" in done.output
+
+
+def test_runs_are_put_together_and_into_the_page(tmp_path):
+    small, large = (
+        run(LabSettings(attacks=("early-commit",), tries=tries, processes=1, levels=levels))
+        for tries, levels in ((4, (1, 2)), (6, (2,)))
+    )
+    both = result_from([json.dumps(one.to_json()) for one in (small, large)])
+    assert [(level.level, level.tries) for level in both.attacks[0].levels] == [(1, 4), (2, 6)]
+    text = markdown(both)
+    assert "| 1 | 4 | **100 %**" in text
+    assert "| 2 | 6 | **0** (≤" in text
+    with pytest.raises(ValueError, match="no attacks.json"):
+        result_from(["{}"])

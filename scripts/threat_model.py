@@ -1,0 +1,61 @@
+"""Plays the attack lab and puts its tables and pictures into ``docs/threat-model.md`` (``make threat-model``)."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from rich.console import Console
+
+from simulator.attack_lab import LabResult, LabSettings, run, total_tries
+from simulator.attack_lab.plots import draw_detection, draw_permissions
+from simulator.attack_lab.report import markdown, result_from
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+BEGIN, END = "<!-- attacks: made by make threat-model -->", "<!-- /attacks -->"
+
+
+def insert(page: str, table: str) -> str:
+    """The page with what stands between the marks replaced; raises ValueError without the marks."""
+    before, begin, rest = page.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(f"the page has no lines {BEGIN!r} and {END!r}")
+    return f"{before}{begin}\n\n{table}\n{end}{after}"
+
+
+def main() -> int:
+    """Measure, or take what was measured, and write; 1 where an attack did not come out as documented."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--tries", type=int, default=100_000, help="of each attack (an hour or two on two cores)")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--from", dest="found", nargs="*", type=Path, default=[], help="attacks.json of earlier runs")
+    chosen = parser.parse_args()
+    console = Console(stderr=True)
+    if chosen.found:
+        result = result_from([path.read_text() for path in chosen.found])
+    else:
+        result = _measure(LabSettings(tries=chosen.tries, seed=chosen.seed), console)
+    page = DOCS / "threat-model.md"
+    page.write_text(insert(page.read_text(), markdown(result)))
+    draw_permissions(result, DOCS / "images" / "attacks-permissions.svg")
+    draw_detection(result, DOCS / "images" / "attacks-detection.svg")
+    console.print(f"Wrote {page}")
+    return 0 if result.as_documented else 1
+
+
+def _measure(settings: LabSettings, console: Console) -> LabResult:
+    left = sum(total_tries(settings).values())
+    with console.status("") as status:
+
+        def heard(name: str, tries: int) -> None:
+            nonlocal left
+            left -= tries
+            status.update(f"{name}: {left:,} tries to go")
+
+        return run(settings, heard)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
