@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 _path = Path(__file__).parent.parent / "ledger_embedded" / "conftest.py"
 _spec = importlib.util.spec_from_file_location("embedded_conftest", _path)
 _helpers = importlib.util.module_from_spec(_spec)

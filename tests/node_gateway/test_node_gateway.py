@@ -5,41 +5,20 @@ registry the tests skip and say so.
 """
 
 import asyncio
-import hashlib
 import json
-import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
+from node_client import program
 
 HERE = Path(__file__).parent
-OLDEST_NODE = (20, 19)
 pytestmark = [pytest.mark.node, pytest.mark.timeout(300)]
 
 
 @pytest.fixture(scope="module")
 def node():
     """The node program, with the client installed."""
-    program, npm = shutil.which("node"), shutil.which("npm")
-    if program is None or npm is None:
-        pytest.skip("Node.js and npm are not installed; the official client cannot be run")
-    version = subprocess.run([program, "--version"], capture_output=True, text=True, check=True).stdout.strip()
-    if tuple(int(part) for part in version.removeprefix("v").split(".")[:2]) < OLDEST_NODE:
-        pytest.skip(f"Node.js {version} is older than {'.'.join(map(str, OLDEST_NODE))}, which the client needs")
-    wanted = hashlib.sha256((HERE / "package-lock.json").read_bytes()).hexdigest()
-    stamp = HERE / "node_modules" / ".installed"
-    if not stamp.exists() or stamp.read_text() != wanted:
-        try:
-            done = subprocess.run(
-                [npm, "ci", "--ignore-scripts"], cwd=HERE, capture_output=True, text=True, timeout=240, check=False
-            )
-        except subprocess.TimeoutExpired:
-            pytest.skip("npm ci did not finish within 240 s; is there a registry?")
-        if done.returncode:
-            pytest.skip(f"npm ci could not install the official client: {done.stderr.strip()[-300:]}")
-        stamp.write_text(wanted)
-    return program
+    return program()
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from wonderland.ledger.network import binaries
 from wonderland.ledger.network.errors import BinaryError
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
+from node_client import Bridge, NodePeople
 from scenario_world import PLACES, Site, people_at
 
 
@@ -31,10 +32,30 @@ def ledger(request, tmp_path_factory):
         place.stop()
 
 
+def pytest_generate_tests(metafunc):
+    """Chosen scenarios are played twice: by our client, and by the official one for Node.js."""
+    if getattr(metafunc.function, "also_with_the_node_client", False):
+        metafunc.parametrize("client", ["python", pytest.param("node", marks=pytest.mark.node)])
+
+
 @pytest.fixture
-async def people(ledger):
-    async with people_at(ledger) as people:
-        yield people
+def client():
+    """Which client the people use."""
+    return "python"
+
+
+@pytest.fixture
+async def people(ledger, client):
+    if client == "python":
+        async with people_at(ledger) as people:
+            yield people
+        return
+    async with people_at(ledger, NodePeople) as people:
+        people.bridge = await Bridge.start(ledger.connection_file)
+        try:
+            yield people
+        finally:
+            await people.bridge.close()
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 import asyncio
 
 import pytest
+from scenario_world import also_with_the_node_client
 
 from wonderland.ledger.gateway import CommitError
 
@@ -10,6 +11,7 @@ pytestmark = pytest.mark.timeout(180)
 TEXT = {"type": "std_msgs/msg/String", "media_type": "text/plain"}
 
 
+@also_with_the_node_client
 async def test_two_drones_that_want_one_prekey(people, site):
     """Both are endorsed on the same state; one is invalid, and the contract then tells it why."""
     wish = site.wish("k0")
@@ -24,6 +26,7 @@ async def test_requests_with_different_prekeys_do_not_conflict(people, site):
     assert await people.outcomes(transactions) == ["VALID"] * 3
 
 
+@also_with_the_node_client
 async def test_an_update_of_what_has_changed_meanwhile_is_invalid_and_changes_nothing(people, tag):
     uav = people["uav"]
     await uav.submit("CreateAsset", TEXT, id=tag, value="0")
@@ -77,6 +80,7 @@ async def test_many_writers_of_one_asset_all_get_through(people, tag):
     assert sorted(each["asset"]["value"] for each in changes) == ["start", *values]
 
 
+@also_with_the_node_client
 async def test_history_is_told_newest_first_with_deletions(people, tag):
     uav = people["uav"]
     done = [(await uav.submitted("CreateAsset", TEXT, id=tag, value="1"))[0]]
@@ -99,6 +103,7 @@ async def test_assets_are_their_owners(people, tag):
     await people["uav"].finds_nothing("ReadAsset", id=tag)
 
 
+@also_with_the_node_client
 async def test_a_range_ends_where_the_next_pad_begins(people, site_of, tag):
     """The identifiers of these pads begin alike, and their prekeys lie side by side in the state."""
     site = await site_of()

@@ -1,6 +1,7 @@
 """Who must sign: the authority and an operator of pads; and for what belongs to a pad, its own operator."""
 
 import pytest
+from scenario_world import also_with_the_node_client, witnesses
 
 from wonderland.ledger.gateway import CommitError
 
@@ -17,6 +18,7 @@ async def not_enough(person, organisations, function, argument=None, /, **fields
     return raised.value
 
 
+@also_with_the_node_client
 @pytest.mark.parametrize(
     ("organisations", "enough"),
     [
@@ -38,6 +40,7 @@ async def test_a_transaction_needs_the_authority_and_an_operator_of_pads(people,
         await uav.finds_nothing("ReadAsset", id=tag)
 
 
+@also_with_the_node_client
 async def test_the_gateway_finds_out_itself_who_must_sign(people, site_of):
     """Nobody names organisations; the second operator's pad is signed for by the second operator."""
     site = await site_of("Pad2MSP")
@@ -51,6 +54,7 @@ async def test_the_gateway_finds_out_itself_who_must_sign(people, site_of):
     assert verdict["permission"] == "granted"
 
 
+@also_with_the_node_client
 async def test_the_other_operators_signature_does_not_count_for_a_pad(site_of):
     """A session of one operator's pad from its request to its end: the authority and the other operator cannot."""
     site = await site_of("Pad2MSP")
@@ -74,6 +78,38 @@ async def test_the_other_operators_signature_does_not_count_for_a_pad(site_of):
     assert (pad["name"], pad["status"]) == ("Roof", "commissioned")
 
 
+@also_with_the_node_client
+async def test_a_witness_brings_its_own_organisation(people, site_of):
+    """The second operator's pad watches the first operator's: what either brings needs its own organisation."""
+
+    def clocks(anchors):
+        return {"timestamp_sigma_mm": 30, "anchors": witnesses.anchors(anchors)}
+
+    site = await site_of(survey=clocks(witnesses.PAD_ANCHORS))
+    watch = await site_of("Pad2MSP", survey=clocks(witnesses.WITNESS_ANCHORS))
+    policy = {"min_assurance": 4, "witness_pad_id": watch.pad_id}
+    await site.admin.submit("SetPolicy", pad_id=site.pad_id, action="land", policy=policy)
+    wish = {**site.wish(), "witness_prekey_id": "k0"}
+    for one_of_them in (["AuthorityMSP", "PadMSP"], ["AuthorityMSP", "Pad2MSP"]):
+        await not_enough(site.uav, one_of_them, "RequestProof", wish)
+    done, session = await site.uav.submitted("RequestProof", wish)
+    assert await people.endorsers(done) == {"AuthorityMSP", "PadMSP", "Pad2MSP"}
+
+    its, scene = {"session_id": session["session_id"]}, site.scene()
+    seen = {
+        "radio": {"measured_by": "pad", "sts": "provisioned"},
+        "time_stamps": witnesses.stamps(scene, witnesses.WITNESS_ANCHORS, bound_by="key"),
+    }
+    evidence = site.evidence(session, time_stamps=witnesses.stamps(scene, witnesses.PAD_ANCHORS))
+    await site.pad.is_refused(403, "NOT_THIS_PAD", "WitnessProof", its, **seen)
+    testimony = await watch.pad.submit("WitnessProof", its, **seen)
+    assert await site.mirror.query("ReadTestimony", its) == testimony
+    verdict = await site.pad.submit("SubmitProof", its, evidence=evidence)
+    assert (verdict["permission"], verdict["assurance"]) == ("granted", 4), verdict["reasons"]
+    assert verdict["witness"]["pad_id"] == watch.pad_id
+
+
+@also_with_the_node_client
 async def test_two_verdicts_at_once_leave_one(people, site):
     """The second comes to a key that the first has just made: not its endorsers to count on, or not its version."""
     session = await site.request()

@@ -219,7 +219,7 @@ async def people(ledger, tmp_path):
     async with people_at(ledger, TwinPeople) as people:
         twin = twin_of(ledger.network, tmp_path / "twin.sqlite3", await _height(people))
         async with twin as (chain, address):
-            connection = dataclasses.replace(people.connection, gateway=address)
+            connection = dataclasses.replace(people.connection, gateway=address, others=(), client_tls=None)
             async with connection.open_channel() as channel:
                 people.twin_channel = channel
                 people.twin = chain

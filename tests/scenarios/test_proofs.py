@@ -1,6 +1,7 @@
 """A drone asks to land: what the ledger says when it is honest, when it lies, and when nothing comes of it."""
 
 import pytest
+from scenario_world import also_with_the_node_client
 
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of
@@ -23,6 +24,7 @@ async def told(people, since, session_id):
     return names
 
 
+@also_with_the_node_client
 async def test_an_honest_drone_lands(people, site):
     done, session = await site.uav.submitted("RequestProof", site.wish())
     assert (session["state"], session["session_id"]) == ("requested", done.tx_id)
@@ -45,6 +47,7 @@ async def test_an_honest_drone_lands(people, site):
     ]
 
 
+@also_with_the_node_client
 async def test_a_liar_is_refuted_and_may_not_land(people, site):
     done, session = await site.uav.submitted("RequestProof", site.wish())
     verdict = await site.judge(session, truth=FIFTY_METRES_AWAY)
@@ -72,6 +75,7 @@ async def test_somebody_elses_signature_proves_nothing(people, site):
     assert verdict["outcome"] != "verified"
 
 
+@also_with_the_node_client
 async def test_a_session_expires_and_is_cancelled(people, site):
     session = await site.request()
     session_id = session["session_id"]
@@ -83,6 +87,7 @@ async def test_a_session_expires_and_is_cancelled(people, site):
     assert "is cancelled; this needs one that is requested" in text
 
 
+@also_with_the_node_client
 async def test_a_prekey_serves_once(site):
     session = await site.request("k1")
     await site.uav.is_refused(409, "PREKEY_USED", "RequestProof", site.wish("k1"))

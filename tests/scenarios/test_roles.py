@@ -3,6 +3,7 @@
 import asyncio
 
 import pytest
+from scenario_world import also_with_the_node_client
 
 from wonderland.ledger.gateway import EndorseError
 from wonderland.proofs.records.transactions import ROLES, TRANSACTIONS
@@ -10,6 +11,7 @@ from wonderland.proofs.records.transactions import ROLES, TRANSACTIONS
 pytestmark = pytest.mark.timeout(180)
 
 
+@also_with_the_node_client
 @pytest.mark.parametrize("role", ROLES)
 async def test_a_role_is_refused_what_is_not_its_own(people, role):
     """By its certificate, before the argument is even read."""
@@ -38,6 +40,7 @@ async def test_one_operators_pads_are_not_the_others(people, site):
     assert renamed["msp_id"] == "PadMSP"
 
 
+@also_with_the_node_client
 async def test_a_pad_and_a_drone_speak_for_themselves(site_of):
     here, there = await asyncio.gather(site_of(), site_of("Pad2MSP"))
     prekeys = [{"prekey_id": "x", "public_key": here.scene().point(99)}]

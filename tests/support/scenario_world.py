@@ -36,19 +36,20 @@ PATIENCE_S = 60
 """For what comes soon, on a machine that is busy with other tests."""
 
 
-def _scene_class():
-    """The pad, the drone and the evidence of the contract's own tests."""
-    path = Path(__file__).parent.parent / "chaincode" / "conftest.py"
-    name = "chaincode_scene"
+def _contract_tests(file):
+    """The pads, the drones and the evidence of the contract's own tests."""
+    name = f"scenario_{file}"
     if name not in sys.modules:
+        path = Path(__file__).parent.parent / "chaincode" / f"{file}.py"
         spec = importlib.util.spec_from_file_location(name, path)
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module
         spec.loader.exec_module(module)
-    return sys.modules[name].Scene
+    return sys.modules[name]
 
 
-Scene = _scene_class()
+Scene = _contract_tests("conftest").Scene
+witnesses = _contract_tests("test_witnesses")
 
 
 def quiet(_step, _text):
@@ -172,6 +173,12 @@ PLACES = {place.kind: place for place in (EmbeddedPlace, FabricPlace)}
 # --- the people
 
 
+def also_with_the_node_client(test):
+    """Marks a scenario that the official Node client plays, too."""
+    test.also_with_the_node_client = True
+    return test
+
+
 class Person:
     """Somebody with a certificate, at the contract."""
 
@@ -241,7 +248,7 @@ class People:
         self.channel = channel
         self._watches = watches
         self._known = {}
-        self._behind_ms = 60_000
+        self.behind_ms = 60_000
 
     def __getitem__(self, name):
         if name not in self._known:
@@ -250,15 +257,15 @@ class People:
 
     @property
     def now_ms(self):
-        return time.time_ns() // 1_000_000 - self._behind_ms
+        return time.time_ns() // 1_000_000 - self.behind_ms
 
     def now_ns(self):
-        return time.time_ns() - self._behind_ms * 1_000_000
+        return time.time_ns() - self.behind_ms * 1_000_000
 
     def later(self, ms):
         """So much time passes for everybody."""
-        assert ms <= self._behind_ms
-        self._behind_ms -= ms
+        assert ms <= self.behind_ms
+        self.behind_ms -= ms
 
     async def everywhere(self, block_number):
         """Wait until every peer has the block: one that lags would answer from before it."""
@@ -322,14 +329,15 @@ class Site:
         self.pad = self.uav = None
         self._prekeys = 0
 
-    async def ready(self, *, authorised=True):
+    async def ready(self, *, authorised=True, survey=None):
         people = self.people
         self.pad = await people.enrol("pad", self.pad_id, self.pad_msp_id)
         self.uav = await people.enrol("uav", self.uav_id)
         valid = {"valid_from_ms": people.now_ms - 60_000, "valid_until_ms": people.now_ms + 10**10}
         scene = self.scene()
         await self.operator.submit("RegisterPad", scene.pad_argument(self.pad_id))
-        await self.operator.submit("CommissionPad", pad_id=self.pad_id, commissioning=scene.commissioning(**valid))
+        commissioning = scene.commissioning(**valid, **(survey or {}))
+        await self.operator.submit("CommissionPad", pad_id=self.pad_id, commissioning=commissioning)
         await self.offer()
         await self.fleet.submit("RegisterUav", scene.uav_argument(self.uav_id))
         maintenance = {"performed_ms": people.now_ms - 60_000, "valid_until_ms": valid["valid_until_ms"]}

@@ -5,6 +5,7 @@ The blocks are this ledger's own, so they are taken apart without the checks tha
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 
 from fabric_protos.common import common_pb2
@@ -15,6 +16,7 @@ from fabric_protos.peer import (
     proposal_response_pb2,
     transaction_pb2,
 )
+from google.protobuf.message import DecodeError
 
 
 def chaincode_events(raw: bytes) -> list[tuple[str, str, bytes]]:
@@ -45,12 +47,14 @@ def filtered_block_response(raw: bytes, channel: str) -> bytes:
         if header.type != common_pb2.ENDORSER_TRANSACTION:
             continue
         transaction.transaction_actions.SetInParent()
-        # Invalid transactions may hold anything; their contents are only opened as far as they can be.
-        for action in _actions(payload) if code == transaction_pb2.VALID else ():
-            if action.events:
-                event = chaincode_event_pb2.ChaincodeEvent.FromString(action.events)
-                event.payload = b""
-                transaction.transaction_actions.chaincode_actions.add(chaincode_event=event)
+        # As on Fabric, also the events of invalid transactions: what did not happen is told by the code. Those may
+        # hold anything; their contents are only opened as far as they can be.
+        with contextlib.suppress(DecodeError):
+            for action in _actions(payload):
+                if action.events:
+                    event = chaincode_event_pb2.ChaincodeEvent.FromString(action.events)
+                    event.payload = b""
+                    transaction.transaction_actions.chaincode_actions.add(chaincode_event=event)
     return bytes(events_pb2.DeliverResponse(filtered_block=filtered).SerializeToString())
 
 
