@@ -286,4 +286,12 @@ def _offline(
 def _report(path: Path, found: Calibrated, name: str) -> Path:
     from edge_agent.commissioning.report import write_report  # noqa: PLC0415 - loads Matplotlib
 
-    return write_report(path, found.fit, found.record, found.reaches, found.map, title=f"Calibration of {name}")
+    return write_report(
+        path,
+        found.fit,
+        found.record,
+        found.reaches,
+        found.map,
+        title=f"Calibration of {name}",
+        by_distance=found.by_distance,
+    )

@@ -18,6 +18,8 @@ from edge_agent.commissioning.errors import CalibrationError
 from edge_agent.commissioning.run import Floats, Windows
 
 MAX_KNOTS: Final = 24
+MAX_UNKNOWNS: Final = 240
+"""Of all anchors' curves together: sixteen anchors make do with fifteen knots each."""
 MIN_SPACING_M: Final = 0.5
 WINDOWS_PER_KNOT: Final = 6
 """Seconds of each anchor, on average, between two knots: fewer would draw noise."""
@@ -58,7 +60,8 @@ def choose_knots(distance_m: Floats) -> Floats:
             "(some minutes are usual)"
         )
     low, high = (float(np.quantile(present, share)) for share in (0.002, 0.998))
-    spacing = max(MIN_SPACING_M, (high - low) / (MAX_KNOTS - 1))
+    most = min(MAX_KNOTS, MAX_UNKNOWNS // distance_m.shape[1])
+    spacing = max(MIN_SPACING_M, (high - low) / (most - 1))
     per_knot = WINDOWS_PER_KNOT * distance_m.shape[1]
     knots = [low]
     while True:
@@ -87,26 +90,33 @@ def fit_curves(data: Windows) -> tuple[Curves, Floats]:
     """The curves, and every window's error with curves that never saw it (w, a): what a later session will see."""
     knots = choose_knots(data.distance_m)
     fold = folds(data)
-    count = int(fold.max()) + 1
-    best: tuple[float, float, float, Floats] | None = None
-    for smoothness in SMOOTHNESS:
-        for sharing in SHARING:
-            held = np.full_like(data.error_m, np.nan)
-            for index in range(count):
-                out = fold == index
-                if out.all() or not out.any():
-                    continue
-                bias = _solve(data.distance_m[~out], data.error_m[~out], knots, smoothness, sharing)
-                held[out] = data.error_m[out] - Curves(knots, bias, smoothness, sharing).at(data.distance_m[out])
-            values = held[np.isfinite(held)]
-            score = float(np.mean(np.abs(values))) if len(values) else np.inf
-            if best is None or score < best[0] * (1 - 1e-4):
-                best = (score, smoothness, sharing, held)
-    if best is None or not np.isfinite(best[0]):
+    if len(np.unique(fold)) < 2:
         raise CalibrationError("the run is too short to hold a part of it out; record for at least a minute")
-    _, smoothness, sharing, held = best
+    tried: dict[tuple[float, float], tuple[float, Floats]] = {}
+
+    def score(smoothness: float, sharing: float) -> float:
+        if (smoothness, sharing) not in tried:
+            held = _held_out(data, fold, knots, smoothness, sharing)
+            tried[smoothness, sharing] = (float(np.nanmean(np.abs(held))), held)
+        return tried[smoothness, sharing][0]
+
+    # One penalty after the other, and the first once more: the two hardly depend on each other.
+    sharing = SHARING[len(SHARING) // 2]
+    smoothness = min(SMOOTHNESS, key=lambda value: score(value, sharing))
+    sharing = min(SHARING, key=lambda value: score(smoothness, value))
+    smoothness = min(SMOOTHNESS, key=lambda value: score(value, sharing))
     bias = _solve(data.distance_m, data.error_m, knots, smoothness, sharing)
-    return Curves(knots, bias, smoothness, sharing), held
+    return Curves(knots, bias, smoothness, sharing), tried[smoothness, sharing][1]
+
+
+def _held_out(data: Windows, fold: NDArray[np.int_], knots_m: Floats, smoothness: float, sharing: float) -> Floats:
+    """Every window's error with curves that never saw its fold (w, a)."""
+    held = np.full_like(data.error_m, np.nan)
+    for index in np.unique(fold):
+        out = fold == index
+        bias = _solve(data.distance_m[~out], data.error_m[~out], knots_m, smoothness, sharing)
+        held[out] = data.error_m[out] - Curves(knots_m, bias, smoothness, sharing).at(data.distance_m[out])
+    return held
 
 
 def _solve(distance_m: Floats, error_m: Floats, knots_m: Floats, smoothness: float, sharing: float) -> Floats:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from edge_agent.commissioning.errors import CalibrationError, CommissioningError, RecordingError
 from edge_agent.commissioning.fit import Fit, FitSettings, Note, fit_runs
-from edge_agent.commissioning.reach import Reach, ReachMap, reach, reach_map
+from edge_agent.commissioning.reach import Reach, ReachMap, reach, reach_map, rounds_by_distance
 from edge_agent.commissioning.recording import Recording
 from edge_agent.commissioning.reference import load_track
 from edge_agent.commissioning.run import Run
@@ -52,6 +52,8 @@ class Calibrated:
     record: Commissioning
     reaches: list[Reach]
     map: ReachMap
+    by_distance: tuple[tuple[float, int], ...]
+    """Rounds that an honest claim takes in the worst direction at usual distances, for the map's buffer; -1: no-go."""
     shift_s: float
     notes: tuple[Note, ...]
 
@@ -60,6 +62,10 @@ class Calibrated:
         out = self.fit.document()
         out["truth_shift_s"] = round(self.shift_s, 3)
         out["reach"] = [item.document() for item in self.reaches]
+        out["rounds"] = [
+            {"buffer_m": self.map.buffer_m, "distance_m": distance, "rounds": rounds}
+            for distance, rounds in self.by_distance
+        ]
         out["warnings"] = [{"code": note.code, "text": note.text} for note in self.notes]
         return out
 
@@ -129,6 +135,7 @@ def finish(
         record,
         reach(record, policy, buffers_m=buffers, height_m=height_m),
         reach_map(record, policy, height_m=height_m),
+        tuple(rounds_by_distance(record, policy, height_m=height_m)),
         shift_s,
         tuple(notes),
     )

@@ -13,12 +13,14 @@ from edge_agent.commissioning.run import Floats
 from wonderland.proofs.prospects import prospect
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.stopping import rounds_needed
 
 BUFFERS_M: Final = (0.5, 1.0, 2.0, 3.0, 5.0, 10.0)
-BEARINGS: Final = 16
+DISTANCES_M: Final = (2.0, 5.0, 8.0, 10.0, 13.0, 16.0, 20.0, 30.0, 40.0)
+BEARINGS: Final = 12
 STEP_M: Final = 0.5
 MAX_REACH_M: Final = 200.0
-MAP_CELLS: Final = 41
+MAP_CELLS: Final = 37
 DEFAULT_HEIGHT_M: Final = 3.0
 
 
@@ -75,12 +77,27 @@ class ReachMap:
     """(north, east)"""
 
 
-def rounds_at(commissioning: Commissioning, policy: Policy, east_m: float, north_m: float, up_m: float) -> int:
-    """Rounds for an honest drone at a place of the pad's frame; -1 where none or more than the policy allows."""
-    found = prospect(commissioning, policy, east_m * 1000, north_m * 1000, up_m * 1000)
-    if found is None or not 0 <= found.rounds <= policy.max_rounds:
-        return -1
-    return max(found.rounds, 1)
+class Prospects:
+    """What an honest claim takes, by place: each place is worked out once and asked for any buffer.
+
+    ``policies``: rising by their buffer. Places are in the pad's frame, metres.
+    """
+
+    def __init__(self, commissioning: Commissioning, policies: Sequence[Policy], height_m: float) -> None:
+        self.policies: Final = tuple(policies)
+        self._commissioning = commissioning
+        self._up_mm = height_m * 1000
+
+    def rounds(self, east_m: float, north_m: float) -> tuple[int, ...]:
+        """Rounds for each policy; -1 where none, or more than the policy allows, settle it."""
+        widest = self.policies[-1]
+        found = prospect(self._commissioning, widest, east_m * 1000, north_m * 1000, self._up_mm)
+        if found is None or found.rounds < 0:  # what the widest buffer cannot settle no other can
+            return (-1,) * len(self.policies)
+        axes = found.one_round.ellipse()
+        floor = found.floor.along(axes.east, axes.north)
+        white = max(found.one_round.along(axes.east, axes.north) - floor, 0.0)
+        return tuple(_allowed(rounds_needed(0.0, white, floor, policy), policy) for policy in self.policies)
 
 
 def reach(
@@ -90,20 +107,25 @@ def reach(
     buffers_m: Sequence[float] = BUFFERS_M,
     height_m: float = DEFAULT_HEIGHT_M,
 ) -> list[Reach]:
-    """For each buffer, how far out the pad verifies it, at a height above the pad's origin."""
+    """For each buffer (rising), how far out the pad verifies it, at a height above the pad's origin."""
     policy = policy or Policy()
-    east, north = middle(commissioning)
+    policies = [replace(policy, buffer_mm=round(buffer * 1000)) for buffer in buffers_m]
+    prospects = Prospects(commissioning, policies, height_m)
     furthest = min(commissioning.max_range_mm / 1000, MAX_REACH_M)
+    rings = [(distance, _ring(prospects, middle(commissioning), distance)) for distance in _steps(furthest)]
+    return [_reach_of(buffer, [(d, ring[index]) for d, ring in rings]) for index, buffer in enumerate(buffers_m)]
+
+
+def rounds_by_distance(
+    commissioning: Commissioning, policy: Policy, *, height_m: float = DEFAULT_HEIGHT_M
+) -> list[tuple[float, int]]:
+    """(horizontal distance in m, rounds of the worst direction there or -1) at usual distances."""
+    prospects = Prospects(commissioning, [policy], height_m)
     return [
-        _reach_of(commissioning, replace(policy, buffer_mm=round(buffer * 1000)), east, north, height_m, furthest)
-        for buffer in buffers_m
+        (distance, _ring(prospects, middle(commissioning), distance)[0].worst)
+        for distance in DISTANCES_M
+        if distance * 1000 <= commissioning.max_range_mm
     ]
-
-
-def go(commissioning: Commissioning, policy: Policy, distance_m: float, *, height_m: float = DEFAULT_HEIGHT_M) -> int:
-    """Rounds of the worst direction at a distance; -1: no-go."""
-    east, north = middle(commissioning)
-    return _worst(commissioning, policy, east, north, height_m, distance_m)[0]
 
 
 def reach_map(
@@ -118,10 +140,8 @@ def reach_map(
     east, north = middle(commissioning)
     half = half_m if half_m is not None else min(commissioning.max_range_mm / 1000, 40.0)
     offsets = np.linspace(-half, half, MAP_CELLS)
-    rounds = np.array(
-        [[rounds_at(commissioning, policy, east + x, north + y, height_m) for x in offsets] for y in offsets],
-        dtype=float,
-    )
+    prospects = Prospects(commissioning, [policy], height_m)
+    rounds = np.array([[prospects.rounds(east + x, north + y)[0] for x in offsets] for y in offsets], dtype=float)
     return ReachMap(policy.buffer_mm / 1000, height_m, east + offsets, north + offsets, rounds)
 
 
@@ -134,37 +154,46 @@ def middle(commissioning: Commissioning) -> tuple[float, float]:
     )
 
 
-def _reach_of(
-    commissioning: Commissioning, policy: Policy, east: float, north: float, height_m: float, furthest: float
-) -> Reach:
+@dataclass(frozen=True)
+class _Ring:
+    """All directions at one distance."""
+
+    worst: int
+    """Rounds of the worst direction; -1 where one does not go."""
+    some: bool
+    """Whether at least one goes."""
+
+
+def _ring(prospects: Prospects, centre: tuple[float, float], distance_m: float) -> tuple[_Ring, ...]:
+    """One for each policy."""
+    angles = [2 * math.pi * index / BEARINGS for index in range(BEARINGS)]
+    found = [
+        prospects.rounds(centre[0] + distance_m * math.cos(angle), centre[1] + distance_m * math.sin(angle))
+        for angle in angles
+    ]
+    return tuple(_Ring(-1 if min(each) < 0 else max(each), max(each) > 0) for each in zip(*found, strict=True))
+
+
+def _reach_of(buffer_m: float, rings: Sequence[tuple[float, _Ring]]) -> Reach:
     spans: list[tuple[float, float, int]] = []
     """(from, to, rounds at the end) of stretches on which every direction goes."""
-    best: float | None = None
     went = False
-    distance = STEP_M
-    while distance <= furthest:
-        worst, some = _worst(commissioning, policy, east, north, height_m, distance)
-        if worst > 0:
-            spans.append((spans.pop()[0] if went else distance, distance, worst))
-        went = worst > 0
-        if some:
-            best = distance
-        elif best is not None and distance > 2 * best:
-            break
-        distance += STEP_M if distance < 20.0 else 2 * STEP_M
+    for distance, ring in rings:
+        if ring.worst > 0:
+            spans.append((spans.pop()[0] if went else distance, distance, ring.worst))
+        went = ring.worst > 0
+    best = max((distance for distance, ring in rings if ring.some), default=None)
     start, end, rounds = max(spans, key=lambda span: span[1] - span[0], default=(0.0, None, 0))
-    return Reach(policy.buffer_mm / 1000, start, end, rounds, best)
+    return Reach(buffer_m, start, end, rounds, best)
 
 
-def _worst(
-    commissioning: Commissioning, policy: Policy, east: float, north: float, height_m: float, distance_m: float
-) -> tuple[int, bool]:
-    """(rounds of the worst direction or -1, whether some direction goes)."""
-    worst, some = 0, False
-    for index in range(BEARINGS):
-        angle = 2 * math.pi * index / BEARINGS
-        x, y = east + distance_m * math.cos(angle), north + distance_m * math.sin(angle)
-        rounds = rounds_at(commissioning, policy, x, y, height_m)
-        some = some or rounds > 0
-        worst = -1 if rounds < 0 or worst < 0 else max(worst, rounds)
-    return worst, some
+def _steps(furthest_m: float) -> list[float]:
+    out, distance = [], STEP_M
+    while distance <= furthest_m:
+        out.append(distance)
+        distance += STEP_M if distance < 15.0 else 1.0 if distance < 40.0 else 2.0
+    return out
+
+
+def _allowed(rounds: int, policy: Policy) -> int:
+    return max(rounds, policy.min_rounds) if 0 <= rounds <= policy.max_rounds else -1

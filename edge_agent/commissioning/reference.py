@@ -131,7 +131,7 @@ def _reader_of(path: Path, rows: Any, frame: Frame | None) -> Reader:
 
 def _plain(path: Path, names: list[str], frame: Frame | None) -> Reader | None:
     clean = [name.removeprefix("field.").removeprefix("%") for name in names]
-    when = _first(clean, ("t", "time", "timestamp", "header.stamp", "stamp"))
+    when = _first(clean, ("header.stamp", "stamp", "t", "time", "timestamp"))
     seconds = _first(clean, ("header.stamp.sec", "header.stamp.secs", "sec", "secs"))
     fraction = _first(clean, ("header.stamp.nanosec", "header.stamp.nsecs", "nanosec", "nsecs"))
 

@@ -38,13 +38,14 @@ def write_report(
     *,
     title: str,
     survey: Sequence[Mapping[str, Any]] = (),
+    by_distance: Sequence[tuple[float, int]] = (),
 ) -> Path:
     """Write ``path`` (.html), or ``path``/report.html and its plots as SVG; returns the HTML file.
 
     ``survey``: rows of the self-survey (anchor, off_m, sigma_m), if there was one. Raises CommissioningError.
     """
     plots = draw_all(fit, reach_map)
-    text = _page(fit, record, reaches, plots, title, survey)
+    text = _page(fit, record, reaches, plots, title, survey, by_distance, reach_map.buffer_m)
     try:
         if path.suffix.lower() in {".html", ".htm"}:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -68,6 +69,8 @@ def _page(
     plots: Mapping[str, str],
     title: str,
     survey: Sequence[Mapping[str, Any]],
+    by_distance: Sequence[tuple[float, int]],
+    buffer_m: float,
 ) -> str:
     facts = fit.document()
     before, after = facts["uncalibrated_error_m"] * 100, facts["held_out_error_m"] * 100
@@ -92,6 +95,10 @@ def _page(
         "<h2>What this pad can verify</h2>",
         _reach_table(reaches),
         f"<p>{about_reach}</p>",
+        *(
+            f"<p>At {distance:g} m this pad can verify ±{buffer_m:g} m with {rounds} rounds.</p>"
+            for distance, rounds in [item for item in by_distance if item[1] > 0][-1:]
+        ),
         *(f'<p class="note">{html.escape(note.text)}</p>' for note in fit.warnings),
         "<h2>Bias of each anchor by distance</h2>",
         f"<p>{about_bias}</p>",

@@ -44,3 +44,7 @@ def show(found: Calibrated, console: Console | None = None) -> None:
     for item in found.reaches:
         mark = "[green]go[/green]   " if item.everywhere_m is not None else "[red]no-go[/red]"
         console.print(f"  {mark} {item.sentence()}")
+    for distance, rounds in found.by_distance:
+        if rounds > 0:
+            sentence = f"At {distance:g} m it can verify ±{found.map.buffer_m:g} m with {rounds} rounds."
+            console.print(f"  [dim]{sentence}[/dim]")

@@ -8,8 +8,10 @@ import json
 import math
 import random
 import socket
+import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -261,3 +263,34 @@ async def test_what_keeps_a_live_commissioning_from_beginning(site):
     survey.write_text(survey.read_text().replace("A4", "A5"))
     with pytest.raises(SurveyError, match="A4, A5"):
         await site.commission(dry_run=True, state=site.directory / "third")
+
+
+async def test_the_command_goes_on_from_kept_steps(tmp_path, make_world):
+    """The steps that measure are done: no node is needed any more, and nothing is sent."""
+    ranges, anchors = make_world().files(tmp_path, 40.0)
+    rows = [line.split(",") for line in ranges.read_text().splitlines()]
+    state = tmp_path / "state"
+    state.mkdir()
+    (state / "run-1.csv").write_text("\n".join(",".join(row[:3]) for row in rows) + "\n")
+    seen = {row[0]: row[3:] for row in rows[1:]}
+    (state / "reference-1.csv").write_text("t,x,y,z\n" + "".join(f"{t},{','.join(p)}\n" for t, p in seen.items()))
+    (state / "run.json").write_text("{}")
+    (state / "check.json").write_text(
+        '{"rows": [{"anchor_id": "A1", "off_m": 0.01, "sigma_m": 0.02, "suspect": false}]}'
+    )
+    config = tmp_path / "pad.toml"
+    config.write_text(
+        'pad_id = "pad-7"\nconnection = "ledger/connection.json"\nspool = "spool"\n'
+        + "".join(f'[[anchors]]\nanchor_id = "{n}"\nport = "{tmp_path}/tty-{n}"\n' for n in PLACES)
+    )
+    arguments = ["--config", config, "--state", state, "--anchors", anchors, "--origin", "60.45,22.27,30", "--json"]
+    process = await asyncio.create_subprocess_exec(
+        Path(sys.executable).with_name("wonderland"), "pad", "commission", *map(str, arguments), "--dry-run",
+        stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    out, told = await process.communicate()
+    assert process.returncode == 0, told.decode()
+    assert json.loads(out)["published"] is False
+    assert "5. Publish" in told.decode()
+    assert "At 5 m it can verify" in told.decode()
+    assert "checked by the anchors themselves" in (state / "report.html").read_text()

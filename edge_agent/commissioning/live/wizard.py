@@ -319,9 +319,15 @@ class Wizard:
 
         check = self._state.read("check") or {}
         where = write_report(
-            self._settings.state / "report.html", found.fit, found.record, found.reaches, found.map,
-            title=f"Commissioning of {self._settings.pad.pad_id}", survey=check.get("rows", ()),
-        )  # fmt: skip
+            self._settings.state / "report.html",
+            found.fit,
+            found.record,
+            found.reaches,
+            found.map,
+            title=f"Commissioning of {self._settings.pad.pad_id}",
+            survey=check.get("rows", ()),
+            by_distance=found.by_distance,
+        )
         self._dialogue.say(f"The report is in {where}.")
 
     # --- 5. publish ------------------------------------------------------------------------------------------------
