@@ -6,6 +6,7 @@ import { VerdictsPage } from "../verdicts/VerdictsPage";
 import type { Place, PlainRoom } from "./location";
 
 const AlertsRoom = lazy(() => import("../alerts/AlertsRoom").then(({ AlertsRoom: Room }) => ({ default: Room })));
+const StatisticsRoom = lazy(() => import("../statistics/StatisticsRoom").then(({ StatisticsRoom: Room }) => ({ default: Room })));
 const LedgerRoom = lazy(() => import("../ledger/LedgerRoom").then(({ LedgerRoom: Room }) => ({ default: Room })));
 
 export type RoomName = Place["room"];
@@ -34,6 +35,7 @@ export const ROOMS: readonly Room[] = [
     icon: "M10 3a5 5 0 0 1 5 5v4l1.5 2h-13L5 12V8a5 5 0 0 1 5-5zM8 17h4",
   },
   { name: "ledger", place: plain("ledger"), key: "e", icon: "M3 6l7-3 7 3-7 3zM3 10l7 3 7-3M3 14l7 3 7-3" },
+  { name: "statistics", place: plain("statistics"), key: "i", icon: "M3 17V8M8 17V3M13 17v-6M18 17H2" },
 ];
 
 /** What stands in the room that the address names. */
@@ -49,9 +51,10 @@ export function RoomPage({ place }: { place: Place }): ReactElement | null {
       return <LedgerRoom place={place} />;
     case "alerts":
       return <AlertsRoom place={place} />;
+    case "statistics":
+      return <StatisticsRoom place={place} />;
     case "replay":
     case "registry":
-    case "statistics":
     case "people":
     case "settings":
       return null;

@@ -10,6 +10,7 @@ import type {
   SessionDetail,
   SessionState,
   SignedIn,
+  Statistics,
   Status,
   TransactionContents,
   VerdictSummary,
@@ -33,6 +34,7 @@ export type Page<T> = { items: T[]; next?: string };
 export type SessionFilters = NonNullable<paths["/api/v1/sessions"]["get"]["parameters"]["query"]>;
 export type AlertFilters = NonNullable<paths["/api/v1/alerts"]["get"]["parameters"]["query"]>;
 export type AlertAction = components["schemas"]["Act"];
+export type StatisticsFilters = paths["/api/v1/statistics"]["get"]["parameters"]["query"];
 export type VerdictFilters = NonNullable<paths["/api/v1/verdicts"]["get"]["parameters"]["query"]>;
 
 /** An answer takes no longer than this. */
@@ -75,6 +77,10 @@ export class Api {
 
   verdicts(query: VerdictFilters): Promise<Page<VerdictSummary>> {
     return answered((signal) => this.client.GET("/api/v1/verdicts", { params: { query }, signal }));
+  }
+
+  statistics(query: StatisticsFilters): Promise<Statistics> {
+    return answered((signal) => this.client.GET("/api/v1/statistics", { params: { query }, signal }));
   }
 
   search(q: string): Promise<{ items: Hit[] }> {

@@ -31,6 +31,7 @@ export type Reason = Schemas["Reason"];
 export type SessionDetail = Schemas["SessionDetail"];
 export type SessionState = Schemas["SessionState"];
 export type SignedIn = Schemas["SignedIn"];
+export type Statistics = Schemas["Statistics"];
 export type Status = Schemas["Status"];
 export type Step = Schemas["Step"];
 export type Track = Schemas["Track"];

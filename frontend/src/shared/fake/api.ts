@@ -96,6 +96,7 @@ function detail(session: SessionState, verdict: VerdictSummary | undefined, stor
     },
     estimates: [],
     reported_ends: [],
+    findings: [],
     transactions: [
       transaction(session.request_tx, "RequestProof", base - 1, session.requested_ms),
       ...(session.verdict_tx === undefined ? [] : [transaction(session.verdict_tx, "SubmitProof", base, session.requested_ms + 6_100)]),

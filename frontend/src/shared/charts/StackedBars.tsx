@@ -1,0 +1,53 @@
+import type { ReactElement } from "react";
+import { count } from "../format";
+import { ticks } from "./scale";
+
+export type Stack = { key: string; label: string; parts: readonly { tone: string; value: number }[]; title: string };
+
+const WIDTH = 720;
+const LEFT = 38;
+const BOTTOM = 22;
+
+/** Bars whose parts stand on one another, with a round axis. The same figures stand in a table beside it. */
+export function StackedBars({ bars, height = 160, summary, every }: { bars: readonly Stack[]; height?: number; summary: string; every: number }): ReactElement {
+  const most = Math.max(1, ...bars.map(({ parts }) => parts.reduce((sum, { value }) => sum + value, 0)));
+  const axis = ticks(most);
+  const top = axis.at(-1) ?? 1;
+  const y = (value: number): number => 8 + (height - BOTTOM - 8) * (1 - value / top);
+  const step = (WIDTH - LEFT) / Math.max(1, bars.length);
+  const gap = step > 12 ? 3 : step > 4 ? 1 : 0;
+  return (
+    <svg className="chart num" viewBox={`0 0 ${WIDTH} ${height}`} role="img" aria-label={summary}>
+      {axis.map((at) => (
+        <g key={at}>
+          <path d={`M${LEFT} ${y(at)}H${WIDTH}`} stroke="var(--line)" />
+          <text x={LEFT - 6} y={y(at) + 4} textAnchor="end">
+            {count(at)}
+          </text>
+        </g>
+      ))}
+      {bars.map((bar, i) => {
+        let below = 0;
+        return (
+          <g key={bar.key}>
+            <title>{bar.title}</title>
+            {/* A low bar is hard to hit with the pointer: its whole column tells. */}
+            <rect x={LEFT + i * step} y={8} width={step} height={height - BOTTOM - 8} fill="transparent" />
+            {bar.parts.map(({ tone, value }) => {
+              const from = y(below);
+              below += value;
+              return value === 0 ? null : (
+                <rect key={tone} x={LEFT + i * step + gap / 2} width={Math.max(1, step - gap)} y={y(below)} height={from - y(below)} fill={`var(--${tone})`} />
+              );
+            })}
+            {i % every === 0 && (
+              <text x={LEFT + i * step + step / 2} y={height - 6} textAnchor="middle">
+                {bar.label}
+              </text>
+            )}
+          </g>
+        );
+      })}
+    </svg>
+  );
+}

@@ -1,0 +1,273 @@
+import { keepPreviousData, useQuery } from "@tanstack/react-query";
+import type { ReactElement, ReactNode } from "react";
+import { go, type Place, type PlainRoom } from "../app/location";
+import { useApi } from "../shared/api/api";
+import type { Pad, Statistics } from "../shared/api/records";
+import { StackedBars } from "../shared/charts/StackedBars";
+import { count, day, dayAndTime, decimal, length } from "../shared/format";
+import { useLive, useServerNow } from "../shared/live/useLive";
+import type { Topic } from "../shared/live/store";
+import { formatTexts, lookTexts, sharedTexts } from "../shared/texts";
+import { Symbol } from "../shared/ui/Symbol";
+import { Groups } from "./Groups";
+import { binLabel, dateInput, dayOf, recent, SPANS } from "./spans";
+import "./statistics.css";
+import { StepTimes } from "./StepTimes";
+import { statisticsTexts as t } from "./texts";
+
+const PADS: readonly Topic[] = ["pads"];
+const ACTIONS = ["land", "takeoff", "dock"] as const;
+const REFRESH_MS = 30_000;
+
+function Card({ title, note, children, wide = false }: { title: string; note?: string; children: ReactNode; wide?: boolean }): ReactElement {
+  return (
+    <section className={`float card ${wide ? "card-wide" : ""}`}>
+      <h2>{title}</h2>
+      {note !== undefined && <p className="quiet num">{note}</p>}
+      {children}
+    </section>
+  );
+}
+
+function Totals({ found }: { found: Statistics }): ReactElement {
+  const { total } = found;
+  const all = total.verified + total.refuted + total.inconclusive;
+  const share = (value: number): string => (all === 0 ? "" : t("share", { share: `${decimal((100 * value) / all, 1)} %` }));
+  return (
+    <dl className="figures num float totals">
+      <div>
+        <dt>{t("total")}</dt>
+        <dd>{count(all)}</dd>
+      </div>
+      {(["verified", "inconclusive", "refuted"] as const).map((outcome) => (
+        <div key={outcome}>
+          <dt className="outcome">
+            <Symbol look={outcome} size={14} /> {lookTexts(outcome)}
+          </dt>
+          <dd className={`look-${outcome}`}>{count(total[outcome])}</dd>
+          <small className="quiet">{share(total[outcome])}</small>
+        </div>
+      ))}
+      <div>
+        <dt>{t("granted")}</dt>
+        <dd>{count(total.granted)}</dd>
+        <small className="quiet">{share(total.granted)}</small>
+      </div>
+      <div>
+        <dt>{t("perHour")}</dt>
+        <dd>{decimal(found.proofs_per_hour, found.proofs_per_hour < 10 ? 1 : 0)}</dd>
+        <small className="quiet">
+          {t("busiest")}: {count(found.busiest_hour)}
+        </small>
+      </div>
+    </dl>
+  );
+}
+
+function OverTime({ found, bin_ms }: { found: Statistics; bin_ms: number }): ReactElement {
+  const { bins, total } = found;
+  const from = bins[0]?.start_ms ?? 0;
+  const to = (bins.at(-1)?.start_ms ?? 0) + bin_ms;
+  const words = (each: { verified: number; inconclusive: number; refuted: number }, start_ms: number, end_ms: number): string =>
+    t("overTimeIs", {
+      verified: count(each.verified),
+      inconclusive: count(each.inconclusive),
+      refuted: count(each.refuted),
+      from: dayAndTime(start_ms, end_ms),
+      to: dayAndTime(end_ms, start_ms),
+    });
+  return (
+    <Card title={t("overTime")} wide>
+      <StackedBars
+        summary={words(total, from, to)}
+        every={Math.ceil(bins.length / 8)}
+        bars={bins.map((bin) => ({
+          key: String(bin.start_ms),
+          label: binLabel(bin.start_ms, bin_ms),
+          title: words(bin, bin.start_ms, bin.start_ms + bin_ms),
+          parts: [
+            { tone: "ok", value: bin.verified },
+            { tone: "maybe", value: bin.inconclusive },
+            { tone: "bad", value: bin.refuted },
+          ],
+        }))}
+      />
+    </Card>
+  );
+}
+
+function Distributions({ found }: { found: Statistics }): ReactElement {
+  const judged = found.likelihood.reduce((sum, each) => sum + each, 0);
+  const likelihoodNote = t("likelihoodIs", { count: count(judged) });
+  const errorNote = t("errorIs", { count: count(judged) });
+  const last = found.error.at(-2)?.up_to_mm ?? 0;
+  return (
+    <>
+      <Card title={t("likelihood")} note={likelihoodNote}>
+        <StackedBars
+          summary={likelihoodNote}
+          every={4}
+          bars={found.likelihood.map((value, i) => ({
+            key: String(i),
+            label: decimal(i / found.likelihood.length, 1),
+            title: `${decimal(i / 20, 2)}–${decimal((i + 1) / 20, 2)}: ${count(value)}`,
+            parts: [{ tone: "accent", value }],
+          }))}
+        />
+      </Card>
+      <Card title={t("error")} note={errorNote}>
+        <StackedBars
+          summary={errorNote}
+          every={2}
+          bars={found.error.map(({ up_to_mm, count: value }, i) => {
+            const label = up_to_mm === undefined ? t("beyond", { distance: length(last, true) }) : t("upTo", { distance: length(up_to_mm, true) });
+            return { key: String(i), label, title: `${label}: ${count(value)}`, parts: [{ tone: "accent", value }] };
+          })}
+        />
+      </Card>
+    </>
+  );
+}
+
+function PadHealth({ pads }: { pads: readonly Pad[] }): ReactElement {
+  return (
+    <Card title={t("padHealth")}>
+      <table className="table num">
+        <tbody>
+          {pads.map((pad) => {
+            const { health } = pad;
+            const anchors = health?.anchors ?? [];
+            const up = anchors.filter(({ state }) => state === "up").length;
+            return (
+              <tr key={pad.pad_id}>
+                <th scope="row">{pad.name}</th>
+                <td className={health?.connected === true ? undefined : "look-inconclusive"}>
+                  {health === undefined ? t("never") : health.connected ? t("connected") : t("silent")}
+                </td>
+                <td className="right">{anchors.length > 0 && t("anchorsUp", { up, all: anchors.length })}</td>
+              </tr>
+            );
+          })}
+        </tbody>
+      </table>
+    </Card>
+  );
+}
+
+/** What the verdicts of a span come to. `#/statistics?span=week&pad=aurajoki-2`, `#/statistics?day=2026-11-21`. */
+export function StatisticsRoom({ place }: { place: Place & { room: PlainRoom } }): ReactElement {
+  const api = useApi();
+  const now_ms = useServerNow(REFRESH_MS);
+  const pads = useLive(PADS, (store) => [...store.pads.values()]);
+  const { query: chosen } = place;
+  const oneDay = dayOf(chosen["day"] ?? "");
+  const name = SPANS.find((each) => each === chosen["span"]) ?? "day";
+  const span = oneDay ?? recent(name, now_ms);
+  const action = ACTIONS.find((each) => each === chosen["action"]);
+  const filters = {
+    ...span,
+    ...(chosen["pad"] !== undefined && { pad: chosen["pad"] }),
+    ...(chosen["operator"] !== undefined && { operator: chosen["operator"] }),
+    ...(action !== undefined && { action }),
+  };
+  const query = useQuery({
+    queryKey: ["statistics", filters],
+    queryFn: () => api.statistics(filters),
+    placeholderData: keepPreviousData,
+    refetchInterval: oneDay === undefined ? REFRESH_MS : false,
+  });
+  const set = (change: Record<string, string>): void => {
+    const next = Object.fromEntries(Object.entries({ ...chosen, ...change }).filter(([, value]) => value !== ""));
+    go({ room: "statistics", path: [], query: next }, true);
+  };
+  const found = query.data;
+  const all = found === undefined ? 0 : found.total.verified + found.total.refuted + found.total.inconclusive;
+  return (
+    <div className="page statistics">
+      <div className="page-head">
+        <h1>{oneDay === undefined ? t("statistics") : t("report", { day: day(oneDay.since_ms) })}</h1>
+        <div className="filters">
+          <label>
+            {t("whichSpan")}
+            <select value={oneDay === undefined ? name : "other"} onChange={(event) => set(event.target.value === "other" ? { day: dateInput(now_ms), span: "" } : { span: event.target.value, day: "" })}>
+              {SPANS.map((each) => (
+                <option key={each} value={each}>
+                  {t("span", { span: each })}
+                </option>
+              ))}
+              <option value="other">{t("span", { span: "other" })}</option>
+            </select>
+          </label>
+          {oneDay !== undefined && (
+            <label>
+              {t("date")}
+              <input type="date" value={chosen["day"]} max={dateInput(now_ms)} onChange={(event) => event.target.value !== "" && set({ day: event.target.value })} />
+            </label>
+          )}
+          <label>
+            {t("pad")}
+            <select value={chosen["pad"] ?? ""} onChange={(event) => set({ pad: event.target.value })}>
+              <option value="">{sharedTexts("all")}</option>
+              {pads.map((pad) => (
+                <option key={pad.pad_id} value={pad.pad_id}>
+                  {pad.name}
+                </option>
+              ))}
+            </select>
+          </label>
+          <label>
+            {t("action")}
+            <select value={action ?? ""} onChange={(event) => set({ action: event.target.value })}>
+              <option value="">{sharedTexts("all")}</option>
+              {ACTIONS.map((each) => (
+                <option key={each} value={each}>
+                  {formatTexts("noun", { action: each })}
+                </option>
+              ))}
+            </select>
+          </label>
+          {chosen["operator"] !== undefined && (
+            <button type="button" className="button" onClick={() => set({ operator: "" })}>
+              {t("operator")}: {chosen["operator"]} ×
+            </button>
+          )}
+          <button type="button" className="button" onClick={() => print()}>
+            {t("print")}
+          </button>
+        </div>
+      </div>
+      {query.isError && (
+        <p className="empty" role="alert">
+          {query.error.message}
+        </p>
+      )}
+      {found === undefined && query.isPending && <p className="empty">{sharedTexts("fetching")}</p>}
+      {found !== undefined && (
+        <div className="statistics-grid" aria-busy={query.isPlaceholderData}>
+          <Totals found={found} />
+          {all === 0 ? (
+            <p className="empty card-wide">{t("none")}</p>
+          ) : (
+            <>
+              <OverTime found={found} bin_ms={span.bin_ms} />
+              <Distributions found={found} />
+              <Card title={t("byPad")}>
+                <Groups groups={found.pads} nameOf={(id) => pads.find(({ pad_id }) => pad_id === id)?.name ?? id} onChoose={(pad) => set({ pad })} />
+              </Card>
+              <Card title={t("byOperator")}>
+                <Groups groups={found.operators} nameOf={(id) => id} onChoose={(operator) => set({ operator })} />
+              </Card>
+              <Card title={t("byAction")}>
+                <Groups groups={found.actions} nameOf={(id) => formatTexts("noun", { action: id })} onChoose={(each) => set({ action: each })} />
+              </Card>
+              <PadHealth pads={pads} />
+              <Card title={t("steps")} note={t("stepsAre")} wide>
+                <StepTimes times={found.steps} bin_ms={span.bin_ms} />
+              </Card>
+            </>
+          )}
+        </div>
+      )}
+    </div>
+  );
+}
