@@ -52,7 +52,8 @@ def _address(path: str) -> str | None:
 
 
 async def _disconnected(bus: MessageBus) -> None:
-    await bus.wait_for_disconnect()  # type: ignore[no-untyped-call]  # of the library
+    # Shielded: whoever stops waiting would otherwise cancel the future that all others wait for.
+    await asyncio.shield(bus.wait_for_disconnect())  # type: ignore[no-untyped-call]  # of the library
 
 
 class BluezSource:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import secrets
 import ssl
 from typing import TYPE_CHECKING, Final
 
@@ -56,6 +57,7 @@ class MqttSource:
         return aiomqtt.Client(
             settings.host,
             settings.port,
+            identifier=f"wonderland-{secrets.token_hex(8)}",  # small brokers do not give one
             username=settings.username,
             password=password,
             tls_context=context,
