@@ -134,7 +134,7 @@ async def measured(network, servers, directory):
             raise
         load.stop()
         await running
-        await listeners.reach(await load.actors.gateway_network("mirror").height())
+        await listeners.reach(await load.last())
         found = audit(account, listeners.blocks)
         decided = [tx_id for _, tx_id, name in listeners.events if name == "ProofDecided"]
         assert len(decided) == len(set(decided)) == len(account.proofs_s)

@@ -24,6 +24,7 @@ from wonderland.ledger.gateway import (
     StreamError,
     UnknownTransactionError,
 )
+from wonderland.ledger.gateway.deliver import is_level
 from wonderland.ledger.gateways import RETURN_S, Gateways
 
 LIMITS = Deadlines(evaluate_s=4, endorse_s=4, submit_s=4, locate_s=4, resubmit_s=0.4, catch_up_s=30)
@@ -53,6 +54,7 @@ class Pair:
             "wonderland"
         )
         self.contract = self.network.contract("pol")
+        self.gateways.is_level = None  # a test that wants heights compared says so
 
     def asked(self, method):
         """How often each was asked."""
@@ -155,6 +157,57 @@ async def test_a_peer_that_came_back_is_preferred_again_after_a_while(pair):
     pair.clock.now_s += 0.2
     await pair.contract.evaluate("get", "a")
     assert pair.asked("Evaluate") == (2, 3)
+
+
+async def test_a_peer_that_is_still_behind_is_not_preferred_again(pair):
+    level = []
+
+    async def is_level(index, other):
+        assert (index, other) == (0, 1)
+        return level.pop(0)
+
+    pair.gateways.is_level = is_level
+    pair.gateways.failed(0)
+    await pair.gateways.channel(0).channel_ready()
+    for answer, order in ((False, [1, 0]), (True, [0, 1])):
+        level.append(answer)
+        assert pair.gateways.order() == [1, 0]
+        pair.clock.now_s += RETURN_S
+        assert pair.gateways.order() == [1, 0]
+        (comparing,) = pair.gateways._comparing.values()
+        await comparing
+        assert pair.gateways.order() == order
+    assert level == []
+
+
+async def test_heights_are_compared_at_the_peers_themselves(pair):
+    pair.first.newest, pair.second.newest = 6, 7
+    environment = pair.network._environment
+    assert not await is_level(environment, "wonderland", 0, 1)
+    pair.first.newest = 7
+    assert await is_level(environment, "wonderland", 0, 1)
+
+
+async def test_a_stream_leaves_a_peer_that_stands_still_while_others_go_on(pair, chain):
+    pair.first.line_up("Deliver", [chain[0], None])
+    pair.second.line_up("Deliver", [chain[1], chain[2], None])
+    pair.first.newest, pair.second.newest = 5, 7
+    async with asyncio.timeout(20), pair.network.blocks(start_block=5, reconnect=True) as stream:
+        stream._silence_s = 0.05
+        assert [(await anext(stream)).number for _ in range(3)] == [5, 6, 7]
+    assert starts(pair.second) == [6]
+
+
+async def test_a_stream_stays_while_its_peer_is_level(pair, chain):
+    pair.first.line_up("Deliver", [chain[0], None])
+    pair.first.newest = pair.second.newest = 5
+    async with pair.network.blocks(start_block=5, reconnect=True) as stream:
+        stream._silence_s = 0.02
+        await anext(stream)
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(0.5):
+                await anext(stream)
+    assert starts(pair.second) == []
 
 
 async def test_a_peer_that_fails_again_has_to_wait_for_longer(pair):

@@ -79,7 +79,7 @@ async def test_whatever_is_killed_nothing_is_lost_or_done_twice(robust, tmp_path
             raise
         load.stop()
         await running
-        await listeners.reach(await load.actors.gateway_network("mirror").height())
+        await listeners.reach(await load.last())
     found = audit(load.account, listeners.blocks)
     assert (found.lost, found.duplicated, found.unresolved, found.unfounded) == (0, 0, 0, 0), found
     assert load.account.invalid == set()

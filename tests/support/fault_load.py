@@ -27,6 +27,7 @@ from wonderland.ledger.connection import Connection
 from wonderland.ledger.gateway import CommitError, CommitUnknownError, EndorseError, Gateway
 from wonderland.ledger.network import enrolment
 from wonderland.proofs import encoding
+from wonderland.proofs.records import transactions as tx
 
 PAD_COUNT = 2
 DRONE_COUNT = 4
@@ -151,6 +152,13 @@ class FaultLoad:
 
         await asyncio.gather(*(work() for _ in range(at_once)))
 
+    async def last(self):
+        """One more transaction with an event, after all others; its id."""
+        pad_id = f"last-{len(self.account.valid)}"
+        place = {"lat_e7": 604_518_000, "lon_e7": 222_666_000, "height_mm": 30_000}
+        argument = tx.RegisterPad(pad_id=pad_id, name=pad_id, operator_id="bench", **place)
+        return (await self.sure("pad_operator", "RegisterPad", argument)).tx_id
+
     def stop(self):
         """Let what is under way come to its end."""
         self._stopping = True
@@ -189,8 +197,9 @@ class Listeners:
 
         self._tasks = [asyncio.create_task(each) for each in (hear(), read(), mirror.run())]
 
-    async def reach(self, height):
-        """Until all three have so many blocks; the last one must hold an event of the contract."""
+    async def reach(self, tx_id):
+        """Until all three have the block of that transaction, which must have set an event."""
+        height = (await self._network.commit(tx_id).status()).block_number + 1
         async with asyncio.timeout(60):
             while True:
                 for task in self._tasks:

@@ -1,20 +1,23 @@
 """The Gateways that a client may ask: peers of one organisation, in the order in which it prefers them.
 
-A peer that cannot be reached is left aside, and the next one is asked. It is asked again when it can be reached and
-has been so for a while, since a peer that has just come back is still behind. What the peers *say* (a refusal, an
+A peer that cannot be reached is left aside, and the next one is asked. It is asked again when it can be reached, has
+been so for a while, and has as many blocks as the others: a peer that has just come back is still behind. What the peers *say* (a refusal, an
 orderer that is away) moves nobody aside: another peer would say the same.
 """
 
 from __future__ import annotations
 
+import asyncio
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 import grpc
 
+from wonderland.ledger.errors import LedgerError
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Awaitable, Callable, Iterable
 
 RETURN_S: Final = 5.0
 """How long a peer must have been reachable before it is preferred again; doubled each time that it fails anew."""
@@ -53,6 +56,9 @@ class Gateways:
             raise ValueError("a client needs at least one Gateway")
         self._now_s = now_s
         self._turn = 0
+        self._comparing: dict[int, asyncio.Task[None]] = {}
+        self.is_level: Callable[[int, int], Awaitable[bool]] | None = None
+        """Whether the first Gateway has as many blocks as the second, or LedgerError; set by somebody who may ask."""
         self.tls_certificate_sha256: Final = tls_certificate_sha256
 
     @classmethod
@@ -68,6 +74,10 @@ class Gateways:
 
     async def close(self) -> None:
         """Close all channels; calls under way end with CANCELLED."""
+        comparing = list(self._comparing.values())
+        for task in comparing:
+            task.cancel()
+        await asyncio.gather(*comparing, return_exceptions=True)
         for peer in self._peers:
             await peer.channel.close()
 
@@ -94,7 +104,7 @@ class Gateways:
         standing: list[int] = []
         away: list[int] = []
         for index, peer in enumerate(self._peers):
-            (standing if self._is_standing(peer) else away).append(index)
+            (standing if self._is_standing(index, peer) else away).append(index)
         return standing + sorted(away, key=lambda index: self._peers[index].turn)
 
     def failed(self, index: int) -> None:
@@ -108,7 +118,7 @@ class Gateways:
 
     def behind(self, index: int) -> None:
         """A Gateway's chain is shorter than what was seen of it: ask others first, if there are any."""
-        if any(self._is_standing(peer) for other, peer in enumerate(self._peers) if other != index):
+        if any(self._is_standing(other, peer) for other, peer in enumerate(self._peers) if other != index):
             self.failed(index)
 
     def answered(self, index: int) -> None:
@@ -117,7 +127,7 @@ class Gateways:
         if peer.failed_s is None:
             peer.failures = 0
 
-    def _is_standing(self, peer: _Peer) -> bool:
+    def _is_standing(self, index: int, peer: _Peer) -> bool:
         if peer.failed_s is None:
             return True
         # Asking for the state with True also has a channel that gave up try again.
@@ -129,5 +139,25 @@ class Gateways:
             peer.reachable_s = now_s
         if now_s - peer.reachable_s < min(RETURN_MAX_S, RETURN_S * 2 ** (peer.failures - 1)):
             return False
+        other = next((number for number, each in enumerate(self._peers) if each.failed_s is None), None)
+        if self.is_level is not None and other is not None:
+            if index not in self._comparing:
+                self._comparing[index] = asyncio.get_running_loop().create_task(self._compare(index, other))
+            return False
         peer.failed_s = peer.reachable_s = None
         return True
+
+    async def _compare(self, index: int, other: int) -> None:
+        """Let a Gateway stand again when it has caught up with another one; else it has to wait anew."""
+        assert self.is_level is not None
+        peer = self._peers[index]
+        try:
+            level = await self.is_level(index, other)
+        except LedgerError:
+            level = False
+        finally:
+            del self._comparing[index]
+        if level and peer.reachable_s is not None:
+            peer.failed_s = peer.reachable_s = None
+        else:
+            peer.reachable_s = None

@@ -25,7 +25,7 @@ from wonderland.ledger.gateway.errors import (
 from wonderland.ledger.protobuf import decode
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Awaitable, Callable, Iterator
 
     from wonderland.ledger.gateways import Gateways
     from wonderland.ledger.identity import Identity
@@ -81,6 +81,10 @@ class Environment:
         """The same with one Gateway."""
         return replace(self, calls=self.calls.pinned())
 
+    def at(self, index: int) -> Environment:
+        """The same with that Gateway."""
+        return replace(self, calls=self.calls.at(index))
+
     def sign(self, message: bytes, tx_id: str) -> bytes:
         """A signature over `message`. Raises `UnsignedError` when this gateway has no signer."""
         if self.signer is None:
@@ -112,6 +116,20 @@ class Calls:
     def pinned(self) -> Calls:
         """The same by one Gateway, the best one now: what belongs together is asked of one and the same ledger."""
         return self if self._only is not None else Calls(self._gateways, self.deadlines, self._gateways.order()[0])
+
+    def at(self, index: int) -> Calls:
+        """The same by that Gateway."""
+        return Calls(self._gateways, self.deadlines, index)
+
+    @property
+    def others(self) -> list[int]:
+        """The Gateways that a pinned one is not."""
+        return [index for index in range(len(self._gateways)) if index != self._only]
+
+    def compare_by(self, is_level: Callable[[int, int], Awaitable[bool]]) -> None:
+        """Have Gateways that come back be compared with the others by that, unless somebody does already."""
+        if len(self._gateways) > 1 and self._gateways.is_level is None:
+            self._gateways.is_level = is_level
 
     def pass_over(self, *, behind: bool = False) -> None:
         """The Gateway of a pinned one ended a stream, or is behind: others are better now."""

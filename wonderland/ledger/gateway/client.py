@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -15,6 +16,7 @@ from wonderland.ledger.gateway.deliver import (
     FilteredBlock,
     FilteredBlockSource,
     height,
+    is_level,
 )
 from wonderland.ledger.gateway.errors import CommitError, EndorseError
 from wonderland.ledger.gateway.events import Event, EventSource, Position
@@ -110,6 +112,7 @@ class Network:
     def __init__(self, environment: Environment, name: str) -> None:
         self.name: Final = name
         self._environment = environment
+        environment.calls.compare_by(functools.partial(is_level, environment, name))
 
     def contract(self, chaincode: str) -> Contract:
         """A contract on this channel."""
@@ -145,7 +148,7 @@ class Network:
         elif start_block is not None or after_transaction_id:
             position = Position(start_block, after_transaction_id)
         source = EventSource(self.name, chaincode, position)
-        return Stream(self._environment, source, reconnect=reconnect)
+        return Stream(self._environment, source, self.name, reconnect=reconnect)
 
     def blocks(
         self, *, start_block: int | None = None, checkpointer: Checkpointer | None = None, reconnect: bool = False
@@ -157,7 +160,7 @@ class Network:
         """
         start, saved = _start(start_block, checkpointer)
         source = BlockSource(self.name, start, must_be_reached=saved)
-        return Stream(self._environment, source, reconnect=reconnect)
+        return Stream(self._environment, source, self.name, reconnect=reconnect)
 
     def filtered_blocks(
         self, *, start_block: int | None = None, checkpointer: Checkpointer | None = None, reconnect: bool = False
@@ -165,7 +168,7 @@ class Network:
         """Outlines of blocks, as `blocks`."""
         start, saved = _start(start_block, checkpointer)
         source = FilteredBlockSource(self.name, start, must_be_reached=saved)
-        return Stream(self._environment, source, reconnect=reconnect)
+        return Stream(self._environment, source, self.name, reconnect=reconnect)
 
 
 class Contract:

@@ -200,6 +200,12 @@ async def height(environment: Environment, channel: str) -> int:
     return newest.number + 1
 
 
+async def is_level(environment: Environment, channel: str, index: int, other: int) -> bool:
+    """Whether a Gateway's peer has as many blocks as another one's. Raises `StreamError`."""
+    wanted = await height(environment.at(other), channel)
+    return await height(environment.at(index), channel) >= wanted
+
+
 async def read_filtered_block(environment: Environment, channel: str, number: int | None) -> FilteredBlock | None:
     """One filtered block (None: the newest); None when the chain has not come that far. Raises `StreamError`."""
     for left in reversed(range(environment.calls.count)):

@@ -11,6 +11,7 @@ import grpc
 from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.gateway.backoff import Backoff
 from wonderland.ledger.gateway.calls import cancelled_from_outside
+from wonderland.ledger.gateway.deliver import height
 from wonderland.ledger.gateway.errors import BehindError, StreamError, from_rpc
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from wonderland.ledger.gateway.calls import Environment
 
 Item = TypeVar("Item")
+SILENCE_S: Final = 5.0
+"""After so long without an answer a stream looks whether its peer stands still; twice in a row, and it is left."""
 
 _WORTH_REOPENING: Final = frozenset(
     {
@@ -63,13 +66,17 @@ class Stream(Generic[Item]):
         self,
         environment: Environment,
         source: Source[Item],
+        channel: str,
         *,
         reconnect: bool,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+        silence_s: float = SILENCE_S,
     ) -> None:
+        self._silence_s = silence_s
         self._environment = environment
         self._at = environment
         self._source = source
+        self._channel = channel
         self._reconnect = reconnect
         self._others = environment.calls.count - 1
         self._backoff = Backoff(environment.random_bytes)
@@ -103,7 +110,7 @@ class Stream(Generic[Item]):
             if self._closed:
                 raise StopAsyncIteration
             try:
-                answer = await self._call.read()
+                answer = await self._read()
                 if answer is not grpc.aio.EOF:
                     self._waiting.extend(self._source.items(answer))
                     self._backoff.reset()
@@ -129,6 +136,39 @@ class Stream(Generic[Item]):
         item = self._waiting.popleft()
         self._source.delivered(item)
         return item
+
+    async def _read(self) -> Any:
+        """The next answer. A peer that stands still while another one of the organisation goes on is left."""
+        if self._environment.calls.count == 1:
+            return await self._call.read()
+        reading = asyncio.ensure_future(self._call.read())
+        stood_at = -1
+        try:
+            while True:
+                await asyncio.wait({reading}, timeout=self._silence_s)
+                if reading.done():
+                    return reading.result()
+                own, others = await self._heights()
+                if others > own == stood_at:
+                    raise StreamError(
+                        f"the peer stands still at {own} blocks while another one has {others}",
+                        status_code=grpc.StatusCode.UNAVAILABLE,
+                    )
+                stood_at = own if others > own else -1
+        finally:
+            if not reading.done():
+                reading.cancel()
+
+    async def _heights(self) -> tuple[int, int]:
+        """Blocks of this stream's peer, and the most that another one has; 0 for those that do not say."""
+        calls = self._at.calls
+        found = await asyncio.gather(
+            height(self._at, self._channel),
+            *(height(self._environment.at(index), self._channel) for index in calls.others),
+            return_exceptions=True,
+        )
+        own, *others = [each if isinstance(each, int) else 0 for each in found]
+        return own, max(others)
 
     async def open(self) -> None:
         """Establish the stream: everything committed after this returns will be seen. Iterating does it, too.
