@@ -1,8 +1,8 @@
 """The Gateways that a client may ask: peers of one organisation, in the order in which it prefers them.
 
 A peer that cannot be reached is left aside, and the next one is asked. It is asked again when it can be reached, has
-been so for a while, and has as many blocks as the others: a peer that has just come back is still behind. What the peers *say* (a refusal, an
-orderer that is away) moves nobody aside: another peer would say the same.
+been so for a while, and has as many blocks as the others: a peer that has just come back is still behind. What the
+peers *say* (a refusal, an orderer that is away) moves nobody aside: another peer would say the same.
 """
 
 from __future__ import annotations
