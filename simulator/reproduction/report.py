@@ -231,7 +231,7 @@ def _errors(document: Document, simulated: Simulated) -> None:
         "Error of the estimate over the Cramér–Rao bound. On the same noise as the linearised estimate, whose error "
         "is "
         "the bound, so that chance falls out.",
-        ["Point", *(Cell(f"{n} rounds", "n") for n in next(iter(simulated.ratios.values())))],
+        ["Point", *(Cell(f"N = {n}", "n") for n in next(iter(simulated.ratios.values())))],
         [
             [name, *(Cell(f"{ratio:.3f}", "n") for ratio in by_rounds.values())]
             for name, by_rounds in simulated.ratios.items()

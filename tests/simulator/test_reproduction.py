@@ -175,7 +175,7 @@ def test_the_goals_are_measured(simulated):
     # By statistics alone, whatever the machine: a sample of 200 may miss a goal, it never disproves one by chance here.
     named = {row.what: row for row in rows}
     for what in ("Honest claims refuted, simulated", "Lies of 3 buffers: refuted; verified"):
-        assert named[what].met is True
+        assert named[what].met is not False
     edge = [edge.settled for edge in simulated.edges]
     assert all(max(one.verified.value, one.refuted.value) <= 0.05 for one in edge)
     assert set(simulated.largest_bias_mm) == {point.name for point in POINTS}
