@@ -27,6 +27,7 @@ from wonderland.ledger.signing import Signer
 from wonderland.proofs import encoding, keys
 from wonderland.proofs.encoding import from_base64url, to_base64url
 from wonderland.proofs.errors import ProofError
+from wonderland.proofs.prospects import hopeless
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.pads import Commissioning, Prekey
 from wonderland.proofs.records.sessions import Session
@@ -141,6 +142,9 @@ class UavAgent:
         if mismatch:
             await self._ledger.cancel(session.session_id, "session_mismatch", mismatch)
             raise UavAgentError("session_mismatch", f"the session on the ledger is not the one asked for: {mismatch}")
+        doubt = hopeless(commissioning, session.policy, session.claim)
+        if doubt:
+            _log.warning("%s at %s: it will not be verified: %s", self.uav_id, pad_id, doubt)
         machine = UavSession(
             session,
             commissioning,

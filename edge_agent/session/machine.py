@@ -32,10 +32,12 @@ from edge_agent.session.words import PadWords, Word
 from wonderland.proofs.encoding import to_base64url
 from wonderland.proofs.judgement import NEAR_CLAIM_MS
 from wonderland.proofs.keys import SessionKeys
+from wonderland.proofs.prospects import hopeless
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import BroadcastClaim, Evidence, Radio, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.rounds import MIN_ANCHORS
+from wonderland.proofs.stopping import LOOKS
 from wonderland.proofs.verdict import preview
 from wonderland.uwb.blinks import blink_plan
 from wonderland.uwb.layout import RangingPlan
@@ -104,11 +106,12 @@ class PadSession:
         )
         self._gathered = GatheredEvidence(anchor_ids)
         self._frames = FrameGatherer(anchor_ids, "challenge")
+        self._hopeless = hopeless(commissioning, session.policy, session.claim)
         self._ranging = Ranging(
             self._gathered,
             lambda at_ms: judge(session, commissioning, self._evidence(at_ms), at_ms),
             interval_ms=self._plan.interval_a_ms,
-            max_rounds=session.policy.max_rounds,
+            max_rounds=min(session.policy.max_rounds, LOOKS[0]) if self._hopeless else session.policy.max_rounds,
             timing=self._timing,
             stamps_frames=self._plan.blinks is not None and measured_by == "pad",
         )
@@ -149,8 +152,12 @@ class PadSession:
     def start(self, now_ms: int) -> list[do.PadAction]:
         """First actions: the request is on the ledger, the nodes are opened."""
         actions: list[do.PadAction] = []
-        self._reach("request", min(now_ms, self.session.requested_ms), actions)
-        actions.append(do.OpenRadios(self._plan))
+        detail = f"cannot settle: {self._hopeless}" if self._hopeless else ""
+        self._reach("request", min(now_ms, self.session.requested_ms), actions, detail=detail)
+        if self._hopeless and self.session.policy.cancel_hopeless:
+            self._cancel("cannot_settle", self._hopeless, now_ms, actions)
+        else:
+            actions.append(do.OpenRadios(self._plan))
         return actions
 
     def handle(self, event: on.PadEvent, now_ms: int) -> list[do.PadAction]:

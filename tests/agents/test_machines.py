@@ -497,3 +497,25 @@ def test_the_permission_is_dated_when_the_pad_has_opened(make_duo):
     quiet.tell_pad = lambda event: None if isinstance(event, pad_on.Permitted) else type(quiet).tell_pad(quiet, event)
     quiet.run()
     assert "permission" not in quiet.pad.evidence.steps
+
+
+# --- what can never be settled --------------------------------------------------------------------------------------
+
+
+def test_a_place_where_nothing_can_be_settled_is_ranged_for_ten_rounds_and_told_before(make_duo, make_flight):
+    far = (4_000.0, 120_000.0, 6_000.0)
+    duo = make_duo(flight=make_flight(truth=far, claimed=far))
+    duo.run()
+    first = duo.of(duo.pad_actions, pad_do.ReportStep)[0]
+    assert (first.step, first.detail[:13]) == ("request", "cannot settle")
+    assert len(duo.evidence.ranges.t_ms) <= 10
+    assert (duo.verdict.outcome, duo.verdict.permission) == ("inconclusive", "refused")
+
+
+def test_or_cancelled_at_once_where_the_policy_wants_that(make_duo, make_flight):
+    far = (4_000.0, 120_000.0, 6_000.0)
+    duo = make_duo(flight=make_flight(truth=far, claimed=far), policy=Policy(cancel_hopeless=True))
+    duo.run()
+    assert (duo.ledger_state, duo.ledger_end) == ("cancelled", "cannot_settle")
+    assert not duo.of(duo.pad_actions, pad_do.OpenRadios)
+    assert duo.evidence is None

@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests_world import START_MS, World
 
-from wonderland.proofs.prospects import anchors_in_a_plane, prospect, within_hull
+from wonderland.proofs.errors import RecordError
+from wonderland.proofs.prospects import anchors_in_a_plane, hopeless, prospect, within_hull
 from wonderland.proofs.records.pads import BiasPoint
 from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.records.sessions import AnchorRanges, RangeTable
+from wonderland.proofs.records.sessions import AnchorRanges, ClockReading, Evidence, RangeTable
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.verdict import preview
 
@@ -184,3 +185,138 @@ def test_a_clock_that_may_be_off_widens_the_ellipse_along_the_flight(world):
     assert judged(world, world.evidence(slow, late), late(0)).outcome == "verified"
     fast_and_late = lambda t: path(t - 50)  # noqa: E731
     assert judged(world, world.evidence(path, fast_and_late), fast_and_late(0)).outcome != "refuted"
+
+
+def _with_ranges(world, evidence, change):
+    columns = [list(anchor.range_mm) for anchor in evidence.ranges.anchors]
+    change(columns)
+    return dataclasses.replace(evidence, ranges=table(world, columns))
+
+
+def _set(columns, index, values):
+    columns[index][:] = values
+
+
+def _renamed(evidence):
+    anchors = tuple(dataclasses.replace(anchor, anchor_id=f"B{i}") for i, anchor in enumerate(evidence.ranges.anchors))
+    return dataclasses.replace(evidence, ranges=dataclasses.replace(evidence.ranges, anchors=anchors))
+
+
+def _backwards(world, evidence):
+    columns = [list(anchor.range_mm) for anchor in evidence.ranges.anchors]
+    return dataclasses.replace(evidence, ranges=table(world, columns, reversed(evidence.ranges.t_ms)))
+
+
+def _claims(evidence, **fields):
+    return dataclasses.replace(
+        evidence, claims=tuple(dataclasses.replace(claim, **fields) for claim in evidence.claims)
+    )
+
+
+BAD: dict = {
+    "ranges of zero": (lambda w, e: _with_ranges(w, e, lambda c: [_set(c, i, [0] * 40) for i in range(4)]), "too_few"),
+    "no ranges": (lambda w, e: _with_ranges(w, e, lambda c: [_set(c, i, [-1] * 40) for i in range(4)]), "too_few"),
+    "huge ranges": (
+        lambda w, e: _with_ranges(w, e, lambda c: [_set(c, i, [1_000_000] * 40) for i in range(4)]),
+        "too_few",
+    ),
+    "one range of all anchors": (
+        lambda w, e: _with_ranges(w, e, lambda c: [_set(c, i, [7_000] * 40) for i in range(4)]),
+        "",
+    ),
+    "one anchor silent": (lambda w, e: _with_ranges(w, e, lambda c: _set(c, 3, [-1] * 40)), "anchor_silent"),
+    "other anchors": (lambda w, e: _renamed(e), "anchors_unknown"),
+    "rounds that run backwards": (_backwards, "time_goes_back"),
+    "claims that run backwards": (lambda w, e: dataclasses.replace(e, claims=e.claims[::-1]), "claims_go_back"),
+    "a claim from the other side of the planet": (
+        lambda w, e: _claims(e, lat_e7=-604_518_000, lon_e7=-1_577_334_000),
+        "claim_far_away",
+    ),
+    "a claim good to a kilometre": (lambda w, e: _claims(e, accuracy_mm=1_000_000), "claim_vague"),
+    "a height good to a kilometre": (lambda w, e: _claims(e, height_accuracy_mm=1_000_000), "claim_height_vague"),
+    "rounds of yesterday": (
+        lambda w, e: dataclasses.replace(
+            e, ranges=table(w, [a.range_mm for a in e.ranges.anchors], [t - 86_400_000 for t in e.ranges.t_ms])
+        ),
+        "rounds_not_fresh",
+    ),
+    "nothing at all": (
+        lambda w, e: dataclasses.replace(e, ranges=RangeTable(t_ms=(), anchors=()), claims=()),
+        "too_few_rounds",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_evidence_is_a_reason_and_verifies_nothing(world, name):
+    change, reason = BAD[name]
+    verdict = judged(world, change(world, world.evidence(lambda t: HERE, lambda t: HERE)))
+    found = {each.code for each in verdict.reasons}
+    assert any(code.startswith(reason) for code in found), found
+    if name != "one anchor silent":
+        assert verdict.outcome != "verified"
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("range_mm", 1_000_001),
+        ("range_mm", -2),
+        ("range_mm", 7.5),
+        ("range_mm", "NaN"),
+        ("range_mm", None),
+        ("range_mm", True),
+        ("anchor_id", "A0"),
+        ("anchor_id", ""),
+        ("t_ms", -1),
+        ("accuracy_mm", 0),
+        ("height_accuracy_mm", 0),
+        ("lat_e7", 900_000_001),
+        ("ticks", -2),
+        ("ticks", 2**24 + 1),
+        ("gap_ms", -1),
+        ("bound_by", "hope"),
+        ("uav_ms", -1),
+    ],
+)
+def test_bad_records_are_refused_by_name(world, field, value):
+    """What is no evidence at all never comes as far as a verdict."""
+    world.share_a_clock()
+    evidence = dataclasses.replace(
+        world.evidence(lambda t: HERE, lambda t: HERE),
+        time_stamps=world.stamps(lambda t: HERE),
+        clock=(ClockReading(uav_ms=1, heard_ms=2, asked_ms=1),),
+    )
+    document = evidence.to_json()
+    Evidence.parse(document)
+    places = {
+        "range_mm": (document["ranges"]["anchors"][1]["range_mm"], 3),
+        "anchor_id": (document["ranges"]["anchors"][1], "anchor_id"),
+        "t_ms": (document["ranges"]["t_ms"], 0),
+        "accuracy_mm": (document["claims"][2], "accuracy_mm"),
+        "height_accuracy_mm": (document["claims"][2], "height_accuracy_mm"),
+        "lat_e7": (document["claims"][2], "lat_e7"),
+        "ticks": (document["time_stamps"]["anchors"][1]["ticks"], 3),
+        "gap_ms": (document["time_stamps"]["gap_ms"], 3),
+        "bound_by": (document["time_stamps"], "bound_by"),
+        "uav_ms": (document["clock"][0], "uav_ms"),
+    }
+    where, key = places[field]
+    where[key] = value
+    with pytest.raises(RecordError, match="anchor" if field == "anchor_id" and value else field):
+        Evidence.parse(document)
+
+
+def test_what_can_never_be_settled_is_told_before_ranging(make_world):
+    world = make_world()
+    near, far = world.claim(HERE, START_MS), world.claim((3000, 14_000, 4000), START_MS)
+    assert hopeless(world.commissioning, Policy(), near) == ""
+    assert "biases" in hopeless(make_world(bias_sigma_mm=200).commissioning, Policy(), far)
+    assert "reach" in hopeless(world.commissioning, Policy(), world.claim((150_000, 0, 4000), START_MS))
+    elsewhere = dataclasses.replace(near, lat_e7=-near.lat_e7)
+    assert "nowhere near" in hopeless(world.commissioning, Policy(), elsewhere)
+    assert "share no" in hopeless(world.commissioning, Policy(min_assurance=3), near)
+    world.share_a_clock()
+    assert hopeless(world.commissioning, Policy(min_assurance=3), near) == ""
+    assert hopeless(world.commissioning, Policy(min_assurance=2), far) == ""
+    assert "time stamps prove too little" in hopeless(world.commissioning, Policy(min_assurance=3), far)

@@ -5,13 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from wonderland.proofs.differences import frames_needed
+from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.estimate import solve
+from wonderland.proofs.frame import to_local
 from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.sessions import Claim
 from wonderland.proofs.reduction import HEIGHT_SIGMA_FLOOR_MM, Reduced, anchor_mean, distance
 from wonderland.proofs.stopping import rounds_needed
 
+TIMED_ASSURANCE: Final = 3
+"""From this assurance on the time stamps alone have to prove the claim."""
 PLANE_SIGMAS: Final = 3.0
 PLANE_FLOOR_MM: Final = 100.0
 """Anchors nearer to a plane than this are in it, as far as ranging goes."""
@@ -74,6 +80,30 @@ def prospect(
     white = max(offset.covariance.along(axes.east, axes.north) - settled, 0.0)
     rounds = rounds_needed(0.0, white, settled, policy) if offset.mirror is None else -1
     return Prospect(rounds, offset.covariance, offset.floor)
+
+
+def hopeless(commissioning: Commissioning, policy: Policy, claim: Claim) -> str:
+    """Why this pad can never verify an honest drone at its claim, whatever it measures; empty where it can."""
+    try:
+        east, north, up = (
+            float(value) for value in to_local(commissioning.frame, claim.lat_e7, claim.lon_e7, claim.height_mm)
+        )
+    except GeometryError:
+        return "the claimed position is nowhere near this pad"
+    expected = prospect(commissioning, policy, east, north, up)
+    if expected is None:
+        return "the claimed position is out of the pad's reach, or its geometry gives none there"
+    if expected.rounds < 0:
+        return "no number of rounds would settle it there: too little is known of the pad's biases and survey"
+    if policy.min_assurance >= TIMED_ASSURANCE:
+        frames = frames_needed(commissioning, policy, east, north, up)
+        if frames == 0:
+            return (
+                f"the policy demands assurance {policy.min_assurance}, and the pad's nodes share no commissioned clock"
+            )
+        if frames < 0:
+            return f"the policy demands assurance {policy.min_assurance}, and time stamps prove too little there"
+    return ""
 
 
 def anchors_in_a_plane(commissioning: Commissioning) -> bool:

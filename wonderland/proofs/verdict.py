@@ -315,6 +315,9 @@ def _usable(evidence: Evidence, commissioning: Commissioning, min_rounds: int, r
         reasons.add("too_few_rounds", f"{count} usable rounds; at least {min_rounds} are needed.")
     if rounds.obstructed:
         reasons.add("obstructed", f"{rounds.obstructed} ranges left out: their anchors saw an obstruction.")
+    strangers = sum(1 for column in evidence.ranges.anchors if column.anchor_id not in anchor_ids)
+    if strangers:
+        reasons.add("anchors_unknown", f"{strangers} anchors of the evidence are not among those commissioned.")
     silent = len(anchor_ids) - sum(1 for column in rounds.range_mm if any(value >= 0 for value in column))
     if silent and count:
         reasons.add("anchor_silent", f"{silent} of {len(anchor_ids)} anchors measured nothing usable.")

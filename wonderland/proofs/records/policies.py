@@ -29,6 +29,8 @@ class Policy(Record):
     min_request_gap_ms: Annotated[
         int, Integer(0, 600_000, "Least time between two requests of one drone to one pad; 0: any")
     ] = 0
+    cancel_hopeless: bool = False
+    """Whether a pad cancels at once what it can settle nothing about; else it ranges ten rounds, for the record."""
     witness_pad_id: PadId | None = None
     """A second pad that time-stamps the same drone in its own signed record; assurance 4 needs one."""
 
