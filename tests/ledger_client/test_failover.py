@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 
 import grpc
 import pytest
@@ -178,6 +179,16 @@ async def test_a_peer_that_is_still_behind_is_not_preferred_again(pair):
         await comparing
         assert pair.gateways.order() == order
     assert level == []
+
+
+async def test_peers_that_disagree_since_the_preferred_one_is_behind(pair):
+    """Fabric's peers can stop to follow for a while; what they endorse then never matches what others do."""
+    mismatch = FailError(grpc.StatusCode.ABORTED, "failed to assemble: ProposalResponsePayloads do not match")
+    pair.first.line_up("Endorse", *[mismatch] * 99)
+    pair.gateways.is_level = functools.partial(is_level, pair.network._environment, "wonderland")
+    pair.first.newest, pair.second.newest = 6, 7
+    assert (await pair.contract.submit_with_retry("put", "a")).block_number == 9
+    assert pair.asked("Endorse") == (1, 1)
 
 
 async def test_heights_are_compared_at_the_peers_themselves(pair):

@@ -251,6 +251,7 @@ class ProofContract:
                 refusal = _translated(error)
                 if not isinstance(refusal, RefusedError) or refusal.code not in behind:
                     raise refusal from error
+                await self._contract.leave_if_behind()
                 if loop.time() >= deadline_s:
                     raise AwayError(f"a peer that must endorse is behind: {refusal}") from error
             else:
@@ -261,7 +262,10 @@ class ProofContract:
         try:
             return _object(await self._contract.evaluate(function, argument.encode()))
         except GatewayError as error:
-            raise _translated(error) from error
+            refusal = _translated(error)
+            if isinstance(refusal, RefusedError) and refusal.status == _NOT_THERE:
+                await self._contract.leave_if_behind()  # the caller may know that it is there, and ask again
+            raise refusal from error
 
 
 def _note(text: str) -> str | None:

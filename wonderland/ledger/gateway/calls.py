@@ -131,6 +131,15 @@ class Calls:
         if len(self._gateways) > 1 and self._gateways.is_level is None:
             self._gateways.is_level = is_level
 
+    async def leave_if_behind(self) -> None:
+        """Ask another Gateway first from now on, if the present one's peer has fewer blocks than that one's."""
+        is_level, order = self._gateways.is_level, self._gateways.order()
+        if self._only is not None or is_level is None or len(order) == 1:
+            return
+        with contextlib.suppress(GatewayError):
+            if not await is_level(order[0], order[1]):
+                self._gateways.failed(order[0])
+
     def pass_over(self, *, behind: bool = False) -> None:
         """The Gateway of a pinned one ended a stream, or is behind: others are better now."""
         if self._only is not None:

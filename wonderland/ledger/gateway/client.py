@@ -235,6 +235,10 @@ class Contract:
         status.require_valid()
         return Submitted(transaction.tx_id, status.block_number, transaction.payload)
 
+    async def leave_if_behind(self) -> None:
+        """Go to another peer of the organisation, if the one that is asked is behind: after an answer that says so."""
+        await self._environment.calls.leave_if_behind()
+
     async def submit_with_retry(
         self,
         function: str,
@@ -266,6 +270,8 @@ class Contract:
             except EndorseError as error:
                 if not attempt.again_after_refusal(error, is_gossip_time=loop.time() < gossip_until_s):
                     raise
+                if error.is_mismatch:
+                    await self.leave_if_behind()
             await asyncio.sleep(backoff.next_s())
 
 
