@@ -51,14 +51,17 @@ def description(consensus, orderers):
 
 
 async def leader(network):
-    """The orderer that leads."""
+    """The orderer that leads; of several that say so (one that just came back does) none, until they agree."""
     async with asyncio.timeout(60):
         while True:
-            for member in network.orderers:
-                if network.processes.pid(member.component) is not None and await is_leader(
-                    network.address(member, "operations"), network.channel
-                ):
-                    return member.component
+            says = [
+                member.component
+                for member in network.orderers
+                if network.processes.pid(member.component) is not None
+                and await is_leader(network.address(member, "operations"), network.channel)
+            ]
+            if len(says) == 1:
+                return says[0]
             await asyncio.sleep(0.1)
 
 
