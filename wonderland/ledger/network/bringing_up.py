@@ -18,7 +18,13 @@ from wonderland.ledger.network import connections, lifecycle, ports
 from wonderland.ledger.network.agreement import Agreement, load_agreement, require_installed, save_agreement
 from wonderland.ledger.network.certificates import signing_identity
 from wonderland.ledger.network.concurrency import together
-from wonderland.ledger.network.contract import SLOTS, InstalledContract, build_package, installed_contract
+from wonderland.ledger.network.contract import (
+    SLOTS,
+    ContractPackage,
+    InstalledContract,
+    build_package,
+    installed_contract,
+)
 from wonderland.ledger.network.description import NetworkDescription
 from wonderland.ledger.network.errors import ComponentError, DirectoryStateError, NetworkError, UnreachableError
 from wonderland.ledger.network.genesis import ChannelPlan, first_block
@@ -148,7 +154,7 @@ class BringUp:
             await self._agree(peers, contract, agreement)
 
     async def _agree_anew(self, peers: list[PeerAdmin], contract: InstalledContract, former: Agreement) -> Agreement:
-        """The installed contract in the place of the former one; in the same slot, so that there is a short gap."""
+        """The installed contract under the next sequence, in the slot of the former one."""
         network = self._network
         described = network.description.contract
         package = build_package(described.name, contract, former.slot)
@@ -272,6 +278,10 @@ class BringUp:
             agreement = agreement or await self._recall(peers, definition.sequence, contract)
             require_installed(agreement, contract)
             await self._contract_servers(contract, agreement.slot)
+            package = build_package(described.name, contract, agreement.slot)
+            endorsing = [peer for peer in peers if peer.msp_id in network.endorsers]
+            if not all(await together(self._recovered(peer, package, agreement) for peer in endorsing)):
+                agreement = await self._agree_anew(peers, contract, agreement)
         save_agreement(network.directory.contract_file, agreement)
         for msp_id in network.endorsers:
             await self._processes.wait_ready(network.launch_contract(msp_id, agreement.slot))
@@ -282,6 +292,22 @@ class BringUp:
         await together(
             lifecycle.wait_answering(peer, inspector, network.channel, described.name, PROBE) for peer in peers
         )
+
+    async def _recovered(self, peer: PeerAdmin, package: ContractPackage, agreement: Agreement) -> bool:
+        """Whether a peer has the package and its organisation's approval; a package that was lost is installed.
+
+        The approval is private to the organisation: when its last peer has lost its ledger, nobody has it any more,
+        and Fabric takes it again only with another sequence.
+        """
+        network = self._network
+        if package.package_id in await peer.installed():
+            return True
+        name = network.description.contract.name
+        self._report("contract", f"{peer.component} has lost {package.label}: installing it")
+        await lifecycle.wait_definition(peer, network.channel, name, agreement.sequence)
+        await lifecycle.install(peer, package)
+        approved = await lifecycle.approved_package(peer, network.channel, name, agreement.sequence)
+        return approved == package.package_id
 
     async def _recall(self, peers: list[PeerAdmin], sequence: int, contract: InstalledContract) -> Agreement:
         """What was agreed on, when the note about it is lost: the channel knows."""

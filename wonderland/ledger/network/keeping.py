@@ -53,6 +53,8 @@ async def keep_up(directory: NetworkDirectory, binaries: Binaries, report: Repor
     while not stop.is_set():
         await _wait(stop, LOOK_S)
         network = open_network(directory)
+        for name in network.processes.shorten_logs():
+            report("keep", f"the log of {name} begins anew; what was there is in {network.processes.log(name)}.1")
         missing = ended(network)
         if not missing or len(missing) == len(components(network)):
             if time.monotonic() - last_s > STEADY_S:

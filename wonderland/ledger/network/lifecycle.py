@@ -44,6 +44,11 @@ _DONE: Final = re.compile(
     r"(?!.*with different parameters))",
     re.DOTALL,
 )
+_NOT_APPROVED: Final = (
+    "could not fetch approved chaincode definition",
+    # Approved, and the peer's ledger was lost with what it had approved: that is private to the organisation.
+    "private data matching public hash version is not available",
+)
 _NEVER: Final = ("access denied", "invalid sequence", "requested sequence", "attempted to redefine")
 
 
@@ -121,7 +126,7 @@ async def approved_package(peer: PeerAdmin, channel: str, name: str, sequence: i
     try:
         data = await peer.call(channel, LIFECYCLE, "QueryApprovedChaincodeDefinition", argument)
     except RefusedError as error:
-        if "could not fetch approved chaincode definition" in str(error):
+        if any(sign in str(error) for sign in _NOT_APPROVED):
             return None
         raise
     source = lifecycle_pb2.QueryApprovedChaincodeDefinitionResult.FromString(data).source

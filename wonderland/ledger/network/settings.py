@@ -334,7 +334,9 @@ def _gossip(place: PeerPlace) -> dict[str, Any]:
         "state": {"enabled": False},
         # All of it: a pushAckTimeout that is not set is 0, and fails.
         "pvtData": {
-            "pullRetryThreshold": "60s",
+            # How long a block waits for private data that nobody has any more: a peer that joins anew after the loss of
+            # its ledger waits so long at each approval of its organisation. What comes later is reconciled.
+            "pullRetryThreshold": "2s",
             "transientstoreMaxBlockRetention": 20_000,
             "pushAckTimeout": "3s",
             "btlPullMargin": 10,

@@ -1,0 +1,88 @@
+"""Restoring: a peer's ledger lost, or put back from a copy that is older than the channel."""
+
+import asyncio
+import shutil
+
+import pytest
+
+from wonderland.ledger.gateway import GatewayError
+from wonderland.ledger.network.status import network_status
+
+pytestmark = [pytest.mark.fabric, pytest.mark.timeout(180)]
+
+
+def _heights(running):
+    status = asyncio.run(network_status(running.network))
+    assert status.healthy, status
+    return {each.name: each.height for each in status.components if each.kind == "peer"}
+
+
+async def _register_soon(running, name, msp_id):
+    """Until a peer that has just been restored has caught up."""
+    async with asyncio.timeout(60):
+        while True:
+            try:
+                return await running.register_pad(name, msp_id)
+            except GatewayError:
+                await asyncio.sleep(0.2)
+
+
+def _data(running, component):
+    msp_id, _, name = component.partition(".")
+    return running.network.directory.organisation(msp_id).node(name).data
+
+
+def _caught_up(running):
+    async def until():
+        async with asyncio.timeout(60):
+            while True:
+                status = await network_status(running.network)
+                heights = {each.height for each in status.components if each.kind == "peer"}
+                if status.healthy and len(heights) == 1:
+                    return
+                await asyncio.sleep(0.2)
+
+    asyncio.run(until())
+
+
+@pytest.mark.parametrize("component", ["FleetMSP.peer0", "PadMSP.peer0"])
+def test_a_peer_that_lost_everything_joins_anew_and_endorses(running, component):
+    """PadMSP's only peer: what its organisation approved is in its private data, and lost with it."""
+    asyncio.run(running.register_pad())
+    height = max(_heights(running).values())
+    asyncio.run(running.network.processes.stop(component))
+    shutil.rmtree(_data(running, component))
+    running.up()
+    _caught_up(running)
+    assert _heights(running)[component] >= height
+    asyncio.run(_register_soon(running, "pad_operator", "PadMSP"))
+    running.up()
+
+
+def test_a_peer_goes_on_from_an_older_copy(running, tmp_path):
+    asyncio.run(running.network.processes.stop("PadMSP.peer0"))
+    shutil.copytree(_data(running, "PadMSP.peer0"), tmp_path / "copy")
+    running.up()
+    asyncio.run(_register_soon(running, "pad_operator", "PadMSP"))
+    after = max(_heights(running).values())
+    asyncio.run(running.network.processes.stop("PadMSP.peer0"))
+    shutil.rmtree(_data(running, "PadMSP.peer0"))
+    (tmp_path / "copy").rename(_data(running, "PadMSP.peer0"))
+    running.up()
+    _caught_up(running)
+    assert _heights(running)["PadMSP.peer0"] >= after
+    asyncio.run(_register_soon(running, "pad_operator", "PadMSP"))
+
+
+def test_a_ca_goes_on_from_a_copy(running, tmp_path):
+    """With its directory back, nobody has to enrol anew, and new ones can."""
+    from wonderland.ledger.network import enrolment
+
+    home = running.network.directory.organisation("PadMSP").ca_home
+    asyncio.run(running.network.processes.stop("PadMSP.ca"))
+    shutil.copytree(home, tmp_path / "copy")
+    shutil.rmtree(home)
+    shutil.copytree(tmp_path / "copy", home)
+    running.up()
+    (enrolled,) = asyncio.run(enrolment.enrol(running.network, [enrolment.Request("restored", "pad", "restored")]))
+    assert enrolled.msp_id == "PadMSP"
