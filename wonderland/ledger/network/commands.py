@@ -31,6 +31,7 @@ from wonderland.ledger.network import (
     taking_down,
     upgrading,
 )
+from wonderland.ledger.network.capacity_command import capacity
 from wonderland.ledger.network.console import dir_option, json_option, open_at, progress
 from wonderland.ledger.network.description import NetworkDescription, Organisation
 from wonderland.ledger.network.layout import NetworkDirectory
@@ -65,7 +66,7 @@ def network() -> None:
     """  # noqa: D301 - \b is click's mark for "do not wrap"
 
 
-for each in elsewhere_commands.COMMANDS:
+for each in (*elsewhere_commands.COMMANDS, capacity):
     network.add_command(each)
 
 
