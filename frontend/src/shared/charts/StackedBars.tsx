@@ -4,23 +4,24 @@ import { ticks } from "./scale";
 
 export type Stack = { key: string; label: string; parts: readonly { tone: string; value: number }[]; title: string };
 
-const WIDTH = 720;
 const LEFT = 38;
 const BOTTOM = 22;
 
+type Properties = { bars: readonly Stack[]; summary: string; every: number; width?: number; height?: number };
+
 /** Bars whose parts stand on one another, with a round axis. The same figures stand in a table beside it. */
-export function StackedBars({ bars, height = 160, summary, every }: { bars: readonly Stack[]; height?: number; summary: string; every: number }): ReactElement {
+export function StackedBars({ bars, summary, every, width = 720, height = 160 }: Properties): ReactElement {
   const most = Math.max(1, ...bars.map(({ parts }) => parts.reduce((sum, { value }) => sum + value, 0)));
   const axis = ticks(most);
   const top = axis.at(-1) ?? 1;
   const y = (value: number): number => 8 + (height - BOTTOM - 8) * (1 - value / top);
-  const step = (WIDTH - LEFT) / Math.max(1, bars.length);
+  const step = (width - LEFT) / Math.max(1, bars.length);
   const gap = step > 12 ? 3 : step > 4 ? 1 : 0;
   return (
-    <svg className="chart num" viewBox={`0 0 ${WIDTH} ${height}`} role="img" aria-label={summary}>
+    <svg className="chart num" viewBox={`0 0 ${width} ${height}`} role="img" aria-label={summary}>
       {axis.map((at) => (
         <g key={at}>
-          <path d={`M${LEFT} ${y(at)}H${WIDTH}`} stroke="var(--line)" />
+          <path d={`M${LEFT} ${y(at)}H${width}`} stroke="var(--line)" />
           <text x={LEFT - 6} y={y(at) + 4} textAnchor="end">
             {count(at)}
           </text>
