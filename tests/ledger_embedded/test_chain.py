@@ -1,6 +1,7 @@
 """The running chain: cutting blocks, full and failing disks, restarts, damaged stores."""
 
 import asyncio
+import contextlib
 import sqlite3
 
 import grpc
@@ -8,6 +9,7 @@ import pytest
 from fabric_protos.common import common_pb2
 
 from wonderland.ledger.blocks import parse_block
+from wonderland.ledger.commit_hash import commit_hash_of, expected_commit_hash
 from wonderland.ledger.embedded import chain as chain_module
 from wonderland.ledger.embedded import organisations as orgs
 from wonderland.ledger.embedded.committer import Candidate
@@ -24,6 +26,83 @@ from wonderland.ledger.gateway import EndorseError, GatewayError
 
 def candidate(name="t", size=10):
     return Candidate(name, b"x" * size, b"", 0, 0, 0)
+
+
+async def fill(world, blocks):
+    """So many blocks of one invalid transaction each."""
+    for number in range(world.chain.height, world.chain.height + blocks):
+        world.chain.submit(Candidate(f"filler {number}", b"filler", b"", 0, 255, 0))
+        await world.chain.wait_for_block(number)
+
+
+async def until(condition):
+    async with asyncio.timeout(60):
+        while not condition():
+            await asyncio.sleep(0.01)
+
+
+async def test_each_block_tells_by_a_hash_all_that_was_committed(world):
+    contract = world.contract()
+    await contract.submit("put", "a", "1")
+    await contract.submit("delete", "a")
+    await contract.submit("fill", "k", "3")
+    await fill(world, 1)
+    blocks = [parse_block(world.chain.block(number)) for number in range(world.chain.height)]
+    previous = commit_hash_of(blocks[0])
+    assert previous == b""
+    for block in blocks[1:]:
+        previous = expected_commit_hash(previous, block)
+        assert commit_hash_of(block) == previous
+    assert len({commit_hash_of(block) for block in blocks}) == len(blocks)
+
+
+async def test_older_blocks_are_checked_while_the_ledger_serves(tmp_path, open_world):
+    async with open_world(tmp_path / "ledger") as world:
+        await world.contract().submit("put", "k", "1")
+        await fill(world, 130)
+    async with open_world(tmp_path / "ledger") as world:
+        await until(lambda: world.chain.verified_from == 0)
+        assert world.chain.trouble == ""
+        await world.contract().submit("put", "k", "2")
+
+
+@pytest.mark.parametrize("what", ["code", "hash", "missing"])
+async def test_damage_to_an_older_block_stops_the_chain_and_is_said(tmp_path, open_world, what):
+    """Found after the start, which looks at the end only; what is there stays readable."""
+    async with open_world(tmp_path / "ledger") as world:
+        await world.contract().submit("put", "k", "1")
+        await fill(world, 130)
+        path, raw = world.ledger.directory.database, world.chain.block(1)
+    block = common_pb2.Block.FromString(raw)
+    if what == "code":  # nobody signs the validation codes
+        block.metadata.metadata[common_pb2.TRANSACTIONS_FILTER] = b"\x0b"
+    elif what == "hash":
+        block.header.previous_hash = b"x" * 32
+    with contextlib.closing(sqlite3.connect(path)) as db, db:
+        if what == "missing":  # and another one too many, so that the count is right
+            db.execute("UPDATE block SET number=-5 WHERE number=1")
+        else:
+            db.execute("UPDATE block SET raw=? WHERE number=1", (block.SerializeToString(),))
+    async with open_world(tmp_path / "ledger") as world:
+        await until(lambda: world.chain.trouble)
+        assert "nothing is added to this chain any more, since" in world.chain.trouble
+        assert "block 1" in world.chain.trouble
+        assert await world.contract().evaluate("get", "k") == b"1"
+        with pytest.raises(GatewayError, match="restore it from a copy"):
+            await world.contract().submit("put", "k", "2")
+
+
+async def test_a_chain_that_was_begun_without_commit_hashes_goes_on_without(tmp_path, open_world):
+    async with open_world(tmp_path / "ledger") as world:
+        await fill(world, 2)
+        path, raw = world.ledger.directory.database, world.chain.block(2)
+    block = common_pb2.Block.FromString(raw)
+    block.metadata.metadata[common_pb2.COMMIT_HASH] = b""
+    with contextlib.closing(sqlite3.connect(path)) as db, db:
+        db.execute("UPDATE block SET raw=? WHERE number=2", (block.SerializeToString(),))
+    async with open_world(tmp_path / "ledger") as world:
+        await fill(world, 1)
+        assert commit_hash_of(parse_block(world.chain.block(3))) == b""
 
 
 async def test_a_batch_is_cut_by_count_before_its_time():

@@ -22,7 +22,9 @@ from fabric_protos.ledger.rwset.kvrwset import kv_rwset_pb2
 from fabric_protos.peer import proposal_pb2, proposal_response_pb2, transaction_pb2
 from scenario_world import People, Person, Site, people_at
 
+from wonderland.ledger.blocks import parse_block
 from wonderland.ledger.channel_groups import OrganisationDescription
+from wonderland.ledger.commit_hash import commit_hash_of, expected_commit_hash
 from wonderland.ledger.connection import GatewayAddress
 from wonderland.ledger.embedded import organisations as orgs
 from wonderland.ledger.embedded.chain import Chain, ChainSettings, initialise
@@ -285,15 +287,24 @@ async def test_what_is_invalid_is_so_on_both_and_for_the_same_reason(people, tag
     for organisations in (["AuthorityMSP"], ["AuthorityMSP", "PadMSP"]):
         lacking = await site.operator.endorsed("UpdatePad", pad_id=site.pad_id, name="x", endorsed_by=organisations)
         assert (await lacking.commit()).code_name == "ENDORSEMENT_POLICY_FAILURE"
+    assert commit_hash_of(await people.block(0)) == b""
     # Block by block, the same transactions with the same codes.
     mirror = people["mirror"]
     start = (await two[0].both[0].commit.status()).block_number
     top = await _height(people)
     assert people.twin.height == top
-    async with mirror.network.blocks(start_block=start) as stream:
+    async with mirror.network.blocks(start_block=start - 1) as stream:
         blocks = aiter(stream)
+        before = await anext(blocks)
         for number in range(start, top):
             block = await anext(blocks)
+            # Each peer's own word about all that it has committed, by the same rule.
+            for last, this in (
+                (before, block),
+                [parse_block(people.twin.block(each)) for each in (number - 1, number)],
+            ):
+                assert commit_hash_of(this) == expected_commit_hash(commit_hash_of(last), this)
+            before = block
             twin = common_pb2.Block.FromString(people.twin.block(number))
             codes = bytes(each.validation_code for each in block.transactions)
             assert twin.metadata.metadata[common_pb2.TRANSACTIONS_FILTER] == codes

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 from wonderland.ledger.blocks import BlockHeader, parse_block
 from wonderland.ledger.channel_config import endorsement_policy
+from wonderland.ledger.commit_hash import Update, commit_hash
 from wonderland.ledger.embedded.committer import Candidate, validate_block
 from wonderland.ledger.embedded.config_update import (
     ConfigSigners,
@@ -32,7 +33,7 @@ from wonderland.ledger.embedded.errors import (
     LedgerUnavailableError,
     StorageError,
 )
-from wonderland.ledger.embedded.integrity import verify_tip
+from wonderland.ledger.embedded.integrity import OlderBlocks, last_commit_hash, verify_tip
 from wonderland.ledger.embedded.msp import ChannelMembership
 from wonderland.ledger.embedded.orderer import BatchCutter, BatchLimits, BlockAssembler
 from wonderland.ledger.embedded.state import (
@@ -104,6 +105,8 @@ class Chain:
             self._policy = endorsement_policy(self._config_data)
             on_failure.pop_all()
         self.writer: Final = StateWriter(path)
+        self._commit_hash = last_commit_hash(self.reader)
+        self._older = OlderBlocks(path, self._tip.number, self._found_damage)
         self._cutter = BatchCutter(settings.limits)
         self._assembler = BlockAssembler(settings.signers.orderer, settings.random)
         self._lists: list[tuple[Mapping[str, Sequence[bytes]], asyncio.Future[int | None]]] = []
@@ -145,6 +148,11 @@ class Chain:
         return self._trouble
 
     @property
+    def verified_from(self) -> int:
+        """The oldest block whose hashes and signatures have been checked since the start; in the end 0."""
+        return self._older.verified_from
+
+    @property
     def closing(self) -> bool:
         """Whether the ledger is stopping."""
         return self._closing
@@ -152,12 +160,14 @@ class Chain:
     def start(self) -> None:
         """Begin to make blocks."""
         self._task = asyncio.get_running_loop().create_task(self._make_blocks(), name="ledger-blocks")
+        self._older.start()
 
     async def close(self) -> None:
         """Commit what was taken, then stop. Who still waits is told that the ledger is unavailable."""
         if self._closing:
             return
         self._closing = True
+        await self._older.stop()
         self._cutter.interrupt(hurry=True)
         if self._task is not None:
             await self._task
@@ -230,6 +240,8 @@ class Chain:
     async def _make_blocks(self) -> None:
         while not self._halted and not (self._closing and not len(self._cutter) and not self._lists):
             await self._cutter.wait()
+            if self._older.damage is not None:
+                return
             if self._lists:
                 lists, done = self._lists.pop(0)
                 await self._make_config_block(lists, done)
@@ -258,14 +270,17 @@ class Chain:
         number = self._tip.number + 1
         candidates = [self._rechecked(candidate) for candidate in batch]
         results = validate_block(self.writer, number, candidates, self._policy)
+        new_hash = self._hash_with(number, results)
         header, raw = self._assembler.assemble(
             number,
             self._tip.header_hash,
             [candidate.envelope for candidate in batch],
             [result.code for result in results],
             self._last_config,
+            new_hash,
         )
         await self._write(header, raw, results, {})
+        self._commit_hash = new_hash or None
 
     async def _make_config_block(self, lists: Mapping[str, Sequence[bytes]], done: asyncio.Future[int | None]) -> None:
         number = self._tip.number + 1
@@ -281,9 +296,11 @@ class Chain:
             )
             if made is not None:
                 tx_id, envelope, _ = made
-                header, raw = self._assembler.assemble(number, self._tip.header_hash, [envelope], [0], number)
                 result = CommittedTx(tx_id, int(ValidationCode.VALID), settings.clock(), ())
+                new_hash = self._hash_with(number, [result])
+                header, raw = self._assembler.assemble(number, self._tip.header_hash, [envelope], [0], number, new_hash)
                 await self._write(header, raw, [result], {_LAST_CONFIG: str(number).encode()})
+                self._commit_hash = new_hash or None
                 self._last_config, self._config_data, self.membership = self._load_config()
         except Exception as error:  # noqa: BLE001 - handed to the one who asked
             if not done.done():
@@ -318,6 +335,17 @@ class Chain:
             self._recent.popitem(last=False)
         self._announce()
 
+    def _hash_with(self, number: int, results: Sequence[CommittedTx]) -> bytes:
+        """The commit hash of the next block; empty on a chain that was begun without."""
+        if self._commit_hash is None:
+            return b""
+        updates = [
+            Update(write.namespace, write.key, write.value, position)
+            for position, result in enumerate(results)
+            for write in result.writes
+        ]
+        return commit_hash(self._commit_hash, number, bytes(result.code for result in results), updates)
+
     def _rechecked(self, candidate: Candidate) -> Candidate:
         """The candidate, refused if its sender was revoked between submission and this block."""
         if candidate.config_sequence == self.membership.sequence or candidate.code != ValidationCode.VALID:
@@ -333,6 +361,10 @@ class Chain:
         if not self._trouble:
             _log.error("%s; waiting for space", error)
         self._trouble = f"the ledger's disk is full ({error}); it goes on by itself when there is space"
+
+    def _found_damage(self, error: LedgerCorruptedError) -> None:
+        self._halt(f"nothing is added to this chain any more, since {error}; restore it from a copy")
+        self._cutter.interrupt()
 
     def _halt(self, text: str) -> None:
         _log.error("%s", text)

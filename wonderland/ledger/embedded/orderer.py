@@ -117,12 +117,18 @@ class BlockAssembler:
         self._random = random
 
     def assemble(
-        self, number: int, previous_hash: bytes, envelopes: Sequence[bytes], codes: Sequence[int], last_config: int
+        self,
+        number: int,
+        previous_hash: bytes,
+        envelopes: Sequence[bytes],
+        codes: Sequence[int],
+        last_config: int,
+        commit_hash: bytes = b"",
     ) -> tuple[BlockHeader, bytes]:
         """The block's header and its ``common.Block`` bytes.
 
-        The orderer signs value ‖ signature header ‖ DER of the block header; the validation codes are not signed,
-        on Fabric neither.
+        The orderer signs value ‖ signature header ‖ DER of the block header; the validation codes and the commit hash
+        are not signed, on Fabric neither.
         """
         header = BlockHeader(number, previous_hash, data_hash(list(envelopes)))
         config = common_pb2.LastConfig(index=last_config)
@@ -137,6 +143,8 @@ class BlockAssembler:
         metadata[common_pb2.SIGNATURES] = common_pb2.Metadata(value=value, signatures=[signature]).SerializeToString()
         metadata[common_pb2.LAST_CONFIG] = common_pb2.Metadata(value=config.SerializeToString()).SerializeToString()
         metadata[common_pb2.TRANSACTIONS_FILTER] = bytes(codes)
+        if commit_hash:
+            metadata[common_pb2.COMMIT_HASH] = common_pb2.Metadata(value=commit_hash).SerializeToString()
         block = common_pb2.Block(
             header=common_pb2.BlockHeader(number=number, previous_hash=previous_hash, data_hash=header.data_hash),
             data=common_pb2.BlockData(data=envelopes),

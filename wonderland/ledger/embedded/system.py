@@ -65,6 +65,7 @@ class SystemQueries:
                     "config_block": chain.config_block,
                     "batch_ms": chain.settings.limits.time_ms,
                     "trouble": chain.trouble,
+                    "verified_from": chain.verified_from,
                     "organisations": sorted(each.msp_id for each in chain.membership.organisations),
                     "contracts": {name: contract.version for name, contract in sorted(self._contracts.items())},
                     "version": __version__,
