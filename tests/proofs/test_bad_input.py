@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from tests_world import START_MS, World
 
 from wonderland.proofs.errors import RecordError
+from wonderland.proofs.judgement import metres
 from wonderland.proofs.prospects import anchors_in_a_plane, hopeless, prospect, within_hull
 from wonderland.proofs.records.pads import BiasPoint
 from wonderland.proofs.records.policies import Policy
@@ -320,3 +321,23 @@ def test_what_can_never_be_settled_is_told_before_ranging(make_world):
     assert hopeless(world.commissioning, Policy(min_assurance=3), near) == ""
     assert hopeless(world.commissioning, Policy(min_assurance=2), far) == ""
     assert "time stamps prove too little" in hopeless(world.commissioning, Policy(min_assurance=3), far)
+
+
+@pytest.mark.parametrize("count", [4, 5, 6, 8, 12, 16])
+def test_within_r_of_the_pad_outside_of_the_anchors_and_at_the_place_among_them(count):
+    """Whatever the number of anchors: from one side two-way ranging proves a distance, not a place."""
+    corners = [
+        (round(6000 * math.cos(2 * math.pi * i / count)), round(6000 * math.sin(2 * math.pi * i / count)))
+        for i in range(count)
+    ]
+    for place, among in (((500.0, -800.0, 3000.0), True), ((7000.0, 6000.0, 3000.0), False)):
+        world = World(seed=count, anchors=corners)
+        evidence = world.evidence(lambda t, p=place: p, lambda t, p=place: p, bias_mm=[0] * count)
+        verdict = judged(world, evidence, place)
+        assert verdict.outcome == "verified"
+        said = {reason.code: reason.text for reason in verdict.reasons}
+        assert ("upper_bound" in said) is not among
+        assert verdict.within_mm >= math.hypot(*place)
+        assert verdict.within_mm <= math.hypot(*place) + 2 * 6000 + 500
+        if not among:
+            assert metres(float(verdict.within_mm)) in said["upper_bound"]
