@@ -14,12 +14,18 @@ def quiet(_step, _text):
     """Nobody listens."""
 
 
-async def fabric_network(directory, **described):
-    """A network that is up; without a description three organisations, one peer each, one orderer. Take it down!"""
+def needs_fabric():
+    """Skip where Fabric's servers are missing."""
     try:
-        servers = await binaries.check()
+        binaries.find()
     except BinaryError as error:
         pytest.skip(f"Fabric's servers are needed: {error}")
+
+
+async def fabric_network(directory, **described):
+    """A network that is up; without a description three organisations, one peer each, one orderer. Take it down!"""
+    needs_fabric()
+    servers = await binaries.check()
     network = bringing_up.new_network(NetworkDirectory(directory), NetworkDescription.parse(described))
     try:
         await bringing_up.bring_up(network, servers, quiet)

@@ -61,11 +61,11 @@ class Sessions:
 
 
 @contextlib.asynccontextmanager
-async def sessions(directory, *, policy, rounds=10_000):
+async def sessions(directory, *, policy, rounds=10_000, ledger="embedded"):
     """A stage with one pad and one drone, ready to prove. ``policy``: of the pad; ``rounds``: of the recording."""
     pad = PADS[0]
     drone = DroneSpec(UAV_ID, "Bench", pad.pad_id, "land", Behaviour.HONEST, HOVER_M, HOVER_M, 0.0)
-    stage = Stage(directory, StageSettings((pad,), (drone,), policy=lambda _: policy))
+    stage = Stage(directory, StageSettings((pad,), (drone,), policy=lambda _: policy, ledger=ledger))
     async with contextlib.AsyncExitStack() as stack:
         await stack.enter_async_context(stage)
         playback = Playback(

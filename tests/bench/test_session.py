@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from bench_fabric import needs_fabric
 from bench_sessions import sessions
+from bench_steps import write_steps
 from bench_tools import p50, p95, show
 
 from wonderland.ledger.gateway import Gateway
@@ -43,12 +44,17 @@ def airtime_ms(rounds, anchors, plan):
     }
 
 
-async def test_request_to_verdict(tmp_path, node_client, keep):
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("ledger", ["embedded", pytest.param("fabric", marks=pytest.mark.fabric)])
+async def test_request_to_verdict(tmp_path, node_client, keep, ledger):
+    if ledger == "fabric":
+        needs_fabric()
     plan = RangingPlan(session_a_id=2, session_b_id=3, pad_macs=(1, 2, 3, 4), uav_mac=9, sts_key=bytes(16))
     walls, floors, commits, parts = [], [], [], {}
-    async with sessions(tmp_path, policy=Policy(min_assurance=2)) as proving:
+    steps_of = []
+    async with sessions(tmp_path, policy=Policy(min_assurance=2), ledger=ledger) as proving:
         connection = proving.stage.connection
-        home = SimpleNamespace(ready={"connection": str(Path(tmp_path) / "ledger" / "connection.json")})
+        home = SimpleNamespace(ready={"connection": str(proving.stage.connection_file)})
         node = await node_client(home, "pad_operator")
         await node.submit("CreateAsset", assets("warm", 20))
         await proving.prove()
@@ -72,6 +78,9 @@ async def test_request_to_verdict(tmp_path, node_client, keep):
                 floors.append(sum(airtime_ms(result.verdict.rounds, len(brought.ranges.anchors), plan).values()))
                 times = {"request committed": result.steps["request"], **steps, "verdict committed": verdict_ms}
                 del times["request"]
+                since = session["requested_ms"]
+                merged = {**result.steps, **{name: t_ms for name, t_ms in steps.items() if name != "request"}}
+                steps_of.append({name: t_ms - since for name, t_ms in merged.items()})
                 before = session["requested_ms"]
                 for name in ("request committed", "poll", "match", "reply", "range", "confirm", "verdict committed"):
                     parts.setdefault(name, []).append(times[name] - before)
@@ -79,8 +88,9 @@ async def test_request_to_verdict(tmp_path, node_client, keep):
     rounds = [result.verdict.rounds for result in results]
     floor_ms = 2 * p50(commits) + p50(floors)
     on_air = airtime_ms(p50(rounds), 4, plan)
+    data, figure = write_steps(tmp_path, ledger, steps_of)
     show(
-        f"Request → committed verdict, {SESSIONS} sessions of {min(rounds)}–{max(rounds)} rounds",
+        f"Request → committed verdict, {ledger} ledger, {SESSIONS} sessions of {min(rounds)}–{max(rounds)} rounds",
         ("what", "p50 ms", "p95 ms"),
         [
             ("whole session", p50(walls), p95(walls)),
@@ -91,7 +101,8 @@ async def test_request_to_verdict(tmp_path, node_client, keep):
             ("ratio (goal ≤ 1.25)", f"{p50(walls) / floor_ms:.2f}", ""),
         ],
     )
-    keep(session_p50_ms=p50(walls), floor_ms=floor_ms, ratio=p50(walls) / floor_ms)
+    print(f"the steps: {data}, {figure}")
+    keep(ledger=ledger, session_p50_ms=p50(walls), floor_ms=floor_ms, ratio=p50(walls) / floor_ms)
 
 
 def assets(prefix, count):
