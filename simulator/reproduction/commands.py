@@ -72,7 +72,14 @@ def hyu(*, data: Path, seed: int, rounds: int, quick: bool, out: Path | None, as
 @click.option(
     "--data", type=_DATA, metavar="DIR", help="The converted HYU recordings; without them their section is left out."
 )
-@click.option("--out", type=_FILE, default=Path("wonderland-report.html"), show_default=True, metavar="FILE")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("wonderland-report.html"),
+    show_default=True,
+    metavar="PATH",
+    help="Where to write it: a file (.html), or a directory for report.html.",
+)
 @click.option(
     "--tries",
     type=click.IntRange(200, 10_000_000),
@@ -92,7 +99,8 @@ def everything(
     """
     from simulator.reproduction.report import ReportSettings, run  # noqa: PLC0415
 
-    settings = ReportSettings(data, out, tries, seed, paper=not without_paper, attacks=not without_attacks)
+    page = out if out.suffix in {".html", ".htm"} else out / "report.html"
+    settings = ReportSettings(data, page, tries, seed, paper=not without_paper, attacks=not without_attacks)
     _checked(lambda: run(settings))
 
 
