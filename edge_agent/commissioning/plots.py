@@ -72,6 +72,7 @@ def bias_curves(fit: Fit) -> str:
             bias, sigma = fit.curves.bias_m[index] * 100, fit.spread.bias_sigma_m[index] * 100
             axis.scatter(
                 fit.windows.distance_m[:, index], fit.windows.error_m[:, index] * 100, s=5, color=colour, alpha=0.3,
+                rasterized=True,
                 linewidths=0,
             )  # fmt: skip
             axis.fill_between(knots, bias - sigma, bias + sigma, color=colour, alpha=0.18, linewidth=0)
@@ -154,7 +155,9 @@ def coverage(fit: Fit) -> str:
         rest = np.nanmean(np.abs(np.where(np.isfinite(fit.held_m), fit.held_m, np.nan)), axis=1) * 100
         truth = fit.windows.truth_m
         top = float(np.quantile(rest[np.isfinite(rest)], 0.95))
-        drawn = axis.scatter(truth[:, 0], truth[:, 1], c=rest, s=11, cmap="viridis_r", vmin=0, vmax=top, linewidths=0)
+        drawn = axis.scatter(
+            truth[:, 0], truth[:, 1], c=rest, s=11, cmap="viridis_r", vmin=0, vmax=top, lw=0, rasterized=True
+        )
         axis.scatter(fit.anchors_m[:, 0], fit.anchors_m[:, 1], marker="^", s=38, color=INK, zorder=3, label="anchors")
         axis.set_aspect("equal", adjustable="datalim")
         axis.set_xlabel("east (m)")
@@ -189,7 +192,7 @@ def go_map(fit: Fit, found: ReachMap) -> str:
 
 def _svg(figure: Any) -> str:
     text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "Wonderland"})
+    figure.savefig(text, format="svg", dpi=160, metadata={"Date": None, "Creator": "Wonderland"})
     plt.close(figure)
     whole = text.getvalue()
     return whole[whole.index("<svg") :]

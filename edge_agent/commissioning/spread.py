@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from edge_agent.commissioning.curves import BLOCK_S, Curves
 from edge_agent.commissioning.run import WINDOW_S, Floats, Windows
@@ -182,7 +182,7 @@ def _centre(values: Floats) -> float:
 
 def _inflation(freedom: float) -> float:
     """Upper limit of a variance over its estimate."""
-    return freedom / float(chi2.ppf(1.0 - CONFIDENCE, freedom))
+    return freedom / float(chdtri(freedom, CONFIDENCE))
 
 
 def _spacing(knots_m: Floats, index: int) -> float:

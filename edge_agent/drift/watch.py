@@ -23,6 +23,7 @@ from edge_agent.self_survey import Displaced, Priors, self_survey
 SLACK: Final = 1.0
 FALSE_ALARM_YEARS: Final = 10.0
 YEAR_S: Final = 365.25 * 86_400
+BASELINE_SIGMAS: Final = 3.0
 FLOOR_MM: Final = 8.0
 """What a pair's range wanders from day to day without anything having happened (1σ)."""
 COMMON_MM: Final = 25.0
@@ -86,11 +87,11 @@ class Cusum:
     up: float = 0.0
     down: float = 0.0
 
-    def add(self, z: float) -> bool:
+    def add(self, z: float, slack: float = SLACK) -> bool:
         """Take a value; whether the alarm is raised."""
         most = self.threshold + RECOVERY_LOOKS * SLACK
-        self.up = min(max(0.0, self.up + z - SLACK), most)
-        self.down = min(max(0.0, self.down - z - SLACK), most)
+        self.up = min(max(0.0, self.up + z - slack), most)
+        self.down = min(max(0.0, self.down - z - slack), most)
         return self.alarmed
 
     @property
@@ -151,7 +152,9 @@ class DriftWatch:
         for pair, change in changes.items():
             # An anchor that moved also moves the median that is taken out: neither with nor without it alone will do.
             rest = min(change - common, change, key=abs) if abs(common) < COMMON_MM else change - common
-            self._sums[pair].add(rest / math.hypot(FLOOR_MM, noise[pair]))
+            scale = math.hypot(FLOOR_MM, noise[pair])
+            # The baseline's own error is the same in every look: it must not add up.
+            self._sums[pair].add(rest / scale, SLACK + BASELINE_SIGMAS * self.baseline.pairs[pair].sigma_mm / scale)
         self._recent |= known
         alarmed = self._common.alarmed or any(item.alarmed for item in self._sums.values())
         self._state = self._judged(t_ms, common) if alarmed else DriftState("ok", t_ms, self.looks)

@@ -9,6 +9,8 @@ from edge_agent.commands import pad
 from simulator.evaluate import EvaluateSettings, evaluate
 from wonderland.proofs.records.pads import Commissioning
 
+pytestmark = pytest.mark.timeout(300)  # seconds of work; minutes where the machine is crowded
+
 
 def run(*arguments):
     return CliRunner().invoke(pad, ["commission", *(str(argument) for argument in arguments)])

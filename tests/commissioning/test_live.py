@@ -36,6 +36,8 @@ BIAS_M = {"A1": 0.20, "A2": -0.10, "A3": 0.05, "A4": 0.12}
 PLACES = {"A1": (1.6, 1.6, 1.6), "A2": (-1.6, 1.6, 0.25), "A3": (-1.6, -1.6, 0.25), "A4": (1.6, -1.6, 0.25)}
 ORIGIN = Origin(60.4518, 22.2666, 30.0)
 
+pytestmark = pytest.mark.timeout(300)  # seconds of work; minutes where the machine is crowded
+
 
 class Clock:
     def __init__(self) -> None:
@@ -189,7 +191,6 @@ async def pad_on(ledger):
         return await ProofContract(gateway.network(connection.channel), connection.chaincode).read_pad("pad-7")
 
 
-@pytest.mark.timeout(120)
 async def test_a_pad_is_commissioned_from_survey_to_ledger_and_can_go_on_at_any_step(site, ledger):
     refused = Person(answers=[False])
     done, _ = await site.commission(refused)
