@@ -20,7 +20,9 @@ def test_a_proof_is_its_three_transactions_and_its_part_of_the_prekeys():
     census = _census(
         RequestProof=(10, 50_000), SubmitProof=(10, 40_000), CompleteInteraction=(5, 10_000), PublishPrekeys=(1, 8_000)
     )
+    census.state = {"\0session\x001\0": 700, "\0verdict\x001\0": 1_300, "\0pad\0x\0": 9_000}
     proof = census.proof()
+    assert proof.state == pytest.approx(200)
     assert proof.transactions == pytest.approx(1 + 1 + 0.5 + 0.1)
     assert proof.octets == pytest.approx(5_000 + 4_000 + 0.5 * 2_000 + 0.1 * 8_000)
     assert proof.overhead == pytest.approx((120_000 - 108_000) / 26 * 2.6)

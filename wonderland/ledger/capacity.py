@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 PROOF: Final = ("RequestProof", "SubmitProof", "CompleteInteraction")
 """The transactions of a proof that ends in a permission that was used."""
 REQUEST: Final = PROOF[0]
+PROOF_KEYS: Final = tuple(f"\0{kind}\0" for kind in ("session", "verdict", "used-prekey"))
+"""Records that a proof leaves in the state."""
 PREKEYS: Final = "PublishPrekeys"
 MILLION: Final = 1_000_000
 
@@ -41,6 +43,8 @@ class Census:
     transactions: int = 0
     invalid: int = 0
     functions: dict[str, Share] = field(default_factory=lambda: defaultdict(Share))
+    state: dict[str, int] = field(default_factory=dict)
+    """Bytes of key and value by key, as these blocks leave them."""
 
     def count(self, blocks: Iterable[Block]) -> None:
         """Take blocks in."""
@@ -54,6 +58,11 @@ class Census:
                     share = self.functions[transaction.invocation.function]
                     share.count += 1
                     share.octets += len(envelope)
+                    for _, write in transaction.writes:
+                        if write.is_delete:
+                            self.state.pop(write.key, None)
+                        else:
+                            self.state[write.key] = len(write.key) + len(write.value)
 
     def proof(self) -> Proof | None:
         """What a proof costs on this channel; None before the first one."""
@@ -69,7 +78,8 @@ class Census:
             octets += per_proof * share.mean
         envelopes = sum(each.octets for each in self.functions.values())
         overhead = (self.octets - envelopes) / max(self.transactions, 1)
-        return Proof(transactions, octets, overhead * transactions)
+        kept = sum(octets for key, octets in self.state.items() if key.startswith(PROOF_KEYS))
+        return Proof(transactions, octets, overhead * transactions, kept / requests)
 
     def as_json(self) -> dict[str, Any]:
         """JSON values."""
@@ -90,11 +100,12 @@ class Census:
 
 @dataclass(frozen=True)
 class Proof:
-    """Transactions of one proof, the bytes of their envelopes, and their part of the blocks around them."""
+    """Of one proof: transactions, bytes of their envelopes, of the blocks around them, of the state that it leaves."""
 
     transactions: float
     octets: float
     overhead: float
+    state: float
 
     @property
     def stored(self) -> float:
@@ -108,5 +119,6 @@ class Proof:
             "envelope_bytes": round(self.octets),
             "block_bytes": round(self.overhead),
             "stored_bytes": round(self.stored),
+            "state_bytes": round(self.state),
             "gb_per_million": round(self.stored * MILLION / 1e9, 2),
         }

@@ -84,7 +84,10 @@ def _show(census: Census, disk: dict[str, int]) -> None:
             f"\na proof   {proof.transactions:.2f} transactions, {proof.octets / 1000:.1f} kB of them and "
             f"{proof.overhead / 1000:.1f} kB of blocks around them"
         )
-        console.print(f"a million {proof.stored * MILLION / _GIGA:.1f} GB of blocks on each peer and each orderer")
+        console.print(
+            f"a million {proof.stored * MILLION / _GIGA:.1f} GB of blocks on each peer and each orderer, "
+            f"{proof.state * MILLION / _GIGA:.1f} GB of state on each peer"
+        )
     for name, octets in disk.items():
         if octets:
             console.print(f"on disk   {name:<24} {octets / _MEGA:,.1f} MB, state and indexes included")
