@@ -611,6 +611,7 @@ def in_place(contract, call, state):
     from wonderland.ledger.embedded.endorser import _run
     from wonderland.ledger.embedded.errors import ContractFailedError
     from wonderland.ledger.embedded.msp import Creator
+    from wonderland.ledger.embedded.watchdog import Watchdog
     from wonderland.ledger.identity import Identity
 
     identity = Identity.from_creator(call.creator)
@@ -620,11 +621,14 @@ def in_place(contract, call, state):
         state, "pol", channel=call.channel, tx_id=call.tx_id, timestamp_ms=call.timestamp_ms, creator=creator
     )
     proposal = types.SimpleNamespace(chaincode="pol", tx_id=call.tx_id)
+    watchdog = Watchdog()
     function, *args = call.raw_args
     try:
-        payload = _run(contract.invoke(stub, function.decode(), args), proposal)
+        payload = _run(contract.invoke(stub, function.decode(), args), proposal, watchdog)
     except ContractFailedError as error:
         return error.status, str(error), b"", None, rwsets.ReadWriteSet()
+    finally:
+        watchdog.close()
     return 200, "", payload, stub.event, stub.result()
 
 

@@ -115,6 +115,15 @@ class ToyContract:
     async def do_crash(self, stub):
         return 1 // 0
 
+    async def do_loop(self, stub, how="", key="k"):
+        """Without an end; or with every trick against being ended."""
+        while True:
+            try:
+                await stub.put(key, b"x" * 10)
+            except Exception:
+                if how != "stubborn":
+                    raise
+
     async def do_wait(self, stub):
         await asyncio.sleep(0)
         return b""

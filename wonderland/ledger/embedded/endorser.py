@@ -26,6 +26,7 @@ from wonderland.ledger.contract_rules import FAULT, check_result, function_name
 from wonderland.ledger.embedded import rwset as rwsets
 from wonderland.ledger.embedded.errors import ContractFailedError
 from wonderland.ledger.embedded.stub import TransactionStub
+from wonderland.ledger.embedded.watchdog import DEFAULT_LIMIT_S, ContractOvertimeError, Watchdog
 from wonderland.ledger.signature_policies import Signer
 
 if TYPE_CHECKING:
@@ -70,14 +71,20 @@ class Endorser:
         reader: StateReader,
         contracts: Mapping[str, Contract],
         peers: Sequence[SigningIdentity],
+        execute_limit_s: float = DEFAULT_LIMIT_S,
     ) -> None:
         self.channel = channel
         self.peers = tuple(peers)
         self.signers = tuple(Signer(peer.identity.msp_id) for peer in self.peers)
         self._reader = reader
         self._contracts = contracts
+        self._watchdog = Watchdog(execute_limit_s)
         self._prepared: OrderedDict[str, Prepared] = OrderedDict()
         self._prepared_bytes = 0
+
+    def close(self) -> None:
+        """Run nothing any more."""
+        self._watchdog.close()
 
     def has_contract(self, name: str) -> bool:
         """Whether the channel has a contract of that name."""
@@ -96,7 +103,7 @@ class Endorser:
         )
         contract = self._contracts[proposal.chaincode]
         with self._reader.snapshot():
-            payload = _run(contract.invoke(stub, function, list(proposal.args[1:])), proposal)
+            payload = _run(contract.invoke(stub, function, list(proposal.args[1:])), proposal, self._watchdog)
         event = b""
         if stub.event is not None:
             name, event_payload = stub.event
@@ -169,12 +176,15 @@ class Endorser:
             self._prepared_bytes -= oldest.size
 
 
-def _run(coroutine: Coroutine[Any, Any, bytes], proposal: Proposal) -> bytes:
+def _run(coroutine: Coroutine[Any, Any, bytes], proposal: Proposal, watchdog: Watchdog) -> bytes:
     """Drive the contract to its end. Raises `ContractFailedError`; details of a fault only go to the log."""
     try:
-        coroutine.send(None)
+        with watchdog.watch(f"contract {proposal.chaincode} in transaction {proposal.tx_id}"):
+            coroutine.send(None)
     except StopIteration as stop:
         result = stop.value
+    except ContractOvertimeError as error:
+        raise _fault(proposal, f"took longer than {watchdog.limit_s:g} s") from error
     except ContractFailedError:
         raise
     except Exception as error:  # the contract is foreign code: whatever it raises is its answer, or its fault

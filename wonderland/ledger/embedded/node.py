@@ -23,6 +23,7 @@ from wonderland.ledger.embedded.genesis import ChannelDescription, OrganisationD
 from wonderland.ledger.embedded.orderer import BatchLimits
 from wonderland.ledger.embedded.server import LedgerServer
 from wonderland.ledger.embedded.system import KIND
+from wonderland.ledger.embedded.watchdog import DEFAULT_LIMIT_S
 from wonderland.ledger.revocation import check_revocation_list
 
 if TYPE_CHECKING:
@@ -49,6 +50,8 @@ class LedgerSettings:
     pad_operators: tuple[str, ...] = ()
     """MSP ids of operators of pads besides `PadMSP`; only a ledger's first start can give it them."""
     limits: BatchLimits = field(default_factory=BatchLimits)
+    execute_limit_s: float = DEFAULT_LIMIT_S
+    """How long a contract may take for one transaction."""
     clock: Callable[[], dt.datetime] = lambda: dt.datetime.now(dt.UTC)
     random: Callable[[int], bytes] = os.urandom
 
@@ -119,7 +122,9 @@ class EmbeddedLedger:
             )
             self._chain = await stack.enter_async_context(chain)
             await self.refresh_revocations()
-            server = LedgerServer(chain, self._contracts, node.peers, tls, self.refresh_revocations)
+            server = LedgerServer(
+                chain, self._contracts, node.peers, tls, self.refresh_revocations, settings.execute_limit_s
+            )
             address = await server.start(settings.listen)
             stack.push_async_callback(server.stop)
             # Streams and waiting calls end when the chain says so; only then can the server stop at once.

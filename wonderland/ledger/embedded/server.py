@@ -14,6 +14,7 @@ from wonderland.ledger.embedded.errors import DirectoryError
 from wonderland.ledger.embedded.gateway import GatewayService
 from wonderland.ledger.embedded.rpc import both_streams, server_stream, unary
 from wonderland.ledger.embedded.system import SystemQueries
+from wonderland.ledger.embedded.watchdog import DEFAULT_LIMIT_S
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -55,12 +56,14 @@ class LedgerServer:
         peers: Sequence[SigningIdentity],
         tls: TlsFiles,
         refresh_revocations: Callable[[], Awaitable[int | None]] | None = None,
+        execute_limit_s: float = DEFAULT_LIMIT_S,
     ) -> None:
         self._chain = chain
         self._contracts = dict(contracts)
         self._peers = tuple(peers)
         self._tls = tls
         self._refresh = refresh_revocations
+        self._endorser = Endorser(chain.settings.channel, chain.reader, self._contracts, self._peers, execute_limit_s)
         self._server: grpc.aio.Server | None = None
         self.address = ""
 
@@ -79,9 +82,8 @@ class LedgerServer:
                 f"cannot listen at {listen}: the port is taken, the address is not this machine's, or it needs rights"
             ) from cause
         self.address = f"{bracketed(host)}:{real_port}"
-        endorser = Endorser(self._chain.settings.channel, self._chain.reader, self._contracts, self._peers)
         system = SystemQueries(self._chain, self._contracts, self._refresh)
-        gateway = GatewayService(self._chain, endorser, system, self.address)
+        gateway = GatewayService(self._chain, self._endorser, system, self.address)
         deliver = DeliverService(self._chain)
         server.add_generic_rpc_handlers(
             (
@@ -114,3 +116,4 @@ class LedgerServer:
         if self._server is not None:
             await self._server.stop(grace_s)
             self._server = None
+        self._endorser.close()
