@@ -308,6 +308,20 @@ def test_a_lying_pad_alone_cannot_bring_about_assurance_4(timed):
         assert verdict.permission == "refused"
 
 
+def test_frames_of_another_time_count_neither_for_the_pad_nor_for_the_witness(timed):
+    old = timed().stamps(lambda t: NEAR)
+    verdict = verdict_of(timed(), NEAR, NEAR, stamps=replace(old, start_ms=old.start_ms - 3_600_000))
+    assert verdict.outcome != "verified"
+    assert "frames_not_fresh" in codes(verdict)
+    other = timed(2, anchors=BESIDE)
+    testimony = other.testimony(lambda t: NEAR)
+    stale = replace(testimony.time_stamps, start_ms=testimony.time_stamps.start_ms - 3_600_000)
+    witness = WitnessBrought(replace(testimony, time_stamps=stale), other.commissioning)
+    verdict = verdict_of(timed(), NEAR, NEAR, witness=witness, min_assurance=4)
+    assert verdict.assurance == 3
+    assert verdict.outcome != "verified"
+
+
 # --- the numbers -----------------------------------------------------------------------------------------------------
 
 

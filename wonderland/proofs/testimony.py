@@ -19,7 +19,7 @@ from wonderland.proofs.judgement import LARGEST, Measured, Reasons, decimal, met
 from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.records.sessions import Claim, Testimony, TimeStamps
+from wonderland.proofs.records.sessions import Claim, Session, Testimony, TimeStamps
 from wonderland.proofs.records.verdicts import Covariance, Judgement, Reason, TimeDifferences
 
 TIMED_LEVEL: Final = 3
@@ -162,9 +162,9 @@ def judge_time_stamps(
 
 
 def judge_testimony(
-    witness: WitnessBrought | None, claims: Sequence[Claim], policy: Policy, clock: Clock
+    witness: WitnessBrought | None, session: Session, claims: Sequence[Claim], clock: Clock
 ) -> TimeFinding:
-    """The witness's time stamps against the claim, in its own frame."""
+    """The witness's time stamps against the claim, in its own frame. Only frames of the session's time count."""
     if witness is None:
         return TimeFinding(None, None, bound=False, possible=False, level=WITNESSED_LEVEL, who="The witness")
     try:
@@ -172,7 +172,11 @@ def judge_testimony(
     except GeometryError:
         path = None
     stamps, radio = witness.testimony.time_stamps, witness.testimony.radio
-    bound = stamps.bound_by in {"challenge", "key"} and radio.sts == "provisioned" and radio.measured_by == "pad"
+    policy, skew_ms = session.policy, session.policy.max_clock_skew_ms
+    fresh = session.requested_ms - skew_ms <= stamps.start_ms and stamps.end_ms <= session.expires_ms + skew_ms
+    bound = (
+        fresh and stamps.bound_by in {"challenge", "key"} and radio.sts == "provisioned" and radio.measured_by == "pad"
+    )
     return _finding(
         witness.testimony.pad_id,
         stamps,

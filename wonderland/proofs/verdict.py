@@ -108,7 +108,7 @@ def decide(
         measured = _measure(rounds, commissioning, path, clock, reasons)  # 4, 5, 7, 8
     enough = rounds is not None and len(rounds.t_ms) >= policy.min_rounds
     timed = judge_time_stamps(session.pad_id, evidence.time_stamps, commissioning, path, policy, measured, clock)  # 6
-    seen = judge_testimony(witness, claims, policy, clock)
+    seen = judge_testimony(witness, session, claims, clock)
     assurance = _assurance(evidence)
     if assurance == KEYED:
         assurance += timed.earned
@@ -252,6 +252,10 @@ def _fresh(session: Session, evidence: Evidence, now_ms: int, reasons: Reasons) 
     fresh = True
     if any(not earliest <= t_ms <= latest for t_ms in evidence.ranges.t_ms):
         reasons.add("rounds_not_fresh", "Rounds were ranged outside of the session's time.")
+        fresh = False
+    stamps = evidence.time_stamps
+    if stamps is not None and not (earliest <= stamps.start_ms and stamps.end_ms <= latest):
+        reasons.add("frames_not_fresh", "Frames were time-stamped outside of the session's time.")
         fresh = False
     if any(not earliest <= claim.t_ms <= latest for claim in evidence.claims):
         reasons.add("claims_not_fresh", "Claims were made outside of the session's time.")

@@ -12,6 +12,7 @@ const FINNISH: Readonly<Record<string, string>> = {
   assurance_too_low: "Varmuustaso ei täytä sääntöjen vaatimusta.",
   claim_far_away: "Ilmoitettu paikka ei ole lähelläkään tätä alustaa.",
   rounds_not_fresh: "Kierroksia mitattiin istunnon ajan ulkopuolella.",
+  frames_not_fresh: "Kehyksiä aikaleimattiin istunnon ajan ulkopuolella.",
   claims_not_fresh: "Ilmoituksia tehtiin istunnon ajan ulkopuolella.",
   claims_go_back: "Ilmoitusten ajat kulkevat taaksepäin.",
   time_goes_back: "Kierrosten ajat kulkevat taaksepäin.",

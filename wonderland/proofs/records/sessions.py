@@ -128,6 +128,14 @@ class TimeStamps(Record):
         ),
     ]
 
+    @property
+    def end_ms(self) -> int:
+        """When the last frame was heard."""
+        total = self.start_ms
+        for gap_ms in self.gap_ms:
+            total += gap_ms
+        return total
+
     def validate(self, path: str) -> None:
         """Columns must have one value for each frame, and each anchor one column."""
         prefix = f"{path}." if path else ""
