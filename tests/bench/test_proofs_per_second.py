@@ -161,7 +161,7 @@ async def test_complete_proofs(place, processes, database_url, keep):
                 (
                     f"memory of {name}",
                     f"{values[0]:.0f} → {values[len(values) // 2]:.0f} → {values[-1]:.0f} MB",
-                    "flat" if name != "clients" else "",
+                    "flat" if name in {"ledger", "backend", "contract servers"} else "",
                 )
                 for name, values in memory.rss_mb.items()
             ),
