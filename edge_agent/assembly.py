@@ -12,7 +12,7 @@ from edge_agent.drift.keeper import DriftKeeper
 from edge_agent.permission import CommandPermission, LogPermission, Permissions
 from edge_agent.radios import AnchorPort, PadRadios, RadiosError
 from edge_agent.receiver import Finding, Heard, ReceiverError, RemoteIdReceiver
-from edge_agent.receiver.settings import sources_of
+from edge_agent.receiver.settings import registry_of, sources_of
 from edge_agent.reporting import SpoolReporter
 from edge_agent.spool import Spool, SpoolError
 from wonderland.clock import SteadyClock
@@ -60,6 +60,7 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
         listen=settings.remote_id_listen,
         serial_ports=settings.remote_id_serial,
         sources=sources_of(settings.receivers),
+        drip=registry_of(settings.receivers),
         on_heard=lambda heard: _tell(tracks, heard),
         on_finding=lambda finding: _tell_finding(tracks, finding),
         clock_ms=clock,

@@ -11,7 +11,7 @@ import re
 from collections import OrderedDict, deque
 from typing import TYPE_CHECKING, Final
 
-from edge_agent.receiver.findings import RATE_HIGH, SEVERAL_IDENTITIES, Finding, FindingGate, Position
+from edge_agent.receiver.findings import RATE_HIGH, SEVERAL_IDENTITIES, SIGNATURE_BAD, Finding, FindingGate, Position
 from edge_agent.receiver.heard import MAX_ACCURACY_MM, Heard, ReceiverCounts
 from edge_agent.receiver.limits import ReceiverLimits, TokenBucket
 from edge_agent.receiver.tracks import DroneTrack
@@ -33,6 +33,7 @@ from wonderland.remote_id import (
 
 if TYPE_CHECKING:
     from wonderland.remote_id import Message
+    from wonderland.remote_id.drip.registry import Registry
 
 MAX_IDENTITIES: Final = 8
 """Identities remembered of one source: two already make it ambiguous."""
@@ -53,7 +54,8 @@ class _Source:
 class Assembler:
     """Bounded in memory and work whatever comes in; see `ReceiverLimits`."""
 
-    def __init__(self, now_ms: int, limits: ReceiverLimits | None = None) -> None:
+    def __init__(self, now_ms: int, limits: ReceiverLimits | None = None, drip: Registry | None = None) -> None:
+        self._drip = drip
         self._limits = limits or ReceiverLimits()
         self._sources: OrderedDict[str, _Source] = OrderedDict()
         self._drones: OrderedDict[str, DroneTrack] = OrderedDict()
@@ -159,6 +161,8 @@ class Assembler:
             return None
         self._describe(drone, messages)
         drone.count(source, transport, frame[0] >> 4, counter, now_ms)
+        if self._drip is not None:
+            self._authenticate(uav_id, drone, frame, messages, now_ms)
         if location is None or location.lat_e7 is None or location.lon_e7 is None:
             return None
         if drone.is_duplicate(encode(location), source, counter, now_ms):
@@ -211,6 +215,22 @@ class Assembler:
                     count=len(serials) - 1,
                 )
             )
+
+    def _authenticate(
+        self, uav_id: str, drone: DroneTrack, frame: bytes, messages: tuple[Message, ...], now_ms: int
+    ) -> None:
+        """Who signed it (RFC 9575). It says nothing about whether the position is true."""
+        if drone.observer is None:
+            # Few pads believe registries; the others need not carry the cryptography.
+            from wonderland.remote_id.drip.observer import Observer  # noqa: PLC0415
+
+            assert self._drip is not None
+            drone.observer = Observer(self._drip)
+        observation = drone.observer.feed(frame, messages, now_ms)
+        if observation is not None:
+            drone.drip = observation.summary()
+            if observation.state == "refused":
+                self._gate.put(Finding(uav_id=uav_id, kind=SIGNATURE_BAD, t_ms=now_ms))
 
     def _source(self, name: str, now_ms: int) -> _Source:
         source = self._sources.get(name)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from edge_agent.receiver.sources import Source
     from edge_agent.receiver.sources.udp import UdpSource
     from wonderland.proofs.records.sessions import BroadcastClaim
+    from wonderland.remote_id.drip.registry import Registry
     from wonderland.remote_id.framings.framed import Framed
     from wonderland.uwb.serial_port import Opener
 
@@ -35,7 +36,8 @@ class RemoteIdReceiver:
     """Hears Remote ID; tells ``on_heard`` of each new position that has a drone's name, ``on_finding`` of oddities.
 
     ``listen`` is (host, port) of a UDP socket, port 0 for one that the system chooses (`address` says which);
-    ``serial_ports`` are device paths or openers, each read as lines; ``sources`` are any others.
+    ``serial_ports`` are device paths or openers, each read as lines; ``sources`` are any others. ``drip`` are the
+    registries whose signatures are believed; without them nobody's are looked at.
 
     >>> receiver = RemoteIdReceiver(listen=("127.0.0.1", 0), on_heard=lambda heard: spool.offer(...))
     >>> await receiver.start(); receiver.address
@@ -52,11 +54,12 @@ class RemoteIdReceiver:
         on_finding: OnFinding | None = None,
         clock_ms: ClockMs = system_clock_ms,
         limits: ReceiverLimits | None = None,
+        drip: Registry | None = None,
     ) -> None:
         self._clock_ms = clock_ms
         self._on_heard = on_heard
         self._on_finding = on_finding
-        self._assembler = Assembler(clock_ms(), limits)
+        self._assembler = Assembler(clock_ms(), limits, drip)
         self._udp: UdpSource | None = None
         self._sources = list(sources)
         if listen is not None:

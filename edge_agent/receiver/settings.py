@@ -10,6 +10,7 @@ from edge_agent.receiver.errors import ReceiverError
 
 if TYPE_CHECKING:
     from edge_agent.receiver.sources import Source
+    from wonderland.remote_id.drip.registry import Registry
 
 LOOPBACK: Final = frozenset({"localhost", "127.0.0.1", "::1"})
 
@@ -118,3 +119,16 @@ def sources_of(settings: ReceiverSettings) -> list[Source]:
             f"remote_id: the package {missing.name} is not installed; pip install 'wonderland-pol[receivers]'"
         ) from missing
     return sources
+
+
+def registry_of(settings: ReceiverSettings) -> Registry | None:
+    """The DRIP registries that the pad believes. Raises `ReceiverError` for a file that cannot be used."""
+    if settings.drip is None:
+        return None
+    from wonderland.remote_id.drip.det import DripError  # noqa: PLC0415 - only where it is configured
+    from wonderland.remote_id.drip.registry import Registry  # noqa: PLC0415
+
+    try:
+        return Registry.load(settings.drip)
+    except DripError as error:
+        raise ReceiverError(f"remote_id.drip: {error}") from error

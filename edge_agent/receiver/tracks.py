@@ -10,6 +10,7 @@ from edge_agent.receiver.findings import ClaimClock, Finding, FindingGate, Posit
 if TYPE_CHECKING:
     from edge_agent.receiver.limits import TokenBucket
     from wonderland.proofs.records.sessions import BroadcastClaim
+    from wonderland.remote_id.drip.observer import Observer
 
 DUPLICATE_MS: Final = 1_000
 """The same content from elsewhere within this is the same message: a drone sends each over every transport it has."""
@@ -48,7 +49,7 @@ class DroneTrack:
 
     __slots__ = (
         "_recent", "_transmitters", "_transports", "bucket", "drip", "duplicates", "history", "latency_ms", "lost",
-        "operator_id", "operator_lat_e7", "operator_lon_e7",
+        "observer", "operator_id", "operator_lat_e7", "operator_lon_e7",
     )  # fmt: skip
 
     def __init__(self, bucket: TokenBucket, history: int) -> None:
@@ -61,6 +62,7 @@ class DroneTrack:
         self.lost = 0
         self.duplicates = 0
         self.drip: dict[str, str | int] | None = None
+        self.observer: Observer | None = None
         self._transmitters: OrderedDict[str, Transmitter] = OrderedDict()
         self._recent: deque[tuple[bytes, int, str, int | None]] = deque(maxlen=MAX_RECENT)
         self._transports: dict[str, int] = {}

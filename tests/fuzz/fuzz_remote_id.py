@@ -25,6 +25,7 @@ with atheris.instrument_imports(include=["wonderland.remote_id", "wonderland"]):
         parse_serial_number,
         to_json,
     )
+    from wonderland.remote_id.drip import Observer, Registry, parse_sam
     from wonderland.remote_id.framings import ble, captures, core_structure, hex_lines, json_feed, mavlink, wifi
 
 
@@ -68,6 +69,19 @@ def texts(data: bytes) -> None:
         check_operator_id(text)
 
 
+def authentication(data: bytes) -> None:
+    """Pages of authentication messages, 25 bytes each, as one drone sends them."""
+    observer = Observer(Registry({}))
+    for at in range(0, len(data) - 24, 25):
+        frame = bytes((0x22,)) + data[at + 1 : at + 25]
+        try:
+            message = decode(frame)
+        except RemoteIdError:
+            continue
+        if not isinstance(message, Pack):
+            observer.feed(frame, (message,), at)
+
+
 TARGETS = (
     codec,
     capture,
@@ -84,6 +98,8 @@ TARGETS = (
     # The checksums of these keep a fuzzer out: give it what lies behind them.
     lambda data: mavlink.parse_datagram(_mavlink(data)),
     lambda data: ble.parse_link_layer(_link_layer(data)),
+    parse_sam,
+    authentication,
 )
 
 
