@@ -78,7 +78,9 @@ class LeanPeer:
     async def open(self):
         assert M.FromString(await self.stream.read()).type == M.REGISTER
         await self.send(M(type=M.REGISTERED))
-        offered = chaincode_pb2.ChaincodeAdditionalParams(use_write_batch=True, max_size_write_batch=1000)
+        offered = chaincode_pb2.ChaincodeAdditionalParams(
+            use_write_batch=True, max_size_write_batch=1000, use_get_multiple_keys=True, max_size_get_multiple_keys=1000
+        )
         await self.send(M(type=M.READY, payload=offered.SerializeToString()))
         self.reading = asyncio.create_task(self.read())
         return self
@@ -104,6 +106,9 @@ class LeanPeer:
     def answer(self, message):
         if message.type == M.GET_STATE:
             return self.state.get(shim.GetState.FromString(message.payload).key, b"")
+        if message.type == M.GET_STATE_MULTIPLE:
+            keys = shim.GetStateMultiple.FromString(message.payload).keys
+            return shim.GetStateMultipleResult(values=[self.state.get(key, b"") for key in keys]).SerializeToString()
         writes = self.writes.setdefault(message.txid, {})
         if message.type == M.PUT_STATE:
             put = shim.PutState.FromString(message.payload)
