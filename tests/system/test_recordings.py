@@ -71,10 +71,11 @@ def test_real_ranges_refute_a_lie_of_three_metres_and_never_verify_it(wonderland
     assert outcomes.count("refuted") >= 5
 
 
-@pytest.mark.timeout(150)
+@pytest.mark.timeout(300)  # four whole systems, one after the other
 def test_the_papers_four_points(wonderland, tmp_path):
-    figure = tmp_path / "paper.svg"
-    code, lines, errors = wonderland("reproduce", "paper", "--json", "--plot", str(figure))
+    figure, sequence = tmp_path / "paper.svg", tmp_path / "sequence.svg"
+    drawn = ("--plot", str(figure), "--sequence", str(sequence))
+    code, lines, errors = wonderland("reproduce", "paper", "--json", *drawn, timeout_s=270)
     assert code == 0, errors
     assert [line["point"] for line in lines] == ["S1", "S2", "L1", "L2"]
     for line in lines:
@@ -83,7 +84,13 @@ def test_the_papers_four_points(wonderland, tmp_path):
         assert line["error_m"] < 4 * line["cramer_rao_m"]
     # The bound for one round, as computed for this geometry by hand: bearing is the hard part at a distance.
     assert [line["cramer_rao_one_round_m"] for line in lines] == pytest.approx([0.26, 0.30, 1.80, 1.97], abs=0.02)
-    assert figure.read_text().lstrip().startswith("<?xml")
+    for path in (figure, sequence):
+        assert path.read_text().lstrip().startswith("<?xml")
+    steps = ["request", "poll", "match", "reply", "range", "confirm", "verdict", "permission"]
+    for line in lines:
+        times = [line["since_request_ms"][step] for step in steps]
+        assert times[0] == 0
+        assert times == sorted(times)
 
 
 @pytest.mark.parametrize(
