@@ -150,6 +150,17 @@ def _show(said: dict[str, Any], *, alive: bool, age_s: float) -> None:
         if not said["accepts_sessions"]:
             table.add_row("no new sessions", str(said["spool_reason"]))
         table.add_row("Remote ID", f"{said['receiver']['frames']} frames, {said['receiver']['bad']} bad")
+        if "drift" in said:
+            table.add_row("as commissioned", _drift(said["drift"]))
         for anchor in said["anchors"]:
             table.add_row(f"anchor {anchor['anchor_id']}", f"{anchor['state']} {anchor.get('firmware', '')}")
     console.print(table)
+
+
+def _drift(drift: dict[str, Any]) -> str:
+    """What the anchors found when they ranged each other."""
+    if drift["state"] == "ok":
+        return "yes, by the anchors' ranges to each other"
+    if drift["state"] == "moved":
+        return f"no: anchor {drift['anchor_id']} stands about {drift['off_mm']} mm elsewhere; nothing is proved"
+    return f"no: {drift['extra_sigma_mm']} mm of uncertainty are added to each anchor; commission the pad again"
