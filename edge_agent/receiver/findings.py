@@ -2,7 +2,7 @@
 
 A finding is for people to look at and for the session that is under way; the contract judges positions by measurement,
 never by these. Bounds are set so that an honest drone with an ordinary receiver, heard over several transports, causes
-none; decision 0012 says why each has its value.
+none; decision 0009 says why each has its value.
 """
 
 from __future__ import annotations

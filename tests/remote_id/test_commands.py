@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import doctest
 import json
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
+import wonderland.remote_id as package
 from wonderland.remote_id import BasicId, Location, OperatorId, Pack, encode
 from wonderland.remote_id.commands import MAX_LINE_BYTES, remote_id
 from wonderland.remote_id.framings import captures, wifi
@@ -121,3 +123,13 @@ def test_encode_names_what_it_cannot_write() -> None:
 def test_json_of_receivers() -> None:
     said = decode("--framing", "json", data='{"Basic ID": {"id": "ABC", "id_type": "Serial"}}\n{"sn": 1}\n{\n')
     assert [list(entry)[-1] for entry in said] == ["messages", "error", "error"]
+
+
+def test_the_example_of_the_documentation_runs() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "remote-id.md").read_text()
+    example = page.split("```python\n", 1)[1].split("```", 1)[0]
+    failed, tried = doctest.DocTestRunner().run(doctest.DocTestParser().get_doctest(example, {}, "remote-id", None, 0))
+    assert (failed, tried) == (0, 3)
+    failed, tried = doctest.testmod(package)
+    assert failed == 0
+    assert tried
