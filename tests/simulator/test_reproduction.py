@@ -13,7 +13,16 @@ from click.testing import CliRunner
 from simulator.evaluate import judge
 from simulator.paper import POINTS, PaperRun, recording_of
 from simulator.recording import RecordingError
-from simulator.reproduction import goal_figures, goals, hyu, hyu_command, paper_figures, report, sampling
+from simulator.reproduction import (
+    goal_figures,
+    goals,
+    hyu,
+    hyu_command,
+    method_figures,
+    paper_figures,
+    report,
+    sampling,
+)
 from simulator.reproduction.commands import reproduce
 from simulator.reproduction.document import Cell, Document
 from simulator.reproduction.style import save, svg
@@ -279,3 +288,10 @@ def test_the_whole_report_is_one_page(data, tmp_path, simulated, measured, monke
     assert found.tags.count("svg") == 8
     assert found.tags.count("table") == 5
     assert "wonderland reproduce all --data DIR --tries 200 --seed 1" in out.read_text()
+
+
+@pytest.mark.parametrize("name", ["outcomes", "uncertainty", "bad-anchor", "differences"])
+def test_pictures_of_the_method(name, tmp_path):
+    path = tmp_path / f"{name}.svg"
+    save(method_figures.PICTURES[name](), path)
+    assert ET.parse(path).getroot().tag.endswith("svg")
