@@ -103,7 +103,8 @@ def run_batch(batch: Batch, *, sample: int, screened: bool = True) -> Tally:
                 _refuted(batch, tally, row, rounds)
             elif verdict.outcome == "verified":
                 _verified(batch, tally, row, rounds, verdict, bad)
-            hopeless = not screened and verdict.more_rounds < 0  # the pad ends it there
+            # The pad ends it there; where looks are screened the lab looks on, so that both ways count the same.
+            hopeless = not batch.may_be_screened and verdict.more_rounds < 0
             settled[position] = verdict.outcome != "inconclusive" or hopeless
             tally.open += verdict.outcome == "inconclusive" and hopeless
             for reason in verdict.reasons:

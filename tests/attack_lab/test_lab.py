@@ -16,23 +16,32 @@ from simulator.attack_lab.model import interval, percent, share
 from simulator.attack_lab.report import markdown, result_from
 from simulator.attack_lab.screen import Look, look
 
-TRIES = 12
-RANGED = [(name, number) for name, a in ATTACKS.items() for number, v in enumerate(a.variants) if v.make is not None]
+TRIES = 10
+SCREENED = [
+    (name, number)
+    for name, attack in ATTACKS.items()
+    for number, variant in enumerate(attack.variants)
+    if variant.make is not None and max(variant.levels) < 3  # beyond, nothing is screened
+]
 
 
 @pytest.mark.parametrize("name", sorted(ATTACKS))
 def test_each_attack_comes_out_as_documented(name):
-    result = run(LabSettings(attacks=(name,), tries=TRIES, seed=3, sample=4, processes=1))
+    attack = ATTACKS[name]
+    dear = {level: variant.dear for variant in attack.variants for level in variant.levels}
+    result = run(LabSettings(attacks=(name,), tries=TRIES, seed=3, sample=2, processes=1))
+    assert tuple(level.level for level in result.attacks[0].levels) == attack.levels
     for level in result.attacks[0].levels:
-        assert level.tries == TRIES
-        assert level.as_documented, level
-        assert level.granted + level.refuted + level.open + level.refused == TRIES
+        assert level.tries == max(1, TRIES // dear[level.level])
+        assert level.granted + level.refuted + level.open + level.refused == level.tries
+        if attack.stopped_at(level.level) or level.tries == TRIES:  # few tries may miss what wins now and then
+            assert level.as_documented, level
 
 
-@pytest.mark.parametrize(("name", "number"), RANGED)
+@pytest.mark.parametrize(("name", "number"), SCREENED)
 def test_the_screen_agrees_with_the_decision(name, number):
-    batch = ATTACKS[name].variants[number].make(np.random.default_rng(5), 3)
-    screened, exact = (run_batch(batch, sample=3, screened=screened) for screened in (True, False))
+    batch = ATTACKS[name].variants[number].make(np.random.default_rng(5), 2)
+    screened, exact = (run_batch(batch, sample=0, screened=screened) for screened in (True, False))
     assert (screened.won, screened.granted, screened.refuted, screened.open) == (
         exact.won,
         exact.granted,
@@ -120,5 +129,5 @@ def test_runs_are_put_together_and_into_the_page(tmp_path):
     text = markdown(both)
     assert "| 1 | 4 | **100 %**" in text
     assert "| 2 | 6 | **0** (≤" in text
-    with pytest.raises(ValueError, match="no attacks.json"):
+    with pytest.raises(ValueError, match=r"no attacks\.json"):
         result_from(["{}"])
