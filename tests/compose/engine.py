@@ -308,7 +308,8 @@ class Engine:
 
     async def _wait_healthy(self, service):
         check = service.document["healthcheck"]
-        deadline = asyncio.get_running_loop().time() + seconds(check["start_period"])
+        # Longer than Compose would: the machine that tests may be busy.
+        deadline = asyncio.get_running_loop().time() + 2 * seconds(check["start_period"])
         while True:
             if service.process.returncode is not None:
                 raise EngineError(f"{service.name} ended with {service.process.returncode}:\n{self.tail(service)}")

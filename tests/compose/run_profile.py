@@ -14,7 +14,7 @@ from pathlib import Path
 import httpx
 from engine import Engine, EngineError
 
-PATIENCE_S = 90
+PATIENCE_S = 180
 
 
 async def sign_in(engine, console):

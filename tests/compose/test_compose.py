@@ -135,7 +135,7 @@ def _needs_namespaces():
 
 def _run(profile, work, times=1):
     command = [*NAMESPACES, sys.executable, str(HERE / "run_profile.py"), str(FILE), profile, str(work), str(times)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=570, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -154,7 +154,7 @@ def _check(found, ledger):
 
 
 @pytest.mark.postgres
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_the_embedded_profile_permits_a_landing(tmp_path):
     _needs_namespaces()
     _check(_run(EMBEDDED, tmp_path), "embedded")
@@ -162,7 +162,7 @@ def test_the_embedded_profile_permits_a_landing(tmp_path):
 
 @pytest.mark.fabric
 @pytest.mark.postgres
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_the_raft_profile_permits_a_landing(tmp_path):
     _needs_namespaces()
     _needs_fabric()
