@@ -29,12 +29,12 @@ def test_a_recording_becomes_a_commissioning_that_evaluate_takes_and_profits_fro
     assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
         "http://creativecommons.org", ""
     )
-    others = make_world(seed=5).files(tmp_path, 40.0, "other-")
+    others = make_world(seed=5).files(tmp_path, 40.0, "other-", reach_m=16.0)
     with_it = [w.verdict.outcome for w in evaluate(EvaluateSettings(*others, out))]
     without = [w.verdict.outcome for w in evaluate(EvaluateSettings(*others))]
     assert "refuted" not in with_it
-    assert with_it.count("verified") > 1.3 * without.count("verified")
-    lies = [w.verdict.outcome for w in evaluate(EvaluateSettings(*others, out, "offset:3,0,0"))]
+    assert with_it.count("verified") >= without.count("verified") + 5
+    lies = [w.verdict.outcome for w in evaluate(EvaluateSettings(*others, out, "offset:3,0,0", windows=10))]
     assert "verified" not in lies
     assert lies.count("refuted") > 0.8 * len(lies)
 

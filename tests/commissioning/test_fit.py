@@ -114,13 +114,13 @@ def test_distances_without_data_are_told_and_widened(make_world):
     assert inside > 2 * beside
 
 
-@pytest.mark.parametrize("count", [3, 5, 8, 16])
+@pytest.mark.parametrize("count", [3, 5, 16])
 def test_any_number_of_anchors(make_world, count):
     places = {
         f"N{i}": (2 * math.cos(2 * math.pi * i / count), 2 * math.sin(2 * math.pi * i / count), 0.3 + 0.2 * (i % 3))
         for i in range(count)
     }
-    fit = fit_runs([make_world(anchors=places, bias=tuple(0.01 * (i % 3) for i in range(count))).run(40.0)])
+    fit = fit_runs([make_world(anchors=places, bias=tuple(0.01 * (i % 3) for i in range(count))).run(30.0)])
     assert len(record_of(fit).anchors) == count
 
 
