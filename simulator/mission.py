@@ -80,14 +80,15 @@ class Mission:
                     self.gnss.spoofing = SlowDrag(t_s + 2.0, limit_m=DRAG_LIMIT_M)
                 if self.spec.attack is not None and any(self.spec.attack.spoofed_m):
                     self.gnss.spoofing = Jump(t_s, *self.spec.attack.spoofed_m)
+                if self.spec.attack is not None and self.spec.attack.drag_m_s:
+                    speed_m_s = self.spec.attack.drag_m_s
+                    self.gnss.spoofing = SlowDrag(t_s, speed_m_s=speed_m_s, limit_m=DRAG_LIMIT_M)
                 self._go(self.spec.hover_m, t_s)
             case Mode.APPROACHING:
                 self._go(self.spec.hover_m, t_s)
                 if self.flight.arrived:
                     self.proofs += 1
                     self._enter(Mode.HOLDING, t_s)
-                    if self.spec.attack is not None and self.spec.attack.drag_m_s:
-                        self.gnss.spoofing = SlowDrag(t_s, speed_m_s=self.spec.attack.drag_m_s)
             case Mode.HOLDING:
                 self._go(self.spec.hover_m, t_s)
                 if t_s - self._since_s > HOLD_LIMIT_S:

@@ -108,7 +108,7 @@ class AttackSpec:
     """What a drone of the attack lab does. Lengths in metres, in the pad's frame.
 
     ``lie_m``: claim minus truth. ``spoofed_m``: its GNSS is shifted by that, so that it hovers beside its hover.
-    ``drag_m_s``: its GNSS is dragged away from when it holds before the pad. ``ranges``: one of
+    ``drag_m_s``: its GNSS is dragged away from when it sets out. ``ranges``: one of
     ``simulator.attackers.ranging.RANGE_ATTACKS``. ``accuracy_m``, ``height_accuracy_m``: what it claims to know.
     """
 

@@ -24,12 +24,18 @@ from simulator.attack_lab.wire_ledger import LedgerAttacker
 from simulator.scenario import PADS, AttackSpec, Behaviour, DroneSpec, PadSite
 from simulator.stage import ProcessError, Processes, Stage, StageSettings
 from simulator.verdicts import CommittedVerdict, committed
+from wonderland.proofs.records.policies import Policy
 
 PATIENCE_S: Final = 120.0
 """Longest time in which no verdict comes before the run is given up."""
 WATCH_S: Final = 0.5
 LEVEL: Final = 2
-"""What the demo's pads reach and demand."""
+"""What landing demands here."""
+TIMED_LEVEL: Final = 3
+"""What docking demands at the pad whose nodes share a clock."""
+TIMED: Final = ("honest", "gnss-offset", "delay-line", "uniform-stamp-lie", "per-anchor-stamp-lie")
+"""Flown a second time there."""
+AT_TIMED: Final = "@3"
 _HOVERS: Final = ((5.5, -6.5, 6.0), (-7.0, 4.0, 5.0), (6.0, 6.0, 6.0), (-6.5, -5.0, 5.5), (4.0, 8.0, 6.0))
 _FAR: Final = 12.0
 LEDGER_ATTACKS: Final = ("prekey-reuse", "many-sessions", "session-replay", "pad-alone", "wrong-role")
@@ -62,7 +68,7 @@ def specs() -> dict[str, tuple[Behaviour, AttackSpec | None]]:
         "honest": (Behaviour.HONEST, None),
         "gnss-offset": (Behaviour.ATTACK, AttackSpec("gnss-offset", spoofed_m=(4.0, -3.0))),
         "gnss-drag": (Behaviour.GNSS_DRAGGED, None),
-        "gnss-drag-slow": (Behaviour.ATTACK, AttackSpec("gnss-drag-slow", spoofed_m=(2.2, 0.0), drag_m_s=0.3)),
+        "gnss-drag-slow": (Behaviour.ATTACK, AttackSpec("gnss-drag-slow", drag_m_s=0.6)),
         "gnss-meaconing": (Behaviour.ATTACK, AttackSpec("gnss-meaconing", spoofed_m=(-12.0, 9.0))),
         "remote-id-lie": (Behaviour.FALSE_BROADCAST, None),
         "vague-claim": (
@@ -83,25 +89,31 @@ def specs() -> dict[str, tuple[Behaviour, AttackSpec | None]]:
 
 
 def drones(names: Sequence[str], pads: Sequence[PadSite] = PADS) -> dict[str, DroneSpec]:
-    """A drone for each attack, spread over the pads, each with a place of its own to hover."""
+    """A drone for each attack, spread over the pads, each with a place of its own to hover.
+
+    Landing goes to the pads without a common clock; what is in ``TIMED`` also docks at the one that has it, under the
+    attack's name and ``AT_TIMED``.
+    """
     known = specs()
+    plain = [pad for pad in pads if pad.clock_sigma_mm is None]
+    timed = [pad for pad in pads if pad.clock_sigma_mm is not None]
+    flights = [(name, plain[number % len(plain)], "land") for number, name in enumerate(names)]
+    flights += [(name + AT_TIMED, pad, "dock") for pad in timed for name in names if name in TIMED]
     result = {}
-    for number, name in enumerate(names):
-        behaviour, attack = known[name]
-        hover = _HOVERS[(number // len(pads)) % len(_HOVERS)]
+    for number, (key, pad, action) in enumerate(flights):
+        behaviour, attack = known[key.removesuffix(AT_TIMED)]
+        hover = _HOVERS[number % len(_HOVERS)]
         away = (hover[0] * _FAR, hover[1] * _FAR, hover[2] + 20.0)
-        result[name] = DroneSpec(
-            f"LAB-{number:04d}",
-            name,
-            pads[number % len(pads)].pad_id,
-            "land",
-            behaviour,
-            hover,
-            away,
-            0.3 * number,
-            attack=attack,
+        result[key] = DroneSpec(
+            f"LAB-{number:04d}", key, pad.pad_id, action, behaviour, hover, away, 0.3 * number, attack=attack
         )
     return result
+
+
+def policy(pad: PadSite) -> Policy:
+    """One metre at every pad, so that each lie is of several buffers."""
+    del pad
+    return Policy(min_assurance=LEVEL)
 
 
 async def fly(stage: Stage, flying: dict[str, DroneSpec]) -> AsyncIterator[tuple[WireResult, CommittedVerdict]]:
@@ -118,7 +130,8 @@ async def fly(stage: Stage, flying: dict[str, DroneSpec]) -> AsyncIterator[tuple
             if name is None:
                 continue
             granted = item.verdict.permission == "granted"
-            expected = granted if name == "honest" else not (granted and documented[name].stopped_at(LEVEL))
+            attack, level = name.removesuffix(AT_TIMED), TIMED_LEVEL if name.endswith(AT_TIMED) else LEVEL
+            expected = granted if attack == "honest" else not (granted and documented[attack].stopped_at(level))
             yield _result(name, item, as_documented=expected), item
     finally:
         await verdicts.aclose()
@@ -164,7 +177,7 @@ async def run_wire(names: Sequence[str], *, seed: int, as_json: bool, directory:
         flying = drones(wanted)
         status = stack.enter_context(console.status("Starting"))
         async with Stage(
-            place, StageSettings(PADS, list(flying.values())), say=lambda text: status.update(f"{text}…")
+            place, StageSettings(PADS, list(flying.values()), policy=policy), say=lambda text: status.update(f"{text}…")
         ) as stage:
             await stage.start_world(seed=seed)
             status.update(f"{len(flying)} attackers are on their way")
@@ -231,11 +244,12 @@ def _table(results: Sequence[WireResult]) -> Table:
     table = Table(
         title="Through agents and ledger", title_justify="left", title_style="bold", box=None, padding=(0, 1, 0, 0)
     )
-    for title in ("attack", "pad", "outcome", "permission", "rounds", "reasons"):
+    for title in ("attack", "outcome", "permission", "level", "rounds", "reasons"):
         table.add_column(
             title, justify="right" if title == "rounds" else "left", no_wrap=title != "reasons", overflow="fold"
         )
     for one in results:
-        cells: list[Any] = [one.attack, one.pad, one.outcome, one.permission, str(one.rounds), ", ".join(one.reasons)]
+        level, rounds = str(one.assurance), str(one.rounds)
+        cells: list[Any] = [one.attack, one.outcome, one.permission, level, rounds, "\n".join(one.reasons)]
         table.add_row(*cells, style="" if one.as_documented else "bold red")
     return table

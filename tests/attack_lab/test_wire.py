@@ -8,7 +8,7 @@ import random
 import pytest
 
 from simulator.attack_lab import ATTACKS
-from simulator.attack_lab.wire import LEDGER_ATTACKS, LEVEL, drones, run_wire, specs
+from simulator.attack_lab.wire import LEDGER_ATTACKS, LEVEL, TIMED, drones, run_wire, specs
 from simulator.attackers.ranging import RANGE_ATTACKS, Situation
 from simulator.scenario import PADS
 
@@ -18,23 +18,25 @@ ANCHORS = [(site.east_m, site.north_m, site.up_m) for site in PADS[0].anchors]
 
 @pytest.mark.timeout(240)
 async def test_attackers_on_the_air_and_on_the_ledger_win_nothing(tmp_path, capfd):
-    names = ["honest", "gnss-offset", "random-reduction", *LEDGER_ATTACKS]
+    names = ["honest", "per-anchor-stamp-lie", "random-reduction", *LEDGER_ATTACKS]
     names.remove("session-replay")  # minutes of patience for a drone that never answers rightly; its evidence is below
     assert await run_wire(names, seed=1, as_json=True, directory=tmp_path) == 0
     said = {each["attack"]: each for each in map(json.loads, capfd.readouterr().out.splitlines())}
     assert said["honest"]["permission"] == "granted"
-    assert said["gnss-offset"]["outcome"] == said["random-reduction"]["outcome"] == "refuted"
+    assert said["random-reduction"]["outcome"] == "refuted"
+    assert said["per-anchor-stamp-lie"]["permission"] == "granted"  # at level 2, as documented
+    assert said["per-anchor-stamp-lie@3"]["permission"] == "refused"
+    assert (said["honest@3"]["permission"], said["honest@3"]["assurance"]) == ("granted", 3)
     assert said["prekey-reuse"]["reasons"] == ["PREKEY_USED"]
     assert said["wrong-role"]["reasons"] == ["ROLE_NOT_ALLOWED"]
     assert "countersignature_invalid" in said["evidence-replay"]["reasons"]
     assert "not_countersigned" in said["pad-alone"]["reasons"]
-    assert [each["attack"] for each in said.values() if each["permission"] == "granted"] == ["honest"]
 
 
 def test_each_sample_on_the_wire_is_a_documented_class():
     assert set(specs()) | set(LEDGER_ATTACKS) == {each.wire for each in ATTACKS.values() if each.wire}
     flying = drones(list(specs()))
-    assert len({drone.uav_id for drone in flying.values()}) == len(flying)
+    assert len({drone.uav_id for drone in flying.values()}) == len(flying) == len(specs()) + len(TIMED)
     assert all(LEVEL in attack.levels for attack in ATTACKS.values() if attack.wire)
 
 
