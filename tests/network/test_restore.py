@@ -6,9 +6,64 @@ import shutil
 import pytest
 
 from wonderland.ledger.gateway import GatewayError
+from wonderland.ledger.network import recovery
+from wonderland.ledger.network.description import NetworkDescription
+from wonderland.ledger.network.errors import ComponentError
 from wonderland.ledger.network.status import network_status
 
 pytestmark = [pytest.mark.fabric, pytest.mark.timeout(180)]
+
+
+@pytest.fixture
+def three(fabric, tmp_path, network_class):
+    running = network_class.start(tmp_path / "net", NetworkDescription().with_ordering("raft", 3))
+    yield running
+    running.down()
+
+
+def test_an_orderer_that_lost_everything_joins_again_only_while_the_others_have_all(three, monkeypatch):
+    """What it voted on is lost with it: were another one behind, a committed block could be missing."""
+    asyncio.run(three.register_pad())
+    lost, behind = "OrdererMSP.orderer1", "OrdererMSP.orderer2"
+    for name in (lost, behind):
+        asyncio.run(three.network.processes.stop(name))
+    shutil.rmtree(_data(three, lost))
+    monkeypatch.setattr(recovery, "EQUAL_S", 0.5)
+    kept = _data(three, behind).rename(_data(three, behind).parent / "kept")  # it, too, has nothing now
+    with pytest.raises(ComponentError, match=r"has lost its ledger, and may join again only while all others"):
+        three.up()
+    for name in (lost, behind):
+        asyncio.run(three.network.processes.stop(name))
+    shutil.rmtree(_data(three, behind))
+    kept.rename(_data(three, behind))
+    monkeypatch.setattr(recovery, "EQUAL_S", 60.0)
+    three.up()
+    asyncio.run(_register_soon(three, "pad_operator", "PadMSP"))
+
+    async def until_equal():
+        async with asyncio.timeout(60):
+            while True:
+                status = await network_status(three.network)
+                heights = {each.height for each in status.components if each.kind == "orderer"}
+                if status.healthy and len(heights) == 1:
+                    return
+                await asyncio.sleep(0.2)
+
+    asyncio.run(until_equal())
+
+
+def test_the_only_orderer_without_its_ledger_is_not_made_anew(running):
+    """It would begin another channel of the same name beside the peers' one."""
+    data = _data(running, "OrdererMSP.orderer0")
+    asyncio.run(running.network.processes.stop("OrdererMSP.orderer0"))
+    kept = data.rename(data.parent / "kept")
+    with pytest.raises(ComponentError, match=r"it is the only orderer.*\nNext: put .* back from a backup"):
+        running.up()
+    asyncio.run(running.network.processes.stop("OrdererMSP.orderer0"))
+    shutil.rmtree(data)
+    kept.rename(data)
+    running.up()
+    asyncio.run(_register_soon(running, "pad_operator", "PadMSP"))
 
 
 def _heights(running):

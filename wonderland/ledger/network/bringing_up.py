@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 from wonderland.ledger.channel_groups import OrganisationDescription
 from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.files import PUBLIC, read_bounded, write_atomic
-from wonderland.ledger.network import connections, lifecycle, ports
+from wonderland.ledger.network import connections, lifecycle, ports, recovery
 from wonderland.ledger.network.agreement import Agreement, load_agreement, require_installed, save_agreement
 from wonderland.ledger.network.certificates import signing_identity
 from wonderland.ledger.network.concurrency import together
 from wonderland.ledger.network.contract import (
     SLOTS,
-    ContractPackage,
     InstalledContract,
     build_package,
     installed_contract,
@@ -243,7 +242,11 @@ class BringUp:
         async with self._network.orderer_admin(member) as admin:
             try:
                 if await admin.status(self._network.channel) is None:
+                    if load_agreement(self._network.directory.contract_file) is not None:
+                        await recovery.require_others_agree(self._network, member, self._report)
                     await admin.join(block)
+            except ComponentError:
+                raise
             except NetworkError as error:
                 raise self._processes.failure(member.component, str(error)) from error
         self._report("channel", f"{member.component} joined")
@@ -280,7 +283,11 @@ class BringUp:
             await self._contract_servers(contract, agreement.slot)
             package = build_package(described.name, contract, agreement.slot)
             endorsing = [peer for peer in peers if peer.msp_id in network.endorsers]
-            if not all(await together(self._recovered(peer, package, agreement) for peer in endorsing)):
+            if not all(
+                await together(
+                    recovery.has_contract(network, peer, package, agreement, self._report) for peer in endorsing
+                )
+            ):
                 agreement = await self._agree_anew(peers, contract, agreement)
         save_agreement(network.directory.contract_file, agreement)
         for msp_id in network.endorsers:
@@ -292,22 +299,6 @@ class BringUp:
         await together(
             lifecycle.wait_answering(peer, inspector, network.channel, described.name, PROBE) for peer in peers
         )
-
-    async def _recovered(self, peer: PeerAdmin, package: ContractPackage, agreement: Agreement) -> bool:
-        """Whether a peer has the package and its organisation's approval; a package that was lost is installed.
-
-        The approval is private to the organisation: when its last peer has lost its ledger, nobody has it any more,
-        and Fabric takes it again only with another sequence.
-        """
-        network = self._network
-        if package.package_id in await peer.installed():
-            return True
-        name = network.description.contract.name
-        self._report("contract", f"{peer.component} has lost {package.label}: installing it")
-        await lifecycle.wait_definition(peer, network.channel, name, agreement.sequence)
-        await lifecycle.install(peer, package)
-        approved = await lifecycle.approved_package(peer, network.channel, name, agreement.sequence)
-        return approved == package.package_id
 
     async def _recall(self, peers: list[PeerAdmin], sequence: int, contract: InstalledContract) -> Agreement:
         """What was agreed on, when the note about it is lost: the channel knows."""
