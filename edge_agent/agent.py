@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 from edge_agent.health import health_record, write_status
 from edge_agent.metrics import write_metrics
 from edge_agent.prekeys import PrekeyKeeper, PrekeyLedger
-from edge_agent.radios import RadiosError
 from edge_agent.reconcile import ReconcileLedger, Reconciler
 from edge_agent.reporting import SpoolReporter
 from edge_agent.session import events as on
@@ -24,7 +23,7 @@ from edge_agent.session.machine import PadSession
 from edge_agent.session.ports import Radios, SessionLedger
 from edge_agent.session.runner import SessionRunner
 from edge_agent.spool import SpoolError
-from edge_agent.witness import WitnessLedger, WitnessRadios, WitnessRun
+from edge_agent.witness import WitnessDuty, WitnessLedger, WitnessRadios
 from wonderland.clock import SteadyClock
 from wonderland.ledger.checkpoints import Checkpoint
 from wonderland.ledger.errors import CheckpointError, LedgerError
@@ -167,7 +166,7 @@ class PadAgent:
         self._reconciler = Reconciler(ledger, self._reporter, clock)
         self._requests: asyncio.Queue[Session] = asyncio.Queue(MAX_WAITING)
         self._runner: SessionRunner | None = None
-        self._witness: WitnessRun | None = None
+        self._witness = WitnessDuty(pad_id, ledger=ledger, radios=radios, prekeys=self._prekeys, clock=clock)
         self._pad: Pad | None = None
         self._care = asyncio.Event()
         self._placed = asyncio.Event()
@@ -267,12 +266,11 @@ class PadAgent:
     def _testified_or_decided(self, event: ContractEvent) -> None:
         """A witness's word for the session under way here, or the end of one that this pad is the witness of."""
         session_id = event.record.get("session_id")
-        runner, witness = self._runner, self._witness
-        if event.name == "ProofWitnessed":
-            if runner is not None and runner.session.session_id == session_id:
-                runner.deliver(on.Witnessed(event.tx_id))
-        elif witness is not None and witness.session.session_id == session_id:
-            witness.ended()
+        runner = self._runner
+        if event.name == "ProofDecided":
+            self._witness.ended(session_id)
+        elif runner is not None and runner.session.session_id == session_id:
+            runner.deliver(on.Witnessed(event.tx_id))
 
     def _asked_to_witness(self, event: ContractEvent) -> None:
         """Another pad's proof names this one as witness; where it is busy, that proof goes without."""
@@ -346,45 +344,10 @@ class PadAgent:
     async def _witness_one(self, session: Session) -> None:
         """Time-stamp a drone's blinks for another pad's proof. Whatever goes wrong, that proof goes without."""
         self._clock.resync()
+        self._idle.clear()
         try:
-            current, pad = await asyncio.gather(
-                self._ledger.read_session(session.session_id), self._ledger.read_pad(self.pad_id)
-            )
-            named, found = current.witness, pad.commissioning
-            digest = transcript_of(current, self._ledger.channel).digest()
-            usable = (
-                current.state == "requested"
-                and self._clock() < current.expires_ms - MIN_SESSION_MS
-                and digest.hex() == current.transcript_sha256
-            )
-            if not usable or named is None or found is None:
-                _log.info("session %.12s: not witnessed: it is over, or changed", session.session_id)
-                return
-            if pad.commissioning_sha256 != named.commissioning_sha256:
-                _log.info("session %.12s: not witnessed: this pad was commissioned anew", session.session_id)
-                return
-            private_key = await self._prekeys.take(named.prekey_id)
-            if private_key is None:
-                _log.warning("session %.12s: not witnessed: the prekey is lost", session.session_id)
-                return
-            secret = keys.shared_secret(private_key, from_base64url(current.uav_key))
-            witness = self._witness = WitnessRun(
-                current,
-                found,
-                keys.derive(secret, digest),
-                radios=self._radios,
-                ledger=self._ledger,
-                clock=self._clock,
-                sts=self._radios.sts,
-            )
-            self._idle.clear()
-            end = await witness.run()
-        except (AwayError, RefusedError, ProofError, RadiosError, SpoolError) as error:
-            _log.warning("session %.12s: not witnessed: %s", session.session_id, error)
-        else:
-            _log.info("session %.12s: as witness of pad %s: %s", session.session_id, session.pad_id, end)
+            await self._witness.serve(session)
         finally:
-            self._witness = None
             self._idle.set()
             self._care.set()
 

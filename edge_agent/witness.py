@@ -11,18 +11,25 @@ import logging
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, Protocol
 
+from edge_agent.radios import RadiosError
 from edge_agent.session import events as on
 from edge_agent.session.frames import FrameGatherer
+from edge_agent.spool import SpoolError
 from wonderland.ledger.proof_contract import AwayError, Committed, RefusedError
+from wonderland.proofs import keys as session_keys
 from wonderland.proofs.differences import MIN_FRAMES, frames_needed
-from wonderland.proofs.errors import GeometryError
+from wonderland.proofs.encoding import from_base64url
+from wonderland.proofs.errors import GeometryError, ProofError
 from wonderland.proofs.frame import to_local
 from wonderland.proofs.keys import SessionKeys
-from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.records.pads import Commissioning, Pad
 from wonderland.proofs.records.sessions import Radio, Session, Testimony, TimeStamps
+from wonderland.proofs.transcript import transcript_of
 from wonderland.uwb.blinks import BlinkPlan, blink_plan
 
 if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric import ec
+
     from edge_agent.session.ports import Sink
     from wonderland.clock import Clock
 
@@ -30,6 +37,8 @@ _log = logging.getLogger(__name__)
 
 SILENCE_MS: Final = 12_000
 """Without a blink for so long the drone is not there, or not heard."""
+MIN_SESSION_MS: Final = 3_000
+"""With less time than this before its expiry nothing is begun."""
 RESERVE_MS: Final = 3_000
 """Kept free before the session expires, so that the pad can still submit."""
 LOOK_S: Final = 0.05
@@ -50,8 +59,24 @@ class WitnessRadios(Protocol):
         """Stop."""
 
 
+class WitnessPrekeys(Protocol):
+    """The pad's one-time keys (``edge_agent.prekeys.PrekeyKeeper``)."""
+
+    async def take(self, prekey_id: str) -> ec.EllipticCurvePrivateKey | None:
+        """The private half of a prekey, once."""
+
+
 class WitnessLedger(Protocol):
     """The ledger, as far as a witness needs it."""
+
+    @property
+    def channel(self) -> str:
+        """Name of the ledger's channel."""
+        ...
+
+    async def read_pad(self, pad_id: str) -> Pad:
+        """A pad with its commissioning."""
+        ...
 
     async def witness_proof(
         self, session_id: str, radio: Radio, time_stamps: TimeStamps
@@ -155,3 +180,59 @@ class WitnessRun:
             else:
                 return "testified"
         return "session_ended"
+
+
+class WitnessDuty:
+    """Serves, one after the other, the sessions of other pads that name this one as witness."""
+
+    def __init__(
+        self, pad_id: str, *, ledger: WitnessLedger, radios: WitnessRadios, prekeys: WitnessPrekeys, clock: Clock
+    ) -> None:
+        self._pad_id = pad_id
+        self._ledger = ledger
+        self._radios = radios
+        self._prekeys = prekeys
+        self._clock = clock
+        self._running: WitnessRun | None = None
+
+    def ended(self, session_id: object) -> None:
+        """A session was decided; if it is the one under way, nobody waits any more."""
+        if self._running is not None and self._running.session.session_id == session_id:
+            self._running.ended()
+
+    async def serve(self, session: Session) -> None:
+        """Listen and testify. Whatever goes wrong, the other pad's proof goes without: it is logged, never raised."""
+        try:
+            end = await self._serve(session)
+        except (AwayError, RefusedError, ProofError, RadiosError, SpoolError) as error:
+            _log.warning("session %.12s: not witnessed: %s", session.session_id, error)
+        else:
+            _log.info("session %.12s: as witness of pad %s: %s", session.session_id, session.pad_id, end)
+        finally:
+            self._running = None
+
+    async def _serve(self, session: Session) -> str:
+        current, pad = await asyncio.gather(
+            self._ledger.read_session(session.session_id), self._ledger.read_pad(self._pad_id)
+        )
+        named, found = current.witness, pad.commissioning
+        if current.state != "requested" or self._clock() >= current.expires_ms - MIN_SESSION_MS:
+            return "session_ended"
+        digest = transcript_of(current, self._ledger.channel).digest()
+        if digest.hex() != current.transcript_sha256:
+            return "transcript_mismatch"
+        if named is None or found is None or pad.commissioning_sha256 != named.commissioning_sha256:
+            return "commissioning_changed"
+        private_key = await self._prekeys.take(named.prekey_id)
+        if private_key is None:
+            return "prekey_lost"
+        secret = session_keys.shared_secret(private_key, from_base64url(current.uav_key))
+        self._running = WitnessRun(
+            current,
+            found,
+            session_keys.derive(secret, digest),
+            radios=self._radios,
+            ledger=self._ledger,
+            clock=self._clock,
+        )
+        return await self._running.run()
