@@ -5,9 +5,9 @@ import asyncio
 import pytest
 from scenario_world import also_with_the_node_client
 
-from wonderland.ledger.gateway import CommitError
+from wonderland.ledger.gateway import CommitError, EndorseError
 
-pytestmark = pytest.mark.timeout(180)
+pytestmark = pytest.mark.timeout(300)
 TEXT = {"type": "std_msgs/msg/String", "media_type": "text/plain"}
 
 
@@ -71,8 +71,8 @@ async def test_many_writers_of_one_asset_all_get_through(people, tag):
         while True:
             try:
                 return await uav.submit("UpdateAsset", id=tag, value=value)
-            except CommitError as error:
-                if not error.is_conflict:
+            except (CommitError, EndorseError) as error:
+                if not getattr(error, "is_conflict", False) and not getattr(error, "is_mismatch", False):
                     raise
 
     await asyncio.gather(*(write(value) for value in values))

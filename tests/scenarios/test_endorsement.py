@@ -5,7 +5,7 @@ from scenario_world import also_with_the_node_client, witnesses
 
 from wonderland.ledger.gateway import CommitError
 
-pytestmark = pytest.mark.timeout(180)
+pytestmark = pytest.mark.timeout(300)
 NOT_ENOUGH = "ENDORSEMENT_POLICY_FAILURE"
 
 

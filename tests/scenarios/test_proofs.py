@@ -6,7 +6,7 @@ from scenario_world import also_with_the_node_client
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of
 
-pytestmark = pytest.mark.timeout(180)
+pytestmark = pytest.mark.timeout(300)
 FIFTY_METRES_AWAY = (50_000, 1_000, 1_500)
 
 

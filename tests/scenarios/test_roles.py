@@ -8,7 +8,7 @@ from scenario_world import also_with_the_node_client
 from wonderland.ledger.gateway import EndorseError
 from wonderland.proofs.records.transactions import ROLES, TRANSACTIONS
 
-pytestmark = pytest.mark.timeout(180)
+pytestmark = pytest.mark.timeout(300)
 
 
 @also_with_the_node_client

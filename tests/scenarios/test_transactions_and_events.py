@@ -11,7 +11,7 @@ from wonderland.ledger.identity import Identity
 from wonderland.proofs import encoding
 from wonderland.proofs.records.transactions import TRANSACTIONS
 
-pytestmark = pytest.mark.timeout(180)
+pytestmark = pytest.mark.timeout(300)
 
 
 class Listener:

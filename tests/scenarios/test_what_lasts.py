@@ -9,7 +9,7 @@ from wonderland.ledger.checkpoints import FileCheckpointer
 from wonderland.ledger.gateway import EndorseError, EvaluateError, StreamError
 from wonderland.proofs import encoding
 
-pytestmark = pytest.mark.timeout(180)
+pytestmark = pytest.mark.timeout(300)
 TEXT = {"type": "std_msgs/msg/String", "media_type": "text/plain"}
 
 
