@@ -1,6 +1,7 @@
 """Networks whose servers something else runs: what is written, what is waited for, what is refused."""
 
 import asyncio
+import dataclasses
 import stat
 
 import pytest
@@ -11,8 +12,10 @@ from wonderland.ledger.connection import Connection
 from wonderland.ledger.errors import ConnectionFileError, FileWriteError
 from wonderland.ledger.export import export_identities
 from wonderland.ledger.network import bringing_up
+from wonderland.ledger.network.agreement import ContractDiffersError, load_agreement
 from wonderland.ledger.network.binaries import BY_NAME
 from wonderland.ledger.network.commands import network as commands
+from wonderland.ledger.network.contract import build_package, installed_contract
 from wonderland.ledger.network.description import EACH, NetworkDescription
 from wonderland.ledger.network.elsewhere import Elsewhere
 from wonderland.ledger.network.errors import ComponentError, DirectoryStateError
@@ -113,3 +116,35 @@ class TestExport:
         with pytest.raises(ConnectionFileError, match=r"identities\.nobody"):
             export_identities(connection, ["nobody"], tmp_path / "out")
         assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.fabric
+@pytest.mark.timeout(180)
+async def test_join_agrees_on_another_contract_only_when_it_is_told_to(running, monkeypatch):
+    """As with a new image: its contract servers serve another package, and nothing is agreed on by accident."""
+    network = running.network
+    slot = load_agreement(network.directory.contract_file).slot
+    ours = installed_contract("pol")
+    other = dataclasses.replace(ours, sha256="0" * 64)
+
+    async def served(contract):
+        package = build_package("pol", contract, slot)
+        for msp_id in network.endorsers:
+            network.configure_contract(msp_id, package)
+            launch = network.launch_contract(msp_id, slot)
+            await network.processes.stop(launch.name)
+            network.processes.start(launch)
+            await network.processes.wait_ready(launch)
+
+    steps = bringing_up.BringUp(network, running.binaries, lambda _step, _text: None)
+    sequence = load_agreement(network.directory.contract_file).sequence
+    for number, contract in enumerate((other, ours), 1):
+        monkeypatch.setattr(bringing_up, "installed_contract", lambda _package, contract=contract: contract)
+        await served(contract)
+        with pytest.raises(ContractDiffersError, match="the organisations agreed on contract version"):
+            await steps.join()
+        await steps.join(agree=True)
+        agreed = load_agreement(network.directory.contract_file)
+        assert (agreed.sequence, agreed.sha256, agreed.slot) == (sequence + number, contract.sha256, slot)
+        await running.register_pad()
+    await steps.join()
