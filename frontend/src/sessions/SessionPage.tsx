@@ -11,6 +11,7 @@ import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
 import { sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
+import { Broadcasts } from "./Broadcasts";
 import { Ranges } from "./Ranges";
 import { Sequence } from "./Sequence";
 import { SessionPanel } from "./SessionPanel";
@@ -181,6 +182,7 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
         <div className="session-rest">
           <Sequence session={session} />
           {query.data?.evidence && <Ranges evidence={query.data.evidence} />}
+          {query.data !== undefined && <Broadcasts findings={query.data.findings} track={drone?.track} />}
           {query.data !== undefined && <Transactions transactions={query.data.transactions} />}
           {query.data !== undefined && <Facts detail={query.data} now_ms={now_ms} />}
         </div>

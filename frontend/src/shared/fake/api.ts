@@ -26,11 +26,21 @@ const POLICY: SessionDetail["session"]["policy"] = {
   max_claim_age_ms: 10_000,
   max_clock_skew_ms: 5_000,
   min_request_gap_ms: 0,
+  cancel_hopeless: false,
   session_ttl_ms: 60_000,
   max_claim_accuracy_mm: 20_000,
   require_authorisation: true,
   require_maintenance: true,
 };
+
+/** What the receiver of a pad that was lied to may have heard. */
+function oddities(session: SessionState): SessionDetail["findings"] {
+  const of = { uav_id: session.uav_id, pad_id: session.pad_id, verified: false } as const;
+  return [
+    { ...of, kind: "two_places", t_ms: session.requested_ms + 900, count: 1, distance_mm: 412_000, interval_ms: 300, transport: "ble4", other_transport: "wifi-nan" },
+    { ...of, kind: "time_backwards", t_ms: session.requested_ms + 2_100, count: 4, interval_ms: 74_000, transport: "ble4" },
+  ];
+}
 
 function detail(session: SessionState, verdict: VerdictSummary | undefined, store: LiveStore): SessionDetail {
   const pad = store.pads.get(session.pad_id);
@@ -96,7 +106,7 @@ function detail(session: SessionState, verdict: VerdictSummary | undefined, stor
     },
     estimates: [],
     reported_ends: [],
-    findings: [],
+    findings: verdict?.outcome === "refuted" ? oddities(session) : [],
     transactions: [
       transaction(session.request_tx, "RequestProof", base - 1, session.requested_ms),
       ...(session.verdict_tx === undefined ? [] : [transaction(session.verdict_tx, "SubmitProof", base, session.requested_ms + 6_100)]),

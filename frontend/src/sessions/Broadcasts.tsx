@@ -1,0 +1,56 @@
+import type { ReactElement } from "react";
+import type { SessionDetail, Track } from "../shared/api/records";
+import { count, duration, length, timeOfDay } from "../shared/format";
+import { broadcastTexts as t } from "./broadcastTexts";
+
+type Finding = SessionDetail["findings"][number];
+
+/** Who signed the broadcasts (not whether they are true), and what was odd about them. */
+export function Broadcasts({ findings, track }: { findings: readonly Finding[]; track?: Track | undefined }): ReactElement {
+  const drip = track?.drip ?? undefined;
+  return (
+    <section className="float card">
+      <h2>{t("title")}</h2>
+      <p className="quiet">{t("hint")}</p>
+      {drip !== undefined && (
+        <dl className="facts num">
+          <div>
+            <dt>{t("signature")}</dt>
+            <dd>{signed(drip)}</dd>
+          </div>
+        </dl>
+      )}
+      {findings.length === 0 ? (
+        <p>{t("nothing")}</p>
+      ) : (
+        <div className="scroll">
+          <table className="table num">
+            <tbody>
+              {findings.map((each) => (
+                <tr key={`${each.kind}/${each.t_ms}`}>
+                  <td>{timeOfDay(each.t_ms)}</td>
+                  <td>{odd(each)}</td>
+                  <td className="right">{each.count > 1 && t("times", { count: count(each.count) })}</td>
+                </tr>
+              ))}
+            </tbody>
+          </table>
+        </div>
+      )}
+    </section>
+  );
+}
+
+function signed(drip: NonNullable<Track["drip"]>): string {
+  if (drip.state === "verified") return t("verified", { signer: drip.signer ?? drip.det });
+  return drip.state === "refused" ? t("refused", { reason: drip.reason ?? "" }) : t("unknown");
+}
+
+function odd(finding: Finding): string {
+  return t("kind", {
+    kind: finding.kind,
+    distance: length(finding.distance_mm ?? 0),
+    interval: duration(finding.interval_ms ?? 0),
+    other: finding.other_uav_id ?? "",
+  });
+}
