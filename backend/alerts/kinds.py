@@ -26,6 +26,10 @@ KINDS: Final[Mapping[str, Kind]] = {
     "broadcast_contradicts": Kind(
         "critical", "{uav_id} tells the public another place than it told {pad_id}: measured {distance} from there."
     ),
+    "stamps_contradict": Kind(
+        "critical",
+        "{uav_id} bends its clock at {pad_id}: time stamps that need none put it {distance} from its claim.",
+    ),
     "permission_unmatched": Kind(
         "critical", "{uav_id} was given permission at {pad_id}, and since then no broadcast of it was heard there."
     ),

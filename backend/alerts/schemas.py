@@ -15,6 +15,7 @@ _ID = f"^{ID_PATTERN}$"
 KindName = Literal[
     "refuted",
     "broadcast_contradicts",
+    "stamps_contradict",
     "permission_unmatched",
     "ledger_halted",
     "unauthorised",

@@ -15,6 +15,7 @@ from jsonschema import Draft202012Validator
 
 from backend.alerts import watch
 from backend.alerts.deliver import Delivery, retry_ms, signature
+from backend.alerts.derive import alerts_of
 from backend.alerts.kinds import KINDS, Alert, plain_text
 from backend.alerts.schemas import KindName
 from backend.app import new_app, openapi
@@ -338,6 +339,33 @@ def _free_port():
 def test_settings_that_could_not_tell_anybody_are_refused(options, said):
     with pytest.raises(SettingsError, match=said):
         load(**options)
+
+
+@pytest.mark.parametrize(
+    ("record", "kind", "error_mm"),
+    [
+        ({"signed": {"outcome": "refuted", "error_mm": 4_200}}, "refuted", 4_200),
+        (
+            {"signed": {"outcome": "verified", "error_mm": 9}, "broadcast": {"outcome": "refuted", "error_mm": 30_000}},
+            "broadcast_contradicts",
+            30_000,
+        ),
+        (
+            {
+                "signed": {"outcome": "inconclusive", "error_mm": 50},
+                "broadcast": {"outcome": "inconclusive", "error_mm": 60},
+                "time_differences": {"error_mm": 3_100},
+            },
+            "stamps_contradict",
+            3_100,
+        ),
+    ],
+)
+def test_what_refuted_is_what_the_alert_says(record, kind, error_mm):
+    row = {"pad_id": "p", "uav_id": "u", "session_id": "s", "tx_id": "t", "action": "land", "decided_ms": 1}
+    (alert,) = alerts_of([row | {"outcome": "refuted", "record": json.dumps(record)}])
+    assert (alert.kind, alert.facts["error_mm"]) == (kind, error_mm)
+    assert f"{error_mm / 1000:.1f} m" in plain_text(alert.kind, alert.pad_id, alert.uav_id, alert.facts)
 
 
 def test_every_kind_has_a_text_and_a_name_in_the_interface():

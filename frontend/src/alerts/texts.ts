@@ -5,6 +5,7 @@ export const alertTexts = texts({
   en: {
     refuted: "<b>{uav}</b> is not where it says: measured {distance} from its claim at {pad}.",
     broadcast_contradicts: "<b>{uav}</b> tells the public another place than it told {pad}: measured {distance} from there.",
+    stamps_contradict: "<b>{uav}</b> bends its own clock at {pad}: time stamps that need none put it {distance} from its claim.",
     permission_unmatched: "<b>{uav}</b> was given permission at {pad}; since then no broadcast of it was heard there.",
     ledger_halted: "The mirror of the ledger has <b>halted</b>: {why}",
     unauthorised: "<b>{uav}</b> asked to {action} at {pad} without being authorised.",
@@ -13,12 +14,13 @@ export const alertTexts = texts({
     certificate_expiring: "The certificate of <b>{who}</b> expires on {until}.",
     ledger_away: "The ledger <b>cannot be reached</b>: {why}",
     title:
-      "{kind, select, refuted {Refuted} broadcast_contradicts {Broadcast contradicts the pad} permission_unmatched {Permission without telemetry} ledger_halted {Ledger mirror halted} unauthorised {Not authorised} pad_silent {Pad silent} pad_drifting {Pad drifting} certificate_expiring {Certificate expiring} other {Ledger away}}",
+      "{kind, select, refuted {Refuted} broadcast_contradicts {Broadcast contradicts the pad} stamps_contradict {Time stamps contradict} permission_unmatched {Permission without telemetry} ledger_halted {Ledger mirror halted} unauthorised {Not authorised} pad_silent {Pad silent} pad_drifting {Pad drifting} certificate_expiring {Certificate expiring} other {Ledger away}}",
     unknown: "unknown",
   },
   fi: {
     refuted: "<b>{uav}</b> ei ole siellä missä sanoo: mitattu {distance} päähän ilmoituksestaan alustalla {pad}.",
     broadcast_contradicts: "<b>{uav}</b> ilmoittaa julkisesti muun paikan kuin alustalle {pad}: mitattu {distance} päähän siitä.",
+    stamps_contradict: "<b>{uav}</b> vääristää kelloaan alustalla {pad}: siitä riippumattomat aikaleimat asettavat sen {distance} päähän ilmoituksestaan.",
     permission_unmatched: "<b>{uav}</b> sai luvan alustalla {pad}; sen jälkeen sen lähetystä ei ole kuultu siellä.",
     ledger_halted: "Tilikirjan peilaus on <b>pysähtynyt</b>: {why}",
     unauthorised: "<b>{uav}</b> pyysi saada {action} alustalla {pad} ilman lupaa.",
@@ -27,7 +29,7 @@ export const alertTexts = texts({
     certificate_expiring: "Varmenne <b>{who}</b> vanhenee {until}.",
     ledger_away: "Tilikirjaan <b>ei saada yhteyttä</b>: {why}",
     title:
-      "{kind, select, refuted {Kumottu} broadcast_contradicts {Lähetys ristiriidassa alustan kanssa} permission_unmatched {Lupa ilman seurantaa} ledger_halted {Tilikirjan peilaus pysähtynyt} unauthorised {Ei lupaa} pad_silent {Alusta vaiti} pad_drifting {Alusta ajautuu} certificate_expiring {Varmenne vanhenee} other {Tilikirja poissa}}",
+      "{kind, select, refuted {Kumottu} broadcast_contradicts {Lähetys ristiriidassa alustan kanssa} stamps_contradict {Aikaleimat ristiriidassa} permission_unmatched {Lupa ilman seurantaa} ledger_halted {Tilikirjan peilaus pysähtynyt} unauthorised {Ei lupaa} pad_silent {Alusta vaiti} pad_drifting {Alusta ajautuu} certificate_expiring {Varmenne vanhenee} other {Tilikirja poissa}}",
     unknown: "tuntematon",
   },
 });

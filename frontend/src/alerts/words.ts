@@ -32,7 +32,7 @@ export function sentence(alert: Alert, pads: ReadonlyMap<string, Pad>, now_ms: n
 
 /** The symbol: that of the verdict where the alert is about one, else the triangle of a warning. */
 export function lookOf(alert: Alert): Look {
-  if (alert.kind === "refuted" || alert.kind === "broadcast_contradicts") return "refuted";
+  if (alert.kind === "refuted" || alert.kind === "broadcast_contradicts" || alert.kind === "stamps_contradict") return "refuted";
   if (alert.kind === "pad_silent") return "silent";
   return alert.severity === "critical" ? "refuted" : "inconclusive";
 }

@@ -60,6 +60,14 @@ function claimed(claim: Position, padName: string): string {
   return whereabouts(claim, padName);
 }
 
+/**
+ * How far time stamps that need no word of the drone's clock put it from its claim: what refutes a drone whose two-way
+ * ranges fit, because it bent its own clock.
+ */
+export function differing(verdict: VerdictSummary): number | undefined {
+  return verdict.time_differences?.error_mm ?? verdict.witness?.error_mm;
+}
+
 /** The verdict in words, before any figure. */
 export function account(verdict: VerdictSummary, pad: Pad | undefined): Account {
   const name = pad?.name ?? verdict.pad_id;
@@ -76,6 +84,13 @@ export function account(verdict: VerdictSummary, pad: Pad | undefined): Account 
     const place = claimed(broadcast.claim, name);
     const sentence = t.rich("publicMeasuredAway", { who, place, measurer: measurer(pad), error });
     if (signed?.outcome === "verified") sentence.push(t("toldPadHolds", { pad: name }));
+    return { title: t("refuted"), look: "refuted", sentence };
+  }
+  if (verdict.outcome === "refuted" && signed !== undefined) {
+    const error_mm = differing(verdict);
+    const values = { who, place: claimed(signed.claim, name) };
+    const sentence =
+      error_mm === undefined ? t.rich("clockBentVague", values) : t.rich("clockBent", { ...values, error: length(error_mm, true) });
     return { title: t("refuted"), look: "refuted", sentence };
   }
   if (verdict.outcome === "refuted") {
@@ -150,10 +165,13 @@ export function rowText(drone: Drone, padName: (pad_id: string) => string): { ri
     const deed = actionNoun(verdict.action);
     switch (drone.need) {
       case "refuted":
-        return {
-          right: row("off", { distance: length((verdict.signed ?? verdict.broadcast)?.error_mm ?? 0, true) }),
-          second: row("refutedAt", { pad, deed }),
-        };
+        if (verdict.signed?.outcome === "refuted" || verdict.signed === undefined) {
+          return {
+            right: row("off", { distance: length((verdict.signed ?? verdict.broadcast)?.error_mm ?? 0, true) }),
+            second: row("refutedAt", { pad, deed }),
+          };
+        }
+        return { right: clockOff(verdict), second: row("clockBent", { pad, deed }) };
       case "broadcast-refuted":
         return {
           right: row("off", { distance: length(verdict.broadcast?.error_mm ?? 0, true) }),
@@ -184,6 +202,11 @@ export function rowText(drone: Drone, padName: (pad_id: string) => string): { ri
   const second =
     near === undefined ? row("broadcastOnly") : row("broadcastOnlyNear", { distance: length(near.distance_mm, true), pad: near.pad.name });
   return { right: row(look === "out-of-range" ? "outOfRange" : "noProof"), second };
+}
+
+function clockOff(verdict: VerdictSummary): string {
+  const error_mm = differing(verdict);
+  return error_mm === undefined ? row("refused") : row("off", { distance: length(error_mm, true) });
 }
 
 function ended(session: SessionState): string {
