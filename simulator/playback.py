@@ -107,6 +107,8 @@ class Playback:
         )
 
     def _measure(self, observer: str, peer: str, t_s: float) -> Measurement:
+        if self._uav_id not in {observer, peer}:  # a recording has no ranges between its anchors
+            return Measurement(None)
         if observer == self._uav_id and t_s != self._round:  # the drone leads a new round of the ranging session
             self._round = t_s
             self._wall_s = time.monotonic()
