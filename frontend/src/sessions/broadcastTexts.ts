@@ -4,7 +4,7 @@ import { texts } from "../shared/i18n/texts";
 export const broadcastTexts = texts({
   en: {
     title: "Broadcasts",
-    hint: "As the pad’s receiver heard them. None of it decides: the contract judges by measurement.",
+    hint: "As the pad’s receiver heard them. What is odd is for people to look at; the verdict does not rest on it.",
     signature: "Signature",
     verified: "Signed by a drone of {signer}. It says who sent it, not that it is true.",
     unknown: "Signed, but nobody known to the pad vouches for the key.",
@@ -15,7 +15,7 @@ export const broadcastTexts = texts({
   },
   fi: {
     title: "Lähetykset",
-    hint: "Niin kuin alustan vastaanotin ne kuuli. Mikään tästä ei ratkaise: sopimus päättää mittauksen perusteella.",
+    hint: "Niin kuin alustan vastaanotin ne kuuli. Outo on ihmisten katsottavaksi; päätös ei perustu siihen.",
     signature: "Allekirjoitus",
     verified: "Allekirjoittaja on rekisterin {signer} drooni. Se kertoo, kuka lähetti, ei että se on totta.",
     unknown: "Allekirjoitettu, mutta kukaan alustan tuntema ei takaa avainta.",
