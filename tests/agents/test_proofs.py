@@ -75,8 +75,10 @@ async def test_whole_certificates_over_the_radio(world):
 
 async def test_a_drone_that_is_elsewhere_is_refuted_and_does_not_act(world):
     world.flight.truth = (16_000.0, 3_000.0, 6_000.0)
-    async with world.pad(), world.uav() as uav:
+    async with world.pad() as pad, world.uav() as uav:
         result = await uav.prove("pad-1", "land")
+        # The drone may hear of the verdict before the pad has the answer to its own transaction.
+        await until(lambda: not pad.status()["session"])
     assert (result.state, result.end) == ("decided", "refused")
     assert result.verdict.outcome == "refuted"
     assert not world.acted
