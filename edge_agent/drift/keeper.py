@@ -24,6 +24,8 @@ _log = logging.getLogger(__name__)
 
 ROUNDS: Final = 20
 FIRST_ROUNDS: Final = 30
+COMPLETE_TRIES: Final = 3
+"""So often a first look that lacks a pair is tried again before it counts all the same."""
 CONTRADICTED_MM: Final = 50.0
 """The survey alone is contradicted by ranges whose units' biases are unknown: less than this is not claimed."""
 
@@ -46,6 +48,7 @@ class DriftKeeper:
         self._state_file = baseline_file.with_name("drift.json")
         self._clock = clock
         self._of = ""
+        self._tries = 0
         self._watch: DriftWatch | None = None
         self.state: DriftState | None = None
 
@@ -54,6 +57,7 @@ class DriftKeeper:
         if self._of == commissioning_sha256:
             return
         self._of, self._watch, self.state = commissioning_sha256, None, self._kept(commissioning_sha256)
+        self._tries = 0
         try:
             baseline = Baseline.load(self._baseline_file, commissioning_sha256)
         except BaselineError as error:
@@ -92,6 +96,10 @@ class DriftKeeper:
     def _learn(self, ranges: PairRanges, commissioning: Commissioning) -> None:
         """No baseline of the commissioning is here: the first look is one, unless it contradicts the survey."""
         baseline = Baseline.of(ranges, t_ms=self._clock(), source="first look")
+        count = len(commissioning.anchors)
+        self._tries += 1
+        if len(baseline.pairs) < count * (count - 1) // 2 and self._tries < COMPLETE_TRIES:
+            return  # a node is away or hidden from another: what it would measure is worth waiting for
         found = self_survey(
             _places(commissioning),
             {pair: value.range_mm / 1000 for pair, value in baseline.pairs.items()},

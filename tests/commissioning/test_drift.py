@@ -191,10 +191,13 @@ class Radios:
         self.stand = dict(PLACES)
         self.rng = random.Random(11)
         self.away = False
+        self.hidden = set()
 
     async def measure_between(self, macs, rounds):
         assert macs["A1"] == 0xA001
-        return {} if self.away else ranges(self.stand, self.rng, rounds)
+        if self.away:
+            return {}
+        return {pair: v for pair, v in ranges(self.stand, self.rng, rounds).items() if set(pair) != self.hidden}
 
 
 @pytest.fixture
@@ -234,6 +237,14 @@ class TestKeeper:
         keeper = DriftKeeper(radios, tmp_path / "anchors.json", lambda: 1_000, 600)
         state = await keeper.look("a" * 64, commissioning)
         assert (state.state, state.anchor_id) == ("moved", "A4")
+
+    async def test_a_pair_that_never_hears_each_other_is_waited_for_and_then_left_out(self, tmp_path, commissioning):
+        radios = Radios()
+        radios.hidden = {"A1", "A3"}
+        keeper = DriftKeeper(radios, tmp_path / "anchors.json", lambda: 1_000, 600)
+        states = [await keeper.look("a" * 64, commissioning) for _ in range(4)]
+        assert [state and state.state for state in states] == [None, None, "ok", "ok"]
+        assert len(json.loads((tmp_path / "anchors.json").read_text())["pairs"]) == 5
 
     async def test_a_session_that_comes_between_costs_nothing(self, tmp_path, commissioning):
         radios = Radios()
