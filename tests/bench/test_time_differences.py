@@ -11,7 +11,7 @@ import time
 from dataclasses import replace
 
 import pytest
-from bench_tools import p50, show
+from bench_tools import show
 from tests_world import SQUARE, START_MS, World
 
 from simulator.reproduction.sampling import Share
@@ -137,7 +137,7 @@ def test_milliseconds_with_time_stamps(keep):
         ):
             times = []
             for _ in range(30):
-                start = time.perf_counter()
+                start = time.thread_time()
                 verdict = decide(
                     session,
                     world.commissioning,
@@ -148,12 +148,14 @@ def test_milliseconds_with_time_stamps(keep):
                     now_ms=START_MS + 20_000,
                     evidence_sha256="0" * 64,
                 )
-                times.append((time.perf_counter() - start) * 1e3)
-            took[name] = p50(times)
+                times.append((time.thread_time() - start) * 1e3)
+            took[name] = min(times)
         assert (verdict.outcome, verdict.assurance) == ("verified", 3)
         octets = len(brought.encode()) - len(evidence.encode())
         rows.append((frames, f"{took['ranges only']:.2f}", f"{took['with time stamps']:.2f}", octets))
         keep(frames=frames, octets=octets, **{name.replace(" ", "_"): value for name, value in took.items()})
     show(
-        "A verdict at 4 anchors; median ms, and octets of the time stamps", ("frames", "ranges", "both", "octets"), rows
+        "A verdict at 4 anchors; least ms of processor time, and octets of the time stamps",
+        ("frames", "ranges", "both", "octets"),
+        rows,
     )
