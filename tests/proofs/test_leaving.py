@@ -80,6 +80,6 @@ def test_honest_drones_that_hover_or_fly_are_not_touched(seed):
         assert not {"leaving", "drifting"} & {reason.code for reason in verdict.reasons}
 
 
-def test_ten_rounds_are_judged_as_they_are():
+def test_few_rounds_are_judged_as_they_are():
     verdict, _ = looked(World(seed=1), lambda t: PLACE, looks=(NEWEST,))
-    assert verdict.outcome == "verified"
+    assert {reason.code for reason in verdict.reasons} >= {"too_few_rounds"}

@@ -22,11 +22,11 @@ from wonderland.proofs.reduction import Reduced, reduce
 from wonderland.proofs.rounds import UsableRounds
 from wonderland.proofs.special import CHI2_LIMITS
 
-NEWEST: Final = 10
-"""Half a second of ranging: enough to refute on, short enough that a drag of 1 m/s hardly moves within it."""
+NEWEST: Final = 7
+"""A third of a second: enough to refute on near the pad, short enough that a drag of 1 m/s makes no bursts of it."""
 CLEAR_BUFFERS: Final = 0.2
 """Only where the newest rounds alone know the place to a fifth of the buffer (1σ): elsewhere correlated noise may pass
-for a drift, and half a second is no reason to refute anybody."""
+for a drift, and a third of a second is no reason to refute anybody."""
 ERROR_SHARE: Final = 10
 """The newest rounds refute with one part in so many of the policy's error, so that the whole keeps its limit."""
 
