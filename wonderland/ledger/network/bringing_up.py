@@ -30,7 +30,7 @@ from wonderland.ledger.network.genesis import ChannelPlan, first_block
 from wonderland.ledger.network.hosts import CONTRACT
 from wonderland.ledger.network.layout import CLIENT, MSP_ADMIN, NetworkDirectory
 from wonderland.ledger.network.leadership import wait_leader
-from wonderland.ledger.network.network import Member, Network
+from wonderland.ledger.network.network import Member, Network, contract_component
 
 if TYPE_CHECKING:
     from wonderland.ledger.network.authorities import Authority
@@ -296,9 +296,16 @@ class BringUp:
         authority = peers[0].msp_id
         inspector = signing_identity(authority, network.directory.organisation(authority).identity("inspector"))
         # Each peer for itself: a client of any organisation begins at one of its own.
-        await together(
-            lifecycle.wait_answering(peer, inspector, network.channel, described.name, PROBE) for peer in peers
-        )
+        try:
+            await together(
+                lifecycle.wait_answering(peer, inspector, network.channel, described.name, PROBE) for peer in peers
+            )
+        except ComponentError as error:
+            for msp_id in network.endorsers:
+                component = contract_component(msp_id, agreement.slot)
+                if not network.hosts.each and self._processes.pid(component) is None:
+                    raise self._processes.failure(component, "ended after it had started") from error
+            raise
 
     async def _recall(self, peers: list[PeerAdmin], sequence: int, contract: InstalledContract) -> Agreement:
         """What was agreed on, when the note about it is lost: the channel knows."""
