@@ -63,9 +63,11 @@ ATTACKS: Final = (
         "What the drone broadcasts.",
         "A changed Remote ID module.",
         "Any permission.",
-        "The pad hears the broadcast itself, and the contract judges it beside the signed claim.",
+        "The pad hears the broadcast itself, and the contract judges it beside the signed claim. A lie of hardly three "
+        "buffers, far out, may still be open when the signed claim, which is true, is settled.",
         0,
         (Variant(TWO_WAY, make=partial(broadcast, 2)),),
+        tolerated=0.001,
         wire="remote-id-lie",
     ),
     Attack(
