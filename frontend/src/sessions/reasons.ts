@@ -52,6 +52,9 @@ const FINNISH: Readonly<Record<string, string>> = {
   clock_contradicts: "Mikään kello ei anna droonin ilmoittamia aikoja.",
   anchors_unknown: "Osa ankkureista ei kuulu käyttöönotettuun alustaan.",
   broadcast_contradicts: "Lähetys on ristiriidassa mitatun paikan kanssa.",
+  leaving: "Uusimmat kierrokset sulkevat ilmoitetun paikan pois: drooni on lähtenyt siitä.",
+  drifting: "Uusimmat kierrokset loittonevat ilmoitetusta paikasta.",
+  pad_drifts: "Alusta ei enää mittaa kuten käyttöönotossa; epävarmuutta on lisätty.",
   maintenance_missing: "Droonin huollosta ei ole merkintää.",
   maintenance_lapsed: "Droonin viimeinen kirjattu huolto ei ole enää voimassa.",
 };
