@@ -92,9 +92,9 @@ class Terminal:
         if not self._console.is_terminal:
             return
         if self._live is None:
-            self._live = Live(line, console=self._console, refresh_per_second=4, transient=False)
+            self._live = Live(line, console=self._console, auto_refresh=False, transient=False)
             self._live.start()
-        self._live.update(line)
+        self._live.update(line, refresh=True)
 
     def show_result(self, found: Calibrated) -> None:
         """Fit and go/no-go."""
