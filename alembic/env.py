@@ -4,7 +4,8 @@ from sqlalchemy import Connection, engine_from_config, pool
 
 from alembic import context
 from backend.db.engine import parse_url
-from backend.db.models import Base
+from backend.db.partitions import is_partition
+from backend.db.tables import Base
 
 
 def run(connection: Connection) -> None:
@@ -14,6 +15,7 @@ def run(connection: Connection) -> None:
         render_as_batch=connection.dialect.name == "sqlite",
         transaction_per_migration=False,
         compare_type=True,
+        include_name=lambda name, kind, _parents: kind != "table" or not is_partition(name or ""),
     )
     with context.begin_transaction():
         context.run_migrations()

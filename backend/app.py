@@ -11,60 +11,53 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any, Final
 
-from fastapi import APIRouter, FastAPI
-from fastapi.openapi.utils import get_openapi
-from fastapi.routing import APIRoute
-from pydantic.json_schema import models_json_schema
 from sqlalchemy import insert, select
+from sqlalchemy.ext.asyncio import AsyncConnection
 
-from backend import console, errors
-from backend.alerts import endpoints as alerts
 from backend.alerts.deliver import Delivery
 from backend.alerts.service import Alerts
 from backend.alerts.watch import Watch
-from backend.auth import endpoints as auth
+from backend.audit.anchors import Anchoring
+from backend.auth.limits import Attempts
 from backend.auth.sign_ins import SignIns
-from backend.boundary import Boundary
+from backend.clients.machines import machines_of
+from backend.clients.store import Clients
 from backend.context import Context
 from backend.db.engine import Database
-from backend.db.models import InstanceRow, OrganisationRow
-from backend.drones import endpoints as drones
-from backend.ingest import endpoints as ingest
+from backend.db.partitions import make_ahead
+from backend.db.tables.ledger import OrganisationRow
+from backend.db.tables.reported import InstanceRow
+from backend.events.feed import Commits
+from backend.flights.store import forget as forget_flights
 from backend.ingest.agents import Agents
 from backend.ingest.identity import Members
 from backend.ingest.intake import Intake
-from backend.ledger import endpoints as ledger
+from backend.ledger.access import LedgerAccess
 from backend.ledger.status import MirrorStatus
-from backend.live import endpoints as live
 from backend.live.board import Board
 from backend.live.hub import Hub
-from backend.live.schemas import FRAMES
 from backend.mirror.derive import Changes
 from backend.mirror.follow import Mirror
 from backend.mirror.source import BlockSource
-from backend.pads import endpoints as pads
-from backend.search import endpoints as search
-from backend.sessions import endpoints as sessions
+from backend.outputs.mqtt import MqttOutput
+from backend.replay.arrivals import Connections, note_blocks, note_unknown
+from backend.routes import new_app
 from backend.settings import Settings
-from backend.statistics import endpoints as statistics
-from backend.tracks import endpoints as tracks
 from backend.tracks import queries as track_queries
-from backend.verdicts import endpoints as verdicts
+from backend.transactions.enrolment import Registrar
+from backend.transactions.keys import SigningKeys
+from backend.transactions.service import Signing
+from backend.uspace.service import USpace
+from backend.uspace.transfer import new_client
+from backend.webhooks.deliver import Webhooks
+from backend.webhooks.post import poster_of
 from wonderland import __version__
+from wonderland.ledger.proof_contract import ProofContract
 
 logger = logging.getLogger(__name__)
 
-API: Final = "/api/v1"
 TIDY_EVERY_S: Final = 300.0
 CHECK_EVERY_S: Final = 15.0
-DESCRIPTION: Final = """\
-What Wonderland knows: pads, drones, proofs of location and their verdicts, as the ledger has them; and beside them,
-marked unverified, what drones broadcast and what pads measure while a proof is under way.
-
-Times are milliseconds since the Unix epoch (`_ms`), positions WGS-84 degrees × 10⁷ (`_e7`), lengths millimetres
-(`_mm`). Lists are paged by cursor. Errors are problem details (RFC 9457). Live changes come over the WebSocket
-`/api/v1/live?since=<epoch>:<seq>`, whose frames are the schemas LiveHello, LiveSnapshot and LiveDelta.
-"""
 
 
 def now_ms() -> int:
@@ -81,6 +74,9 @@ class Backend:
         *,
         database: Database,
         source: BlockSource | None = None,
+        assets: ProofContract | None = None,
+        ledger: LedgerAccess | None = None,
+        demo_registrar: Registrar | None = None,
         channel: str = "",
         chaincode: str = "",
         ledger_kind: str = "unknown",
@@ -93,17 +89,23 @@ class Backend:
         self.settings = settings
         self.database = database
         self._tasks: list[asyncio.Task[None]] = []
+        uspace = USpace(settings, clock)
+        clients = Clients(database, clock, randomness)
         epoch = randomness(8).hex()
         status = MirrorStatus(kind=ledger_kind, notice=ledger_notice, channel=channel)
         agents = Agents()
+        members = Members()
         board = Board(mirror=status, agents=agents, clock=clock, version=__version__, epoch=epoch, demo=settings.demo)
-        agents.on_change = board.connection_changed
+        self._connections = Connections(database, epoch, clock)
+        agents.on_change = self._connection_changed
         self.context = Context(
             settings=settings,
             database=database,
             clock=clock,
             randomness=randomness,
             sign_ins=SignIns(database, settings, clock, randomness),
+            attempts=Attempts(settings.sign_in_attempts),
+            http=new_client(),
             mirror=status,
             board=board,
             hub=Hub(
@@ -116,12 +118,22 @@ class Backend:
                 max_viewers=settings.max_viewers,
             ),
             agents=agents,
-            members=Members(),
+            members=members,
             intake=Intake(database, board, clock),
+            uspace=uspace,
+            clients=clients,
+            machines=machines_of(settings, clients, uspace, clock, randomness),
+            commits=Commits(),
+            poster=poster_of(settings),
+            assets=assets,
             source=source,
             instance="",
             epoch=epoch,
             version=__version__,
+            signing_keys=SigningKeys(database, members, clock),
+            ledger=ledger,
+            signing=Signing(database, ledger, clock, per_minute=settings.signed_per_minute) if ledger else None,
+            demo_registrar=demo_registrar,
         )
         self._alerts = Alerts(settings, board, clock)
         self.watch = Watch(self.context)
@@ -134,7 +146,7 @@ class Backend:
                 status=status,
                 clock=clock,
                 on_changes=self._committed,
-                also=self._alerts.in_transaction,
+                also=self._in_transaction,
                 batch_transactions=settings.mirror_batch_transactions,
             )
             if source is not None
@@ -151,24 +163,55 @@ class Backend:
             organisations = (await session.execute(select(OrganisationRow.msp_id, OrganisationRow.definition))).all()
         self.context.members.configure((msp_id, definition) for msp_id, definition in organisations)
         self.context.mirror.level_ms = self.context.clock()
+        async with self.database.write() as connection:
+            await make_ahead(connection, self.context.clock())
+            await note_unknown(connection)
         self._run(self.context.intake.run(), "intake")
+        self.context.uspace.attach(self.context.intake, self.context.agents, self.database)
+        self._run(self.context.uspace.run(self.context.instance), "uspace")
+        self._run(self._connections.run(), "connections")
         self._run(self.context.hub.run(), "hub")
         self._run(self._tidy(), "tidy")
         self._run(self._check(), "check")
+        if self.context.assets is not None:
+            anchoring = Anchoring(
+                self.database, self.context.assets, every_s=self.settings.audit_anchor_s, clock=self.context.clock
+            )
+            self._run(anchoring.run(self.context.instance), "audit")
+        told = Webhooks(self.database, self.context.poster, self.context.commits, self.context.clock)
+        self._run(told.run(), "webhooks")
+        if self.context.signing is not None:
+            await self.context.signing.resume()
         if self._mirror is not None:
             self._run(self._mirror.run(), "mirror")
             self._run(self.watch.run(), "watch")
+        if (mqtt := self.settings.outputs.mqtt) is not None:
+            self._run(MqttOutput(mqtt, self.context.hub, self.context.instance).run(), "mqtt")
+        if (tak := self.settings.outputs.tak) is not None:
+            from backend.outputs.tak import TakOutput  # noqa: PLC0415 - pytak brings much along
+
+            self._run(TakOutput(tak, self.context.hub, self.context.clock).run(), "tak")
         if self.settings.alert_emails or self.settings.alert_webhooks:
             self._run(Delivery(self.database, self.settings, self.context.clock).run(), "delivery")
 
     async def stop(self) -> None:
         """Close live connections, stop the parts, close the database."""
-        self.context.hub.close()
+        self.end_streams()
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         self._tasks.clear()
+        if self.context.signing is not None:
+            await self.context.signing.stop()
+        await self.context.uspace.close()
+        await self.context.poster.close()
+        await self.context.http.aclose()
         await self.database.close()
+
+    def end_streams(self) -> None:
+        """End what would last as long as the server: live connections, event streams."""
+        self.context.hub.close()
+        self.context.commits.stop()
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[Backend]:
@@ -193,23 +236,34 @@ class Backend:
             if task.get_name() == "mirror":
                 self.context.mirror.halted = f"The mirror ended by an unexpected error: {type(error).__name__}: {error}"
 
+    def _connection_changed(self, pad_id: str) -> None:
+        self.context.board.connection_changed(pad_id)
+        self._connections.changed(pad_id, connected=self.context.agents.is_connected(pad_id))
+
+    async def _in_transaction(self, connection: AsyncConnection, changes: Changes) -> None:
+        await note_blocks(connection, changes.blocks, self.context.clock())
+        await self._alerts.in_transaction(connection, changes)
+
     def _committed(self, changes: Changes) -> None:
         if changes.organisations is not None:
             self.context.members.configure((row["msp_id"], row["definition"]) for row in changes.organisations)
             self._dismiss()
         self.context.board.commit(changes)
         self._alerts.committed()
+        self.context.commits.pulse()
 
     def _dismiss(self) -> None:
         now = self.context.clock()
         self.context.agents.dismiss(lambda msp_id, creator: self.context.members.is_member(msp_id, creator, now))
 
     async def _tidy(self) -> None:
-        keep_ms = int(self.settings.track_retention_h * 3_600_000)
         while True:
             try:
                 async with self.database.write() as connection:
-                    await track_queries.forget(connection, self.context.clock() - keep_ms)
+                    await make_ahead(connection, self.context.clock())
+                    keep_ms = int(self.settings.track_retention_h * 3_600_000)
+                    await forget_flights(connection, self.context.clock() - keep_ms)
+                    await track_queries.forget(connection, track_queries.kept(self.settings, self.context.clock()))
             except Exception:
                 logger.exception("old positions could not be deleted; trying again later")
             await asyncio.sleep(TIDY_EVERY_S)
@@ -227,100 +281,6 @@ class Backend:
                     break
                 if found is None:
                     self.context.hub.close_person(person)
-
-
-def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory: Path | None) -> FastAPI:
-    """The routes; what they work on is in ``app.state.context``."""
-    app = FastAPI(
-        title="Wonderland",
-        version=__version__,
-        description=DESCRIPTION,
-        openapi_url=f"{API}/openapi.json",
-        docs_url=None,
-        redoc_url=None,
-        separate_input_output_schemas=False,
-        generate_unique_id_function=_operation_id,
-        redirect_slashes=False,
-        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
-    )
-    api = APIRouter(prefix=API)
-    for router in (
-        auth.router,
-        ledger.public,
-        ledger.router,
-        pads.router,
-        drones.router,
-        sessions.router,
-        verdicts.router,
-        tracks.router,
-        alerts.router,
-        search.router,
-        statistics.router,
-        live.router,
-    ):
-        api.include_router(router)
-    app.include_router(api)
-    app.include_router(ingest.router)
-    errors.install(app)
-
-    async def unknown() -> None:
-        raise errors.NotFound("There is nothing at this address; see /api/v1/openapi.json for what there is.")
-
-    app.add_api_route("/api/{path:path}", unknown, methods=["GET", "HEAD"], include_in_schema=False)
-    console.install(app, console.find(console_directory))
-    app.add_middleware(
-        Boundary, allowed_hosts=allowed_hosts, max_body_bytes=settings.max_body_bytes, https=settings.is_https
-    )
-    app.openapi = lambda: openapi(app)  # type: ignore[method-assign]
-    return app
-
-
-def openapi(app: FastAPI) -> dict[str, Any]:
-    """The interface's description, with the live frames' schemas; the same bytes each time."""
-    if app.openapi_schema is None:
-        document = get_openapi(
-            title=app.title,
-            version=app.version,
-            description=app.description,
-            routes=app.routes,
-            license_info=app.license_info,
-            separate_input_output_schemas=False,
-        )
-        schemas = document["components"]["schemas"]
-        _, frames = models_json_schema(
-            [(frame, "validation") for frame in FRAMES], ref_template="#/components/schemas/{model}"
-        )
-        for name, schema in frames["$defs"].items():
-            schemas.setdefault(name, schema)
-        for unused in ("HTTPValidationError", "ValidationError"):
-            schemas.pop(unused, None)
-        schemas.setdefault("ProblemDetails", _problem_schema(schemas))
-        _refusals(document)
-        document["components"]["schemas"] = dict(sorted(schemas.items()))
-        app.openapi_schema = document
-    return app.openapi_schema
-
-
-def _problem_schema(schemas: dict[str, Any]) -> dict[str, Any]:
-    schema = errors.ProblemDetails.model_json_schema(ref_template="#/components/schemas/{model}")
-    for name, definition in schema.pop("$defs", {}).items():
-        schemas.setdefault(name, definition)
-    return schema
-
-
-def _refusals(document: dict[str, Any]) -> None:
-    """Validation errors are problems, too."""
-    reference = {"schema": {"$ref": "#/components/schemas/ProblemDetails"}}
-    for operations in document["paths"].values():
-        for operation in operations.values():
-            refused = operation.get("responses", {}).get("422")
-            if refused is not None:
-                refused["description"] = "A parameter or field that is not allowed."
-                refused["content"] = {errors.MEDIA_TYPE: reference}
-
-
-def _operation_id(route: APIRoute) -> str:
-    return route.name
 
 
 async def _instance(database: Database, context: Context) -> str:

@@ -6,6 +6,7 @@ Plain ASGI, so that nothing is buffered.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Final
 from urllib.parse import urlsplit
 
@@ -37,10 +38,20 @@ SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 class Boundary:
     """Refuses foreign hosts (DNS rebinding), foreign origins (cross-site requests) and bodies that are too large."""
 
-    def __init__(self, app: ASGIApp, *, allowed_hosts: frozenset[str], max_body_bytes: int, https: bool) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        *,
+        allowed_hosts: frozenset[str],
+        max_body_bytes: int,
+        https: bool,
+        larger: Mapping[str, int] = MappingProxyType({}),
+    ) -> None:
+        """`larger`: beginnings of paths that take larger bodies, and how large."""
         self._app = app
         self._hosts = allowed_hosts
         self._max_body_bytes = max_body_bytes
+        self._larger = larger
         self._headers = dict(HEADERS)
         if https:
             self._headers["Strict-Transport-Security"] = "max-age=31536000"
@@ -59,24 +70,25 @@ class Boundary:
                 return
             await self._app(scope, receive, send)
             return
-        sending = self._with_headers(send)
-        if refusal is None and _declared(headers) > self._max_body_bytes:
-            refusal = self._too_large()
+        sending = self._with_headers(send, scope["path"])
+        limit = self._limit(scope["path"])
+        if refusal is None and _declared(headers) > limit:
+            refusal = _too_large(limit)
         if refusal is not None:
             await problem_response(scope["path"], *refusal)(scope, receive, sending)
             return
-        await self._limited(scope, receive, sending)
+        await self._limited(scope, receive, sending, limit)
 
-    async def _limited(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _limited(self, scope: Scope, receive: Receive, send: Send, limit: int) -> None:
         received = 0
 
         async def counting() -> Message:
             nonlocal received
             message = await receive()
             received += len(message.get("body", b""))
-            if received > self._max_body_bytes:
+            if received > limit:
                 # The framework passes this kind on, whoever it was that read the body.
-                status, _, detail = self._too_large()
+                status, _, detail = _too_large(limit)
                 raise HTTPException(status, detail)
             return message
 
@@ -93,18 +105,25 @@ class Boundary:
             return 403, "foreign-origin", "Requests from pages of other origins are refused."
         return None
 
-    def _too_large(self) -> tuple[int, str, str]:
-        return 413, "too-large", f"The body is larger than the {self._max_body_bytes} bytes allowed here."
+    def _limit(self, path: str) -> int:
+        return next((limit for start, limit in self._larger.items() if path.startswith(start)), self._max_body_bytes)
 
-    def _with_headers(self, send: Send) -> Send:
+    def _with_headers(self, send: Send, path: str) -> Send:
         async def sending(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 for name, value in self._headers.items():
                     headers.setdefault(name, value)
+                if path.startswith("/api/"):
+                    # What an endpoint does not allow to be kept, problems above all, is not.
+                    headers.setdefault("Cache-Control", "no-store")
             await send(message)
 
         return sending
+
+
+def _too_large(limit: int) -> tuple[int, str, str]:
+    return 413, "too-large", f"The body is larger than the {limit} bytes allowed here."
 
 
 def _declared(headers: Headers) -> int:

@@ -14,15 +14,21 @@ import uvloop
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from backend.app import new_app, now_ms, openapi
+from backend.app import now_ms
+from backend.audit.anchors import instance_of
+from backend.audit.verify import verify
 from backend.auth.sign_ins import SignIns
+from backend.clients.commands import client
 from backend.db import migrate as migrations
 from backend.db import passwords
 from backend.db.engine import Database
+from backend.description import openapi
 from backend.errors import BackendError
 from backend.mirror import rebuild as rebuilding
 from backend.mirror.rebuild import Digest
-from backend.serve import Listen, serve, setup_logging, source_of
+from backend.people import links
+from backend.routes import new_app
+from backend.serve import Listen, audit_anchors, serve, setup_logging, source_of
 from backend.settings import Settings, load
 from wonderland.ledger.errors import LedgerError
 
@@ -61,35 +67,50 @@ def backend() -> None:
 @click.option(
     "--token-file", type=click.Path(path_type=Path), metavar="FILE", help="Write the one-time token there, too."
 )
+@click.option("--test-harness", is_flag=True, help="Open the interfaces by which InterUSS tests a system.")
 @click.option("--demo", is_flag=True, help="Say in the console that this is a demo; loopback only.")
+@click.option(
+    "--demo-registrar",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="With --demo: the ledger's directory, so that visitors get a signing key at a click.",
+)
 @_json
-def serve_command(listen: str, token_file: Path | None, *, demo: bool, as_json: bool, **options: Any) -> None:
+def serve_command(
+    listen: str, token_file: Path | None, *, test_harness: bool, demo: bool, as_json: bool, **options: Any
+) -> None:
     """Serve until told to stop (SIGTERM, Ctrl-C).
 
-    Prints a link with a one-time token: whoever opens it first is signed in. There is no default account;
-    `wonderland backend link` prints another link.
+    There is no default account. The first start prints a link that serves once: through it the first administrator
+    names herself and registers a passkey; until then everything else is refused. `wonderland backend link` prints
+    another one. With --demo the link signs in at once.
     """
 
     async def run(settings: Settings) -> None:
         setup_logging(settings.log_level)
         await serve(settings, Listen.parse(listen), token_file=token_file, as_json=as_json)
 
-    _run(run, demo=demo or None, **options)
+    uspace = {"test_harness": True} if test_harness else None
+    _run(run, demo=demo or None, uspace=uspace, **options)
 
 
 @backend.command("link")
 @_database
-@click.option("--name", default="Inspector", show_default=True, help="Who signs in with it.")
+@click.option("--name", help="Which administrator; not needed where there is only one.")
 @_json
-def link_command(name: str, *, as_json: bool, **options: Any) -> None:
-    """Print a new one-time token for signing in at a running backend."""
+def link_command(name: str | None, *, as_json: bool, **options: Any) -> None:
+    """Print a one-time token for an administrator who has lost every other way in.
+
+    On a server that nobody has set up: for the first administrator, to set it up with a passkey or by single sign-on;
+    with --name the first administrator has that name and is signed in at once.
+    """
 
     async def run(settings: Settings) -> None:
         database = Database(settings.database)
         try:
             await _require_tables(database)
             sign_ins = SignIns(database, settings, now_ms, secrets.token_bytes)
-            token = await sign_ins.new_token(name, ("inspector",))
+            token = await links.for_administrator(database, sign_ins, name, now_ms())
         finally:
             await database.close()
         if as_json:
@@ -100,6 +121,9 @@ def link_command(name: str, *, as_json: bool, **options: Any) -> None:
             )
 
     _run(run, **options)
+
+
+backend.add_command(client)
 
 
 @backend.command("new-password")
@@ -230,6 +254,37 @@ def digest_command(*, as_json: bool, **options: Any) -> None:
             click.echo(json.dumps(found.to_json()))
         else:
             _print_digest(found)
+
+    _run(run, **options)
+
+
+@backend.group("audit")
+def audit_group() -> None:
+    """The audit log: who did or read what."""
+
+
+@audit_group.command("verify")
+@_connection
+@_identity
+@_database
+@_json
+def audit_verify_command(*, as_json: bool, **options: Any) -> None:
+    """Check each row against its hash and the row before, and with --connection against the heads on the ledger.
+
+    Exit code 1 when the log is not what it was.
+    """
+
+    async def run(settings: Settings) -> None:
+        database = Database(settings.database)
+        try:
+            await _require_tables(database)
+            async with audit_anchors(settings, await instance_of(database)) as anchors:
+                found = await verify(database, anchors, now_ms())
+        finally:
+            await database.close()
+        click.echo(json.dumps(found.to_json()) if as_json else found.to_text())
+        if not found.ok:
+            raise click.exceptions.Exit(1)
 
     _run(run, **options)
 

@@ -14,12 +14,25 @@ from backend.ledger.status import MirrorStatus
 from backend.settings import Settings
 
 if TYPE_CHECKING:
+    import httpx
+
+    from backend.auth.limits import Attempts
+    from backend.clients.machines import Machines
+    from backend.clients.store import Clients
+    from backend.events.feed import Commits
     from backend.ingest.agents import Agents
     from backend.ingest.identity import Members
     from backend.ingest.intake import Intake
+    from backend.ledger.access import LedgerAccess
     from backend.live.board import Board
     from backend.live.hub import Hub
     from backend.mirror.source import BlockSource
+    from backend.transactions.enrolment import Registrar
+    from backend.transactions.keys import SigningKeys
+    from backend.transactions.service import Signing
+    from backend.uspace.service import USpace
+    from backend.webhooks.post import Poster
+    from wonderland.ledger.proof_contract import ProofContract
 
 
 @dataclass
@@ -32,17 +45,34 @@ class Context:
     """Milliseconds since the Unix epoch."""
     randomness: Callable[[int], bytes]
     sign_ins: SignIns
+    attempts: Attempts
+    http: httpx.AsyncClient
+    """For asking other systems; bounded, without redirects."""
     mirror: MirrorStatus
     board: Board
     hub: Hub
     agents: Agents
     members: Members
     intake: Intake
+    uspace: USpace
+    clients: Clients
+    machines: Machines
+    commits: Commits
+    """Wakes whoever waits for the next block."""
+    poster: Poster
+    assets: ProofContract | None
+    """The contract as the identity that anchors the audit log; None where there is none."""
     source: BlockSource | None
     """The ledger itself, for what the mirror does not keep."""
     instance: str
     epoch: str
     version: str
+    signing_keys: SigningKeys
+    ledger: LedgerAccess | None = None
+    """For what more is asked of the ledger than its blocks; None where this backend has none."""
+    signing: Signing | None = None
+    demo_registrar: Registrar | None = None
+    """In a demo: gives anybody who is signed in any role on the ledger."""
     allowed_hosts: frozenset[str] = field(default_factory=frozenset)
     """Host names (without port) by which this server may be addressed; empty: any."""
 

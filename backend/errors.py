@@ -12,8 +12,11 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
 from pydantic import Field
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from starlette.exceptions import HTTPException
 
+from backend import problems_fi
+from backend.languages import Language, language_of
 from backend.schemas import ApiModel
 
 logger = logging.getLogger(__name__)
@@ -99,6 +102,12 @@ class Conflict(Problem):
     status, code = HTTPStatus.CONFLICT, "conflict"
 
 
+class Unprocessable(Problem):
+    """Well-formed, but it cannot be done as asked; `errors` names the field where one is to blame."""
+
+    status, code = HTTPStatus.UNPROCESSABLE_ENTITY, "invalid-request"
+
+
 class LedgerAway(Problem):
     """The ledger cannot be asked just now."""
 
@@ -119,11 +128,15 @@ def problem_response(
     *,
     errors: Any = (),
     headers: dict[str, str] | None = None,
+    language: Language = "en",
 ) -> Response:
     """An answer in problem+json."""
+    title = HTTPStatus(status).phrase
+    if language == "fi":
+        title, detail = problems_fi.TITLES.get(code, title), problems_fi.DETAILS.get(detail, detail)
     body: dict[str, Any] = {
         "type": TYPE_BASE + code,
-        "title": HTTPStatus(status).phrase,
+        "title": title,
         "status": status,
         "detail": detail,
         "instance": path,
@@ -171,6 +184,7 @@ def install(app: FastAPI) -> None:
             error.detail,
             errors=error.errors,
             headers=error.headers,
+            language=language_of(request),
         )
 
     async def on_http(request: Request, error: Exception) -> Response:
@@ -183,21 +197,32 @@ def install(app: FastAPI) -> None:
             _CODES.get(error.status_code, phrase.lower().replace(" ", "-")),
             told or _DETAILS.get(error.status_code, phrase),
             headers=dict(error.headers or {}),
+            language=language_of(request),
         )
 
     async def on_validation(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
         errors = [(".".join(str(part) for part in each["loc"]), str(each["msg"])) for each in error.errors()[:20]]
         detail = "The request has fields or parameters that are not allowed; each is named in `errors`."
-        return problem_response(request.url.path, 422, "invalid-request", detail, errors=errors)
+        return problem_response(
+            request.url.path, 422, "invalid-request", detail, errors=errors, language=language_of(request)
+        )
+
+    async def on_busy(request: Request, error: Exception) -> Response:
+        logger.warning("no connection to the database became free for %s: %s", request.url.path, error)
+        detail = "The database has no connection free just now; ask again in some seconds."
+        return problem_response(
+            request.url.path, 503, "database-busy", detail, headers={"Retry-After": "5"}, language=language_of(request)
+        )
 
     async def on_anything(request: Request, error: Exception) -> Response:
         reference = secrets.token_hex(4)
         logger.error("unexpected error %s at %s", reference, request.url.path, exc_info=error)
         detail = f"An unexpected error; the server's log has it under {reference}."
-        return problem_response(request.url.path, 500, "internal", detail)
+        return problem_response(request.url.path, 500, "internal", detail, language=language_of(request))
 
     app.add_exception_handler(Problem, on_problem)
     app.add_exception_handler(HTTPException, on_http)
     app.add_exception_handler(RequestValidationError, on_validation)
+    app.add_exception_handler(PoolTimeoutError, on_busy)
     app.add_exception_handler(Exception, on_anything)

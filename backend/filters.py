@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field
 
+from backend import areas
 from backend.pagination import MAX_CURSOR
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
 
@@ -29,6 +30,19 @@ class TimeQuery(PageQuery):
 
     since_ms: int | None = Field(default=None, ge=0, le=MAX_TIME_MS, description="From this time on (Unix, ms)")
     until_ms: int | None = Field(default=None, ge=0, le=MAX_TIME_MS, description="Until this time, included (Unix, ms)")
+
+
+class PadQuery(PageQuery):
+    """Which pads."""
+
+    operator: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only of this operator")
+    bbox: str | None = Field(default=None, pattern=areas.PATTERN, description=f"Only within: {areas.DESCRIPTION}")
+
+
+class DroneQuery(PageQuery):
+    """Which drones."""
+
+    operator: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only of this operator")
 
 
 class SessionQuery(TimeQuery):
@@ -66,6 +80,8 @@ class LatestQuery(PageQuery):
 
 Paging = Annotated[PageQuery, Query()]
 Spanning = Annotated[TimeQuery, Query()]
+PadFilters = Annotated[PadQuery, Query()]
+DroneFilters = Annotated[DroneQuery, Query()]
 SessionFilters = Annotated[SessionQuery, Query()]
 VerdictFilters = Annotated[VerdictQuery, Query()]
 FindingFilters = Annotated[FindingQuery, Query()]

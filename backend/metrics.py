@@ -38,8 +38,11 @@ class _Parts(Collector):
         yield _counter("ingest_rejected", "Agents' records rejected since the start", intake.rejected)
         yield _gauge("live_clients", "Live connections", len(hub))
         yield _counter("live_frames", "Live frames queued for clients since the start", hub.frames)
-        yield _counter("live_bytes", "Characters of these", hub.bytes)
+        yield _counter("live_bytes", "Characters of these; of those that go packed, bytes", hub.bytes)
         yield _counter("live_closed_slow", "Live connections closed because they fell behind", hub.closed_slow)
+        yield _gauge("uspace_flights", "Flights that other U-space systems are told of", context.uspace.served)
+        yield _gauge("uspace_areas", "Identification service areas that stand in the DSS", len(context.uspace.areas))
+        yield _counter("uspace_problems", "Times that an area could not be announced", context.uspace.problems)
 
 
 def exposition(context: Context) -> bytes:

@@ -10,25 +10,26 @@ import asyncio
 import contextlib
 import logging
 import os
-from collections.abc import AsyncIterator, Callable
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final
 
-from edge_agent.health import health_record, write_status
+from edge_agent.drift.idle import watch_when_idle
+from edge_agent.health import health_record, tell_health, write_status
+from edge_agent.listening import LedgerEars
 from edge_agent.metrics import write_metrics
-from edge_agent.prekeys import PrekeyKeeper, PrekeyLedger
-from edge_agent.reconcile import ReconcileLedger, Reconciler
+from edge_agent.own_pad import OwnPad
+from edge_agent.ports import PadLedger, PadRadiosPort
+from edge_agent.prekeys import PrekeyKeeper
+from edge_agent.reconcile import Reconciler
 from edge_agent.reporting import SpoolReporter
 from edge_agent.session import events as on
 from edge_agent.session.machine import PadSession
-from edge_agent.session.ports import Radios, SessionLedger
 from edge_agent.session.runner import SessionRunner
 from edge_agent.spool import SpoolError
-from edge_agent.witness import WitnessDuty, WitnessLedger, WitnessRadios
+from edge_agent.witness import WitnessDuty
 from wonderland.clock import SteadyClock
-from wonderland.ledger.checkpoints import Checkpoint
-from wonderland.ledger.errors import CheckpointError, LedgerError
 from wonderland.ledger.proof_contract import AwayError, ContractEvent, RefusedError
-from wonderland.proofs import encoding, keys
+from wonderland.proofs import keys
 from wonderland.proofs.encoding import from_base64url
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Session
@@ -39,41 +40,20 @@ if TYPE_CHECKING:
 
     from edge_agent.drift.keeper import DriftKeeper
     from edge_agent.permission import Permission
-    from edge_agent.radios import AnchorState
     from edge_agent.receiver import RemoteIdReceiver
     from edge_agent.session.timing import PadTiming
     from edge_agent.spool import Spool
     from wonderland.ledger.checkpoints import Checkpointer
     from wonderland.ledger.identity import Identity
-    from wonderland.proofs.records.pads import Commissioning, Pad
 
 _log = logging.getLogger(__name__)
 
-NAMES: Final = frozenset(
-    {
-        "ProofRequested",
-        "ProofWitnessed",
-        "ProofDecided",
-        "ProofCancelled",
-        "InteractionCompleted",
-        "PadCommissioned",
-        "PadRetired",
-    }
-)
-HEALTH_S: Final = 10.0
-FIRST_LOOK_S: Final = 60.0
-"""After the start; then the anchors are looked at as often as pad.toml says."""
 CARE_S: Final = 5.0
 """Between two looks at prekeys and left-over sessions."""
 AGAIN_S: Final = 1.0
 LAG_S: Final = 0.1
 """Until a peer that is behind is asked again."""
-_NO_EVENTS: Final = frozenset({"NOT_FOUND", "PERMISSION_DENIED", "UNAUTHENTICATED"})
 _NOT_THERE: Final = 404
-COMMISSIONING_LOOKS: Final = 5
-COMMISSIONING_PAUSE_S: Final = 0.4
-"""The survey that a session rests on is on the ledger; a peer may be behind it, or another one may have replaced it."""
-FOREIGN_EVENTS: Final = 256
 STOP_S: Final = 5.0
 """Longest that a session under way keeps the agent from stopping."""
 MIN_SESSION_MS: Final = 3_000
@@ -86,41 +66,6 @@ def _witness_of(record: dict[str, Any]) -> object:
     """The pad that a requested session names as witness."""
     witness = record.get("witness")
     return witness.get("pad_id") if isinstance(witness, dict) else None
-
-
-class AgentError(Exception):
-    """The agent cannot work and will not by waiting; the text says what to do."""
-
-
-class PadLedger(SessionLedger, PrekeyLedger, ReconcileLedger, WitnessLedger, Protocol):
-    """The ledger as a pad uses it (``wonderland.ledger.proof_contract.ProofContract``)."""
-
-    @property
-    def channel(self) -> str:
-        """Name of the ledger's channel."""
-        ...
-
-    async def read_pad(self, pad_id: str) -> Pad:
-        """This pad, with its commissioning."""
-        ...
-
-    async def height(self) -> int:
-        """How many blocks the channel has."""
-        ...
-
-    def events(
-        self, *, checkpointer: Checkpointer | None = None, names: frozenset[str]
-    ) -> AsyncIterator[ContractEvent]:
-        """Events with these names, for ever, from where the checkpoint says."""
-        ...
-
-
-class PadRadiosPort(Radios, WitnessRadios, Protocol):
-    """The nodes, and how they are."""
-
-    def states(self) -> list[AnchorState]:
-        """Every anchor's node as it is now."""
-        ...
 
 
 class PadAgent:
@@ -153,7 +98,6 @@ class PadAgent:
         self._receiver = receiver
         self._spool = spool
         self._permission = permission
-        self._checkpointer = checkpointer
         self._clock = clock
         self._timing = timing
         self._whole_certificate = whole_certificate
@@ -167,16 +111,13 @@ class PadAgent:
         self._requests: asyncio.Queue[Session] = asyncio.Queue(MAX_WAITING)
         self._runner: SessionRunner | None = None
         self._witness = WitnessDuty(pad_id, ledger=ledger, radios=radios, prekeys=self._prekeys, clock=clock)
-        self._pad: Pad | None = None
+        self._own = OwnPad(pad_id, ledger)
         self._care = asyncio.Event()
-        self._placed = asyncio.Event()
-        """The place in the ledger's events is kept: no request that comes from now on can be missed."""
+        self._ears = LedgerEars(ledger, checkpointer, self._take)
         self._started = asyncio.Event()
         self._idle = asyncio.Event()
         self._idle.set()
         self._sessions = 0
-        self._foreign = 0
-        self._heard = False
 
     async def wait_ready(self) -> None:
         """Until prekeys are offered and requests are heard: from now on a drone can ask."""
@@ -188,7 +129,11 @@ class PadAgent:
         self._reconciler.add_interrupted(interrupted)
         if interrupted:
             _log.warning("%d sessions were under way when this agent stopped; they are being ended", len(interrupted))
-        parts = (self._listen(), self._serve(), self._take_care(), self._tell_health(), self._watch_anchors())
+        files = ((self._status_file, write_status), (self._metrics_file, write_metrics))
+        telling = tell_health(self.status, self._health, self._reporter, files)
+        parts = [self._ears.run(), self._serve(), self._take_care(), telling]
+        if self._drift is not None:
+            parts.append(watch_when_idle(self._drift, self._own, self._idle))
         tasks = [asyncio.create_task(part) for part in parts]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -216,52 +161,22 @@ class PadAgent:
 
     # --- what the ledger says ----------------------------------------------------------------------------------
 
-    async def _listen(self) -> None:
-        """Events of the contract, from where the last run left off."""
-        while True:
-            try:
-                if self._checkpointer.load() is None:  # the first start: what was before cannot concern this agent
-                    self._checkpointer.save(Checkpoint(await self._ledger.height()))
-                self._placed.set()
-                async for event in self._ledger.events(checkpointer=self._checkpointer, names=NAMES):
-                    await self._take(event)
-            except CheckpointError as error:
-                raise AgentError(str(error)) from error
-            except RefusedError as error:
-                # A place that was on the chain before can only be missing while its peers are behind.
-                if error.code in _NO_EVENTS and (error.code != "NOT_FOUND" or not self._heard):
-                    raise AgentError(f"the ledger gives this pad no events: {error}") from error
-                _log.warning("the ledger's events stopped: %s", error)
-            except AwayError as error:
-                _log.warning("the ledger's events stopped: %s", error)
-            await asyncio.sleep(AGAIN_S)
-
-    async def _take(self, event: ContractEvent) -> None:
-        self._heard = True
-        self._foreign += 1
+    async def _take(self, event: ContractEvent) -> bool:
+        """What an event means for this pad; whether it was about it."""
         if event.name in {"ProofWitnessed", "ProofDecided"}:
             self._testified_or_decided(event)
         elif event.name == "ProofRequested" and _witness_of(event.record) == self.pad_id:
             self._asked_to_witness(event)
         if event.record.get("pad_id") != self.pad_id or event.name in {"ProofWitnessed", "ProofDecided"}:
-            if self._foreign >= FOREIGN_EVENTS:  # so that a restart has not all other pads' history to read again
-                await self._keep_place(event)
-            return
+            return False
         match event.name:
             case "PadCommissioned" | "PadRetired":
-                self._pad = None
+                self._own.changed()
             case "ProofRequested":
                 await self._requested(event)
             case _:
                 self._ended_elsewhere(event)
-        await self._keep_place(event)
-
-    async def _keep_place(self, event: ContractEvent) -> None:
-        self._foreign = 0
-        try:
-            await asyncio.to_thread(self._checkpointer.save, event.checkpoint)
-        except CheckpointError as error:
-            _log.warning("the place in the ledger's events is not kept; after a restart some are seen again: %s", error)
+        return True
 
     def _testified_or_decided(self, event: ContractEvent) -> None:
         """A witness's word for the session under way here, or the end of one that this pad is the witness of."""
@@ -365,7 +280,7 @@ class PadAgent:
             self._reconciler.add(session.session_id, refusal)
             return
         current, commissioning = await asyncio.gather(
-            self._ledger.read_session(session.session_id), self._commissioning(session)
+            self._ledger.read_session(session.session_id), self._own.commissioning_of(session)
         )
         if current.state != "requested" or commissioning is None:
             self._reconciler.add(session.session_id, "commissioning_changed")
@@ -384,6 +299,7 @@ class PadAgent:
         secret = keys.shared_secret(private_key, from_base64url(current.uav_key))
         session_keys = keys.derive(secret, digest)
         uav_id = current.uav_id
+        drift_mm = None if self._drift is None else self._drift.extra_sigma_mm(session.commissioning_sha256)
         machine = PadSession(
             current,
             commissioning,
@@ -396,7 +312,7 @@ class PadAgent:
             whole_certificate=self._whole_certificate,
             measured_by=self._radios.measured_by,
             sts=self._radios.sts,
-            drift_sigma_mm=None if self._drift is None else self._drift.extra_sigma_mm(session.commissioning_sha256),
+            drift_sigma_mm=drift_mm,
         )
         self._receiver.watch(uav_id)
         runner = self._runner = SessionRunner(
@@ -416,6 +332,8 @@ class PadAgent:
             self._runner = None
             self._idle.set()
             self._receiver.unwatch(uav_id)
+        if self._drift is not None and machine.verdict is not None:
+            self._drift.decided(machine.verdict, session.commissioning_sha256, commissioning, drift_mm)
         _log.info("session %.12s: %s (%s)", session.session_id, finish.state, finish.end)
         if not runner.settled:
             self._reconciler.add(session.session_id, finish.end)
@@ -432,27 +350,11 @@ class PadAgent:
             return "pad_spool_full"
         return ""
 
-    async def _commissioning(self, session: Session) -> Commissioning | None:
-        """The survey that the session rests on; None where it is no longer the pad's."""
-        for attempt in range(COMMISSIONING_LOOKS):
-            if attempt > 1:
-                await asyncio.sleep(COMMISSIONING_PAUSE_S)
-            if self._pad is None or attempt:
-                self._pad = await self._ledger.read_pad(self.pad_id)
-            if self._pad.commissioning_sha256 == session.commissioning_sha256:
-                commissioning = self._pad.commissioning
-                # The digest is checked, not believed: the pad tells its ranges in the order of these anchors.
-                if commissioning is not None and (
-                    encoding.digest(commissioning.to_json()).hex() == session.commissioning_sha256
-                ):
-                    return commissioning
-        return None
-
     # --- what goes on beside -----------------------------------------------------------------------------------
 
     async def _take_care(self) -> None:
         """Prekeys and left-over sessions, whenever something changed and every few seconds."""
-        await self._placed.wait()
+        await self._ears.placed.wait()
         while True:
             try:
                 if not self._started.is_set() or self._prekeys.low:
@@ -468,22 +370,6 @@ class PadAgent:
                     await self._care.wait()
             self._care.clear()
 
-    async def _watch_anchors(self) -> None:
-        """While nobody asks for a proof, let the anchors range each other: whether one has moved."""
-        if self._drift is None:
-            await asyncio.Event().wait()
-            return
-        await asyncio.sleep(min(FIRST_LOOK_S, self._drift.every_s))
-        while True:
-            try:
-                await self._idle.wait()
-                pad = self._pad = self._pad or await self._ledger.read_pad(self.pad_id)
-                if pad.commissioning is not None and pad.commissioning_sha256 is not None:
-                    await self._drift.look(pad.commissioning_sha256, pad.commissioning)
-            except (AwayError, RefusedError) as error:
-                _log.debug("the anchors were not checked: %s", error)
-            await asyncio.sleep(self._drift.every_s)
-
     def _health(self) -> dict[str, Any]:
         return health_record(
             self._radios.states(),
@@ -492,19 +378,6 @@ class PadAgent:
             self._prekeys.available,
             None if self._drift is None else self._drift.state,
         )
-
-    async def _tell_health(self) -> None:
-        while True:
-            status = self.status()
-            record = self._health()
-            self._reporter.offer("health", status["t_ms"], record)
-            for path, write in ((self._status_file, write_status), (self._metrics_file, write_metrics)):
-                if path is not None:
-                    try:
-                        await asyncio.to_thread(write, path, status)
-                    except LedgerError as error:
-                        _log.warning("%s", error)
-            await asyncio.sleep(HEALTH_S)
 
     async def _stop(self, tasks: list[asyncio.Task[None]]) -> None:
         """End what is under way in a recorded state, then everything else."""

@@ -7,9 +7,10 @@ import ssl
 from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING
 
-from edge_agent.agent import AgentError, PadAgent, PadRadiosPort
+from edge_agent.agent import PadAgent
 from edge_agent.drift.keeper import DriftKeeper
 from edge_agent.permission import CommandPermission, LogPermission, Permissions
+from edge_agent.ports import AgentError, PadRadiosPort
 from edge_agent.radios import AnchorPort, PadRadios, RadiosError
 from edge_agent.receiver import Finding, Heard, ReceiverError, RemoteIdReceiver
 from edge_agent.receiver.settings import registry_of, sources_of

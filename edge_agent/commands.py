@@ -51,7 +51,7 @@ pad.add_command(commission)
 @click.option("-v", "--verbose", is_flag=True, help="Say more in the log.")
 def run(*, path: Path, as_json: bool, verbose: bool) -> None:
     """Work until told to stop (Ctrl-C or SIGTERM); what is under way then ends in a recorded state."""
-    from edge_agent.agent import AgentError  # noqa: PLC0415 - `pad status` needs none of it
+    from edge_agent.ports import AgentError  # noqa: PLC0415 - `pad status` needs none of it
 
     logging.basicConfig(
         level=logging.DEBUG if verbose else logging.INFO,

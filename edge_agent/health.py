@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
-from collections.abc import Sequence
+import logging
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from edge_agent.drift import DriftState
 from edge_agent.radios import AnchorState
 from edge_agent.receiver import ReceiverCounts
+from edge_agent.reporting import SpoolReporter
 from edge_agent.spool import SpoolStatus
 from wonderland import __version__
 from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.files import read_bounded, write_atomic
+
+_log = logging.getLogger(__name__)
+
+HEALTH_S: Final = 10.0
 
 
 class StatusError(LedgerError):
@@ -39,6 +46,25 @@ def health_record(
         "prekeys": prekeys,
         "version": __version__,
     } | ({} if drift is None else {"drift": drift.health()})
+
+
+async def tell_health(
+    status: Callable[[], dict[str, Any]],
+    health: Callable[[], dict[str, Any]],
+    reporter: SpoolReporter,
+    files: Sequence[tuple[Path | None, Callable[[Path, dict[str, Any]], None]]],
+) -> None:
+    """Tell until cancelled: to the backend, and to each file that there is."""
+    while True:
+        now = status()
+        reporter.offer("health", now["t_ms"], health())
+        for path, write in files:
+            if path is not None:
+                try:
+                    await asyncio.to_thread(write, path, now)
+                except LedgerError as error:
+                    _log.warning("%s", error)
+        await asyncio.sleep(HEALTH_S)
 
 
 def write_status(path: Path, status: dict[str, Any]) -> None:

@@ -1,10 +1,11 @@
 import react from "@vitejs/plugin-react";
 import { defineConfig } from "vitest/config";
 import { baseMap } from "./scripts/base-map.ts";
+import { compress } from "./scripts/compress.ts";
 
 /** The fake source of live data is for designing and testing: it exists in `--mode fake` and in the dev server only. */
 export default defineConfig(({ mode, command }) => ({
-  plugins: [react(), baseMap()],
+  plugins: [react(), baseMap(), mode === "fake" ? undefined : compress()],
   define: {
     __FAKE__: JSON.stringify(mode === "fake" || mode === "test" || command === "serve"),
   },

@@ -6,14 +6,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from wonderland.proofs.records import assets, pads, policies, sessions, uavs, verdicts
+from wonderland.proofs.records import assets, closures, pads, policies, sessions, uavs, verdicts
 from wonderland.proofs.records.schema import Record
 from wonderland.proofs.records.transactions import TRANSACTIONS
 from wonderland.proofs.transcript import Transcript
 
 RECORDS: tuple[type[Record], ...] = (
     pads.Pad, pads.Commissioning, pads.Frame, pads.Anchor, pads.BiasPoint, pads.Prekey, uavs.Uav, uavs.Maintenance,
-    uavs.Authorisation, policies.Policy, sessions.Session, sessions.Claim, sessions.Evidence, sessions.RangeTable,
+    uavs.Authorisation, policies.Policy, closures.Closures,
+    closures.Closure, sessions.Session, sessions.Claim, sessions.Evidence, sessions.RangeTable,
     sessions.AnchorRanges, sessions.TimeStamps, sessions.AnchorTicks, sessions.ClockReading, sessions.BroadcastClaim,
     sessions.Radio, sessions.Witness, sessions.LastRequest, sessions.Party, sessions.Testimony, verdicts.Verdict,
     verdicts.Judgement, verdicts.TimeDifferences, verdicts.DroneClock, verdicts.Position, verdicts.Covariance,

@@ -1,16 +1,24 @@
-"""Takes the pictures of the documentation from a running demo: ``make screenshots`` (needs Chromium)."""
+"""Takes the pictures of the documentation from a running demo: ``make screenshots`` (needs Chromium).
+
+One demo for all of them: the link signs in one browser, and its session serves both themes. Pictures are WebP, so that
+a checkout stays small; one that is larger than `LARGEST` bytes ends the run.
+"""
 
 from __future__ import annotations
 
+import io
 import re
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
-from playwright.sync_api import Page, sync_playwright
+from PIL import Image
+from playwright.sync_api import Browser, Page, StorageState, sync_playwright
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 FLAGS = (
@@ -24,10 +32,44 @@ FLAGS = (
     "--no-first-run",
     "--disable-dev-shm-usage",
 )
-SIZE = {"width": 1440, "height": 900}
-VERDICTS = 8
+SIZE = (1440, 900)
+PHONE = (390, 844)
+LARGEST = 200_000
+QUALITY = 82
+VERDICTS = 9
 LINK_S = 60.0
-SETTLE_S = 3.0
+PATIENCE_MS = 60_000
+SETTLE_S = 2.5
+LIAR = "OH-DRN-0417"
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One picture: its name, the fragment of the address that it is of, and how it is looked at."""
+
+    name: str
+    place: str
+    theme: str = "light"
+    size: tuple[int, int] = SIZE
+
+
+SHOTS = (
+    Shot("live-dark", f"live?drone={LIAR}", "dark"),
+    Shot("live-light", f"live?drone={LIAR}"),
+    Shot("live-phone", f"live?drone={LIAR}", size=PHONE),
+    Shot("session-light", "sessions/{session}"),
+    Shot("session-dark", "sessions/{session}", "dark"),
+    Shot("verdicts-light", "verdicts"),
+    Shot("alerts-light", "alerts"),
+    Shot("replay-light", "replay"),
+    Shot("pad-light", "registry/pads/aurajoki-2"),
+    Shot("drone-light", f"registry/drones/{LIAR}"),
+    Shot("ledger-light", "ledger"),
+    Shot("statistics-light", "statistics"),
+    Shot("audit-light", "people/audit"),
+    Shot("zones-light", "zones"),
+    Shot("settings-light", "settings"),
+)
 
 
 def browser_path() -> str | None:
@@ -38,28 +80,22 @@ def browser_path() -> str | None:
 
 
 def main() -> int:
-    """One demo for each theme, since a link signs in once."""
+    """Start the demo, wait for its verdicts, look at every page."""
     IMAGES.mkdir(parents=True, exist_ok=True)
-    for theme in ("dark", "light"):
-        demo = subprocess.Popen(
-            [sys.executable, "-m", "wonderland.cli", "demo"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        try:
-            link = _link(demo)
-            with sync_playwright() as playwright:
-                browser = playwright.chromium.launch(executable_path=browser_path(), args=list(FLAGS))
-                context = browser.new_context(viewport=SIZE, color_scheme=theme)  # type: ignore[arg-type]
-                page = context.new_page()
-                page.goto(link)
-                _wait_for_verdicts(demo)
-                _take(page, theme)
-                browser.close()
-        finally:
-            demo.send_signal(signal.SIGINT)
-            demo.wait(timeout=30)
+    demo = subprocess.Popen(
+        [sys.executable, "-m", "wonderland.cli", "demo"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    try:
+        link = _link(demo)
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=browser_path(), args=list(FLAGS))
+            state, session = _signed_in(browser, link, demo)
+            for theme in ("light", "dark"):
+                _take(browser, link.partition("#")[0], state, theme, session)
+            browser.close()
+    finally:
+        demo.send_signal(signal.SIGINT)
+        demo.wait(timeout=30)
     return 0
 
 
@@ -74,25 +110,68 @@ def _link(demo: subprocess.Popen[str]) -> str:
     raise SystemExit("the demo printed no link")
 
 
+def _signed_in(browser: Browser, link: str, demo: subprocess.Popen[str]) -> tuple[StorageState, str]:
+    """The session's cookies, and the id of the liar's session."""
+    context = browser.new_context()
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(link)
+    page.wait_for_selector("main.room")
+    page.evaluate("localStorage.setItem('wonderland.tour', 'seen')")
+    _wait_for_verdicts(demo)
+    found = page.evaluate(f"fetch('/api/v1/verdicts?drone={LIAR}').then((answer) => answer.json())")
+    state = context.storage_state()
+    context.close()
+    return state, found["items"][0]["session_id"]
+
+
 def _wait_for_verdicts(demo: subprocess.Popen[str]) -> None:
     assert demo.stdout is not None
     seen = 0
     for line in demo.stdout:
         seen += " tx " in line
         if seen >= VERDICTS:
-            return
+            break
+    # What it says from now on must not fill the pipe.
+    threading.Thread(target=demo.stdout.read, daemon=True).start()
 
 
-def _take(page: Page, theme: str) -> None:
-    time.sleep(SETTLE_S)
-    page.screenshot(path=IMAGES / f"map-{theme}.png")
-    page.get_by_text("OH-DRN-0417").first.click()
-    time.sleep(SETTLE_S)
-    page.screenshot(path=IMAGES / f"live-{theme}.png")
-    for name in ("Sessions", "Verdicts"):
-        page.get_by_role("link", name=name).first.click()
+def _take(browser: Browser, url: str, state: StorageState, theme: str, session: str) -> None:
+    pages: dict[tuple[int, int], Page] = {}
+    for shot in SHOTS:
+        if shot.theme != theme:
+            continue
+        if shot.size not in pages:
+            width, height = shot.size
+            context = browser.new_context(
+                viewport={"width": width, "height": height},
+                color_scheme="dark" if theme == "dark" else "light",
+                reduced_motion="reduce",
+                storage_state=state,
+            )
+            page = context.new_page()
+            page.set_default_timeout(PATIENCE_MS)
+            page.goto(f"{url}#/settings")
+            page.wait_for_selector("main.room")
+            pages[shot.size] = page
+        page = pages[shot.size]
+        page.evaluate("(hash) => { location.hash = hash; }", f"#/{shot.place.format(session=session)}")
+        page.wait_for_load_state("networkidle")
+        page.wait_for_selector("main.room :is(h1, h2)")
         time.sleep(SETTLE_S)
-        page.screenshot(path=IMAGES / f"{name.lower()}-{theme}.png")
+        _keep(shot.name, page.screenshot())
+    for page in pages.values():
+        page.context.close()
+
+
+def _keep(name: str, png: bytes) -> None:
+    path = IMAGES / f"{name}.webp"
+    with Image.open(io.BytesIO(png)) as picture:
+        picture.convert("RGB").save(path, "WEBP", quality=QUALITY, method=6)
+    size = path.stat().st_size
+    print(f"{path.name}: {size // 1000} kB", flush=True)
+    if size > LARGEST:
+        raise SystemExit(f"{path.name} has {size} bytes; at most {LARGEST} are kept")
 
 
 if __name__ == "__main__":

@@ -13,15 +13,16 @@ from simulator.attack_lab.plots import draw_detection, draw_permissions
 from simulator.attack_lab.report import markdown, result_from
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-BEGIN, END = "<!-- attacks: made by make threat-model -->", "<!-- /attacks -->"
+CORE = ("<!-- attacks: made by make threat-model -->", "<!-- /attacks -->")
+WIRE = ("<!-- wire: made by wonderland attack --wire --report -->", "<!-- /wire -->")
 
 
-def insert(page: str, table: str) -> str:
+def insert(page: str, table: str, marks: tuple[str, str]) -> str:
     """The page with what stands between the marks replaced; raises ValueError without the marks."""
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
+    before, begin, rest = page.partition(marks[0])
+    _, end, after = rest.partition(marks[1])
     if not begin or not end:
-        raise ValueError(f"the page has no lines {BEGIN!r} and {END!r}")
+        raise ValueError(f"the page has no lines {marks[0]!r} and {marks[1]!r}")
     return f"{before}{begin}\n\n{table}\n{end}{after}"
 
 
@@ -30,15 +31,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tries", type=int, default=100_000, help="of each attack (an hour or two on two cores)")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep", type=Path, help="keep what is played here, and go on from it")
     parser.add_argument("--from", dest="found", nargs="*", type=Path, default=[], help="attacks.json of earlier runs")
+    parser.add_argument("--wire", type=Path, help="only put in the wire.md of `wonderland attack --wire --report`")
     chosen = parser.parse_args()
     console = Console(stderr=True)
+    page = DOCS / "threat-model.md"
+    if chosen.wire is not None:
+        page.write_text(insert(page.read_text(), chosen.wire.read_text(), WIRE))
+        return 0
     if chosen.found:
         result = result_from([path.read_text() for path in chosen.found])
     else:
-        result = _measure(LabSettings(tries=chosen.tries, seed=chosen.seed), console)
-    page = DOCS / "threat-model.md"
-    page.write_text(insert(page.read_text(), markdown(result)))
+        result = _measure(LabSettings(tries=chosen.tries, seed=chosen.seed, keep=chosen.keep), console)
+    page.write_text(insert(page.read_text(), markdown(result), CORE))
     draw_permissions(result, DOCS / "images" / "attacks-permissions.svg")
     draw_detection(result, DOCS / "images" / "attacks-detection.svg")
     console.print(f"Wrote {page}")

@@ -37,11 +37,17 @@ os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "0")
 @click.option("--exact", is_flag=True, help="Screen nothing: the contract's function decides every look (slow).")
 @click.option("--processes", type=click.IntRange(0, 256), default=0, help="Processes; as many as cores unless given.")
 @click.option(
+    "--keep",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Keep what is played here, and go on from it: a long run can be ended and taken up again.",
+)
+@click.option(
     "--report",
     "directory",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Write attacks.json, attacks.md and plots (SVG) here.",
+    help="Write attacks.json, attacks.md and plots (SVG) here; with --wire: wire.json and wire.md.",
 )
 @click.option(
     "--wire",
@@ -58,6 +64,7 @@ def attack(
     seed: int,
     exact: bool,
     processes: int,
+    keep: Path | None,
     directory: Path | None,
     wire: bool,
     as_json: bool,
@@ -88,12 +95,13 @@ def attack(
         seed=seed,
         exact=exact,
         processes=processes,
+        keep=keep,
     )
     try:
         if only_list:
             _list(console, as_json=as_json)
         elif wire:
-            sys.exit(_wire(settings, as_json=as_json))
+            sys.exit(_wire(settings, directory, as_json=as_json))
         else:
             result = _run(settings, console)
             if as_json:
@@ -164,13 +172,15 @@ def _list(console: Console, *, as_json: bool) -> None:
         console.print(f"    Stopped {from_level}: {each.stops}\n", soft_wrap=True)
 
 
-def _wire(settings: LabSettings, *, as_json: bool) -> int:
+def _wire(settings: LabSettings, directory: Path | None, *, as_json: bool) -> int:
     import asyncio  # noqa: PLC0415
 
     from simulator.attack_lab.wire import run_wire  # noqa: PLC0415
     from simulator.stage import ProcessError  # noqa: PLC0415
 
     try:
-        return asyncio.run(run_wire(settings.attacks, seed=settings.seed, as_json=as_json))
+        return asyncio.run(
+            run_wire(settings.attacks, seed=settings.seed, as_json=as_json, levels=settings.levels, report=directory)
+        )
     except ProcessError as error:
         raise click.ClickException(str(error)) from error

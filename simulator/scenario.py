@@ -50,7 +50,8 @@ class PadSite:
     """One landing pad.
 
     ``buffer_mm`` is the buffer of its policy. ``clock_sigma_mm``: how well its nodes' common clock was commissioned;
-    None where they have none. ``dock_assurance``: what its policy demands of a drone that docks.
+    None where they have none. ``dock_assurance``: what its policy demands of a drone that docks; ``witness_pad_id``:
+    the pad that it then names as witness.
     """
 
     pad_id: str
@@ -62,6 +63,7 @@ class PadSite:
     buffer_mm: int = 1_000
     clock_sigma_mm: int | None = None
     dock_assurance: int | None = None
+    witness_pad_id: str | None = None
 
     @property
     def frame(self) -> Frame:
@@ -145,9 +147,10 @@ class DroneSpec:
         return self.behaviour is Behaviour.HONEST
 
 
-def _square(
+def square(
     first_mac: int, half_m: float, biases: tuple[float, ...], clocks: tuple[float, ...] = (0.0,) * 4
 ) -> tuple[AnchorSite, ...]:
+    """Four anchors at the corners of a square: first address, half a side, range errors, clock errors."""
     corners = ((half_m, half_m), (-half_m, half_m), (-half_m, -half_m), (half_m, -half_m))
     # One raised anchor: four in a plane could not tell above from below.
     return tuple(
@@ -160,7 +163,7 @@ def _square(
 
 PADS: Final = (
     PadSite(
-        "aurajoki-2", "Aurajoki 2", 604_503_100, 222_712_400, 31_000, _square(0xA000, 1.6, (0.02, -0.01, 0.0, 0.015))
+        "aurajoki-2", "Aurajoki 2", 604_503_100, 222_712_400, 31_000, square(0xA000, 1.6, (0.02, -0.01, 0.0, 0.015))
     ),
     PadSite(
         "satama-1",
@@ -168,7 +171,7 @@ PADS: Final = (
         604_360_800,
         222_308_900,
         24_000,
-        _square(0xA010, 1.6, (-0.02, 0.01, 0.02, 0.0), (0.003, -0.004, 0.001, 0.0)),
+        square(0xA010, 1.6, (-0.02, 0.01, 0.02, 0.0), (0.003, -0.004, 0.001, 0.0)),
         clock_sigma_mm=4,
         dock_assurance=3,
     ),
@@ -178,7 +181,7 @@ PADS: Final = (
         604_484_900,
         222_968_700,
         47_000,
-        _square(0xA020, 2.0, (0.0, 0.0, -0.015, 0.02)),
+        square(0xA020, 2.0, (0.0, 0.0, -0.015, 0.02)),
         buffer_mm=3_000,
     ),
 )

@@ -30,7 +30,7 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.prospects import hopeless
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.pads import Commissioning, Prekey
-from wonderland.proofs.records.sessions import Session
+from wonderland.proofs.records.sessions import Claim, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.transcript import transcript_of
 from wonderland.uwb.blinks import BlinkPlan, blink_plan
@@ -126,6 +126,10 @@ class UavAgent:
         """End the session under way in a recorded state; ``prove`` returns soon after."""
         if self._runner is not None:
             self._runner.deliver(on.Interrupted(reason))
+
+    def position(self) -> Claim | None:
+        """Where the drone says that it is; None while it does not know."""
+        return self._position.claim(self._clock())
 
     async def prove(self, pad_id: str, action: str) -> ProofResult:
         """Ask the pad for a proof, take part in it, and act when it is granted.

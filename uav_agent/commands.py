@@ -8,9 +8,10 @@ import json
 import logging
 import signal
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 import click
 
@@ -19,10 +20,12 @@ from wonderland.proofs.records.fields import ACTIONS
 from wonderland.proofs.records.sessions import STEP_NAMES
 
 if TYPE_CHECKING:
-    from uav_agent.agent import ProofResult
+    from uav_agent.agent import ProofResult, UavAgent
     from uav_agent.position import PositionSource
     from uav_agent.radio.tag import TagRadio
     from uav_agent.session.ports import Act
+    from wonderland.ledger.identity import Identity
+    from wonderland.ledger.signing import Signer
     from wonderland.proofs.records.verdicts import Verdict
 
 POSITION_PATIENCE_S = 10.0
@@ -38,48 +41,56 @@ def uav() -> None:
     """  # noqa: D301 - \b is click's mark for "do not wrap"
 
 
+def _of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
+    """The options that say which drone this is, and what it has."""
+    options = (
+        click.option(
+            "--connection", required=True, type=click.Path(path_type=Path), help="connection.json of the ledger."
+        ),
+        click.option("--identity", default="uav", show_default=True, help="A name in connection.json."),
+        click.option("--port", required=True, help="Serial port of the drone's UWB node."),
+        click.option(
+            "--node",
+            type=click.Choice(("uci", "dwm1001")),
+            default="uci",
+            show_default=True,
+            help="What hangs there. With a DWM1001 tag the drone reports its own ranges: assurance 0.",
+        ),
+        click.option(
+            "--report-to", metavar="HOST:PORT", help="Where the pad listens to drones with a DWM1001 (its uwb.listen)."
+        ),
+        click.option(
+            "--position",
+            required=True,
+            metavar="udp:HOST:PORT|track:FILE",
+            help="Where the drone's position comes from: datagrams of the autopilot, or a recorded track (CSV).",
+        ),
+        click.option(
+            "--then",
+            "command",
+            metavar="PROGRAM",
+            help="Run with the action and the session's id once it is permitted; exit status 0 means done.",
+        ),
+        click.option("--whole-certificate", is_flag=True, help="Say the whole certificate over UWB, not its hash."),
+        click.option("-v", "--verbose", is_flag=True, help="Say more in the log."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
 @uav.command()
-@click.option("--connection", required=True, type=click.Path(path_type=Path), help="connection.json of the ledger.")
-@click.option("--identity", default="uav", show_default=True, help="A name in connection.json.")
-@click.option("--port", required=True, help="Serial port of the drone's UWB node.")
-@click.option(
-    "--node",
-    type=click.Choice(("uci", "dwm1001")),
-    default="uci",
-    show_default=True,
-    help="What hangs there. With a DWM1001 tag the drone reports its own ranges: assurance 0.",
-)
-@click.option(
-    "--report-to", metavar="HOST:PORT", help="Where the pad listens to drones with a DWM1001 (its uwb.listen)."
-)
-@click.option(
-    "--position",
-    required=True,
-    metavar="udp:HOST:PORT|track:FILE",
-    help="Where the drone's position comes from: datagrams of the autopilot, or a recorded track (CSV).",
-)
+@_of_the_drone
 @click.option("--pad", "pad_id", required=True, help="The landing pad.")
 @click.option("--action", type=click.Choice(ACTIONS), default="land", show_default=True)
-@click.option(
-    "--then",
-    "command",
-    metavar="PROGRAM",
-    help="Run with the action and the session's id once it is permitted; exit status 0 means done.",
-)
-@click.option("--whole-certificate", is_flag=True, help="Say the whole certificate over UWB, not its hash.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON document with the result.")
-@click.option("-v", "--verbose", is_flag=True, help="Say more in the log.")
 def prove(*, as_json: bool, verbose: bool, **options: Any) -> None:
     """Prove where the drone is. Exit code 0 when permitted and done, 2 when refused, 1 when no proof came about."""
     from uav_agent.agent import UavAgentError  # noqa: PLC0415 - `--help` needs none of it
     from uav_agent.position import PositionError  # noqa: PLC0415
     from wonderland.ledger.errors import LedgerError  # noqa: PLC0415
 
-    logging.basicConfig(
-        level=logging.DEBUG if verbose else logging.WARNING,
-        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
-        stream=sys.stderr,
-    )
+    _log_to_stderr(verbose=verbose)
     try:
         result = asyncio.run(_prove(**options, quiet=as_json))
     except (LedgerError, UavAgentError, PositionError) as error:
@@ -91,7 +102,64 @@ def prove(*, as_json: bool, verbose: bool, **options: Any) -> None:
     sys.exit(0 if (result.state, result.end) == ("completed", "done") else 2)
 
 
-async def _prove(
+def _log_to_stderr(*, verbose: bool) -> None:
+    logging.basicConfig(
+        level=logging.DEBUG if verbose else logging.WARNING,
+        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
+        stream=sys.stderr,
+    )
+
+
+async def _prove(*, pad_id: str, action: str, **options: Any) -> ProofResult:
+    async with _agent(**options) as (agent, _):
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, agent.stop)
+        return await agent.prove(pad_id, action)
+
+
+@uav.command()
+@_of_the_drone
+@click.option("--backend", "url", required=True, metavar="WSS_URL", help="wss://host/ingest of the backend.")
+@click.option(
+    "--pad", "pads", multiple=True, required=True, help="A pad at which it will prove itself when asked; several times."
+)
+@click.option("--network-id", is_flag=True, help="Tell the backend each second where the drone is (Network Remote ID).")
+def serve(*, url: str, pads: tuple[str, ...], network_id: bool, verbose: bool, **options: Any) -> None:
+    """Stay, and prove where the drone is when the authority or its operator asks (POST /api/v1/proof-requests)."""
+    from uav_agent.position import PositionError  # noqa: PLC0415
+    from wonderland.ledger.errors import LedgerError  # noqa: PLC0415
+
+    _log_to_stderr(verbose=verbose)
+    address = urlsplit(url)
+    if address.scheme != "wss" and (address.scheme, address.hostname) not in {("ws", "127.0.0.1"), ("ws", "localhost")}:
+        raise click.UsageError("--backend: wss:// (ws:// to this machine alone)")
+    try:
+        asyncio.run(_serve(url, frozenset(pads), network_id=network_id, **options, quiet=False))
+    except (LedgerError, PositionError) as error:
+        raise click.ClickException(str(error)) from error
+
+
+async def _serve(url: str, pads: frozenset[str], *, network_id: bool, **options: Any) -> None:
+    from uav_agent.requests import Requests  # noqa: PLC0415
+    from uav_agent.willing import Willing  # noqa: PLC0415 - `--help` needs none of it
+
+    stopping = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stopping.set)
+    async with _agent(**options) as (agent, (who, signer)):
+        willing = Willing(agent, pads)
+        position = agent.position if network_id else None
+        listening = asyncio.create_task(Requests(url, agent.uav_id, who, signer, willing.decide, position).run())
+        await stopping.wait()
+        listening.cancel()
+        await asyncio.gather(listening, return_exceptions=True)
+        await willing.stop()
+
+
+@contextlib.asynccontextmanager
+async def _agent(
     *,
     connection: Path,
     identity: str,
@@ -99,12 +167,11 @@ async def _prove(
     node: str,
     report_to: str | None,
     position: str,
-    pad_id: str,
-    action: str,
     command: str | None,
     whole_certificate: bool,
     quiet: bool,
-) -> ProofResult:
+) -> AsyncIterator[tuple[UavAgent, tuple[Identity, Signer]]]:
+    """The drone's agent with all that it needs, and who it is."""
     from uav_agent.agent import UavAgent  # noqa: PLC0415 - `--help` needs none of it
     from uav_agent.ledger_events import LedgerEvents  # noqa: PLC0415
     from uav_agent.radio import UavRadio  # noqa: PLC0415
@@ -137,10 +204,7 @@ async def _prove(
             whole_certificate=whole_certificate,
             on_step=None if quiet else _progress,
         )
-        loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, agent.stop)
-        return await agent.prove(pad_id, action)
+        yield agent, (who, signer)
 
 
 def _tag(port: str, report_to: str | None, clock: Clock) -> TagRadio:

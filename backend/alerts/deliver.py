@@ -1,14 +1,11 @@
 """Telling people outside: e-mail and signed webhooks, tried again until they arrive or a day has passed.
 
-A webhook's request carries ``Wonderland-Signature: t=<seconds>,v1=<hex>``: HMAC-SHA256 with the shared secret over
-``<t>.<body>``. A receiver checks it, and refuses a `t` older than five minutes, so that nobody can replay it.
+Webhooks are those of `backend.webhooks`: signed by the Standard Webhooks specification, `webhook-id` is the alert's id.
 """
 
 from __future__ import annotations
 
 import asyncio
-import hashlib
-import hmac
 import logging
 import smtplib
 import ssl
@@ -17,7 +14,6 @@ from email.message import EmailMessage
 from typing import Any, Final
 from urllib.parse import urlsplit
 
-import httpx
 import orjson
 from sqlalchemy import insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
@@ -25,8 +21,9 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from backend.alerts import store
 from backend.alerts.kinds import Alert, plain_text
 from backend.db.engine import Database
-from backend.db.models import AlertDeliveryRow, AlertRow
+from backend.db.tables.alerts import AlertDeliveryRow, AlertRow
 from backend.settings import Settings
+from backend.webhooks.post import Poster, Undelivered, poster_of, retry_ms
 
 logger = logging.getLogger(__name__)
 
@@ -34,16 +31,9 @@ EVERY_S: Final = 2.0
 TIMEOUT_S: Final = 10.0
 LEASE_MS: Final = 60_000
 """Another replica leaves a delivery alone for so long after one has begun it."""
-FIRST_RETRY_MS: Final = 10_000
-LONGEST_RETRY_MS: Final = 3_600_000
 GIVE_UP_MS: Final = 86_400_000
 MAX_AT_ONCE: Final = 50
-SIGNATURE: Final = "Wonderland-Signature"
 _RANK: Final = {"critical": 0, "warning": 1, "notice": 2}
-
-
-class Undelivered(Exception):  # noqa: N818 - caught here, kept beside the delivery
-    """A target did not take it; the text says why."""
 
 
 async def enqueue(
@@ -69,39 +59,29 @@ async def enqueue(
         await connection.execute(insert(AlertDeliveryRow), rows)
 
 
-def signature(secret: str, t_s: int, body: bytes) -> str:
-    """The header's value."""
-    mac = hmac.new(secret.encode(), f"{t_s}.".encode() + body, hashlib.sha256).hexdigest()
-    return f"t={t_s},v1={mac}"
-
-
-def retry_ms(attempts: int) -> int:
-    """How long to wait after so many attempts."""
-    return int(min(LONGEST_RETRY_MS, FIRST_RETRY_MS * 2 ** min(attempts - 1, 20)))
-
-
 class Delivery:
     """Sends what is due."""
 
     def __init__(
-        self, database: Database, settings: Settings, clock: Callable[[], int], client: httpx.AsyncClient | None = None
+        self, database: Database, settings: Settings, clock: Callable[[], int], poster: Poster | None = None
     ) -> None:
         self._database = database
         self._settings = settings
         self._clock = clock
-        self._client = client
+        # Whoever writes a host into the settings allows it by name.
+        self._poster = poster or poster_of(settings, (urlsplit(url).hostname or "" for url in settings.alert_webhooks))
 
     async def run(self) -> None:
         """Until cancelled."""
-        # A redirect could lead anywhere; an address that has moved is a problem to be seen.
-        self._client = self._client or httpx.AsyncClient(timeout=TIMEOUT_S, follow_redirects=False, trust_env=False)
-        async with self._client:
+        try:
             while True:
                 try:
                     await self.send_due()
                 except Exception:
                     logger.exception("alerts could not be sent; trying again")
                 await asyncio.sleep(EVERY_S)
+        finally:
+            await self._poster.close()
 
     async def send_due(self) -> None:
         """Everything whose time has come, a bounded number at once."""
@@ -155,22 +135,9 @@ class Delivery:
 
     async def _post(self, url: str, alert: AlertRow) -> None:
         secret = self._settings.alert_webhook_secret
-        assert self._client is not None
         assert secret is not None
         body = orjson.dumps({"type": "alert", "alert": store.shown(alert), "text": _text(alert)})
-        t_s = self._clock() // 1000
-        headers = {
-            "Content-Type": "application/json",
-            "User-Agent": "wonderland",
-            SIGNATURE: signature(secret, t_s, body),
-            "Idempotency-Key": alert.alert_id,
-        }
-        try:
-            answer = await self._client.post(url, content=body, headers=headers)
-        except httpx.HTTPError as error:
-            raise Undelivered(f"{type(error).__name__}: {error}") from error
-        if not answer.is_success:
-            raise Undelivered(f"it answered {answer.status_code}")
+        await self._poster.post(url, secret, alert.alert_id, self._clock() // 1000, body)
 
     def _mail(self, to: str, alert: AlertRow) -> None:
         settings = self._settings

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, Final
 
 import orjson
 
@@ -12,13 +12,32 @@ from backend.alerts.kinds import Alert
 
 def _refutation(record: dict[str, Any]) -> tuple[str, int | None]:
     """By what a verdict refuted: (kind of alert, how far off the claim is)."""
-    for kind, name in (("refuted", "signed"), ("broadcast_contradicts", "broadcast")):
-        judgement = record.get(name)
-        if judgement is not None and judgement.get("outcome") == "refuted":
-            return kind, judgement.get("error_mm")
-    # The two-way ranges agree with the claim, and what needs no word of the drone's clock does not: it bent its own.
     differences = record.get("time_differences") or record.get("witness") or {}
+    signed, broadcast = record.get("signed") or {}, record.get("broadcast") or {}
+    if signed.get("outcome") == "refuted":
+        codes = {each["code"] for each in signed.get("reasons", ())}
+        # Where its ranges fit the claim, their error says nothing of why it was refuted.
+        if "outside_buffer" not in codes:
+            if "time_differences_contradict" in codes:
+                return "stamps_contradict", differences.get("error_mm")
+            if "leaving" in codes:
+                return "leaving", None
+        return "refuted", signed.get("error_mm")
+    if broadcast.get("outcome") == "refuted":
+        return "broadcast_contradicts", broadcast.get("error_mm")
+    # The two-way ranges agree with the claim, and what needs no word of the drone's clock does not: it bent its own.
     return "stamps_contradict", differences.get("error_mm")
+
+
+_BY_ZONES: Final = frozenset({"zone_active", "closures_outdated"})
+_BY_PAPERS: Final = ("uav_", "maintenance_", "not_authorised")
+
+
+def _against(record: dict[str, Any]) -> tuple[str, bool]:
+    """Why it may not do what it asked: by which zones (empty: none), and whether by its papers, too."""
+    reasons = [(str(each["code"]), str(each["text"])) for each in record["reasons"]]
+    zones = [text.rstrip(".") for code, text in reasons if code in _BY_ZONES]
+    return (zones[0] if zones else ""), any(code.startswith(_BY_PAPERS) for code, _ in reasons)
 
 
 def alerts_of(verdicts: Iterable[dict[str, Any]]) -> Iterator[Alert]:
@@ -38,4 +57,9 @@ def alerts_of(verdicts: Iterable[dict[str, Any]]) -> Iterator[Alert]:
                 facts["error_mm"] = error_mm
             yield Alert(kind, row["session_id"], row["decided_ms"], **place, facts=facts)
         if record.get("authorised") is False:
-            yield Alert("unauthorised", row["session_id"], row["decided_ms"], **place, facts={"action": row["action"]})
+            closed, others = _against(record)
+            if closed:
+                yield Alert("zone_closed", row["session_id"], row["decided_ms"], **place, facts=facts | {"why": closed})
+            if others or not closed:
+                facts = {"action": row["action"]}
+                yield Alert("unauthorised", row["session_id"], row["decided_ms"], **place, facts=facts)

@@ -1,6 +1,6 @@
-"""The kinds of alerts: which there are, how grave each is, and what it says in plain English (for e-mail).
+"""The kinds of alerts: which there are, how grave each is, and what it says in plain words (for e-mail and machines).
 
-The console says the same in its user's language, from the alert's kind and facts.
+The console says the same in its user's language and units, from the alert's kind and facts.
 """
 
 from __future__ import annotations
@@ -9,6 +9,9 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
+
+from backend.alerts import finnish
+from backend.languages import Language
 
 Severity = Literal["critical", "warning", "notice"]
 
@@ -30,11 +33,28 @@ KINDS: Final[Mapping[str, Kind]] = {
         "critical",
         "{uav_id} bends its clock at {pad_id}: time stamps that need none put it {distance} from its claim.",
     ),
+    "leaving": Kind(
+        "critical", "{uav_id} was leaving the place that it claims at {pad_id} while the pad ranged it: refuted."
+    ),
     "permission_unmatched": Kind(
         "critical", "{uav_id} was given permission at {pad_id}, and since then no broadcast of it was heard there."
     ),
     "ledger_halted": Kind("critical", "The mirror of the ledger has halted: {why}."),
     "unauthorised": Kind("warning", "{uav_id} asked for {action} at {pad_id} without being authorised."),
+    "zone_closed": Kind("warning", "{uav_id} asked for {action} at {pad_id}, which a zone closes: {why}."),
+    "closures_ending": Kind(
+        "warning", "The closures of {pad_id} by zones are published until {until} only; after that it permits nothing."
+    ),
+    "closures_differ": Kind(
+        "warning",
+        "What the ledger says of zones that close {pad_id} is not what the imported zones say: {why}. Publish anew.",
+    ),
+    "identity_odd": Kind("warning", "{pad_id} hears something odd under the name {uav_id}: {what}."),
+    "broadcast_odd": Kind("notice", "{pad_id} hears something odd of {uav_id}: {what}."),
+    "broadcasts_flooded": Kind(
+        "warning",
+        "{pad_id} hears odd broadcasts under {drones} names at once; only the first have alerts of their own.",
+    ),
     "pad_silent": Kind("warning", "Pad {pad_id} has not reported since {since}."),
     "pad_drifting": Kind("warning", "Pad {pad_id} no longer measures as it was commissioned: {why}."),
     "certificate_expiring": Kind("warning", "The certificate of {who} expires on {until}."),
@@ -71,10 +91,14 @@ class _Known(dict[str, Any]):
         return "unknown"
 
 
-def plain_text(kind: str, pad_id: str | None, uav_id: str | None, facts: Mapping[str, Any]) -> str:
-    """The alert in one English sentence. What it does not know it calls unknown."""
+def plain_text(
+    kind: str, pad_id: str | None, uav_id: str | None, facts: Mapping[str, Any], language: Language = "en"
+) -> str:
+    """The alert in one sentence. What it does not know it calls unknown."""
+    if kind not in KINDS:
+        return kind
     known = {name: value for name, value in {"pad_id": pad_id, "uav_id": uav_id}.items() if value is not None}
     shown = _Known({**facts, **known})
     if isinstance(facts.get("error_mm"), int):
         shown["distance"] = f"{facts['error_mm'] / 1000:.1f} m"
-    return KINDS[kind].text.format_map(shown) if kind in KINDS else kind
+    return finnish.text(kind, shown) if language == "fi" else KINDS[kind].text.format_map(shown)

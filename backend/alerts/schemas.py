@@ -16,9 +16,16 @@ KindName = Literal[
     "refuted",
     "broadcast_contradicts",
     "stamps_contradict",
+    "leaving",
     "permission_unmatched",
     "ledger_halted",
     "unauthorised",
+    "zone_closed",
+    "closures_ending",
+    "closures_differ",
+    "identity_odd",
+    "broadcast_odd",
+    "broadcasts_flooded",
     "pad_silent",
     "pad_drifting",
     "certificate_expiring",
@@ -38,7 +45,13 @@ class Alert(ApiModel):
     uav_id: str | None = None
     session_id: str | None = None
     tx_id: str | None = None
-    facts: dict[str, Any] = Field(description="What its text needs: error_mm, action, why, since_ms, who, until_ms")
+    facts: dict[str, Any] = Field(
+        description="What its text needs: error_mm, action, why, since_ms, who, until_ms, finding, distance_mm, "
+        "interval_ms, other_uav_id, drones"
+    )
+    text: str | None = Field(
+        default=None, description="The same in one sentence, in the language asked for; not in live frames"
+    )
     state: Literal["open", "acknowledged", "over"]
     revision: int = Field(description="Rises with each change; name it when you act")
     changed_ms: int

@@ -11,7 +11,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from backend.alerts import store
 from backend.alerts.deliver import enqueue
 from backend.alerts.derive import alerts_of
-from backend.db.models import AlertRow
+from backend.db.tables.alerts import AlertRow
 from backend.live.board import Board
 from backend.mirror.derive import Changes
 from backend.settings import Settings

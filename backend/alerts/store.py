@@ -10,10 +10,12 @@ from sqlalchemy import and_, insert, or_, select, tuple_, update
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
+from backend import audit
 from backend.alerts.kinds import Alert
 from backend.alerts.schemas import Act, AlertQuery
+from backend.auth.person import Person, Scope
 from backend.db.engine import Database
-from backend.db.models import AlertActRow, AlertRow
+from backend.db.tables.alerts import AlertActRow, AlertRow
 from backend.errors import Conflict, NotFound
 
 OPEN: Final = "open"
@@ -33,6 +35,7 @@ def row_of(alert: Alert, now_ms: int) -> Row:
         "severity": alert.severity,
         "source": alert.source,
         "t_ms": alert.t_ms,
+        "raised_ms": now_ms,
         "pad_id": alert.pad_id,
         "uav_id": alert.uav_id,
         "session_id": alert.session_id,
@@ -78,8 +81,21 @@ async def end(connection: AsyncConnection, alert_ids: Sequence[str], now_ms: int
     return ended
 
 
-async def act(database: Database, alert_id: str, by: str, wanted: Act, now_ms: int) -> AlertRow:
+async def find(database: AsyncSession, scope: Scope, alert_id: str) -> AlertRow:
+    """One alert. Raises `NotFound`."""
+    query = scope.narrow(
+        select(AlertRow).where(AlertRow.alert_id == alert_id), pad=AlertRow.pad_id, drone=AlertRow.uav_id
+    )
+    row = (await database.scalars(query)).first()
+    if row is None:
+        raise NotFound("There is no such alert.")
+    assert isinstance(row, AlertRow)
+    return row
+
+
+async def act(database: Database, alert_id: str, who: Person, wanted: Act, now_ms: int) -> AlertRow:
     """Do it, if nobody has done something else since. Raises `NotFound`, `Conflict`."""
+    by = who.name
     values: Row = {"changed_ms": now_ms, "revision": wanted.revision + 1}
     detail: str | None = None
     match wanted.act:
@@ -100,9 +116,6 @@ async def act(database: Database, alert_id: str, by: str, wanted: Act, now_ms: i
             update(AlertRow).where(AlertRow.alert_id == alert_id, AlertRow.revision == wanted.revision).values(**values)
         )
         if done.rowcount != 1:
-            known = await connection.execute(select(AlertRow.alert_id).where(AlertRow.alert_id == alert_id))
-            if known.scalar_one_or_none() is None:
-                raise NotFound("There is no such alert.")
             raise Conflict("Somebody else has acted on this alert since you looked; look at it again, then act.")
         row = {
             "alert_id": alert_id,
@@ -114,6 +127,8 @@ async def act(database: Database, alert_id: str, by: str, wanted: Act, now_ms: i
             "note": wanted.note,
         }
         await connection.execute(insert(AlertActRow), [row])
+        said = {name: row[name] for name in ("detail", "note") if row[name] is not None}
+        await audit.record(connection, who, wanted.act, f"alert/{alert_id}", said, t_ms=now_ms)
     async with database.read() as session:
         found = await session.get(AlertRow, alert_id)
     assert found is not None
@@ -168,10 +183,11 @@ async def current(database: AsyncSession) -> list[AlertRow]:
 
 
 async def listing(
-    database: AsyncSession, filters: AlertQuery, *, position: tuple[int, str] | None, now_ms: int
+    database: AsyncSession, filters: AlertQuery, scope: Scope, *, position: tuple[int, str] | None, now_ms: int
 ) -> Sequence[AlertRow]:
     """Alerts, newest first, one more than `filters.limit`."""
     query = select(AlertRow).order_by(AlertRow.t_ms.desc(), AlertRow.alert_id.desc()).limit(filters.limit + 1)
+    query = scope.narrow(query, pad=AlertRow.pad_id, drone=AlertRow.uav_id)
     if position is not None:
         query = query.where(tuple_(AlertRow.t_ms, AlertRow.alert_id) < position)
     asleep = and_(AlertRow.snoozed_until_ms.is_not(None), AlertRow.snoozed_until_ms > now_ms)

@@ -9,19 +9,22 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final
 
 import orjson
 from cryptography import x509
-from sqlalchemy import func, select
+from sqlalchemy import select
 
-from backend.alerts import store
+from backend.alerts import oddities, store
+from backend.alerts.conditions import Condition
 from backend.alerts.deliver import enqueue
 from backend.alerts.kinds import Alert
 from backend.context import Context
-from backend.db.models import AlertRow, HealthRow, OrganisationRow, PadRow, TrackRow, VerdictRow
+from backend.db.tables.alerts import AlertRow
+from backend.db.tables.ledger import ClosuresRow, OrganisationRow, PadRow, VerdictRow
+from backend.db.tables.reported import HealthRow, TrackRow
+from backend.zones.differing import Differing
 from wonderland.ledger.errors import IdentityError
 from wonderland.ledger.identity import Identity
 
@@ -32,6 +35,8 @@ SILENT_MS: Final = 60_000
 """Pads report every few seconds; a minute is more than a restart takes."""
 AWAY_MS: Final = 30_000
 EXPIRING_MS: Final = 14 * 86_400_000
+CLOSURES_MS: Final = 3 * 86_400_000
+"""So long before they run out the closures of a pad should be published anew."""
 MATCH_AFTER_MS: Final = 60_000
 """A drone that got permission is heard within this, at a pad that hears drones at all."""
 MATCH_BEFORE_MS: Final = 10_000
@@ -39,22 +44,18 @@ MATCH_LOOK_BACK_MS: Final = 15 * 60_000
 HEARS_MS: Final = 10 * 60_000
 
 
-@dataclass(frozen=True)
-class Condition:
-    """Something that is wrong now. `key` tells two of one kind apart, and stays the same while it lasts."""
-
-    kind: str
-    key: str
-    t_ms: int
-    pad_id: str | None
-    facts: dict[str, Any]
-
-    def alert(self, now_ms: int) -> Alert:
-        """The alert that it raises; another time it would be another one."""
-        return Alert(self.kind, f"{self.key}@{now_ms}", self.t_ms, pad_id=self.pad_id, facts=self.facts)
-
-
-CONDITIONS: Final = ("pad_silent", "pad_drifting", "ledger_halted", "ledger_away", "certificate_expiring")
+CONDITIONS: Final = (
+    "pad_silent",
+    "pad_drifting",
+    "ledger_halted",
+    "ledger_away",
+    "certificate_expiring",
+    "closures_ending",
+    "closures_differ",
+    "identity_odd",
+    "broadcast_odd",
+    "broadcasts_flooded",
+)
 
 
 def pad_conditions(
@@ -93,6 +94,22 @@ def ledger_conditions(context: Context, now_ms: int) -> Iterable[Condition]:
         yield Condition("ledger_away", mirror.channel, now_ms - mirror.lag_ms(now_ms), None, {"why": why})
 
 
+def closure_conditions(closures: Iterable[tuple[str, int]], now_ms: int) -> Iterable[Condition]:
+    """`closures`: pads in service, and until when their closures by zones are published."""
+    for pad_id, until_ms in closures:
+        if until_ms - now_ms < CLOSURES_MS:
+            until = datetime.fromtimestamp(until_ms / 1000, UTC).strftime("%Y-%m-%d %H:%M UTC")
+            facts = {"until_ms": until_ms, "until": until}
+            yield Condition("closures_ending", f"{pad_id}/{until_ms}", now_ms, pad_id, facts)
+
+
+def differing_conditions(pads: Iterable[tuple[str, str]], now_ms: int) -> Iterable[Condition]:
+    """`pads`: whose closures on the ledger are not what today's zones ask for, and how (`backend.zones.pads`)."""
+    for pad_id, state in pads:
+        why = "a zone closes it, and nothing is published" if state == "missing" else "the zones have changed since"
+        yield Condition("closures_differ", pad_id, now_ms, pad_id, {"state": state, "why": why})
+
+
 def certificate_conditions(certificates: Iterable[tuple[str, x509.Certificate]], now_ms: int) -> Iterable[Condition]:
     """`certificates`: whose, and the certificate."""
     for who, certificate in certificates:
@@ -109,6 +126,7 @@ class Watch:
 
     def __init__(self, context: Context) -> None:
         self._context = context
+        self._differing = Differing()
 
     async def run(self) -> None:
         """Until cancelled. What goes wrong in one look is said, and the next look follows."""
@@ -128,10 +146,18 @@ class Watch:
                 .join(PadRow, PadRow.pad_id == HealthRow.agent_id)
                 .where(HealthRow.agent == "pad", PadRow.status == "commissioned")
             )
+            closures = await session.execute(
+                select(ClosuresRow.pad_id, ClosuresRow.valid_until_ms)
+                .join(PadRow, PadRow.pad_id == ClosuresRow.pad_id)
+                .where(PadRow.status != "retired")
+            )
             found = [
+                *closure_conditions(((each[0], each[1]) for each in closures), now),
                 *pad_conditions(((each[0], each[1], each[2]) for each in pads), self._context.agents.is_connected, now),
                 *ledger_conditions(self._context, now),
                 *certificate_conditions(await self._certificates(session), now),
+                *differing_conditions(await self._differing.look(session, now), now),
+                *oddities.conditions(await oddities.recent(session, now)),
             ]
             lasting = await session.scalars(
                 select(AlertRow).where(AlertRow.state != store.OVER, AlertRow.kind.in_(CONDITIONS))
@@ -177,13 +203,15 @@ class Watch:
         )
         alerts = []
         for verdict in granted:
-            heard = select(func.count()).select_from(TrackRow)
+            heard = select(TrackRow.id).limit(1)
             of_drone = heard.where(
                 TrackRow.uav_id == verdict.uav_id,
                 TrackRow.t_ms.between(verdict.decided_ms - MATCH_BEFORE_MS, verdict.decided_ms + MATCH_AFTER_MS),
             )
-            of_pad = heard.where(TrackRow.pad_id == verdict.pad_id, TrackRow.t_ms > verdict.decided_ms - HEARS_MS)
-            if not (await session.execute(of_drone)).scalar_one() and (await session.execute(of_pad)).scalar_one():
+            of_pad = heard.where(
+                TrackRow.pad_id == verdict.pad_id, TrackRow.received_ms > verdict.decided_ms - HEARS_MS
+            )
+            if await session.scalar(of_drone) is None and await session.scalar(of_pad) is not None:
                 place = {"pad_id": verdict.pad_id, "uav_id": verdict.uav_id, "session_id": verdict.session_id}
                 facts = {"action": verdict.action}
                 alerts.append(

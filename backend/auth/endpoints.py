@@ -1,41 +1,61 @@
-"""Signing in and out."""
+"""Signing in by a link, signing out, who is signed in."""
 
 from __future__ import annotations
 
-from typing import Annotated
-
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import Response
-from starlette.requests import HTTPConnection
 
+from backend.auth.access import SignedInPerson
+from backend.auth.limits import counted, failures_audited
+from backend.auth.person import Person
 from backend.auth.schemas import SignedIn, SignIn
-from backend.auth.sign_ins import Person
 from backend.context import Context, context_of
-from backend.errors import SignInRequired, documented
+from backend.errors import TooManyRequests, documented
 from backend.responses import Json
 
 router = APIRouter(tags=["sign-in"])
+NO_STORE = {"Cache-Control": "no-store"}
 
 
-async def person_of(connection: HTTPConnection) -> Person:
-    """Who is signed in. Raises `SignInRequired`."""
-    context = context_of(connection)
-    person = await context.sign_ins.find(connection.cookies.get(context.cookie_name))
-    if person is None:
-        raise SignInRequired("Sign in first: open the link that the server printed at its start.")
-    return person
-
-
-SignedInPerson = Annotated[Person, Depends(person_of)]
-SIGNED_IN = [Depends(person_of)]
-
-
-@router.post("/session", response_model=SignedIn, responses=documented())
+@router.post(
+    "/session", response_model=SignedIn, dependencies=[Depends(counted)], responses=documented(TooManyRequests)
+)
 async def sign_in(request: Request, body: SignIn) -> Response:
     """Spend a one-time token for a cookie (HttpOnly, SameSite=Strict)."""
-    context: Context = context_of(request)
-    cookie, person = await context.sign_ins.redeem(body.token)
-    response = Json(person.described().model_dump(), headers={"Cache-Control": "no-store"})
+    context = context_of(request)
+    async with failures_audited(request, "link"):
+        cookie, person = await context.sign_ins.redeem(body.token, request.headers.get("user-agent", ""))
+    return signed_in(context, cookie, person)
+
+
+@router.get("/session", response_model=SignedIn, responses=documented())
+async def who_am_i(request: Request, person: SignedInPerson) -> Response:
+    """Who is signed in, and until when."""
+    return Json(_described(context_of(request), person), headers=NO_STORE)
+
+
+@router.delete("/session", status_code=204, responses=documented())
+async def sign_out(request: Request, person: SignedInPerson) -> Response:
+    """End the sign-in; open live connections of it are closed, too."""
+    context = context_of(request)
+    await context.sign_ins.end(person)
+    context.hub.close_person(person.cookie_sha256)
+    response = Response(status_code=204)
+    response.delete_cookie(
+        context.cookie_name, path="/", httponly=True, samesite="strict", secure=context.settings.is_https
+    )
+    return response
+
+
+def signed_in(context: Context, cookie: str, person: Person) -> Response:
+    """The answer to whoever has just signed in: who they are, and their cookie."""
+    response = Json(_described(context, person), headers=NO_STORE)
+    set_cookie(context, response, cookie)
+    return response
+
+
+def set_cookie(context: Context, response: Response, cookie: str) -> None:
+    """Give the browser its cookie."""
     response.set_cookie(
         context.cookie_name,
         cookie,
@@ -45,23 +65,17 @@ async def sign_in(request: Request, body: SignIn) -> Response:
         secure=context.settings.is_https,
         path="/",
     )
-    return response
 
 
-@router.get("/session", response_model=SignedIn, responses=documented())
-async def who_am_i(person: SignedInPerson) -> Response:
-    """Who is signed in, and until when."""
-    return Json(person.described().model_dump(), headers={"Cache-Control": "no-store"})
-
-
-@router.delete("/session", status_code=204, responses=documented())
-async def sign_out(request: Request, person: SignedInPerson) -> Response:
-    """End the sign-in; open live connections of it are closed, too."""
-    context = context_of(request)
-    await context.sign_ins.end(person.cookie_sha256)
-    context.hub.close_person(person.cookie_sha256)
-    response = Response(status_code=204)
-    response.delete_cookie(
-        context.cookie_name, path="/", httponly=True, samesite="strict", secure=context.settings.is_https
+def _described(context: Context, person: Person) -> dict[str, object]:
+    found = SignedIn(
+        person_id=person.person_id,
+        name=person.name,
+        roles=list(person.roles),
+        msp_id=person.msp_id or None,
+        method=person.method,  # type: ignore[arg-type]
+        signed_in_ms=person.signed_in_ms,
+        expires_ms=person.expires_ms,
+        idle_s=context.settings.sign_in_idle_s,
     )
-    return response
+    return found.model_dump(exclude_none=True)

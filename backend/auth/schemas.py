@@ -6,11 +6,12 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from backend.auth.person import Role
 from backend.schemas import ApiModel
 
 
 class SignIn(BaseModel):
-    """A one-time token, as the server's start printed it."""
+    """A one-time token that signs in at once, as a demo's start printed it."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -20,8 +21,11 @@ class SignIn(BaseModel):
 class SignedIn(ApiModel):
     """Who is signed in, and until when."""
 
+    person_id: str
     name: str
-    roles: list[str]
-    method: Literal["one_time_token"]
+    roles: list[Role]
+    msp_id: str | None = Field(default=None, description="The organisation whose pads or drones are theirs")
+    method: Literal["link", "passkey", "oidc"]
     signed_in_ms: int
-    expires_ms: int
+    expires_ms: int = Field(description="When the sign-in ends in any case")
+    idle_s: int = Field(description="Unused for so long, it ends earlier")

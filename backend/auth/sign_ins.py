@@ -1,55 +1,37 @@
-"""People's sign-ins: a one-time token buys a cookie; the server keeps hashes of both, and ends them.
-
-The seam for more ways to sign in (OIDC, passkeys) is `SignIns.begin`: whatever has established who somebody is calls
-it and sets the cookie.
-"""
+"""Signed-in browsers: whatever has established who somebody is calls `SignIns.begin` and sets the cookie."""
 
 from __future__ import annotations
 
-import hashlib
-import hmac
-from base64 import urlsafe_b64encode
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Callable, Sequence
+from typing import Any, Final
 
 from sqlalchemy import delete, insert, select, update
+from sqlalchemy.ext.asyncio import AsyncConnection
 
-from backend.auth.schemas import SignedIn
+from backend import audit
+from backend.auth.person import Person, Role, roles_of
+from backend.auth.secret import MAX_SECRET, new_id, new_secret, sha256
 from backend.db.engine import Database
-from backend.db.models import SignInRow, SignInTokenRow
+from backend.db.tables.people import LinkRow, PersonRow, SignInRow
 from backend.errors import SignInRequired
 from backend.settings import Settings
 
-TOKEN_BYTES: Final = 32
-METHOD: Final = "one_time_token"
+ACTIVE: Final = "active"
+SIGN_IN: Final = "sign_in"
 _TOUCH_MS: Final = 60_000
 """`last_seen` is written at most this often."""
-
-
-@dataclass(frozen=True)
-class Person:
-    """Who a request comes from."""
-
-    name: str
-    roles: tuple[str, ...]
-    signed_in_ms: int
-    expires_ms: int
-    cookie_sha256: str
-
-    def described(self) -> SignedIn:
-        """As the REST interface shows it."""
-        return SignedIn(
-            name=self.name,
-            roles=list(self.roles),
-            method=METHOD,
-            signed_in_ms=self.signed_in_ms,
-            expires_ms=self.expires_ms,
-        )
+_WHO: Final = (
+    SignInRow.cookie_sha256, SignInRow.method, SignInRow.created_ms, SignInRow.expires_ms, SignInRow.last_seen_ms,
+    PersonRow.person_id, PersonRow.name, PersonRow.roles, PersonRow.msp_id, PersonRow.state,
+)  # fmt: skip
+_LINK_REFUSED: Final = (
+    "The link was used before, has expired, or is not of this server. An administrator can make a new one; "
+    "so can `wonderland backend link` on the server."
+)
 
 
 class SignIns:
-    """Issues one-time tokens, turns them into cookies, knows who a cookie is."""
+    """Begins and ends sign-ins, knows who a cookie is."""
 
     def __init__(
         self, database: Database, settings: Settings, clock: Callable[[], int], randomness: Callable[[int], bytes]
@@ -58,81 +40,127 @@ class SignIns:
         self._settings = settings
         self._clock = clock
         self._randomness = randomness
+        self._set_up = False
 
-    async def new_token(self, name: str, roles: tuple[str, ...], ttl_s: int | None = None) -> str:
-        """A token that lets one browser sign in once, before it expires. Only its hash is kept."""
-        token = self._secret()
+    async def new_token(self, name: str, roles: Sequence[Role], *, msp_id: str = "", ttl_s: int | None = None) -> str:
+        """A link's token that signs one browser in at once, as a visitor of this name: for the demo and for tests."""
         now = self._clock()
-        row = {
-            "token_sha256": _sha256(token),
+        visitor = {
+            "person_id": sha256(f"visitor {name} {sorted(roles)} {msp_id}")[:32],
             "name": name,
             "roles": " ".join(roles),
+            "msp_id": msp_id,
+            "state": ACTIVE,
+            "created_ms": now,
+            "changed_ms": now,
+            "revision": 0,
+        }
+        async with self._database.write() as connection:
+            known = select(PersonRow.person_id).where(PersonRow.person_id == visitor["person_id"])
+            if (await connection.execute(known)).first() is None:
+                await connection.execute(insert(PersonRow), [visitor])
+            return await self.new_link(connection, SIGN_IN, str(visitor["person_id"]), ttl_s=ttl_s)
+
+    async def new_link(
+        self, connection: AsyncConnection, kind: str, person_id: str | None, *, ttl_s: int | None = None
+    ) -> str:
+        """A token that serves once, before it expires. Earlier ones of its kind for this person end."""
+        token = new_secret(self._randomness)
+        now = self._clock()
+        await connection.execute(delete(LinkRow).where(LinkRow.expires_ms < now - 86_400_000))
+        if kind != SIGN_IN:
+            same = LinkRow.person_id.is_(None) if person_id is None else LinkRow.person_id == person_id
+            await connection.execute(delete(LinkRow).where(same, LinkRow.kind == kind, LinkRow.used_ms.is_(None)))
+        row = {
+            "token_sha256": sha256(token),
+            "kind": kind,
+            "person_id": person_id,
             "created_ms": now,
             "expires_ms": now + (ttl_s or self._settings.token_ttl_s) * 1000,
             "used_ms": None,
         }
-        async with self._database.write() as connection:
-            await connection.execute(delete(SignInTokenRow).where(SignInTokenRow.expires_ms < now - 86_400_000))
-            await connection.execute(insert(SignInTokenRow), [row])
+        await connection.execute(insert(LinkRow), [row])
         return token
 
-    async def redeem(self, token: str) -> tuple[str, Person]:
-        """The cookie for a token, which is then spent. Raises `SignInRequired` for any other text."""
-        now = self._clock()
-        digest = _sha256(token)
-        async with self._database.write() as connection:
-            spent = await connection.execute(
-                update(SignInTokenRow)
-                .where(
-                    SignInTokenRow.token_sha256 == digest,
-                    SignInTokenRow.used_ms.is_(None),
-                    SignInTokenRow.expires_ms > now,
-                )
-                .values(used_ms=now)
+    async def find_link(self, connection: AsyncConnection, token_sha256: str) -> Any:
+        """The row of a link that can still be used. Raises `SignInRequired`."""
+        found = await connection.execute(
+            select(LinkRow.token_sha256, LinkRow.kind, LinkRow.person_id, LinkRow.expires_ms).where(
+                LinkRow.token_sha256 == token_sha256, LinkRow.used_ms.is_(None), LinkRow.expires_ms > self._clock()
             )
-            if spent.rowcount != 1:
-                raise SignInRequired(
-                    "The link was used before, has expired, or is not of this server. "
-                    "`wonderland backend link` prints a new one."
-                )
-            found = await connection.execute(
-                select(SignInTokenRow.name, SignInTokenRow.roles).where(SignInTokenRow.token_sha256 == digest)
-            )
-            name, roles = found.one()
-        return await self.begin(name, tuple(roles.split()))
+        )
+        row = found.first()
+        if row is None:
+            raise SignInRequired(_LINK_REFUSED)
+        return row
 
-    async def begin(self, name: str, roles: tuple[str, ...]) -> tuple[str, Person]:
-        """Start a sign-in of somebody whose identity is established: the cookie's value, and who it is."""
-        cookie = self._secret()
+    async def spend(self, connection: AsyncConnection, token_sha256: str, *kinds: str) -> Any:
+        """Use up a link of one of these kinds; its row. Raises `SignInRequired`."""
+        row = await self.find_link(connection, token_sha256)
+        spent = await connection.execute(
+            update(LinkRow)
+            .where(LinkRow.token_sha256 == token_sha256, LinkRow.used_ms.is_(None), LinkRow.kind.in_(kinds))
+            .values(used_ms=self._clock())
+        )
+        if spent.rowcount != 1:
+            raise SignInRequired(_LINK_REFUSED)
+        return row
+
+    async def redeem(self, token: str, browser: str = "") -> tuple[str, Person]:
+        """The cookie for a link that signs in at once. Raises `SignInRequired` for any other text."""
+        async with self._database.write() as connection:
+            link = await self.spend(connection, sha256(token), SIGN_IN)
+            return await self.begin(connection, link.person_id, "link", browser)
+
+    async def begin(
+        self, connection: AsyncConnection, person_id: str, method: str, browser: str = ""
+    ) -> tuple[str, Person]:
+        """Start a sign-in of somebody whose identity is established: the cookie's value, and who it is.
+
+        Raises `SignInRequired` for somebody who is not active.
+        """
+        cookie = new_secret(self._randomness)
         now = self._clock()
-        expires = now + self._settings.sign_in_ttl_s * 1000
-        digest = _sha256(cookie)
         row = {
-            "cookie_sha256": digest,
-            "name": name,
-            "roles": " ".join(roles),
-            "method": METHOD,
+            "cookie_sha256": sha256(cookie),
+            "sign_in_id": new_id(self._randomness),
+            "person_id": person_id,
+            "method": method,
+            "browser": browser[:256],
             "created_ms": now,
-            "expires_ms": expires,
+            "expires_ms": now + self._settings.sign_in_ttl_s * 1000,
             "last_seen_ms": now,
         }
-        async with self._database.write() as connection:
-            await connection.execute(delete(SignInRow).where(SignInRow.expires_ms < now))
-            await connection.execute(insert(SignInRow), [row])
-        return cookie, Person(name, roles, now, expires, digest)
+        await connection.execute(delete(SignInRow).where(SignInRow.expires_ms < now))
+        await connection.execute(insert(SignInRow), [row])
+        found = (await connection.execute(_of_cookie(sha256(cookie)))).one()
+        if found.state != ACTIVE:
+            raise SignInRequired("This account is suspended; an administrator can lift that.")
+        person = _person(found)
+        subject = f"person/{person_id}"
+        await audit.record(connection, person, "sign_in", subject, {"method": method}, t_ms=now)
+        return cookie, person
+
+    async def is_set_up(self) -> bool:
+        """Whether anybody can sign in. Once so, always so: the last administrator cannot be removed."""
+        if not self._set_up:
+            async with self._database.read() as session:
+                known = select(PersonRow.person_id).where(PersonRow.state == ACTIVE).limit(1)
+                self._set_up = (await session.execute(known)).first() is not None
+        return self._set_up
 
     async def find(self, cookie: str | None) -> Person | None:
         """Who a cookie is; None when nobody, or no longer."""
-        if not cookie or len(cookie) > 128:
+        if not cookie or len(cookie) > MAX_SECRET:
             return None
-        return await self.find_by_hash(_sha256(cookie))
+        return await self.find_by_hash(sha256(cookie))
 
     async def find_by_hash(self, cookie_sha256: str) -> Person | None:
         """The same by the cookie's hash: for connections that last."""
         now = self._clock()
         async with self._database.read() as session:
-            row = await session.get(SignInRow, cookie_sha256)
-        if row is None or not hmac.compare_digest(row.cookie_sha256, cookie_sha256):
+            row = (await session.execute(_of_cookie(cookie_sha256))).first()
+        if row is None or row.state != ACTIVE:
             return None
         if row.expires_ms <= now or row.last_seen_ms + self._settings.sign_in_idle_s * 1000 <= now:
             return None
@@ -141,16 +169,27 @@ class SignIns:
                 await connection.execute(
                     update(SignInRow).where(SignInRow.cookie_sha256 == cookie_sha256).values(last_seen_ms=now)
                 )
-        return Person(row.name, tuple(row.roles.split()), row.created_ms, row.expires_ms, cookie_sha256)
+        return _person(row)
 
-    async def end(self, cookie_sha256: str) -> None:
+    async def end(self, person: Person) -> None:
         """Sign out."""
         async with self._database.write() as connection:
-            await connection.execute(delete(SignInRow).where(SignInRow.cookie_sha256 == cookie_sha256))
-
-    def _secret(self) -> str:
-        return urlsafe_b64encode(self._randomness(TOKEN_BYTES)).rstrip(b"=").decode()
+            await connection.execute(delete(SignInRow).where(SignInRow.cookie_sha256 == person.cookie_sha256))
+            await audit.record(connection, person, "sign_out", f"person/{person.person_id}", t_ms=self._clock())
 
 
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()
+def _of_cookie(cookie_sha256: str) -> Any:
+    return select(*_WHO).join_from(SignInRow, PersonRow).where(SignInRow.cookie_sha256 == cookie_sha256)
+
+
+def _person(row: Any) -> Person:
+    return Person(
+        person_id=row.person_id,
+        name=row.name,
+        roles=roles_of(row.roles),
+        msp_id=row.msp_id,
+        method=row.method,
+        signed_in_ms=row.created_ms,
+        expires_ms=row.expires_ms,
+        cookie_sha256=row.cookie_sha256,
+    )

@@ -19,6 +19,8 @@ from backend.errors import SettingsError
 
 DRIVERS: Final = {"sqlite": "sqlite+aiosqlite", "postgresql": "postgresql+psycopg", "postgres": "postgresql+psycopg"}
 BUSY_TIMEOUT_S: Final = 30
+POOL_TIMEOUT_S: Final = 10
+"""Longer nobody waits for a connection: the answer is 503 and when to ask again."""
 _WRITES: Final = "wonderland_writes"
 
 
@@ -45,7 +47,11 @@ class Database:
     def __init__(self, url: str, *, pool_size: int = 10) -> None:
         self.url = parse_url(url)
         self.is_sqlite = self.url.get_backend_name() == "sqlite"
-        options: dict[str, Any] = {"pool_size": pool_size, "max_overflow": pool_size}
+        options: dict[str, Any] = {
+            "pool_size": pool_size,
+            "max_overflow": pool_size,
+            "pool_timeout": POOL_TIMEOUT_S,
+        }
         if self.is_sqlite:
             options["connect_args"] = {"timeout": BUSY_TIMEOUT_S}
         else:

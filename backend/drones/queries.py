@@ -9,36 +9,47 @@ import orjson
 from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.db.models import AuthorisationRow, DroneRow, LatestTrackRow, VerdictRow
+from backend.areas import drones_of
+from backend.auth.person import Person, Scope
+from backend.db.tables.ledger import AuthorisationRow, DroneRow, VerdictRow
+from backend.db.tables.reported import LatestTrackRow
+from backend.people.masking import shown_uav
 from backend.responses import record
 from backend.verdicts import queries as verdicts
 
 
-def shown(row: DroneRow, authorisations: list[str], track: str | None, verdict: VerdictRow | None) -> Any:
-    """The Drone of the interfaces."""
+def shown(
+    row: DroneRow, person: Person, authorisations: list[str], track: str | None, verdict: VerdictRow | None
+) -> Any:
+    """The Drone of the interfaces, as this person sees it."""
     return record(
-        row.record,
+        shown_uav(row.record, person),
         authorisations=[record(text) for text in authorisations],
         track=orjson.Fragment(track) if track is not None else None,
         verdict=verdicts.shown(verdict) if verdict is not None else None,
     )
 
 
-async def listing(database: AsyncSession, *, after: str | None = None, limit: int) -> Sequence[DroneRow]:
-    """Drones by identifier."""
-    query = select(DroneRow).order_by(DroneRow.uav_id).limit(limit)
+async def listing(
+    database: AsyncSession, scope: Scope, *, after: str | None = None, limit: int, operator: str | None = None
+) -> Sequence[DroneRow]:
+    """Drones by identifier; of an operator, where one is named."""
+    query = scope.narrow(select(DroneRow).order_by(DroneRow.uav_id).limit(limit), drone=DroneRow.uav_id)
     if after is not None:
         query = query.where(DroneRow.uav_id > after)
+    if operator is not None:
+        query = query.where(DroneRow.uav_id.in_(drones_of(operator)))
     return (await database.scalars(query)).all()
 
 
-async def find(database: AsyncSession, uav_id: str) -> DroneRow | None:
+async def find(database: AsyncSession, scope: Scope, uav_id: str) -> DroneRow | None:
     """One drone."""
-    return await database.get(DroneRow, uav_id)
+    query = scope.narrow(select(DroneRow).where(DroneRow.uav_id == uav_id), drone=DroneRow.uav_id)
+    return (await database.scalars(query)).first()
 
 
-async def details(database: AsyncSession, rows: Sequence[DroneRow]) -> list[Any]:
-    """The Drones of these rows."""
+async def details(database: AsyncSession, person: Person, rows: Sequence[DroneRow]) -> list[Any]:
+    """The Drones of these rows, as this person sees them."""
     names = [row.uav_id for row in rows]
     allowed: dict[str, list[str]] = {}
     query = (
@@ -51,4 +62,6 @@ async def details(database: AsyncSession, rows: Sequence[DroneRow]) -> list[Any]
     positions = select(LatestTrackRow.uav_id, LatestTrackRow.body).where(LatestTrackRow.uav_id.in_(names))
     tracks = {row.uav_id: row.body for row in await database.execute(positions)}
     last = await verdicts.latest_of(database, names)
-    return [shown(row, allowed.get(row.uav_id, []), tracks.get(row.uav_id), last.get(row.uav_id)) for row in rows]
+    return [
+        shown(row, person, allowed.get(row.uav_id, []), tracks.get(row.uav_id), last.get(row.uav_id)) for row in rows
+    ]

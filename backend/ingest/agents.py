@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 PAD: Final = "pad"
+UAV: Final = "uav"
 REPLACED: Final = "the same agent has connected anew"
 NO_LONGER_MEMBER: Final = "the certificate is no longer good"
 
@@ -22,6 +24,10 @@ class Agent:
     msp_id: str = ""
     creator: bytes = b""
     """The SerializedIdentity that was checked when it came."""
+    outbox: asyncio.Queue[dict[str, Any]] | None = None
+    """What is to be sent to it; None where it takes nothing."""
+    broken: bool = False
+    """A batch of this connection was not kept: none after it may be."""
     end: Callable[[str], None] = field(default=lambda _why: None)
     """Ends the connection: `REPLACED` or `NO_LONGER_MEMBER`."""
 
@@ -76,9 +82,13 @@ class Agents:
             if not is_member(agent.msp_id, agent.creator):
                 agent.end(NO_LONGER_MEMBER)
 
-    def is_connected(self, pad_id: str) -> bool:
-        """Whether this pad's agent is connected."""
-        return (PAD, pad_id) in self._agents
+    def is_connected(self, agent_id: str, kind: str = PAD) -> bool:
+        """Whether this agent, by default a pad's, is connected."""
+        return (kind, agent_id) in self._agents
+
+    def find(self, kind: str, agent_id: str) -> Agent | None:
+        """The connected agent of this id."""
+        return self._agents.get((kind, agent_id))
 
     def __iter__(self) -> Iterator[Agent]:
         return iter(list(self._agents.values()))

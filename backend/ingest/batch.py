@@ -10,6 +10,7 @@ import orjson
 from backend.ingest import messages
 from backend.ingest.agents import PAD, Agent
 from backend.ingest.messages import Entry, IngestError
+from backend.people.masking import masked
 from backend.sessions.state import ReportedStep
 
 MAX_AHEAD_MS: Final = 60_000
@@ -27,6 +28,7 @@ class Batch:
     received_ms: int
     last_seq: int = 0
     tracks: list[Row] = field(default_factory=list)
+    operators: list[Row] = field(default_factory=list)
     findings: list[Row] = field(default_factory=list)
     estimates: list[Row] = field(default_factory=list)
     steps: list[Row] = field(default_factory=list)
@@ -34,6 +36,10 @@ class Batch:
     health: Row | None = None
     irregular: list[Row] = field(default_factory=list)
     rejected: list[tuple[int, str, str]] = field(default_factory=list)
+    heard: list[tuple[int, messages.TrackBody]] = field(default_factory=list)
+    """Positions with everything that was said with them, and when they were heard."""
+    networked: list[tuple[int, messages.TrackBody]] = field(default_factory=list)
+    """The same of a drone's own agent, and when it sent them. Never stored."""
     tell: list[tuple[str, tuple[Any, ...]]] = field(default_factory=list)
     """Calls to the board, by name, to be made after the commit."""
 
@@ -65,7 +71,7 @@ def read(agent: Agent, records: list[Row], *, acknowledged: int, now_ms: int) ->
 
 
 def _require_not_ahead(entry: Entry, now_ms: int) -> None:
-    if entry.kind in {"track", "finding", "estimate", "health"} and entry.t_ms > now_ms + MAX_AHEAD_MS:
+    if entry.kind in {"track", "position", "finding", "estimate", "health"} and entry.t_ms > now_ms + MAX_AHEAD_MS:
         raise IngestError("clock", f"dated {entry.t_ms - now_ms} ms ahead of this server's clock")
 
 
@@ -78,10 +84,15 @@ def _take(batch: Batch, entry: Entry, body: messages.Body) -> None:
         _health(batch, entry, body)
     elif isinstance(body, messages.DroppedBody):
         _irregular(batch, entry.model_dump(), "dropped", f"the agent dropped records {body.from_seq} to {body.to_seq}")
+    elif isinstance(body, messages.PositionBody):
+        if batch.agent.kind == PAD:
+            raise IngestError("not_allowed", "only drones report position: their own")
+        batch.networked.append((entry.t_ms, body.heard(batch.agent.id)))
     elif batch.agent.kind != PAD:
         raise IngestError("not_allowed", f"only pads report {entry.kind}")
     elif isinstance(body, messages.TrackBody):
-        shown = _shown(body, t_ms=entry.t_ms, pad_id=batch.agent.id)
+        shown = _track(batch, entry, body)
+        batch.heard.append((entry.t_ms, body))
         row = {"uav_id": body.uav_id, "pad_id": batch.agent.id, "t_ms": entry.t_ms, "body": shown}
         batch.tracks.append(row)
         batch.tell.append(("hear", (body.uav_id, entry.t_ms, shown)))
@@ -107,6 +118,15 @@ def _take(batch: Batch, entry: Entry, body: messages.Body) -> None:
             }
         )
         batch.tell.append(("estimate", (body.uav_id, body.session_id, batch.agent.id, shown)))
+
+
+def _track(batch: Batch, entry: Entry, body: messages.TrackBody) -> str:
+    """What everybody may see of a position; the operator's number is kept apart from it."""
+    where = {"t_ms": entry.t_ms, "pad_id": batch.agent.id}
+    if not body.operator_id:
+        return _shown(body, **where)
+    batch.operators.append({"uav_id": body.uav_id, "operator_id": body.operator_id, **where})
+    return _shown(body, **where, operator_id=masked(body.operator_id))
 
 
 def _step(batch: Batch, _entry: Entry, body: messages.StepBody) -> None:
@@ -175,4 +195,5 @@ def _irregular(batch: Batch, record: Row, code: str, message: str) -> None:
 
 
 def _shown(body: messages.Body, **more: Any) -> str:
-    return orjson.dumps({**body.model_dump(exclude_none=True), **more, "verified": False}).decode()
+    said = body.model_dump(exclude_none=True, exclude=messages.USPACE_ONLY)
+    return orjson.dumps({**said, **more, "verified": False}).decode()

@@ -16,7 +16,8 @@ from backend.errors import DatabaseError
 from backend.ingest import agents
 from backend.ingest import batch as batches
 from backend.ingest.agents import Agent, DuplicateAgent
-from backend.ingest.messages import IngestError, parse_hello, parse_records
+from backend.ingest.messages import Answer, IngestError, parse_drone_frame, parse_hello, parse_records
+from backend.proof_requests import route
 from wonderland.proofs import encoding
 
 logger = logging.getLogger(__name__)
@@ -30,8 +31,14 @@ MAX_UNPROVEN: Final = 500
 NOT_AUTHENTICATED: Final = 4401
 REFUSED: Final = 4403
 BAD_FRAME: Final = 4400
+MAX_OUTBOX: Final = 64
+MAX_UNDER_WAY: Final = 32
+"""Batches of one agent that wait to be durable; then it is read no further."""
 REPLACED: Final = 4409
 TRY_LATER: Final = 1013
+
+UnderWay = asyncio.Queue[tuple[batches.Batch, asyncio.Future[None] | None] | IngestError]
+"""Batches in their order, each with when it is durable (None: it was already); or why the connection ends."""
 
 
 @router.websocket("/ingest")
@@ -72,6 +79,8 @@ async def _admit(socket: WebSocket, context: Context) -> Agent:
     if len(context.agents) >= context.settings.ingest_max_agents:
         raise IngestError("too_many_agents", "this server has as many agents as it may; try again later")
     agent = Agent(hello.agent, hello.id, hello.spool, hello.msp_id, identity.creator)
+    if hello.agent == agents.UAV and hello.takes:
+        agent.outbox = asyncio.Queue(MAX_OUTBOX)
     try:
         context.agents.join(agent)
     except DuplicateAgent:
@@ -86,40 +95,70 @@ async def _serve(socket: WebSocket, context: Context, agent: Agent) -> None:
     ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
 
     def end(why: str) -> None:
+        # What it sent and is not being written yet comes again from whoever replaces it, or not at all.
+        agent.broken = True
         if not ended.done():
             ended.set_result(why)
 
     agent.end = end
-    work = asyncio.create_task(_records(socket, context, agent), name=f"ingest-{agent.id}")
+    acknowledged = await context.intake.acknowledged(agent)
+    await _send(socket, {"type": "welcome", "acknowledged": acknowledged})
+    under_way: UnderWay = asyncio.Queue(MAX_UNDER_WAY)
+    reading = asyncio.create_task(_read(socket, context, agent, acknowledged, under_way), name=f"ingest-{agent.id}")
+    answering = asyncio.create_task(_answer(socket, acknowledged, under_way), name=f"acknowledge-{agent.id}")
+    telling = asyncio.create_task(_outbox(socket, context, agent), name=f"outbox-{agent.id}")
     try:
-        waiting: set[asyncio.Future[Any]] = {work, ended}
-        await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-        if work.done():
-            work.result()
-        else:
+        waiting: set[asyncio.Future[Any]] = {answering, ended}
+        await asyncio.wait({reading, *waiting}, return_when=asyncio.FIRST_COMPLETED)
+        if reading.done():
+            reading.result()  # raises where the agent has gone
+            # A frame that is none: `_answer` says so once everything before it is acknowledged, and closes.
+            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+        if answering.done():
+            answering.result()
+        elif ended.done():
             why = ended.result()
             await socket.close(REPLACED if why == agents.REPLACED else NOT_AUTHENTICATED, why)
     finally:
         ended.cancel()
-        work.cancel()
-        await asyncio.gather(work, return_exceptions=True)
+        for task in (reading, answering, telling):
+            task.cancel()
+        await asyncio.gather(reading, answering, telling, return_exceptions=True)
 
 
-async def _records(socket: WebSocket, context: Context, agent: Agent) -> None:
-    acknowledged = await context.intake.acknowledged(agent)
-    await _send(socket, {"type": "welcome", "acknowledged": acknowledged})
+async def _read(socket: WebSocket, context: Context, agent: Agent, acknowledged: int, under_way: UnderWay) -> None:
+    """Takes in what the agent sends, while what came before is still being written; returns at a frame that is none."""
+    taken = acknowledged
     while True:
         try:
             text = await _receive(socket, context)
-            records = parse_records(text, context.settings.ingest_max_records)
-            batch = batches.read(agent, records, acknowledged=acknowledged, now_ms=context.clock())
+            records = _parsed(agent, text, context.settings.ingest_max_records)
+            if isinstance(records, Answer):
+                await route.answered(context, agent, records)
+                continue
+            batch = batches.read(agent, records, acknowledged=taken, now_ms=context.clock())
         except IngestError as problem:
-            await _send(socket, {"type": "refused", "code": problem.code, "message": problem.message})
-            await socket.close(BAD_FRAME, problem.code)
+            await under_way.put(problem)
             return
-        if batch.last_seq > acknowledged:
+        durable = None
+        if batch.last_seq > taken:
+            durable = await context.intake.take(batch)
+            taken = batch.last_seq
+        await under_way.put((batch, durable))
+
+
+async def _answer(socket: WebSocket, acknowledged: int, under_way: UnderWay) -> None:
+    """Acknowledges in the order in which batches came, each when it is durable; returns when it closed the socket."""
+    while True:
+        item = await under_way.get()
+        if isinstance(item, IngestError):
+            await _send(socket, {"type": "refused", "code": item.code, "message": item.message})
+            await socket.close(BAD_FRAME, item.code)
+            return
+        batch, durable = item
+        if durable is not None:
             try:
-                await context.intake.take(batch)
+                await durable
             except DatabaseError:
                 await socket.close(TRY_LATER, "not durable just now")
                 return
@@ -127,6 +166,19 @@ async def _records(socket: WebSocket, context: Context, agent: Agent) -> None:
         for seq, code, message in batch.rejected:
             await _send(socket, {"type": "rejected", "seq": seq, "code": code, "message": message})
         await _send(socket, {"type": "ack", "seq": acknowledged})
+
+
+def _parsed(agent: Agent, text: str, limit: int) -> Answer | list[dict[str, Any]]:
+    return parse_drone_frame(text, limit) if agent.kind == agents.UAV else parse_records(text, limit)
+
+
+async def _outbox(socket: WebSocket, context: Context, agent: Agent) -> None:
+    """What others have for the agent, one after the other."""
+    if agent.outbox is None:
+        return
+    await route.tell_agent(context, agent.id, again=True)
+    while True:
+        await _send(socket, await agent.outbox.get())
 
 
 async def _receive(socket: WebSocket, context: Context) -> str:

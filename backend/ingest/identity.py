@@ -10,7 +10,7 @@ import orjson
 
 from backend.ingest.messages import Hello, IngestError
 from wonderland.ledger.embedded.errors import AccessDeniedError, RevocationListError
-from wonderland.ledger.embedded.msp import ChannelMembership, OrganisationTrust
+from wonderland.ledger.embedded.msp import ChannelMembership, Member, OrganisationTrust
 from wonderland.ledger.errors import IdentityError
 from wonderland.ledger.identity import Identity
 from wonderland.proofs import encoding
@@ -49,14 +49,23 @@ class Members:
 
     def is_member(self, msp_id: str, creator: bytes, now_ms: int) -> bool:
         """Whether an identity that was authenticated earlier would still be."""
-        membership = self._organisations.get(msp_id)
-        if membership is None:
-            return False
         try:
-            membership.application_member(creator, now_ms)
+            self.member(msp_id, creator, now_ms)
         except AccessDeniedError:
             return False
         return True
+
+    def member(self, msp_id: str, creator: bytes, now_ms: int) -> Member:
+        """The member that an identity is on the channel. Raises `AccessDeniedError`, saying why it is none."""
+        membership = self._organisations.get(msp_id)
+        if membership is None:
+            raise AccessDeniedError(f"{msp_id} is no organisation of the channel")
+        return membership.application_member(creator, now_ms)
+
+    @property
+    def msp_ids(self) -> tuple[str, ...]:
+        """The organisations."""
+        return tuple(sorted(self._organisations))
 
     def authenticate(self, hello: Hello, *, nonce: str, server: str, now_ms: int) -> Identity:
         """The agent's identity. Raises `IngestError`, with what is wrong."""

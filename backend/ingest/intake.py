@@ -4,35 +4,45 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
-from typing import Any, Final
+from collections.abc import Callable, Iterable
+from typing import Final
 
-from sqlalchemy import insert
-from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import SQLAlchemyError
-from sqlalchemy.ext.asyncio import AsyncConnection
 
+from backend.db import bulk
 from backend.db.engine import Database
-from backend.db.models import (
-    Base,
+from backend.db.tables.reported import (
+    BroadcastOperatorRow,
     EstimateRow,
     FindingRow,
     HealthRow,
     IrregularRow,
     LatestTrackRow,
+    PadHealthRow,
     SessionEndRow,
     SpoolRow,
     StepRow,
+    TrackMinuteRow,
     TrackRow,
 )
 from backend.errors import DatabaseError
-from backend.ingest.agents import Agent
+from backend.flights.store import FlightLog
+from backend.ingest.agents import PAD, Agent
 from backend.ingest.batch import Batch, Row
 from backend.live.board import Board
 
 logger = logging.getLogger(__name__)
 
 MAX_BATCHES: Final = 256
+FEW: Final = 4
+FEW_APART_S: Final = 0.04
+MANY_APART_S: Final = 0.12
+"""Writes begin at least so far apart, after one of a few batches and after one of more.
+
+With many pads, what each of them sends is not a transaction of its own: rows that share pages of the database are
+written together. After a pause what comes is written at once.
+"""
+MINUTE_MS: Final = 60_000
 _LATEST: Final = "t_ms"
 
 
@@ -44,29 +54,48 @@ class Intake:
         self._board = board
         self._clock = clock
         self._queue: asyncio.Queue[tuple[Batch, asyncio.Future[None]]] = asyncio.Queue(MAX_BATCHES)
+        self.listeners: list[Callable[[Batch], None]] = []
+        """Called with each batch once it is durable."""
+        self._newest: asyncio.Future[None] | None = None
+        self._flights = FlightLog()
         self.records = 0
         self.rejected = 0
 
     async def acknowledged(self, agent: Agent) -> int:
-        """The highest sequence number that is held durably of this agent's spool."""
+        """The highest sequence number that is held durably of this agent's spool; what waits now is written first."""
+        if self._newest is not None and not self._newest.done():
+            await asyncio.wait([self._newest])
         async with self._database.read() as session:
             row = await session.get(SpoolRow, (agent.kind, agent.id, agent.spool))
         return row.acknowledged if row is not None else 0
 
-    async def take(self, batch: Batch) -> None:
-        """Returns when the batch is durable. Raises `DatabaseError` when it is not: then it is not acknowledged."""
+    async def take(self, batch: Batch) -> asyncio.Future[None]:
+        """Queues the batch. Its future is done when the batch is durable, and raises `DatabaseError` when it is not.
+
+        Once one of a connection is not, none after it is: an agent's records are durable without a gap.
+        """
         done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        done.add_done_callback(_seen)
         await self._queue.put((batch, done))
-        await done
+        self._newest = done
+        return done
 
     async def run(self) -> None:
         """Write until cancelled."""
+        loop = asyncio.get_running_loop()
+        due = 0.0
         while True:
             waiting = [await self._queue.get()]
-            while not self._queue.empty() and len(waiting) < MAX_BATCHES:
-                waiting.append(self._queue.get_nowait())
             try:
-                await self._write([batch for batch, _ in waiting])
+                await asyncio.sleep(max(0.0, due - loop.time()))
+                while not self._queue.empty() and len(waiting) < MAX_BATCHES:
+                    waiting.append(self._queue.get_nowait())
+                due = loop.time() + (FEW_APART_S if len(waiting) <= FEW else MANY_APART_S)
+                late = [each for each in waiting if each[0].agent.broken]
+                _fail(late, DatabaseError("records before these were not kept"))
+                waiting = [each for each in waiting if not each[0].agent.broken]
+                if waiting:
+                    await self._write([batch for batch, _ in waiting])
             except asyncio.CancelledError:
                 _fail(waiting, DatabaseError("the server stops; try again later"))
                 raise
@@ -86,6 +115,8 @@ class Intake:
         self.rejected += len(batch.rejected)
         for name, arguments in batch.tell:
             getattr(self._board, name)(*arguments)
+        for listener in self.listeners:
+            listener(batch)
 
     async def _write(self, batches: list[Batch]) -> None:
         now = self._clock()
@@ -101,24 +132,57 @@ class Intake:
                 }
                 for batch in batches
             }
-            await _upsert(connection, SpoolRow, list(spools.values()), keep=("first_seen_ms",), rising="acknowledged")
-            tracks = [row for batch in batches for row in batch.tracks]
-            await _insert(connection, TrackRow, tracks)
-            await _upsert(connection, LatestTrackRow, _latest(tracks, "uav_id"), rising=_LATEST)
-            await _insert(connection, FindingRow, [row for batch in batches for row in batch.findings])
-            await _insert(connection, EstimateRow, [row for batch in batches for row in batch.estimates])
-            steps = [row for batch in batches for row in batch.steps]
-            await _upsert(connection, StepRow, _last(steps, "session_id", "step", "agent", "agent_id"))
-            ends = [row for batch in batches for row in batch.ends]
-            await _upsert(connection, SessionEndRow, _last(ends, "session_id", "agent", "agent_id"))
+            await bulk.upsert(
+                connection, SpoolRow, list(spools.values()), keep=("first_seen_ms",), rising="acknowledged"
+            )
+            tracks = _dated((row for batch in batches for row in batch.tracks), now)
+            await bulk.append(connection, TrackRow, tracks)
+            latest = [{name: row[name] for name in ("uav_id", "pad_id", "t_ms", "body")} for row in tracks]
+            await bulk.upsert(connection, LatestTrackRow, _latest(latest, "uav_id"), rising=_LATEST)
+            heard = (each for batch in batches for each in batch.heard)
+            positions = ((body.uav_id, (t_ms, body.lat_e7, body.lon_e7)) for t_ms, body in heard)
+            await self._flights.take(connection, positions, now)
+            operators = [row for batch in batches for row in batch.operators]
+            await bulk.upsert(connection, BroadcastOperatorRow, _latest(operators, "uav_id"), rising=_LATEST)
+            if tracks:
+                minute = {"minute_ms": now - now % MINUTE_MS, "positions": len(tracks)}
+                await bulk.upsert(connection, TrackMinuteRow, [minute], adding=("positions",))
+            await bulk.append(connection, FindingRow, [row for batch in batches for row in batch.findings])
+            estimates = _dated((row for batch in batches for row in batch.estimates), now)
+            await bulk.append(connection, EstimateRow, estimates)
+            steps = _dated((row for batch in batches for row in batch.steps), now)
+            await bulk.upsert(connection, StepRow, _last(steps, "session_id", "step", "agent", "agent_id"))
+            ends = _dated((row for batch in batches for row in batch.ends), now)
+            await bulk.upsert(connection, SessionEndRow, _last(ends, "session_id", "agent", "agent_id"))
             health = [batch.health for batch in batches if batch.health is not None]
-            await _upsert(connection, HealthRow, _last(health, "agent", "agent_id"), rising=_LATEST)
+            await bulk.append(connection, PadHealthRow, _dated(map(_of_pad, filter(_is_pads, health)), now))
+            await bulk.upsert(connection, HealthRow, _last(health, "agent", "agent_id"), rising=_LATEST)
             irregular = [row for batch in batches for row in batch.irregular]
-            await _upsert(connection, IrregularRow, _last(irregular, "agent", "agent_id", "spool", "seq"))
+            await bulk.upsert(connection, IrregularRow, _last(irregular, "agent", "agent_id", "spool", "seq"))
+
+
+def _dated(rows: Iterable[Row], now_ms: int) -> list[Row]:
+    """Rows with the time at which this server took them in."""
+    return [{**row, "received_ms": now_ms} for row in rows]
+
+
+def _is_pads(health: Row) -> bool:
+    return bool(health["agent"] == PAD)
+
+
+def _of_pad(health: Row) -> Row:
+    return {"pad_id": health["agent_id"], "t_ms": health["t_ms"], "body": health["body"]}
+
+
+def _seen(done: asyncio.Future[None]) -> None:
+    """An agent that has gone does not ask what became of its records."""
+    if not done.cancelled():
+        done.exception()
 
 
 def _fail(waiting: list[tuple[Batch, asyncio.Future[None]]], error: DatabaseError) -> None:
-    for _, done in waiting:
+    for batch, done in waiting:
+        batch.agent.broken = True
         if not done.done():
             done.set_exception(error)
 
@@ -130,32 +194,3 @@ def _last(rows: list[Row], *keys: str) -> list[Row]:
 
 def _latest(rows: list[Row], key: str) -> list[Row]:
     return _last(sorted(rows, key=lambda row: int(row[_LATEST])), key)
-
-
-async def _insert(connection: AsyncConnection, model: type[Base], rows: list[Row]) -> None:
-    if rows:
-        await connection.execute(insert(model), rows)
-
-
-async def _upsert(
-    connection: AsyncConnection,
-    model: type[Base],
-    rows: list[Row],
-    *,
-    keep: tuple[str, ...] = (),
-    rising: str | None = None,
-) -> None:
-    """Insert or replace; `keep` names columns that stay, `rising` one that must not fall for the row to change."""
-    if not rows:
-        return
-    table = model.__table__
-    dialect: Any = postgresql if connection.dialect.name == "postgresql" else sqlite
-    statement = dialect.insert(table)
-    keys = [column.name for column in table.primary_key]
-    changed = {
-        column.name: statement.excluded[column.name]
-        for column in table.columns
-        if column.name not in keys and column.name not in keep
-    }
-    condition = None if rising is None else table.c[rising] <= statement.excluded[rising]
-    await connection.execute(statement.on_conflict_do_update(index_elements=keys, set_=changed, where=condition), rows)

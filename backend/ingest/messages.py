@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
 from wonderland.proofs.records import fields
 from wonderland.proofs.records.schema import Integer, Text
 from wonderland.proofs.records.sessions import MAX_ROUNDS
+from wonderland.remote_id.operators import public_operator_id
 
 PROTOCOL: Final = "wonderland-ingest/1"
 MAX_SEQ: Final = 2**53 - 1
@@ -72,6 +73,17 @@ class Hello(_Strict):
     msp_id: _text(fields.MspId)  # type: ignore[valid-type]
     certificate: Annotated[str, Field(min_length=1, max_length=16_384)]
     signature: Annotated[str, Field(min_length=8, max_length=128, pattern="^[A-Za-z0-9_-]*$")]
+    takes: list[Literal["please_prove"]] = Field(default_factory=list, max_length=1)
+    """Messages besides those of the protocol's beginning that the agent understands."""
+
+
+class Answer(_Strict):
+    """Whether a drone's agent will do what it was asked (``please_prove``)."""
+
+    type: Literal["answer"]
+    request_id: Annotated[str, Field(pattern="^[0-9a-f]{32}$")]
+    accepted: bool
+    text: _plain(300) = ""  # type: ignore[valid-type]
 
 
 class Entry(_Strict):
@@ -122,6 +134,51 @@ class TrackBody(_Strict):
     duplicates: _between(0, MAX_SEQ) | None = None  # type: ignore[valid-type]
     transports: Annotated[list[_plain(24)], Field(max_length=8)] | None = None  # type: ignore[valid-type]
     drip: DripBody | None = None
+    # For U-space only (backend/uspace): taken in, passed on, never stored.
+    height_accuracy_mm: _between(0, 1_000_000) | None = None  # type: ignore[valid-type]
+    above_mm: _between(-2_000_000, 100_000_000) | None = None  # type: ignore[valid-type]
+    above: Literal["takeoff", "ground"] | None = None
+    pressure_mm: _between(-2_000_000, 100_000_000) | None = None  # type: ignore[valid-type]
+    speed_accuracy_mm_s: _between(0, 1_000_000) | None = None  # type: ignore[valid-type]
+    time_accuracy_ms: _between(0, 60_000) | None = None  # type: ignore[valid-type]
+    ua_type: _between(0, 15) | None = None  # type: ignore[valid-type]
+    eu_category: _between(0, 3) | None = None  # type: ignore[valid-type]
+    eu_class: _between(0, 7) | None = None  # type: ignore[valid-type]
+    operator_lat_e7: _LatE7 | None = None  # type: ignore[valid-type]
+    operator_lon_e7: _LonE7 | None = None  # type: ignore[valid-type]
+    operator_height_mm: _HeightMm | None = None  # type: ignore[valid-type]
+    operator_place: Literal["takeoff", "live_gnss", "fixed"] | None = None
+
+    @field_validator("operator_id")
+    @classmethod
+    def _without_secret(cls, text: str | None) -> str | None:
+        """A pad has taken the secret characters off; whatever comes with them goes no further than here."""
+        return public_operator_id(text) if text else text
+
+
+USPACE_ONLY: Final[set[str]] = {
+    "height_accuracy_mm", "above_mm", "above", "pressure_mm", "speed_accuracy_mm_s", "time_accuracy_ms", "ua_type",
+    "eu_category", "eu_class", "operator_lat_e7", "operator_lon_e7", "operator_height_mm", "operator_place",
+}  # fmt: skip
+
+
+class PositionBody(_Strict):
+    """Where a drone's own agent says that it is: for Network Remote ID, passed on and never stored."""
+
+    lat_e7: _LatE7  # type: ignore[valid-type]
+    lon_e7: _LonE7  # type: ignore[valid-type]
+    claim_t_ms: _TimeMs  # type: ignore[valid-type]
+    height_mm: _HeightMm  # type: ignore[valid-type]
+    accuracy_mm: _between(0, 100_000_000)  # type: ignore[valid-type]
+    height_accuracy_mm: _between(0, 100_000_000)  # type: ignore[valid-type]
+
+    def heard(self, uav_id: str) -> TrackBody:
+        """As what pads hear. Raises `IngestError` for an agent whose id no drone can have."""
+        said = self.model_dump() | {"height_accuracy_mm": min(self.height_accuracy_mm, 1_000_000)}
+        try:
+            return TrackBody(uav_id=uav_id, transport="network", **said)
+        except ValidationError as cause:
+            raise IngestError("bad_body", _first(cause)) from None
 
 
 class FindingBody(_Strict):
@@ -252,9 +309,10 @@ class DroppedBody(_Strict):
     to_seq: _between(1, MAX_SEQ)  # type: ignore[valid-type]
 
 
-Body = TrackBody | FindingBody | EstimateBody | StepBody | SessionEndBody | HealthBody | DroppedBody
+Body = TrackBody | PositionBody | FindingBody | EstimateBody | StepBody | SessionEndBody | HealthBody | DroppedBody
 BODIES: Final[dict[str, type[Body]]] = {
     "track": TrackBody,
+    "position": PositionBody,
     "finding": FindingBody,
     "estimate": EstimateBody,
     "step": StepBody,
@@ -264,6 +322,7 @@ BODIES: Final[dict[str, type[Body]]] = {
 }
 _HELLO: Final = TypeAdapter(Hello)
 _RECORDS: Final = TypeAdapter(Records)
+_ANSWER: Final = TypeAdapter(Answer)
 
 
 def parse_hello(text: str) -> Hello:
@@ -283,6 +342,14 @@ def parse_records(text: str, limit: int) -> list[dict[str, Any]]:
     if len(entries) > limit:
         raise IngestError("bad_frame", f"{len(entries)} records; at most {limit}")
     return entries
+
+
+def parse_drone_frame(text: str, limit: int) -> Answer | list[dict[str, Any]]:
+    """What a drone's agent sends: an answer, or records as any other. Raises `IngestError`."""
+    try:
+        return _ANSWER.validate_json(text)
+    except ValidationError:
+        return parse_records(text, limit)
 
 
 def sequence_of(record: dict[str, Any]) -> int:

@@ -8,9 +8,10 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
-from backend.auth.endpoints import SIGNED_IN, person_of
+from backend import audit
+from backend.auth.access import SIGNED_IN, Officer, SignedInPerson, person_of
 from backend.context import context_of
-from backend.errors import BadRequest, LedgerAway, NotFound, documented
+from backend.errors import BadRequest, Forbidden, LedgerAway, NotFound, documented
 from backend.filters import Paging
 from backend.ledger import contents, queries
 from backend.ledger.schemas import (
@@ -23,6 +24,7 @@ from backend.ledger.schemas import (
 )
 from backend.metrics import CONTENT_TYPE, exposition
 from backend.pagination import decode_cursor
+from backend.people.masking import shown_event
 from backend.responses import Json, page, resource
 
 router = APIRouter(tags=["ledger"], dependencies=SIGNED_IN)
@@ -48,9 +50,12 @@ async def read_metrics(request: Request) -> Response:
 
 
 @router.get("/status", response_model=Status, responses=documented())
-async def read_status(request: Request) -> Response:
+async def read_status(request: Request, person: SignedInPerson) -> Response:
     """Which ledger this is, how far its mirror has come, and how much there is."""
-    return Json(context_of(request).board.status(), headers={"Cache-Control": "private, no-store"})
+    status = context_of(request).board.status()
+    if not person.scope.everything:
+        del status["counts"]
+    return Json(status, headers={"Cache-Control": "private, no-store"})
 
 
 @router.get("/blocks", response_model=BlockPage, responses=documented(BadRequest))
@@ -63,60 +68,77 @@ async def list_blocks(request: Request, paging: Paging) -> Response:
 
 
 @router.get("/blocks/{number}", response_model=LedgerBlockDetail, responses=documented(NotFound))
-async def read_block(request: Request, number: Annotated[int, Path(ge=0, le=MAX_BLOCK)]) -> Response:
+async def read_block(
+    request: Request, person: SignedInPerson, number: Annotated[int, Path(ge=0, le=MAX_BLOCK)]
+) -> Response:
     """A block with its transactions."""
     async with context_of(request).database.read() as database:
         row = await queries.block(database, number)
         if row is None:
             raise NotFound(f"Block {number} is not on the ledger, as far as it was mirrored.")
-        items = await queries.transactions_of(database, number)
+        items = await queries.transactions_of(database, person, number)
     return resource(request, queries.shown_block(row) | {"items": items})
 
 
 @router.get(
     "/blocks/{number}/data",
     response_class=Response,
-    responses=documented(NotFound, LedgerAway) | {200: {"content": {"application/octet-stream": {}}}},
+    responses=documented(Forbidden, NotFound, LedgerAway) | {200: {"content": {"application/octet-stream": {}}}},
 )
-async def read_block_data(request: Request, number: Annotated[int, Path(ge=0, le=MAX_BLOCK)]) -> Response:
+async def read_block_data(
+    request: Request, person: Officer, number: Annotated[int, Path(ge=0, le=MAX_BLOCK)]
+) -> Response:
     """The block's transactions as bytes: their SHA-256 is the header's `data_hash`. Read from the ledger itself."""
     context = context_of(request)
     async with context.database.read() as database:
         if await queries.block(database, number) is None:
             raise NotFound(f"Block {number} is not on the ledger, as far as it was mirrored.")
     block = await contents.fetch_block(context.source, number)
+    async with context.database.write() as connection:
+        await audit.record(connection, person, "read_contents", f"block/{number}", t_ms=context.clock())
     headers = {"Cache-Control": "private, max-age=86400, immutable"}
     return Response(b"".join(block.envelopes), media_type="application/octet-stream", headers=headers)
 
 
 @router.get(
-    "/transactions/{tx_id}/contents", response_model=TransactionContents, responses=documented(NotFound, LedgerAway)
+    "/transactions/{tx_id}/contents",
+    response_model=TransactionContents,
+    responses=documented(Forbidden, NotFound, LedgerAway),
 )
 async def read_transaction_contents(
-    request: Request, tx_id: Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="SHA-256, hexadecimal")]
+    request: Request,
+    person: SignedInPerson,
+    tx_id: Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="SHA-256, hexadecimal")],
 ) -> Response:
     """Arguments, reads, writes and endorsements of a transaction, read from the ledger itself."""
     context = context_of(request)
     async with context.database.read() as database:
-        found = await queries.transaction(database, tx_id)
+        found = await queries.transaction(database, tx_id, person)
     if found is None:
         raise NotFound("No transaction with this id is on the ledger, as far as it was mirrored.")
     row, _ = found
+    if not queries.sees_contents(row, person):
+        raise Forbidden("What a transaction contains is for officers, and for the organisation that sent it.")
     block = await contents.fetch_block(context.source, row.block)
+    async with context.database.write() as connection:
+        subject = f"transaction/{tx_id}"
+        await audit.record(connection, person, "read_contents", subject, tx_id=tx_id, t_ms=context.clock())
     return resource(request, contents.transaction_contents(block, row.tx_index))
 
 
 @router.get("/transactions/{tx_id}", response_model=LedgerTransactionDetail, responses=documented(NotFound))
 async def read_transaction(
-    request: Request, tx_id: Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="SHA-256, hexadecimal")]
+    request: Request,
+    person: SignedInPerson,
+    tx_id: Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="SHA-256, hexadecimal")],
 ) -> Response:
     """A transaction, valid or refused."""
     async with context_of(request).database.read() as database:
-        found = await queries.transaction(database, tx_id)
+        found = await queries.transaction(database, tx_id, person)
     if found is None:
         raise NotFound("No transaction with this id is on the ledger, as far as it was mirrored.")
     row, event = found
     shown = queries.shown_transaction(row, event)
-    if event is not None:
-        shown["event_payload"] = event.payload
+    if event is not None and queries.sees_contents(row, person):
+        shown["event_payload"] = shown_event(event.payload, person)
     return resource(request, shown)

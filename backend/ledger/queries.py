@@ -8,7 +8,8 @@ from typing import Any
 from sqlalchemy import select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.db.models import BlockRow, EventRow, TransactionRow
+from backend.auth.person import AUTHORITY, Person
+from backend.db.tables.ledger import BlockRow, EventRow, TransactionRow
 from wonderland.ledger.transactions import code_name
 
 _BLOCK_FIELDS = (
@@ -53,6 +54,19 @@ def shown_transaction(row: TransactionRow, event: EventRow | None) -> dict[str, 
     return shown
 
 
+def own_transactions(query: Any, person: Person) -> Any:
+    """The query of transactions, narrowed to those that this person may look at."""
+    if person.scope.everything:
+        return query
+    return query.where(TransactionRow.creator_msp == person.msp_id, TransactionRow.creator_msp != "")
+
+
+def sees_contents(row: TransactionRow, person: Person) -> bool:
+    """Whether somebody may read a transaction's arguments and writes: an officer, or its own organisation."""
+    own = person.has("pad_operator", "fleet_operator") and person.msp_id != "" and row.creator_msp == person.msp_id
+    return own or person.has(*AUTHORITY)
+
+
 async def with_events(database: AsyncSession, rows: Sequence[TransactionRow]) -> list[dict[str, Any]]:
     """Transactions with the names of their events."""
     if not rows:
@@ -76,24 +90,31 @@ async def block(database: AsyncSession, number: int) -> BlockRow | None:
     return await database.get(BlockRow, number)
 
 
-async def transactions_of(database: AsyncSession, number: int) -> list[dict[str, Any]]:
+async def transactions_of(database: AsyncSession, person: Person, number: int) -> list[dict[str, Any]]:
     """The transactions of a block, in order."""
     query = select(TransactionRow).where(TransactionRow.block == number).order_by(TransactionRow.tx_index)
-    rows = (await database.scalars(query)).all()
+    rows = (await database.scalars(own_transactions(query, person))).all()
     events = {
         event.tx_index: event for event in await database.scalars(select(EventRow).where(EventRow.block == number))
     }
     return [shown_transaction(row, events.get(row.tx_index)) for row in rows]
 
 
-async def transaction(database: AsyncSession, tx_id: str) -> tuple[TransactionRow, EventRow | None] | None:
-    """A transaction by its id: the valid one, where refused duplicates of it are on the chain, too."""
+async def transaction(
+    database: AsyncSession, tx_id: str, person: Person | None = None
+) -> tuple[TransactionRow, EventRow | None] | None:
+    """A transaction by its id: the valid one, where refused duplicates of it are on the chain, too.
+
+    `person`: only if they may look at it.
+    """
     query = (
         select(TransactionRow)
         .where(TransactionRow.tx_id == tx_id)
         .order_by(TransactionRow.validation_code != 0, TransactionRow.block, TransactionRow.tx_index)
         .limit(1)
     )
+    if person is not None:
+        query = own_transactions(query, person)
     row = (await database.scalars(query)).first()
     if row is None:
         return None

@@ -210,7 +210,7 @@ class Status(ApiModel):
 
     ledger: LedgerStatus
     server: ServerStatus
-    counts: Counts
+    counts: Counts | None = Field(default=None, description="Left out for those who see their own only")
 
 
 class Alive(ApiModel):

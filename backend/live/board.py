@@ -9,43 +9,43 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from functools import lru_cache
+from typing import Any, Final, Protocol
 
 import orjson
-from sqlalchemy import func, select
+from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from backend.alerts import store as alerts
-from backend.db.models import (
-    DroneRow,
-    EvidenceRow,
-    HealthRow,
-    LatestTrackRow,
-    OrganisationRow,
-    PadRow,
-    SessionRow,
-    VerdictRow,
-)
-from backend.filters import SessionQuery, VerdictQuery
-from backend.ingest.agents import Agents
+from backend.db.tables.ledger import DroneRow, EvidenceRow, OrganisationRow, PadRow
 from backend.ledger.status import MirrorStatus
+from backend.live.contents import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents, contents_now
 from backend.mirror.derive import Changes, Row
 from backend.pads import queries as pads
 from backend.responses import record
-from backend.sessions import queries as sessions
 from backend.sessions.state import OUTLINE, ReportedStep, SessionView
-from backend.verdicts import queries as verdicts
 from wonderland.proofs.records.verdicts import OUTCOMES
 
-LAST_VERDICTS: Final = 200
-RECENT_SESSIONS: Final = 500
-MAX_TRACKS: Final = 20_000
 TRACK_AGE_MS: Final = 10 * 60_000
 """Older positions are not part of a snapshot; REST has them."""
 HEARD_MS: Final = 60_000
 EARLY_STEPS: Final = 2_000
 """Sessions whose steps may arrive before the mirror has the session."""
 APPLICATION: Final = "Application"
+
+
+class Connected(Protocol):
+    """Which agents are connected."""
+
+    def is_connected(self, pad_id: str) -> bool:
+        """Whether this pad's agent is."""
+
+    def __len__(self) -> int: ...
+
+
+@lru_cache(maxsize=4096)
+def _owner_in(pad_record: str) -> str:
+    return str(orjson.loads(pad_record)["msp_id"])
 
 
 @dataclass(slots=True)
@@ -58,13 +58,14 @@ class Board:
     """What is now. Everything here runs on the event loop's thread, without awaiting in the middle of a change."""
 
     def __init__(
-        self, *, mirror: MirrorStatus, agents: Agents, clock: Callable[[], int], version: str, epoch: str, demo: bool
+        self, *, mirror: MirrorStatus, agents: Connected, clock: Callable[[], int], version: str, epoch: str, demo: bool
     ) -> None:
         self._mirror = mirror
         self._agents = agents
         self._clock = clock
         self._server = {"version": version, "epoch": epoch, "demo": demo}
         self.viewers: Callable[[], int] = lambda: 0
+        self._owners: dict[str, str] = {}
         self._clear()
 
     def _clear(self) -> None:
@@ -87,29 +88,31 @@ class Board:
 
     async def load(self, database: AsyncSession) -> None:
         """Fill from the database."""
-        self._clear()
-        health = {row.agent_id: row.body for row in await database.scalars(select(HealthRow)) if row.agent == "pad"}
-        for pad in await database.scalars(select(PadRow)):
-            self._pads[pad.pad_id] = _Pad(pad.record, health.get(pad.pad_id))
-        self._drones = set(await database.scalars(select(DroneRow.uav_id)))
-        recent = select(LatestTrackRow).order_by(LatestTrackRow.t_ms.desc()).limit(MAX_TRACKS)
-        for track in reversed((await database.scalars(recent)).all()):
-            self._tracks[track.uav_id] = (track.t_ms, orjson.Fragment(track.body))
-        for view in reversed(await sessions.views(database, sessions.listing(SessionQuery(limit=RECENT_SESSIONS)))):
-            self._sessions[view.session_id] = view
-        for row in reversed(await verdicts.listing(database, VerdictQuery(limit=LAST_VERDICTS))):
-            self._verdicts.append(verdicts.shown(row))
-        for alert in await alerts.current(database):
-            self._alerts[alert.alert_id] = alerts.shown(alert)
-        self._counts["sessions"] = (await database.execute(select(func.count()).select_from(SessionRow))).scalar_one()
-        outcomes = select(VerdictRow.outcome, func.count()).group_by(VerdictRow.outcome)
-        for outcome, count in await database.execute(outcomes):
-            self._counts[outcome] = count
+        self.fill(await contents_now(database))
+        owners = await database.execute(select(DroneRow.uav_id, DroneRow.msp_id))
+        self._owners = {row.uav_id: row.msp_id for row in owners}
         self._mirror.organisations = sorted(
             row.msp_id
             for row in await database.scalars(select(OrganisationRow))
             if APPLICATION in orjson.loads(row.definition)["sections"]
         )
+
+    def fill(self, contents: Contents) -> None:
+        """Show this, and nothing else."""
+        self._clear()
+        for pad_id, pad, health in contents.pads:
+            self._pads[pad_id] = _Pad(pad, health)
+        self._drones = contents.drones
+        for uav_id, t_ms, body in contents.tracks:
+            self._tracks[uav_id] = (t_ms, orjson.Fragment(body))
+        for view in contents.sessions:
+            self._sessions[view.session_id] = view
+        for uav_id, session_id, body in contents.estimates:
+            self._estimates[uav_id] = (session_id, orjson.Fragment(body))
+        self._verdicts.extend(contents.verdicts)
+        for alert in contents.alerts:
+            self._alerts[alert["alert_id"]] = alert
+        self._counts.update(contents.counts)
 
     def commit(self, changes: Changes) -> None:
         """Take in what the mirror has committed."""
@@ -125,6 +128,7 @@ class Board:
                     self._put_pad(row)
             elif table is DroneRow:
                 self._drones.update(row["uav_id"] for row in rows.values())
+                self._owners.update((row["uav_id"], row["msp_id"]) for row in rows.values())
         decided = {row["session_id"]: row for row in changes.verdict_writes}
         evidence = {key[0]: row["steps"] for key, row in changes.upserts.get(EvidenceRow, {}).items()}
         for row in changes.session_writes:
@@ -208,6 +212,15 @@ class Board:
             "viewers": self.viewers(),
         }
         return {"ledger": self._mirror.to_json(now), "server": self._server, "counts": counts}
+
+    def pad_owner(self, pad_id: str) -> str | None:
+        """Whose pad it is on the ledger."""
+        pad = self._pads.get(pad_id)
+        return None if pad is None else _owner_in(pad.record)
+
+    def drone_owner(self, uav_id: str) -> str | None:
+        """Whose drone it is on the ledger."""
+        return self._owners.get(uav_id)
 
     def snapshot(self) -> dict[str, list[Any]]:
         """All that a client needs to begin, by kind; verdicts oldest first."""

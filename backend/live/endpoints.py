@@ -13,6 +13,7 @@ from starlette.websockets import WebSocketDisconnect, WebSocketState
 
 from backend.context import context_of
 from backend.live.hub import SIGNED_OUT, Client
+from backend.live.lens import Lens
 
 router = APIRouter()
 _SINCE: Final = re.compile(r"([0-9a-f]{16}):(\d{1,15})")
@@ -30,7 +31,14 @@ async def live(socket: WebSocket) -> None:
         await socket.close(SIGNED_OUT, "sign in first")
         return
     found = _SINCE.fullmatch(socket.query_params.get("since", "")[:64])
-    client, first = context.hub.join(person.cookie_sha256, (found[1], int(found[2])) if found else None)
+    board = context.board
+    lens = Lens.of(person, pad_owner=board.pad_owner, drone_owner=board.drone_owner)
+    client, first = context.hub.join(
+        person.cookie_sha256,
+        (found[1], int(found[2])) if found else None,
+        lens,
+        takes_packed=socket.query_params.get("packed") == "zlib",
+    )
     sender = asyncio.create_task(_send(socket, client, first), name="live-sender")
     listener = asyncio.create_task(_listen(socket), name="live-listener")
     closing = asyncio.create_task(client.closing.wait(), name="live-closing")
@@ -45,14 +53,21 @@ async def live(socket: WebSocket) -> None:
         await _close(socket, client)
 
 
-async def _send(socket: WebSocket, client: Client, first: Iterator[str]) -> None:
+async def _send(socket: WebSocket, client: Client, first: Iterator[str | bytes]) -> None:
     """The snapshot at the client's own pace (each send waits until the socket's buffer has room), then its queue."""
     for frame in first:
         if client.close_code is not None:
             return
-        await socket.send_text(frame)
+        await _send_one(socket, frame)
         await asyncio.sleep(0)
-    while (frame := await client.next_frame()) is not None:  # type: ignore[assignment]
+    while (following := await client.next_frame()) is not None:
+        await _send_one(socket, following)
+
+
+async def _send_one(socket: WebSocket, frame: str | bytes) -> None:
+    if isinstance(frame, bytes):
+        await socket.send_bytes(frame)
+    else:
         await socket.send_text(frame)
 
 

@@ -12,22 +12,26 @@ from typing import Any, Final
 
 import orjson
 
-from backend.db.models import (
+from backend.db.tables.base import LedgerRow
+from backend.db.tables.ledger import (
     AssetRow,
     AuthorisationRow,
     BlockRow,
+    CertificateRow,
+    ClosuresRow,
     DroneRow,
     EventRow,
     EvidenceRow,
-    LedgerRow,
     OrganisationRow,
     PadRow,
     PolicyRow,
+    RecordVersionRow,
     SessionRow,
     TransactionRow,
     UnreadRow,
     VerdictRow,
 )
+from backend.mirror.certificates import note_signers
 from wonderland.ledger.blocks import Block, Transaction
 from wonderland.ledger.channel_config import ChannelConfig
 from wonderland.ledger.errors import LedgerError
@@ -50,6 +54,7 @@ class Changes:
     transactions: list[Row] = field(default_factory=list)
     events: list[Row] = field(default_factory=list)
     unread: list[Row] = field(default_factory=list)
+    versions: list[Row] = field(default_factory=list)
     upserts: dict[type[LedgerRow], dict[Key, Row]] = field(default_factory=dict)
     deletes: dict[type[LedgerRow], set[Key]] = field(default_factory=dict)
     organisations: list[Row] | None = None
@@ -107,6 +112,7 @@ def derive(block: Block, chaincode: str, changes: Changes) -> None:
             changes.organisations = _organisation_rows(transaction.config, block.number, transaction.index)
         if transaction.invocation is not None:
             _invocation(block.number, transaction, chaincode, changes)
+            note_signers(changes.upserts.setdefault(CertificateRow, {}), block.number, transaction)
     changes.blocks.append(
         {
             "number": block.number,
@@ -174,6 +180,16 @@ def _write(place: _Place, write: Write, changes: Changes) -> None:
         changes.session_writes.append(row)
     elif table is VerdictRow:
         changes.verdict_writes.append(row)
+    elif kind in VERSIONED:
+        changes.versions.append(
+            {
+                "kind": kind,
+                "key": "/".join(names)[:_IDENTIFIER],
+                "block": place.block,
+                "tx_index": place.tx_index,
+                "record": text,
+            }
+        )
 
 
 def _parse(value: bytes) -> tuple[dict[str, Any], str]:
@@ -240,6 +256,13 @@ def _policy(_record: dict[str, Any], names: Key, _place: _Place) -> Row:
     if len(names[1]) > 16:
         raise ValueError("the key's action is no action")
     return {"pad_id": names[0], "action": names[1]}
+
+
+def _closures(record: dict[str, Any], names: Key, _place: _Place) -> Row:
+    return {
+        "pad_id": _same(record, "pad_id", names[0]),
+        "valid_until_ms": _int(record, "valid_until_ms"),
+    }
 
 
 def _session(record: dict[str, Any], names: Key, place: _Place) -> Row:
@@ -387,6 +410,7 @@ _READERS: Final[dict[str, _Reader]] = {
     keys.UAV: (DroneRow, 1, _drone),
     keys.AUTHORISATION: (AuthorisationRow, 2, _authorisation),
     keys.POLICY: (PolicyRow, 2, _policy),
+    keys.CLOSURES: (ClosuresRow, 1, _closures),
     keys.SESSION: (SessionRow, 1, _session),
     keys.VERDICT: (VerdictRow, 1, _verdict),
     keys.ASSET: (AssetRow, 1, _asset),
@@ -395,11 +419,15 @@ _WITHOUT_ROWS: Final = frozenset({keys.PREKEY, keys.USED_PREKEY, keys.LAST_REQUE
 """Secrets' public halves and their tombstones, and the times of requests: of use on the ledger only. What a witness
 brought is judged in the verdict, which says so; its transaction is there in full."""
 
+VERSIONED: Final = frozenset({keys.PAD, keys.UAV, keys.AUTHORISATION, keys.POLICY, keys.CLOSURES})
+"""Kinds whose every version is kept."""
+
 APPENDED: Final[tuple[tuple[type[LedgerRow], str], ...]] = (
     (BlockRow, "blocks"),
     (TransactionRow, "transactions"),
     (EventRow, "events"),
     (UnreadRow, "unread"),
+    (RecordVersionRow, "versions"),
 )
 """Tables that only grow, with the list of `Changes` that holds their rows."""
 REPLACED: Final = OrganisationRow

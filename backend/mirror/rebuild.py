@@ -12,7 +12,8 @@ from sqlalchemy import String, Text, collate, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from backend.db.engine import Database
-from backend.db.models import LedgerRow, ledger_tables
+from backend.db.tables.base import LedgerRow
+from backend.db.tables.ledger import ledger_tables
 from backend.ledger.status import MirrorStatus
 from backend.mirror import store
 from backend.mirror.follow import Mirror

@@ -7,44 +7,52 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
-from backend.auth.endpoints import SIGNED_IN
+from backend import geojson
+from backend.areas import Box, pads_within
+from backend.auth.access import SIGNED_IN, SignedInPerson
 from backend.context import context_of
 from backend.errors import BadRequest, NotFound, documented
-from backend.filters import Paging
+from backend.filters import PadFilters
 from backend.pads import queries
 from backend.pads.schemas import Pad, PadPage
 from backend.pagination import decode_cursor
-from backend.responses import page, resource
 from wonderland.proofs.records.fields import ID_PATTERN
 
 router = APIRouter(tags=["pads"], dependencies=SIGNED_IN)
 
 
-@router.get("/pads", response_model=PadPage, responses=documented(BadRequest))
-async def list_pads(request: Request, paging: Paging) -> Response:
+@router.get("/pads", response_model=PadPage, responses=documented(BadRequest) | geojson.documented(PadPage))
+async def list_pads(request: Request, person: SignedInPerson, filters: PadFilters) -> Response:
     """Pads by identifier."""
     context = context_of(request)
-    after = decode_cursor(paging.cursor, str)[0] if paging.cursor is not None else None
+    after = decode_cursor(filters.cursor, str)[0] if filters.cursor is not None else None
     async with context.database.read() as database:
-        rows = await queries.listing(database, after=after, limit=paging.limit + 1)
+        within = await pads_within(database, Box.parse(filters.bbox)) if filters.bbox is not None else None
+        rows = await queries.listing(
+            database, person.scope, after=after, limit=filters.limit + 1, operator=filters.operator, within=within
+        )
         health = await queries.health_of(database, [row.pad_id for row in rows])
     items = (
         (row, queries.shown(row.record, health.get(row.pad_id), connected=context.agents.is_connected(row.pad_id)))
         for row in rows
     )
-    return page(items, paging.limit, cursor_of=lambda row: (row.pad_id,))
+    return geojson.page(request, items, filters.limit, cursor_of=lambda row: (row.pad_id,), id_of=_id)
 
 
-@router.get("/pads/{pad_id}", response_model=Pad, responses=documented(NotFound))
+@router.get("/pads/{pad_id}", response_model=Pad, responses=documented(NotFound) | geojson.documented(Pad))
 async def read_pad(
-    request: Request, pad_id: Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)]
+    request: Request, person: SignedInPerson, pad_id: Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)]
 ) -> Response:
     """A pad."""
     context = context_of(request)
     async with context.database.read() as database:
-        row = await queries.find(database, pad_id)
+        row = await queries.find(database, person.scope, pad_id)
         if row is None:
             raise NotFound(f"No pad {pad_id} is registered.")
         health = await queries.health_of(database, [pad_id])
     connected = context.agents.is_connected(pad_id)
-    return resource(request, queries.shown(row.record, health.get(pad_id), connected=connected))
+    return geojson.one(request, queries.shown(row.record, health.get(pad_id), connected=connected), id_of=_id)
+
+
+def _id(item: geojson.Item) -> str:
+    return str(item["pad_id"])

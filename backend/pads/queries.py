@@ -10,7 +10,10 @@ import orjson
 from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.db.models import HealthRow, PadRow
+from backend.areas import field
+from backend.auth.person import Scope
+from backend.db.tables.ledger import PadRow
+from backend.db.tables.reported import HealthRow
 from backend.responses import record
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.frame import to_wgs84
@@ -50,17 +53,30 @@ def anchors(pad_record: str) -> str:
     return orjson.dumps(found).decode()
 
 
-async def listing(database: AsyncSession, *, after: str | None = None, limit: int) -> Sequence[PadRow]:
-    """Pads by identifier."""
-    query = select(PadRow).order_by(PadRow.pad_id).limit(limit)
+async def listing(
+    database: AsyncSession,
+    scope: Scope,
+    *,
+    after: str | None = None,
+    limit: int,
+    operator: str | None = None,
+    within: Sequence[str] | None = None,
+) -> Sequence[PadRow]:
+    """Pads by identifier; of an operator, and among those that are named, where they are."""
+    query = scope.narrow(select(PadRow).order_by(PadRow.pad_id).limit(limit), pad=PadRow.pad_id)
     if after is not None:
         query = query.where(PadRow.pad_id > after)
+    if operator is not None:
+        query = query.where(PadRow.record.contains(field("operator_id", operator), autoescape=True))
+    if within is not None:
+        query = query.where(PadRow.pad_id.in_(within))
     return (await database.scalars(query)).all()
 
 
-async def find(database: AsyncSession, pad_id: str) -> PadRow | None:
+async def find(database: AsyncSession, scope: Scope, pad_id: str) -> PadRow | None:
     """One pad."""
-    return await database.get(PadRow, pad_id)
+    query = scope.narrow(select(PadRow).where(PadRow.pad_id == pad_id), pad=PadRow.pad_id)
+    return (await database.scalars(query)).first()
 
 
 async def health_of(database: AsyncSession, pad_ids: Sequence[str]) -> dict[str, str]:

@@ -9,23 +9,28 @@ import orjson
 from sqlalchemy import ColumnElement, func, or_, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.db.models import BlockRow, DroneRow, PadRow, SessionRow, TransactionRow
+from backend.auth.person import AUTHORITY, Person
+from backend.db.tables.ledger import BlockRow, DroneRow, PadRow, SessionRow, TransactionRow
+from backend.ledger.queries import own_transactions
+from backend.people.masking import shown_uav
 
 HASH_FROM: Final = 6
 """Fewer digits of a hash fit too much."""
+NUMBER_FROM: Final = 5
+"""Country and two digits of a registration number."""
 _HEX: Final = frozenset("0123456789abcdef")
 
 Row = dict[str, Any]
 
 
-async def search(database: AsyncSession, text: str, limit: int) -> list[Row]:
+async def search(database: AsyncSession, person: Person, text: str, limit: int) -> list[Row]:
     """At most `limit` hits: pads, drones, then sessions, transactions and blocks."""
     wanted = text.strip()
     found: list[Row] = []
     for source in (_pads, _drones, _hashes, _blocks):
         if len(found) >= limit or not wanted:
             break
-        found += [hit async for hit in source(database, wanted, limit - len(found))]
+        found += [hit async for hit in source(database, person, wanted, limit - len(found))]
     return found[:limit]
 
 
@@ -34,10 +39,11 @@ def _contains(column: Any, text: str) -> ColumnElement[bool]:
     return func.lower(column).contains(text.lower(), autoescape=True)
 
 
-async def _pads(database: AsyncSession, text: str, limit: int) -> AsyncIterator[Row]:
+async def _pads(database: AsyncSession, person: Person, text: str, limit: int) -> AsyncIterator[Row]:
     # Names are within the record: the text as it stands in JSON, so that ä and quotes are found, too.
     inside = orjson.dumps(text).decode()[1:-1]
     query = select(PadRow).where(or_(_contains(PadRow.pad_id, text), _contains(PadRow.record, inside)))
+    query = person.scope.narrow(query, pad=PadRow.pad_id)
     for row in await database.scalars(query.order_by(PadRow.pad_id).limit(5 * limit)):
         record = orjson.loads(row.record)
         values = (row.pad_id, record.get("name", ""), record.get("operator_id", ""))
@@ -45,28 +51,33 @@ async def _pads(database: AsyncSession, text: str, limit: int) -> AsyncIterator[
             yield {"kind": "pad", "id": row.pad_id, "name": values[1] or row.pad_id, "detail": values[2]}
 
 
-async def _drones(database: AsyncSession, text: str, limit: int) -> AsyncIterator[Row]:
+async def _drones(database: AsyncSession, person: Person, text: str, limit: int) -> AsyncIterator[Row]:
     inside = orjson.dumps(text).decode()[1:-1]
     query = select(DroneRow).where(or_(_contains(DroneRow.uav_id, text), _contains(DroneRow.record, inside)))
+    query = person.scope.narrow(query, drone=DroneRow.uav_id)
+    officer = person.has(*AUTHORITY) and len(text) >= NUMBER_FROM
     for row in await database.scalars(query.order_by(DroneRow.uav_id).limit(5 * limit)):
-        record = orjson.loads(row.record)
+        # Officers find a drone by the beginning of the number that they were told; its rest stays hidden.
+        known, record = orjson.loads(row.record), orjson.loads(shown_uav(row.record, person))
         values = (row.uav_id, record.get("registration", ""), record.get("operator_id", ""), record.get("model", ""))
-        if any(text.lower() in value.lower() for value in values):
+        told = officer and known.get("registration", "").lower().startswith(text.lower())
+        if told or any(text.lower() in value.lower() for value in values):
             detail = " · ".join(value for value in values[1:3] if value)
             yield {"kind": "drone", "id": row.uav_id, "name": row.uav_id, "detail": detail}
 
 
-async def _hashes(database: AsyncSession, text: str, limit: int) -> AsyncIterator[Row]:
+async def _hashes(database: AsyncSession, person: Person, text: str, limit: int) -> AsyncIterator[Row]:
     digits = text.lower()
     if len(digits) < HASH_FROM or not set(digits) <= _HEX:
         return
     sessions = select(SessionRow).where(SessionRow.session_id.startswith(digits)).limit(limit)
     known = set()
+    sessions = person.scope.narrow(sessions, pad=SessionRow.pad_id, drone=SessionRow.uav_id)
     for row in await database.scalars(sessions):
         known.add(row.session_id)
         yield {"kind": "session", "id": row.session_id, "name": row.uav_id, "detail": row.pad_id}
     transactions = select(TransactionRow).where(TransactionRow.tx_id.startswith(digits)).limit(limit)
-    for transaction in await database.scalars(transactions):
+    for transaction in await database.scalars(own_transactions(transactions, person)):
         yield {
             "kind": "transaction",
             "id": transaction.tx_id,
@@ -75,7 +86,7 @@ async def _hashes(database: AsyncSession, text: str, limit: int) -> AsyncIterato
         }
 
 
-async def _blocks(database: AsyncSession, text: str, limit: int) -> AsyncIterator[Row]:
+async def _blocks(database: AsyncSession, _: Person, text: str, limit: int) -> AsyncIterator[Row]:
     if limit < 1 or not text.isascii() or not text.isdecimal() or len(text) > 15:
         return
     row = await database.get(BlockRow, int(text))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Annotated, Any
 
 import orjson
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
-from backend.auth.endpoints import SIGNED_IN
+from backend.auth.access import SIGNED_IN, SignedInPerson
 from backend.context import context_of
 from backend.errors import BadRequest, NotFound, documented
 from backend.filters import SessionFilters
@@ -16,9 +17,12 @@ from backend.ledger.queries import with_events
 from backend.pagination import decode_cursor
 from backend.responses import page, record, resource
 from backend.sessions import queries
-from backend.sessions.schemas import SessionDetail, SessionPage
+from backend.sessions.course import course_of
+from backend.sessions.schemas import Course, SessionDetail, SessionPage
 from backend.tracks import queries as tracks
 from backend.verdicts import queries as verdicts
+from wonderland.proofs.records.sessions import Evidence, Session
+from wonderland.proofs.records.verdicts import Verdict
 
 router = APIRouter(tags=["sessions"], dependencies=SIGNED_IN)
 FINDINGS_BEFORE_MS = 60_000
@@ -28,10 +32,10 @@ SessionIdPath = Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="Tran
 
 
 @router.get("/sessions", response_model=SessionPage, responses=documented(BadRequest))
-async def list_sessions(request: Request, filters: SessionFilters) -> Response:
+async def list_sessions(request: Request, person: SignedInPerson, filters: SessionFilters) -> Response:
     """Sessions, newest first."""
     before = decode_cursor(filters.cursor, int, str) if filters.cursor is not None else None
-    query = queries.listing(filters, before=(before[0], before[1]) if before else None)
+    query = queries.listing(filters, person.scope, before=(before[0], before[1]) if before else None)
     async with context_of(request).database.read() as database:
         found = await queries.views(database, query)
     return page(
@@ -42,10 +46,10 @@ async def list_sessions(request: Request, filters: SessionFilters) -> Response:
 
 
 @router.get("/sessions/{session_id}", response_model=SessionDetail, responses=documented(NotFound))
-async def read_session(request: Request, session_id: SessionIdPath) -> Response:
+async def read_session(request: Request, person: SignedInPerson, session_id: SessionIdPath) -> Response:
     """All that is known of a session: its record, verdict, steps, transactions, evidence."""
     async with context_of(request).database.read() as database:
-        view = await queries.view(database, session_id)
+        view = await queries.view(database, session_id, person.scope)
         row = await queries.row(database, session_id)
         if view is None or row is None:
             raise NotFound("No session with this id is on the ledger, as far as it was mirrored.")
@@ -75,3 +79,22 @@ async def read_session(request: Request, session_id: SessionIdPath) -> Response:
     if evidence is not None:
         content["evidence"] = record(evidence.record)
     return resource(request, content)
+
+
+@router.get("/sessions/{session_id}/course", response_model=Course, responses=documented(NotFound))
+async def read_course(request: Request, person: SignedInPerson, session_id: SessionIdPath) -> Response:
+    """How the likelihood of each claim went with the rounds, against both thresholds."""
+    async with context_of(request).database.read() as database:
+        view = await queries.view(database, session_id, person.scope)
+        row = await queries.row(database, session_id)
+        decided = await verdicts.find(database, session_id)
+        brought = await queries.evidence(database, session_id)
+        if view is None or row is None or decided is None or brought is None:
+            raise NotFound("No decided session with this id is on the ledger, as far as it was mirrored.")
+        session = Session.decode(row.record.encode())
+        survey = await queries.commissioning(database, session)
+    verdict, evidence = Verdict.decode(decided.record.encode()), Evidence.decode(brought.record.encode())
+    # Some twenty decisions of a millisecond each: not on the event loop.
+    points = await asyncio.to_thread(course_of, session, survey, evidence, verdict)
+    policy = session.policy
+    return resource(request, {"verify_ppm": policy.verify_ppm, "refute_ppm": policy.refute_ppm, "points": points})

@@ -8,24 +8,21 @@ from typing import Any
 from sqlalchemy import Select, select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.db.models import (
-    EstimateRow,
-    EvidenceRow,
-    SessionEndRow,
-    SessionRow,
-    StepRow,
-    TransactionRow,
-    VerdictRow,
-)
+from backend.auth.person import ALL, Scope
+from backend.db.tables.ledger import EvidenceRow, RecordVersionRow, SessionRow, TransactionRow, VerdictRow
+from backend.db.tables.reported import EstimateRow, SessionEndRow, StepRow
 from backend.filters import SessionQuery
 from backend.sessions.state import OUTLINE, ReportedStep, SessionView
+from wonderland.proofs.records.pads import Commissioning, Pad
+from wonderland.proofs.records.sessions import Session
 
 MAX_ESTIMATES = 500
 
 
-def listing(filters: SessionQuery, *, before: tuple[int, str] | None = None) -> Select[Any]:
+def listing(filters: SessionQuery, scope: Scope = ALL, *, before: tuple[int, str] | None = None) -> Select[Any]:
     """Sessions, newest first, one more than `filters.limit`; `before` is the last one of the page before."""
-    query = _views().order_by(SessionRow.requested_ms.desc(), SessionRow.session_id.desc()).limit(filters.limit + 1)
+    newest_first = (SessionRow.requested_ms.desc(), SessionRow.session_id.desc())
+    query: Select[Any] = _theirs(scope).order_by(*newest_first).limit(filters.limit + 1)
     if filters.pad is not None:
         query = query.where(SessionRow.pad_id == filters.pad)
     if filters.drone is not None:
@@ -58,9 +55,9 @@ async def views(database: AsyncSession, query: Select[Any]) -> list[SessionView]
     return found
 
 
-async def view(database: AsyncSession, session_id: str) -> SessionView | None:
+async def view(database: AsyncSession, session_id: str, scope: Scope = ALL) -> SessionView | None:
     """One session."""
-    found = await views(database, _views().where(SessionRow.session_id == session_id))
+    found = await views(database, _theirs(scope).where(SessionRow.session_id == session_id))
     return found[0] if found else None
 
 
@@ -72,6 +69,19 @@ async def row(database: AsyncSession, session_id: str) -> SessionRow | None:
 async def evidence(database: AsyncSession, session_id: str) -> EvidenceRow | None:
     """What the pad brought before the contract."""
     return await database.get(EvidenceRow, session_id)
+
+
+async def commissioning(database: AsyncSession, session: Session) -> Commissioning | None:
+    """The survey on which a session was decided, whatever its pad became since."""
+    versions = select(RecordVersionRow.record).where(
+        RecordVersionRow.kind == "pad", RecordVersionRow.key == session.pad_id
+    )
+    newest_first = versions.order_by(RecordVersionRow.block.desc(), RecordVersionRow.tx_index.desc())
+    for record in await database.scalars(newest_first):
+        pad = Pad.decode(record.encode())
+        if pad.commissioning_sha256 == session.commissioning_sha256:
+            return pad.commissioning
+    return None
 
 
 async def transactions(database: AsyncSession, view: SessionView) -> Sequence[TransactionRow]:
@@ -102,6 +112,10 @@ async def reported_ends(database: AsyncSession, session_id: str) -> Sequence[Ses
     return (await database.scalars(query)).all()
 
 
+def _theirs(scope: Scope) -> Any:
+    return scope.narrow(_views(), pad=SessionRow.pad_id, drone=SessionRow.uav_id)
+
+
 def _views() -> Select[Any]:
     return (
         select(
@@ -120,7 +134,8 @@ async def _reported(database: AsyncSession, session_ids: list[str]) -> dict[str,
     if not session_ids:
         return {}
     found: dict[str, list[ReportedStep]] = {}
-    for each in await database.scalars(select(StepRow).where(StepRow.session_id.in_(session_ids))):
+    query = select(StepRow).where(StepRow.session_id.in_(session_ids)).order_by(StepRow.received_ms)
+    for each in await database.scalars(query):
         step = ReportedStep(each.step, each.t_ms, each.ok, each.agent, each.detail, each.agent_id)
         found.setdefault(each.session_id, []).append(step)
     return found

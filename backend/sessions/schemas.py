@@ -75,4 +75,29 @@ class SessionDetail(ApiModel):
     )
 
 
+class CourseClaim(ApiModel):
+    """One claim at one look."""
+
+    likelihood_ppm: int = Field(description="That the drone is within the buffer of this claim")
+    error_mm: int = Field(description="Between the claim and the estimate")
+
+
+class CoursePoint(ApiModel):
+    """The decision on what had been measured after so many rounds. Only the last one stands on the ledger."""
+
+    rounds: int
+    t_ms: int
+    outcome: Literal["verified", "refuted", "inconclusive"]
+    signed: CourseClaim | None = None
+    broadcast: CourseClaim | None = None
+
+
+class Course(ApiModel):
+    """How a session's decision came about, recomputed from its evidence with the contract's own function."""
+
+    verify_ppm: int = Field(description="From this likelihood on a claim is verified")
+    refute_ppm: int = Field(description="Up to this one it can be refuted")
+    points: list[CoursePoint] = Field(description="By rounds; the last one is the verdict")
+
+
 SessionPage = page_of("SessionPage", SessionState)

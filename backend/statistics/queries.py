@@ -13,7 +13,8 @@ from sqlalchemy.ext.asyncio import AsyncSession
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.visitors import InternalTraversal
 
-from backend.db.models import DroneRow, EvidenceRow, SessionRow, VerdictRow
+from backend.auth.person import Person, Scope
+from backend.db.tables.ledger import DroneRow, EvidenceRow, SessionRow, VerdictRow
 from backend.statistics.schemas import ERROR_EDGES_MM, LIKELIHOOD_BINS, StatisticsQuery
 
 MAX_SESSIONS: Final = 20_000
@@ -25,11 +26,12 @@ _OUTCOMES: Final = ("verified", "refuted", "inconclusive")
 Row = dict[str, Any]
 
 
-async def statistics(database: AsyncSession, wanted: StatisticsQuery) -> Row:
-    """The Statistics of a span."""
-    total = (await _grouped(database, wanted, literal("all")))[:1]
-    bins = await _grouped(database, wanted, _bin(wanted.bin_ms))
-    hours = await _grouped(database, wanted, _bin(HOUR_MS))
+async def statistics(database: AsyncSession, wanted: StatisticsQuery, person: Person) -> Row:
+    """The Statistics of a span, of what this person sees."""
+    scope = person.scope
+    total = (await _grouped(database, wanted, scope, literal("all")))[:1]
+    bins = await _grouped(database, wanted, scope, _bin(wanted.bin_ms))
+    hours = await _grouped(database, wanted, scope, _bin(HOUR_MS))
     operator = _field(DroneRow.record, "operator_id").as_string()
     counts = total[0] if total else _none()
     count = sum(counts[name] for name in _OUTCOMES)
@@ -37,12 +39,13 @@ async def statistics(database: AsyncSession, wanted: StatisticsQuery) -> Row:
     return {
         "total": {name: counts[name] for name in (*_OUTCOMES, "granted")},
         "bins": _filled(bins, wanted),
-        "pads": await _groups(database, wanted, VerdictRow.pad_id),
-        "operators": await _groups(database, wanted, operator),
-        "actions": await _groups(database, wanted, VerdictRow.action),
-        "likelihood": await _likelihood(database, wanted),
-        "error": await _error(database, wanted),
-        "steps": await _step_times(database, wanted),
+        "pads": await _groups(database, wanted, scope, VerdictRow.pad_id),
+        # Who only looks does not learn who flies how much.
+        "operators": [] if person.roles == ("viewer",) else await _groups(database, wanted, scope, operator),
+        "actions": await _groups(database, wanted, scope, VerdictRow.action),
+        "likelihood": await _likelihood(database, wanted, scope),
+        "error": await _error(database, wanted, scope),
+        "steps": await _step_times(database, wanted, scope),
         "proofs_per_hour": round(count / span_h, 3),
         "busiest_hour": max((sum(each[name] for name in _OUTCOMES) for each in hours), default=0),
     }
@@ -78,11 +81,12 @@ def _none() -> Row:
     return dict.fromkeys((*_OUTCOMES, "granted"), 0)
 
 
-def _chosen(query: Any, wanted: StatisticsQuery) -> Any:
+def _chosen(query: Any, wanted: StatisticsQuery, scope: Scope) -> Any:
     """The query, narrowed to what is asked for; drones are joined, so that an operator may be asked for."""
     query = query.outerjoin(DroneRow, DroneRow.uav_id == VerdictRow.uav_id).where(
         VerdictRow.decided_ms >= wanted.since_ms, VerdictRow.decided_ms < wanted.until_ms
     )
+    query = scope.narrow(query, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
     if wanted.pad is not None:
         query = query.where(VerdictRow.pad_id == wanted.pad)
     if wanted.action is not None:
@@ -96,12 +100,14 @@ def _bin(width_ms: int) -> ColumnElement[Any]:
     return VerdictRow.decided_ms - VerdictRow.decided_ms % literal(width_ms)
 
 
-async def _grouped(database: AsyncSession, wanted: StatisticsQuery, key: ColumnElement[Any]) -> list[Row]:
+async def _grouped(database: AsyncSession, wanted: StatisticsQuery, scope: Scope, key: ColumnElement[Any]) -> list[Row]:
     """Counts of each outcome by a key, in the key's order."""
     name = key.label("key")
     columns = [func.sum(case((VerdictRow.outcome == each, 1), else_=0)).label(each) for each in _OUTCOMES]
     granted = func.sum(case((VerdictRow.permission == "granted", 1), else_=0)).label("granted")
-    query = _chosen(select(name, *columns, granted).select_from(VerdictRow), wanted).group_by(name).order_by(name)
+    query = (
+        _chosen(select(name, *columns, granted).select_from(VerdictRow), wanted, scope).group_by(name).order_by(name)
+    )
     return [
         {each: int(row[each]) for each in (*_OUTCOMES, "granted")} | {"key": row["key"]}
         for row in (await database.execute(query)).mappings()
@@ -109,9 +115,9 @@ async def _grouped(database: AsyncSession, wanted: StatisticsQuery, key: ColumnE
     ]
 
 
-async def _groups(database: AsyncSession, wanted: StatisticsQuery, key: Any) -> list[Row]:
+async def _groups(database: AsyncSession, wanted: StatisticsQuery, scope: Scope, key: Any) -> list[Row]:
     """The same with the key as `id`, the busiest first."""
-    found = await _grouped(database, wanted, key)
+    found = await _grouped(database, wanted, scope, key)
     shown = [{"id": str(each.pop("key")), **each} for each in found]
     return sorted(shown, key=lambda each: (-sum(each[name] for name in _OUTCOMES), each["id"]))
 
@@ -126,22 +132,22 @@ def _filled(bins: Iterable[Row], wanted: StatisticsQuery) -> list[Row]:
     ]
 
 
-async def _likelihood(database: AsyncSession, wanted: StatisticsQuery) -> list[int]:
+async def _likelihood(database: AsyncSession, wanted: StatisticsQuery, scope: Scope) -> list[int]:
     ppm = _field(VerdictRow.record, "signed", "likelihood_ppm").as_integer()
     place = (ppm * LIKELIHOOD_BINS // 1_000_000).label("place")
-    query = _chosen(select(place, func.count()).select_from(VerdictRow), wanted).where(ppm.is_not(None))
+    query = _chosen(select(place, func.count()).select_from(VerdictRow), wanted, scope).where(ppm.is_not(None))
     counts = [0] * LIKELIHOOD_BINS
     for found, count in await database.execute(query.group_by(place)):
         counts[min(int(found), LIKELIHOOD_BINS - 1)] += count
     return counts
 
 
-async def _error(database: AsyncSession, wanted: StatisticsQuery) -> list[Row]:
+async def _error(database: AsyncSession, wanted: StatisticsQuery, scope: Scope) -> list[Row]:
     error_mm = _field(VerdictRow.record, "signed", "error_mm").as_integer()
     place = case(
         *((error_mm <= edge, index) for index, edge in enumerate(ERROR_EDGES_MM)), else_=len(ERROR_EDGES_MM)
     ).label("place")
-    query = _chosen(select(place, func.count()).select_from(VerdictRow), wanted).where(error_mm.is_not(None))
+    query = _chosen(select(place, func.count()).select_from(VerdictRow), wanted, scope).where(error_mm.is_not(None))
     counts = [0] * (len(ERROR_EDGES_MM) + 1)
     for found, count in await database.execute(query.group_by(place)):
         counts[int(found)] = count
@@ -149,10 +155,10 @@ async def _error(database: AsyncSession, wanted: StatisticsQuery) -> list[Row]:
     return [*shown, {"count": counts[-1]}]
 
 
-async def _step_times(database: AsyncSession, wanted: StatisticsQuery) -> list[Row]:
+async def _step_times(database: AsyncSession, wanted: StatisticsQuery, scope: Scope) -> list[Row]:
     """The median and the 95th percentile of each step's time after the one before it, by bin."""
     query = _chosen(
-        select(SessionRow.requested_ms, VerdictRow.decided_ms, EvidenceRow.steps).select_from(VerdictRow), wanted
+        select(SessionRow.requested_ms, VerdictRow.decided_ms, EvidenceRow.steps).select_from(VerdictRow), wanted, scope
     )
     query = (
         query.join(SessionRow, SessionRow.session_id == VerdictRow.session_id)

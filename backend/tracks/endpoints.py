@@ -8,7 +8,8 @@ import orjson
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
-from backend.auth.endpoints import SIGNED_IN
+from backend import geojson
+from backend.auth.access import SIGNED_IN, SignedInPerson
 from backend.context import context_of
 from backend.errors import BadRequest, documented
 from backend.filters import FindingFilters, LatestFilters, Spanning
@@ -21,22 +22,31 @@ from wonderland.proofs.records.fields import ID_PATTERN
 router = APIRouter(tags=["tracks"], dependencies=SIGNED_IN)
 
 
-@router.get("/tracks", response_model=TrackPage, responses=documented(BadRequest))
-async def list_tracks(request: Request, filters: LatestFilters) -> Response:
+@router.get("/tracks", response_model=TrackPage, responses=documented(BadRequest) | geojson.documented(TrackPage))
+async def list_tracks(request: Request, person: SignedInPerson, filters: LatestFilters) -> Response:
     """The last broadcast position of each drone. Unverified."""
     after = decode_cursor(filters.cursor, str)[0] if filters.cursor is not None else None
     async with context_of(request).database.read() as database:
-        rows = await queries.latest(database, since_ms=filters.since_ms, after=after, limit=filters.limit + 1)
-    return page(((row, orjson.Fragment(row.body)) for row in rows), filters.limit, cursor_of=lambda row: (row.uav_id,))
+        rows = await queries.latest(
+            database, person.scope, since_ms=filters.since_ms, after=after, limit=filters.limit + 1
+        )
+    return geojson.page(
+        request,
+        ((row, orjson.Fragment(row.body)) for row in rows),
+        filters.limit,
+        cursor_of=lambda row: (row.uav_id,),
+        id_of=lambda item: str(item["uav_id"]),
+    )
 
 
 @router.get("/findings", response_model=FindingPage, responses=documented(BadRequest))
-async def list_findings(request: Request, filters: FindingFilters) -> Response:
+async def list_findings(request: Request, person: SignedInPerson, filters: FindingFilters) -> Response:
     """What was odd about broadcasts (one serial from two places, time that stands still), newest first. Unverified."""
     place = decode_cursor(filters.cursor, int, int) if filters.cursor is not None else None
     async with context_of(request).database.read() as database:
         rows = await queries.findings(
             database,
+            person.scope,
             uav_id=filters.drone,
             pad_id=filters.pad,
             since_ms=filters.since_ms,
@@ -50,13 +60,17 @@ async def list_findings(request: Request, filters: FindingFilters) -> Response:
 
 @router.get("/tracks/{uav_id}", response_model=TrackHistory, responses=documented(BadRequest))
 async def read_track(
-    request: Request, uav_id: Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=40)], filters: Spanning
+    request: Request,
+    person: SignedInPerson,
+    uav_id: Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=40)],
+    filters: Spanning,
 ) -> Response:
     """Broadcast positions of a drone, oldest first. Unverified; empty for a drone never heard."""
     place = decode_cursor(filters.cursor, int, int) if filters.cursor is not None else None
     async with context_of(request).database.read() as database:
         rows = await queries.history(
             database,
+            person.scope,
             uav_id,
             since_ms=filters.since_ms,
             until_ms=filters.until_ms,

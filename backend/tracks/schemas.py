@@ -61,7 +61,7 @@ class Track(ApiModel):
     track_cdeg: int | None = Field(default=None, description="Direction of movement, degrees × 100 from true north")
     vertical_mm_s: int | None = None
     status: str | None = None
-    operator_id: str | None = None
+    operator_id: str | None = Field(default=None, description="Masked; POST /unmask shows it to those who may")
     claim_t_ms: int | None = Field(default=None, description="The broadcast's own time")
     rssi: int | None = Field(default=None, description="dBm")
     latency_ms: int | None = Field(default=None, description="How long after its own time it was heard")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
-from backend.auth.endpoints import SIGNED_IN
+from backend.auth.access import SIGNED_IN, SignedInPerson
 from backend.context import context_of
 from backend.errors import BadRequest, documented
 from backend.filters import VerdictFilters
@@ -18,11 +18,11 @@ router = APIRouter(tags=["verdicts"], dependencies=SIGNED_IN)
 
 
 @router.get("/verdicts", response_model=VerdictPage, responses=documented(BadRequest))
-async def list_verdicts(request: Request, filters: VerdictFilters) -> Response:
+async def list_verdicts(request: Request, person: SignedInPerson, filters: VerdictFilters) -> Response:
     """Verdicts, newest first. A block's verdicts appear all at once."""
     place = decode_cursor(filters.cursor, int, int) if filters.cursor is not None else None
     async with context_of(request).database.read() as database:
-        rows = await queries.listing(database, filters, position=(place[0], place[1]) if place else None)
+        rows = await queries.listing(database, filters, person.scope, position=(place[0], place[1]) if place else None)
     return page(
         ((row, queries.shown(row)) for row in rows), filters.limit, cursor_of=lambda row: (row.block, row.tx_index)
     )

@@ -8,7 +8,8 @@ from typing import Any
 from sqlalchemy import select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.db.models import SessionRow, VerdictRow
+from backend.auth.person import ALL, Scope
+from backend.db.tables.ledger import SessionRow, VerdictRow
 from backend.filters import VerdictQuery
 from backend.responses import record
 
@@ -24,13 +25,13 @@ async def find(database: AsyncSession, session_id: str) -> VerdictRow | None:
 
 
 async def listing(
-    database: AsyncSession, filters: VerdictQuery, *, position: tuple[int, int] | None = None
+    database: AsyncSession, filters: VerdictQuery, scope: Scope = ALL, *, position: tuple[int, int] | None = None
 ) -> Sequence[VerdictRow]:
     """Verdicts, newest first, one more than `filters.limit`; with `after_block` those of later blocks, oldest first.
 
     `position` (block, tx_index) is the last one of the page before.
     """
-    query = select(VerdictRow).limit(filters.limit + 1)
+    query = scope.narrow(select(VerdictRow).limit(filters.limit + 1), pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
     place = tuple_(VerdictRow.block, VerdictRow.tx_index)
     if filters.after_block is None:
         query = query.order_by(VerdictRow.block.desc(), VerdictRow.tx_index.desc())

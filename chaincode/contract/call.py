@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Final, TypeVar
 
@@ -42,6 +42,8 @@ class Call:
     stub: Stub
     version: str
     """Version of the contract; it goes into the sessions' transcripts."""
+    _ahead: dict[str, bytes | None] = field(default_factory=dict)
+    """Committed values that were read before they are asked for."""
 
     @property
     def who(self) -> Creator:
@@ -53,16 +55,21 @@ class Call:
         """The transaction's time."""
         return self.stub.timestamp_ms
 
+    async def read_ahead(self, keys: Sequence[str]) -> None:
+        """Read at once what this transaction will look for; on Fabric each question is a round trip to the peer."""
+        self._ahead.update(zip(keys, await self.stub.get_many(keys), strict=True))
+
     async def find(self, key: str, kind: type[R]) -> R | None:
         """The committed record under a key, or None."""
-        data = await self.stub.get(key)
+        data = self._ahead[key] if key in self._ahead else await self.stub.get(key)
         return None if data is None else stored(data, kind)
 
     async def find_first(self, keys: Sequence[str], kind: type[R]) -> R | None:
         """The first of these keys' committed records that is there."""
-        for data in await self.stub.get_many(keys):
-            if data is not None:
-                return stored(data, kind)
+        await self.read_ahead([key for key in keys if key not in self._ahead])
+        for key in keys:
+            if (found := await self.find(key, kind)) is not None:
+                return found
         return None
 
     async def store(self, key: str, record: Record) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Final
 
-from chaincode.contract import access, assets, pads, policies, sessions, uavs, witnesses
+from chaincode.contract import access, assets, closures, pads, policies, sessions, uavs, witnesses
 from chaincode.contract.call import Answer, Call
 from chaincode.contract.errors import bad_input, not_there
 from chaincode.stub import Stub
@@ -31,6 +31,8 @@ HANDLERS: Final[Mapping[str, Handler]] = {
     "ReadUav": uavs.read,
     "SetPolicy": policies.set_policy,
     "ReadPolicy": policies.read,
+    "SetClosures": closures.set_closures,
+    "ReadClosures": closures.read,
     "RequestProof": sessions.request,
     "WitnessProof": witnesses.testify,
     "SubmitProof": sessions.submit,

@@ -13,11 +13,15 @@ from wonderland.proofs.records.policies import Policy
 ANY: Final = "*"
 
 
+def keys_for(pad_id: str, action: str) -> list[str]:
+    """Where policies for an action at a pad may stand, the most specific first."""
+    scopes = ((pad_id, action), (pad_id, ANY), (ANY, action), (ANY, ANY))
+    return [keys.composite(keys.POLICY, *scope) for scope in scopes]
+
+
 async def in_force(call: Call, pad_id: str, action: str) -> Policy:
     """The policy that holds for an action at a pad."""
-    scopes = ((pad_id, action), (pad_id, ANY), (ANY, action), (ANY, ANY))
-    found = await call.find_first([keys.composite(keys.POLICY, *scope) for scope in scopes], Policy)
-    return found or Policy()
+    return await call.find_first(keys_for(pad_id, action), Policy) or Policy()
 
 
 async def set_policy(call: Call, argument: tx.SetPolicy) -> Answer:
@@ -25,7 +29,9 @@ async def set_policy(call: Call, argument: tx.SetPolicy) -> Answer:
     if argument.pad_id != ANY:
         await pads.require_in_service(call, argument.pad_id)
     policy = argument.policy
-    await call.store(keys.composite(keys.POLICY, argument.pad_id, argument.action), policy)
+    key = keys.composite(keys.POLICY, argument.pad_id, argument.action)
+    await call.stub.get(key)  # so that of two who set it on the same ground one is refused (MVCC)
+    await call.store(key, policy)
     document = policy.to_json()
     return Answer(document, {"pad_id": argument.pad_id, "action": argument.action, "policy": document})
 

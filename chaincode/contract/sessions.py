@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from chaincode.contract import access, pads, policies, uavs, witnesses
+from chaincode.contract import access, closures, pads, policies, uavs, witnesses
 from chaincode.contract.call import Answer, Call
 from chaincode.contract.errors import ContractError, bad_input, conflict, not_there, refused
 from chaincode.contract.signatures import is_point, signature_holds
@@ -47,6 +47,14 @@ async def request(call: Call, argument: tx.RequestProof) -> Answer:
     if not is_point(encoding.from_base64url(argument.uav_key)):
         raise bad_input("KEY_NOT_ON_CURVE", "uav_key: no point of P-256")
     uav_id = access.uav_id_of(who)
+    await call.read_ahead(
+        [
+            keys.composite(keys.UAV, uav_id),
+            keys.composite(keys.PAD, argument.pad_id),
+            *policies.keys_for(argument.pad_id, argument.action),
+            keys.composite(keys.PREKEY, argument.pad_id, argument.prekey_id),
+        ]
+    )
     uav = await uavs.require(call, uav_id)
     access.require_uav_owner(who, uav)
     uavs.require_not_retired(uav)
@@ -90,6 +98,14 @@ async def request(call: Call, argument: tx.RequestProof) -> Answer:
 
 async def submit(call: Call, argument: tx.SubmitProof) -> Answer:
     """SubmitProof: the verdict."""
+    # Only a session's own pad may submit: its record is that of the sender.
+    await call.read_ahead(
+        [
+            keys.composite(keys.SESSION, argument.session_id),
+            keys.composite(keys.PAD, call.who.pol_id),
+            closures.key_of(call.who.pol_id),
+        ]
+    )
     session = await require(call, argument.session_id)
     access.require_pad_itself(call.who, session.pad_id, session.pad.msp_id)
     _require_state(session, "requested")
@@ -113,7 +129,10 @@ async def submit(call: Call, argument: tx.SubmitProof) -> Answer:
         evidence,
         confirmed=evidence.matched == "both",
         signature_valid=_countersigned(session, evidence),
-        authorisation=await uavs.reasons_against(call, session),
+        authorisation=(
+            *(await uavs.reasons_against(call, session)),
+            *(await closures.reasons_against(call, session)),
+        ),
         now_ms=now_ms,
         evidence_sha256=encoding.digest(evidence.to_json()).hex(),
         witness=await witnesses.brought(call, session),

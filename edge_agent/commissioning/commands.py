@@ -39,6 +39,13 @@ def _metres(name: str, default: float, least: float, most: float, text: str) -> 
 
 @click.command()
 @click.option("--recording", "recordings", multiple=True, type=_FILE, metavar="CSV", help="Ranges; may be repeated.")
+@click.option(
+    "--time-stamps",
+    multiple=True,
+    type=_FILE,
+    metavar="CSV",
+    help="Of blinks, for assurance 3; one for each --recording, in the same order.",
+)
 @click.option("--anchors", required=True, type=_FILE, metavar="CSV|TOML", help="The survey of the anchors.")
 @click.option("--config", type=_FILE, metavar="TOML", help="Live: the pad's settings (pad.toml).")
 @click.option("--state", type=click.Path(file_okay=False, path_type=Path), metavar="DIR", help="Live: kept steps.")
@@ -75,7 +82,8 @@ def commission(*, config: Path | None, state: Path | None, **options: Any) -> No
       wonderland pad commission --recording ranges.csv --anchors anchors.csv --out commissioning.json
       wonderland evaluate --recording other.csv --anchors anchors.csv --commissioning commissioning.json
     The recording has a row for each range: t, anchor, range, gt_x, gt_y, gt_z (s and m). Several recordings, of
-    different days, also show what changes between them.
+    different days, also show what changes between them. Time stamps of blinks in the same runs (--time-stamps: t,
+    anchor, blink, ticks) calibrate the clocks, too.
 
     \b
     At a pad, step by step (survey, check, run, fit, publish); it goes on where it was interrupted:
@@ -146,9 +154,14 @@ def _at_the_pad(config: Path, state: Path, **options: Any) -> None:
     from edge_agent.commissioning.live.terminal import Terminal  # noqa: PLC0415 - needs the extra
     from edge_agent.commissioning.live.wizard import Wizard  # noqa: PLC0415
 
-    for name in ("recordings", "out", "report"):
+    for name, said in (
+        ("recordings", "recording"),
+        ("time_stamps", "time-stamps"),
+        ("out", "out"),
+        ("report", "report"),
+    ):
         if options.pop(name):
-            raise click.UsageError(f"--{name.rstrip('s')}: at a live pad everything is kept in --state")
+            raise click.UsageError(f"--{said}: at a live pad everything is kept in --state")
     as_json, yes = options.pop("as_json"), options.pop("yes")
     terminal = Terminal(Console(stderr=as_json, highlight=False), yes=yes)
     wizard = Wizard(_live(config, state, **options), terminal)
@@ -294,4 +307,6 @@ def _report(path: Path, found: Calibrated, name: str) -> Path:
         found.map,
         title=f"Calibration of {name}",
         by_distance=found.by_distance,
+        clocks=found.clocks,
+        timed_reaches=found.timed_reaches,
     )

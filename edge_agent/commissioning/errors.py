@@ -23,6 +23,10 @@ class CalibrationError(CommissioningError):
     """A run from which nothing can be learnt: too short, without movement, or of ranges that are none."""
 
 
+class ClockError(CalibrationError):
+    """Time stamps from which no common clock can be learnt; ranges may be calibrated all the same."""
+
+
 class RadioError(CommissioningError):
     """The pad's nodes, or the drone's, do not range; the text says which and why."""
 

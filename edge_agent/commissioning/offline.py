@@ -8,12 +8,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
+from edge_agent.commissioning.clocks import Clocks, fit_clocks
 from edge_agent.commissioning.errors import CalibrationError, CommissioningError, RecordingError
 from edge_agent.commissioning.fit import Fit, FitSettings, Note, fit_runs
 from edge_agent.commissioning.reach import Reach, ReachMap, reach, reach_map, rounds_by_distance
 from edge_agent.commissioning.recording import Recording
 from edge_agent.commissioning.reference import load_track
 from edge_agent.commissioning.run import Run
+from edge_agent.commissioning.stamps import StampedRun
 from edge_agent.commissioning.survey_files import Origin, Survey, load_survey
 from wonderland.ledger.errors import FileWriteError
 from wonderland.ledger.files import PUBLIC, write_atomic
@@ -32,6 +34,8 @@ class OfflineSettings:
     recordings: tuple[Path, ...]
     anchors: Path
     reference: Path | None = None
+    time_stamps: tuple[Path, ...] = ()
+    """Of the same runs as ``recordings``, in their order; none: the pad's nodes share no clock."""
     truth_shift_s: float | None = 0.0
     """None: find it."""
     truth_raise_m: float = 0.0
@@ -56,10 +60,16 @@ class Calibrated:
     """Rounds that an honest claim takes in the worst direction at usual distances, for the map's buffer; -1: no-go."""
     shift_s: float
     notes: tuple[Note, ...]
+    clocks: Clocks | None = None
+    timed_reaches: tuple[Reach, ...] = ()
+    """How far out time stamps alone verify a buffer (assurance 3)."""
 
     def document(self) -> dict[str, Any]:
         """For machines."""
         out = self.fit.document()
+        if self.clocks is not None:
+            out["clocks"] = self.clocks.document()
+            out["reach_by_time_stamps"] = [item.document() for item in self.timed_reaches]
         out["truth_shift_s"] = round(self.shift_s, 3)
         out["reach"] = [item.document() for item in self.reaches]
         out["rounds"] = [
@@ -73,8 +83,14 @@ class Calibrated:
 def calibrate(settings: OfflineSettings, now_ms: int) -> Calibrated:
     """Read, fit, and say what the pad can settle. Raises CommissioningError."""
     survey = load_survey(settings.anchors, origin=settings.origin, crs=settings.crs, control=settings.control)
+    stamps: Sequence[Path | None] = settings.time_stamps or (None,) * len(settings.recordings)
+    if len(stamps) != len(settings.recordings):
+        raise RecordingError(
+            f"{len(stamps)} files of time stamps for {len(settings.recordings)} recordings; give one for each, in the "
+            "same order"
+        )
     return calibrate_runs(
-        [(path, settings.reference) for path in settings.recordings],
+        [Files(path, settings.reference, times) for path, times in zip(settings.recordings, stamps, strict=True)],
         survey,
         now_ms=now_ms,
         truth_shift_s=settings.truth_shift_s,
@@ -86,8 +102,18 @@ def calibrate(settings: OfflineSettings, now_ms: int) -> Calibrated:
     )
 
 
+@dataclass(frozen=True)
+class Files:
+    """What was recorded of one run."""
+
+    ranges: Path
+    reference: Path | None = None
+    """None: the truth is in the recording."""
+    time_stamps: Path | None = None
+
+
 def calibrate_runs(
-    runs: Sequence[tuple[Path, Path | None]],
+    runs: Sequence[Files],
     survey: Survey,
     *,
     now_ms: int,
@@ -98,7 +124,7 @@ def calibrate_runs(
     height_m: float,
     valid_days: int,
 ) -> Calibrated:
-    """Fit recordings, each with its reference (None: in the recording). ``truth_shift_s`` None: find it.
+    """Fit recordings, and the clocks where there are time stamps. ``truth_shift_s`` None: find it.
 
     Raises CommissioningError.
     """
@@ -108,12 +134,27 @@ def calibrate_runs(
         shift += found.shift_s
         found = fit_runs(_runs(runs, survey, shift, truth_raise_m), fit)
     return finish(
-        found, survey, now_ms=now_ms, shift_s=shift, buffer_m=buffer_m, height_m=height_m, valid_days=valid_days
+        found,
+        survey,
+        now_ms=now_ms,
+        shift_s=shift,
+        buffer_m=buffer_m,
+        height_m=height_m,
+        valid_days=valid_days,
+        clocks=_clocks(runs, survey, shift, truth_raise_m),
     )
 
 
 def finish(
-    fit: Fit, survey: Survey, *, now_ms: int, shift_s: float, buffer_m: float, height_m: float, valid_days: int
+    fit: Fit,
+    survey: Survey,
+    *,
+    now_ms: int,
+    shift_s: float,
+    buffer_m: float,
+    height_m: float,
+    valid_days: int,
+    clocks: Clocks | None = None,
 ) -> Calibrated:
     """The record, and what the pad can settle with it. Raises CalibrationError."""
     notes = [Note(code, text) for code, text in survey.notes if code not in {n.code for n in fit.warnings}]
@@ -128,6 +169,9 @@ def finish(
         macs={anchor.anchor_id: anchor.mac for anchor in survey.anchors},
         survey_sigma_m={anchor.anchor_id: anchor.sigma_m for anchor in survey.anchors},
     )
+    if clocks is not None:
+        record = clocks.into(record)
+        notes += [Note(code, text) for code, text in clocks.notes()]
     policy = replace(Policy(), buffer_mm=round(buffer_m * 1000))
     buffers = sorted({0.5, 1.0, 2.0, 3.0, 5.0, 10.0, buffer_m})
     return Calibrated(
@@ -138,6 +182,10 @@ def finish(
         tuple(rounds_by_distance(record, policy, height_m=height_m)),
         shift_s,
         tuple(notes),
+        clocks,
+        tuple(reach(record, policy, buffers_m=buffers, height_m=height_m, timed=True))
+        if clocks is not None and clocks.usable
+        else (),
     )
 
 
@@ -158,17 +206,37 @@ def write_json(path: Path, document: dict[str, Any]) -> None:
         raise CommissioningError(str(error)) from error
 
 
-def _runs(files: Sequence[tuple[Path, Path | None]], survey: Survey, shift_s: float, raise_m: float) -> list[Run]:
-    runs = []
-    for path, reference in files:
-        recording = Recording.of_rows(
-            path,
+def _recording(files: Files, survey: Survey, shift_s: float, raise_m: float) -> Recording:
+    return Recording.of_rows(
+        files.ranges,
+        survey.places_m,
+        "the survey",
+        truth_shift_s=shift_s,
+        truth_raise_m=raise_m,
+        reference=None if files.reference is None else load_track(files.reference, survey.frame),
+    )
+
+
+def _clocks(runs: Sequence[Files], survey: Survey, shift_s: float, raise_m: float) -> Clocks | None:
+    stamped = [
+        StampedRun.load(
+            files.time_stamps,
             survey.places_m,
-            "the survey",
-            truth_shift_s=shift_s,
-            truth_raise_m=raise_m,
-            reference=None if reference is None else load_track(reference, survey.frame),
+            _recording(files, survey, 0.0, 0.0).track,
+            shift_s=shift_s,
+            raise_m=raise_m,
         )
+        for files in runs
+        if files.time_stamps is not None
+    ]
+    return fit_clocks(stamped) if stamped else None
+
+
+def _runs(files: Sequence[Files], survey: Survey, shift_s: float, raise_m: float) -> list[Run]:
+    runs = []
+    for each in files:
+        path = each.ranges
+        recording = _recording(each, survey, shift_s, raise_m)
         silent = sorted(set(survey.places_m) - {name for item in recording.rounds for name in item.ranges_m})
         if silent:
             raise CalibrationError(

@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
 
+from edge_agent.commissioning.clocks import Clocks
 from edge_agent.commissioning.fit import Fit
 from edge_agent.commissioning.reach import ReachMap
 from edge_agent.commissioning.run import Floats
@@ -41,8 +42,8 @@ _STYLE: Final[Any] = {
 }
 
 
-def draw_all(fit: Fit, reach_map: ReachMap | None = None) -> dict[str, str]:
-    """SVG texts by name: bias, residuals, correlation, coverage, reach."""
+def draw_all(fit: Fit, reach_map: ReachMap | None = None, clocks: Clocks | None = None) -> dict[str, str]:
+    """SVG texts by name: bias, residuals, correlation, coverage, reach, clocks."""
     out = {
         "bias": bias_curves(fit),
         "residuals": residuals(fit),
@@ -51,6 +52,8 @@ def draw_all(fit: Fit, reach_map: ReachMap | None = None) -> dict[str, str]:
     }
     if reach_map is not None:
         out["reach"] = go_map(fit, reach_map)
+    if clocks is not None:
+        out["clocks"] = clock_wander(clocks)
     return out
 
 
@@ -188,6 +191,46 @@ def go_map(fit: Fit, found: ReachMap) -> str:
         bar.set_label("rounds (red: no-go)")
         bar.outline.set_visible(False)
         return _svg(figure)
+
+
+def clock_wander(clocks: Clocks) -> str:
+    """Each clock's seconds about its own offset, with ±1σ of what a verdict reckons with."""
+    count = len(clocks.anchor_ids)
+    with plt.rc_context(_STYLE):
+        figure, axes = plt.subplots(
+            count,
+            1,
+            figsize=(7.4, 1.15 * count + 0.6),
+            sharex=True,
+            sharey=True,
+            squeeze=False,
+            constrained_layout=True,
+        )
+        seconds = _in_a_row(clocks)
+        top = max(float(np.quantile(np.abs(clocks.wander_m), 0.995)), float(np.max(clocks.sigma_m)) * 1.2) * 1000
+        for index, (name, axis) in enumerate(zip(clocks.anchor_ids, axes[:, 0], strict=True)):
+            colour = CYCLE[index % len(CYCLE)]
+            sigma, offset = float(clocks.sigma_m[index]) * 1000, float(clocks.offset_m[index]) * 1000
+            axis.axhspan(-sigma, sigma, color=colour, alpha=0.15, linewidth=0)
+            axis.axhline(0, color=QUIET, linewidth=0.7)
+            axis.scatter(seconds, clocks.wander_m[:, index] * 1000, s=7, color=colour, alpha=0.6, linewidths=0)
+            axis.set_ylim(-1.15 * top, 1.15 * top)
+            axis.set_title(f"{name}: late by {offset:+.0f} mm, ±{sigma:.0f} mm", fontsize=9.5)
+            axis.grid(color=LINE, linewidth=0.5)
+        figure.supxlabel("time in the runs (s)", fontsize=9.5)
+        figure.supylabel("late against its own mean (mm)", fontsize=9.5)
+        return _svg(figure)
+
+
+def _in_a_row(clocks: Clocks) -> Floats:
+    """Times of all runs, one after the other."""
+    out = np.empty(len(clocks.t_s))
+    start = 0.0
+    for number in np.unique(clocks.run):
+        rows = clocks.run == number
+        out[rows] = clocks.t_s[rows] - clocks.t_s[rows][0] + start
+        start = float(out[rows][-1]) + 5.0
+    return out
 
 
 def _svg(figure: Any) -> str:

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from edge_agent.commissioning.run import Floats
+from wonderland.proofs.differences import frames_needed
 from wonderland.proofs.prospects import prospect
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
@@ -47,15 +48,15 @@ class Reach:
             "best_direction_m": self.best_m,
         }
 
-    def sentence(self) -> str:
-        """For people."""
+    def sentence(self, unit: str = "round") -> str:
+        """For people. ``unit``: round, or frame where time stamps alone decide."""
         if self.everywhere_m is None:
             if self.best_m is None:
                 return f"±{self.buffer_m:g} m: nowhere."
             return f"±{self.buffer_m:g} m: not in every direction; at best out to {self.best_m:g} m."
         return (
             f"±{self.buffer_m:g} m: {self.span()} in every direction, there with "
-            f"{self.rounds_there} {'round' if self.rounds_there == 1 else 'rounds'}."
+            f"{self.rounds_there} {unit if self.rounds_there == 1 else unit + 's'}."
         )
 
     def span(self) -> str:
@@ -100,17 +101,33 @@ class Prospects:
         return tuple(_allowed(rounds_needed(0.0, white, floor, policy), policy) for policy in self.policies)
 
 
+class TimedProspects(Prospects):
+    """The same at assurance 3, where the time stamps alone have to prove the claim: frames instead of rounds."""
+
+    def rounds(self, east_m: float, north_m: float) -> tuple[int, ...]:
+        """Frames for each policy; -1 where none, or more than the policy allows, settle it."""
+        place = (east_m * 1000, north_m * 1000, self._up_mm)
+        found = [frames_needed(self._commissioning, policy, *place) for policy in self.policies]
+        return tuple(
+            _allowed(frames if frames > 0 else -1, policy) for frames, policy in zip(found, self.policies, strict=True)
+        )
+
+
 def reach(
     commissioning: Commissioning,
     policy: Policy | None = None,
     *,
     buffers_m: Sequence[float] = BUFFERS_M,
     height_m: float = DEFAULT_HEIGHT_M,
+    timed: bool = False,
 ) -> list[Reach]:
-    """For each buffer (rising), how far out the pad verifies it, at a height above the pad's origin."""
+    """For each buffer (rising), how far out the pad verifies it, at a height above the pad's origin.
+
+    ``timed``: at assurance 3, by time stamps alone.
+    """
     policy = policy or Policy()
     policies = [replace(policy, buffer_mm=round(buffer * 1000)) for buffer in buffers_m]
-    prospects = Prospects(commissioning, policies, height_m)
+    prospects = (TimedProspects if timed else Prospects)(commissioning, policies, height_m)
     furthest = min(commissioning.max_range_mm / 1000, MAX_REACH_M)
     rings = [(distance, _ring(prospects, middle(commissioning), distance)) for distance in _steps(furthest)]
     return [_reach_of(buffer, [(d, ring[index]) for d, ring in rings]) for index, buffer in enumerate(buffers_m)]

@@ -7,7 +7,6 @@ export of Motive (NatNet's server), whose header has several rows.
 
 from __future__ import annotations
 
-import bisect
 import csv
 import json
 import math
@@ -96,15 +95,6 @@ def datagram(data: bytes, frame: Frame | None, received_s: float) -> tuple[float
     if not all(math.isfinite(number) for number in (t_s, *point)):
         raise TruthError("a datagram with numbers that are none")
     return t_s, point
-
-
-def overlap_s(track: Track, t_s: Sequence[float], shift_s: float = 0.0) -> float:
-    """Seconds of ranges (times rising) that the track covers, its times moved by ``-shift_s``."""
-    first, last = track.t_s[0] - shift_s, track.t_s[-1] - shift_s
-    inside = bisect.bisect_right(t_s, last) - bisect.bisect_left(t_s, first)
-    if inside < 2:
-        return 0.0
-    return min(t_s[-1], last) - max(t_s[0], first)
 
 
 def _three(value: dict[str, Any], names: tuple[str, str, str]) -> Point:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from edge_agent.commissioning.clocks import Clocks
 from edge_agent.commissioning.errors import CommissioningError
 from edge_agent.commissioning.fit import Fit
 from edge_agent.commissioning.plots import draw_all
@@ -39,13 +40,16 @@ def write_report(
     title: str,
     survey: Sequence[Mapping[str, Any]] = (),
     by_distance: Sequence[tuple[float, int]] = (),
+    clocks: Clocks | None = None,
+    timed_reaches: Sequence[Reach] = (),
 ) -> Path:
     """Write ``path`` (.html), or ``path``/report.html and its plots as SVG; returns the HTML file.
 
     ``survey``: rows of the self-survey (anchor, off_m, sigma_m), if there was one. Raises CommissioningError.
     """
-    plots = draw_all(fit, reach_map)
-    text = _page(fit, record, reaches, plots, title, survey, by_distance, reach_map.buffer_m)
+    plots = draw_all(fit, reach_map, clocks)
+    timed = [] if clocks is None else _clock_part(clocks, timed_reaches, plots["clocks"])
+    text = _page(fit, record, reaches, plots, title, survey, by_distance, reach_map.buffer_m, timed)
     try:
         if path.suffix.lower() in {".html", ".htm"}:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -71,6 +75,7 @@ def _page(
     survey: Sequence[Mapping[str, Any]],
     by_distance: Sequence[tuple[float, int]],
     buffer_m: float,
+    timed: Sequence[str],
 ) -> str:
     facts = fit.document()
     before, after = facts["uncalibrated_error_m"] * 100, facts["held_out_error_m"] * 100
@@ -114,6 +119,7 @@ def _page(
     ]
     if survey:
         parts += ["<h2>The survey, checked by the anchors themselves</h2>", _survey_table(survey)]
+    parts += timed
     parts += ["<h2>Bias table</h2>", _bias_table(fit)]
     body = "\n".join(parts)
     return (
@@ -123,12 +129,45 @@ def _page(
     )
 
 
+def _clock_part(clocks: Clocks, reaches: Sequence[Reach], plot: str) -> list[str]:
+    """What the clocks are good for: assurance 3."""
+    about = (
+        "Each point is the mean of a second of blinks: how late an anchor's time stamps are against the others', less "
+        "its own mean. The points also scatter by the noise, which averages out; the band is what a verdict reckons "
+        "with besides (1 σ) and does not."
+    )
+    notes = [f'<p class="note">{html.escape(text)}</p>' for _, text in clocks.notes()]
+    rows = "".join(
+        f"<tr><td>{html.escape(name)}</td><td class=n>{offset * 1000:+.0f} mm</td>"
+        f"<td class=n>{sigma * 1000:.0f} mm</td></tr>"
+        for name, offset, sigma in zip(clocks.anchor_ids, clocks.offset_m, clocks.sigma_m, strict=True)
+    )
+    verdict = (
+        _reach_table(reaches, "Frames there")
+        if reaches
+        else '<p class="no">No-go: time stamps prove nothing at this pad.</p>'
+    )
+    table = (
+        "<table><tr><th>Clock of</th><th class=n>Late by</th><th class=n>Uncertain by (1 σ)</th></tr>"
+        f"{rows}<tr><td>Noise of one time stamp (1 σ)</td><td></td>"
+        f"<td class=n>{clocks.stamp_sigma_m * 1000:.0f} mm</td></tr></table>"
+    )
+    return [
+        "<h2>Clocks: what time stamps alone can verify (assurance 3)</h2>",
+        verdict,
+        *notes,
+        f"<p>{about}</p>",
+        f'<figure class="wide">{plot}</figure>',
+        table,
+    ]
+
+
 def _figure(svg: str, caption: str) -> str:
     return f"<figure>{svg}<figcaption>{html.escape(caption)}</figcaption></figure>"
 
 
-def _reach_table(reaches: Sequence[Reach]) -> str:
-    rows = ["<table><tr><th>Buffer</th><th>In every direction</th><th class=n>Rounds there</th><th>At best</th></tr>"]
+def _reach_table(reaches: Sequence[Reach], amount: str = "Rounds there") -> str:
+    rows = [f"<table><tr><th>Buffer</th><th>In every direction</th><th class=n>{amount}</th><th>At best</th></tr>"]
     for item in reaches:
         whole = '<span class="no">no</span>' if item.everywhere_m is None else f'<span class="go">{item.span()}</span>'
         rounds = "" if item.everywhere_m is None else str(item.rounds_there)

@@ -103,7 +103,7 @@ def make_run(
             "are they metres?"
         )
     range_m = np.where(wrong, np.nan, range_m)
-    known = _truth_known(t_s, truth_t_s)
+    known = truth_known(t_s, truth_t_s)
     truthless = int((~known).sum())
     if truthless > 0.5 * len(t_s):
         raise TruthError(
@@ -161,7 +161,7 @@ def windows(runs: tuple[Run, ...]) -> Windows:
         bins = np.floor((run.t_s - run.t_s[0]) / WINDOW_S).astype(int)
         edges = np.flatnonzero(np.diff(bins)) + 1
         for rows in np.split(np.arange(len(run.t_s)), edges):
-            inside, outside = _without_bursts(error[rows])
+            inside, outside = without_bursts(error[rows])
             bursts += outside
             ranges += np.isfinite(error[rows]).sum(axis=0)
             present = np.isfinite(inside)
@@ -197,7 +197,7 @@ def windows(runs: tuple[Run, ...]) -> Windows:
     )
 
 
-def _without_bursts(values: Floats) -> tuple[Floats, NDArray[np.int_]]:
+def without_bursts(values: Floats) -> tuple[Floats, NDArray[np.int_]]:
     """Values with bursts as NaN, and how many those were, by column."""
     out = values.copy()
     found = np.zeros(values.shape[1], dtype=int)
@@ -213,7 +213,8 @@ def _without_bursts(values: Floats) -> tuple[Floats, NDArray[np.int_]]:
     return out, found
 
 
-def _truth_known(t_s: Floats, truth_t_s: Floats | None) -> Bools:
+def truth_known(t_s: Floats, truth_t_s: Floats | None) -> Bools:
+    """At which times the truth was sampled closely enough; None: at every one."""
     if truth_t_s is None:
         return np.ones(len(t_s), dtype=bool)
     after = np.searchsorted(truth_t_s, t_s, side="left")

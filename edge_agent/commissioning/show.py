@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from edge_agent.commissioning.clocks import Clocks
 from edge_agent.commissioning.offline import Calibrated
 
 
@@ -38,6 +39,8 @@ def show(found: Calibrated, console: Console | None = None) -> None:
         f"Noise {found.fit.spread.range_sigma_m * 1000:.0f} mm; a round is worth {worth:.2f} independent ones; "
         f"bias common to all anchors ±{found.fit.installation_m * 1000:.0f} mm."
     )
+    if found.clocks is not None:
+        _show_clocks(found.clocks, console)
     for note in found.notes:
         console.print(f"[yellow]![/yellow] {escape(note.text)}")
     console.print("\n[bold]What this pad can verify[/bold] (honest drone; distances from the anchors' middle)")
@@ -48,3 +51,20 @@ def show(found: Calibrated, console: Console | None = None) -> None:
         if rounds > 0:
             sentence = f"At {distance:g} m it can verify ±{found.map.buffer_m:g} m with {rounds} rounds."
             console.print(f"  [dim]{sentence}[/dim]")
+    if found.timed_reaches:
+        console.print("\n[bold]At assurance 3[/bold] (time stamps alone)")
+        for item in found.timed_reaches:
+            mark = "[green]go[/green]   " if item.everywhere_m is not None else "[red]no-go[/red]"
+            console.print(f"  {mark} {item.sentence('frame')}")
+    elif found.clocks is not None:
+        console.print("\n[bold]At assurance 3[/bold] [red]no-go[/red]: see the clocks above.")
+
+
+def _show_clocks(clocks: Clocks, console: Console) -> None:
+    table = Table(box=None, pad_edge=False)
+    for title in ("clock of", "late by", "uncertain by"):
+        table.add_column(title, justify="left" if title == "clock of" else "right")
+    for name, offset, sigma in zip(clocks.anchor_ids, clocks.offset_m, clocks.sigma_m, strict=True):
+        table.add_row(escape(name), f"{offset * 1000:+.0f} mm", f"{sigma * 1000:.0f} mm")
+    console.print(table)
+    console.print(f"Noise of one time stamp {clocks.stamp_sigma_m * 1000:.0f} mm, from {clocks.frames} blinks.")

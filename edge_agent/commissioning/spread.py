@@ -2,8 +2,8 @@
 
 Four parts, because they behave differently in a verdict: white noise (more rounds help), its correlation from round to
 round (they help less), what all anchors have in common (the installation: it moves the distance, not the bearing), and
-each anchor's own remaining bias by distance (nothing helps). Whatever stays for a second counts as bias: a hovering
-drone keeps the reflections of its place for a whole session.
+each anchor's own remaining bias by distance (nothing helps). What a window shows is divided among them and stated once;
+at least half of it counts as bias, for a hovering drone keeps the reflections of its place for a whole session.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import ndtri, stdtrit
 
 from edge_agent.commissioning.curves import BLOCK_S, Curves
 from edge_agent.commissioning.run import WINDOW_S, Floats, Windows
@@ -20,8 +20,10 @@ from edge_agent.commissioning.run import WINDOW_S, Floats, Windows
 MOST_CORRELATED: Final = 0.9
 SIGMA_FLOOR_M: Final = 0.005
 BIAS_FLOOR_M: Final = 0.003
-CONFIDENCE: Final = 0.90
-"""Standard deviations are stated as their upper limit at this confidence, so that a short run claims less."""
+COVERED: Final = 0.99
+"""A standard deviation that is itself only estimated is stated so large that a normal distribution with it covers this
+much of what is to come, as Student's does with the estimate: a short run claims less. It is what a policy verifies
+with; an upper limit would make likelihoods too modest in the middle."""
 NEIGHBOURS: Final = 60
 """Windows of an anchor that a local standard deviation rests on."""
 PRIOR_WINDOWS: Final = 20.0
@@ -61,7 +63,6 @@ class Spread:
 
 def find_spread(data: Windows, curves: Curves, held: Floats, *, reference_sigma_m: float) -> Spread:
     """All parts. ``held`` (w, a): errors of windows with curves that did not see them."""
-    noise = _noise(data, held)
     anchors = held.shape[1]
     present = np.isfinite(held)
     whole = present.sum(axis=1) >= min(3, anchors)
@@ -69,18 +70,19 @@ def find_spread(data: Windows, curves: Curves, held: Floats, *, reference_sigma_
     common[whole] = [_centre(row[np.isfinite(row)]) for row in held[whole]]
     # Around their own centre a windows' anchors vary by (a - 1)/a of what each varies.
     own = (held - common[:, None]) * np.sqrt(anchors / max(anchors - 1, 1))
+    noise = _noise(data, own)
     apart = max(1.0, INDEPENDENT_S)
     global_own = _scale(own[np.isfinite(own)])
     bias_sigma = _local(data, curves, own, noise.explained, global_own, apart)
     bias_sigma = np.sqrt(bias_sigma**2 + reference_sigma_m**2)
     shared2 = max(_scale(common[np.isfinite(common)]) ** 2 - global_own**2 / anchors, 0.0)
     independent = max(float(np.isfinite(common).sum()) / (apart if data.run.max() == 0 else BLOCK_S), 3.0)
-    installation = np.sqrt(shared2 * _inflation(independent))
+    installation = np.sqrt(shared2 * inflation(independent))
     if data.run.max() == 0:
         installation = np.hypot(installation, DAY_TO_DAY_M)
     else:
         means = [float(np.nanmedian(common[data.run == index])) for index in range(int(data.run.max()) + 1)]
-        between = float(np.std(means, ddof=0)) * np.sqrt(_inflation(len(means) - 1.0))
+        between = float(np.std(means, ddof=0)) * np.sqrt(inflation(len(means) - 1.0))
         installation = max(installation, between, DAY_TO_DAY_M / np.sqrt(len(means)))
     return Spread(noise.sigma, noise.correlation, float(installation), bias_sigma, common, own, noise.lags)
 
@@ -96,7 +98,7 @@ class _Noise:
     lags: Floats
 
 
-def _noise(data: Windows, held: Floats) -> _Noise:
+def _noise(data: Windows, own: Floats) -> _Noise:
     """σ from within windows; its correlation from how much neighbouring windows' means differ (Allan's variance).
 
     Were the noise white, means over n rounds would differ by σ²/n. They differ by more where rounds share what they
@@ -123,13 +125,12 @@ def _noise(data: Windows, held: Floats) -> _Noise:
     rounds = max(data.rounds, 1.0)
     sigma2 = max(_usual(spreads), SIGMA_FLOOR_M**2)
     adjacent = (np.diff(data.t_s) < 1.5 * WINDOW_S) & (np.diff(data.run) == 0)
-    changes = np.diff(held, axis=0)[adjacent]
+    changes = np.diff(own, axis=0)[adjacent]
     between2 = (_scale(changes[np.isfinite(changes)]) ** 2) / 2.0
     worth = max(between2 * rounds / sigma2, 1.0)
     correlation = min((worth - 1.0) / (worth + 1.0), MOST_CORRELATED)
     sigma2 = max(sigma2, between2 * rounds * (1.0 - correlation) / (1.0 + correlation))
-    # What is surely white, or half of what changed from second to second: the other half may be bias of the place.
-    explained = max(_usual(steps) / rounds, between2 / 2.0)
+    explained = max(_usual(steps) / rounds, between2)
     return _Noise(float(np.sqrt(sigma2)), correlation, explained, means / means[0])
 
 
@@ -153,7 +154,7 @@ def _local(data: Windows, curves: Curves, own: Floats, noise2: float, overall: f
             independent = max((mine_count + min(pooled_count, PRIOR_WINDOWS)) / apart, 2.0)
             # Windows from further away than the knots' spacing say less about this one.
             away = SLOPE_M_PER_M * max(reach - _spacing(curves.knots_m, k), 0.0)
-            out[a, k] = np.sqrt(excess * _inflation(independent) + away**2)
+            out[a, k] = np.sqrt(excess * inflation(independent) + away**2)
     return out
 
 
@@ -180,9 +181,9 @@ def _centre(values: Floats) -> float:
     return float(np.mean(values[gaps <= max(4.0 * float(np.median(gaps)), OBSTRUCTED_M)]))
 
 
-def _inflation(freedom: float) -> float:
-    """Upper limit of a variance over its estimate."""
-    return freedom / float(chdtri(freedom, CONFIDENCE))
+def inflation(freedom: float) -> float:
+    """How much larger than its estimate a variance has to be stated, so that a normal distribution covers as much."""
+    return float((stdtrit(freedom, 0.5 + 0.5 * COVERED) / ndtri(0.5 + 0.5 * COVERED)) ** 2)
 
 
 def _spacing(knots_m: Floats, index: int) -> float:

@@ -1,7 +1,7 @@
 """Does a pad still stand as it was commissioned? Its anchors range each other when no drone is there, and it compares.
 
-``baseline``: what they measured when they were commissioned; ``watch``: sequential change detection; ``keeper``: when
-to measure. No numerics library: a running pad carries this.
+``baseline``: what they measured when they were commissioned; ``watch``: sequential change detection; ``residuals``:
+what verified sessions left over; ``keeper``: when to measure. No numerics library: a running pad carries this.
 """
 
 from edge_agent.drift.baseline import Baseline, BaselineError, PairBaseline

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from edge_agent.drift.baseline import Baseline, BaselineError, summary
+from edge_agent.drift.residuals import ResidualWatch
 from edge_agent.drift.watch import DriftState, DriftWatch
 from edge_agent.self_survey import Priors, self_survey
 from wonderland.ledger.errors import LedgerError
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from edge_agent.radios.between import PairRanges
     from wonderland.clock import Clock
     from wonderland.proofs.records.pads import Commissioning
+    from wonderland.proofs.records.verdicts import Verdict
 
 _log = logging.getLogger(__name__)
 
@@ -39,25 +41,43 @@ class AnchorRadios(Protocol):
 
 
 class DriftKeeper:
-    """One pad's watch over itself. ``state`` is None until it has looked, and after a new commissioning."""
+    """One pad's watch over itself: what its anchors measure to each other, and what verified sessions left over."""
 
     def __init__(self, radios: AnchorRadios, baseline_file: Path, clock: Clock, every_s: float) -> None:
         self.every_s: Final = every_s
         self._radios = radios
         self._baseline_file = baseline_file
         self._state_file = baseline_file.with_name("drift.json")
+        self._residuals_file = baseline_file.with_name("residuals.json")
+        self._residuals = ResidualWatch()
+        self._extra_mm = 0
         self._clock = clock
         self._of = ""
         self._tries = 0
         self._watch: DriftWatch | None = None
-        self.state: DriftState | None = None
+        self._anchors: DriftState | None = None
+
+    @property
+    def state(self) -> DriftState | None:
+        """The graver one of both findings; None until there is one, and after a new commissioning."""
+        anchors, extra_mm = self._anchors, self._extra_mm
+        if not extra_mm or (anchors is not None and (anchors.state == "moved" or anchors.extra_sigma_mm >= extra_mm)):
+            return anchors
+        looks, checked_ms = (anchors.looks, anchors.checked_ms) if anchors is not None else (0, self._clock())
+        return DriftState("drifting", checked_ms, looks, sigma_mm=extra_mm, since_ms=self._residuals.since_ms)
 
     def load(self, commissioning_sha256: str, commissioning: Commissioning) -> None:
         """Take up the watch over this commissioning, with what was found before a restart."""
         if self._of == commissioning_sha256:
             return
-        self._of, self._watch, self.state = commissioning_sha256, None, self._kept(commissioning_sha256)
+        self._of, self._watch, self._anchors = commissioning_sha256, None, self._kept(commissioning_sha256)
         self._tries = 0
+        try:
+            self._residuals = ResidualWatch.load(self._residuals_file, commissioning_sha256)
+        except BaselineError as error:
+            _log.warning("%s", error)
+            self._residuals = ResidualWatch()
+        self._extra_mm = self._residuals.extra_sigma_mm(commissioning)
         try:
             baseline = Baseline.load(self._baseline_file, commissioning_sha256)
         except BaselineError as error:
@@ -68,13 +88,33 @@ class DriftKeeper:
 
     def moved(self, commissioning_sha256: str) -> bool:
         """Whether an anchor stands elsewhere than this commissioning says: then nothing can be proved with it."""
-        return self._of == commissioning_sha256 and self.state is not None and self.state.state == "moved"
+        return self._of == commissioning_sha256 and self._anchors is not None and self._anchors.state == "moved"
 
     def extra_sigma_mm(self, commissioning_sha256: str) -> int | None:
         """What the pad has to add to its anchors' uncertainty; None while they are as this commissioning found them."""
-        if self._of != commissioning_sha256 or self.state is None:
+        state = self.state
+        if self._of != commissioning_sha256 or state is None:
             return None
-        return self.state.extra_sigma_mm or None
+        return state.extra_sigma_mm or None
+
+    def decided(
+        self, verdict: Verdict, commissioning_sha256: str, commissioning: Commissioning, added_mm: int | None
+    ) -> None:
+        """A session of this pad was decided, with ``added_mm`` said in its evidence: learn from what it left over."""
+        self.load(commissioning_sha256, commissioning)
+        if not self._residuals.take(verdict, commissioning, added_mm or 0):
+            return
+        before, self._extra_mm = self._extra_mm, self._residuals.extra_sigma_mm(commissioning)
+        if self._extra_mm and not before:
+            _log.warning(
+                "verified sessions contradict the commissioning; %d mm of uncertainty are added to each anchor, and "
+                "the pad should be commissioned again",
+                self._extra_mm,
+            )
+        try:
+            self._residuals.save(self._residuals_file, commissioning_sha256)
+        except LedgerError as error:
+            _log.warning("what sessions left over is not kept: %s", error)
 
     async def look(self, commissioning_sha256: str, commissioning: Commissioning) -> DriftState | None:
         """Measure and judge once; the state after it."""
@@ -84,13 +124,13 @@ class DriftKeeper:
         measured = summary(ranges)
         if not measured:
             return self.state
-        before = self.state
+        before = self._anchors
         if self._watch is None:
             self._learn(ranges, commissioning)
         else:
-            self.state = self._watch.look(self._clock(), measured)
-        if self.state is not None and (before is None or before.state != self.state.state):
-            self._tell(self.state)
+            self._anchors = self._watch.look(self._clock(), measured)
+        if self._anchors is not None and (before is None or before.state != self._anchors.state):
+            self._tell(self._anchors)
         return self.state
 
     def _learn(self, ranges: PairRanges, commissioning: Commissioning) -> None:
@@ -110,7 +150,7 @@ class DriftKeeper:
         suspect = found.suspect
         if suspect is not None and suspect.off_m * 1000 >= CONTRADICTED_MM:
             now_ms = self._clock()
-            self.state = DriftState(
+            self._anchors = DriftState(
                 "moved",
                 now_ms,
                 1,
@@ -121,7 +161,7 @@ class DriftKeeper:
             )
             return
         self._watch = self._over(baseline, commissioning)
-        self.state = DriftState("ok", baseline.t_ms, 1)
+        self._anchors = DriftState("ok", baseline.t_ms, 1)
         try:
             baseline.save(self._baseline_file, self._of)
         except (LedgerError, OSError) as error:

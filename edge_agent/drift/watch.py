@@ -58,11 +58,6 @@ class DriftState:
     since_ms: int = 0
 
     @property
-    def trustworthy(self) -> bool:
-        """Whether the pad may still prove anything: an anchor that stands elsewhere moves every verdict."""
-        return self.state == "ok"
-
-    @property
     def extra_sigma_mm(self) -> int:
         """Uncertainty of each range that the change adds; 0 while all is well."""
         if self.state == "ok":

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import OrderedDict, deque
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from edge_agent.receiver.findings import RATE_HIGH, SEVERAL_IDENTITIES, SIGNATURE_BAD, Finding, FindingGate, Position
 from edge_agent.receiver.heard import MAX_ACCURACY_MM, Heard, ReceiverCounts
@@ -19,12 +19,14 @@ from wonderland.proofs.records.fields import ID_PATTERN
 from wonderland.proofs.records.sessions import MAX_CLAIMS, BroadcastClaim
 from wonderland.remote_id import (
     BasicId,
+    ClassificationType,
     IdType,
     Location,
     OperatorId,
     Pack,
     RemoteIdError,
     System,
+    UaType,
     decode,
     encode,
     public_operator_id,
@@ -271,7 +273,9 @@ class Assembler:
                 # The boundary: what follows the dash is the operator's secret and goes no further.
                 drone.operator_id = public_operator_id(message.operator_id.strip()) or None
             elif isinstance(message, System):
-                drone.operator_lat_e7, drone.operator_lon_e7 = message.operator_lat_e7, message.operator_lon_e7
+                drone.system = message
+            elif isinstance(message, BasicId) and message.ua_type is not UaType.NONE:
+                drone.ua_type = message.ua_type
 
 
 def _preferred(identities: dict[tuple[IdType, str], int]) -> str | None:
@@ -306,8 +310,13 @@ def _heard(
         vertical_mm_s=location.vertical_mm_s,
         status=location.status.name.lower(),
         operator_id=drone.operator_id,
-        operator_lat_e7=drone.operator_lat_e7,
-        operator_lon_e7=drone.operator_lon_e7,
+        above_mm=location.height_mm,
+        above=location.height_reference.name.lower() if location.height_mm is not None else None,
+        pressure_mm=location.pressure_altitude_mm,
+        speed_accuracy_mm_s=location.speed_accuracy.mm_s,
+        time_accuracy_ms=location.time_accuracy_ms,
+        ua_type=int(drone.ua_type) if drone.ua_type is not None else None,
+        **(_described(drone.system) if drone.system is not None else {}),
         claim_t_ms=claim_t_ms,
         rssi_dbm=rssi_dbm,
         latency_ms=drone.latency_ms if claim_t_ms is not None else None,
@@ -316,6 +325,18 @@ def _heard(
         transports=drone.transports(now_ms),
         drip=drone.drip,
     )
+
+
+def _described(system: System) -> dict[str, Any]:
+    is_eu = system.classification is ClassificationType.EU
+    return {
+        "operator_lat_e7": system.operator_lat_e7,
+        "operator_lon_e7": system.operator_lon_e7,
+        "operator_height_mm": system.operator_altitude_mm,
+        "operator_place": system.operator_location.name.lower(),
+        "eu_category": int(system.category) if is_eu else None,
+        "eu_class": int(system.uas_class) if is_eu else None,
+    }
 
 
 def _position(heard: Heard) -> Position:

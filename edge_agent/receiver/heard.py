@@ -34,6 +34,19 @@ class Heard:
     operator_id: str | None = None
     operator_lat_e7: int | None = None
     operator_lon_e7: int | None = None
+    operator_height_mm: int | None = None
+    operator_place: str | None = None
+    """What the operator's position is: ``takeoff``, ``live_gnss`` or ``fixed``."""
+    above_mm: int | None = None
+    above: str | None = None
+    """What ``above_mm`` is measured from: ``takeoff`` or ``ground``."""
+    pressure_mm: int | None = None
+    """Altitude against 1013.25 hPa."""
+    speed_accuracy_mm_s: int | None = None
+    time_accuracy_ms: int | None = None
+    ua_type: int | None = None
+    eu_category: int | None = None
+    eu_class: int | None = None
     claim_t_ms: int | None = None
     rssi_dbm: int | None = None
     latency_ms: int | None = None
@@ -79,8 +92,29 @@ class Heard:
             "duplicates": self.duplicates or None,
             "transports": list(self.transports) if len(self.transports) > 1 else None,
             "drip": self.drip,
+            "height_accuracy_mm": self.height_accuracy_mm,
+            "above_mm": self.above_mm,
+            "above": self.above,
+            "pressure_mm": self.pressure_mm,
+            "speed_accuracy_mm_s": self.speed_accuracy_mm_s,
+            "time_accuracy_ms": self.time_accuracy_ms,
+            "ua_type": self.ua_type,
+            "eu_category": self.eu_category,
+            "eu_class": self.eu_class,
+            **self._operator(),
         }
         return {name: value for name, value in body.items() if value is not None}
+
+    def _operator(self) -> dict[str, Any]:
+        """Where the operator is: for who may know it (docs/uspace), never kept by the backend."""
+        if self.operator_lat_e7 is None or self.operator_lon_e7 is None:
+            return {}
+        return {
+            "operator_lat_e7": self.operator_lat_e7,
+            "operator_lon_e7": self.operator_lon_e7,
+            "operator_height_mm": self.operator_height_mm,
+            "operator_place": self.operator_place,
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

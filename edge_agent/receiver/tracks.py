@@ -10,6 +10,7 @@ from edge_agent.receiver.findings import ClaimClock, Finding, FindingGate, Posit
 if TYPE_CHECKING:
     from edge_agent.receiver.limits import TokenBucket
     from wonderland.proofs.records.sessions import BroadcastClaim
+    from wonderland.remote_id import System, UaType
     from wonderland.remote_id.drip.observer import Observer
 
 DUPLICATE_MS: Final = 1_000
@@ -49,15 +50,15 @@ class DroneTrack:
 
     __slots__ = (
         "_recent", "_transmitters", "_transports", "bucket", "drip", "duplicates", "history", "latency_ms", "lost",
-        "observer", "operator_id", "operator_lat_e7", "operator_lon_e7",
+        "observer", "operator_id", "system", "ua_type",
     )  # fmt: skip
 
     def __init__(self, bucket: TokenBucket, history: int) -> None:
         self.bucket = bucket
         self.history: deque[BroadcastClaim] = deque(maxlen=history)
         self.operator_id: str | None = None
-        self.operator_lat_e7: int | None = None
-        self.operator_lon_e7: int | None = None
+        self.system: System | None = None
+        self.ua_type: UaType | None = None
         self.latency_ms: int | None = None
         self.lost = 0
         self.duplicates = 0

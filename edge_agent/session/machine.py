@@ -29,8 +29,8 @@ from edge_agent.session.frames import FrameGatherer
 from edge_agent.session.ranging import Progress, Ranging
 from edge_agent.session.timing import PadTiming
 from edge_agent.session.words import PadWords, Word
+from wonderland.proofs.broadcast import NEAR_CLAIM_MS
 from wonderland.proofs.encoding import to_base64url
-from wonderland.proofs.judgement import NEAR_CLAIM_MS
 from wonderland.proofs.keys import SessionKeys
 from wonderland.proofs.prospects import hopeless
 from wonderland.proofs.records.pads import Commissioning
@@ -355,7 +355,12 @@ class PadSession:
         return self._gathered.evidence(
             matched=self._matched,
             broadcast=self._broadcasts(since_ms),
-            radio=Radio(measured_by=self._measured_by, sts=self._sts, firmware=self._firmware),
+            radio=Radio(
+                measured_by=self._measured_by,
+                sts=self._sts,
+                firmware=self._firmware,
+                attempted_rounds=self._ranging.attempted if self._measured_by == "pad" else None,
+            ),
             uav_signature=self._signature,
             failure=self._failure,
             time_stamps=self._frames.stamps(),

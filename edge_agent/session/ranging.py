@@ -12,6 +12,7 @@ from edge_agent.session.actions import ReportEstimate
 from edge_agent.session.evidence import GatheredEvidence
 from edge_agent.session.gather import Round, RoundGatherer
 from edge_agent.session.timing import PadTiming
+from wonderland.proofs.records.sessions import MAX_ATTEMPTED
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.rounds import MIN_ANCHORS
 from wonderland.proofs.stopping import LOOKS
@@ -53,6 +54,7 @@ class Ranging:
         self._judge = judge
         self._timing = timing
         self._most = min(max_rounds, LOOKS[-1])
+        self._interval_ms = interval_ms
         self._gatherer = RoundGatherer(gathered.anchor_ids, interval_ms)
         self._running = False
         self._look_by_ms: int | None = None
@@ -60,6 +62,8 @@ class Ranging:
         self._estimated = 0
         self._usable_ms = 0
         self._claim_ms: int | None = None
+        self._first_ms = self._last_ms = 0
+        self._heard = 0
         self.partial = 0
         """Rounds since the last usable one in which fewer than three anchors measured."""
 
@@ -94,6 +98,19 @@ class Ranging:
         """When the drone counts as lost, if no usable round comes before."""
         return self._usable_ms + self._timing.silence_ms
 
+    @property
+    def attempted(self) -> int:
+        """Rounds gathered, and those between the first and the last in which no anchor measured anything.
+
+        A drone that breaks off what does not suit it silences all anchors at once. Rounds in which only some of them
+        measured are an obstruction's doing, and not counted. Silence is what is missing from the whole time: a pad
+        whose reports come late and then all at once has missed nothing.
+        """
+        if not self._heard:
+            return 0
+        due = round((self._last_ms - self._first_ms) / self._interval_ms) + 1
+        return min(self._gathered.rounds + max(0, due - self._heard), MAX_ATTEMPTED)
+
     def next_ms(self) -> int:
         """When ``advance`` will have something to do even if nothing else happens."""
         times = (self.silent_ms, self._gatherer.closes_ms, self._look_by_ms)
@@ -101,8 +118,13 @@ class Ranging:
 
     def _add(self, rounds: list[Round], now_ms: int) -> None:
         for complete in rounds:
-            if not self._running or self._look_by_ms is not None:
+            if not self._running:
                 return
+            self._last_ms = complete.t_ms
+            self._first_ms = self._first_ms or complete.t_ms
+            self._heard += 1
+            if self._look_by_ms is not None:
+                continue
             if complete.count < MIN_ANCHORS:  # it decides nothing, and would only cost time on the air
                 self.partial += 1
             elif self._gathered.add_round(complete):

@@ -23,7 +23,7 @@ function straighten(): void {
 async function start(): Promise<void> {
   straighten();
   const origin = location.origin;
-  const store = new LiveStore();
+  let store = new LiveStore();
   let api = new Api(origin);
   let source: LiveSource = workerSource(`${origin}/api/v1/live`);
   if (__FAKE__) {
@@ -33,6 +33,15 @@ async function start(): Promise<void> {
       const { fakeFetch } = await import("./shared/fake/api");
       source = fakeSource(options).source;
       api = new Api(origin, fakeFetch(store, options.flags));
+    }
+    const { fetchedRecording, recordingOptions } = await import("./shared/fake/recording");
+    const recorded = recordingOptions(location.search);
+    if (recorded !== undefined) {
+      const { fakeFetch } = await import("./shared/fake/api");
+      const recording = fetchedRecording(recorded);
+      source = recording;
+      store = new LiveStore(recording.now_ms);
+      api = new Api(origin, fakeFetch(store, new Set()));
     }
   }
   const client = new QueryClient({

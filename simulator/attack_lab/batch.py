@@ -73,6 +73,8 @@ class Batch:
     height_accuracy_mm: int = 2 * ACCURACY_MM
     broadcast: Integers | None = None
     """What it tells the public at ``claim_times``, where that differs: (B, K, 3) mm."""
+    broadcast_accuracy_mm: int | None = None
+    """How good it says that is, 95 %."""
     rightful: bool = False
     """A permission is no success of the attacker: the drone is where it claims."""
     heard_mm: Floats | None = None
@@ -82,6 +84,8 @@ class Batch:
     """The same at the second pad, at level 4."""
     steady: bool = False
     """Nothing changes from round to round but the noise, so that what contradicts itself goes on doing so."""
+    attempts: int | None = 1
+    """Rounds that the pad attempted for each one that came about; None where it did not count them."""
     won_mm: float | None = None
     """From this distance on a permission is the attacker's success; the policy's buffer where nothing else is said."""
     t_ms: Integers = field(default_factory=round_times)
@@ -134,6 +138,7 @@ class Batch:
                     lat_e7=int(said[index, number, 1]),
                     lon_e7=int(said[index, number, 0]),
                     height_mm=int(said[index, number, 2]),
+                    accuracy_mm=self.broadcast_accuracy_mm,
                     t_ms=START_MS + number * CLAIM_MS,
                 )
                 for number in told
@@ -152,6 +157,7 @@ class Batch:
             radio=Radio(
                 measured_by="uav" if self.assurance == 0 else "pad",
                 sts="provisioned" if self.assurance >= 2 else "static",
+                attempted_rounds=None if self.assurance == 0 or self.attempts is None else rounds * self.attempts,
             ),
             steps=(),
             time_stamps=self._time_stamps(index, rounds),

@@ -10,6 +10,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from dataclasses import dataclass
 from itertools import islice
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -17,6 +18,7 @@ import scipy
 
 from simulator.attack_lab.attacks import ATTACKS
 from simulator.attack_lab.judge import Tally, run_batch
+from simulator.attack_lab.kept import KeptTallies
 from simulator.attack_lab.model import LEVELS, Attack, LabResult, result_of
 from wonderland import __version__
 
@@ -40,6 +42,8 @@ class LabSettings:
     processes: int = 0
     """0: as many as there are cores."""
     sample: int = SAMPLE
+    keep: Path | None = None
+    """Where chunks are kept as they are played, and taken from by a later run."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,12 @@ class _Chunk:
     sample: int
     seed: int
     exact: bool
+
+    @property
+    def name(self) -> str:
+        """For its file: all that its counts depend on."""
+        exact = "-exact" if self.exact else ""
+        return f"{self.attack}-{self.variant}-{self.number}-{self.tries}-{self.seed}{exact}"
 
 
 class UnknownAttackError(Exception):
@@ -72,7 +82,7 @@ def run(settings: LabSettings, progress: Progress = lambda *_: None) -> LabResul
     started = time.monotonic()
     attacks = chosen(settings.attacks)
     tallies: dict[tuple[str, int], Tally] = {}
-    for chunk, tally in _played(_chunks(settings, attacks), settings.processes or os.cpu_count() or 1):
+    for chunk, tally in _resumed(settings, _chunks(settings, attacks)):
         tallies.setdefault((chunk.attack, chunk.variant), Tally()).add(tally)
         progress(chunk.attack, chunk.tries)
     results = []
@@ -119,6 +129,21 @@ def _chunks(settings: LabSettings, attacks: Sequence[Attack]) -> list[_Chunk]:
                 chunks.append(_Chunk(attack.name, number, count // CHUNK, size, part, settings.seed, settings.exact))
                 left -= size
     return chunks
+
+
+def _resumed(settings: LabSettings, chunks: Sequence[_Chunk]) -> Iterator[tuple[_Chunk, Tally]]:
+    """All chunks: those that were kept, then the others as they are played."""
+    kept = KeptTallies(settings.keep)
+    left = []
+    for chunk in chunks:
+        tally = kept.find(chunk.name)
+        if tally is None:
+            left.append(chunk)
+        else:
+            yield chunk, tally
+    for chunk, tally in _played(left, settings.processes or os.cpu_count() or 1):
+        kept.keep(chunk.name, tally)
+        yield chunk, tally
 
 
 def _played(chunks: Sequence[_Chunk], processes: int) -> Iterator[tuple[_Chunk, Tally]]:

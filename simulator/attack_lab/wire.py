@@ -1,7 +1,8 @@
 """One of each attack the whole way: UCI bytes on serial ports, the agents' processes, signed transactions, blocks.
 
-Drones that attack by radio or by word fly at the demo's three pads, all in one world; what they are told is read from
-the ledger's blocks. Attacks on the protocol (``simulator.attack_lab.wire_ledger``) go to the same ledger afterwards.
+Drones that attack by radio or by word fly at the demo's three pads and at the lab's own site (``wire_sites``), all in
+one world, at assurance 2, 3 and 4; what they are told is read from the ledger's blocks. Attacks on the protocol
+(``simulator.attack_lab.wire_ledger``) go to the same ledger afterwards.
 """
 
 from __future__ import annotations
@@ -19,25 +20,30 @@ from typing import Any, Final
 from rich.console import Console
 from rich.table import Table
 
-from simulator.attack_lab.run import chosen
 from simulator.attack_lab.wire_ledger import LedgerAttacker
-from simulator.scenario import PADS, AttackSpec, Behaviour, DroneSpec, PadSite
+from simulator.attack_lab.wire_sites import (
+    LEVEL,
+    TIMED_LEVEL,
+    WITNESSED_LEVEL,
+    commissioning,
+    documented,
+    drones,
+    parsed,
+    policy,
+    sites_for,
+)
+from simulator.scenario import AttackSpec, Behaviour, DroneSpec
 from simulator.stage import ProcessError, Processes, Stage, StageSettings
 from simulator.verdicts import CommittedVerdict, committed
-from wonderland.proofs.records.policies import Policy
 
 PATIENCE_S: Final = 120.0
 """Longest time in which no verdict comes before the run is given up."""
 WATCH_S: Final = 0.5
-LEVEL: Final = 2
-"""What landing demands here."""
-TIMED_LEVEL: Final = 3
-"""What docking demands at the pad whose nodes share a clock."""
-TIMED: Final = ("honest", "gnss-offset", "delay-line", "uniform-stamp-lie", "per-anchor-stamp-lie")
-"""Flown a second time there."""
-AT_TIMED: Final = "@3"
-_HOVERS: Final = ((5.5, -6.5, 6.0), (-7.0, 4.0, 5.0), (6.0, 6.0, 6.0), (-6.5, -5.0, 5.5), (4.0, 8.0, 6.0))
-_FAR: Final = 12.0
+MOST_SESSIONS: Final = 4
+"""So often a drone comes at most until a session tells something."""
+NOTHING_HEARD: Final = frozenset({"codes_not_matched", "too_few_rounds", "no_witness", "no_time_stamps"})
+UNANSWERED: Final = frozenset({"session-replay"})
+"""Attacks whose codes never match: that is their end."""
 LEDGER_ATTACKS: Final = ("prekey-reuse", "many-sessions", "session-replay", "pad-alone", "wrong-role")
 
 
@@ -54,6 +60,8 @@ class WireResult:
     reasons: tuple[str, ...]
     tx_id: str
     as_documented: bool
+    sessions: int = 1
+    """How often it had to come until a session told something."""
 
 
 def specs() -> dict[str, tuple[Behaviour, AttackSpec | None]]:
@@ -84,55 +92,35 @@ def specs() -> dict[str, tuple[Behaviour, AttackSpec | None]]:
         "per-anchor-stamp-lie": ranging("per-anchor-stamp-lie", "per-anchor"),
         "compromised-anchor": ranging("compromised-anchor", "one-anchor"),
         "anchor-moved": ranging("anchor-moved", "anchor-moved"),
+        "anchors-turned": (Behaviour.ATTACK, AttackSpec("anchors-turned")),  # where to is its pad's affair
         "session-replay": (Behaviour.REPLAY, None),
     }
 
 
-def drones(names: Sequence[str], pads: Sequence[PadSite] = PADS) -> dict[str, DroneSpec]:
-    """A drone for each attack, spread over the pads, each with a place of its own to hover.
-
-    Landing goes to the pads without a common clock; what is in ``TIMED`` also docks at the one that has it, under the
-    attack's name and ``AT_TIMED``.
-    """
-    known = specs()
-    plain = [pad for pad in pads if pad.clock_sigma_mm is None]
-    timed = [pad for pad in pads if pad.clock_sigma_mm is not None]
-    flights = [(name, plain[number % len(plain)], "land") for number, name in enumerate(names)]
-    flights += [(name + AT_TIMED, pad, "dock") for pad in timed for name in names if name in TIMED]
-    result = {}
-    for number, (key, pad, action) in enumerate(flights):
-        behaviour, attack = known[key.removesuffix(AT_TIMED)]
-        hover = _HOVERS[number % len(_HOVERS)]
-        away = (hover[0] * _FAR, hover[1] * _FAR, hover[2] + 20.0)
-        result[key] = DroneSpec(
-            f"LAB-{number:04d}", key, pad.pad_id, action, behaviour, hover, away, 0.3 * number, attack=attack
-        )
-    return result
-
-
-def policy(pad: PadSite) -> Policy:
-    """One metre at every pad, so that each lie is of several buffers."""
-    del pad
-    return Policy(min_assurance=LEVEL)
-
-
 async def fly(stage: Stage, flying: dict[str, DroneSpec]) -> AsyncIterator[tuple[WireResult, CommittedVerdict]]:
-    """Each attack's first verdict, as the ledger has it; raises ProcessError when none comes for long."""
+    """Each attack's verdict, as the ledger has it; raises ProcessError when none comes for long.
+
+    The first one that tells something: where a session came to nothing (a crowded machine, a witness that was busy with
+    another drone), the drone comes again, ``MOST_SESSIONS`` times at most.
+    """
     names = {drone.uav_id: name for name, drone in flying.items()}
-    documented = {attack.name: attack for attack in chosen(())}
     channel = stage.connection.open_channel()
     verdicts = committed(stage.connection, channel)
     waiting = dict(names)
+    sessions = dict.fromkeys(names, 0)
     try:
         while waiting:
             item = await _next(stage.processes, verdicts, sorted(waiting.values()))
-            name = waiting.pop(item.verdict.uav_id, None)
+            uav_id = item.verdict.uav_id
+            name = waiting.get(uav_id)
             if name is None:
                 continue
+            sessions[uav_id] += 1
+            if _came_to_nothing(name, item) and sessions[uav_id] < MOST_SESSIONS:
+                continue
+            del waiting[uav_id]
             granted = item.verdict.permission == "granted"
-            attack, level = name.removesuffix(AT_TIMED), TIMED_LEVEL if name.endswith(AT_TIMED) else LEVEL
-            expected = granted if attack == "honest" else not (granted and documented[attack].stopped_at(level))
-            yield _result(name, item, as_documented=expected), item
+            yield _result(name, item, sessions[uav_id], as_documented=documented(*parsed(name), granted=granted)), item
     finally:
         await verdicts.aclose()
         await channel.close()
@@ -165,8 +153,19 @@ async def attack_ledger(stage: Stage, granted: CommittedVerdict) -> list[WireRes
         await channel.close()
 
 
-async def run_wire(names: Sequence[str], *, seed: int, as_json: bool, directory: Path | None = None) -> int:
-    """Fly one of each (or of those named), then attack the ledger itself; the exit code."""
+async def run_wire(
+    names: Sequence[str],
+    *,
+    seed: int,
+    as_json: bool,
+    directory: Path | None = None,
+    levels: Sequence[int] = (LEVEL, TIMED_LEVEL, WITNESSED_LEVEL),
+    report: Path | None = None,
+) -> int:
+    """Fly one of each (or of those named) at each level, then attack the ledger itself; the exit code.
+
+    ``report``: a directory for ``wire.json`` and ``wire.md``.
+    """
     console = Console(stderr=as_json, highlight=False)
     there = specs()
     wanted = [name for name in (names or there) if name in there]
@@ -174,11 +173,14 @@ async def run_wire(names: Sequence[str], *, seed: int, as_json: bool, directory:
     results: list[WireResult] = []
     with contextlib.ExitStack() as stack:
         place = directory or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="wonderland-attack-")))
-        flying = drones(wanted)
+        flying = drones(wanted, there, levels)
+        pads = sites_for(wanted, levels)
         status = stack.enter_context(console.status("Starting"))
-        async with Stage(
-            place, StageSettings(PADS, list(flying.values()), policy=policy), say=lambda text: status.update(f"{text}…")
-        ) as stage:
+        now_ms = time.time_ns() // 1_000_000
+        settings = StageSettings(
+            pads, list(flying.values()), policy=policy, commissioning=lambda pad: commissioning(pad, now_ms)
+        )
+        async with Stage(place, settings, say=lambda text: status.update(f"{text}…")) as stage:
             await stage.start_world(seed=seed)
             status.update(f"{len(flying)} attackers are on their way")
 
@@ -191,16 +193,26 @@ async def run_wire(names: Sequence[str], *, seed: int, as_json: bool, directory:
             async for result, item in fly(stage, flying):
                 note(result)
                 status.update(f"{result.attack}: {result.outcome}; {len(flying) - len(results)} to come")
-                if result.permission == "granted":
+                if result.permission == "granted" and parsed(result.attack)[1] == LEVEL:
                     granted = item
             if granted is not None and set(LEDGER_ATTACKS) & set(names or LEDGER_ATTACKS):
                 status.update("Attacking the ledger")
                 for result in await attack_ledger(stage, granted):
                     note(result)
+    if report is not None:
+        for path in write(results, report):
+            console.print(f"Wrote {path}")
     if not as_json:
         console.print(_table(results))
         console.print(f"{time.monotonic() - started:.0f} s; every outcome is a committed transaction.")
     return 0 if all(result.as_documented for result in results) else 1
+
+
+def _came_to_nothing(name: str, item: CommittedVerdict) -> bool:
+    """Whether a verdict says nothing about the attack, only about the radio or the witness."""
+    if item.verdict.outcome != "inconclusive" or parsed(name)[0] in UNANSWERED:
+        return False
+    return not NOTHING_HEARD.isdisjoint(reason.code for reason in item.verdict.reasons)
 
 
 async def _next(
@@ -225,7 +237,7 @@ async def _next(
     return pending.result()
 
 
-def _result(name: str, item: CommittedVerdict, *, as_documented: bool) -> WireResult:
+def _result(name: str, item: CommittedVerdict, sessions: int, *, as_documented: bool) -> WireResult:
     verdict = item.verdict
     return WireResult(
         name,
@@ -237,6 +249,7 @@ def _result(name: str, item: CommittedVerdict, *, as_documented: bool) -> WireRe
         tuple(reason.code for reason in verdict.reasons),
         item.tx_id,
         as_documented,
+        sessions,
     )
 
 
@@ -253,3 +266,33 @@ def _table(results: Sequence[WireResult]) -> Table:
         cells: list[Any] = [one.attack, one.outcome, one.permission, level, rounds, "\n".join(one.reasons)]
         table.add_row(*cells, style="" if one.as_documented else "bold red")
     return table
+
+
+def write(results: Sequence[WireResult], directory: Path) -> list[Path]:
+    """``wire.json`` and ``wire.md``; returns what was written."""
+    directory.mkdir(parents=True, exist_ok=True)
+    data, table = directory / "wire.json", directory / "wire.md"
+    data.write_text(json.dumps([asdict(each) for each in results], indent=1) + "\n")
+    table.write_text(markdown(results))
+    return [data, table]
+
+
+def markdown(results: Sequence[WireResult]) -> str:
+    """A row for each flight: the sample's part of ``docs/threat-model.md``."""
+    lines = [
+        "| Attack | Level demanded | Outcome | Permission | Level reached | Rounds | Reasons |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    order = {name: number for number, name in enumerate(specs())}
+    for one in sorted(
+        results, key=lambda each: (order.get(parsed(each.attack)[0], len(order)), parsed(each.attack)[1])
+    ):
+        name, level = parsed(one.attack)
+        on_ledger = not one.tx_id
+        reached, rounds = ("–", "–") if on_ledger else (str(one.assurance), str(one.rounds))
+        reasons = ", ".join(f"`{reason}`" for reason in one.reasons)
+        lines.append(
+            f"| `{name}` | {'–' if on_ledger else level} | {one.outcome} | {one.permission} | {reached} | {rounds} | "
+            f"{reasons} |"
+        )
+    return "\n".join(lines) + "\n"

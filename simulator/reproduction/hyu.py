@@ -2,7 +2,8 @@
 
 Four DW1000 anchors on a car, a tag out to 50 m, RTK truth; in line of sight and obstructed in part. Each window of
 some rounds is judged by the contract's own function against five claims: the truth, lies of two and three buffers
-across and along the line of sight, and one at random for the calibration of the likelihood. Three states of knowledge:
+across and along the line of sight, and some at random for the calibration of the likelihood: that assumes that any
+place is as likely as another, so that they are drawn evenly by area. Three states of knowledge:
 
 ``none``    nobody calibrated these anchors: published bias of the chip, wide uncertainty
 ``part``    fitted on every other block of 20 s of the same recording, judged on the blocks between
@@ -48,9 +49,12 @@ DISTANCES_M: Final = ((0.0, 8.0), (8.0, 16.0), (16.0, 30.0), (30.0, 60.0))
 ROUNDS: Final = 20
 QUICK_EVERY: Final = 12
 BUFFER_M: Final = 1.0
-RANDOM_REACH_M: Final = 3.0
-CLAIMS: Final = ("truth", "across 2", "along 2", "across 3", "along 3", "random")
-LIES: Final = CLAIMS[1:5]
+RANDOM_REACH_M: Final = 3.6
+"""Half the side of the square from which claims at random are drawn; beyond it likelihoods are 0."""
+RANDOM_CLAIMS: Final = 8
+CLAIMS: Final = ("truth", "across 2", "along 2", "across 3", "along 3")
+RANDOM: Final = "random"
+LIES: Final = CLAIMS[1:]
 """Lies of two and three buffers, across the line of sight and along it."""
 
 Progress = Callable[[str, int, int], None]
@@ -61,6 +65,7 @@ Progress = Callable[[str, int, int], None]
 class Judged:
     """One window against one claim."""
 
+    window: int
     recording: str
     known: str
     distance_m: float
@@ -131,7 +136,7 @@ def load(directory: Path) -> dict[str, Recording]:
 def measure(
     directory: Path, *, rounds: int = ROUNDS, seed: int = 1, quick: bool = False, progress: Progress = lambda *_: None
 ) -> HyuResult:
-    """Judge everything; some 5,000 windows, a minute. ``quick``: every twelfth window.
+    """Judge everything; some 600 windows, a minute or two. ``quick``: every twelfth window.
 
     Raises RecordingError for files that are none, CommissioningError where a part cannot be fitted.
     """
@@ -163,7 +168,7 @@ def measure(
     done = 0
     for name, known, commissioning, chosen in work:
         for window in chosen[::every]:
-            judged.extend(_window(name, known, window, commissioning, policy, rng))
+            judged.extend(_window(done, name, known, window, commissioning, policy, rng))
             done += 1
             progress(f"{name.upper()}, calibration: {known}", done, total)
     return HyuResult(
@@ -221,7 +226,6 @@ def offsets(truth_m: Vector, rng: random.Random) -> dict[str, tuple[float, float
     """Each kind of claim as an offset east and north (m), seen from the anchors' middle at the origin."""
     away = math.hypot(truth_m[0], truth_m[1]) or 1.0
     ue, un = truth_m[0] / away, truth_m[1] / away
-    bearing, reach = rng.uniform(0.0, math.tau), rng.uniform(0.0, RANDOM_REACH_M)
     side = rng.choice((-1.0, 1.0))
     return {
         "truth": (0.0, 0.0),
@@ -229,8 +233,12 @@ def offsets(truth_m: Vector, rng: random.Random) -> dict[str, tuple[float, float
         "along 2": (2.0 * side * ue, 2.0 * side * un),
         "across 3": (-3.0 * side * un, 3.0 * side * ue),
         "along 3": (3.0 * side * ue, 3.0 * side * un),
-        "random": (reach * math.cos(bearing), reach * math.sin(bearing)),
     }
+
+
+def anywhere(rng: random.Random) -> tuple[float, float]:
+    """A claim at random as an offset east and north (m)."""
+    return rng.uniform(-RANDOM_REACH_M, RANDOM_REACH_M), rng.uniform(-RANDOM_REACH_M, RANDOM_REACH_M)
 
 
 def single_rounds(name: str, recording: Recording) -> Single:
@@ -249,6 +257,7 @@ def single_rounds(name: str, recording: Recording) -> Single:
 
 
 def _window(
+    number: int,
     name: str,
     known: str,
     window: tuple[RecordedRound, ...],
@@ -257,10 +266,12 @@ def _window(
     rng: random.Random,
 ) -> Iterator[Judged]:
     middle = window[len(window) // 2].truth_m
-    for claim, (east, north) in offsets(middle, rng).items():
+    claims = [*offsets(middle, rng).items(), *((RANDOM, anywhere(rng)) for _ in range(RANDOM_CLAIMS))]
+    for claim, (east, north) in claims:
         verdict = judge(window, commissioning, policy, _said(east, north)).verdict
         signed = verdict.signed
         yield Judged(
+            window=number,
             recording=name,
             known=known,
             distance_m=math.hypot(middle[0], middle[1]),

@@ -14,7 +14,7 @@ from rich.table import Table
 from simulator.reproduction import hyu_figures
 from simulator.reproduction.document import Cell, Document
 from simulator.reproduction.goals import Goal
-from simulator.reproduction.hyu import BUFFER_M, DISTANCES_M, LIES, HyuResult, Judged, measure
+from simulator.reproduction.hyu import BUFFER_M, DISTANCES_M, LIES, RANDOM, HyuResult, Judged, measure
 from simulator.reproduction.hyu_figures import KNOWN, reliability
 from simulator.reproduction.machine import facts
 from simulator.reproduction.sampling import Share
@@ -105,14 +105,11 @@ def goals(result: HyuResult) -> list[Goal]:
     held = [one for one in result.judged if one.known != "none"]
     honest = result.share("refuted", _claims(held, "truth"))
     every = result.share("refuted", _claims(list(result.judged), "truth"))
-    claims = [one for one in held if one.claim in ("truth", "random")]
+    claims = [one for one in held if one.claim in ("truth", RANDOM)]
     verified = [one for one in claims if one.outcome == "verified"]
     right = Share(sum(one.lie_m <= BUFFER_M for one in verified), len(verified))
-    misses = [
-        (stated, share)
-        for stated, share in reliability([one for one in held if one.claim == "random"])
-        if not share.interval[0] <= stated <= share.interval[1]
-    ]
+    fifths = reliability([one for one in held if one.claim == RANDOM])
+    misses = [(stated, share) for stated, share in fifths if not share.explains(stated, looks=len(fifths))]
     wrong = result.share("verified", [one for one in held if one.claim in LIES])
     return [
         Goal(
@@ -134,9 +131,9 @@ def goals(result: HyuResult) -> list[Goal]:
         Goal(
             "Real: likelihood, stated against observed, by fifths",
             "inside the sample's interval",
-            f"{hyu_figures.DECILES - len(misses)} of {hyu_figures.DECILES} inside"
-            + "".join(f"; {stated:.2f} stated, {share.percent(0)} seen" for stated, share in misses),
-            f"{sum(one.claim == 'random' for one in held)} windows",
+            f"{len(fifths) - len(misses)} of {len(fifths)} inside: "
+            + ", ".join(f"{stated:.2f} stated, {share.value:.0%} seen" for stated, share in fifths[1:]),
+            f"{len({one.window for one in held})} windows, {sum(one.claim == RANDOM for one in held):,} claims",
             not misses,
             COMMAND,
         ),
@@ -187,11 +184,8 @@ def section(document: Document, result: HyuResult) -> None:
     )
     document.figure(
         svg(hyu_figures.calibration(result)),
-        "Likelihood, stated and observed. Claims at random within three metres of the truth, one for each window; "
-        "number of windows above each 95 % interval. Points above the diagonal: the verdict claims less than it "
-        "could, for "
-        "a calibration states the upper limit of what it does not know, and rounds of this radio hang together for "
-        "seconds.",
+        "Likelihood, stated and observed. Claims at random in a square of 7 m about the truth, eight for each window; "
+        "number of windows above each 95 % interval.",
         describes="Reliability diagrams of the likelihood",
     )
     verified = lies_verified(result)

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simulator.reproduction.hyu import BUFFER_M, DISTANCES_M, HyuResult, Judged
+from simulator.reproduction.hyu import BUFFER_M, DISTANCES_M, RANDOM, HyuResult, Judged
 from simulator.reproduction.sampling import Share
 from simulator.reproduction.style import CLAIM, INK, OPEN, PAPER, QUIET, REFUTED, SERIES, VERIFIED, subplots
 
@@ -111,7 +111,7 @@ def calibration(result: HyuResult) -> Any:
     figure, axes = subplots(1, len(known), height_in=2.9, sharey=True, squeeze=False)
     for axis, name in zip(axes[0], known, strict=True):
         axis.plot([0, 1], [0, 1], color=QUIET, lw=0.8, ls="--")
-        for stated, share in reliability(result.select(known=name, claim="random")):
+        for stated, share in reliability(result.select(known=name, claim=RANDOM)):
             low, high = share.interval
             axis.plot([stated, stated], [low, high], color=CLAIM, lw=1.2)
             axis.scatter([stated], [share.value], s=20, color=CLAIM, zorder=3)
@@ -134,14 +134,19 @@ def calibration(result: HyuResult) -> Any:
 
 
 def reliability(windows: Sequence[Judged]) -> list[tuple[float, Share]]:
-    """(mean stated, share truly within the buffer) for each fifth of likelihoods that has windows."""
+    """(mean stated, share truly within the buffer) for each fifth of likelihoods that has windows.
+
+    Claims on one window share its errors. So the share counts windows, not claims, and its interval is that of as many.
+    """
     rows = []
     judged = [one for one in windows if one.likelihood >= 0.0]  # no estimate, no likelihood
     for fifth in range(DECILES):
         chosen = [one for one in judged if min(int(one.likelihood * DECILES), DECILES - 1) == fifth]
         if chosen:
             stated = sum(one.likelihood for one in chosen) / len(chosen)
-            rows.append((stated, Share(sum(one.lie_m <= BUFFER_M for one in chosen), len(chosen))))
+            right = sum(one.lie_m <= BUFFER_M for one in chosen) / len(chosen)
+            count = len({one.window for one in chosen})
+            rows.append((stated, Share(round(right * count), count)))
     return rows
 
 

@@ -39,6 +39,9 @@ _HALVINGS: Final = 40
 _FAR_SIGMAS: Final = 50.0
 
 
+CONFIDENCE: Final = 0.95
+
+
 @dataclass(frozen=True)
 class Share:
     """A count of tries, with its 95 % interval (Clopper and Pearson)."""
@@ -54,9 +57,17 @@ class Share:
     @property
     def interval(self) -> tuple[float, float]:
         """95 %: from the least to the greatest share that explains the count."""
+        return self._interval(CONFIDENCE)
+
+    def explains(self, stated: float, looks: int = 1) -> bool:
+        """Whether the count may come from a share of ``stated``; 95 % for all of so many ``looks`` together."""
+        low, high = self._interval(1.0 - (1.0 - CONFIDENCE) / looks)
+        return low <= stated <= high
+
+    def _interval(self, confidence: float) -> tuple[float, float]:
         if not self.tries:
             return 0.0, 1.0
-        found: Any = stats.binomtest(self.count, self.tries).proportion_ci(method="exact")
+        found: Any = stats.binomtest(self.count, self.tries).proportion_ci(confidence, method="exact")
         return float(found.low), float(found.high)
 
     def percent(self, decimals: int = 2) -> str:
@@ -159,7 +170,7 @@ def outcome_of(item: Reduced, policy: Policy = POLICY) -> str:
     if whole is None:
         return "inconclusive"
     agreed = agreement(item, whole)
-    found = [compare(policy, item, offset, Matrix2(0.0, 0.0, 0.0), (0.0, 0.0)) for offset in agreed.offsets or (whole,)]
+    found = [compare(policy, item, offset, (0.0, 0.0)) for offset in agreed.offsets or (whole,)]
     if agreed.usable and all(one.inside for one in found):
         return "verified"
     if agreed.usable and agreed.anchors >= REFUTING_ANCHORS and all(one.outside for one in found):

@@ -17,6 +17,11 @@ from wonderland.ledger.errors import LedgerError
 class StageLedger(Protocol):
     """A ledger for one run."""
 
+    @property
+    def authorities(self) -> Path | None:
+        """Directory with its certificate authorities, where it is the stage's own."""
+        ...
+
     async def start(self, pads: Sequence[PadSite], drones: Sequence[DroneSpec]) -> Path:
         """Bring it up, enrol pads and drones; returns the path of connection.json. Raises ProcessError."""
         ...
@@ -27,6 +32,8 @@ class StageLedger(Protocol):
 
 class RunningStageLedger:
     """A ledger that somebody else runs; pads and drones were enrolled before."""
+
+    authorities: Path | None = None
 
     def __init__(self, connection: Path) -> None:
         self._connection = connection
@@ -49,7 +56,7 @@ class EmbeddedStageLedger:
     """One process of this project; it ends with the stage's processes."""
 
     def __init__(self, directory: Path, processes: Processes) -> None:
-        self._directory = directory
+        self._directory = self.authorities = directory
         self._processes = processes
 
     async def start(self, pads: Sequence[PadSite], drones: Sequence[DroneSpec]) -> Path:
@@ -71,7 +78,7 @@ class FabricStageLedger:
     """Fabric's own servers from FABRIC_BIN or PATH, brought up from nothing by ``wonderland.ledger.network``."""
 
     def __init__(self, directory: Path, say: Callable[[str], None]) -> None:
-        self._directory = directory
+        self._directory = self.authorities = directory
         self._say = say
         self._up = False
 

@@ -62,7 +62,7 @@ class Registry:
             )
             await self._submit("admin", "SetPolicy", tx.SetPolicy(pad_id=pad.pad_id, action="*", policy=policy(pad)))
             if pad.dock_assurance is not None:
-                docking = replace(policy(pad), min_assurance=pad.dock_assurance)
+                docking = replace(policy(pad), min_assurance=pad.dock_assurance, witness_pad_id=pad.witness_pad_id)
                 await self._submit("admin", "SetPolicy", tx.SetPolicy(pad_id=pad.pad_id, action="dock", policy=docking))
 
         await asyncio.gather(*(one(pad) for pad in pads))

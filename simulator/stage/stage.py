@@ -125,6 +125,8 @@ class Stage:
             "--demo",
             "--json",
         ]
+        if self._ledger is not None and self._ledger.authorities is not None:
+            arguments += ["--demo-registrar", str(self._ledger.authorities)]
         if self.settings.console is not None:
             arguments += ["--console", str(self.settings.console)]
         return await self.processes.start("backend", *arguments)

@@ -10,8 +10,8 @@ from dataclasses import replace
 import pytest
 from click.testing import CliRunner
 
-from edge_agent.agent import AgentError
 from edge_agent.assembly import open_pad
+from edge_agent.ports import AgentError
 from edge_agent.radios.reported import ReportedRadios
 from edge_agent.session.timing import PadTiming
 from edge_agent.settings import SettingsError, parse

@@ -7,9 +7,9 @@ import stat
 
 import pytest
 
-from edge_agent.agent import AgentError
 from edge_agent.assembly import open_pad
 from edge_agent.permission import CommandPermission, LogPermission, Permissions
+from edge_agent.ports import AgentError
 
 
 @pytest.fixture

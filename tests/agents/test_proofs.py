@@ -7,11 +7,12 @@ import json
 
 import pytest
 
-from edge_agent.agent import AgentError
+from edge_agent.ports import AgentError
+from edge_agent.session import machine
 from edge_agent.spool import Spool
 from uav_agent.agent import UavAgentError
 from wonderland.ledger.proof_contract import RefusedError
-from wonderland.proofs.records.sessions import STEP_NAMES
+from wonderland.proofs.records.sessions import STEP_NAMES, Radio
 
 
 async def records(world):
@@ -39,13 +40,16 @@ async def until_state(world, session_id, *states, limit_s=15.0):
     return session
 
 
-async def test_an_honest_drone_is_verified_permitted_and_completes(world):
+async def test_an_honest_drone_is_verified_permitted_and_completes(world, monkeypatch):
+    radios = []
+    monkeypatch.setattr(machine, "Radio", lambda **fields: radios.append(Radio(**fields)) or radios[-1])
     async with world.pad(), world.uav() as uav:
         result = await uav.prove("pad-1", "land")
         session = await until_state(world, result.session_id, "completed")
     assert (result.state, result.end) == ("completed", "done")
     assert result.verdict.outcome == "verified"
     assert result.verdict.assurance == 2
+    assert result.verdict.rounds <= radios[-1].attempted_rounds < 2 * result.verdict.rounds
     assert session.end == "done"
     assert [verdict.session_id for verdict in world.acted] == [result.session_id]
     assert list(result.steps) == list(STEP_NAMES)

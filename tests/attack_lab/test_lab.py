@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import json
+import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from simulator.attack_command import attack as command
-from simulator.attack_lab import ATTACKS, LabError, LabSettings, UnknownAttackError, run, total_tries
+from simulator.attack_lab import ATTACKS, LabError, LabSettings, UnknownAttackError, kept, run, total_tries
 from simulator.attack_lab import judge as judging
+from simulator.attack_lab.attacks.insider import choosy
 from simulator.attack_lab.judge import run_batch, verdict_of
 from simulator.attack_lab.model import interval, percent, share
+from simulator.attack_lab.places import SMALL
 from simulator.attack_lab.report import markdown, result_from
 from simulator.attack_lab.screen import Look, look
 
 TRIES = 10
+running = sys.modules["simulator.attack_lab.run"]  # the package has the function under that name
 SCREENED = [
     (name, number)
     for name, attack in ATTACKS.items()
@@ -70,6 +75,48 @@ def test_the_same_seed_counts_the_same_whatever_else_runs():
     assert alone.attacks[0].levels == beside.attacks[1].levels
 
 
+def test_a_run_that_was_ended_goes_on_where_it_was(tmp_path, monkeypatch):
+    settings = LabSettings(attacks=("early-commit",), levels=(2,), tries=30, sample=2, processes=1, keep=tmp_path)
+    monkeypatch.setattr(running, "CHUNK", 10)
+    whole = run(replace(settings, keep=None))
+    played = 0
+
+    def end_after_two(name, tries):
+        nonlocal played
+        played += 1
+        if played == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(settings, end_after_two)
+    assert len(list(tmp_path.glob("*.json"))) == 2
+    monkeypatch.setattr(running, "_play", _only(running._play, number=2))
+    assert run(settings).attacks == whole.attacks
+    # Another seed is another run, and what other code played does not count.
+    monkeypatch.setattr(running, "_play", _only(running._play, number=None))
+    with pytest.raises(AssertionError, match="played again"):
+        run(replace(settings, seed=2))
+    monkeypatch.setattr(kept, "code", lambda: "other")
+    with pytest.raises(AssertionError, match="played again"):
+        run(settings)
+
+
+def _only(play, number):
+    def playing(chunk):
+        assert chunk.number == number, "played again"
+        return play(chunk)
+
+    return playing
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"code": "x"', json.dumps({"code": kept.code()})])
+def test_a_kept_file_that_is_no_tally_is_refused(tmp_path, text):
+    (tmp_path / "early-commit-1-0-5-1.json").write_text(text)
+    settings = LabSettings(attacks=("early-commit",), levels=(2,), tries=5, processes=1, keep=tmp_path)
+    with pytest.raises(LabError, match="no tally"):
+        run(settings)
+
+
 def test_levels_and_totals():
     settings = LabSettings(attacks=("early-commit",), levels=(2,), tries=5)
     assert total_tries(settings) == {"early-commit": 5}
@@ -77,6 +124,18 @@ def test_levels_and_totals():
     assert [level.level for level in result.attacks[0].levels] == [2]
     with pytest.raises(UnknownAttackError, match="no attack is called moon-landing"):
         run(LabSettings(attacks=("moon-landing",)))
+
+
+@pytest.mark.parametrize("attempts", [2, 5, 10, 40])
+def test_a_drone_that_chooses_its_rounds_wins_nothing(attempts):
+    batch = choosy(2, SMALL, (1_500.0, 4_000.0), attempts, np.random.default_rng(attempts), 40)
+    assert run_batch(batch, sample=5).won == 0
+
+
+def test_it_would_win_were_the_rounds_not_counted_that_it_breaks_off():
+    batch = choosy(2, SMALL, (1_500.0, 3_000.0), 40, np.random.default_rng(1), 20)
+    batch.attempts = None
+    assert run_batch(batch, sample=5).won > 10
 
 
 def test_shares_are_said_without_hiding_a_success():

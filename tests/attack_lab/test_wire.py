@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 import json
+import math
 import random
+from dataclasses import replace
 
 import pytest
 
 from simulator.attack_lab import ATTACKS
-from simulator.attack_lab.wire import LEDGER_ATTACKS, LEVEL, TIMED, drones, run_wire, specs
+from simulator.attack_lab.wire import LEDGER_ATTACKS, WireResult, markdown, run_wire, specs
+from simulator.attack_lab.wire_sites import (
+    LEVEL,
+    SITES,
+    TIMED,
+    TIMED_LEVEL,
+    WITNESSED,
+    WITNESSED_LEVEL,
+    commissioning,
+    documented,
+    drones,
+    parsed,
+    sites_for,
+)
 from simulator.attackers.ranging import RANGE_ATTACKS, Situation
 from simulator.scenario import PADS
 
@@ -16,17 +31,24 @@ HERE, CLAIMED = (9.0, 3.0, 5.0), (6.0, -2.0, 5.0)
 ANCHORS = [(site.east_m, site.north_m, site.up_m) for site in PADS[0].anchors]
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(400)
 async def test_attackers_on_the_air_and_on_the_ledger_win_nothing(tmp_path, capfd):
-    names = ["honest", "per-anchor-stamp-lie", "random-reduction", *LEDGER_ATTACKS]
+    names = ["honest", "per-anchor-stamp-lie", "random-reduction", "anchors-turned", *LEDGER_ATTACKS]
     names.remove("session-replay")  # minutes of patience for a drone that never answers rightly; its evidence is below
-    assert await run_wire(names, seed=1, as_json=True, directory=tmp_path) == 0
+    report = tmp_path / "report"
+    assert await run_wire(names, seed=1, as_json=True, directory=tmp_path / "run", report=report) == 0
     said = {each["attack"]: each for each in map(json.loads, capfd.readouterr().out.splitlines())}
+    assert json.loads((report / "wire.json").read_text()) == list(said.values())
     assert said["honest"]["permission"] == "granted"
     assert said["random-reduction"]["outcome"] == "refuted"
     assert said["per-anchor-stamp-lie"]["permission"] == "granted"  # at level 2, as documented
     assert said["per-anchor-stamp-lie@3"]["permission"] == "refused"
     assert (said["honest@3"]["permission"], said["honest@3"]["assurance"]) == ("granted", 3)
+    assert (said["honest@4"]["permission"], said["honest@4"]["assurance"]) == ("granted", 4)
+    assert "witness_prove" in said["honest@4"]["reasons"]
+    assert said["per-anchor-stamp-lie@4"]["permission"] == "refused"
+    assert said["anchors-turned@4"]["permission"] == "refused"
+    assert "witness_contradicts" in said["anchors-turned@4"]["reasons"]  # its own pad is taken in
     assert said["prekey-reuse"]["reasons"] == ["PREKEY_USED"]
     assert said["wrong-role"]["reasons"] == ["ROLE_NOT_ALLOWED"]
     assert "countersignature_invalid" in said["evidence-replay"]["reasons"]
@@ -35,9 +57,47 @@ async def test_attackers_on_the_air_and_on_the_ledger_win_nothing(tmp_path, capf
 
 def test_each_sample_on_the_wire_is_a_documented_class():
     assert set(specs()) | set(LEDGER_ATTACKS) == {each.wire for each in ATTACKS.values() if each.wire}
-    flying = drones(list(specs()))
-    assert len({drone.uav_id for drone in flying.values()}) == len(flying) == len(specs()) + len(TIMED)
     assert all(LEVEL in attack.levels for attack in ATTACKS.values() if attack.wire)
+    assert all(TIMED_LEVEL in ATTACKS[name].levels for name in TIMED)
+    assert all(WITNESSED_LEVEL in ATTACKS[name].levels for name in WITNESSED)
+
+
+def test_what_flies_where():
+    levels = (LEVEL, TIMED_LEVEL, WITNESSED_LEVEL)
+    flying = drones(list(specs()), specs(), levels)
+    assert len({drone.uav_id for drone in flying.values()}) == len(flying)
+    assert len(flying) == len(specs()) + len(TIMED) + len(WITNESSED)
+    pads = {pad.pad_id: pad for pad in SITES}
+    for key, drone in flying.items():
+        name, level = parsed(key)
+        demanded = pads[drone.pad_id].dock_assurance if drone.action == "dock" else LEVEL
+        assert (demanded, drone.attack is None or drone.attack.name == name) == (level, True)
+    assert {name.partition("@")[0] for name in drones(["honest", "relay"], specs(), (TIMED_LEVEL,))} == {"honest"}
+    assert sites_for(["honest"], levels) == SITES
+    assert sites_for(["relay"], levels) == sites_for(["honest"], (LEVEL, TIMED_LEVEL)) == PADS
+
+
+def test_the_turned_pad_sees_the_drone_where_it_claims_to_be():
+    pad = next(site for site in SITES if site.pad_id == "lab-turned")
+    drone = drones(["anchors-turned"], specs(), (WITNESSED_LEVEL,))["anchors-turned@4"]
+    claimed = [here + lie for here, lie in zip(drone.hover_m, drone.attack.lie_m, strict=True)]
+    assert 3.0 < math.dist(claimed, drone.hover_m) < 5.0
+    for site, surveyed in zip(pad.anchors, commissioning(pad, 1_800_000_000_000).anchors, strict=True):
+        measured = math.dist(drone.hover_m, (site.east_m, site.north_m, site.up_m))
+        expected = math.dist(claimed, [mm / 1000 for mm in (surveyed.east_mm, surveyed.north_mm, surveyed.up_mm)])
+        assert measured == pytest.approx(expected, abs=0.002)
+
+
+def test_what_is_documented_and_how_it_is_told():
+    assert documented("honest", WITNESSED_LEVEL, granted=True)
+    assert not documented("honest", LEVEL, granted=False)
+    assert documented("anchors-turned", TIMED_LEVEL, granted=True)
+    assert not documented("anchors-turned", WITNESSED_LEVEL, granted=True)
+    flown = WireResult("relay", "p", "refuted", "refused", 10, 2, ("outside_buffer",), "tx", as_documented=True)
+    on_ledger = WireResult("wrong-role", "p", "not taken", "none", 0, 0, ("ROLE_NOT_ALLOWED",), "", as_documented=True)
+    rows = markdown([flown, replace(flown, attack="relay@4"), on_ledger]).splitlines()[2:]
+    assert [row.split(" | ")[1] for row in rows] == ["2", "4", "–"]
+    assert rows[0] == "| `relay` | 2 | refuted | refused | 2 | 10 | `outside_buffer` |"
 
 
 @pytest.mark.parametrize("name", sorted(RANGE_ATTACKS))

@@ -485,7 +485,9 @@ class Facts:
         times = {"decided_ms": t_ms + 2_000, "ended_ms": t_ms + 5_000}
         record = self.session(session_id, pad_id, uav_id, t_ms, state=state, end="done", ended_by="uav", **times)
         writes = {keys.composite(keys.SESSION, session_id): record.encode()}
-        return Tx("CompleteInteraction", {"session_id": session_id}, writes, t_ms=t_ms + 5_000)
+        kind = "InteractionCompleted" if state == "completed" else "ProofCancelled"
+        event = (kind, encoding.encode({"kind": kind, "record": record.to_json()}))
+        return Tx("CompleteInteraction", {"session_id": session_id}, writes, event, t_ms=t_ms + 5_000)
 
 
 @pytest.fixture(scope="session")
@@ -673,8 +675,9 @@ class Running:
     def connect(self, path, **options):
         return websockets.connect(self.url.replace("http", "ws", 1) + path, proxy=None, compression=None, **options)
 
-    def live(self, since=None, **options):
-        query = f"?since={since}" if since else ""
+    def live(self, since=None, packed=False, **options):
+        query = "?packed=zlib" if packed else "?"
+        query += f"&since={since}" if since else ""
         headers = {"Cookie": self.cookie()}
         return self.connect(f"/api/v1/live{query}", additional_headers=headers, **options)
 
@@ -690,12 +693,12 @@ async def serving(backend):
         while not server.started:
             await asyncio.sleep(0.005)
         try:
-            async with httpx.AsyncClient(base_url=url, trust_env=False) as http:
+            async with httpx.AsyncClient(base_url=url, trust_env=False, timeout=30) as http:
                 running = Running(backend, url, http)
                 await running.sign_in()
                 yield running
         finally:
-            backend.context.hub.close()
+            backend.end_streams()
             server.should_exit = True
             await task
             bound.close()

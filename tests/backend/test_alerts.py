@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import contextlib
 import hashlib
 import hmac
@@ -13,14 +14,18 @@ from aiosmtpd.controller import Controller
 from aiosmtpd.handlers import Message
 from jsonschema import Draft202012Validator
 
-from backend.alerts import watch
-from backend.alerts.deliver import Delivery, retry_ms, signature
+from backend.alerts import finnish, oddities, watch
+from backend.alerts.deliver import Delivery
 from backend.alerts.derive import alerts_of
 from backend.alerts.kinds import KINDS, Alert, plain_text
 from backend.alerts.schemas import KindName
-from backend.app import new_app, openapi
+from backend.db.tables.reported import FindingRow
+from backend.description import openapi
 from backend.errors import SettingsError
+from backend.routes import new_app
 from backend.settings import Settings, load
+from backend.tracks.schemas import Finding
+from backend.webhooks.post import Poster, retry_ms
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -153,7 +158,7 @@ async def test_an_old_ledger_brings_history_not_news(new_backend, serving, sourc
 async def test_a_pad_that_falls_silent_and_comes_back(running, database, clock):
     from sqlalchemy import insert, update
 
-    from backend.db.models import HealthRow
+    from backend.db.tables.reported import HealthRow
 
     row = {"agent": "pad", "agent_id": "pad-1", "t_ms": clock.now_ms, "body": "{}"}
     async with database.write() as connection:
@@ -188,13 +193,13 @@ async def test_a_halted_mirror_and_certificates_that_expire(running, clock):
 async def test_a_permission_that_no_broadcast_follows(running, database, clock):
     from sqlalchemy import insert
 
-    from backend.db.models import TrackRow
+    from backend.db.tables.reported import TrackRow
 
     clock.now_ms = START_MS + 2_000 + watch.MATCH_AFTER_MS + 1
     await running.backend.watch.look()
     assert await alerts(running, kind="permission_unmatched") == [], "a pad that hears nobody accuses nobody"
     async with database.write() as connection:
-        row = {"uav_id": "another", "pad_id": "pad-1", "t_ms": START_MS, "body": "{}"}
+        row = {"uav_id": "another", "pad_id": "pad-1", "t_ms": START_MS, "received_ms": START_MS, "body": "{}"}
         await connection.execute(insert(TrackRow), [row])
     await running.backend.watch.look()
     (alert,) = await alerts(running, kind="permission_unmatched")
@@ -238,7 +243,9 @@ async def test_a_webhook_is_signed_tried_again_and_sent_once(new_backend, servin
         chain.add(facts.decide("two", uav_id="uav-2", outcome="refuted"))
         async with serving(backend) as client:
             await client.mirrored(chain.height)
-            delivery = Delivery(client.context.database, client.context.settings, clock, _client())
+            delivery = Delivery(
+                client.context.database, client.context.settings, clock, Poster(allowed=frozenset({"127.0.0.1"}))
+            )
             async with asyncio.timeout(20):
                 for _ in range(2):
                     while not receiver.requests:
@@ -266,19 +273,13 @@ async def test_a_webhook_is_signed_tried_again_and_sent_once(new_backend, servin
             await delivery.send_due()
     assert (count, len(receiver.requests)) == (3, 3)
     headers, body = receiver.requests[-1]
-    t_s = int(headers["wonderland-signature"].split(",")[0].removeprefix("t="))
-    assert headers["wonderland-signature"] == signature(SECRET, t_s, body)
-    mac = hmac.new(SECRET.encode(), f"{t_s}.".encode() + body, hashlib.sha256).hexdigest()
-    assert headers["wonderland-signature"].endswith(mac)
+    signed = f"{headers['webhook-id']}.{headers['webhook-timestamp']}.".encode() + body
+    mac = base64.b64encode(hmac.new(SECRET.encode(), signed, hashlib.sha256).digest()).decode()
+    assert headers["webhook-signature"] == f"v1,{mac}"
+    assert headers["webhook-id"] == alert["alert_id"]
     content = json.loads(body)
     assert content["alert"]["uav_id"] == "uav-2"
     assert "uav-2 is not where it says" in content["text"]
-
-
-def _client():
-    import httpx
-
-    return httpx.AsyncClient(timeout=5, follow_redirects=False, trust_env=False)
 
 
 class Mailbox(Message):
@@ -359,6 +360,30 @@ def test_settings_that_could_not_tell_anybody_are_refused(options, said):
             "stamps_contradict",
             3_100,
         ),
+        (
+            {
+                "signed": {
+                    "outcome": "refuted",
+                    "error_mm": 47,
+                    "reasons": [{"code": "within_buffer"}, {"code": "time_differences_contradict"}],
+                },
+                "time_differences": {"error_mm": 3_640},
+            },
+            "stamps_contradict",
+            3_640,
+        ),
+        (
+            {
+                "signed": {
+                    "outcome": "refuted",
+                    "error_mm": 4_200,
+                    "reasons": [{"code": "outside_buffer"}, {"code": "time_differences_contradict"}],
+                },
+                "time_differences": {"error_mm": 3_640},
+            },
+            "refuted",
+            4_200,
+        ),
     ],
 )
 def test_what_refuted_is_what_the_alert_says(record, kind, error_mm):
@@ -366,6 +391,97 @@ def test_what_refuted_is_what_the_alert_says(record, kind, error_mm):
     (alert,) = alerts_of([row | {"outcome": "refuted", "record": json.dumps(record)}])
     assert (alert.kind, alert.facts["error_mm"]) == (kind, error_mm)
     assert f"{error_mm / 1000:.1f} m" in plain_text(alert.kind, alert.pad_id, alert.uav_id, alert.facts)
+
+
+def test_a_drone_that_was_leaving_is_not_said_to_be_off_by_the_error_of_all_its_rounds():
+    row = {"pad_id": "p", "uav_id": "u", "session_id": "s", "tx_id": "t", "action": "land", "decided_ms": 1}
+    signed = {"outcome": "refuted", "error_mm": 310, "reasons": [{"code": "within_buffer"}, {"code": "leaving"}]}
+    (alert,) = alerts_of([row | {"outcome": "refuted", "record": json.dumps({"signed": signed})}])
+    assert (alert.kind, "error_mm" in alert.facts) == ("leaving", False)
+
+
+def finding(uav_id, kind, t_ms, **more):
+    body = {"uav_id": uav_id, "pad_id": "pad-1", "kind": kind, "t_ms": t_ms, "count": 1, "verified": False, **more}
+    return {"uav_id": uav_id, "pad_id": "pad-1", "kind": kind, "t_ms": t_ms, "body": json.dumps(body)}
+
+
+@both
+async def test_what_a_receiver_finds_odd_is_an_alert_until_it_is_odd_no_more(running, database, clock):
+    from sqlalchemy import insert
+
+    rows = [
+        finding("uav-1", "two_places", clock.now_ms - 5_000, distance_mm=390_000),
+        finding("uav-1", "two_places", clock.now_ms - 1_000, distance_mm=412_000, interval_ms=300),
+        finding("uav-1", "rate_high", clock.now_ms - 900),
+    ]
+    async with database.write() as connection:
+        await connection.execute(insert(FindingRow), rows)
+    for _ in range(2):
+        await running.backend.watch.look()
+    (identity,) = await alerts(running, kind="identity_odd")
+    assert (identity["uav_id"], identity["pad_id"], identity["severity"]) == ("uav-1", "pad-1", "warning")
+    assert identity["facts"] == {
+        "finding": "two_places",
+        "distance_mm": 412_000,
+        "interval_ms": 300,
+        "what": "the same identity from two places, 412 m apart",
+    }
+    conforms("Alert", identity)
+    (rate,) = await alerts(running, kind="broadcast_odd")
+    assert (rate["severity"], rate["facts"]["finding"]) == ("notice", "rate_high")
+    clock.now_ms += oddities.LASTS_MS
+    await running.backend.watch.look()
+    assert {each["state"] for each in await alerts(running, kind="identity_odd")} == {"over"}
+
+
+@both
+async def test_a_flood_of_invented_identities_drowns_nobody_and_is_told(running, database, clock):
+    from sqlalchemy import insert
+
+    rows = [finding(f"ghost-{i:03}", "two_places", clock.now_ms + i) for i in range(oddities.SHOWN + 7)]
+    async with database.write() as connection:
+        await connection.execute(insert(FindingRow), rows)
+    await running.backend.watch.look()
+    assert len(await alerts(running, kind="identity_odd", limit=100)) == oddities.SHOWN
+    (flood,) = await alerts(running, kind="broadcasts_flooded")
+    assert flood["facts"]["drones"] == oddities.SHOWN + 7
+
+
+def test_every_kind_of_finding_has_its_words():
+    assert set(oddities.TEXTS) == set(Finding.model_fields["kind"].annotation.__args__)
+    for kind in oddities.TEXTS:
+        (condition,) = oddities.conditions([oddities.Odd("pad-1", "uav-1", kind, 1, "{}")])
+        assert "{" not in plain_text(condition.kind, "pad-1", "uav-1", condition.facts)
+
+
+def test_everything_is_said_in_finnish_too():
+    assert set(finnish.TEXTS) == set(KINDS)
+    assert set(finnish.FINDINGS) == set(oddities.TEXTS)
+    for kind in KINDS:
+        text = plain_text(kind, "pad-1", None, {}, "fi")
+        assert "{" not in text
+        assert text.endswith(".")
+        assert "unknown" not in text
+    for kind in oddities.TEXTS:
+        (condition,) = oddities.conditions([oddities.Odd("pad-1", "uav-1", kind, 1, '{"distance_mm": 5000}')])
+        said = plain_text(condition.kind, "pad-1", "uav-1", condition.facts, "fi")
+        assert "{" not in said
+    facts = {"until": "2027-01-18 09:05 UTC", "until_ms": 1_800_263_100_000}
+    assert "18.1.2027 klo 09.05 UTC" in plain_text("closures_ending", "pad-1", None, facts, "fi")
+    assert "laskeutuminen" in plain_text("unauthorised", "pad-1", "uav-1", {"action": "land"}, "fi")
+
+
+async def test_alerts_say_what_they_are_in_the_language_asked_for(running):
+    (alert,) = await alerts(running, kind="refuted")
+    assert alert["text"].startswith("uav-2 is not where it says")
+    path = f"/alerts/{alert['alert_id']}"
+    for answer in (await running.get(path), await running.get(path, headers={"Accept-Language": "de, en;q=0.5"})):
+        assert answer.json()["alert"]["text"] == alert["text"]
+    finnish_one = await running.get(path, headers={"Accept-Language": "fi-FI, en;q=0.5"})
+    assert finnish_one.json()["alert"]["text"].startswith("uav-2 ei ole siellä missä sanoo")
+    assert finnish_one.headers["etag"] != (await running.get(path)).headers["etag"]
+    unknown = await running.get(f"/alerts/{'0' * 32}", headers={"Accept-Language": "fi"})
+    assert (unknown.json()["title"], unknown.json()["detail"]) == ("Ei löytynyt", "Tällaista hälytystä ei ole.")
 
 
 def test_every_kind_has_a_text_and_a_name_in_the_interface():

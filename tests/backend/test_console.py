@@ -5,8 +5,8 @@ from __future__ import annotations
 import httpx
 import pytest
 
-from backend.app import new_app
 from backend.console import find
+from backend.routes import new_app
 from backend.settings import Settings
 
 
@@ -38,6 +38,31 @@ async def test_assets_are_kept_and_compressed(built):
     assert "immutable" in answer.headers["cache-control"]
     assert answer.headers["content-encoding"] == "gzip"
     assert answer.headers["content-type"].startswith("text/javascript")
+
+
+@pytest.mark.parametrize(
+    ("accepted", "encoding", "body"),
+    [
+        ("gzip, deflate, br, zstd", "br", b"smallest"),
+        ("gzip;q=1, br;q=0", "gzip", b"small"),
+        ("identity", None, b"whole"),
+        ("", None, b"whole"),
+    ],
+)
+async def test_what_the_build_has_compressed_is_sent_as_it_is(built, accepted, encoding, body):
+    for name, content in (("a-1.js", b"whole"), ("a-1.js.br", b"smallest"), ("a-1.js.gz", b"small")):
+        (built / "assets" / name).write_bytes(content)
+    app = new_app(Settings(), frozenset(), built)
+    transport = httpx.ASGITransport(app)
+    async with (
+        httpx.AsyncClient(transport=transport, base_url="http://localhost") as http,
+        http.stream("GET", "/assets/a-1.js", headers={"Accept-Encoding": accepted}) as answer,
+    ):
+        assert answer.headers.get("content-encoding") == encoding
+        assert b"".join([piece async for piece in answer.aiter_raw()]) == body
+        assert answer.headers["content-type"].startswith("text/javascript")
+        assert "immutable" in answer.headers["cache-control"]
+        assert encoding is None or answer.headers["vary"] == "Accept-Encoding"
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sqlalchemy import func, select
 
-from backend.db.models import IrregularRow, SpoolRow, StepRow, TrackRow, VerdictRow
+from backend.db.tables.ledger import VerdictRow
+from backend.db.tables.reported import IrregularRow, SpoolRow, StepRow, TrackRow
 from backend.ingest.messages import BODIES, Entry, IngestError, parse_body, parse_hello, parse_records
 from backend.mirror.derive import Changes
 
@@ -267,7 +268,7 @@ async def test_expired_and_foreign_certificates(running, agent_client, authoriti
 
 
 async def test_a_revocation_on_the_ledger_shuts_the_agent_out(running, agent_client, authorities, database):
-    from backend.db.models import OrganisationRow
+    from backend.db.tables.ledger import OrganisationRow
 
     enrolment = authorities.enrol("pad-7", "PadMSP", role="pad", id="pad-7")
     async with running.connect("/ingest") as socket:
@@ -434,6 +435,82 @@ async def test_nothing_is_acknowledged_while_the_database_fails(running, agent_c
         assert (await agent.report(("track", TRACK)))["seq"] == 1
 
 
+def _track(seq):
+    return {"type": "records", "records": [{"seq": seq, "kind": "track", "t_ms": START_MS, "body": TRACK}]}
+
+
+async def test_what_comes_while_others_are_written_is_read_and_acknowledged_in_order(
+    running, agent_client, monkeypatch
+):
+    write, begun, go_on, sizes = running.context.intake._write, asyncio.Event(), asyncio.Event(), []
+
+    async def slow(batches):
+        sizes.append(len(batches))
+        begun.set()
+        await go_on.wait()
+        await write(batches)
+
+    monkeypatch.setattr(running.context.intake, "_write", slow)
+    async with running.connect("/ingest") as socket:
+        agent = agent_client(socket)
+        await agent.hello()
+        await agent.send(_track(1))
+        await begun.wait()
+        for seq in range(2, 6):
+            await agent.send(_track(seq))
+        while running.context.intake._queue.qsize() < 4:
+            await asyncio.sleep(0.005)
+        go_on.set()
+        assert [await agent.receive() for _ in range(5)] == [{"type": "ack", "seq": seq} for seq in range(1, 6)]
+    assert sizes == [1, 4]
+    assert await count(running, TrackRow) == 5
+
+
+async def test_after_a_batch_that_was_lost_none_of_its_connection_is_kept(running, agent_client, monkeypatch):
+    intake = running.context.intake
+    write, begun, go_on, failures = (
+        intake._write,
+        asyncio.Event(),
+        asyncio.Event(),
+        [OSError("No space left on device")],
+    )
+
+    async def fails_once(batches):
+        begun.set()
+        await go_on.wait()
+        if failures:
+            raise failures.pop()
+        await write(batches)
+
+    monkeypatch.setattr(intake, "_write", fails_once)
+    async with running.connect("/ingest") as socket:
+        agent = agent_client(socket)
+        await agent.hello()
+        await agent.send(_track(1))
+        await begun.wait()
+        await agent.send(_track(2))
+        while not intake._queue.qsize():
+            await asyncio.sleep(0.005)
+        go_on.set()
+        await closed_with(socket, 1013)
+    await gone(running, "pad-1")
+    assert await count(running, TrackRow) == 0, "2 without 1 would be a gap that nobody fills"
+    async with running.connect("/ingest") as socket:
+        agent = agent_client(socket)
+        assert (await agent.hello())["acknowledged"] == 0
+        assert (await agent.report(("track", TRACK), ("track", TRACK)))["seq"] == 2
+
+
+async def test_a_frame_that_is_none_is_refused_after_what_came_before_it(running, agent_client):
+    async with running.connect("/ingest") as socket:
+        agent = agent_client(socket)
+        await agent.hello()
+        await agent.send(_track(1))
+        await socket.send("no JSON")
+        assert await agent.receive() == {"type": "ack", "seq": 1}
+        assert (await agent.receive())["type"] == "refused"
+
+
 async def test_absurd_records_are_refused_alone(running, agent_client):
     records = [
         '"kind":"track","t_ms":1,"body":{"x":' + "9" * 200 + "}",
@@ -480,14 +557,14 @@ async def test_browsers_of_other_origins_get_no_further(running):
 
 
 async def test_old_telemetry_is_forgotten(running, agent_client, clock):
-    from backend.tracks.queries import forget
+    from backend.tracks.queries import Retention, forget
 
     async with running.connect("/ingest") as socket:
         agent = agent_client(socket)
         await agent.hello()
         await agent.report(("track", TRACK), ("step", step("0" * 64)), ("track", TRACK | {"lat_e7": 5.5}))
     async with running.context.database.write() as connection:
-        await forget(connection, START_MS + 1)
+        await forget(connection, Retention(*[START_MS + 1] * 4))
     assert await count(running, TrackRow) == 0
     assert await count(running, IrregularRow) == 0
     assert await count(running, StepRow) == 1, "evidence stays"

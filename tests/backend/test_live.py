@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
+import zlib
 
 import pytest
 import websockets
 
+from backend.live import hub as hub_module
 from backend.live.hub import Client, Hub
 
 START_MS = 1_800_000_000_000
@@ -60,6 +62,19 @@ async def test_hello_and_the_whole_state(running, number):
         assert [each["outcome"] for each in state["verdicts"]] == ["verified", "refuted"]
         assert state["verdicts"][0]["block"] == 3
         assert state["status"]["ledger"]["mirrored"] == 7
+
+
+async def test_long_frames_packed_for_who_asks(running):
+    async with running.live() as plain, running.live(packed=True) as packed:
+        assert (await receive(plain))["type"] == "hello"
+        hello = await asyncio.wait_for(packed.recv(), 5)
+        assert isinstance(hello, str), "short frames stay text"
+        theirs = await asyncio.wait_for(packed.recv(), 5)
+        assert isinstance(theirs, bytes)
+        as_text = await asyncio.wait_for(plain.recv(), 5)
+        assert len(theirs) < len(as_text) / 2
+        there, here = json.loads(zlib.decompress(theirs)), json.loads(as_text)
+        assert [pad["pad_id"] for pad in there["pads"]] == [pad["pad_id"] for pad in here["pads"]]
 
 
 async def test_a_restart_shows_the_same_state(running, new_backend, serving, source_of, chain):
@@ -300,6 +315,24 @@ def test_nothing_changed_nothing_sent(hub):
     assert (hub.seq, len(client.frames)) == (0, 0)
 
 
+def test_a_frame_is_packed_once_for_all_who_see_the_same(monkeypatch, clock):
+    packings = []
+    compress = zlib.compress
+    monkeypatch.setattr(hub_module.zlib, "compress", lambda *args: packings.append(args) or compress(*args))
+    hub = new_hub(clock, client_queue_bytes=10_000)
+    packed = [hub.join("p", None, takes_packed=True)[0] for _ in range(2)]
+    plain, _ = hub.join("q", None)
+    hub._board.changes = [["long " * 1_000], ["short"]]
+    hub.tick()
+    assert len(packings) == 1
+    assert packed[0].frames[0] is packed[1].frames[0]
+    assert zlib.decompress(packed[0].frames[0]).decode() == plain.frames[0]
+    assert packed[0].waiting_bytes < 200
+    hub.tick()
+    assert packed[0].frames[1] == plain.frames[1]
+    assert len(packings) == 1
+
+
 def test_one_encoding_for_all(hub):
     clients = [hub.join("p", None)[0] for _ in range(3)]
     hub._board.changes = [[1, 2]]
@@ -340,6 +373,37 @@ async def test_a_full_queue_closes_and_forgets(hub):
     assert (len(client.frames), client.waiting_bytes) == (0, 0)
     assert await client.next_frame() is None
     assert len(hub) == 0
+
+
+async def test_a_server_that_cannot_keep_up_sends_less_often(clock, monkeypatch):
+    monkeypatch.setattr(hub_module, "LONGEST_PAUSE_S", 1_000)
+    hub = new_hub(clock, client_queue_bytes=10_000)
+    clients = [hub.join("p", None)[0] for _ in range(3)]
+    hub._board.changes = [[number] for number in range(200)]
+
+    async def beyond(seq):
+        async with asyncio.timeout(20):
+            while hub.seq <= seq:
+                await asyncio.sleep(0.01)
+
+    running = asyncio.create_task(hub.run())
+    try:
+        await beyond(0)
+        await asyncio.sleep(0.3)
+        # None of them took anything: one frame is enough.
+        assert hub.seq == 1
+        for _ in range(5):
+            # One that stops reading holds up nobody.
+            seq = hub.seq
+            for client in clients[:2]:
+                await client.next_frame()
+            await beyond(seq)
+        assert len(clients[2].frames) == hub.seq == 6
+        # And in the end what waits goes out all the same.
+        monkeypatch.setattr(hub_module, "LONGEST_PAUSE_S", 0)
+        await beyond(8)
+    finally:
+        running.cancel()
 
 
 def test_too_many_viewers(hub):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import sqlite3
 import threading
 
@@ -11,10 +12,16 @@ from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
 from sqlalchemy import inspect, text
 
+from backend.db import bulk
 from backend.db import migrate as migrations
 from backend.db.engine import Database, parse_url
-from backend.db.models import Base
+from backend.db.partitions import forget, is_partition, make_ahead, partition_of, partitions
+from backend.db.tables import Base
+from backend.db.tables.reported import TrackRow
 from backend.errors import DatabaseError, SettingsError
+from wonderland.proofs import encoding
+
+NEW_TRACK = {"uav_id": "new", "pad_id": "pad-1", "t_ms": 1, "received_ms": 1_800_000_000_001, "body": "{}"}
 
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
@@ -23,7 +30,10 @@ both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
 @both
 async def test_migrated_tables_are_those_of_the_models(database):
     def differences(connection):
-        context = MigrationContext.configure(connection, opts={"compare_type": True})
+        def seen(name, kind, _parents):
+            return kind != "table" or not is_partition(name)
+
+        context = MigrationContext.configure(connection, opts={"compare_type": True, "include_name": seen})
         return compare_metadata(context, Base.metadata)
 
     async with database.engine.connect() as connection:
@@ -86,6 +96,90 @@ async def test_back_to_nothing_and_again(database_url):
         assert await migrations.revision(database) == migrations.head()
     finally:
         await database.close()
+
+
+@both
+async def test_what_was_stored_before_history_was_dated_by_arrival_stays(database_url):
+    database = Database(database_url)
+    pad = {"pad_id": "pad-1", "name": "Åbo", "msp_id": "PadMSP"}
+    try:
+        await migrations.migrate(database, "0005")
+        async with database.write() as connection:
+            for statement in (
+                (
+                    "INSERT INTO tracks (uav_id, pad_id, t_ms, body) VALUES ('uav-1', 'pad-1', 1800000000000, '{}'), "
+                    "('uav-1', 'pad-1', 1800090000000, '{}'), ('uav-1', 'pad-1', 1800090000001, '{}')"
+                ),
+                "INSERT INTO estimates (session_id, uav_id, pad_id, t_ms, body) VALUES ('s', 'u', 'p', -5, '{}')",
+                (
+                    "INSERT INTO reported_steps (session_id, step, agent, agent_id, uav_id, t_ms, ok) "
+                    "VALUES ('s', 'poll', 'pad', 'p', 'u', 7, true)"
+                ),
+                "INSERT INTO reported_ends (session_id, agent, agent_id, t_ms, body) VALUES ('s', 'pad', 'p', 9, '{}')",
+                (
+                    "INSERT INTO alerts (alert_id, kind, severity, source, t_ms, facts, state, revision, changed_ms) "
+                    "VALUES ('a', 'refuted', 'critical', 'x', 5, '{}', 'open', 0, 8)"
+                ),
+                "INSERT INTO blocks VALUES (0, 'h', 'p', 'd', 33, 1, 1, 10)",
+            ):
+                await connection.execute(text(statement))
+            payload = json.dumps({"kind": "PadRegistered", "record": pad, "t_ms": 33, "tx_id": "t"})
+            event = "INSERT INTO events VALUES (0, 0, 'PadRegistered', :payload)"
+            await connection.execute(text(event), {"payload": payload})
+        await migrations.migrate(database)
+        async with database.write() as connection:
+            await make_ahead(connection, 1_800_000_000_000)
+
+        async def rows(query):
+            async with database.read() as session:
+                return [tuple(row) for row in await session.execute(text(query))]
+
+        assert await rows("SELECT id, t_ms, received_ms FROM tracks ORDER BY id") == [
+            (1, 1_800_000_000_000, 1_800_000_000_000),
+            (2, 1_800_090_000_000, 1_800_090_000_000),
+            (3, 1_800_090_000_001, 1_800_090_000_001),
+        ]
+        assert await rows("SELECT positions FROM track_minutes ORDER BY minute_ms") == [(1,), (2,)]
+        assert await rows("SELECT received_ms FROM estimates") == [(-5,)]
+        assert await rows("SELECT received_ms FROM reported_steps") == [(7,)]
+        assert await rows("SELECT received_ms FROM reported_ends") == [(9,)]
+        assert await rows("SELECT raised_ms FROM alerts") == [(8,)]
+        assert await rows("SELECT number, known_ms FROM block_arrivals") == [(0, 33)]
+        ((kind, key, record),) = await rows("SELECT kind, key, record FROM record_versions")
+        assert (kind, key, record) == ("pad", "pad-1", encoding.encode(pad).decode())
+        async with database.write() as connection:
+            await bulk.append(connection, TrackRow, [NEW_TRACK])
+        assert await rows("SELECT id FROM tracks WHERE uav_id = 'new'") == [(4,)]
+    finally:
+        await database.close()
+
+
+@pytest.mark.parametrize("database_url", [pytest.param("postgresql", marks=pytest.mark.postgres)], indirect=True)
+async def test_partitions_are_made_ahead_and_dropped_and_no_row_is_refused(database):
+    day = 86_400_000
+    today = 1_800_000_000_000 // day * day
+
+    async def held():
+        async with database.read() as session:
+            query = "SELECT tableoid::regclass::text, received_ms FROM tracks ORDER BY received_ms"
+            return [tuple(row) for row in await session.execute(text(query))]
+
+    async with database.write() as connection:
+        await bulk.append(connection, TrackRow, [NEW_TRACK | {"received_ms": each} for each in (5, today + 7)])
+    assert [name for name, _ in await held()] == ["tracks_default", "tracks_default"]
+    for _ in range(2):
+        async with database.write() as connection:
+            await make_ahead(connection, today + 9)
+    assert await held() == [("tracks_default", 5), (partition_of("tracks", today // day), today + 7)]
+    async with database.write() as connection:
+        await bulk.append(connection, TrackRow, [NEW_TRACK | {"received_ms": today + 3 * day}])
+        await forget(connection, TrackRow, today + 10)
+    assert [received for _, received in await held()] == [today + 7, today + 3 * day], "a day goes as a whole"
+    async with database.write() as connection:
+        await forget(connection, TrackRow, today + day)
+        names = await partitions(connection, "tracks")
+    assert [received for _, received in await held()] == [today + 3 * day]
+    assert partition_of("tracks", today // day) not in names
 
 
 @both

@@ -11,7 +11,8 @@ import orjson
 import pytest
 from sqlalchemy import select
 
-from backend.db.models import (
+from backend.db import bulk
+from backend.db.tables.ledger import (
     AssetRow,
     AuthorisationRow,
     BlockRow,
@@ -90,7 +91,8 @@ async def test_every_kind_of_record_becomes_its_row(database, new_mirror, chain,
     assert session.complete_tx is not None
     (evidence,) = await rows(database, EvidenceRow)
     assert hashlib.sha256(evidence.record.encode()).hexdigest() == hashlib.sha256(facts.evidence().encode()).hexdigest()
-    assert [row.name for row in await rows(database, EventRow)] == ["ProofRequested", "ProofDecided"]
+    told = ["ProofRequested", "ProofDecided", "InteractionCompleted"]
+    assert [row.name for row in await rows(database, EventRow)] == told
     assert [row.msp_id for row in await rows(database, OrganisationRow)] == [
         "AuthorityMSP",
         "FleetMSP",
@@ -193,7 +195,7 @@ async def test_block_by_block_and_in_batches_come_to_the_same(
     mirror, _ = new_mirror(source_of(chain), batch_transactions=1)
     await mirror.run_until(chain.height)
     before = await digest(database)
-    monkeypatch.setattr(store, "MANY_ROWS", 2)
+    monkeypatch.setattr(bulk, "MANY_ROWS", 2)
     await rebuild(database, source_of(chain), channel="wonderland", chaincode="pol", batch_transactions=9)
     assert await digest(database) == before
     other = Database(f"sqlite:///{tmp_path / 'other.db'}")
@@ -314,7 +316,7 @@ async def test_a_database_that_restarts_is_survived(database, new_mirror, chain,
 
 
 def test_nothing_but_the_mirror_writes_what_the_ledger_says():
-    from backend.db.models import ledger_tables
+    from backend.db.tables.ledger import ledger_tables
 
     package = Path(store.__file__).parents[1]
     tables = "|".join(each.__name__ for each in ledger_tables())

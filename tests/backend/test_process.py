@@ -158,7 +158,7 @@ async def test_links_for_more_people(tmp_path, ledger):
         code, out, _ = await run("link", "--database", database, "--json")
         assert code == 0
         async with signed_in(told | {"token": json.loads(out)["token"]}) as http:
-            assert (await http.get("/api/v1/session")).json()["name"] == "Inspector"
+            assert (await http.get("/api/v1/session")).json()["name"] == "Demo"
     finally:
         assert await stop(process) == 0
 

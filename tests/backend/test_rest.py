@@ -11,8 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
-from backend.app import new_app, openapi
+from backend.description import openapi
 from backend.pagination import decode_cursor
+from backend.routes import new_app
 from backend.settings import Settings
 from wonderland.ledger.errors import LedgerError
 

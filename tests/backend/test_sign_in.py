@@ -6,7 +6,7 @@ import httpx
 import pytest
 from sqlalchemy import select
 
-from backend.db.models import SignInRow, SignInTokenRow
+from backend.db.tables.people import LinkRow, SignInRow
 from backend.errors import SignInRequired
 
 
@@ -72,7 +72,7 @@ async def test_only_hashes_are_kept(running):
     token = await running.context.sign_ins.new_token("Inspector", ())
     cookie, _ = await running.context.sign_ins.redeem(token)
     async with running.context.database.read() as session:
-        kept = [str(vars(row)) for model in (SignInTokenRow, SignInRow) for row in await session.scalars(select(model))]
+        kept = [str(vars(row)) for model in (LinkRow, SignInRow) for row in await session.scalars(select(model))]
     assert kept
     assert not any(token in each or cookie in each for each in kept)
 

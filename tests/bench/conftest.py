@@ -43,6 +43,14 @@ backend_tools = _load("backend_test_tools", HERE.parent / "backend" / "conftest.
 postgres = backend_tools.postgres
 
 
+def pytest_addoption(parser):
+    parser.addoption("--rows", type=int, default=1_000_000, help="how many positions the benchmark of history stores")
+    parser.addoption("--consoles", type=int, default=200, help="how many consoles are connected to the live push")
+    parser.addoption(
+        "--minutes", type=float, default=1.0, help="how long the benchmarks of memory run (30: the full one)"
+    )
+
+
 def pytest_collection_modifyitems(config, items):
     """Only ``-m bench`` runs them: a plain ``pytest`` must not take minutes."""
     if "bench" in (config.option.markexpr or ""):

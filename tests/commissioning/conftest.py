@@ -27,6 +27,8 @@ def place_at(t_s: float, seconds: float, reach_m: float = 20.0) -> tuple[float, 
 class World:
     """Draws ranges as the simulator's radio does."""
 
+    place_at = staticmethod(place_at)
+
     def __init__(self, seed: int = 1, anchors=None, bias=OWN_BIAS_M, **channel) -> None:
         self.anchors = anchors or ANCHORS
         macs = dict(enumerate(bias))

@@ -61,6 +61,35 @@ def test_what_is_stated_holds_on_a_run_that_was_not_seen(fitted, make_world):
     assert np.mean(np.abs(pulls) > 3) < 0.01
 
 
+def test_what_all_anchors_share_is_the_installations_and_no_anchors_noise(fitted, make_world):
+    """An error that all ranges of a second have in common moves the distance and not the bearing."""
+    run = make_world().run()
+    shared = np.random.default_rng(3).normal(0.0, 0.05, int(run.t_s[-1]) + 1)[run.t_s.astype(int)]
+    spread = fit_runs([replace(run, range_m=run.range_m + shared[:, None])]).spread
+    assert spread.range_sigma_m == pytest.approx(fitted.spread.range_sigma_m, rel=0.1)
+    assert spread.correlation < 0.2
+    assert np.median(spread.bias_sigma_m) < 1.2 * np.median(fitted.spread.bias_sigma_m)
+    assert 0.04 < spread.installation_m < 0.09
+
+
+def test_what_changes_with_the_place_is_stated_once(make_world):
+    """Reflections of each place: neither noise that more rounds average out and bias again, nor left out."""
+
+    def reflected(seed):
+        run = make_world(seed=seed).run(240.0)
+        errors = np.random.default_rng(seed).normal(0.0, 0.04, (int(run.t_s[-1]) // 2 + 1, run.range_m.shape[1]))
+        return replace(run, range_m=run.range_m + errors[run.t_s.astype(int) // 2])
+
+    fit = fit_runs([reflected(1)])
+    other = windows((reflected(2),))
+    rest = other.error_m - fit.curves.at(other.distance_m)
+    own = (rest - rest.mean(axis=1, keepdims=True)) * np.sqrt(4 / 3)
+    bias2 = float(np.median(fit.spread.bias_sigma_m)) ** 2
+    worth = (1 - fit.spread.correlation) / (1 + fit.spread.correlation)
+    stated = np.sqrt(bias2 + fit.spread.range_sigma_m**2 / (2 * other.rounds * worth))  # sessions of two seconds
+    assert 0.9 < stated / np.sqrt(np.nanmean(own**2)) < 1.4
+
+
 def test_correlated_rounds_are_worth_less(make_world):
     run = make_world(sigma_m=0.05).run(60.0)
     kernel = np.ones(5) / 5  # a node that hands out a moving average

@@ -34,6 +34,8 @@ SPEED = 8
 """The calibration's clock runs so much faster: half a minute takes four seconds."""
 BIAS_M = {"A1": 0.20, "A2": -0.10, "A3": 0.05, "A4": 0.12}
 PLACES = {"A1": (1.6, 1.6, 1.6), "A2": (-1.6, 1.6, 0.25), "A3": (-1.6, -1.6, 0.25), "A4": (1.6, -1.6, 0.25)}
+LATE_M = {"A1": 0.0, "A2": 0.6, "A3": -0.2, "A4": -0.4}
+TICKS_PER_M = 63_897_600_000 / 299_792_458
 ORIGIN = Origin(60.4518, 22.2666, 30.0)
 
 pytestmark = pytest.mark.timeout(300)  # seconds of work; minutes where the machine is crowded
@@ -86,8 +88,9 @@ class Site:
         self.directory = directory
         self.clock = Clock()
         self.stand = dict(PLACES)
+        self.clock_late_m: dict[str, float] | None = None
         self.rng = random.Random(4)
-        self.air = Air(self.measure, rng=random.Random(3), jitter_ms=0)
+        self.air = Air(self.measure, stamp=self.stamp, rng=random.Random(3), jitter_ms=0)
         self.ports = {}
         for name in (*PLACES, "tag"):
             self.ports[name] = PtyPort(VirtualNode(name, self.air), directory / f"tty-{name}")
@@ -110,6 +113,14 @@ class Site:
         else:
             away = math.dist(self.stand[observer], self.stand[peer]) + 0.05 + self.rng.gauss(0, 0.02)
         return Measurement(round(away * 1000))
+
+    def stamp(self, anchor: str, tag: str, t_s: float) -> int | None:
+        """The counters count the clock's seconds; each is late in its own way."""
+        if self.clock_late_m is None:
+            return None
+        place = self.where(self.clock() / 1000)
+        late = self.clock_late_m[anchor] + self.rng.gauss(0, 0.02)
+        return round((299_792_458.0 * t_s + math.dist(PLACES[anchor], place) + late) * TICKS_PER_M)
 
     def settings(self, **more) -> LiveSettings:
         pad = parse(
@@ -221,6 +232,29 @@ async def test_a_pad_is_commissioned_from_survey_to_ledger_and_can_go_on_at_any_
     baseline = json.loads((site.directory / "spool" / "anchors.json").read_text())
     assert baseline["commissioning_sha256"] == done["commissioning_sha256"]
     assert len(baseline["pairs"]) == 6
+
+
+async def test_time_stamps_of_the_same_run_calibrate_the_clocks(site):
+    site.clock_late_m = LATE_M
+    _, operator = await site.commission(dry_run=True)
+    state = site.directory / "state"
+    record = Commissioning.decode((state / "commissioning.json").read_bytes())
+    assert 15 <= record.timestamp_sigma_mm <= 45
+    for anchor in record.anchors:
+        assert anchor.clock_offset_mm == pytest.approx(1000 * LATE_M[anchor.anchor_id], abs=40)
+        assert anchor.clock_sigma_mm <= 60
+    assert operator.result.timed_reaches
+    assert "what time stamps alone can verify" in (state / "report.html").read_text()
+    assert (state / "stamps-1.csv").read_text().startswith("t,anchor,blink,ticks")
+
+
+async def test_nodes_that_time_stamp_nothing_leave_the_clocks_unknown(site):
+    done, operator = await site.commission(dry_run=True)
+    record = Commissioning.decode((site.directory / "state" / "commissioning.json").read_bytes())
+    assert record.timestamp_sigma_mm is None
+    assert operator.result.clocks is None
+    assert any("No time stamps of blinks (none arrived)" in said for said in operator.said)
+    assert done["published"] is False
 
 
 async def test_an_anchor_that_stands_elsewhere_is_named_before_anything_is_calibrated(site):

@@ -48,7 +48,9 @@ def test_without_a_person_only_what_was_asked_for_is_confirmed():
 def test_the_run_says_what_is_missing_until_nothing_is(tmp_path):
     console = Console(file=io.StringIO(), width=160, force_terminal=True, highlight=False, _environ={"TERM": "xterm"})
     shown = Terminal(console)
-    with RunRecorder(tmp_path / "r.csv", tmp_path / "t.csv", tuple(PLACES), (0, 0, 0), 100) as recorder:
+    with RunRecorder(
+        tmp_path / "r.csv", tmp_path / "t.csv", tmp_path / "s.csv", tuple(PLACES), (0, 0, 0), 100
+    ) as recorder:
         assert recorder.coverage.missing(6.0) == "go to about 3 m from the pad"
         shown.progress(recorder, 0.0, 6.0, "")
         for step in range(4_000):

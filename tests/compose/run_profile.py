@@ -19,7 +19,8 @@ PATIENCE_S = 180
 
 async def sign_in(engine, console):
     """As an operator does: a link printed by the backend's own command."""
-    code, output = await engine.execute(engine.services["backend"], ["wonderland", "backend", "link", "--json"])
+    command = ["wonderland", "backend", "link", "--name", "Inspector", "--json"]
+    code, output = await engine.execute(engine.services["backend"], command)
     if code:
         raise EngineError(output.decode())
     answer = await console.post("/api/v1/session", json={"token": json.loads(output.splitlines()[-1])["token"]})

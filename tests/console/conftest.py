@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import expect, sync_playwright
 
 from backend.app import Backend
 from backend.db.engine import Database
@@ -38,6 +38,8 @@ FLAGS = (
     "--disable-default-apps",
     "--disable-dev-shm-usage",
 )
+# How long a page may take: a software-drawn map on a machine that is also doing other tests can stand for many seconds.
+PATIENCE_MS = 45_000
 # Nothing but this machine may be asked for anything.
 OFFLINE = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
 
@@ -45,8 +47,11 @@ OFFLINE = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
 def chromium_program(playwright):
     """Playwright's own Chromium, else the system's, else None."""
     own = Path(playwright.chromium.executable_path)
-    if own.is_file():
-        return str(own)
+    return str(own) if own.is_file() else chromium_on_path()
+
+
+def chromium_on_path():
+    """The system's Chromium, else None."""
     return next((found for name in ON_PATH if (found := shutil.which(name))), None)
 
 
@@ -63,6 +68,7 @@ def browser():
         program = chromium_program(playwright)
         if program is None:
             pytest.skip("no Chromium here: neither playwright's own nor one on the PATH")
+        expect.set_options(timeout=PATIENCE_MS)
         running = playwright.chromium.launch(executable_path=program, args=[*FLAGS, OFFLINE])
         yield running
         running.close()
@@ -111,7 +117,7 @@ def open_page(browser):
             )
             contexts.append(context)
         page = context.new_page()
-        page.set_default_timeout(20_000)
+        page.set_default_timeout(PATIENCE_MS)
         watched = Watched(page, "/".join(url.split("/", 3)[:3]))
         page.watched = watched
         pages.append(watched)
@@ -185,8 +191,11 @@ def authorities(tools, tmp_path_factory):
 class RealBackend:
     """A real backend that mirrors a chain of real blocks, in a thread with an event loop of its own."""
 
-    def __init__(self, tools, authorities, directory, console):
+    HOSTS = frozenset({"127.0.0.1"})
+
+    def __init__(self, tools, authorities, directory, console, **settings):
         self.tools = tools
+        self.settings = settings
         self.console = console
         self.directory = directory
         self.loop = asyncio.new_event_loop()
@@ -231,14 +240,14 @@ class RealBackend:
         database = Database(f"sqlite:///{self.directory / 'console.db'}")
         await migrate(database)
         self.backend = Backend(
-            Settings(console=self.console),
+            Settings(console=self.console, **self.settings),
             database=database,
             source=self.tools.Source(self.chain),
             channel="wonderland",
             chaincode="pol",
             ledger_kind="embedded",
             ledger_notice="no multi-party trust",
-            allowed_hosts=frozenset({"127.0.0.1"}),
+            allowed_hosts=self.HOSTS,
             console_directory=self.console,
         )
         bound = Listen("127.0.0.1", self.port).open()
@@ -270,9 +279,9 @@ class RealBackend:
         ending.set()
         await task
 
-    def link(self, name="M. Inspector"):
+    def link(self, name="M. Inspector", role="inspector"):
         """A link with a fresh one-time token."""
-        token = self._run(self.backend.context.sign_ins.new_token(name, ("inspector",)))
+        token = self._run(self.backend.context.sign_ins.new_token(name, (role,)))
         return f"{self.url}/#token={token}"
 
     def add(self, *transactions):

@@ -5,8 +5,6 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import expect
 
-expect.set_options(timeout=15_000)
-
 
 @pytest.fixture
 def page(real, open_page):

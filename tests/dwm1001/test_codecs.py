@@ -280,7 +280,9 @@ def test_an_overwritten_line_invents_no_range(first, second, kind, noise, data):
     assert isinstance(parsed, LocationReport)
     true = {(d.address, d.range_mm) for report in (first, second) for d in report.distances}
     assert {(d.address, d.range_mm) for d in parsed.distances} <= true
-    assert parsed.damaged or cut == 0 or line[:cut].isspace()
+    # Cut between two entries, a line of them goes on in another: nothing in it tells.
+    between_entries = noise == "" and line[:cut].endswith(" ")
+    assert parsed.damaged or cut == 0 or line[:cut].isspace() or between_entries
 
 
 @ENOUGH

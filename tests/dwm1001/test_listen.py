@@ -9,8 +9,10 @@ import sys
 
 import pytest
 
+from edge_agent.commissioning.live.radios import TagPlan
 from simulator.dwm1001_node import Quirks
 from simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
+from wonderland.uwb.events import FrameStamped
 from wonderland.uwb.listen import Summary, UciBench
 from wonderland.uwb.node import UwbNode
 from wonderland.uwb.uci.errors import UciEncodeError
@@ -87,6 +89,42 @@ async def test_two_uci_boards_range_each_other(tmp_path):
     assert summary["peers"]["d001"]["mean_mm"] == 4_320
 
 
+async def test_a_board_that_leads_blinks_for_nodes_that_time_stamp(tmp_path):
+    """As the tag of a pad's calibration run, on another computer: what `pad commission` says to run there."""
+    air = Air(lambda *_: Measurement(4_320), stamp=lambda *_: 1_234, rng=random.Random(1))
+    ports = {name: PtyPort(VirtualNode(name, air), tmp_path / name) for name in ("tag", "anchor")}
+    for port in ports.values():
+        port.plug()
+    plan = TagPlan(macs={"A1": 0xA001}, tag_mac=0xD001, session_id=77, key=bytes(range(16)), interval_ms=50)
+    key_file = tmp_path / "run.key"
+    key_file.write_text(plan.key.hex())
+    told = plan.command(key_file).replace("PORT", str(ports["tag"].path)).replace(key_file.name, str(key_file))
+    try:
+        async with UwbNode(ports["anchor"].path) as node:
+            await node.wait_ready()
+            session = await node.open_session(plan.blinks().pad_anchor(0))
+            listening = asyncio.create_task(run(*told.split()[2:], "--seconds", 6))
+            async with asyncio.timeout(20):
+                heard = [event async for event in _first(session.events(), 3)]
+            code, _, err = await listening
+    finally:
+        for port in ports.values():
+            port.close()
+        air.close()
+    assert code == 0, err
+    assert {(event.tag_mac, event.ticks) for event in heard} == {(0xD001, 1_234)}
+    assert [event.number for event in heard] == [1, 2, 3]
+
+
+async def _first(events, count):
+    async for event in events:
+        if isinstance(event, FrameStamped):
+            yield event
+            count -= 1
+            if not count:
+                return
+
+
 async def test_a_peer_that_is_away_is_said(tmp_path):
     air = Air(lambda observer, peer, t_s: Measurement(1_000), rng=random.Random(1))
     port = PtyPort(VirtualNode("here", air), tmp_path / "here")
@@ -118,6 +156,7 @@ async def test_a_peer_that_is_away_is_said(tmp_path):
         (("--kind", "uci", "--mac", "1", "--peer", "2", "--key-file", "absent"), 2, "No such file"),
         (("--kind", "uci", "--mac", "1", "--peer", "2", "--key-file", "bad"), 2, "hexadecimal"),
         (("--kind", "uci", "--mac", "1", "--peer", "2", "--key-file", "short"), 2, "3 octets"),
+        (("--kind", "uci", "--mac", "1", "--peer", "2", "--blink"), 2, "with the run's key"),
         (("--kind", "uci", "--mac", "1", "--peer", "2"), 1, "not one report"),
         (("--kind", "dwm1001"), 1, "not one report"),
     ],

@@ -18,7 +18,7 @@ from sqlalchemy import func, select
 from backend.app import Backend
 from backend.db.engine import Database
 from backend.db.migrate import migrate
-from backend.db.models import HealthRow, IrregularRow, SessionEndRow, SpoolRow, StepRow, TrackRow
+from backend.db.tables.reported import HealthRow, IrregularRow, SessionEndRow, SpoolRow, StepRow, TrackRow
 from backend.serve import Listen, new_server
 from backend.settings import Settings
 from edge_agent.receiver import Assembler
@@ -83,6 +83,7 @@ async def serving(database: Database, organisation: LocalCa, port: int = 0) -> A
     server = new_server(backend.app, backend.settings)
     bound = Listen("127.0.0.1", port).open()
     async with backend.running():
+        await backend.context.sign_ins.new_token("Inspector", ("inspector",))  # set up: agents are taken in from now on
         # What the mirror learns from the channel's configuration block.
         definition = {
             "root_certs": [organisation.root_pem().decode()],

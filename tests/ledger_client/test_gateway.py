@@ -253,16 +253,23 @@ async def test_events_after_a_transaction_that_lies_before_the_start(contract, n
 
 async def test_a_checkpoint_of_another_ledger_is_noticed(contract, network):
     await contract.submit("put", "a", "x")
-    for checkpoint in (Checkpoint(1, "e" * 64), Checkpoint(1000, "e" * 64), Checkpoint(1000)):
-        keeper = MemoryCheckpointer()
-        keeper.save(checkpoint)
-        with pytest.raises(UnknownTransactionError):
-            await anext(network.chaincode_events("pol", checkpointer=keeper))
-    keeper = MemoryCheckpointer()
-    keeper.save(Checkpoint(1000))
-    for stream in (network.blocks(checkpointer=keeper), network.filtered_blocks(checkpointer=keeper)):
-        with pytest.raises(UnknownTransactionError, match="1000"):
+
+    def keeper(checkpoint):
+        made = MemoryCheckpointer()
+        made.save(checkpoint)
+        return made
+
+    async def refused(stream, match=None):
+        with pytest.raises(UnknownTransactionError, match=match):
             await anext(stream)
+
+    # At once: a block that is not there yet is waited for.
+    checkpoints = (Checkpoint(1, "e" * 64), Checkpoint(1000, "e" * 64), Checkpoint(1000))
+    await asyncio.gather(
+        *(refused(network.chaincode_events("pol", checkpointer=keeper(each))) for each in checkpoints),
+        refused(network.blocks(checkpointer=keeper(Checkpoint(1000))), "1000"),
+        refused(network.filtered_blocks(checkpointer=keeper(Checkpoint(1000))), "1000"),
+    )
 
 
 async def test_a_checkpoint_at_the_very_end_is_fine(contract, network):

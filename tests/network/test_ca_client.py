@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.ca import Kind, LocalCa
+from wonderland.ledger.ca import CertificateRequest, Kind, LocalCa
 from wonderland.ledger.ca import client as module
 from wonderland.ledger.ca.client import (
     FabricCaAnswerError,
@@ -269,3 +269,35 @@ async def test_a_server_without_a_time_is_borne(ca, said):
     root = ca.root_pem(Kind.TLS)
     async with FabricCaClient("ca.example.org:7054", "c", root, transport=httpx.MockTransport(handle)) as client:
         assert (await client.info()).now is None
+
+
+async def test_a_request_that_somebody_made_elsewhere_is_passed_on_as_it_is(server, ca):
+    key = ec.generate_private_key(ec.SECP256R1())
+    subject = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "anna")])
+    signed = x509.CertificateSigningRequestBuilder().subject_name(subject).sign(key, hashes.SHA256())
+    asked = CertificateRequest.parse(signed.public_bytes(Encoding.PEM).decode())
+
+    def answer(request):
+        body = json.loads(request.content)
+        pem = _certificate(ca, body["certificate_request"])
+        return 201, {"success": True, "result": {"Cert": base64.b64encode(pem).decode()}, "errors": []}
+
+    server.answer = answer
+    async with server.client() as client:
+        pem = await client.enrol_request(asked, "one-time")
+        assert x509.load_pem_x509_certificate(pem).public_key() == key.public_key()
+        sent, body = server.last
+        assert sent.url.path == "/api/v1/enroll"
+        assert body["certificate_request"] == asked.pem
+        assert sent.headers["authorization"] == "Basic " + base64.b64encode(b"anna:one-time").decode()
+        other = ec.generate_private_key(ec.SECP256R1())
+        swapped = x509.CertificateSigningRequestBuilder().subject_name(subject).sign(other, hashes.SHA256())
+        server.answer = lambda _: answer(
+            httpx.Request(
+                "POST",
+                "https://x",
+                json={"certificate_request": swapped.public_bytes(Encoding.PEM).decode()},
+            )
+        )
+        with pytest.raises(FabricCaAnswerError):
+            await client.enrol_request(asked, "one-time")

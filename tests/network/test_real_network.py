@@ -22,6 +22,8 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from fabric_protos.common import common_pb2
+from fabric_protos.orderer import ab_pb2
 
 from wonderland.ledger.ca.errors import AlreadyEnrolledError, CaRequestError
 from wonderland.ledger.connection import Connection
@@ -185,6 +187,26 @@ async def test_peers_let_in_only_clients_with_a_certificate(running):
     assert b"min_assurance" in await evaluates(shown.key_pem(), shown.certificate_pem())
     assert await evaluates(None, None) is grpc.StatusCode.UNAVAILABLE
     assert await evaluates(stranger_pem, stranger) is grpc.StatusCode.UNAVAILABLE
+
+
+async def test_orderers_let_in_only_clients_with_a_certificate(running):
+    """Mutual TLS there, too: an administrator's certificate leads to an answer, none to no connection at all."""
+    network = running.network
+    (orderer,) = network.orderers
+    organisation = network.directory.organisation(orderer.msp_id)
+    shown = organisation.tls_identity(MSP_ADMIN)
+
+    async def answer(key, certificate):
+        credentials = grpc.ssl_channel_credentials(organisation.tls_root.read_bytes(), key, certificate)
+        async with grpc.aio.secure_channel(network.address(orderer), credentials) as channel:
+            call = channel.stream_stream("/orderer.AtomicBroadcast/Broadcast")(iter([b""]), timeout=10)
+            try:
+                return ab_pb2.BroadcastResponse.FromString(await call.read()).status
+            except grpc.aio.AioRpcError as error:
+                return error.code()
+
+    assert await answer(shown.key.read_bytes(), shown.certificate.read_bytes()) == common_pb2.BAD_REQUEST
+    assert await answer(None, None) is grpc.StatusCode.UNAVAILABLE
 
 
 # --- again, and after crashes

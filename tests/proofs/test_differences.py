@@ -213,6 +213,31 @@ def test_a_clock_that_is_off_is_noticed_and_earns_nothing(timed):
     assert verdict.outcome == "verified", "what two-way ranging can bear still stands"
 
 
+@pytest.mark.parametrize("bad", range(4))
+@pytest.mark.parametrize("off_mm", [-700, 300, 5_000])
+def test_the_clock_that_is_off_is_named_by_what_the_ranges_know(timed, bad, off_mm):
+    errors = tuple(off_mm if index == bad else 0 for index in range(4))
+    verdict = verdict_of(timed(), NEAR, NEAR, stamps=timed().stamps(lambda t: NEAR, clock_mm=errors))
+    said = {reason.code: reason.text for reason in verdict.reasons}
+    assert said["clock_suspected"] == f"The pad: without the clock of A{bad} the time stamps agree."
+
+
+def test_four_clocks_alone_cannot_name_the_bad_one(timed):
+    """With ranges that are elsewhere (a lie, too) no anchor is accused."""
+    verdict = verdict_of(
+        timed(), NEAR, NEAR, ranged=(30_000, 8000, 3000), stamps=timed().stamps(lambda t: NEAR, clock_mm=(0, 400, 0, 0))
+    )
+    assert "time_differences_inconsistent" in codes(verdict)
+    assert "clock_suspected" not in codes(verdict)
+
+
+def test_two_clocks_that_are_off_are_not_blamed_on_one(timed):
+    stamps = timed().stamps(lambda t: NEAR, clock_mm=(900, -900, 0, 0))
+    verdict = verdict_of(timed(), NEAR, NEAR, stamps=stamps)
+    assert "time_differences_inconsistent" in codes(verdict)
+    assert "clock_suspected" not in codes(verdict)
+
+
 def test_commissioned_offsets_are_taken_out(timed):
     world = timed()
     offsets = (250, -400, 120, 0)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import random
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from wonderland.proofs.records.sessions import AnchorRanges, BroadcastClaim, Evidence, Radio, RangeTable
 from wonderland.proofs.records.verdicts import Reason, Verdict
+from wonderland.proofs.stopping import LOOKS
 from wonderland.proofs.testimony import WitnessBrought
 from wonderland.proofs.verdict import decide, preview
 
@@ -95,11 +97,74 @@ def heard_before(world, now_ms, away_mm, *, early_ms):
 
 def test_a_broadcast_from_before_the_claims_is_judged_with_what_the_drone_may_have_flown(world, now_ms):
     approaching = heard_before(world, now_ms, 6_000, early_ms=1_500)
-    assert approaching.outcome == "verified"
-    assert approaching.broadcast.outcome == "inconclusive"
+    assert (approaching.outcome, approaching.broadcast.outcome) == ("verified", "verified")
+    assert approaching.broadcast.tolerance_mm == 60_000
+    assert not approaching.broadcast.paper_rule
     assert heard_before(world, now_ms, 6_000, early_ms=100).outcome == "refuted"
-    assert heard_before(world, now_ms, 60_000, early_ms=1_500).outcome == "refuted"
+    assert heard_before(world, now_ms, 80_000, early_ms=1_500).outcome == "refuted"
     assert heard_before(world, now_ms, 60_000, early_ms=5_000).broadcast is None
+
+
+def broadcasting(world, now_ms, *away_mm, accuracy_mm=None, **evidence):
+    """A drone that signs the truth and says each of these offsets (mm, eastwards) to the public, one a second."""
+    found = world.evidence(at(*HERE), at(*HERE), broadcast=at(*HERE), rounds=20 * len(away_mm), **evidence)
+    places = [world.claim((HERE[0] + mm, HERE[1], HERE[2]), 0) for mm in away_mm]
+    heard = tuple(
+        dataclasses.replace(one, lat_e7=place.lat_e7, lon_e7=place.lon_e7, accuracy_mm=accuracy_mm)
+        for one, place in zip(found.broadcast, places, strict=False)
+    )
+    session = world.session(world.claim(HERE, 1_800_000_000_000))
+    return preview(session, world.commissioning, dataclasses.replace(found, broadcast=heard), now_ms)
+
+
+@pytest.mark.parametrize(
+    ("stated_mm", "away_mm", "outcome"),
+    [
+        (None, 0, "verified"),
+        (None, 1_500, "refuted"),
+        (1_000, 1_000, "verified"),
+        (1_000, 2_000, "inconclusive"),
+        (1_000, 3_000, "refuted"),
+        (10_000, 9_000, "verified"),
+        (10_000, 25_000, "refuted"),
+        (10_000_000, 35_000, "verified"),
+        (10_000_000, 50_000, "refuted"),
+    ],
+)
+def test_a_broadcast_means_what_its_stated_accuracy_says(world, now_ms, stated_mm, away_mm, outcome):
+    verdict = broadcasting(world, now_ms, away_mm, accuracy_mm=stated_mm)
+    assert (verdict.signed.outcome, verdict.broadcast.outcome) == ("verified", outcome)
+    assert verdict.outcome == outcome
+    assert verdict.permission == ("granted" if outcome == "verified" else "refused")
+    assert ("broadcast_undecided" in codes(verdict)) == (outcome == "inconclusive")
+
+
+def test_an_undecided_broadcast_asks_for_the_rounds_that_settle_it(make_world, now_ms):
+    world = make_world(sigma_mm=60)
+    open_yet = broadcasting(world, now_ms, 2_150, accuracy_mm=1_000)
+    assert (open_yet.outcome, open_yet.signed.outcome) == ("inconclusive", "verified")
+    assert open_yet.more_rounds > 0
+    assert broadcasting(world, now_ms, *(2_150,) * 8, accuracy_mm=1_000).outcome == "refuted"
+
+
+def test_two_lies_to_the_public_do_not_cancel(world, now_ms):
+    verdict = broadcasting(world, now_ms, 8_000, -8_000)
+    assert verdict.outcome == "refuted"
+    assert verdict.broadcast.error_mm == pytest.approx(8_000, abs=200)
+
+
+def test_one_lie_among_honest_broadcasts_counts(world, now_ms):
+    assert broadcasting(world, now_ms, 0, 0, 8_000, 0).outcome == "refuted"
+
+
+def test_a_fast_drone_is_not_held_to_a_position_that_was_old_when_it_was_heard(world, now_ms):
+    def path(t):
+        return (3000 + 4 * t, 6000, 4000)
+
+    late = lambda t: path(t - 400)  # noqa: E731 - as a receiver hears what was measured 0.4 s before
+    verdict = judge(world, now_ms, path, path, broadcast=late)
+    assert (verdict.outcome, verdict.broadcast.tolerance_mm) == ("verified", 4_800)
+    assert judge(world, now_ms, path, path, broadcast=lambda t: path(t - 3_000)).outcome == "refuted"
 
 
 def test_a_moving_drone_is_judged_along_its_claimed_path(world, now_ms):
@@ -107,6 +172,60 @@ def test_a_moving_drone_is_judged_along_its_claimed_path(world, now_ms):
     assert judge(world, now_ms, path, path, broadcast=path).outcome == "verified"
     stale = lambda t: (3000 + 3 * (t - 1000), 6000, 4000)  # noqa: E731
     assert judge(world, now_ms, path, stale).outcome == "refuted"
+
+
+def counted(attempted):
+    return {"radio": Radio(measured_by="pad", sts="provisioned", attempted_rounds=attempted)}
+
+
+@pytest.mark.parametrize(
+    ("attempted", "outcome", "more"),
+    [
+        (None, "verified", -1),
+        (29, "verified", -1),
+        (40, "verified", -1),
+        (41, "inconclusive", 1),
+        (160, "inconclusive", 120),
+        (800, "inconclusive", -1),
+    ],
+)
+def test_rounds_that_were_attempted_and_did_not_come_about_count(world, now_ms, attempted, outcome, more):
+    verdict = judge(world, now_ms, at(*HERE), at(*HERE), rounds=20, **counted(attempted))
+    assert (verdict.outcome, verdict.more_rounds) == (outcome, more)
+    assert ("rounds_missing" in codes(verdict)) == (outcome == "inconclusive")
+
+
+def test_a_lie_is_refuted_however_many_rounds_are_missing(world, now_ms):
+    assert judge(world, now_ms, at(*HERE), at(9000, 9000, 4000), rounds=20, **counted(800)).outcome == "refuted"
+
+
+def test_obstructed_ranges_are_not_missing_rounds(world, now_ms):
+    evidence = world.evidence(at(*HERE), at(*HERE), rounds=60, **counted(80))
+    flagged = tuple(range(0, 60, 2))
+    columns = tuple(
+        dataclasses.replace(column, nlos=flagged if index < 2 else ())
+        for index, column in enumerate(evidence.ranges.anchors)
+    )
+    evidence = dataclasses.replace(evidence, ranges=dataclasses.replace(evidence.ranges, anchors=columns))
+    session = world.session(world.claim(HERE, 1_800_000_000_000))
+    verdict = preview(session, world.commissioning, evidence, now_ms)
+    assert (verdict.outcome, verdict.rounds) == ("verified", 30)
+    assert "rounds_missing" not in codes(verdict)
+
+
+def test_an_honest_channel_that_loses_a_third_of_its_rounds_is_verified_as_soon(make_world, now_ms):
+    rng = random.Random(6)
+    refused = 0
+    for seed in range(40):
+        lost = 0
+        for rounds in LOOKS:  # as a pad looks, with what its channel lost by then
+            while sum(rng.random() >= 1 / 3 for _ in range(rounds + lost)) < rounds:
+                lost += 1
+            verdict = judge(make_world(seed), now_ms, at(*HERE), at(*HERE), rounds=rounds, **counted(rounds + lost))
+            if verdict.outcome == "verified" or verdict.more_rounds < 0:
+                break
+        refused += verdict.outcome != "verified"
+    assert refused == 0
 
 
 def test_few_rounds_decide_nothing(world, now_ms):

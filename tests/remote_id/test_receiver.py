@@ -85,6 +85,7 @@ def test_a_pack_says_everything_at_once() -> None:
         operator_id="FIN87astrdge12k8",
         operator_lat_e7=601_800_000,
         operator_lon_e7=249_500_000,
+        operator_place="takeoff",
         claim_t_ms=T0,
         latency_ms=250,
         transports=("udp",),
@@ -103,6 +104,9 @@ def test_a_pack_says_everything_at_once() -> None:
         "claim_t_ms": T0,
         "latency_ms": 250,
         "transport": "udp",
+        "operator_lat_e7": 601_800_000,
+        "operator_lon_e7": 249_500_000,
+        "operator_place": "takeoff",
     }
     claims = assembler.recent(SERIAL, T0)
     assert claims == (heard.claim(),)

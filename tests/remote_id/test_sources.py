@@ -15,6 +15,7 @@ from pathlib import Path
 
 import aiomqtt
 import pytest
+from mqtt_broker import Broker
 
 from edge_agent.receiver import Heard, ReceiverError, RemoteIdReceiver
 from edge_agent.receiver.settings import MqttSettings, ReceiverSettings, sources_of
@@ -169,60 +170,11 @@ async def test_wifi_that_is_no_monitor() -> None:
         open_monitor("no-such-if")
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-class Broker:
-    """A real broker in a process of its own: mosquitto where it is installed, else that of mqttools."""
-
-    def __init__(self, directory: Path) -> None:
-        self.port = free_port()
-        mosquitto = os.environ.get("MOSQUITTO") or shutil.which("mosquitto")
-        if mosquitto:
-            config = directory / "mosquitto.conf"
-            config.write_text(f"listener {self.port} 127.0.0.1\nallow_anonymous true\nuser root\n")
-            self._command = [mosquitto, "-c", str(config)]
-        else:
-            self._command = [
-                sys.executable,
-                "-m",
-                "mqttools",
-                "broker",
-                "--host",
-                "127.0.0.1",
-                "--port",
-                str(self.port),
-            ]
-        self._process: subprocess.Popen[bytes] | None = None
-
-    async def start(self) -> None:
-        self._process = subprocess.Popen(self._command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        async with asyncio.timeout(60):
-            while True:
-                try:
-                    _, writer = await asyncio.open_connection("127.0.0.1", self.port)
-                except OSError:
-                    assert self._process.poll() is None, "the broker ended"
-                    await asyncio.sleep(0.05)
-                else:
-                    writer.close()
-                    await writer.wait_closed()
-                    return
-
-    def stop(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-            self._process = None
-
-    async def publish(self, topic: str, *payloads: bytes) -> None:
-        protocol = aiomqtt.ProtocolVersion.V5
-        async with aiomqtt.Client("127.0.0.1", self.port, protocol=protocol, identifier="receiver") as client:
-            for payload in payloads:
-                await client.publish(topic, payload)
+async def publish(broker: Broker, topic: str, *payloads: bytes) -> None:
+    protocol = aiomqtt.ProtocolVersion.V5
+    async with aiomqtt.Client("127.0.0.1", broker.port, protocol=protocol, identifier="receiver") as client:
+        for payload in payloads:
+            await client.publish(topic, payload)
 
 
 async def test_a_receiver_that_publishes_over_mqtt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -241,14 +193,14 @@ async def test_a_receiver_that_publishes_over_mqtt(tmp_path: Path, monkeypatch: 
             await asyncio.sleep(0)  # the broker is not there yet: the source has to wait for it
             await broker.start()
             await asyncio.wait_for(source.connected.wait(), 60)
-            await broker.publish("scout/one/drones", document(60.17), b"{", b"\xff", document(60.18))
-            await broker.publish("scout/one/heartbeat", document(60.99))
+            await publish(broker, "scout/one/drones", document(60.17), b"{", b"\xff", document(60.18))
+            await publish(broker, "scout/one/heartbeat", document(60.99))
             await until(lambda: len(heard) == 2 and receiver.counts.bad == 2, 60)
             broker.stop()
             await until(lambda: not source.connected.is_set(), 60)
             await broker.start()
             await asyncio.wait_for(source.connected.wait(), 60)
-            await broker.publish("scout/two/drones", document(60.19))
+            await publish(broker, "scout/two/drones", document(60.19))
             await until(lambda: len(heard) == 3, 60)
     finally:
         broker.stop()

@@ -255,6 +255,13 @@ async def test_pads_drones_and_proofs_are_the_same_on_both(people, tag):
     await site.operator.is_refused(403, "PAD_OF_OTHER_ORGANISATION", "UpdatePad", pad_id=other.pad_id, name="x")
     await site.admin.submit("SetPolicy", pad_id=site.pad_id, action="*", policy={"buffer_mm": 2000})
     await site.operator.submit("UpdatePad", pad_id=site.pad_id, note="Mind the crane")
+    later = time.time_ns() // 1_000_000 + 3_600_000
+    closed = {"zone_id": "FIN:P1", "actions": ["land"], "from_ms": 0, "until_ms": later}
+    await site.admin.submit("SetClosures", pad_id=site.pad_id, closures=[closed], valid_until_ms=later)
+    shut = await site.judge(await site.request("k2"))
+    assert (shut["outcome"], shut["permission"]) == ("verified", "refused")
+    assert "zone_active" in {each["code"] for each in shut["reasons"]}
+    await site.mirror.query("ReadClosures", pad_id=site.pad_id)
     await site.fleet.submit("SetUavStatus", uav_id=site.uav_id, status="retired", reason="sold")
     await site.admin.submit("RevokeAuthorisation", uav_id=site.uav_id, authorisation_id="a1", reason="sold")
     await site.uav.is_refused(422, "UAV_RETIRED", "RequestProof", site.wish("k2"))

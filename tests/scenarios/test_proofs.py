@@ -1,5 +1,7 @@
 """A drone asks to land: what the ledger says when it is honest, when it lies, and when nothing comes of it."""
 
+import time
+
 import pytest
 from scenario_world import also_with_the_node_client
 
@@ -103,3 +105,20 @@ async def test_a_claim_of_yesterday_is_refused(people, site):
     people.later(wish["claim"]["t_ms"] - people.now_ms + 20_000)
     text = await site.uav.is_refused(422, "CLAIM_TOO_OLD", "RequestProof", wish)
     assert "claim a fresh position" in text
+
+
+async def test_an_active_zone_closes_the_pad_until_it_ends(people, site):
+    """The authority's closures: read back, refused by another's hand, and the permission refused for the zone."""
+    now_ms = time.time_ns() // 1_000_000
+    closed = {"zone_id": "FIN:P1", "actions": ["land"], "from_ms": now_ms - 60_000, "until_ms": now_ms + 3_600_000}
+    said = {"pad_id": site.pad_id, "closures": [closed], "valid_until_ms": now_ms + 86_400_000}
+    await site.operator.is_refused(403, "ROLE_NOT_ALLOWED", "SetClosures", said)
+    stored = await site.admin.submit("SetClosures", said)
+    assert await site.mirror.query("ReadClosures", pad_id=site.pad_id) == stored
+    verdict = await site.judge(await site.request("k0"))
+    assert (verdict["outcome"], verdict["permission"]) == ("verified", "refused")
+    assert [each["text"] for each in verdict["reasons"] if each["code"] == "zone_active"] == [
+        f"Zone FIN:P1 forbids the action land at pad {site.pad_id}."
+    ]
+    await site.admin.submit("SetClosures", said, closures=[])
+    assert (await site.judge(await site.request("k1")))["permission"] == "granted"

@@ -80,6 +80,9 @@ async def test_every_transaction_has_its_event(people, site):
         _, record = await happens(admin, "SetPolicy", landing, policy={"buffer_mm": 1500})
         assert (record["pad_id"], record["policy"]["buffer_mm"]) == (pad_id, 1500)
 
+        until_ms = valid["valid_until_ms"]
+        await tells(admin, "SetClosures", pad_id=pad_id, closures=[], valid_until_ms=until_ms)
+
         await tells(fleet, "RegisterUav", scene.uav_argument(uav_id))
         maintenance = {"performed_ms": people.now_ms - 60_000, "valid_until_ms": valid["valid_until_ms"]}
         await tells(fleet, "RecordMaintenance", scene.maintenance(uav_id=uav_id, **maintenance))

@@ -18,6 +18,7 @@ from simulator.reproduction import (
     goals,
     hyu,
     hyu_command,
+    hyu_figures,
     method_figures,
     paper_figures,
     report,
@@ -105,7 +106,7 @@ def test_windows_of_recordings_are_judged_in_three_states_of_knowledge(measured)
     assert {(one.recording, one.known) for one in measured.judged} == {
         ("los", "none"), ("los", "part"), ("nlos", "none"), ("nlos", "part"), ("nlos", "other"),
     }  # fmt: skip
-    assert {one.claim for one in measured.judged} == set(hyu.CLAIMS)
+    assert {one.claim for one in measured.judged} == {*hyu.CLAIMS, hyu.RANDOM}
     assert hyu_command.lies_verified(measured).count == 0
     assert measured.share("refuted", measured.select(claim="truth")).count == 0
     near = [one for one in measured.select(claim="truth", known="part") if one.distance_m < 8]
@@ -136,7 +137,23 @@ def test_claims_are_as_far_off_as_they_say():
             east, north = found[f"{kind} {metres}"]
             assert math.hypot(east, north) == pytest.approx(metres)
             assert abs(east * 0.6 + north * 0.8) == pytest.approx(metres if kind == "along" else 0.0, abs=1e-9)
-    assert math.hypot(*found["random"]) <= hyu.RANDOM_REACH_M
+
+
+def test_claims_at_random_are_as_likely_anywhere():
+    rng = random.Random(2)
+    drawn = [hyu.anywhere(rng) for _ in range(4_000)]
+    inside = sum(math.hypot(*claim) <= hyu.BUFFER_M for claim in drawn) / len(drawn)
+    area = math.pi * hyu.BUFFER_M**2 / (2 * hyu.RANDOM_REACH_M) ** 2
+    assert inside == pytest.approx(area, abs=3 * math.sqrt(area / len(drawn)))
+
+
+def test_claims_on_one_window_count_as_one():
+    def judged(window, lie_m):
+        return hyu.Judged(window, "los", "part", 5.0, hyu.RANDOM, lie_m, "inconclusive", 0.5, paper_accepts=False)
+
+    windows = [judged(window, lie_m) for window in range(4) for lie_m in (0.2, 0.4, 2.0, 2.5)]
+    ((stated, share),) = hyu_figures.reliability(windows)
+    assert (stated, share.count, share.tries) == (0.5, 2, 4)
 
 
 def test_the_papers_rule_on_single_rounds(measured):

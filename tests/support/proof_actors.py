@@ -68,7 +68,7 @@ class Actors:
     async def register(self, now_ms, pads=PADS, drones=DRONES):
         for index in range(pads):
             pad_id = f"pad-{index}"
-            await self.submit(
+            await self.submit_known(
                 "pad_operator",
                 "RegisterPad",
                 tx.RegisterPad(
@@ -80,29 +80,29 @@ class Actors:
                     height_mm=FRAME.height_mm,
                 ),
             )
-            await self.submit(
+            await self.submit_known(
                 "pad_operator", "CommissionPad", tx.CommissionPad(pad_id=pad_id, commissioning=self.commissioning)
             )
-        await self.submit(
+        await self.submit_known(
             "admin",
             "SetPolicy",
             tx.SetPolicy(pad_id="*", action="*", policy=Policy(min_assurance=2, max_claim_age_ms=60_000)),
         )
         for index in range(drones):
             uav_id = f"uav-{index}"
-            await self.submit(
+            await self.submit_known(
                 "fleet_operator",
                 "RegisterUav",
                 tx.RegisterUav(uav_id=uav_id, operator_id="bench", registration="FIN87astrdge12k8", model="Bench"),
             )
-            await self.submit(
+            await self.submit_known(
                 "fleet_operator",
                 "RecordMaintenance",
                 tx.RecordMaintenance(
                     uav_id=uav_id, performed_ms=now_ms - DAY_MS, valid_until_ms=now_ms + DAY_MS, work="Inspection"
                 ),
             )
-            await self.submit(
+            await self.submit_known(
                 "admin",
                 "GrantAuthorisation",
                 tx.GrantAuthorisation(
@@ -126,7 +126,9 @@ class Actors:
                     OfferedPrekey(prekey_id=f"k{number}", public_key=points[number % 100])
                     for number in range(first, min(first + 100, each))
                 )
-                await self.submit(f"pad-{pad}", "PublishPrekeys", tx.PublishPrekeys(pad_id=f"pad-{pad}", prekeys=keys))
+                await self.submit_known(
+                    f"pad-{pad}", "PublishPrekeys", tx.PublishPrekeys(pad_id=f"pad-{pad}", prekeys=keys)
+                )
         return [
             Prepared(f"pad-{number % pads}", f"k{number // pads}", f"uav-{number % drones}", points[number % 100])
             for number in range(count)

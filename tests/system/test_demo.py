@@ -55,9 +55,11 @@ def test_honest_drones_are_verified_and_each_liar_not(wonderland):
 
 
 @pytest.mark.fabric
-@pytest.mark.timeout(180)
+@pytest.mark.timeout(300)
 def test_the_same_demo_on_a_real_fabric_network(wonderland, fabric_servers):
-    code, lines, errors = wonderland("demo", "--ledger", "fabric", "--headless", "--json", "--until", "8")
+    code, lines, errors = wonderland(
+        "demo", "--ledger", "fabric", "--headless", "--json", "--until", "8", timeout_s=240
+    )
     assert code == 0, errors
     assert len(lines) == 8
     judge([line for line in lines if line["drone"] != TIMED])

@@ -10,7 +10,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 from tests_world import START_MS, World
 
-from wonderland.proofs.records.sessions import ClockReading
+from wonderland.proofs.records.sessions import ClockReading, Radio
 from wonderland.proofs.testimony import WitnessBrought
 from wonderland.proofs.verdict import decide
 
@@ -19,6 +19,13 @@ CASES = {
     "two metres off": ((3000, 6000, 4000), (5000, 6000, 4000), 20, {}),
     "at the edge": ((3000, 14_000, 4000), (3950, 14_000, 4000), 12, {}),
     "broadcast elsewhere": ((3000, 6000, 4000), (3000, 6000, 4000), 20, {"broadcast": lambda t: (40_000, 6000, 4000)}),
+    "broadcast at the edge": ((3000, 6000, 4000), (3000, 6000, 4000), 10, {"broadcast": lambda t: (3880, 6000, 4000)}),
+    "rounds missing": (
+        (3000, 6000, 4000),
+        (3000, 6000, 4000),
+        20,
+        {"radio": Radio(measured_by="pad", sts="provisioned", attempted_rounds=90)},
+    ),
     "anchors in a line": ((3000, 6000, 4000), (3000, 6000, 4000), 20, {}),
     "five anchors, one wrong, and a lie": (
         (3000, 6000, 4000),
@@ -46,8 +53,12 @@ TIMED = {
     "time stamps agree": ((3000, 6000, 4000), (3000, 6000, 4000), 3),
     "ranges lie, time stamps do not": ((3000, 6000, 4000), (6000, 6000, 4000), 2),
     "time stamps cannot tell so far away": ((3000, 14_000, 4000), (3000, 14_000, 4000), 3),
+    "one clock is off": ((3000, 6000, 4000), (3000, 6000, 4000), 3),
     "the witness agrees": ((3000, 6000, 4000), (3000, 6000, 4000), 4),
 }
+
+
+CLOCKS_MM = {"one clock is off": (0, 0, 400, 0)}
 
 
 def _vector(name, world, session, evidence, witness=None) -> dict:
@@ -84,7 +95,7 @@ def _timed(name) -> dict:
     session = world.session(world.claim(claimed, START_MS), min_assurance=level)
     evidence = replace(
         world.evidence(lambda t: claimed, lambda t: claimed, rounds=40),
-        time_stamps=world.stamps(lambda t: truth, frames=40),
+        time_stamps=world.stamps(lambda t: truth, frames=40, clock_mm=CLOCKS_MM.get(name, ())),
         clock=(ClockReading(uav_ms=START_MS + 1_030, heard_ms=START_MS + 1_060, asked_ms=START_MS + 1_000),),
     )
     witness = None

@@ -14,7 +14,7 @@ import click
 
 from wonderland.ledger.embedded import NOTICE
 from wonderland.ledger.embedded import organisations as orgs
-from wonderland.ledger.embedded.administration import DirectoryAdministration, Issued
+from wonderland.ledger.embedded.administration import INVITATION_HOURS, DirectoryAdministration, Issued
 from wonderland.ledger.embedded.contracts import load_contract
 from wonderland.ledger.embedded.directory import LedgerDirectory
 from wonderland.ledger.embedded.node import EmbeddedLedger, LedgerSettings
@@ -196,6 +196,37 @@ def enrol(*, name: str, directory: Path, role: str, pol_id: str, msp_id: str | N
     administration = DirectoryAdministration(LedgerDirectory(directory))
     issued = administration.enrol(name, role=role, pol_id=pol_id or name, msp_id=msp_id, days=days)
     _show(issued, as_json=as_json)
+
+
+@ca.command()
+@click.argument("name")
+@_data
+@click.option("--role", required=True, type=click.Choice(tuple(orgs.ROLES)), help="What it may do (pol.role).")
+@click.option("--id", "pol_id", default="", help="Registry id of the pad or drone (pol.id); the name unless given.")
+@_organisation
+@click.option("--days", default=365, show_default=True, type=click.IntRange(1, 5 * 365), help="Days it is valid.")
+@click.option(
+    "--hours",
+    default=INVITATION_HOURS,
+    show_default=True,
+    type=click.IntRange(1, 720),
+    help="Hours in which the secret is good.",
+)
+@_json
+def invite(
+    *, name: str, directory: Path, role: str, pol_id: str, msp_id: str | None, days: int, hours: int, as_json: bool
+) -> None:
+    """Print a one-time secret with which NAME enrols itself, with a key that never leaves its place.
+
+    People enter it in the console, under Registry, Signing key.
+    """
+    administration = DirectoryAdministration(LedgerDirectory(directory))
+    invited = administration.invite(name, role=role, pol_id=pol_id or name, msp_id=msp_id, days=days, hours=hours)
+    if as_json:
+        click.echo(json.dumps({"name": name, "msp_id": invited.msp_id, "role": role, "secret": invited.secret}))
+        return
+    click.echo(f"{name} of {invited.msp_id}, role {role}; good once, within {hours} h:")
+    click.echo(f"secret  {invited.secret}")
 
 
 @ca.command()

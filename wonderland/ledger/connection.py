@@ -4,12 +4,14 @@
      "gateway": {"address": "host:port", "tls_ca": "tls-ca.pem", "server_name": "localhost"},
      "gateways": [{…}, …],
      "client_tls": {"certificate": "client-tls.pem", "key": "client-tls.key"},
+     "authorities": {"PadMSP": {"address": "host:port", "ca_name": "ca-pad", "tls_ca": "pad-ca.pem"}},
      "identities": {"pad": {"msp_id": "PadMSP", "certificate": "pad.pem", "key": "pad.key"}},
      "ledger": {"kind": "embedded", "notice": "…"}}
 
 File names are relative to the file itself. `gateways` are further peers of the same organisation, for when `gateway`
-does not answer; `client_tls` is what a client shows where peers demand certificates (mutual TLS). These and `ledger`
-are optional; further fields are left alone, so that a later version may add some.
+does not answer; `client_tls` is what a client shows where peers demand certificates (mutual TLS); `authorities` are
+the organisations' Fabric CAs. These and `ledger` are optional; further fields are left alone, so that a later version
+may add some.
 """
 
 from __future__ import annotations
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 FILE_NAME: Final = "connection.json"
 MAX_IDENTITIES: Final = 10_000
 MAX_GATEWAYS: Final = 20
+MAX_AUTHORITIES: Final = 1_000
 MAX_MESSAGE_BYTES: Final = 100 << 20
 MAX_TEXT: Final = 4_096
 
@@ -110,6 +113,15 @@ class LedgerKind:
     notice: str
 
 
+@dataclass(frozen=True, slots=True)
+class AuthorityAddress:
+    """An organisation's Fabric CA: ``host:port``, the CA's name on that server, the root of its TLS certificate."""
+
+    address: str
+    ca_name: str
+    tls_ca: Path
+
+
 @dataclass(frozen=True)
 class Connection:
     """A parsed connection.json. Paths are absolute."""
@@ -122,6 +134,8 @@ class Connection:
     others: tuple[GatewayAddress, ...] = ()
     """Further peers of the same organisation (`gateways` in the file), in the order of preference."""
     client_tls: ClientTls | None = None
+    authorities: Mapping[str, AuthorityAddress] = field(default_factory=lambda: MappingProxyType({}))
+    """Where organisations' Fabric CAs are, by MSP id: for people who enrol with a secret of theirs."""
 
     @classmethod
     def load(cls, path: Path) -> Connection:
@@ -160,6 +174,11 @@ class Connection:
             document["client_tls"] = {
                 "certificate": name(self.client_tls.certificate),
                 "key": name(self.client_tls.key),
+            }
+        if self.authorities:
+            document["authorities"] = {
+                msp_id: {"address": each.address, "ca_name": each.ca_name, "tls_ca": name(each.tls_ca)}
+                for msp_id, each in sorted(self.authorities.items())
             }
         if self.ledger is not None:
             document["ledger"] = {"kind": self.ledger.kind, "notice": self.ledger.notice}
@@ -241,6 +260,7 @@ class _Reader:
             ledger=self._ledger(top["ledger"]) if "ledger" in top else None,
             others=self._others(top.get("gateways", [])),
             client_tls=self._client_tls(top["client_tls"]) if "client_tls" in top else None,
+            authorities=self._authorities(top.get("authorities", {})),
         )
 
     def _gateway(self, value: object, name: str) -> GatewayAddress:
@@ -259,6 +279,21 @@ class _Reader:
     def _client_tls(self, value: object) -> ClientTls:
         fields = self._object(value, "client_tls")
         return ClientTls(self._file(fields, "certificate", "client_tls."), self._file(fields, "key", "client_tls."))
+
+    def _authorities(self, value: object) -> Mapping[str, AuthorityAddress]:
+        entries = self._object(value, "authorities")
+        if len(entries) > MAX_AUTHORITIES:
+            raise self._wrong("authorities", f"has {len(entries)} entries; at most {MAX_AUTHORITIES}")
+        return MappingProxyType({msp_id: self._authority(msp_id, each) for msp_id, each in entries.items()})
+
+    def _authority(self, msp_id: str, value: object) -> AuthorityAddress:
+        prefix = f"authorities.{msp_id}"
+        fields = self._object(value, prefix)
+        return AuthorityAddress(
+            address=self._address(self._text(fields, "address", f"{prefix}."), f"{prefix}.address"),
+            ca_name=self._text(fields, "ca_name", f"{prefix}."),
+            tls_ca=self._file(fields, "tls_ca", f"{prefix}."),
+        )
 
     def _identity(self, name: str, value: object) -> IdentityFiles:
         prefix = f"identities.{name}"

@@ -39,6 +39,10 @@ def export_identities(connection: Connection, names: Iterable[str], target: Path
             write_atomic(copy.key, files.key.read_bytes())
             write_atomic(copy.certificate, files.certificate.read_bytes(), PUBLIC)
             moved[name] = copy
+        authorities = {}
+        for msp_id, authority in connection.authorities.items():
+            authorities[msp_id] = replace(authority, tls_ca=target / f"ca-{msp_id}.pem")
+            write_atomic(authorities[msp_id].tls_ca, authority.tls_ca.read_bytes(), PUBLIC)
     except OSError as cause:
         raise FileWriteError(f"{target}: {cause.strerror or cause}") from cause
     replace(
@@ -48,4 +52,5 @@ def export_identities(connection: Connection, names: Iterable[str], target: Path
         others=tuple(replace(each, tls_ca=root) for each in connection.others),
         client_tls=shown,
         identities=MappingProxyType(moved),
+        authorities=MappingProxyType(authorities),
     ).save(target / FILE_NAME)

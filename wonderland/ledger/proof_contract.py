@@ -27,6 +27,7 @@ from wonderland.ledger.gateway.errors import (
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records import transactions as tx
+from wonderland.proofs.records.assets import AssetChange
 from wonderland.proofs.records.pads import Commissioning, OfferedPrekey, Pad, Prekey
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Evidence, Radio, Session, Testimony, TimeStamps
@@ -237,6 +238,33 @@ class ProofContract:
             return await self._network.height()
         except GatewayError as error:
             raise _translated(error) from error
+
+    async def put_asset(self, argument: tx.CreateAsset) -> Committed:
+        """Give an asset this value; make it, where there is none yet."""
+        change = tx.UpdateAsset(
+            id=argument.id, value=argument.value, type=argument.type, media_type=argument.media_type
+        )
+        try:
+            _, done = await self._submit("UpdateAsset", change)
+        except RefusedError as error:
+            if error.status != _NOT_THERE:
+                raise
+            _, done = await self._submit("CreateAsset", argument)
+        return done
+
+    async def asset_history(self, asset_id: str, limit: int = 1_000) -> tuple[AssetChange, ...]:
+        """The changes of an asset, newest first; none, where there never was one."""
+        argument = tx.AssetHistoryOf(id=asset_id, limit=limit)
+        try:
+            answer = await self._evaluate("AssetHistory", argument)
+        except RefusedError as error:
+            if error.status == _NOT_THERE:
+                return ()
+            raise
+        listed = answer.get("changes")
+        if not isinstance(listed, list):
+            raise RefusedError(0, "BAD_ANSWER", "the contract's history of an asset is no list")
+        return tuple(_parsed(AssetChange, entry) for entry in listed)
 
     async def _submit(
         self, function: str, argument: Record, behind: frozenset[str] = frozenset()

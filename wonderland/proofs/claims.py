@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import sqrt
-from typing import Final
+from typing import Final, NamedTuple
 
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.frame import to_local
@@ -19,18 +19,51 @@ MAX_SPEED_MM_MS: Final = 120.0
 """No drone that lands on a pad flies faster (mm/ms = m/s); a claim that does so has jumped."""
 JUMP_TOLERANCE_MM: Final = 2_000.0
 """A filter that settles may move a claim by so much at once."""
+_NEVER_MS: Final = 2**63
 _PER_95_HEIGHT: Final = 0.5102
 """Standard deviation for one unit of a 95 % bound in one dimension (1/1.96)."""
 
 
-@dataclass(frozen=True, slots=True)
-class LocalClaim:
-    """A claim in the pad's frame."""
+class LocalClaim(NamedTuple):
+    """A claim in the pad's frame. A named tuple: a verdict makes hundreds."""
 
     t_ms: int
     east: float
     north: float
     up: float
+
+
+class Track(NamedTuple):
+    """The claimed places at several moments, by column. A verdict has hundreds: a place of its own each would cost."""
+
+    kept: Sequence[int]
+    """Which of the moments have a claimed place."""
+    t_ms: list[int]
+    """When that was claimed: the moment itself, or before the first claim and after the last the time of that one."""
+    east: list[float]
+    north: list[float]
+    up: list[float]
+
+    def velocity(self) -> tuple[float, float]:
+        """Mean claimed velocity (east, north) from the first to the last of these moments, mm/ms."""
+        span = self.t_ms[-1] - self.t_ms[0]
+        if span <= 0:
+            return 0.0, 0.0
+        return (self.east[-1] - self.east[0]) / span, (self.north[-1] - self.north[0]) / span
+
+    def only(self, positions: Sequence[int]) -> Track:
+        """Some of them, by their position in the columns."""
+        return Track(
+            [self.kept[position] for position in positions],
+            [self.t_ms[position] for position in positions],
+            [self.east[position] for position in positions],
+            [self.north[position] for position in positions],
+            [self.up[position] for position in positions],
+        )
+
+
+_Segment = tuple[int, float, float, float, int, float, float, float]
+"""A straight line between two claims: when and where it starts, how long it takes, how far it leads."""
 
 
 class ClaimedPath:
@@ -46,8 +79,10 @@ class ClaimedPath:
             east, north, up = to_local(frame, claim.lat_e7, claim.lon_e7, claim.height_mm)
             points.append(LocalClaim(claim.t_ms, float(east), float(north), float(up)))
         self.points: Final = tuple(points)
-        self.accuracy_mm: Final = max(claim.accuracy_mm for claim in ordered)
-        self.height_accuracy_mm: Final = max(claim.height_accuracy_mm for claim in ordered)
+        self._times: Final = [point.t_ms for point in points]
+        self._segments: Final[dict[int, _Segment | None]] = {}
+        self.accuracy_mm: Final = max([claim.accuracy_mm for claim in ordered])
+        self.height_accuracy_mm: Final = max([claim.height_accuracy_mm for claim in ordered])
         self.height_sigma_mm: Final = self.height_accuracy_mm * _PER_95_HEIGHT
 
     def jump_mm(self) -> float:
@@ -77,27 +112,75 @@ class ClaimedPath:
 
         Between two claims on a straight line; before the first and after the last, the nearest one.
         """
-        points = self.points
-        low, high = 0, len(points)
-        while low < high:
-            middle = (low + high) // 2
-            if points[middle].t_ms <= t_ms:
-                low = middle + 1
-            else:
-                high = middle
-        return self._between(low, t_ms)
+        return self._between(bisect_right(self._times, t_ms), t_ms)
 
-    def along(self, times_ms: Sequence[int]) -> list[LocalClaim | None]:
+    def along(self, times_ms: Sequence[int]) -> Track:
         """``at`` for times in order, in one pass."""
         points = self.points
         last = len(points)
-        places: list[LocalClaim | None] = []
-        low = 0
-        for t_ms in times_ms:
-            while low < last and points[low].t_ms <= t_ms:
-                low += 1
-            places.append(self._between(low, t_ms))
-        return places
+        claimed_ms = list(times_ms)
+        easts: list[float] = []
+        norths: list[float] = []
+        ups: list[float] = []
+        unclaimed: set[int] = set()
+        low = bisect_right(self._times, times_ms[0]) if times_ms else 0
+        until = points[low].t_ms if low < last else _NEVER_MS
+        segment = self._segment(low)
+        begun = span = 1
+        east = north = up = d_east = d_north = d_up = 0.0
+        if segment is not None:
+            begun, east, north, up, span, d_east, d_north, d_up = segment
+        for position, t_ms in enumerate(times_ms):
+            if t_ms >= until:
+                while low < last and points[low].t_ms <= t_ms:
+                    low += 1
+                until = points[low].t_ms if low < last else _NEVER_MS
+                segment = self._segment(low)
+                if segment is not None:
+                    begun, east, north, up, span, d_east, d_north, d_up = segment
+            if segment is not None:
+                share = (t_ms - begun) / span
+                easts.append(east + d_east * share)
+                norths.append(north + d_north * share)
+                ups.append(up + d_up * share)
+                continue
+            place = self._between(low, t_ms)
+            if place is None:
+                unclaimed.add(position)
+                continue
+            claimed_ms[position] = place.t_ms
+            easts.append(place.east)
+            norths.append(place.north)
+            ups.append(place.up)
+        kept: Sequence[int] = range(len(claimed_ms))
+        if unclaimed:
+            kept = [position for position in kept if position not in unclaimed]
+            claimed_ms = [claimed_ms[position] for position in kept]
+        return Track(kept, claimed_ms, easts, norths, ups)
+
+    def _segment(self, low: int) -> _Segment | None:
+        """The straight line before the point ``low``; None where no claims span it. Asked for by ranges and frames."""
+        if low not in self._segments:
+            self._segments[low] = self._line(low)
+        return self._segments[low]
+
+    def _line(self, low: int) -> _Segment | None:
+        if not 0 < low < len(self.points):
+            return None
+        before, after = self.points[low - 1], self.points[low]
+        span = after.t_ms - before.t_ms
+        if not 0 < span <= 2 * MAX_GAP_MS:
+            return None
+        return (
+            before.t_ms,
+            before.east,
+            before.north,
+            before.up,
+            span,
+            after.east - before.east,
+            after.north - before.north,
+            after.up - before.up,
+        )
 
     def _between(self, low: int, t_ms: int) -> LocalClaim | None:
         """The claimed position at a moment, ``low`` being the first point after it."""

@@ -9,19 +9,21 @@ proof as the ranges (``stopping``), and where one place explains both. What the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from math import sqrt
+from operator import add, sub
 from typing import Final
 
-from wonderland.proofs.claims import ClaimedPath, LocalClaim
+from wonderland.proofs.claims import ClaimedPath, Track
 from wonderland.proofs.estimate import Offset
 from wonderland.proofs.hyperbolic import CLEARLY_WORSE, Heard, Place, TimeFix, pull_of
 from wonderland.proofs.likelihood import Matrix2, inside_disc
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import NO_TICK, TICKS_PER_SECOND, TimeStamps
-from wonderland.proofs.reduction import HEIGHT_SIGMA_FLOOR_MM, correlation_of, distance
+from wonderland.proofs.reduction import HEIGHT_SIGMA_FLOOR_MM, correlation_of, distance, mean
 from wonderland.proofs.special import CHI2_LIMITS
 from wonderland.proofs.stopping import INSIDE, more_rounds, proved, proved_outside, rounds_needed, sides, step_of
 
@@ -34,6 +36,8 @@ MIN_SHARE: Final = 0.5
 MM_PER_TICK: Final = 299_792_458_000.0 / TICKS_PER_SECOND
 CLOCK_SIGMAS: Final = 3.0
 """How far a claim may be off along its path because its time is, before a refutation."""
+_WELL_WITHIN: Final = 0.999
+"""Share of a limit below which rounding can not carry a χ² over it."""
 OUTLIER_SIGMAS: Final = 6.0
 OUTLIER_FLOOR_MM: Final = 150.0
 """As for ranges: a frame one of whose stamps is this far from its anchor's median is a burst."""
@@ -69,6 +73,9 @@ class Timed:
     limit: float
     significance: float
     """How clearly (σ) every place within the buffer is excluded; 0 where none is."""
+    suspects: tuple[int, ...] = ()
+    """Where the stamps contradict one another: the anchors (positions in the commissioning) without one of which they
+    would not, as far as anybody can tell."""
 
 
 def stamped(stamps: TimeStamps, commissioning: Commissioning, path: ClaimedPath) -> Stamped | None:
@@ -77,28 +84,28 @@ def stamped(stamps: TimeStamps, commissioning: Commissioning, path: ClaimedPath)
     if sigma is None:
         return None
     columns = _columns(stamps, commissioning)
-    times: list[int] = []
-    t_ms = stamps.start_ms
-    for gap_ms in stamps.gap_ms:
-        t_ms += gap_ms
-        times.append(t_ms)
-    claimed = [path.at(moment) for moment in times]
-    chosen = [
+    times = list(accumulate(stamps.gap_ms, initial=stamps.start_ms))[1:]
+    track = path.along(times)
+    deaf = {
         position
-        for position, point in enumerate(claimed)
-        if point is not None and all(column[position] != NO_TICK for _, column in columns)
-    ]
-    if len(columns) < MIN_ANCHORS or len(chosen) < MIN_FRAMES:
+        for _, column in columns
+        if NO_TICK in column
+        for position, ticks in enumerate(column)
+        if ticks == NO_TICK
+    }
+    if deaf:
+        track = track.only([at for at, position in enumerate(track.kept) if position not in deaf])
+    if len(columns) < MIN_ANCHORS or len(track.kept) < MIN_FRAMES:
         return None
-    points = [point for point in (claimed[position] for position in chosen) if point is not None]
-    series = _residuals(columns, chosen, points, commissioning)
+    series = _residuals(columns, track, commissioning)
     keep = _without_bursts(series, float(sigma))
-    bursts = len(chosen) - len(keep)
+    bursts = len(track.kept) - len(keep)
     if len(keep) < MIN_FRAMES:
         return None
-    points = [points[position] for position in keep]
-    series = [[values[position] for position in keep] for values in series]
-    return _mean_of(columns, series, points, commissioning, path.height_sigma_mm, bursts)
+    if bursts:
+        track = track.only(keep)
+        series = [[values[position] for position in keep] for values in series]
+    return _mean_of(columns, series, track, commissioning, path.height_sigma_mm, bursts)
 
 
 def judge_times(
@@ -157,6 +164,7 @@ def judge_times(
         best.chi2,
         limit,
         significance,
+        () if consistent else _suspects(stamped, ranged),
     )
 
 
@@ -211,72 +219,64 @@ def _columns(stamps: TimeStamps, commissioning: Commissioning) -> list[tuple[int
 
 
 def _residuals(
-    columns: Sequence[tuple[int, Sequence[int]]],
-    chosen: Sequence[int],
-    points: Sequence[LocalClaim],
-    commissioning: Commissioning,
+    columns: Sequence[tuple[int, Sequence[int]]], track: Track, commissioning: Commissioning
 ) -> list[list[float]]:
     """For each anchor and frame: stamp minus claimed distance (mm), about the mean of the frame's anchors."""
-    series: list[list[float]] = [[] for _ in columns]
-    anchors = [commissioning.anchors[index] for index, _ in columns]
-    places = [(float(a.east_mm), float(a.north_mm), float(a.up_mm), float(a.clock_offset_mm or 0)) for a in anchors]
-    count = len(columns)
-    for position, point in zip(chosen, points, strict=True):
-        values = []
-        total = 0.0
-        for (_, ticks), (east, north, up, late) in zip(columns, places, strict=True):
-            x, y, z = point.east - east, point.north - north, point.up - up
-            value = ticks[position] * MM_PER_TICK - late - sqrt(x * x + y * y + z * z)
-            values.append(value)
-            total += value
-        mean = total / count
-        for column, value in zip(series, values, strict=True):
-            column.append(value - mean)
-    return series
+    kept, _, easts, norths, ups = track
+    series: list[list[float]] = []
+    for index, ticks in columns:
+        anchor = commissioning.anchors[index]
+        at_east, at_north, at_up = float(anchor.east_mm), float(anchor.north_mm), float(anchor.up_mm)
+        late = float(anchor.clock_offset_mm or 0)
+        stamps = ticks if len(kept) == len(ticks) else [ticks[position] for position in kept]
+        series.append(
+            [
+                stamp * MM_PER_TICK
+                - late
+                - sqrt((x := east - at_east) * x + (y := north - at_north) * y + (z := up - at_up) * z)
+                for stamp, east, north, up in zip(stamps, easts, norths, ups, strict=True)
+            ]
+        )
+    count = float(len(columns))
+    totals: Iterable[float] = series[0]
+    for values in series[1:]:
+        totals = map(add, totals, values)
+    means = [total / count for total in totals]
+    return [list(map(sub, values, means)) for values in series]
 
 
-def _without_bursts(series: Sequence[Sequence[float]], sigma: float) -> list[int]:
+def _without_bursts(series: Sequence[Sequence[float]], sigma: float) -> Sequence[int]:
     """Frames none of whose stamps is far from its anchor's median."""
     limit = max(OUTLIER_SIGMAS * sigma, OUTLIER_FLOOR_MM)
-    medians = []
+    count = len(series[0])
+    bursts: set[int] = set()
     for values in series:
-        ordered = sorted(values)
-        medians.append(ordered[len(ordered) // 2])
-    return [
-        position
-        for position in range(len(series[0]))
-        if all(-limit <= values[position] - median <= limit for values, median in zip(series, medians, strict=True))
-    ]
+        if max(values) - min(values) > limit:
+            median = sorted(values)[count // 2]
+            bursts.update(position for position, value in enumerate(values) if not -limit <= value - median <= limit)
+    return [position for position in range(count) if position not in bursts] if bursts else range(count)
 
 
 def _mean_of(
     columns: Sequence[tuple[int, Sequence[int]]],
     series: Sequence[Sequence[float]],
-    points: Sequence[LocalClaim],
+    track: Track,
     commissioning: Commissioning,
     height_sigma_mm: float,
     bursts: int,
 ) -> Stamped:
-    count = len(points)
-    east = north = up = 0.0
-    for point in points:
-        east += point.east
-        north += point.north
-        up += point.up
-    east, north, up = east / count, north / count, up / count
-    correlation = correlation_of(series, None)
+    count = len(track.kept)
+    east, north, up = mean(track.east), mean(track.north), mean(track.up)
+    means = [mean(values) for values in series]
+    correlation = correlation_of(series, means, None)
     worth = (1.0 - correlation) / (1.0 + correlation)
     sigma = float(commissioning.timestamp_sigma_mm or 0)
     heard = []
-    for (index, _), values in zip(columns, series, strict=True):
+    for (index, _), residual in zip(columns, means, strict=True):
         anchor = commissioning.anchors[index]
-        total = 0.0
-        for value in values:
-            total += value
         expected = distance(east - anchor.east_mm, north - anchor.north_mm, up - anchor.up_mm)
-        heard.append(_heard(index, commissioning, expected + total / count, sigma * sigma / (count * worth)))
-    first, last = points[0], points[-1]
-    span = last.t_ms - first.t_ms
+        heard.append(_heard(index, commissioning, expected + residual, sigma * sigma / (count * worth)))
+    velocity_east, velocity_north = track.velocity()
     return Stamped(
         fix=TimeFix(heard, up, max(height_sigma_mm, HEIGHT_SIGMA_FLOOR_MM)),
         east=east,
@@ -284,8 +284,8 @@ def _mean_of(
         frames=count,
         effective=count * worth,
         bursts=bursts,
-        velocity_east=(last.east - first.east) / span if span > 0 else 0.0,
-        velocity_north=(last.north - first.north) / span if span > 0 else 0.0,
+        velocity_east=velocity_east,
+        velocity_north=velocity_north,
     )
 
 
@@ -321,8 +321,28 @@ def _profile_inside(stamped: Stamped, best: Place, policy: Policy, s1: float, st
 def _one_place(fix: TimeFix, best: Place, ranged: tuple[float, float, Matrix2]) -> bool:
     """Whether one place explains both: the least χ² of both together is hardly worse than each alone."""
     east, north, covariance = ranged
-    together = fix.descend(east, north, pull_of(east, north, covariance))
+    enough = best.chi2 + _WELL_WITHIN * CHI2_LIMITS[1]
+    together = fix.descend(east, north, pull_of(east, north, covariance), enough)
     return together.chi2 - best.chi2 <= CHI2_LIMITS[1]
+
+
+def _suspects(stamped: Stamped, ranged: tuple[float, float, Matrix2] | None) -> tuple[int, ...]:
+    """Anchors whose clock may be off: without one of them the others agree, and with the ranges where there are any.
+
+    Three anchors that are left agree with some place always: without ranges four cannot name the bad one.
+    """
+    fix = stamped.fix
+    freedom = len(fix.heard) - (4 if ranged is None else 2)
+    if freedom < 1:
+        return ()
+    limit = CHI2_LIMITS[min(freedom, len(CHI2_LIMITS)) - 1]
+    pull = None if ranged is None else pull_of(*ranged)
+    east, north = (stamped.east, stamped.north) if ranged is None else ranged[:2]
+    return tuple(
+        one.index
+        for position, one in enumerate(fix.heard)
+        if fix.without(position).descend(east, north, pull).chi2 <= limit
+    )
 
 
 def halved(policy: Policy) -> Policy:

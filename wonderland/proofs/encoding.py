@@ -97,7 +97,13 @@ def _checked(value: Any, depth: int) -> Any:
     if depth >= MAX_DEPTH and isinstance(value, dict | list | tuple):
         raise EncodingError(f"nested deeper than {MAX_DEPTH}")
     if kind is dict:
-        return {key: _checked(value[key], depth + 1) for key in _sorted_keys(value)}
+        result = {}
+        for key in _sorted_keys(value):
+            item = value[key]
+            kind = type(item)  # plain fields are most of all: asked here, they cost no call
+            plain = (kind is int and -MAX_INTEGER <= item <= MAX_INTEGER) or (kind is str and item.isascii())
+            result[key] = item if plain else _checked(item, depth + 1)
+        return result
     if kind is list or kind is tuple:
         if value and set(map(type, value)) == {int}:
             _in_range(min(value))

@@ -16,7 +16,8 @@ from typing import Final
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.fix import Multilateration
 from wonderland.proofs.likelihood import Matrix2
-from wonderland.proofs.reduction import AnchorMean, Reduced, distance
+from wonderland.proofs.reduction import Reduced, distance
+from wonderland.proofs.weighing import Line, Weights, less_outer, weighed_lines
 
 MIRROR_CHI2: Final = 13.815510557964274
 """A second position is excluded only if its χ² is worse by this (a likelihood a thousand times smaller)."""
@@ -31,9 +32,6 @@ _REWEIGH_MM: Final = 10.0
 """After a step longer than this the weights are another place's: a fix from afar would end beside the best one."""
 _SINGULAR: Final = 1e-9
 _MAX_STEP_MM: Final = 20_000.0
-
-Weights = tuple[tuple[float, ...], ...]
-"""Inverse covariance of the virtual ranges, 1/mm²."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +61,12 @@ class _Fix:
 
 def solve(reduced: Reduced) -> Offset | None:
     """The offset that fits the virtual ranges best, or None where the geometry gives none."""
-    fixes = [fix for fix in (_fix(reduced, (0.0, 0.0)), _fix(reduced, _claim_free(reduced))) if fix is not None]
+    ranges = _Ranges(reduced)
+    fixes = [fix for fix in (_fix(ranges, (0.0, 0.0)), _fix(ranges, _claim_free(reduced))) if fix is not None]
     if not fixes:
         return None
     best = min(fixes, key=lambda fix: fix.chi2)
-    mirrored = _fix(reduced, _mirrored(reduced, best))
+    mirrored = _fix(ranges, _mirrored(reduced, best))
     if mirrored is not None:
         fixes.append(mirrored)
         best = min(fixes, key=lambda fix: fix.chi2)
@@ -75,7 +74,7 @@ def solve(reduced: Reduced) -> Offset | None:
     alike = [fix for fix in fixes if fix.chi2 - best.chi2 < MIRROR_CHI2]
     best = min(alike, key=lambda fix: fix.east * fix.east + fix.north * fix.north)
     others = [fix for fix in alike if distance(fix.east - best.east, fix.north - best.north, 0.0) > MIRROR_APART_MM]
-    covariances = _covariances(reduced, best)
+    covariances = _covariances(ranges, best)
     if covariances is None:
         return None
     total, floor = covariances
@@ -86,7 +85,7 @@ def solve(reduced: Reduced) -> Offset | None:
         total,
         floor,
         best.chi2,
-        _quadratic(_weights(reduced, 0.0, 0.0), residuals),
+        _quadratic(ranges.weights_at(0.0, 0.0), residuals),
         len(reduced.anchors) - 2,
         (others[0].east, others[0].north) if others else None,
     )
@@ -106,7 +105,8 @@ def least_chi2_within(reduced: Reduced, east: float, north: float, radius: float
         y -= anchor.north / count
     away = distance(x, y, 0.0)
     ux, uy = (x / away, y / away) if away > 0.0 else (1.0, 0.0)
-    weights = _weights(reduced, east, north)
+    ranges = _Ranges(reduced)
+    weights = ranges.weights_at(east, north)
     best = _quadratic(weights, _residuals(reduced, east, north))
     for line in range(-_LINES, _LINES + 1):
         aside = radius * line / _LINES
@@ -114,10 +114,10 @@ def least_chi2_within(reduced: Reduced, east: float, north: float, radius: float
         start_east, start_north = east - aside * uy, north + aside * ux
         along = 0.0
         for _ in range(_LINE_STEPS):
-            normal = _normal(reduced, weights, start_east + along * ux, start_north + along * uy)
-            if normal is None:
+            lines = ranges.lines(start_east + along * ux, start_north + along * uy)
+            if lines is None:
                 break
-            ee, en, nn, be, bn, chi2 = normal
+            ee, en, nn, be, bn, chi2 = _normal(weights, lines)
             best = min(best, chi2)
             curvature = ee * ux * ux + 2.0 * en * ux * uy + nn * uy * uy
             if curvature <= 0.0:
@@ -131,7 +131,80 @@ def without(reduced: Reduced, position: int) -> Reduced:
     return replace(reduced, anchors=reduced.anchors[:position] + reduced.anchors[position + 1 :])
 
 
-def _fix(reduced: Reduced, start: tuple[float, float] | None) -> _Fix | None:
+class _Ranges:
+    """The virtual ranges as a problem of least squares: what stays the same wherever the drone is, computed once.
+
+    Their covariance is diag(white + floor) + installation²·11ᵀ + height²·hhᵀ, h the directions' rise; inverted by
+    Sherman and Morrison, twice. With d the inverse of the diagonal: diag(d) − α·ddᵀ − β·qqᵀ; only q depends on the
+    place.
+    """
+
+    def __init__(self, reduced: Reduced) -> None:
+        self.reduced: Final = reduced
+        self._places: Final = tuple(
+            (anchor.east, anchor.north, reduced.up - anchor.up, anchor.range_mm) for anchor in reduced.anchors
+        )
+        own = [1.0 / max(anchor.white + anchor.floor, 1.0) for anchor in reduced.anchors]
+        total = 0.0
+        for inverse in own:
+            total += inverse
+        sigma = reduced.installation_sigma_mm
+        alpha = 1.0 / (1.0 / (sigma * sigma) + total) if sigma > 0.0 else 0.0
+        rows = []
+        for position, left in enumerate(own):
+            shared = alpha * left
+            row = [0.0 - shared * right for right in own]
+            row[position] = left - shared * left
+            rows.append(row)
+        sigma = reduced.height_sigma_mm
+        self._own: Final = own
+        self._alpha: Final = alpha
+        self._rows: Final = rows
+        """diag(d) − α·ddᵀ."""
+        self._height: Final = 1.0 / (sigma * sigma) if sigma > 0.0 else None
+
+    def lines(self, east: float, north: float) -> list[Line] | None:
+        """From each anchor to an offset: direction (east, north, up), and range minus way, mm.
+
+        None on top of an anchor, where directions end.
+        """
+        east, north = self.reduced.east + east, self.reduced.north + north
+        lines = []
+        for at_east, at_north, rise, range_mm in self._places:
+            x, y = east - at_east, north - at_north
+            away = sqrt(x * x + y * y + rise * rise)
+            if away < 1.0:
+                return None
+            lines.append((x / away, y / away, rise / away, range_mm - away))
+        return lines
+
+    def weights_at(self, east: float, north: float) -> Weights:
+        """The weights at an offset, on top of an anchor, too."""
+        east, north = self.reduced.east + east, self.reduced.north + north
+        heights = []
+        for at_east, at_north, rise, _ in self._places:
+            away = distance(east - at_east, north - at_north, rise)
+            heights.append(rise / away if away >= 1.0 else 1.0)
+        return self.weights(heights)
+
+    def weights(self, heights: Sequence[float]) -> Weights:
+        """Inverse covariance where the directions rise so."""
+        if self._height is None:
+            return self._rows
+        weighted = 0.0
+        for inverse, height in zip(self._own, heights, strict=True):
+            weighted += inverse * height
+        shared = self._alpha * weighted
+        second: list[float] = []
+        gain = 0.0
+        for inverse, height in zip(self._own, heights, strict=True):
+            value = inverse * (height - shared)
+            second.append(value)
+            gain += height * value
+        return less_outer(self._rows, second, 1.0 / (self._height + gain))
+
+
+def _fix(ranges: _Ranges, start: tuple[float, float] | None) -> _Fix | None:
     """Gauss–Newton from a start; None where the normal equations are singular. The weights follow the position."""
     if start is None:
         return None
@@ -139,12 +212,12 @@ def _fix(reduced: Reduced, start: tuple[float, float] | None) -> _Fix | None:
     chi2 = length = 0.0
     weights: Weights = ()
     for iteration in range(_ITERATIONS):
-        if iteration < 3 or length > _REWEIGH_MM:  # nearer than that the shared errors' directions hardly change
-            weights = _weights(reduced, east, north)
-        normal = _normal(reduced, weights, east, north)
-        if normal is None:
+        lines = ranges.lines(east, north)
+        if lines is None:
             return None
-        ee, en, nn, be, bn, chi2 = normal
+        if iteration < 3 or length > _REWEIGH_MM:  # nearer than that the shared errors' directions hardly change
+            weights = ranges.weights([rise for _, _, rise, _ in lines])
+        ee, en, nn, be, bn, chi2 = _normal(weights, lines)
         determinant = ee * nn - en * en
         if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
             return None
@@ -160,25 +233,10 @@ def _fix(reduced: Reduced, start: tuple[float, float] | None) -> _Fix | None:
     return _Fix(east, north, chi2)
 
 
-def _normal(
-    reduced: Reduced, weights: Weights, east: float, north: float
-) -> tuple[float, float, float, float, float, float] | None:
-    """Normal equations (matrix, right side) and χ² at an offset; None on top of an anchor, where directions end."""
-    directions: list[tuple[float, float, float]] = []
-    for anchor in reduced.anchors:
-        x = reduced.east + east - anchor.east
-        y = reduced.north + north - anchor.north
-        away = distance(x, y, reduced.up - anchor.up)
-        if away < 1.0:
-            return None
-        directions.append((x / away, y / away, anchor.range_mm - away))
+def _normal(weights: Weights, lines: Sequence[Line]) -> tuple[float, float, float, float, float, float]:
+    """Normal equations (matrix, right side) and χ²."""
     ee = en = nn = be = bn = chi2 = 0.0
-    for row, (ue, un, residual) in zip(weights, directions, strict=True):
-        we = wn = wr = 0.0
-        for weight, (ve, vn, other) in zip(row, directions, strict=True):
-            we += weight * ve
-            wn += weight * vn
-            wr += weight * other
+    for (we, wn, _, wr), (ue, un, _, residual) in zip(weighed_lines(weights, lines), lines, strict=True):
         ee += ue * we
         en += ue * wn
         nn += un * wn
@@ -188,70 +246,29 @@ def _normal(
     return ee, en, nn, be, bn, max(chi2, 0.0)
 
 
-def _weights(reduced: Reduced, east: float, north: float) -> Weights:
-    """Inverse of diag(white + floor) + installation²·11ᵀ + height²·hhᵀ (Sherman and Morrison, twice).
-
-    With d the inverse of the diagonal: diag(d) − α·ddᵀ − β·qqᵀ.
-    """
-    own: list[float] = []
-    heights: list[float] = []
-    total = weighted = 0.0
-    x, y, z = reduced.east + east, reduced.north + north, reduced.up
-    for anchor in reduced.anchors:
-        rise = z - anchor.up
-        away = distance(x - anchor.east, y - anchor.north, rise)
-        height = rise / away if away >= 1.0 else 1.0
-        inverse = 1.0 / max(anchor.white + anchor.floor, 1.0)
-        own.append(inverse)
-        heights.append(height)
-        total += inverse
-        weighted += inverse * height
-    sigma = reduced.installation_sigma_mm
-    alpha = 1.0 / (1.0 / (sigma * sigma) + total) if sigma > 0.0 else 0.0
-    shared = alpha * weighted
-    second: list[float] = []
-    gain = 0.0
-    for inverse, height in zip(own, heights, strict=True):
-        value = inverse * (height - shared)
-        second.append(value)
-        gain += height * value
-    sigma = reduced.height_sigma_mm
-    beta = 1.0 / (1.0 / (sigma * sigma) + gain) if sigma > 0.0 else 0.0
-    pairs = tuple(zip(own, second, strict=True))
-    return tuple(
-        tuple(
-            (left if i == j else 0.0) - alpha * left * right - beta * of_left * of_right
-            for j, (right, of_right) in enumerate(pairs)
-        )
-        for i, (left, of_left) in enumerate(pairs)
-    )
-
-
-def _covariances(reduced: Reduced, fix: _Fix) -> tuple[Matrix2, Matrix2] | None:
+def _covariances(ranges: _Ranges, fix: _Fix) -> tuple[Matrix2, Matrix2] | None:
     """(total, floor) covariance of the fix: the inverse normal matrix, and the clock's part along the velocity."""
-    weights = _weights(reduced, fix.east, fix.north)
-    normal = _normal(reduced, weights, fix.east, fix.north)
-    if normal is None:
+    reduced = ranges.reduced
+    lines = ranges.lines(fix.east, fix.north)
+    if lines is None:
         return None
-    ee, en, nn = normal[:3]
+    weights = ranges.weights([rise for _, _, rise, _ in lines])
+    ee, en, nn = _normal(weights, lines)[:3]
     determinant = ee * nn - en * en
     if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
         return None
     inverse = Matrix2(nn / determinant, -en / determinant, ee / determinant)
-    directions = [_direction(reduced, anchor, fix) for anchor in reduced.anchors]
-    white = Matrix2(0.0, 0.0, 0.0)
-    for position, anchor in enumerate(reduced.anchors):
+    white_ee = white_en = white_nn = 0.0
+    for (we, wn, _, _), anchor in zip(weighed_lines(weights, lines), reduced.anchors, strict=True):
         # How far the solution moves for one millimetre of error in this anchor's range.
-        we = wn = 0.0
-        for weight, (ue, un) in zip(weights[position], directions, strict=True):
-            we += weight * ue
-            wn += weight * un
         east = inverse.ee * we + inverse.en * wn
         north = inverse.en * we + inverse.nn * wn
-        white += Matrix2(east * east, east * north, north * north).scaled(anchor.white)
+        white_ee += east * east * anchor.white
+        white_en += east * north * anchor.white
+        white_nn += north * north * anchor.white
     x, y = reduced.velocity_east * reduced.clock_sigma_ms, reduced.velocity_north * reduced.clock_sigma_ms
     total = inverse + Matrix2(x * x, x * y, y * y)
-    return total, total + white.scaled(-1.0)
+    return total, total + Matrix2(-white_ee, -white_en, -white_nn)
 
 
 def _residuals(reduced: Reduced, east: float, north: float) -> list[float]:
@@ -260,13 +277,6 @@ def _residuals(reduced: Reduced, east: float, north: float) -> list[float]:
         - distance(reduced.east + east - anchor.east, reduced.north + north - anchor.north, reduced.up - anchor.up)
         for anchor in reduced.anchors
     ]
-
-
-def _direction(reduced: Reduced, anchor: AnchorMean, fix: _Fix) -> tuple[float, float]:
-    x = reduced.east + fix.east - anchor.east
-    y = reduced.north + fix.north - anchor.north
-    away = distance(x, y, reduced.up - anchor.up)
-    return x / away, y / away
 
 
 def _quadratic(weights: Weights, residuals: Sequence[float]) -> float:

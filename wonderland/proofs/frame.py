@@ -14,6 +14,8 @@ from wonderland.proofs.records.pads import Frame
 
 FIRST: Final = 32
 SECOND: Final = 52
+_HALF_FIRST: Final = 1 << (FIRST - 1)
+_HALF_SECOND: Final = 1 << (SECOND - 1)
 MAX_DIFFERENCE_E7: Final = 2_000_000
 """0.2 degrees, 22 km at the equator: beyond this nothing is local and a claim counts as 'elsewhere'."""
 MAX_HEIGHT_MM: Final = 20_000_000
@@ -33,7 +35,11 @@ def to_local(frame: Frame, lat_e7: int, lon_e7: int, height_mm: int) -> tuple[in
     elif d_lon < -_TURN_E7 // 2:
         d_lon += _TURN_E7
     d_up = height_mm - frame.height_mm
-    if abs(d_lat) > MAX_DIFFERENCE_E7 or abs(d_lon) > MAX_DIFFERENCE_E7 or abs(d_up) > MAX_HEIGHT_MM:
+    if not (
+        -MAX_DIFFERENCE_E7 <= d_lat <= MAX_DIFFERENCE_E7
+        and -MAX_DIFFERENCE_E7 <= d_lon <= MAX_DIFFERENCE_E7
+        and -MAX_HEIGHT_MM <= d_up <= MAX_HEIGHT_MM
+    ):
         raise GeometryError("the position is too far from the pad for its local frame")
     return _apply(frame, d_lat, d_lon, d_up)
 
@@ -51,6 +57,8 @@ def to_wgs84(frame: Frame, east_mm: int, north_mm: int, up_mm: int) -> tuple[int
     d_lat = d_lon = d_up = 0
     for _ in range(_ROUNDS):  # each round takes away the error of the second order once more
         east, north, up = _apply(frame, d_lat, d_lon, d_up)
+        if (east, north, up) == (east_mm, north_mm, up_mm):
+            break
         d_lon += _divide((east_mm - east) << FIRST, frame.e1)
         d_lat += _divide((north_mm - north) << FIRST, frame.n1)
         d_up += up_mm - up
@@ -64,17 +72,13 @@ def to_wgs84(frame: Frame, east_mm: int, north_mm: int, up_mm: int) -> tuple[int
 
 
 def _apply(frame: Frame, d_lat: int, d_lon: int, d_up: int) -> tuple[int, int, int]:
-    east = _scaled(frame.e1 * d_lon, FIRST) + _scaled(frame.e2 * d_lat * d_lon + frame.e3 * d_lon * d_up, SECOND)
-    north = _scaled(frame.n1 * d_lat, FIRST) + _scaled(
-        frame.n2 * d_lat * d_lat + frame.n3 * d_lon * d_lon + frame.n4 * d_lat * d_up, SECOND
-    )
-    up = d_up + _scaled(frame.u2 * d_lat * d_lat + frame.u3 * d_lon * d_lon, SECOND)
-    return east, north, up
-
-
-def _scaled(value: int, bits: int) -> int:
-    """``value`` / 2^bits, rounded half up."""
-    return (value + (1 << (bits - 1))) >> bits
+    """Each term over 2^FIRST or 2^SECOND, rounded half up."""
+    second_east = frame.e2 * d_lat * d_lon + frame.e3 * d_lon * d_up
+    second_north = frame.n2 * d_lat * d_lat + frame.n3 * d_lon * d_lon + frame.n4 * d_lat * d_up
+    second_up = frame.u2 * d_lat * d_lat + frame.u3 * d_lon * d_lon
+    east = (frame.e1 * d_lon + _HALF_FIRST >> FIRST) + (second_east + _HALF_SECOND >> SECOND)
+    north = (frame.n1 * d_lat + _HALF_FIRST >> FIRST) + (second_north + _HALF_SECOND >> SECOND)
+    return east, north, d_up + (second_up + _HALF_SECOND >> SECOND)
 
 
 def _divide(numerator: int, denominator: int) -> int:

@@ -14,6 +14,7 @@ from typing import Final
 
 from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.reduction import distance
+from wonderland.proofs.weighing import Line, weighed_lines, weighed_pairs
 
 CLEARLY_WORSE: Final = 13.815510557964274
 """A place whose χ² is larger by this is excluded: its likelihood is a thousand times smaller."""
@@ -24,18 +25,22 @@ _MAX_STEP_MM: Final = 5_000.0
 _HALVINGS: Final = 8
 _STARTS_MM: Final = (1_500.0, 4_000.0, 10_000.0, 25_000.0, 60_000.0)
 """Distances from the anchors' middle at which fixes begin where the one from the claim does not explain the stamps."""
-_CIRCLE: Final = (
+_QUARTER: Final = (
     (1.0, 0.0),
     (0.9238795325112867, 0.3826834323650898),
     (0.7071067811865476, 0.7071067811865476),
     (0.3826834323650898, 0.9238795325112867),
 )
 """A quarter of a circle in steps of π/8; the other three follow by turning."""
+_CIRCLE: Final = tuple(turned for x, y in _QUARTER for turned in ((x, y), (-y, x), (-x, -y), (y, -x)))
 _LINES: Final = 6
 _LINE_STEPS: Final = 5
 
+Normal = tuple[float, float, float, float, float, float]
+"""Normal equations: matrix (ee, en, nn), right side (be, bn), and χ²."""
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(slots=True)
 class Heard:
     """One anchor's mean time stamp as a length: distance from the drone plus what is common to all anchors, mm."""
 
@@ -66,7 +71,8 @@ class TimeFix:
     def __init__(self, heard: Sequence[Heard], up: float, height_sigma_mm: float) -> None:
         self.heard: Final = tuple(heard)
         self.up: Final = up
-        self._height_sigma = height_sigma_mm
+        self._height_sigma: Final = height_sigma_mm
+        self._height: Final = 1.0 / (height_sigma_mm * height_sigma_mm)
         inverse = [1.0 / max(one.white + one.floor, 1.0) for one in self.heard]
         total = 0.0
         for weight in inverse:
@@ -76,6 +82,11 @@ class TimeFix:
             for i, left in enumerate(inverse)
         )
         """Inverse covariance with the common moment projected out."""
+        self._places: Final = tuple((one.east, one.north, up - one.up, one.length) for one in self.heard)
+
+    def without(self, position: int) -> TimeFix:
+        """The same without one anchor, by its position in ``heard``."""
+        return TimeFix(self.heard[:position] + self.heard[position + 1 :], self.up, self._height_sigma)
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -86,25 +97,42 @@ class TimeFix:
             north += one.north
         return east / len(self.heard), north / len(self.heard)
 
-    def chi2(self, east: float, north: float) -> float:
-        """χ² of the differences at a place."""
-        return self._normal(east, north)[5]
+    def _lines(self, east: float, north: float) -> list[Line]:
+        """From each anchor to a place: direction (east, north, up), and stamp minus way, mm."""
+        lines = []
+        for at_east, at_north, z, length in self._places:
+            x, y = east - at_east, north - at_north
+            away = sqrt(x * x + y * y + z * z)
+            if away < 1.0:  # noqa: PLR1730 - a call for each of hundreds
+                away = 1.0
+            lines.append((x / away, y / away, z / away, length - away))
+        return lines
 
-    def _normal(self, east: float, north: float) -> tuple[float, float, float, float, float, float]:
-        """Normal equations (ee, en, nn, be, bn) and χ²: weights with the height's uncertainty, which is a rank one."""
-        lines: list[tuple[float, float, float, float]] = []
-        for one in self.heard:
-            x, y, z = east - one.east, north - one.north, self.up - one.up
-            away = max(sqrt(x * x + y * y + z * z), 1.0)
-            lines.append((x / away, y / away, z / away, one.length - away))
+    def chi2(self, east: float, north: float) -> float:
+        """χ² of the differences at a place: as in the normal equations, without what only a step needs."""
+        pairs = []
+        for at_east, at_north, z, length in self._places:
+            x, y = east - at_east, north - at_north
+            away = sqrt(x * x + y * y + z * z)
+            if away < 1.0:  # noqa: PLR1730 - a call for each of hundreds
+                away = 1.0
+            pairs.append((z / away, length - away))
+        chi2 = hr = hh = 0.0
+        for (wz, wr), (uz, residual) in zip(weighed_pairs(self._rows, pairs), pairs, strict=True):
+            chi2 += residual * wr
+            hr += uz * wr
+            hh += uz * wz
+        scale = self._height + hh
+        return max(chi2 - hr * hr / scale if scale > 0.0 else chi2, 0.0)
+
+    def _normal(self, east: float, north: float) -> Normal:
+        """Normal equations and χ²: weights with the height's uncertainty, which is a rank one."""
+        lines = self._lines(east, north)
+        return self._equations(lines, weighed_lines(self._rows, lines))
+
+    def _equations(self, lines: Sequence[Line], weighed: Sequence[Line]) -> Normal:
         ee = en = nn = be = bn = chi2 = he = hn = hr = hh = 0.0
-        for row, (ue, un, uz, residual) in zip(self._rows, lines, strict=True):
-            we = wn = wz = wr = 0.0
-            for weight, (ve, vn, vz, other) in zip(row, lines, strict=True):
-                we += weight * ve
-                wn += weight * vn
-                wz += weight * vz
-                wr += weight * other
+        for (we, wn, wz, wr), (ue, un, uz, residual) in zip(weighed, lines, strict=True):
             ee += ue * we
             en += ue * wn
             nn += un * wn
@@ -115,7 +143,7 @@ class TimeFix:
             hn += uz * wn
             hr += uz * wr
             hh += uz * wz
-        scale = 1.0 / (self._height_sigma * self._height_sigma) + hh
+        scale = self._height + hh
         if scale > 0.0:
             ee -= he * he / scale
             en -= he * hn / scale
@@ -125,14 +153,17 @@ class TimeFix:
             chi2 -= hr * hr / scale
         return ee, en, nn, be, bn, max(chi2, 0.0)
 
-    def descend(self, east: float, north: float, pull: Pull | None = None) -> Place:
+    def descend(self, east: float, north: float, pull: Pull | None = None, enough: float = -1.0) -> Place:
         """The place of least χ² near a start: Gauss–Newton whose steps are halved until they improve.
 
-        ``pull`` adds a second opinion as a quadratic (for the question whether one place explains both).
+        ``pull`` adds a second opinion as a quadratic (for the question whether one place explains both). Below a χ² of
+        ``enough`` nobody asks for a smaller one.
         """
         state = self._pulled(east, north, pull)
         for _ in range(_ITERATIONS):
             ee, en, nn, be, bn, chi2 = state
+            if chi2 <= enough:
+                break
             determinant = ee * nn - en * en
             if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
                 # Only one direction is told (a far bearing): along that one.
@@ -158,10 +189,11 @@ class TimeFix:
             east, north, state = east + step_east, north + step_north, after
         return Place(east, north, state[5])
 
-    def _pulled(self, east: float, north: float, pull: Pull | None) -> tuple[float, float, float, float, float, float]:
-        ee, en, nn, be, bn, chi2 = self._normal(east, north)
+    def _pulled(self, east: float, north: float, pull: Pull | None) -> Normal:
+        normal = self._normal(east, north)
         if pull is None:
-            return ee, en, nn, be, bn, chi2
+            return normal
+        ee, en, nn, be, bn, chi2 = normal
         x, y = pull.east - east, pull.north - north
         pe, pn = pull.inverse.ee * x + pull.inverse.en * y, pull.inverse.en * x + pull.inverse.nn * y
         return (
@@ -200,34 +232,25 @@ class TimeFix:
 
     def covariance(self, east: float, north: float) -> tuple[Matrix2, Matrix2] | None:
         """(total, floor) covariance of an estimate here, mm²; None where the differences leave a direction open."""
-        ee, en, nn, _, _, _ = self._normal(east, north)
+        lines = self._lines(east, north)
+        weighed = weighed_lines(self._rows, lines)
+        ee, en, nn, _, _, _ = self._equations(lines, weighed)
         determinant = ee * nn - en * en
         if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
             return None
         total = Matrix2(nn / determinant, -en / determinant, ee / determinant)
-        white = Matrix2(0.0, 0.0, 0.0)
-        directions = []
-        for one in self.heard:
-            x, y, z = east - one.east, north - one.north, self.up - one.up
-            away = max(sqrt(x * x + y * y + z * z), 1.0)
-            directions.append((x / away, y / away))
-        for row, one in zip(self._rows, self.heard, strict=True):
-            we = wn = 0.0
-            for weight, (ue, un) in zip(row, directions, strict=True):
-                we += weight * ue
-                wn += weight * un
+        white_ee = white_en = white_nn = 0.0
+        for (we, wn, _, _), one in zip(weighed, self.heard, strict=True):
             de = total.ee * we + total.en * wn
             dn = total.en * we + total.nn * wn
-            white += Matrix2(de * de, de * dn, dn * dn).scaled(one.white)
-        return total, total + white.scaled(-1.0)
+            white_ee += de * de * one.white
+            white_en += de * dn * one.white
+            white_nn += dn * dn * one.white
+        return total, total + Matrix2(-white_ee, -white_en, -white_nn)
 
     def least_on_circle(self, east: float, north: float, radius: float) -> float:
         """Least χ² on a circle: how well any place at the edge of the buffer explains the differences."""
-        least = self.chi2(east + radius, north)
-        for x, y in _CIRCLE:
-            for ux, uy in ((x, y), (-y, x), (-x, -y), (y, -x)):
-                least = min(least, self.chi2(east + radius * ux, north + radius * uy))
-        return least
+        return min([self.chi2(east + radius * x, north + radius * y) for x, y in _CIRCLE])
 
     def least_within(self, east: float, north: float, radius: float) -> float:
         """Least χ² over a disc, crossed on a few lines towards the anchors, each searched along itself."""

@@ -1,4 +1,4 @@
-"""One claim, judged by what was measured: steps 9 and 10 of the verdict for the signed and for the broadcast claim."""
+"""One claim, judged by what was measured: steps 9 and 10 of the verdict."""
 
 from __future__ import annotations
 
@@ -7,26 +7,15 @@ from math import sqrt
 from typing import Final
 
 from wonderland.proofs.agreement import REFUTING_ANCHORS, Agreement
-from wonderland.proofs.claims import ClaimedPath
-from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.estimate import Offset, least_chi2_within
-from wonderland.proofs.frame import to_local, to_wgs84
+from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.likelihood import Matrix2, distance_to_disc, inside_disc
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import Judgement, Position, Reason
 from wonderland.proofs.reduction import Reduced, distance
 from wonderland.proofs.stopping import proved_outside, sides, step_of
 
-NEAR_CLAIM_MS: Final = 3_000
-"""How far a broadcast may lie from the signed claims in time and still be judged by them."""
-SAME_TIME_MS: Final = 250
-"""Within this the nearest signed claim stands for the moment of a broadcast."""
-UNCLAIMED_SPEED_MM_MS: Final = 10
-"""Between a broadcast and the signed claims a drone may have moved at this speed (10 m/s, one standard deviation)."""
-BROADCAST_LATENCY_SIGMA_MS: Final = 300
-"""Age of a position when it is heard: Remote ID sends once a second and stamps tenths."""
 VAGUE_BUFFERS: Final = 0.5
 """An estimate vaguer than this refutes only if the ranges themselves exclude every place in the buffer."""
 LARGEST: Final = 1e12
@@ -60,23 +49,22 @@ class Measured:
 
 
 def judge(
-    session: Session,
+    policy: Policy,
     commissioning: Commissioning,
     measured: Measured,
-    extra: Matrix2,
     shift: tuple[float, float],
     *,
     may_verify: bool,
     may_refute: bool,
 ) -> Judgement:
-    """Steps 9 and 10 for one claim, which lies at ``shift`` from the signed one and adds ``extra`` uncertainty.
+    """Steps 9 and 10 for one claim, which lies at ``shift`` (mm) from the signed one.
 
     Where one anchor is bad, every subset that may be the good one has to say the same.
     """
     offsets = measured.agreement.offsets or (measured.whole,)
-    found = [compare(session.policy, measured.reduced, offset, extra, shift) for offset in offsets]
+    found = [compare(policy, measured.reduced, offset, shift) for offset in offsets]
     first = found[0]
-    radius = metres(float(session.policy.buffer_mm))
+    radius = metres(float(policy.buffer_mm))
     error = metres(first.error)
     reasons = Reasons()
     outcome = "inconclusive"
@@ -93,7 +81,7 @@ def judge(
         else:
             reasons.add("cannot_refute", "Too few anchors, or too inconsistent ranges, to refute on.")
     else:
-        axes = (offsets[0].covariance + extra).ellipse()
+        axes = offsets[0].covariance.ellipse()
         reasons.add("undecided", f"Measured {error} from the claim, known to {metres(axes.s1)} (1σ): not settled yet.")
     reduced = measured.reduced
     claim = place(commissioning, reduced.east + shift[0], reduced.north + shift[1], reduced.up)
@@ -102,7 +90,7 @@ def judge(
         claim=claim,
         error_mm=min(int(first.error + 0.5), 100_000_000),
         likelihood_ppm=first.likelihood_ppm,
-        paper_rule=first.error <= session.policy.buffer_mm,
+        paper_rule=first.error <= policy.buffer_mm,
         reasons=tuple(reasons.items),
     )
 
@@ -118,11 +106,11 @@ class Comparison:
     error: float
 
 
-def compare(policy: Policy, reduced: Reduced, offset: Offset, extra: Matrix2, shift: tuple[float, float]) -> Comparison:
-    """One estimate against the claim at ``shift`` (mm), with ``extra`` covariance."""
+def compare(policy: Policy, reduced: Reduced, offset: Offset, shift: tuple[float, float]) -> Comparison:
+    """One estimate against the claim at ``shift`` (mm)."""
     radius = float(policy.buffer_mm)
     east, north = offset.east - shift[0], offset.north - shift[1]
-    covariance = offset.covariance + extra
+    covariance = offset.covariance
     bent_east, bent_north = straightened(reduced, offset, covariance, shift)
     likelihood_ppm = ppm(inside_disc(bent_east, bent_north, covariance, radius))
     step = step_of(covariance, offset.covariance + offset.floor.scaled(-1.0), reduced.rounds)
@@ -185,52 +173,6 @@ def _arcsine(x: float) -> float:
     square = half * half
     series = 1.0 + square * (1 / 6 + square * (3 / 40 + square * (15 / 336 + square * (105 / 3456 + square * 0.0224))))
     return 2.0 * half * series
-
-
-def judge_broadcast(
-    session: Session,
-    commissioning: Commissioning,
-    evidence: Evidence,
-    measured: Measured,
-    path: ClaimedPath,
-    *,
-    may_refute: bool,
-) -> Judgement | None:
-    """The public claim: mean of (broadcast − signed claim) when it was heard; None where nothing was heard."""
-    first_ms, last_ms = path.points[0].t_ms, path.points[-1].t_ms
-    gaps = [max(first_ms - heard.t_ms, heard.t_ms - last_ms, 0) for heard in evidence.broadcast]
-    nearest_ms = min(gaps, default=NEAR_CLAIM_MS + 1)
-    if nearest_ms > NEAR_CLAIM_MS:
-        return None
-    # Those heard while claims were signed; where there are none, the nearest alone, and it may have moved since.
-    reach_ms = max(nearest_ms, SAME_TIME_MS)
-    moved_mm = float(nearest_ms * UNCLAIMED_SPEED_MM_MS) if nearest_ms > SAME_TIME_MS else 0.0
-    east = north = speed = 0.0
-    count = 0
-    for heard, gap_ms in zip(evidence.broadcast, gaps, strict=True):
-        claimed = path.at(heard.t_ms) or path.points[0 if heard.t_ms < first_ms else -1]
-        if gap_ms > reach_ms:
-            continue
-        height = heard.height_mm if heard.height_mm is not None else session.claim.height_mm
-        try:
-            x, y, _ = to_local(commissioning.frame, heard.lat_e7, heard.lon_e7, height)
-        except GeometryError:
-            x, y = 100_000_000, 0  # broadcast from elsewhere: as far off as the records can say
-        east += x - claimed.east
-        north += y - claimed.north
-        later = path.at(heard.t_ms + 500)
-        if later is not None:
-            dx, dy = later.east - claimed.east, later.north - claimed.north
-            speed += sqrt(dx * dx + dy * dy) / 500
-        count += 1
-    latency = BROADCAST_LATENCY_SIGMA_MS * speed / count
-    limit = 50_000_000.0
-    shift = (max(-limit, min(limit, east / count)), max(-limit, min(limit, north / count)))
-    variance = latency * latency + moved_mm * moved_mm
-    extra = Matrix2(variance, 0.0, variance)
-    return judge(
-        session, commissioning, measured, extra, shift, may_verify=measured.agreement.usable, may_refute=may_refute
-    )
 
 
 def place(commissioning: Commissioning, east: float, north: float, up: float) -> Position:

@@ -14,11 +14,10 @@ from wonderland.proofs.agreement import agreement
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.estimate import solve
 from wonderland.proofs.judgement import Measured, judge, metres
-from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.records.pads import Commissioning
-from wonderland.proofs.records.sessions import Session
+from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.verdicts import Judgement, Reason
-from wonderland.proofs.reduction import Reduced, reduce
+from wonderland.proofs.reduction import Reduced, Residuals, newest_of, reduce, residuals_of
 from wonderland.proofs.rounds import UsableRounds
 from wonderland.proofs.special import CHI2_LIMITS
 
@@ -33,7 +32,7 @@ ERROR_SHARE: Final = 10
 
 def judge_newest(
     signed: Judgement,
-    session: Session,
+    policy: Policy,
     commissioning: Commissioning,
     rounds: UsableRounds,
     path: ClaimedPath,
@@ -45,20 +44,24 @@ def judge_newest(
     """The judgement of the signed claim, unless the newest rounds tell that the drone is leaving it."""
     if len(rounds.t_ms) <= NEWEST or signed.outcome == "refuted":
         return signed
+    if whole.residuals is not None and whole.residuals.whole:
+        seen: Residuals | None = newest_of(whole.residuals, NEWEST, commissioning)
+    else:
+        seen = residuals_of(_newest(rounds), commissioning, path)
+    if seen is None or not _drifts(whole, seen, commissioning):
+        return signed
     last = reduce(_newest(rounds), commissioning, path, clock_sigma_ms)
-    if last is None or not _drifts(whole, last, commissioning):
+    if last is None:
         return signed
     last = _white(last, commissioning)
     offset = solve(last)
-    policy = session.policy
     if offset is None or offset.covariance.ellipse().s1 > CLEAR_BUFFERS * policy.buffer_mm:
         return signed
-    strict = replace(session, policy=replace(policy, refute_ppm=max(1, policy.refute_ppm // ERROR_SHARE)))
+    strict = replace(policy, refute_ppm=max(1, policy.refute_ppm // ERROR_SHARE))
     now = judge(
         strict,
         commissioning,
         Measured(last, agreement(last, offset), offset),
-        Matrix2(0.0, 0.0, 0.0),
         (0.0, 0.0),
         may_verify=False,
         may_refute=may_refute,
@@ -94,18 +97,18 @@ def _newest(rounds: UsableRounds) -> UsableRounds:
     )
 
 
-def _drifts(whole: Reduced, last: Reduced, commissioning: Commissioning) -> bool:
+def _drifts(whole: Reduced, newest: Residuals, commissioning: Commissioning) -> bool:
     """Whether the newest residuals differ from all of them by more than one in a thousand honest sessions."""
     variance = _variance(commissioning)
     means = {anchor.index: anchor for anchor in whole.anchors}
     chi2 = 0.0
     shared = 0
-    for anchor in last.anchors:
-        mean = means.get(anchor.index)
+    for index, values, mean in newest.series:
+        anchor = means.get(index)
         # The newest are part of all, so that their means differ by σ²(1/k − 1/n).
-        if mean is None or mean.count <= anchor.count:
+        if anchor is None or anchor.count <= len(values):
             continue
-        difference = anchor.residual_mm - mean.residual_mm
-        chi2 += difference * difference / (variance * (1.0 / anchor.count - 1.0 / mean.count))
+        difference = mean - anchor.residual_mm
+        chi2 += difference * difference / (variance * (1.0 / len(values) - 1.0 / anchor.count))
         shared += 1
     return shared > 0 and chi2 > CHI2_LIMITS[min(shared, len(CHI2_LIMITS)) - 1]

@@ -8,13 +8,13 @@ error over 0.003 R ≤ s1 ≤ 100 R: 4e-8 (``tests/proofs/test_likelihood.py``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import sqrt
-from typing import Final
+from typing import Final, NamedTuple
 
-from wonderland.proofs.special import exp_negative, normal_half
+from wonderland.proofs.special import LAST, exp_negative, normal_half
 
-_NODES: Final = (
+_POSITIVE_NODES: Final = (
     (0.06405689286260563, 0.12793819534675202),
     (0.1911188674736163, 0.12583745634682825),
     (0.3150426796961634, 0.1216704729278033),
@@ -29,6 +29,7 @@ _NODES: Final = (
     (0.9951872199970213, 0.01234122979998869),
 )
 """Positive half of the 24 Gauss–Legendre nodes with their weights."""
+_NODES: Final = tuple((sign * node, weight) for node, weight in _POSITIVE_NODES for sign in (-1.0, 1.0))
 _PIECES: Final = 2
 _REACH: Final = 6.5
 """Standard deviations beyond which a normal distribution holds less than 1e-10."""
@@ -42,8 +43,7 @@ LARGE_DISTANCE: Final = 1e9
 """Distance, in standard deviations, of what is known exactly."""
 
 
-@dataclass(frozen=True, slots=True)
-class Ellipse:
+class Ellipse(NamedTuple):
     """A horizontal covariance by its axes: standard deviations s1 ≥ s2 in mm, and the major axis' direction."""
 
     s1: float
@@ -52,13 +52,17 @@ class Ellipse:
     north: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Matrix2:
-    """A symmetric 2 × 2 matrix in mm²: east-east, east-north, north-north."""
+    """A symmetric 2 × 2 matrix in mm²: east-east, east-north, north-north.
+
+    Never changed; to freeze it would treble the time that a verdict spends on matrices.
+    """
 
     ee: float
     en: float
     nn: float
+    _axes: Ellipse | None = field(default=None, init=False, repr=False, compare=False)
 
     def __add__(self, other: Matrix2) -> Matrix2:
         return Matrix2(self.ee + other.ee, self.en + other.en, self.nn + other.nn)
@@ -73,6 +77,11 @@ class Matrix2:
 
     def ellipse(self) -> Ellipse:
         """Axes of the covariance; a variance that rounding made negative counts as tiny."""
+        if self._axes is None:  # a verdict asks for the same ones again and again
+            self._axes = self._ellipse()
+        return self._axes
+
+    def _ellipse(self) -> Ellipse:
         half_difference = 0.5 * (self.ee - self.nn)
         root = sqrt(half_difference * half_difference + self.en * self.en)
         large = 0.5 * (self.ee + self.nn) + root
@@ -111,16 +120,23 @@ def inside_disc(east: float, north: float, covariance: Matrix2, radius: float) -
     end = high / (radius + sqrt((radius - high) * (radius + high)))
     inverse1, inverse2 = 1.0 / axes.s1, 1.0 / axes.s2
     half = 0.5 * (end - start) / _PIECES
+    diameter = 2.0 * radius
     total = 0.0
     for piece in range(_PIECES):
         middle = start + half * (2 * piece + 1)
         for node, weight in _NODES:
-            for t in (middle - half * node, middle + half * node):
-                q = 1.0 / (1.0 + t * t)
-                h = radius * (1.0 - t * t) * q
-                z = (2.0 * radius * t * q - minor) * inverse2
-                mass = normal_half((h - major) * inverse1) + normal_half((h + major) * inverse1)
-                total += weight * exp_negative(-0.5 * z * z) * mass * q * h
+            t = middle + half * node
+            square = t * t
+            q = 1.0 / (1.0 + square)
+            h = radius * (1.0 - square) * q
+            z = (diameter * t * q - minor) * inverse2
+            nearer = (h - major) * inverse1
+            if nearer > LAST:
+                mass = 1.0
+            else:
+                farther = (h + major) * inverse1
+                mass = normal_half(nearer) + (0.5 if farther > LAST else normal_half(farther))
+            total += weight * exp_negative(-0.5 * z * z) * mass * q * h
     result = total * half * 2.0 * _INVERSE_SQRT_2PI * inverse2
     return min(result, 1.0)
 
@@ -166,7 +182,8 @@ def _distance_to_circle(east: float, north: float, covariance: Matrix2, radius: 
             low = high
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if _beyond(major, minor, ratio2, middle) > square:
+        x, y = major / middle, minor / (1.0 + (middle - 1.0) * ratio2)
+        if x * x + y * y > square:
             low = middle
         else:
             high = middle

@@ -13,7 +13,7 @@ from itertools import pairwise
 from math import sqrt
 from typing import Final
 
-from wonderland.proofs.claims import ClaimedPath, LocalClaim
+from wonderland.proofs.claims import ClaimedPath, Track
 from wonderland.proofs.records.pads import Anchor, Commissioning
 from wonderland.proofs.records.sessions import NO_RANGE
 from wonderland.proofs.rounds import UsableRounds
@@ -31,9 +31,9 @@ HEIGHT_SIGMA_FLOOR_MM: Final = 50.0
 """Nobody knows a drone's antenna better than this, whatever accuracy it claims."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class AnchorMean:
-    """One anchor's ranges, taken together."""
+    """One anchor's ranges, taken together. Never changed: freezing would cost more than the means."""
 
     index: int
     east: float
@@ -48,6 +48,20 @@ class AnchorMean:
     """σ²/N_eff in mm²: the part that more rounds make smaller."""
     floor: float
     """Variance that no number of rounds makes smaller: bias and survey."""
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """What the ranges say against the claimed path, round by round."""
+
+    track: Track
+    raw: list[tuple[int, list[float]]]
+    """For each anchor: its position in the commissioning and its residuals (mm), in order of time."""
+    whole: bool
+    """Whether each anchor has one for each round."""
+    series: list[tuple[int, list[float], float]]
+    """Without bursts, of the anchors that have enough; with their mean."""
+    bursts: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +83,8 @@ class Reduced:
     velocity_north: float = 0.0
     """Mean claimed velocity over the rounds, mm/ms: times the clock's uncertainty, one more error."""
     clock_sigma_ms: float = CLAIM_CLOCK_SIGMA_MS
+    residuals: Residuals | None = None
+    """What the means were taken of."""
 
 
 def bias_at(anchor: Anchor, range_mm: float) -> tuple[float, float]:
@@ -94,41 +110,25 @@ def reduce(
 
     ``clock_sigma_ms``: how well the claims' times are known on the pad's clock.
     """
-    claimed = path.along(rounds.t_ms)
-    present = [point for point in claimed if point is not None]
-    if not present:
+    seen = residuals_of(rounds, commissioning, path)
+    if seen is None or len(seen.series) < 3:
         return None
-    count = len(present)
-    east = north = up = 0.0
-    for claim in present:
-        east += claim.east
-        north += claim.north
-        up += claim.up
-    east, north, up = east / count, north / count, up / count
-
-    series: list[tuple[int, list[float]]] = []
-    bursts = 0
-    for index, column in zip(rounds.anchor_indices, rounds.range_mm, strict=True):
-        residuals = _residuals(commissioning.anchors[index], column, claimed)
-        kept = _without_bursts(residuals, float(commissioning.range_sigma_mm))
-        bursts += len(residuals) - len(kept)
-        if len(kept) >= MIN_VALUES:
-            series.append((index, kept))
-    if len(series) < 3:
-        return None
-    correlation = correlation_of([values for _, values in series], commissioning.correlation_ppm)
+    track = seen.track
+    count = len(track.kept)
+    east, north, up = mean(track.east), mean(track.north), mean(track.up)
+    series = [values for _, values, _ in seen.series]
+    means = [middle for _, _, middle in seen.series]
+    correlation = correlation_of(series, means, commissioning.correlation_ppm)
     worth = (1.0 - correlation) / (1.0 + correlation)
     sigma2 = float(commissioning.range_sigma_mm * commissioning.range_sigma_mm)
     anchors = []
-    for index, values in series:
+    for index, values, residual in seen.series:
         anchor = commissioning.anchors[index]
-        residual = _mean(values)
         expected = distance(east - anchor.east_mm, north - anchor.north_mm, up - anchor.up_mm)
         anchors.append(
             anchor_mean(index, anchor, expected, residual, count=len(values), white=sigma2 / (len(values) * worth))
         )
-    first, last = present[0], present[-1]
-    span = last.t_ms - first.t_ms
+    velocity_east, velocity_north = track.velocity()
     return Reduced(
         anchors=tuple(anchors),
         east=east,
@@ -137,12 +137,13 @@ def reduce(
         t_ms=rounds.t_ms[len(rounds.t_ms) // 2],
         rounds=count,
         effective=count * worth,
-        bursts=bursts,
+        bursts=seen.bursts,
         height_sigma_mm=max(path.height_sigma_mm, HEIGHT_SIGMA_FLOOR_MM),
         installation_sigma_mm=float(commissioning.installation_sigma_mm),
-        velocity_east=(last.east - first.east) / span if span > 0 else 0.0,
-        velocity_north=(last.north - first.north) / span if span > 0 else 0.0,
+        velocity_east=velocity_east,
+        velocity_north=velocity_north,
         clock_sigma_ms=clock_sigma_ms,
+        residuals=seen,
     )
 
 
@@ -169,33 +170,68 @@ def distance(x: float, y: float, z: float) -> float:
     return sqrt(x * x + y * y + z * z)
 
 
-def _residuals(anchor: Anchor, column: Sequence[int], claimed: Sequence[LocalClaim | None]) -> list[float]:
+def residuals_of(rounds: UsableRounds, commissioning: Commissioning, path: ClaimedPath) -> Residuals | None:
+    """What each anchor's ranges say against the claimed path; None where no round has a claim."""
+    track = path.along(rounds.t_ms)
+    if not track.kept:
+        return None
+    all_claimed = len(track.kept) == len(rounds.t_ms)
+    whole = all_claimed
+    raw = []
+    for index, column in zip(rounds.anchor_indices, rounds.range_mm, strict=True):
+        values = column if all_claimed else [column[position] for position in track.kept]
+        residuals = _residuals(commissioning.anchors[index], values, track)
+        whole = whole and len(residuals) == len(column)
+        raw.append((index, residuals))
+    return _sifted(track, raw, commissioning, whole=whole)
+
+
+def newest_of(seen: Residuals, count: int, commissioning: Commissioning) -> Residuals:
+    """The same of the newest rounds alone, where ``seen`` is whole."""
+    return _sifted(seen.track, [(index, values[-count:]) for index, values in seen.raw], commissioning, whole=True)
+
+
+def _sifted(
+    track: Track, raw: list[tuple[int, list[float]]], commissioning: Commissioning, *, whole: bool
+) -> Residuals:
+    series = []
+    bursts = 0
+    for index, values in raw:
+        kept = without_bursts(values, float(commissioning.range_sigma_mm))
+        bursts += len(values) - len(kept)
+        if len(kept) >= MIN_VALUES:
+            series.append((index, kept, mean(kept)))
+    return Residuals(track, raw, whole, series, bursts)
+
+
+def _residuals(anchor: Anchor, values: Sequence[int], track: Track) -> list[float]:
     """Measured, corrected, minus claimed: for each round that has both."""
-    residuals = []
-    anchor_east, anchor_north, anchor_up = float(anchor.east_mm), float(anchor.north_mm), float(anchor.up_mm)
-    biases: dict[int, float] = {}  # ranges are whole centimetres and repeat
-    for value, point in zip(column, claimed, strict=True):
-        if value == NO_RANGE or point is None:
-            continue
-        bias = biases.get(value)
-        if bias is None:
-            bias = biases[value] = bias_at(anchor, float(value))[0]
-        x, y, z = point.east - anchor_east, point.north - anchor_north, point.up - anchor_up
-        residuals.append(value - bias - sqrt(x * x + y * y + z * z))
-    return residuals
+    at_east, at_north, at_up = float(anchor.east_mm), float(anchor.north_mm), float(anchor.up_mm)
+    _, _, easts, norths, ups = track
+    if NO_RANGE in values:
+        heard = [position for position, value in enumerate(values) if value != NO_RANGE]
+        values = [values[position] for position in heard]
+        _, _, easts, norths, ups = track.only(heard)
+    corrected = {value: value - bias_at(anchor, float(value))[0] for value in set(values)}  # whole centimetres repeat
+    return [
+        corrected[value] - sqrt((x := east - at_east) * x + (y := north - at_north) * y + (z := up - at_up) * z)
+        for value, east, north, up in zip(values, easts, norths, ups, strict=True)
+    ]
 
 
-def _without_bursts(values: Sequence[float], sigma: float) -> list[float]:
+def without_bursts(values: list[float], sigma: float) -> list[float]:
+    """The values that are no bursts: not far from their median."""
     if not values:
         return []
-    ordered = sorted(values)
-    median = ordered[len(ordered) // 2]
     limit = max(OUTLIER_SIGMAS * sigma, OUTLIER_FLOOR_MM)
+    if max(values) - min(values) <= limit:
+        return values
+    median = sorted(values)[len(values) // 2]
     return [value for value in values if -limit <= value - median <= limit]
 
 
-def correlation_of(series: Sequence[Sequence[float]], commissioned_ppm: int | None) -> float:
-    """Lag-1 correlation of the residuals over time, all anchors together; 0 to MOST_CORRELATED.
+def correlation_of(series: Sequence[Sequence[float]], means: Sequence[float], commissioned_ppm: int | None) -> float:
+    """Lag-1 correlation of the residuals over time, about their means, all anchors together; 0 to MOST_CORRELATED.
 
     The sample's (von Neumann's ratio: right on average where there is none, too small by about 4ρ/N where there is
     some) is known to 1/√(values). Where the pad was commissioned with a correlation, that one counts unless the sample
@@ -203,12 +239,14 @@ def correlation_of(series: Sequence[Sequence[float]], commissioned_ppm: int | No
     """
     steps = spread = 0.0
     count = longest = 0
-    for values in series:
-        mean = _mean(values)
+    for values, middle in zip(series, means, strict=True):
+        before = values[0] if values else 0.0
         for value in values:
-            spread += (value - mean) * (value - mean)
-        for before, after in pairwise(values):
-            steps += (after - before) * (after - before)
+            away = value - middle
+            step = value - before
+            spread += away * away
+            steps += step * step
+            before = value
         count += len(values)
         longest = max(longest, len(values))
     if spread <= 0.0:
@@ -224,7 +262,8 @@ def correlation_of(series: Sequence[Sequence[float]], commissioned_ppm: int | No
     return min(max(found, 0.0), MOST_CORRELATED)
 
 
-def _mean(values: Sequence[float]) -> float:
+def mean(values: Sequence[float]) -> float:
+    """Added up one by one: ``sum()`` of floats is another one since Python 3.12."""
     total = 0.0
     for value in values:
         total += value

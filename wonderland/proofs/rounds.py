@@ -44,30 +44,49 @@ class UsableRounds:
 def usable(table: RangeTable, anchor_ids: Sequence[str], max_range_mm: int) -> UsableRounds:
     """Rounds in which at least three known anchors have a plausible, unobstructed range; in order of time."""
     known = {anchor_id: index for index, anchor_id in enumerate(anchor_ids)}
-    columns: dict[int, list[int]] = {}
+    columns: dict[int, tuple[int, ...]] = {}
     obstructed = 0
+    whole = True
     for anchor in table.anchors:
         index = known.get(anchor.anchor_id)
         if index is None:
             continue
-        values = [value if 0 < value <= max_range_mm else NO_RANGE for value in anchor.range_mm]
-        for round_index in anchor.nlos:
-            if round_index < len(values) and values[round_index] != NO_RANGE:
-                values[round_index] = NO_RANGE
-                obstructed += 1
+        values = anchor.range_mm
+        if values and not 0 < min(values) <= max(values) <= max_range_mm:
+            values = tuple([value if 0 < value <= max_range_mm else NO_RANGE for value in values])
+            whole = False
+        if anchor.nlos:
+            values, without = _unobstructed(values, anchor.nlos)
+            obstructed += without
+            whole = False
         columns[index] = values
-    order = sorted(range(len(table.t_ms)), key=lambda position: (table.t_ms[position], position))
+    times = table.t_ms
+    everything = list(range(len(times)))
+    kept = everything if list(times) == sorted(times) else sorted(everything, key=times.__getitem__)
     indices = tuple(sorted(columns))
-    kept = [
-        position for position in order if sum(columns[index][position] != NO_RANGE for index in indices) >= MIN_ANCHORS
-    ]
+    chosen = [columns[index] for index in indices]
+    if len(chosen) < MIN_ANCHORS or not whole:
+        heard = [len(row) - row.count(NO_RANGE) for row in zip(*chosen, strict=True)]
+        kept = [position for position in kept if heard and heard[position] >= MIN_ANCHORS]
+    if kept != everything:
+        times = tuple([times[position] for position in kept])
+        chosen = [tuple([column[position] for position in kept]) for column in chosen]
     return UsableRounds(
-        t_ms=tuple(table.t_ms[position] for position in kept),
+        t_ms=times,
         anchor_indices=indices,
-        range_mm=tuple(tuple(columns[index][position] for position in kept) for index in indices),
+        range_mm=tuple(chosen),
         discarded=len(table.t_ms) - len(kept),
         obstructed=obstructed,
     )
+
+
+def _unobstructed(values: tuple[int, ...], nlos: Sequence[int]) -> tuple[tuple[int, ...], int]:
+    """The ranges without those of obstructed rounds, and how many that leaves out."""
+    seen = list(values)
+    for round_index in nlos:
+        if round_index < len(seen):
+            seen[round_index] = NO_RANGE
+    return tuple(seen), seen.count(NO_RANGE) - values.count(NO_RANGE)
 
 
 def pack(table: RangeTable) -> bytes:

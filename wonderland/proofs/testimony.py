@@ -47,6 +47,8 @@ class TimeFinding:
     """Whether the pad has a common clock at all, so that more frames may help."""
     level: int
     who: str
+    suspects: tuple[str, ...] = ()
+    """Names of the anchors whose clock may be off."""
 
     @property
     def proved_inside(self) -> bool:
@@ -94,6 +96,14 @@ class TimeFinding:
                 f"{self.who}: the time stamps contradict one another (χ² {decimal(timed.chi2)}, limit "
                 f"{decimal(timed.limit)}); a clock is off.",
             )
+            if self.suspects:
+                named = ", ".join(self.suspects)
+                reasons.add(
+                    "clock_suspected",
+                    f"{self.who}: without the clock of {named} the time stamps agree."
+                    if len(self.suspects) == 1
+                    else f"{self.who}: the time stamps agree without the clock of one of {named}.",
+                )
             return False
         if not timed.agrees:
             reasons.add(
@@ -152,7 +162,10 @@ def judge_time_stamps(
     measured: Measured | None,
     clock: Clock,
 ) -> TimeFinding:
-    """The pad's own time stamps against the claim and against its ranges."""
+    """The pad's own time stamps against the claim and against its ranges.
+
+    ``policy``: with the part of the error for refuting that these have (``halved``).
+    """
     ranged = None
     if measured is not None and measured.agreement.usable:
         offset, reduced = measured.offset, measured.reduced
@@ -172,7 +185,7 @@ def judge_testimony(
     except GeometryError:
         path = None
     stamps, radio = witness.testimony.time_stamps, witness.testimony.radio
-    policy, skew_ms = session.policy, session.policy.max_clock_skew_ms
+    policy, skew_ms = halved(session.policy), session.policy.max_clock_skew_ms
     fresh = session.requested_ms - skew_ms <= stamps.start_ms and stamps.end_ms <= session.expires_ms + skew_ms
     bound = (
         fresh and stamps.bound_by in {"challenge", "key"} and radio.sts == "provisioned" and radio.measured_by == "pad"
@@ -208,7 +221,7 @@ def _finding(
     means = stamped(stamps, commissioning, path) if stamps is not None and path is not None else None
     if means is None:
         return TimeFinding(None, None, bound=bound, possible=possible, level=level, who=who)
-    timed = judge_times(means, halved(policy), ranged, clock.sigma_ms)
+    timed = judge_times(means, policy, ranged, clock.sigma_ms)
     record = TimeDifferences(
         pad_id=pad_id,
         frames=timed.frames,
@@ -220,7 +233,8 @@ def _finding(
         covariance=_covariance(timed.covariance) if timed.covariance is not None else None,
         chi2_milli=int(min(timed.chi2, LARGEST) * 1000.0 + 0.5),
     )
-    return TimeFinding(record, timed, bound=bound, possible=possible, level=level, who=who)
+    suspects = tuple(commissioning.anchors[index].anchor_id for index in timed.suspects)
+    return TimeFinding(record, timed, bound=bound, possible=possible, level=level, who=who, suspects=suspects)
 
 
 def _covariance(matrix: Matrix2) -> Covariance:

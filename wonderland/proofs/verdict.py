@@ -11,26 +11,34 @@
  9. likelihood      that the drone is within the buffer of its claim
 10. outcome         verified, refuted or inconclusive, and permission
 
-Steps 4 and 7 are in ``reduction``, 5 in ``agreement``, 6 in ``differences`` and ``testimony``, 8 in ``estimate``, 9 and
-10 for one claim in ``judgement``, for the newest rounds alone in ``leaving``, what holds under repeated looks in
-``stopping``, what can be reached at all in ``prospects``, the drone's clock in ``drone_clock``. Two claims are judged:
-the one that the drone signed for this session and the one that it broadcast. Integers and exactly rounded operations
-only (``special``).
+Steps 1 to 3 are in ``admission``, 4 and 7 in ``reduction``, 5 in ``agreement``, 6 in ``differences`` and ``testimony``,
+8 in ``estimate``, 9 and 10 for one claim in ``judgement``, for the newest rounds alone in ``leaving``, for the public
+one in ``broadcast``, what holds under repeated looks in ``stopping``, what can be reached at all in ``prospects``, the
+drone's clock in ``drone_clock``. Two claims are judged: the one that the drone signed for this session and the one
+that it broadcast. Integers and exactly rounded operations only (``special``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from math import sqrt
 from typing import Final
 
+from wonderland.proofs.admission import (
+    clock_serves,
+    confirmed_by_both,
+    fresh,
+    plausible,
+    rounds_missing,
+    usable_rounds,
+)
 from wonderland.proofs.agreement import agreement
+from wonderland.proofs.broadcast import PublicClaim, judge_broadcast
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.differences import halved
 from wonderland.proofs.drift import widened
-from wonderland.proofs.drone_clock import EXCUSED_SHARE, Clock, drone_clock
+from wonderland.proofs.drone_clock import Clock, drone_clock
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.estimate import solve
 from wonderland.proofs.judgement import (
@@ -39,7 +47,6 @@ from wonderland.proofs.judgement import (
     Reasons,
     decimal,
     judge,
-    judge_broadcast,
     metres,
     place,
     rounded,
@@ -48,11 +55,10 @@ from wonderland.proofs.leaving import judge_newest
 from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.prospects import anchors_in_a_plane, within_hull
 from wonderland.proofs.records.pads import Commissioning
-from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim, Evidence, Session
 from wonderland.proofs.records.verdicts import Covariance, DroneClock, Judgement, Position, Reason, Verdict
 from wonderland.proofs.reduction import reduce
-from wonderland.proofs.rounds import UsableRounds, usable
+from wonderland.proofs.rounds import UsableRounds
 from wonderland.proofs.stopping import more_rounds
 from wonderland.proofs.testimony import WitnessBrought, judge_testimony, judge_time_stamps
 
@@ -62,8 +68,6 @@ KEYED: Final = 2
 """Assurance of two-way ranges that the pad measured with a keyed time-stamp sequence."""
 TIME_DIFFERENCES: Final = 3
 """From this assurance on a drone's own clock cannot make it appear farther away."""
-MAX_HEIGHT_ACCURACY_MM: Final = 20_000
-"""A claimed height vaguer than this proves nothing either."""
 
 
 def decide(
@@ -92,9 +96,9 @@ def decide(
         reasons.add("pad_drifts", f"The pad has drifted since it was commissioned: {added} are added to each anchor.")
     clock = drone_clock(evidence.clock)
     claims = _shifted((session.claim, *evidence.claims), clock)
-    blocked = not _fresh(session, evidence, now_ms, reasons)  # 1
-    blocked = not _confirmed(evidence, confirmed, signature_valid, reasons) or blocked  # 2
-    rounds = _usable(evidence, commissioning, policy.min_rounds, reasons)  # 3
+    blocked = not fresh(session, evidence, now_ms, reasons)  # 1
+    blocked = not confirmed_by_both(evidence, confirmed, signature_valid, reasons) or blocked  # 2
+    rounds = usable_rounds(evidence, commissioning, policy.min_rounds, reasons)  # 3
     measured: Measured | None = None
     path: ClaimedPath | None = None
     try:
@@ -102,12 +106,14 @@ def decide(
     except GeometryError:
         reasons.add("claim_far_away", "The claimed position is nowhere near this pad.")
     if path is not None:
-        blocked = not _plausible(path, policy, reasons) or blocked
-        blocked = not _clock_serves(clock, path, policy, reasons) or blocked
+        blocked = not plausible(path, policy, reasons) or blocked
+        blocked = not clock_serves(clock, path, policy, reasons) or blocked
     if path is not None and rounds is not None:
         measured = _measure(rounds, commissioning, path, clock, reasons)  # 4, 5, 7, 8
+    missing = rounds_missing(evidence, policy, reasons)  # 3
     enough = rounds is not None and len(rounds.t_ms) >= policy.min_rounds
-    timed = judge_time_stamps(session.pad_id, evidence.time_stamps, commissioning, path, policy, measured, clock)  # 6
+    shared = halved(policy)
+    timed = judge_time_stamps(session.pad_id, evidence.time_stamps, commissioning, path, shared, measured, clock)  # 6
     seen = judge_testimony(witness, session, claims, clock)
     assurance = _assurance(evidence)
     if assurance == KEYED:
@@ -121,18 +127,17 @@ def decide(
         blocked = True
 
     signed: Judgement | None = None
-    broadcast: Judgement | None = None
+    public: PublicClaim | None = None
     more = -1
     if measured is not None and path is not None:
         open_geometry = measured.offset.mirror is not None
-        judged = replace(session, policy=halved(policy)) if timed.may_refute else session
+        judged = shared if timed.may_refute else policy
         signed = judge(
             judged,
             commissioning,
             measured,
-            Matrix2(0.0, 0.0, 0.0),
             (0.0, 0.0),
-            may_verify=not blocked and measured.agreement.usable and enough and not open_geometry,
+            may_verify=not blocked and missing == 0 and measured.agreement.usable and enough and not open_geometry,
             may_refute=enough,
         )  # 9, 10
         if rounds is not None:
@@ -147,13 +152,18 @@ def decide(
                 may_refute=enough,
             )
         signed = timed.overrule(signed, may_refute=enough)
-        broadcast = judge_broadcast(session, commissioning, evidence, measured, path, may_refute=enough)
-        more = more_rounds(measured.offset, measured.reduced.rounds, policy)
-    outcome = _outcome(signed, broadcast, reasons)
-    if measured is not None and signed is not None:
-        _limits(assurance, commissioning, measured, signed, more, reasons)
+        public = judge_broadcast(session, commissioning, evidence, measured, path, may_refute=enough)
+    outcome = _outcome(signed, public, reasons)
+    if outcome == "inconclusive" and measured is not None and signed is not None:
+        only_public = public is not None and signed.outcome == "verified"
+        offset, asked = (public.offset, public.policy) if public and only_public else (measured.offset, policy)
+        more = more_rounds(offset, measured.reduced.rounds, asked)
+    if measured is not None:
+        _limits(outcome, assurance, commissioning, measured, more, reasons)
     if more_frames > 0 and more >= 0:
         more, blocked = max(more, more_frames), False
+    if missing != 0 and more >= 0:
+        more = max(more, missing) if missing > 0 else -1
     authorised = not authorisation
     reasons.items.extend(authorisation)
     granted = outcome == "verified" and authorised
@@ -174,7 +184,7 @@ def decide(
         reasons=tuple(reasons.items),
         more_rounds=-1 if outcome != "inconclusive" or blocked else more,
         signed=signed,
-        broadcast=broadcast,
+        broadcast=public.judgement if public is not None else None,
         estimate=estimate,
         covariance=_covariance(measured.offset.covariance) if measured is not None else None,
         chi2_milli=_milli(measured.offset.chi2) if measured is not None else None,
@@ -221,21 +231,6 @@ def _shifted(claims: Sequence[Claim], clock: Clock) -> tuple[Claim, ...]:
     return tuple(replace(claim, t_ms=max(claim.t_ms - offset_ms, 0)) for claim in claims)
 
 
-def _clock_serves(clock: Clock, path: ClaimedPath, policy: Policy, reasons: Reasons) -> bool:
-    """Step 1: the drone's clock may be wrong only as far as that hardly moves its claim."""
-    if clock.contradictory:
-        reasons.add("clock_contradicts", "No clock gives the times that the drone said: some are later than heard.")
-        return False
-    if clock.beyond_ms <= 0.0:
-        return True
-    off = path.mean_speed() * clock.beyond_ms
-    said = f"The drone's clock is off by at least {rounded(clock.beyond_ms)} ms"
-    if off > EXCUSED_SHARE * policy.buffer_mm:
-        reasons.add("clock_off", f"{said}: at its speed {metres(off)} between what it claims and where it is.")
-        return False
-    return True
-
-
 def _clock_record(clock: Clock) -> DroneClock | None:
     if clock.readings == 0:
         return None
@@ -244,88 +239,11 @@ def _clock_record(clock: Clock) -> DroneClock | None:
     return DroneClock(offset_ms=offset_ms, sigma_ms=min(rounded(clock.sigma_ms), 2**31), readings=clock.readings)
 
 
-def _fresh(session: Session, evidence: Evidence, now_ms: int, reasons: Reasons) -> bool:
-    """Step 1: rounds and claims lie between the request and now, give or take the tolerated skew."""
-    skew = session.policy.max_clock_skew_ms
-    earliest = session.requested_ms - skew
-    latest = min(now_ms, session.expires_ms) + skew
-    fresh = True
-    if any(not earliest <= t_ms <= latest for t_ms in evidence.ranges.t_ms):
-        reasons.add("rounds_not_fresh", "Rounds were ranged outside of the session's time.")
-        fresh = False
-    stamps = evidence.time_stamps
-    if stamps is not None and not (earliest <= stamps.start_ms and stamps.end_ms <= latest):
-        reasons.add("frames_not_fresh", "Frames were time-stamped outside of the session's time.")
-        fresh = False
-    if any(not earliest <= claim.t_ms <= latest for claim in evidence.claims):
-        reasons.add("claims_not_fresh", "Claims were made outside of the session's time.")
-        fresh = False
-    if any(after.t_ms < before.t_ms for before, after in pairwise(evidence.claims)):
-        reasons.add("claims_go_back", "The claims' times go backwards.")
-        fresh = False
-    if any(after < before for before, after in pairwise(evidence.ranges.t_ms)):
-        reasons.add("time_goes_back", "The rounds' times go backwards.")
-        fresh = False
-    return fresh
-
-
-def _plausible(path: ClaimedPath, policy: Policy, reasons: Reasons) -> bool:
-    """Step 1, the claims by themselves: a vague claim buys nothing, and a drone flies from one to the next."""
-    plausible = True
-    if path.accuracy_mm > policy.max_claim_accuracy_mm:
-        reasons.add("claim_vague", f"The claim is good to {metres(path.accuracy_mm)} only: a vague one proves nothing.")
-        plausible = False
-    if path.height_accuracy_mm > MAX_HEIGHT_ACCURACY_MM:
-        reasons.add(
-            "claim_height_vague",
-            f"The claimed height is good to {metres(path.height_accuracy_mm)} only; a vague claim proves nothing.",
-        )
-        plausible = False
-    jump = path.jump_mm()
-    if jump > 0.0:
-        reasons.add(
-            "claims_jump", f"The claims jump by {metres(jump)}: no drone flies so, nor does accuracy explain it."
-        )
-        plausible = False
-    return plausible
-
-
-def _confirmed(evidence: Evidence, confirmed: bool, signature_valid: bool | None, reasons: Reasons) -> bool:
-    """Step 2: without both codes and the drone's countersignature nothing can be verified."""
-    if not confirmed:
-        reasons.add("codes_not_matched", "The session codes did not match over UWB: another drone, or a replay.")
-    if signature_valid is None:
-        reasons.add("not_countersigned", "The drone did not countersign the ranges.")
-    elif not signature_valid:
-        reasons.add("countersignature_invalid", "The drone's countersignature does not fit these ranges and claims.")
-    if evidence.failure is not None:
-        reasons.add("session_stopped", f"The pad stopped early: {evidence.failure.replace('_', ' ')}.")
-    return confirmed and signature_valid is True
-
-
 def _assurance(evidence: Evidence) -> int:
     """What the way of ranging can bear; 3 and 4 are earned by time differences and a second pad."""
     if evidence.radio.measured_by == "uav":
         return 0
     return KEYED if evidence.radio.sts == "provisioned" else 1
-
-
-def _usable(evidence: Evidence, commissioning: Commissioning, min_rounds: int, reasons: Reasons) -> UsableRounds | None:
-    """Step 3."""
-    anchor_ids = [anchor.anchor_id for anchor in commissioning.anchors]
-    rounds = usable(evidence.ranges, anchor_ids, commissioning.max_range_mm)
-    count = len(rounds.t_ms)
-    if count < min_rounds:
-        reasons.add("too_few_rounds", f"{count} usable rounds; at least {min_rounds} are needed.")
-    if rounds.obstructed:
-        reasons.add("obstructed", f"{rounds.obstructed} ranges left out: their anchors saw an obstruction.")
-    strangers = sum(1 for column in evidence.ranges.anchors if column.anchor_id not in anchor_ids)
-    if strangers:
-        reasons.add("anchors_unknown", f"{strangers} anchors of the evidence are not among those commissioned.")
-    silent = len(anchor_ids) - sum(1 for column in rounds.range_mm if any(value >= 0 for value in column))
-    if silent and count:
-        reasons.add("anchor_silent", f"{silent} of {len(anchor_ids)} anchors measured nothing usable.")
-    return rounds if count else None
 
 
 def _measure(
@@ -366,15 +284,15 @@ def _measure(
 
 
 def _limits(
-    assurance: int, commissioning: Commissioning, measured: Measured, signed: Judgement, more: int, reasons: Reasons
+    outcome: str, assurance: int, commissioning: Commissioning, measured: Measured, more: int, reasons: Reasons
 ) -> None:
     """What an outcome does not mean: said with it, so that nobody reads more into it."""
-    if signed.outcome == "inconclusive" and measured.agreement.usable and more < 0:
+    if outcome == "inconclusive" and measured.agreement.usable and more < 0:
         reasons.add(
             "cannot_settle",
             "No number of rounds would settle it: too little is known of this pad's biases and survey.",
         )
-    if signed.outcome != "verified":
+    if outcome != "verified":
         return
     reduced, offset = measured.reduced, measured.offset
     if anchors_in_a_plane(commissioning):
@@ -392,16 +310,22 @@ def _limits(
         )
 
 
-def _outcome(signed: Judgement | None, broadcast: Judgement | None, reasons: Reasons) -> str:
-    """Step 10: the signed claim decides, unless the public was told something that is refuted."""
+def _outcome(signed: Judgement | None, public: PublicClaim | None, reasons: Reasons) -> str:
+    """Step 10: the signed claim decides, and what the public was told has to hold as well (decision 0003)."""
     if signed is None:
         return "inconclusive"
     reasons.items.extend(signed.reasons)
-    if broadcast is not None and broadcast.outcome == "refuted":
-        reasons.add(
-            "broadcast_contradicts", f"Its broadcast puts it {metres(broadcast.error_mm)} from where it was measured."
-        )
+    if public is None:
+        return signed.outcome
+    broadcast = public.judgement
+    off = f"Its broadcast puts it {metres(broadcast.error_mm)} from where it was measured"
+    if broadcast.outcome == "refuted":
+        reasons.add("broadcast_contradicts", f"{off}.")
         return "refuted"
+    if broadcast.outcome == "inconclusive" and signed.outcome == "verified":
+        can_mean = metres(float(broadcast.tolerance_mm or 0))
+        reasons.add("broadcast_undecided", f"{off}; whether within the {can_mean} that it can mean is not settled.")
+        return "inconclusive"
     return signed.outcome
 
 

@@ -60,11 +60,6 @@ class Violation:
     severity: Severity = Severity.REQUIRED
 
 
-LOCATION_PERIOD_MS: Final = 1_000
-"""Location messages come at least this often, in both profiles."""
-STATIC_PERIOD_MS: Final = 3_000
-"""All other messages come at least this often, in both profiles."""
-
 # 14 CFR 89.310: 100 ft horizontally, 150 ft vertically, with 95 % probability; the classes that hold these.
 _US_HORIZONTAL: Final = HorizontalAccuracy.M_30
 _US_VERTICAL: Final = VerticalAccuracy.M_45

@@ -112,6 +112,24 @@ class BlinkPlan:
         return SessionConfig(session_id=self.session_id, app=app, session_type=SessionType.RANGING_WITH_DATA)
 
 
+def blinks_beside(
+    session_id: int, pad_macs: tuple[int, ...], tag_mac: int, key: bytes, round_interval_ms: int
+) -> BlinkPlan:
+    """The blinks of a calibration run beside its ranging session: the next id, the same key, two in each round.
+
+    Raises RangingPlanError.
+    """
+    interval_ms = max(round_interval_ms // 2, 10)
+    return BlinkPlan(
+        session_id=session_id % 0xFFFFFFFF + 1,
+        pad_macs=pad_macs,
+        uav_mac=tag_mac,
+        sts_key=key,
+        interval_ms=interval_ms,
+        window_ms=interval_ms // 5,
+    )
+
+
 def blink_plan(keys: SessionKeys, commissioning: Commissioning, payload: bytes = b"") -> BlinkPlan | None:
     """The blinks of a session at a pad; None where its nodes share no clock that was commissioned."""
     if commissioning.timestamp_sigma_mm is None:

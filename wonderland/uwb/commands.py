@@ -65,6 +65,7 @@ def _address(text: str) -> int:
     type=click.Path(dir_okay=False, path_type=Path),
     help="UCI: file with the session key in hexadecimal (provisioned STS). Without it the public static STS is used.",
 )
+@click.option("--blink", is_flag=True, help="UCI: blink, too, for nodes that time-stamp (a pad's calibration run).")
 @click.option("--count", type=click.IntRange(1), help="Stop after so many reports.")
 @click.option("--seconds", type=click.FloatRange(0.1), help="Stop after so long. Otherwise Ctrl-C ends it.")
 @click.option("--json", "as_json", is_flag=True, help="A JSON document per line; the last one is the summary.")
@@ -101,6 +102,7 @@ def _reports(
     channel: int,
     interval_ms: int,
     key_file: Path | None,
+    blink: bool,
 ) -> AsyncGenerator[Document, None]:
     from wonderland.clock import SteadyClock  # noqa: PLC0415 - `--help` needs none of it
     from wonderland.uwb import listen as bench  # noqa: PLC0415
@@ -113,6 +115,8 @@ def _reports(
     own, others = _address(mac), tuple(_address(peer) for peer in peers)
     if len({own, *others}) != 1 + len(others):
         raise click.UsageError("--mac and --peer: two boards have the same address")
+    if blink and not (lead and key_file):
+        raise click.UsageError("--blink is for the board that leads, with the run's key (--lead, --key-file)")
     session_plan: UciBench = bench.UciBench(
         mac=own,
         peers=others,
@@ -121,6 +125,7 @@ def _reports(
         channel=channel,
         interval_ms=interval_ms,
         key=_key(key_file),
+        blink=blink,
     )
     return bench.uci(port, session_plan, SteadyClock())
 

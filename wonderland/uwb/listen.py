@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from wonderland.uwb.blinks import blinks_beside
 from wonderland.uwb.dwm1001 import BoardPosition, Dwm1001Node, HeardPosition, LocationReport, Mode
+from wonderland.uwb.errors import UwbError
 from wonderland.uwb.events import RangeMeasurement, RangingSilent, SessionFailed, SessionInterrupted
 from wonderland.uwb.node import UwbNode
 from wonderland.uwb.uci.config import (
@@ -40,6 +42,8 @@ class UciBench:
     channel: int = 9
     interval_ms: int = 200
     key: bytes | None = field(default=None, repr=False)
+    blink: bool = False
+    """Blink as well, for nodes that time-stamp (a calibration run)."""
 
     def config(self) -> SessionConfig:
         """The session that the node is told. Raises UciEncodeError."""
@@ -80,6 +84,12 @@ async def uci(port: Path | str, bench: UciBench, clock: Callable[[], int]) -> As
     async with UwbNode(port, clock=clock) as node:
         await node.wait_ready(READY_S)
         session = await node.open_session(bench.config())
+        if bench.blink and bench.key is not None:
+            try:
+                plan = blinks_beside(bench.session_id, bench.peers, bench.mac, bench.key, bench.interval_ms)
+                await node.open_session(plan.uav_tag())
+            except UwbError as error:
+                yield {"kind": "no_blinks", "t_ms": clock(), "detail": str(error)}
         info = node.info
         firmware = "not told" if info is None else f"UCI 0x{info.uci_version:04x}"
         yield {"kind": "ready", "t_ms": clock(), "board": "uci", "firmware": firmware}

@@ -15,8 +15,9 @@ from edge_agent.commissioning.reference import datagram
 from edge_agent.radios.between import ranging_config
 from wonderland.clock import Clock
 from wonderland.proofs.records.pads import Frame
+from wonderland.uwb.blinks import BlinkPlan, blinks_beside
 from wonderland.uwb.errors import UwbError
-from wonderland.uwb.events import RangeMeasurement, SessionFailed
+from wonderland.uwb.events import FrameStamped, RangeMeasurement, SessionFailed
 from wonderland.uwb.node import UwbNode, UwbSession
 from wonderland.uwb.serial_port import Opener
 from wonderland.uwb.uci.config import SessionConfig
@@ -39,12 +40,16 @@ class TagPlan:
     key: bytes
     interval_ms: int = RUN_INTERVAL_MS
 
+    def blinks(self) -> BlinkPlan:
+        """The tag's blinks, which the pad's nodes time-stamp; as ``wonderland uwb listen --blink`` has them."""
+        return blinks_beside(self.session_id, tuple(self.macs.values()), self.tag_mac, self.key, self.interval_ms)
+
     def command(self, key_file: Path) -> str:
         """What to run where the tag hangs, if that is another computer."""
         peers = " ".join(f"--peer {mac:04x}" for mac in self.macs.values())
         return (
             f"wonderland uwb listen --port PORT --kind uci --mac {self.tag_mac:04x} {peers} --lead "
-            f"--session {self.session_id} --interval-ms {self.interval_ms} --key-file {key_file.name}"
+            f"--session {self.session_id} --interval-ms {self.interval_ms} --key-file {key_file.name} --blink"
         )
 
 
@@ -72,9 +77,13 @@ async def open_nodes(ports: Mapping[str, str | Opener], clock: Clock) -> AsyncIt
 async def run(
     nodes: Mapping[str, UwbNode], tag: UwbNode | None, plan: TagPlan, recorder: RunRecorder, stop: asyncio.Event
 ) -> None:
-    """Range until ``stop``. Raises RadioError where the nodes, or a tag that hangs here, do not take the session."""
+    """Range until ``stop``. Raises RadioError where the nodes, or a tag that hangs here, do not take the session.
+
+    Nodes that know UL-TDoA also time-stamp the tag's blinks; without them the run goes on.
+    """
     sessions: list[UwbSession] = []
     readers: list[asyncio.Task[None]] = []
+    stampers: list[asyncio.Task[None]] = []
     try:
         for name, node in nodes.items():
             try:
@@ -91,6 +100,7 @@ async def run(
                 )
             except UwbError as error:
                 raise RadioError(f"the tag does not range: {error}") from error
+        stampers = await _listen_to_blinks(nodes, tag, plan, recorder, sessions)
         waiting = asyncio.create_task(stop.wait())
         done, _ = await asyncio.wait([waiting, *readers], return_when=asyncio.FIRST_COMPLETED)
         waiting.cancel()
@@ -98,10 +108,36 @@ async def run(
             if task is not waiting:
                 task.result()
     finally:
-        for reader in readers:
+        for reader in (*readers, *stampers):
             reader.cancel()
-        await asyncio.gather(*readers, return_exceptions=True)
+        await asyncio.gather(*readers, *stampers, return_exceptions=True)
         await asyncio.gather(*(session.close() for session in sessions))
+
+
+async def _listen_to_blinks(
+    nodes: Mapping[str, UwbNode],
+    tag: UwbNode | None,
+    plan: TagPlan,
+    recorder: RunRecorder,
+    sessions: list[UwbSession],
+) -> list[asyncio.Task[None]]:
+    """Whoever reads the time stamps; nobody where a node does not take the session."""
+    blinks = plan.blinks()
+    opened: list[tuple[str, UwbSession]] = []
+    try:
+        for name, node in nodes.items():
+            index = blinks.pad_macs.index(plan.macs[name])
+            opened.append((name, await node.open_session(blinks.pad_anchor(index))))
+        if tag is not None:
+            opened.append(("", await tag.open_session(blinks.uav_tag())))
+    except UwbError as error:
+        recorder.no_stamps = str(error)
+        await asyncio.gather(*(session.close() for _, session in opened))
+        return []
+    sessions.extend(session for _, session in opened)
+    return [
+        asyncio.create_task(_read_stamps(session, name, plan.tag_mac, recorder)) for name, session in opened if name
+    ]
 
 
 @contextlib.asynccontextmanager
@@ -157,6 +193,15 @@ async def _read(session: UwbSession, name: str, tag_mac: int, recorder: RunRecor
             recorder.range(name, event.t_ms, event.range_mm, nlos=bool(event.nlos))
         elif isinstance(event, SessionFailed):
             raise RadioError(f"anchor {name}: {event.error}")
+
+
+async def _read_stamps(session: UwbSession, name: str, tag_mac: int, recorder: RunRecorder) -> None:
+    async for event in session.events():
+        if isinstance(event, FrameStamped) and event.tag_mac == tag_mac:
+            recorder.stamp(name, event.t_ms, event.number, event.ticks)
+        elif isinstance(event, SessionFailed):
+            recorder.no_stamps = f"anchor {name}: {event.error}"
+            return
 
 
 def _config(plan: TagPlan, mac: int, peers: tuple[int, ...], *, leads: bool) -> SessionConfig:

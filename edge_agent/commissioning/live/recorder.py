@@ -69,22 +69,33 @@ class RunRecorder:
     """
 
     def __init__(
-        self, ranges: Path, reference: Path, anchor_ids: Sequence[str], middle_m: Point, interval_ms: int
+        self,
+        ranges: Path,
+        reference: Path,
+        time_stamps: Path,
+        anchor_ids: Sequence[str],
+        middle_m: Point,
+        interval_ms: int,
     ) -> None:
         self.coverage = Coverage(ranges=dict.fromkeys(anchor_ids, 0))
         self.position: Point | None = None
         self.positions = 0
+        self.stamps = 0
+        """Time stamps of blinks."""
+        self.no_stamps = ""
+        """Why there are none, where a node said so."""
         self._names = tuple(anchor_ids)
         self._middle = middle_m
         self._gatherer = RoundGatherer(anchor_ids, interval_ms)
-        self._paths = (ranges, reference)
+        self._paths = (ranges, reference, time_stamps)
         self._files: list[IO[str]] = []
         self._writers: list[Any] = []
         self._reference_s = -math.inf
         self._round_ms = 0
+        self._stamp_ms = 0
 
     def __enter__(self) -> Self:
-        headers = (("t", "anchor", "range", "nlos"), ("t", "x", "y", "z"))
+        headers = (("t", "anchor", "range", "nlos"), ("t", "x", "y", "z"), ("t", "anchor", "blink", "ticks"))
         try:
             for path, header in zip(self._paths, headers, strict=True):
                 file = path.open("w", newline="", encoding="utf-8", buffering=1)
@@ -113,6 +124,12 @@ class RunRecorder:
         self._reference_s, self.position = t_s, point
         self.positions += 1
         self._row(1, (f"{t_s:.4f}", *(f"{value:.4f}" for value in point)))
+
+    def stamp(self, anchor_id: str, t_ms: int, blink: int, ticks: int) -> None:
+        """One node's time stamp of one blink; nodes are read one after the other, a recording's times rise."""
+        self._stamp_ms = max(t_ms, self._stamp_ms)
+        self.stamps += 1
+        self._row(2, (f"{self._stamp_ms / 1000:.3f}", anchor_id, blink, ticks))
 
     def _write(self, rounds: Sequence[Round]) -> None:
         for item in rounds:

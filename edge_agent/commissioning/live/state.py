@@ -60,7 +60,7 @@ class StateDirectory:
         for name in STEPS[STEPS.index(step) :]:
             (self.path / f"{name}.json").unlink(missing_ok=True)
         if STEPS.index(step) <= STEPS.index("run"):
-            for path in [*self.runs(), *self.references()]:
+            for path in [*self.runs(), *self.references(), *sorted(self.path.glob("stamps-*.csv"))]:
                 path.replace(path.with_suffix(".csv.old"))
 
     def runs(self) -> list[Path]:
@@ -75,6 +75,11 @@ class StateDirectory:
         """Files for one more run and its reference."""
         number = len(self.runs()) + 1
         return self.path / f"run-{number}.csv", self.path / f"reference-{number}.csv"
+
+
+def time_stamps_of(run: Path) -> Path:
+    """The file of a run's time stamps, whether there are any or not."""
+    return run.with_name(run.name.replace("run-", "stamps-"))
 
 
 def fingerprint(value: Any) -> str:

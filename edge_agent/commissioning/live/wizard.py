@@ -6,17 +6,18 @@ import asyncio
 import contextlib
 import secrets
 from collections.abc import AsyncIterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
-from edge_agent.commissioning.errors import CommissioningError, RadioError, StateError, SurveyError
+from edge_agent.commissioning.errors import ClockError, CommissioningError, RadioError, StateError, SurveyError
 from edge_agent.commissioning.fit import FitSettings
+from edge_agent.commissioning.live.dialogue import Dialogue
 from edge_agent.commissioning.live.publish import Operator, publish
 from edge_agent.commissioning.live.radios import LiveReference, TagPlan, listen, open_nodes, run
 from edge_agent.commissioning.live.recorder import RunRecorder, middle_of
-from edge_agent.commissioning.live.state import STEPS, StateDirectory, fingerprint
-from edge_agent.commissioning.offline import Calibrated, calibrate_runs, write_json, write_record
+from edge_agent.commissioning.live.state import STEPS, StateDirectory, fingerprint, time_stamps_of
+from edge_agent.commissioning.offline import Calibrated, Files, calibrate_runs, write_json, write_record
 from edge_agent.commissioning.survey_files import Origin, Survey, SurveyedAnchor, load_survey
 from edge_agent.drift.baseline import Baseline
 from edge_agent.radios.between import measure_between
@@ -33,38 +34,6 @@ from wonderland.uwb.serial_port import Opener
 SHOW_S: Final = 0.5
 DEFAULT_REACH_M: Final = 20.0
 KEY_FILE: Final = "run.key"
-
-
-class Dialogue(Protocol):
-    """Who sits in front of it."""
-
-    def step(self, number: int, name: str, text: str) -> None:
-        """A step begins."""
-        ...
-
-    def say(self, text: str) -> None:
-        """A plain fact."""
-        ...
-
-    def warn(self, text: str) -> None:
-        """Something to look at."""
-        ...
-
-    def confirm(self, text: str) -> bool:
-        """Whether it may go on."""
-        ...
-
-    def show_check(self, found: SelfSurvey) -> None:
-        """The self-survey."""
-        ...
-
-    def progress(self, recorder: RunRecorder, seconds: float, reach_m: float, problem: str) -> None:
-        """The run, twice a second."""
-        ...
-
-    def show_result(self, found: Calibrated) -> None:
-        """Fit and go/no-go."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,8 +193,9 @@ class Wizard:
         ranges, reference = self._state.next_run()
         self.stop.clear()
         started_ms = self._clock()
+        stamps = time_stamps_of(ranges)
         with RunRecorder(
-            ranges, reference, tuple(macs), middle_of(survey.places_m), settings.run_interval_ms
+            ranges, reference, stamps, tuple(macs), middle_of(survey.places_m), settings.run_interval_ms
         ) as recorder:
             async with self._tag() as tag, self._reference(survey.frame, recorder) as live:
                 ranging = asyncio.create_task(run(nodes, tag, plan, recorder, self.stop))
@@ -243,9 +213,16 @@ class Wizard:
                     self.recording = False
                     self.stop.set()
                     await asyncio.gather(ranging, return_exceptions=True)
+        if recorder.stamps == 0:
+            stamps.unlink()
+            why = recorder.no_stamps or "none arrived"
+            self._dialogue.warn(
+                f"No time stamps of blinks ({why}): assurance 2 is the most, as the clocks stay unknown."
+            )
         if recorder.coverage.rounds == 0:
             ranges.unlink()
             reference.unlink()
+            stamps.unlink(missing_ok=True)
             raise RadioError("no range to the tag arrived; does it range, with the key and the addresses told above?")
         if recorder.positions == 0:
             reference.unlink()
@@ -287,18 +264,17 @@ class Wizard:
                 f"{len(runs)} runs are kept in {settings.state}, but not where the drone was; give --reference FILE "
                 "and call this again: it goes on from here"
             )
-        found = calibrate_runs(
-            list(zip(runs, references, strict=True)),
-            survey,
-            now_ms=self._clock(),
-            truth_shift_s=settings.truth_shift_s,
-            truth_raise_m=settings.truth_raise_m,
-            fit=settings.fit,
-            buffer_m=settings.buffer_m,
-            height_m=settings.height_m,
-            valid_days=settings.valid_days,
-        )
-        mark = fingerprint([path.name + str(path.stat().st_size) for path in runs] + [_survey_json(survey)])
+        stamps = [path for path in map(time_stamps_of, runs) if path.exists()]
+        files = [
+            Files(path, reference, time_stamps_of(path) if time_stamps_of(path) in stamps else None)
+            for path, reference in zip(runs, references, strict=True)
+        ]
+        try:
+            found = self._calibrated(files, survey)
+        except ClockError as error:
+            self._dialogue.warn(f"The clocks stay unknown, and assurance 2 is the most: {error}.")
+            found = self._calibrated([replace(each, time_stamps=None) for each in files], survey)
+        mark = fingerprint([path.name + str(path.stat().st_size) for path in (*runs, *stamps)] + [_survey_json(survey)])
         before = self._state.read("fit")
         target = settings.state / "commissioning.json"
         record = found.record
@@ -314,6 +290,20 @@ class Wizard:
             self._state.write("fit", {"inputs": mark, "shown": shown, "truth_shift_s": found.shift_s})
         return record, found
 
+    def _calibrated(self, files: list[Files], survey: Survey) -> Calibrated:
+        settings = self._settings
+        return calibrate_runs(
+            files,
+            survey,
+            now_ms=self._clock(),
+            truth_shift_s=settings.truth_shift_s,
+            truth_raise_m=settings.truth_raise_m,
+            fit=settings.fit,
+            buffer_m=settings.buffer_m,
+            height_m=settings.height_m,
+            valid_days=settings.valid_days,
+        )
+
     def _report(self, found: Calibrated) -> None:
         from edge_agent.commissioning.report import write_report  # noqa: PLC0415 - loads Matplotlib
 
@@ -327,6 +317,8 @@ class Wizard:
             title=f"Commissioning of {self._settings.pad.pad_id}",
             survey=check.get("rows", ()),
             by_distance=found.by_distance,
+            clocks=found.clocks,
+            timed_reaches=found.timed_reaches,
         )
         self._dialogue.say(f"The report is in {where}.")
 

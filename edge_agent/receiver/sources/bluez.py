@@ -21,7 +21,6 @@ from wonderland.remote_id.framings.ble import SERVICE_UUID, parse_service_data
 from wonderland.remote_id.framings.framed import Framed
 
 BLUEZ: Final = "org.bluez"
-DBUS: Final = "org.freedesktop.DBus"
 ADAPTER: Final = "org.bluez.Adapter1"
 DEVICE: Final = "org.bluez.Device1"
 PROPERTIES: Final = "org.freedesktop.DBus.Properties"

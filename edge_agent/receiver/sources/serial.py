@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import logging
 from typing import TYPE_CHECKING, Final
 
@@ -22,7 +23,7 @@ MAX_JSON_LINE: Final = 16_384
 _log = logging.getLogger(__name__)
 
 
-class _SerialSource:
+class _SerialSource(abc.ABC):
     """A port and what is made of its bytes."""
 
     def __init__(self, name: str, port: str | Opener, baud_rate: int = BAUD_RATE) -> None:
@@ -51,12 +52,13 @@ class _SerialSource:
         """The device is gone."""
         _log.warning("Remote ID receiver on %s is gone (%s); waiting for its return", self._name, detail)
 
+    @abc.abstractmethod
     def reset(self) -> None:
         """Forget what was half read."""
 
+    @abc.abstractmethod
     def data_received(self, data: bytes) -> None:
         """Octets came."""
-        raise NotImplementedError
 
 
 class SerialLines(_SerialSource):

@@ -2,20 +2,23 @@ import { useMutation, useQuery, useQueryClient } from "@tanstack/react-query";
 import { useState, type ReactElement } from "react";
 import { placeHash } from "../app/location";
 import { transactionHref } from "../ledger/links";
+import { registryHref } from "../registry/links";
+import { ReplayLink } from "../replay/ReplayLink";
 import { ApiError, useApi, type AlertAction } from "../shared/api/api";
 import type { Alert, AlertAct, AlertDetail } from "../shared/api/records";
-import { dayAndTime } from "../shared/format";
+import { dayAndTime, dotted } from "../shared/format";
 import { useLiveStore } from "../shared/live/useLive";
 import { sharedTexts } from "../shared/texts";
 import { Sentence } from "../shared/ui/Sentence";
 import { Symbol } from "../shared/ui/Symbol";
+import { zonesHref } from "../zones/links";
 import { alertTexts, inboxTexts as t } from "./texts";
 import { lookOf, sentence } from "./words";
 
 const SNOOZE_MIN = [15, 60, 480, 1440] as const;
 
 function done(act: AlertAct, now_ms: number): string {
-  const detail = act.act === "snooze" && act.detail !== undefined ? dayAndTime(Number(act.detail), now_ms) : (act.detail ?? "");
+  const detail = act.act === "snooze" && act.detail !== undefined ? dayAndTime(Number(act.detail), now_ms) : dotted(act.detail ?? "");
   return t("act", { act: act.act, detail });
 }
 
@@ -28,9 +31,9 @@ function History({ detail, now_ms }: { detail: AlertDetail; now_ms: number }): R
         {detail.acts.map((act) => (
           <li key={`${act.t_ms} ${act.act} ${act.person}`}>
             <span>
-              <b>{act.person}</b> {done(act, now_ms)} <span className="quiet">· {dayAndTime(act.t_ms, now_ms)}</span>
+              <b>{dotted(act.person)}</b> {done(act, now_ms)} <span className="quiet">· {dayAndTime(act.t_ms, now_ms)}</span>
             </span>
-            {act.note !== undefined && <p className="act-note">{act.note}</p>}
+            {act.note !== undefined && <p className="act-note">{dotted(act.note)}</p>}
           </li>
         ))}
       </ol>
@@ -68,6 +71,25 @@ function Links({ alert }: { alert: Alert }): ReactElement {
           {t("showMap")}
         </a>
       )}
+      {alert.session_id === undefined && alert.uav_id !== undefined && (
+        <a className="button primary" href={placeHash({ room: "live", drone: alert.uav_id })}>
+          {t("showMap")}
+        </a>
+      )}
+      {alert.pad_id !== undefined && alert.kind.startsWith("closures_") && (
+        <a className="button primary" href={zonesHref(["pads", alert.pad_id])}>
+          {t("showZones")}
+        </a>
+      )}
+      {alert.pad_id !== undefined && alert.kind.startsWith("pad_") && (
+        <a className="button primary" href={registryHref(["pads", alert.pad_id])}>
+          {t("showPad")}
+        </a>
+      )}
+      <ReplayLink
+        t_ms={alert.t_ms}
+        {...(alert.session_id !== undefined ? { session: alert.session_id } : alert.uav_id !== undefined && { drone: alert.uav_id })}
+      />
       {alert.tx_id !== undefined && (
         <a className="button" href={transactionHref(alert.tx_id)}>
           {t("showTransaction")}
@@ -127,8 +149,8 @@ export function AlertPanel({ alert_id, back, now_ms }: { alert_id: string; back:
       <div className="alert-body">
         <p className="quiet num">
           {t("severity", { severity: alert.severity })} · {t("happened")} {dayAndTime(alert.t_ms, now_ms)} ·{" "}
-          {t("state", { state: alert.state, who: alert.acknowledged_by ?? "" })}
-          {alert.assigned_to !== undefined && ` · ${t("assigned", { who: alert.assigned_to })}`}
+          {t("state", { state: alert.state, who: dotted(alert.acknowledged_by ?? "") })}
+          {alert.assigned_to !== undefined && ` · ${t("assigned", { who: dotted(alert.assigned_to) })}`}
           {(alert.snoozed_until_ms ?? 0) > now_ms && ` · ${t("asleep", { until: dayAndTime(alert.snoozed_until_ms ?? 0, now_ms) })}`}
         </p>
         <div className="alert-actions">

@@ -1,12 +1,12 @@
-import { useInfiniteQuery } from "@tanstack/react-query";
-import { useRef, useState, type ReactElement } from "react";
+import { useEffect, useState, type ReactElement } from "react";
 import { go, placeHash, type Place, type PlainRoom } from "../app/location";
 import { useApi, type AlertFilters } from "../shared/api/api";
 import type { Alert } from "../shared/api/records";
-import { useFresh } from "../shared/api/useFresh";
-import { age } from "../shared/format";
+import { usePages } from "../shared/api/usePages";
+import { age, dotted } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { LiveStore, Topic } from "../shared/live/store";
+import { usePhone } from "../live-map/useBox";
 import { More } from "../shared/ui/More";
 import { Phrases } from "../shared/ui/Sentence";
 import { Symbol } from "../shared/ui/Symbol";
@@ -63,7 +63,7 @@ function Row({ alert, selected, href, now_ms }: { alert: Alert; selected: boolea
         <span className="quiet num">{age(now_ms - alert.t_ms)}</span>
         <small>
           <Phrases phrases={sentence(alert, store.pads, now_ms)} />
-          {alert.assigned_to !== undefined && <em> · {t("assigned", { who: alert.assigned_to })}</em>}
+          {alert.assigned_to !== undefined && <em> · {t("assigned", { who: dotted(alert.assigned_to) })}</em>}
         </small>
       </a>
     </li>
@@ -78,19 +78,18 @@ export function AlertsRoom({ place }: { place: Place & { room: PlainRoom } }): R
   const tab: Tab = TABS.find((each) => each === place.query["state"]) ?? "inbox";
   const [selected] = place.path;
   const fresh = useLive(TOPICS, mark);
-  const fetched = useRef<string | undefined>(undefined);
   const filters: AlertFilters = tab === "all" ? {} : { state: tab };
-  const query = useInfiniteQuery({
-    queryKey: ["alerts", tab],
-    queryFn: ({ pageParam }) => {
-      fetched.current = mark(store);
-      return api.alerts({ ...filters, limit: PAGE, ...(pageParam !== undefined && { cursor: pageParam }) });
-    },
-    initialPageParam: undefined as string | undefined,
-    getNextPageParam: (last) => last.next ?? undefined,
-  });
-  useFresh(fresh, query, fetched);
-  const rows = query.data?.pages.flatMap((page) => page.items) ?? [];
+  const { query, rows } = usePages(
+    ["alerts", tab],
+    (cursor) => api.alerts({ ...filters, limit: PAGE, ...(cursor !== undefined && { cursor }) }),
+    { fresh: { mark: fresh, newest: () => mark(store) } },
+  );
+  // Beside the list there is room for one: the first, and it stays when newer ones come, for a note may be begun on it.
+  const phone = usePhone();
+  const first = rows[0]?.alert_id;
+  useEffect(() => {
+    if (!phone && selected === undefined && first !== undefined) go({ room: "alerts", path: [first], query: place.query }, true);
+  }, [phone, selected, first, place.query]);
   const hrefOf = (path: readonly string[]): string =>
     placeHash({ room: "alerts", path, query: tab === "inbox" ? {} : { state: tab } });
   return (

@@ -1,6 +1,7 @@
 import type { Alert, Pad } from "../shared/api/records";
 import type { Look } from "../shared/drones";
-import { actionVerb, age, day, length } from "../shared/format";
+import { oddity } from "../sessions/broadcastTexts";
+import { actionVerb, age, count, day, length } from "../shared/format";
 import type { Phrase } from "../shared/i18n/texts";
 import { alertTexts as t } from "./texts";
 
@@ -9,6 +10,11 @@ const ACTIONS = ["land", "takeoff", "dock"] as const;
 function fact(alert: Alert, name: string): string | number | undefined {
   const value: unknown = alert.facts[name];
   return typeof value === "string" || typeof value === "number" ? value : undefined;
+}
+
+function number(alert: Alert, name: string): number | undefined {
+  const value = fact(alert, name);
+  return typeof value === "number" ? value : undefined;
 }
 
 /** The alert in one sentence, in the user's language and units. What it does not know it calls unknown. */
@@ -27,12 +33,19 @@ export function sentence(alert: Alert, pads: ReadonlyMap<string, Pad>, now_ms: n
     until: typeof until_ms === "number" ? day(until_ms) : unknown,
     who: fact(alert, "who") ?? unknown,
     why: fact(alert, "why") ?? unknown,
+    state: fact(alert, "state") ?? "",
+    drones: count(number(alert, "drones") ?? 0),
+    what: oddity({
+      kind: String(fact(alert, "finding") ?? ""),
+      distance_mm: number(alert, "distance_mm"),
+      interval_ms: number(alert, "interval_ms"),
+      other_uav_id: String(fact(alert, "other_uav_id") ?? unknown),
+    }),
   });
 }
 
 /** The symbol: that of the verdict where the alert is about one, else the triangle of a warning. */
 export function lookOf(alert: Alert): Look {
-  if (alert.kind === "refuted" || alert.kind === "broadcast_contradicts" || alert.kind === "stamps_contradict") return "refuted";
   if (alert.kind === "pad_silent") return "silent";
   return alert.severity === "critical" ? "refuted" : "inconclusive";
 }

@@ -15,29 +15,41 @@ import { KeyboardHelp } from "./KeyboardHelp";
 import { go, usePlace } from "./location";
 import { NavRail } from "./NavRail";
 import { ROOMS, RoomPage } from "./rooms";
+import { usePeopleApi } from "../people/api";
+import { signInTexts } from "../people/texts";
 import { SignInPage } from "./SignIn";
-import { appTexts as t, roomTexts } from "./texts";
+import { roomTexts } from "./texts";
 import { setThemeChoice, useTheme } from "./theme";
+import { Tour } from "./Tour";
 
 const STATUS_MS = 10_000;
 
-/** Takes the one-time token out of the address (and of the browser's history) and gives it back. */
-function takeToken(): string | undefined {
-  const match = /^#token=([^&]+)/.exec(location.hash);
-  if (match?.[1] === undefined) return undefined;
+type Arrival = { token?: string; refused?: string };
+
+/** Takes what a link or the way back from a provider says out of the address (and of the browser's history). */
+function takeArrival(): Arrival {
+  const match = /^#(token|refused)=([^&]+)/.exec(location.hash);
+  if (match?.[2] === undefined) return {};
   history.replaceState(null, "", `${location.pathname}${location.search}#/live`);
-  return decodeURIComponent(match[1]);
+  const value = decodeURIComponent(match[2]);
+  return match[1] === "token" ? { token: value } : { refused: value };
 }
 
 /** Signs in, then shows the rooms. */
 export function App({ source }: { source: LiveSource }): ReactElement | null {
   const api = useApi();
   const client = useQueryClient();
-  const [token] = useState(takeToken);
+  const people = usePeopleApi();
+  const [{ token, refused }, setArrival] = useState(takeArrival);
+  const retry = (failures: number, error: Error): boolean => failures < 3 && error instanceof ApiError && error.status === 0;
+  const link = useQuery({ queryKey: ["link"], queryFn: () => people.link(token ?? ""), enabled: token !== undefined, retry, staleTime: Infinity });
+  const atOnce = link.data?.kind === "sign_in";
   const who = useQuery({
     queryKey: ["who"],
-    queryFn: () => (token === undefined ? api.whoAmI() : api.signIn(token).catch((problem: unknown) => afterToken(problem, () => api.whoAmI()))),
-    retry: (failures, error) => failures < 3 && error instanceof ApiError && error.status === 0,
+    queryFn: () =>
+      token === undefined || !atOnce ? api.whoAmI() : api.signIn(token).catch((problem: unknown) => afterToken(problem, () => api.whoAmI())),
+    enabled: token === undefined || atOnce || link.isError,
+    retry,
     staleTime: Infinity,
   });
   const signOut = useMutation({
@@ -54,9 +66,27 @@ export function App({ source }: { source: LiveSource }): ReactElement | null {
   if (who.data !== undefined) {
     return <Rooms key={`${locale} ${lengths} ${coordinates}`} person={who.data} source={source} onSignOut={() => signOut.mutate()} onSignedOut={signedOut} />;
   }
-  if (who.isPending) return null;
-  const problem = who.error instanceof ApiError && who.error.status === 401 ? undefined : who.error.message;
-  return <SignInPage key={locale} problem={problem ?? (token === undefined ? undefined : t("usedLink"))} onRetry={() => void who.refetch()} />;
+  const accepting = token !== undefined && link.data !== undefined && !atOnce ? { token, link: link.data } : undefined;
+  if (who.isPending && accepting === undefined) return null;
+  return (
+    <SignInPage
+      key={locale}
+      problem={problemOf(who.error, token !== undefined && accepting === undefined, refused)}
+      accepting={accepting}
+      onRetry={() => void who.refetch()}
+      onDone={(person) => {
+        setArrival({});
+        client.setQueryData(["who"], person);
+      }}
+    />
+  );
+}
+
+/** Why nobody is signed in, where that needs to be said. */
+function problemOf(error: Error | null, byLink: boolean, refused: string | undefined): string | undefined {
+  if (refused !== undefined) return signInTexts("refused", { why: refused });
+  if (error !== null && !(error instanceof ApiError && (error.status === 401 || error.status === 403))) return error.message;
+  return byLink ? signInTexts("usedLink") : undefined;
 }
 
 /** A link opened twice in a browser that is signed in already is no problem. */
@@ -103,8 +133,10 @@ function Rooms({ person, source, onSignOut, onSignedOut }: RoomsProperties): Rea
     t: () => setThemeChoice(nextTheme(choice)),
   });
 
+  // A wall has nobody at its keys: no bars, only the room.
+  const wall = place.room === "live" && place.as === "wall";
   return (
-    <div className="shell">
+    <div className={wall ? "shell shell-wall" : "shell"}>
       <Header person={person} onHelp={() => setHelp(true)} onSignOut={onSignOut} />
       <NavRail room={place.room} />
       <main className="room" aria-label={roomTexts(place.room)}>
@@ -115,6 +147,7 @@ function Rooms({ person, source, onSignOut, onSignedOut }: RoomsProperties): Rea
         </Suspense>
       </main>
       <Herald />
+      <Tour />
       <KeyboardHelp open={help} onClose={() => setHelp(false)} />
     </div>
   );

@@ -10,6 +10,9 @@ const TOPICS: readonly Topic[] = ["connection", "status", "tracks"];
 /** A hiccup shorter than this is not worth a word. */
 const PATIENCE_MS = 1_500;
 
+/** Frames that come this much later than they could tell that the way here is too narrow. */
+const CONGESTED_MS = 3_000;
+
 export type Warning = { tone: "bad" | "maybe"; text: string; retry: boolean };
 
 /** What keeps the page from being true at this moment; undefined where nothing does. The gravest comes first. */
@@ -24,6 +27,9 @@ export function warning(store: LiveStore, local_ms: number): Warning | undefined
       const reason = connection.phase === "waiting" ? `: ${connection.reason}` : "";
       return { tone: "bad", text: `${t("notConnected", { reason })}${since} ${next}`, retry: wait_ms > 1_000 };
     }
+  }
+  if (connection.phase === "open" && store.delay_ms > CONGESTED_MS) {
+    return { tone: "maybe", text: t("congested", { age: age(store.delay_ms) }), retry: false };
   }
   if (status === undefined) return undefined;
   const { halted, lag_ms, connected, problem } = status.ledger;

@@ -12,6 +12,7 @@ import { Search } from "./Search";
 import { LOCALES, setReading, useReading } from "../shared/i18n/locale";
 import { appTexts as t } from "./texts";
 import { setThemeChoice, useTheme, type Choice } from "./theme";
+import { TourOffer } from "./Tour";
 
 const TOPICS: readonly Topic[] = ["status", "pads", "alerts", "connection"];
 /** Up to here the mirror keeps up. */
@@ -36,7 +37,8 @@ function LedgerChip({ status }: { status: Status }): ReactElement {
     <>
       {(embedded || ledger.notice !== "") && (
         <span className="chip chip-maybe" data-testid="ledger-notice" title={ledger.notice}>
-          {embedded ? t("embedded") : ledger.notice}
+          <span className="wide-only">{embedded ? t("embedded") : ledger.notice}</span>
+          <span className="phone-only">{embedded ? t("embeddedShort") : ledger.notice}</span>
         </span>
       )}
       <span className="chip num" title={t("channel", { channel: ledger.channel, organisations: ledger.organisations.join(", ") })}>
@@ -88,7 +90,7 @@ export function LanguageButton(): ReactElement {
       type="button"
       className="icon-button language"
       title={t("language")}
-      aria-label={t("language")}
+      aria-label={`${t("otherLanguage")}: ${t("language")}`}
       onClick={() => setReading({ locale: LOCALES[(LOCALES.indexOf(locale) + 1) % LOCALES.length] ?? "en" })}
     >
       {t("otherLanguage")}
@@ -135,6 +137,7 @@ export function Header({ person, onHelp, onSignOut }: Properties): ReactElement 
             {inboxTexts("count", { count: waiting })}
           </a>
         )}
+        {status?.server.demo === true && <TourOffer />}
         <LanguageButton />
         <ThemeButton />
         <button type="button" className="icon-button keys" title={t("keysTitle")} aria-label={t("keys")} onClick={onHelp}>
@@ -143,7 +146,13 @@ export function Header({ person, onHelp, onSignOut }: Properties): ReactElement 
             <path d="M7.8 7.8a2.3 2.3 0 1 1 3.3 2c-.8.5-1.1.9-1.1 1.8M10 14.2v.1" />
           </svg>
         </button>
-        <span className="person quiet">{person.name}</span>
+        <a className="person quiet" href={placeHash({ room: "people", path: ["me"], query: {} })} title={person.name}>
+          <svg viewBox="0 0 20 20" aria-hidden="true">
+            <circle cx="10" cy="6.6" r="3.4" />
+            <path d="M3.6 17.2c.5-3.6 3-5.4 6.4-5.4s5.9 1.8 6.4 5.4" />
+          </svg>
+          <span>{person.name}</span>
+        </a>
         <button type="button" className="button" onClick={onSignOut}>
           {t("signOut")}
         </button>

@@ -1,14 +1,33 @@
 import { useQuery } from "@tanstack/react-query";
-import { useDeferredValue, useEffect, useId, useRef, useState, type KeyboardEvent, type ReactElement } from "react";
+import { useDeferredValue, useId, useRef, useState, type KeyboardEvent, type ReactElement } from "react";
 import { blockHref, transactionHref } from "../ledger/links";
 import { useApi } from "../shared/api/api";
 import type { Hit } from "../shared/api/records";
-import { shortHash } from "../shared/format";
+import { replayHash } from "../replay/place";
+import { typedTime } from "../replay/typedTime";
+import { day, shortHash, timeOfDay } from "../shared/format";
+import { useLiveStore } from "../shared/live/useLive";
+import { useKeys } from "../shared/ui/useKeys";
 import { placeHash } from "./location";
 import { appTexts as t } from "./texts";
 
-function hrefOf(hit: Hit): string {
+/** What the server found, or a moment that was typed: "yesterday 14:00". */
+type Found = Hit | { kind: "moment"; id: string; name: string; detail: string };
+
+/** The moment that a text names; the replay of it is to be had at once. */
+function momentOf(text: string, now_ms: number): Found | undefined {
+  const t_ms = typedTime(text, now_ms);
+  if (t_ms === undefined || t_ms < 0 || t_ms > now_ms) return undefined;
+  return { kind: "moment", id: String(t_ms), name: `${day(t_ms)}, ${timeOfDay(t_ms)}`, detail: t("replayIt") };
+}
+
+/** No serial number and no id has a colon or a blank in it. */
+const PLAINLY_A_MOMENT = /[:\s]/;
+
+function hrefOf(hit: Found): string {
   switch (hit.kind) {
+    case "moment":
+      return replayHash(Number(hit.id));
     case "pad":
       return placeHash({ room: "verdicts", filters: { pad: hit.id } });
     case "drone":
@@ -25,6 +44,7 @@ function hrefOf(hit: Hit): string {
 /** One box for everything that has a name; `/` leads here. A combobox (ARIA APG): arrows choose, Enter opens. */
 export function Search(): ReactElement {
   const api = useApi();
+  const store = useLiveStore();
   const id = useId();
   const input = useRef<HTMLInputElement>(null);
   const [text, setText] = useState("");
@@ -38,25 +58,17 @@ export function Search(): ReactElement {
     staleTime: 10_000,
     placeholderData: (before) => before,
   });
-  useEffect(() => {
-    const listen = (event: globalThis.KeyboardEvent): void => {
-      const target = event.target;
-      const typing = target instanceof HTMLElement && /^(INPUT|TEXTAREA|SELECT)$/.test(target.tagName);
-      if (event.key !== "/" || typing || event.ctrlKey || event.metaKey || event.altKey) return;
-      event.preventDefault();
-      input.current?.focus();
-    };
-    addEventListener("keydown", listen);
-    return () => removeEventListener("keydown", listen);
-  }, []);
+  useKeys({ "/": () => input.current?.focus() });
 
-  const hits = wanted === "" ? [] : (query.data?.items ?? []);
+  const found: readonly Found[] = wanted === "" ? [] : (query.data?.items ?? []);
+  const moment = wanted === "" ? undefined : momentOf(wanted, Math.round(store.serverNow_ms()));
+  const hits = moment === undefined ? found : PLAINLY_A_MOMENT.test(wanted) ? [moment, ...found] : [...found, moment];
   const chosen = Math.min(active, Math.max(0, hits.length - 1));
   const close = (): void => {
     setOpen(false);
     setActive(0);
   };
-  const follow = (hit: Hit): void => {
+  const follow = (hit: Found): void => {
     location.hash = hrefOf(hit);
     setText("");
     close();

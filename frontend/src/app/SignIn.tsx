@@ -1,10 +1,20 @@
 import type { ReactElement } from "react";
-import { sharedTexts } from "../shared/texts";
+import type { SignedIn } from "../shared/api/records";
+import { AcceptLink, SignInWays } from "../people/SignInWays";
+import type { LinkShown } from "../people/api";
 import { LanguageButton, ThemeButton } from "./Header";
-import { appTexts as t } from "./texts";
+import { signInTexts as t } from "../people/texts";
 
-/** Without a sign-in: how to get a link, and what went wrong with the last one. */
-export function SignInPage({ problem, onRetry }: { problem: string | undefined; onRetry: () => void }): ReactElement {
+type Properties = {
+  problem: string | undefined;
+  /** A link that is not for signing in at once, and its token. */
+  accepting: { token: string; link: LinkShown } | undefined;
+  onRetry: () => void;
+  onDone: (person: SignedIn) => void;
+};
+
+/** Without a sign-in: how to get one, and what went wrong with the last. */
+export function SignInPage({ problem, accepting, onRetry, onDone }: Properties): ReactElement {
   return (
     <main className="sign-in">
       <div className="sign-in-corner">
@@ -16,18 +26,19 @@ export function SignInPage({ problem, onRetry }: { problem: string | undefined; 
         <path d="M12 6.5l5 5.5-5 5.5-5-5.5z" fill="var(--accent)" />
       </svg>
       <h1>Wonderland</h1>
-      <p className="sign-in-question">{t("question")}</p>
       {problem !== undefined && (
         <p className="sign-in-problem" role="alert">
           {problem}
         </p>
       )}
-      <p>
-        {t("openLink")} <code className="mono">wonderland backend link</code> {t("onServer")}
-      </p>
-      <button type="button" className="button" onClick={onRetry}>
-        {sharedTexts("tryAgain")}
-      </button>
+      {accepting === undefined ? (
+        <>
+          <p className="sign-in-question">{t("question")}</p>
+          <SignInWays onDone={onDone} onRetry={onRetry} />
+        </>
+      ) : (
+        <AcceptLink {...accepting} onDone={onDone} />
+      )}
     </main>
   );
 }

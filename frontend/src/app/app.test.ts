@@ -9,6 +9,10 @@ describe("the address", () => {
     { room: "live" },
     { room: "live", drone: "OH-DRN-0417", camera: { lat: 60.4514812, lon: -22.2686812, zoom: 20.25 } },
     { room: "live", session: "ab".repeat(32) },
+    { room: "live", filter: { look: "out-of-range", pad: "p 1&x", operator: "FIN87astrdge12k8", action: "dock", minutes: 5 }, list: "pads" },
+    { room: "live", drone: "a", follow: true, measure: [[22.25, 60.5], [-22.125, -60.5]], as: "table" },
+    { room: "live", measure: [], as: "wall" },
+    { room: "live", zone: ["FIN:P20", "FIN:A+B 1"], zones: "off" },
     { room: "sessions" },
     { room: "sessions", session: "cd".repeat(32) },
     { room: "verdicts", filters: {} },
@@ -17,10 +21,14 @@ describe("the address", () => {
     { room: "verdicts", filters: { outcome: "refuted", pad: "p 1&x" } },
   ])("holds %o", (place) => expect(parsePlace(placeHash(place))).toEqual(place));
 
-  it.each(["", "#", "#/", "#/nowhere", "#/live?at=nonsense", "#/live?at=1,2", "#/live?at=999,0,3", "#token=abc"])(
+  it.each(["", "#", "#/", "#/nowhere", "#/live?at=nonsense", "#/live?at=1,2", "#/live?at=999,0,3", "#/live?look=handsome&minutes=1e9&action=dance&list=x&follow", "#token=abc"])(
     "falls back to the live map for %s",
     (hash) => expect(parsePlace(hash)).toEqual({ room: "live" }),
   );
+
+  it("takes of a broken measure what makes sense", () => {
+    expect(parsePlace("#/live?measure=1,2;x,y;91,0;3,4,5;6,7")).toEqual({ room: "live", measure: [[2, 1], [7, 6]] });
+  });
 
   it("survives a broken percent-encoding", () => {
     expect(parsePlace("#/sessions/%E0%A4%A")).toEqual({ room: "sessions", session: "%E0%A4%A" });
@@ -43,6 +51,13 @@ describe("the banner", () => {
   it("says nothing while all is well", () => expect(warning(store(), 2_000)).toBeUndefined());
   it("says what a halted mirror means", () => expect(warning(store({ halted: "a gap" }), 2_000)?.text).toContain("halted: a gap"));
   it("says that the mirror lags", () => expect(warning(store({ lag_ms: 14_300 }), 2_000)?.tone).toBe("maybe"));
+  it("says that the connection is congested, but not while frames are a moment late", () => {
+    const late = store();
+    late.delay_ms = 2_000;
+    expect(warning(late, 2_000)).toBeUndefined();
+    late.delay_ms = 9_300;
+    expect(warning(late, 2_000)?.text.replaceAll("\u00a0", " ")).toBe("The connection is congested: what you see is 9 s old.");
+  });
   it("says that the ledger is away", () => expect(warning(store({ connected: false }), 2_000)?.text).toContain("no connection to the ledger"));
 
   it("says how old the picture is, and offers to try again, but not for a hiccup", () => {

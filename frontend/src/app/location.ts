@@ -3,27 +3,42 @@
  * web server can serve the console, and what an officer looks at does not reach a server's log.
  */
 import { useSyncExternalStore } from "react";
+import type { Filter, Tab } from "../shared/fleet";
+import { livePlace, liveQuery } from "./livePlace";
 
 export type Camera = { lat: number; lon: number; zoom: number };
+export type ListTab = Tab | "pads";
+/** The live map: what is selected, what is shown of all that is about, and how. */
+export type LivePlace = {
+  room: "live";
+  drone?: string;
+  session?: string;
+  camera?: Camera;
+  filter?: Filter;
+  /** Which list stands beside the map; all drones where it does not say. */
+  list?: ListTab;
+  /** The camera stays with the drone. */
+  follow?: true;
+  /** Places between which distances are measured; there, if empty, for the first of them to come. */
+  measure?: readonly (readonly [lon: number, lat: number])[];
+  /** The same as a table, or on a wall without anybody at the keys. */
+  as?: "table" | "wall";
+  /** Zones whose details are open. */
+  zone?: readonly string[];
+  /** Zones are not shown. */
+  zones?: "off";
+};
 export type Place =
-  | { room: "live"; drone?: string; session?: string; camera?: Camera }
+  | LivePlace
   | { room: "sessions"; session?: string }
   | { room: "verdicts"; filters: Record<string, string> }
   | { room: PlainRoom; path: readonly string[]; query: Readonly<Record<string, string>> };
 
 /** Rooms whose address is a path and a query, read by the room itself. */
-export const PLAIN_ROOMS = ["alerts", "replay", "registry", "ledger", "statistics", "people", "settings"] as const;
+export const PLAIN_ROOMS = ["alerts", "replay", "registry", "zones", "ledger", "statistics", "people", "settings"] as const;
 export type PlainRoom = (typeof PLAIN_ROOMS)[number];
 
 const FILTERS = ["outcome", "pad", "drone"] as const;
-
-function parseCamera(text: string | null): Camera | undefined {
-  const numbers = (text ?? "").split(",").map(Number);
-  const [lat, lon, zoom] = numbers;
-  if (numbers.length !== 3 || lat === undefined || lon === undefined || zoom === undefined) return undefined;
-  const sane = Math.abs(lat) <= 90 && Math.abs(lon) <= 180 && zoom >= 0 && zoom <= 24;
-  return sane ? { lat, lon, zoom } : undefined;
-}
 
 /** The place that a fragment names; the live map where it names none. */
 export function parsePlace(hash: string): Place {
@@ -44,15 +59,7 @@ export function parsePlace(hash: string): Place {
     const rest = path.split("/").slice(1).filter((part) => part !== "");
     return { room: plain, path: rest.map(decode), query: Object.fromEntries(parameters) };
   }
-  const drone = parameters.get("drone");
-  const session = parameters.get("session");
-  const camera = parseCamera(parameters.get("at"));
-  return {
-    room: "live",
-    ...(drone && { drone }),
-    ...(session && { session }),
-    ...(camera && { camera }),
-  };
+  return livePlace(parameters);
 }
 
 function decode(text: string): string {
@@ -64,16 +71,10 @@ function decode(text: string): string {
 }
 
 export function placeHash(place: Place): string {
-  const parameters = new URLSearchParams();
+  let parameters = new URLSearchParams();
   let path: string = place.room;
   if (place.room === "live") {
-    if (place.drone !== undefined) parameters.set("drone", place.drone);
-    if (place.session !== undefined) parameters.set("session", place.session);
-    if (place.camera !== undefined) {
-      const { lat, lon, zoom } = place.camera;
-      // A centimetre is the seventh decimal; the zoom needs two.
-      parameters.set("at", `${lat.toFixed(7)},${lon.toFixed(7)},${zoom.toFixed(2)}`);
-    }
+    parameters = liveQuery(place);
   } else if (place.room === "sessions") {
     if (place.session !== undefined) path += `/${encodeURIComponent(place.session)}`;
   } else {
@@ -81,7 +82,7 @@ export function placeHash(place: Place): string {
     const query = place.room === "verdicts" ? place.filters : place.query;
     for (const [name, value] of Object.entries(query)) parameters.set(name, value);
   }
-  const query = parameters.toString().replaceAll("%2C", ",");
+  const query = parameters.toString().replaceAll("%2C", ",").replaceAll("%3B", ";").replace(/=(?=&|$)/g, "");
   return `#/${path}${query === "" ? "" : `?${query}`}`;
 }
 

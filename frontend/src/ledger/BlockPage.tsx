@@ -6,6 +6,7 @@ import { bytes, count, dayAndTime } from "../shared/format";
 import { useServerNow } from "../shared/live/useLive";
 import { sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
+import { Scroll } from "../shared/ui/Scroll";
 import { checkLink, sha256 } from "./chain";
 import { blockHref, ledgerHref, transactionHref } from "./links";
 import { ledgerTexts as t } from "./texts";
@@ -103,7 +104,7 @@ export function BlockPage({ number }: { number: number }): ReactElement {
             </dl>
             <BytesCheck key={number} block={block} />
           </section>
-          <div className="table-frame float">
+          <Scroll label={t("transactions")} className="table-frame float">
             <table className="table num">
               <thead>
                 <tr>
@@ -128,7 +129,7 @@ export function BlockPage({ number }: { number: number }): ReactElement {
                 ))}
               </tbody>
             </table>
-          </div>
+          </Scroll>
         </>
       )}
     </div>

@@ -1,13 +1,13 @@
-import { useInfiniteQuery } from "@tanstack/react-query";
-import { useRef, type ReactElement } from "react";
+import type { ReactElement } from "react";
 import { useApi } from "../shared/api/api";
 import type { Status } from "../shared/api/records";
-import { useFresh } from "../shared/api/useFresh";
+import { usePages } from "../shared/api/usePages";
 import { bytes, count, dayAndTime, duration } from "../shared/format";
 import { useLive, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
 import { Hash } from "../shared/ui/Hash";
 import { More } from "../shared/ui/More";
+import { Scroll } from "../shared/ui/Scroll";
 import { ChainCheck } from "./ChainCheck";
 import { blockHref } from "./links";
 import { ledgerTexts as t } from "./texts";
@@ -57,25 +57,18 @@ export function BlocksPage(): ReactElement {
   const now_ms = useServerNow(10_000);
   const ledger = useLive(STATUS, (store) => store.status?.ledger);
   const mark = String(ledger?.mirrored ?? "");
-  const fetched = useRef<string | undefined>(undefined);
-  const query = useInfiniteQuery({
-    queryKey: ["blocks"],
-    queryFn: ({ pageParam }) => {
-      fetched.current = mark;
-      return api.blocks({ limit: PAGE, ...(pageParam !== undefined && { cursor: pageParam }) });
-    },
-    initialPageParam: undefined as string | undefined,
-    getNextPageParam: (last) => last.next ?? undefined,
-  });
-  useFresh(mark, query, fetched);
-  const rows = query.data?.pages.flatMap((page) => page.items) ?? [];
+  const { query, rows } = usePages(
+    ["blocks"],
+    (cursor) => api.blocks({ limit: PAGE, ...(cursor !== undefined && { cursor }) }),
+    { fresh: { mark: mark, newest: () => mark } },
+  );
   return (
     <div className="page">
       <div className="page-head">
         <h1>{t("ledger")}</h1>
       </div>
       {ledger !== undefined && <Summary ledger={ledger} />}
-      <div className="table-frame float">
+      <Scroll label={t("blocks")} className="table-frame float">
         <table className="table num">
           <thead>
             <tr>
@@ -119,7 +112,7 @@ export function BlocksPage(): ReactElement {
           </tbody>
         </table>
         <More query={query} empty={t("none")} count={rows.length} />
-      </div>
+      </Scroll>
     </div>
   );
 }

@@ -1,64 +1,60 @@
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState, type ReactElement } from "react";
-import { currentPlace, go, placeHash, type Camera, type Place } from "../app/location";
-import type { VerdictSummary } from "../shared/api/records";
-import { asOf, drones, sessionOf } from "../shared/drones";
-import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
-import type { Topic } from "../shared/live/store";
+import { roomTexts } from "../app/texts";
+import { currentPlace, go, placeHash, type Camera, type LivePlace } from "../app/location";
+import { asOf, sessionOf } from "../shared/drones";
+import type { Filter } from "../shared/fleet";
+import type { LonLat } from "../shared/geo/frame";
+import { useFleet } from "../shared/live/useFleet";
+import { useLiveStore, useServerNow } from "../shared/live/useLive";
 import { useKeys } from "../shared/ui/useKeys";
 import { SessionPanel } from "../sessions/SessionPanel";
-import { DroneList, type Tab } from "./DroneList";
+import { useMapZones, ZoneCard, ZoneLegend } from "../zones/MapZones";
+import { zonesAt } from "../zones/overlay";
+import { Announcer } from "./Announcer";
+import { DroneTable } from "./DroneTable";
 import { Legend } from "./Legend";
+import { ListPanel } from "./ListPanel";
 import { MapView, type MapHandle } from "./map/MapView";
+import { MeasureBar } from "./Measure";
+import { PanelTools, SheetHandle } from "./PanelTools";
 import { Resizer } from "./Resizer";
 import { liveTexts as t } from "./texts";
 import { Timeline } from "./Timeline";
+import { useBox, usePhone } from "./useBox";
+import { WallPage } from "./WallPage";
 import { ZoomControls } from "./ZoomControls";
 
-const TOPICS: readonly Topic[] = ["tracks", "estimates", "sessions", "verdicts", "pads", "connection"];
+const NO_FILTER: Filter = {};
+const CAMERA_IN_URL_MS = 400;
+
 /** Within what the address keeps of a camera. */
 function sameView(one: Camera, other: Camera): boolean {
   return Math.abs(one.lat - other.lat) < 1e-6 && Math.abs(one.lon - other.lon) < 1e-6 && Math.abs(one.zoom - other.zoom) < 0.01;
 }
 
-const CAMERA_IN_URL_MS = 400;
-export const PHONE = "(max-width: 760px)";
-
-type Box = { width: number; height: number };
-
-/** The size of an element as it changes; zero while it is not there. */
-function useBox(): [(element: HTMLElement | null) => (() => void) | undefined, Box] {
-  const [box, setBox] = useState<Box>({ width: 0, height: 0 });
-  const observe = useCallback((element: HTMLElement | null) => {
-    if (element === null) return undefined;
-    const observer = new ResizeObserver(() => {
-      setBox({ width: element.offsetWidth, height: element.offsetHeight });
-    });
-    observer.observe(element);
-    return () => {
-      observer.disconnect();
-      setBox({ width: 0, height: 0 });
-    };
-  }, []);
-  return [observe, box];
+/** The same filter is the same object, however often the address is read. */
+function useFilter(filter: Filter | undefined): Filter {
+  const key = JSON.stringify(filter ?? {});
+  return useMemo(() => (key === "{}" ? NO_FILTER : (JSON.parse(key) as Filter)), [key]);
 }
 
-function usePhone(): boolean {
-  const [phone, setPhone] = useState(() => matchMedia(PHONE).matches);
-  useEffect(() => {
-    const query = matchMedia(PHONE);
-    const listen = (): void => setPhone(query.matches);
-    query.addEventListener("change", listen);
-    return () => query.removeEventListener("change", listen);
-  }, []);
-  return phone;
+type Change = { [Name in keyof LivePlace]?: LivePlace[Name] | undefined };
+
+/** The place with some of it changed; what becomes undefined is gone from the address. */
+function changed(place: LivePlace, change: Change): LivePlace {
+  return Object.fromEntries(Object.entries({ ...place, ...change }).filter(([, value]) => value !== undefined)) as LivePlace;
 }
 
 /** The main page: who is in the air, the map, and the proof of what is selected. */
-export function LivePage({ place }: { place: Place & { room: "live" } }): ReactElement {
+export function LivePage({ place }: { place: LivePlace }): ReactElement {
+  return place.as === "wall" ? <WallPage place={place} /> : <Desk place={place} />;
+}
+
+function Desk({ place }: { place: LivePlace }): ReactElement {
   const store = useLiveStore();
   const now_ms = useServerNow();
-  const all = useLive(TOPICS, () => drones(store, now_ms));
-  const [tab, setTab] = useState<Tab>("all");
+  const filter = useFilter(place.filter);
+  const fleet = useFleet(filter);
   const [sheetOpen, setSheetOpen] = useState(true);
   const [grid_m, setGrid] = useState<number | undefined>();
   const map = useRef<MapHandle>(null);
@@ -66,28 +62,30 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
   const [listRef, list] = useBox();
   const [panelRef, panel] = useBox();
   const [stripRef, strip] = useBox();
+  const tab = place.list ?? "all";
 
-  const pinned: VerdictSummary | undefined =
-    place.session === undefined ? undefined : store.verdicts.get(place.session);
-  const pinnedSession =
-    place.session === undefined ? undefined : (store.sessions.get(place.session) ?? (pinned && sessionOf(pinned)));
+  const pinned = place.session === undefined ? undefined : store.verdicts.get(place.session);
+  const pinnedSession = place.session === undefined ? undefined : (store.sessions.get(place.session) ?? (pinned && sessionOf(pinned)));
   const uav_id = place.drone ?? pinnedSession?.uav_id;
-  const drone = all.find((each) => each.uav_id === uav_id);
+  const drone = fleet.find(uav_id);
   const session = pinnedSession === undefined ? drone?.session : asOf(pinnedSession, now_ms);
   const verdict = session === undefined ? undefined : store.verdicts.get(session.session_id);
   const pad = session === undefined ? undefined : store.pads.get(session.pad_id);
   const open = drone !== undefined || session !== undefined;
 
   const camera = useRef<Camera | undefined>(place.camera);
+  const written = useRef<Camera | undefined>(undefined);
   const latest = useRef(place);
   useLayoutEffect(() => {
     latest.current = place;
   });
-  const select = useCallback((next: { drone?: string; session?: string }) => {
+  const change = useCallback((next: Change, replace = false) => {
     // Where the map looks now: the address follows it with a delay.
     const at = camera.current ?? latest.current.camera;
-    go({ room: "live", ...next, ...(at !== undefined && { camera: at }) });
+    written.current = at;
+    go(changed(latest.current, { ...(at !== undefined && { camera: at }), ...next }), replace);
   }, []);
+  const select = useCallback((next: { drone?: string; session?: string }) => change({ drone: undefined, session: undefined, follow: undefined, ...next }), [change]);
   const selectDrone = useCallback(
     (id: string | undefined) => {
       if (id === latest.current.drone && latest.current.session === undefined) return;
@@ -116,64 +114,94 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
   useEffect(() => {
     const shown = camera.current;
     if (addressed === undefined || shown === undefined || sameView(addressed, shown)) return;
+    // What this page wrote itself may be a moment old.
+    if (written.current !== undefined && sameView(addressed, written.current)) return;
     map.current?.lookAt(addressed);
   }, [addressed]);
 
   const urlTimer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
-  useEffect(() => () => clearTimeout(urlTimer.current), []);
+  useEffect(
+    () => () => {
+      clearTimeout(urlTimer.current);
+      urlTimer.current = undefined;
+    },
+    [],
+  );
   const onCamera = useCallback((at: Camera, grid: number | undefined) => {
     camera.current = at;
     setGrid(grid);
-    clearTimeout(urlTimer.current);
-    urlTimer.current = setTimeout(() => {
+    // Not put off by the next move: a camera that follows a drone never rests.
+    urlTimer.current ??= setTimeout(() => {
+      urlTimer.current = undefined;
       // The map moves once more while it goes away; by then the address may be another room's.
-      if (currentPlace().room === "live") go({ ...latest.current, camera: at }, true);
+      if (currentPlace().room !== "live") return;
+      written.current = camera.current;
+      go(changed(latest.current, { camera: camera.current }), true);
     }, CAMERA_IN_URL_MS);
   }, []);
 
+  const { measure } = place;
+  // An address holds places as they were written; the map wants the same list as long as they are.
+  const measureKey = measure === undefined ? "" : JSON.stringify(measure);
+  const points = useMemo(() => (measureKey === "" ? undefined : (JSON.parse(measureKey) as LonLat[])), [measureKey]);
+  const addPoint = useCallback((at: LonLat) => change({ measure: [...(latest.current.measure ?? []), at] }, true), [change]);
+  const toggleMeasure = (): void => {
+    change({ measure: measure === undefined ? [] : undefined });
+    if (measure === undefined) map.current?.focus();
+  };
+  const undo = (): void => change({ measure: (measure ?? []).slice(0, -1) }, true);
+
+  const { zones, overlays } = useMapZones(place.zones !== "off");
+  const onGround = (at: LonLat): void => {
+    const found = zonesAt(zones, at).map(({ properties }) => properties.zone_id);
+    if (found.length > 0 || latest.current.zone !== undefined) change({ drone: undefined, session: undefined, follow: undefined, zone: found.length > 0 ? found : undefined });
+  };
+  const opened = (place.zone ?? []).flatMap((id) => zones.find(({ properties }) => properties.zone_id === id) ?? []);
+
+  const rows = tab === "pads" ? undefined : fleet.rows(tab);
+  const step = (by: number): void => {
+    if (rows === undefined) return;
+    const index = uav_id === undefined ? -1 : rows.indexOf(uav_id);
+    const next = rows.at(Math.min(rows.length - 1, Math.max(0, index + by)));
+    if (next !== undefined) selectDrone(next.uav_id);
+  };
+  const follow = (): void => {
+    if (uav_id !== undefined) change({ drone: uav_id, session: undefined, follow: place.follow === true ? undefined : true });
+  };
   useKeys({
-    Escape: () => selectDrone(undefined),
+    Escape: () => (measure === undefined ? selectDrone(undefined) : toggleMeasure()),
     f: () => map.current?.fitSelection(),
+    c: follow,
     0: () => map.current?.fitAll(),
     "+": () => map.current?.zoomBy(1),
     "-": () => map.current?.zoomBy(-1),
     j: () => step(1),
     k: () => step(-1),
+    m: toggleMeasure,
+    x: () => change({ as: place.as === "table" ? undefined : "table" }),
+    w: () => change({ as: "wall" }),
+    ...(measure !== undefined && {
+      Enter: () => {
+        const centre = map.current?.centre();
+        if (centre !== undefined) addPoint(centre);
+      },
+      Backspace: undo,
+    }),
   });
-  const shown = tab === "all" ? all : all.filter(({ group }) => group === tab);
-  const step = (by: number): void => {
-    const index = shown.findIndex((each) => each.uav_id === uav_id);
-    const next = shown[Math.min(shown.length - 1, Math.max(0, index + by))];
-    if (next !== undefined) selectDrone(next.uav_id);
-  };
 
   const padding = useMemo(() => {
     const gap = 12;
+    // What stands at the edge has a symbol and a name, too.
+    const room = 40;
     if (phone) return { top: 8, right: 8, left: 8, bottom: Math.max(list.height, panel.height) + 8 };
     return {
-      top: gap,
-      left: list.width + 2 * gap,
-      right: panel.width === 0 ? gap : panel.width + 2 * gap,
+      top: gap + room,
+      left: list.width + 2 * gap + room,
+      right: room + (panel.width === 0 ? gap : panel.width + 2 * gap),
       // The legend stands above the strip.
-      bottom: strip.height + 2 * gap + 40,
+      bottom: strip.height + 2 * gap + 40 + room,
     };
   }, [phone, list, panel, strip]);
-
-  const tools = (
-    <span className="tools">
-      <button type="button" className="icon-button" title={`${t("showOnMap")} (f)`} aria-label={t("showOnMap")} onClick={() => map.current?.fitSelection()}>
-        <svg viewBox="0 0 20 20" aria-hidden="true">
-          <circle cx="10" cy="10" r="5" />
-          <path d="M10 1.5v4M10 14.5v4M1.5 10h4M14.5 10h4" />
-        </svg>
-      </button>
-      <button type="button" className="icon-button" title={`${t("close")} (Esc)`} aria-label={t("close")} onClick={() => selectDrone(undefined)}>
-        <svg viewBox="0 0 20 20" aria-hidden="true">
-          <path d="M5 5l10 10M15 5L5 15" />
-        </svg>
-      </button>
-    </span>
-  );
 
   const selection = useMemo(
     () => ({
@@ -182,22 +210,45 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
     }),
     [uav_id, pinned],
   );
+  const tools = (
+    <PanelTools following={place.follow === true} onFollow={drone === undefined ? undefined : follow} onShow={() => map.current?.fitSelection()} onClose={() => selectDrone(undefined)} />
+  );
+  const table = place.as === "table";
 
   return (
     <div className="live">
-      <MapView ref={map} camera={place.camera} selection={selection} padding={padding} onSelect={selectDrone} onCamera={onCamera} />
+      {table ? (
+        <DroneTable fleet={fleet} place={place} now_ms={now_ms} />
+      ) : (
+        <MapView
+          ref={map}
+          fleet={fleet}
+          camera={place.camera}
+          selection={selection}
+          padding={padding}
+          follow={place.follow === true ? uav_id : undefined}
+          measure={points}
+          overlays={overlays}
+          onGround={onGround}
+          onSelect={selectDrone}
+          onCamera={onCamera}
+          onRelease={() => change({ follow: undefined }, true)}
+          onMeasure={addPoint}
+        />
+      )}
       {(!phone || !open) && (
         <section className="float list" aria-label={t("inTheAir")} ref={listRef} data-open={sheetOpen}>
           {phone && <SheetHandle open={sheetOpen} onToggle={() => setSheetOpen(!sheetOpen)} name="list" />}
-          <DroneList
-            drones={all}
-            pads={store.pads}
-            now_ms={now_ms}
+          <ListPanel
+            fleet={fleet}
             tab={tab}
+            filter={filter}
+            now_ms={now_ms}
             selected={uav_id}
-            ready={store.ready}
-            onTab={setTab}
+            onTab={(next) => change({ list: next === "all" ? undefined : next })}
+            onFilter={(next) => change({ filter: Object.keys(next).length === 0 ? undefined : next })}
             onSelect={selectDrone}
+            onPad={(pad_id) => map.current?.fitPad(pad_id)}
           />
           {!phone && <Resizer side="right" name="list" property="--list-width" initial={316} least={260} most={460} />}
         </section>
@@ -216,9 +267,22 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
           </p>
         </section>
       )}
+      {!table && <ZoneCard zones={opened} now_ms={now_ms} onClose={() => change({ zone: undefined })} />}
+      {points !== undefined && !table && <MeasureBar points={points} onUndo={undo} onEnd={toggleMeasure} />}
       <div className="map-tools" data-panel={open && !phone}>
-        <Legend grid_m={grid_m} />
+        {!table && <ZoneLegend zones={zones} shown={place.zones !== "off"} onToggle={() => change({ zones: place.zones === "off" ? undefined : "off", zone: undefined })} />}
+        {table && (
+          <a className="float button" href="#/zones/list">
+            {roomTexts("zones")}
+          </a>
+        )}
+        {!table && <Legend grid_m={grid_m} />}
         <ZoomControls
+          table={table}
+          measuring={measure !== undefined}
+          onMeasure={toggleMeasure}
+          onTable={() => change({ as: table ? undefined : "table" })}
+          onWall={() => change({ as: "wall" })}
           onZoom={(levels) => map.current?.zoomBy(levels)}
           onAll={() => map.current?.fitAll()}
         />
@@ -228,14 +292,7 @@ export function LivePage({ place }: { place: Place & { room: "live" } }): ReactE
           <Timeline now_ms={now_ms} onSelect={(each) => select({ session: each.session_id })} />
         </section>
       )}
+      <Announcer />
     </div>
-  );
-}
-
-function SheetHandle({ open, onToggle, name }: { open: boolean; onToggle: () => void; name: "list" | "proof" }): ReactElement {
-  return (
-    <button type="button" className="sheet-handle" aria-expanded={open} aria-label={t(open ? "fold" : "unfold", { what: name })} onClick={onToggle}>
-      <span />
-    </button>
   );
 }

@@ -1,26 +1,53 @@
 import type { ReactElement } from "react";
 import { liveTexts as t } from "./texts";
 
-type Properties = { onZoom: (levels: number) => void; onAll: () => void };
+type Properties = {
+  /** The table stands in the map's place: nothing to zoom or measure. */
+  table: boolean;
+  measuring: boolean;
+  onZoom: (levels: number) => void;
+  onAll: () => void;
+  onMeasure: () => void;
+  onTable: () => void;
+  onWall: () => void;
+};
 
-export function ZoomControls({ onZoom, onAll }: Properties): ReactElement {
+type Tool = { name: string; key: string; path: string; pressed?: boolean; stays?: true; act: () => void };
+
+function tools({ table, measuring, onZoom, onAll, onMeasure, onTable, onWall }: Properties): Tool[] {
+  const map: Tool[] = [
+    { name: t("closer"), key: "+", path: "M10 4v12M4 10h12", act: () => onZoom(1) },
+    { name: t("further"), key: "−", path: "M4 10h12", act: () => onZoom(-1) },
+    { name: t("allPads"), key: "0", path: "M3 7V3h4M13 3h4v4M17 13v4h-4M7 17H3v-4", stays: true, act: onAll },
+    { name: t("measure"), key: "m", path: "M2.5 13.5l11-11 4 4-11 11zM6 10l2 2M9 7l2 2M12 4l2 2", pressed: measuring, stays: true, act: onMeasure },
+  ];
+  return [
+    ...(table ? [] : map),
+    { name: t(table ? "asMap" : "asTable"), key: "x", path: "M3 4.5h14v11H3zM3 8.2h14M3 11.8h14M8 8.2v7.3", pressed: table, stays: true, act: onTable },
+    { name: t("wall"), key: "w", path: "M2.5 4h15v9.5h-15zM10 13.5V17M6.5 17h7", act: onWall },
+  ];
+}
+
+/** What one can do with the map. */
+export function ZoomControls(properties: Properties): ReactElement {
   return (
     <div className="float zoom" role="group" aria-label={t("map")}>
-      <button type="button" className="icon-button" title={`${t("closer")} (+)`} aria-label={t("closer")} onClick={() => onZoom(1)}>
-        <svg viewBox="0 0 20 20" aria-hidden="true">
-          <path d="M10 4v12M4 10h12" />
-        </svg>
-      </button>
-      <button type="button" className="icon-button" title={`${t("further")} (−)`} aria-label={t("further")} onClick={() => onZoom(-1)}>
-        <svg viewBox="0 0 20 20" aria-hidden="true">
-          <path d="M4 10h12" />
-        </svg>
-      </button>
-      <button type="button" className="icon-button" title={`${t("allPads")} (0)`} aria-label={t("allPads")} onClick={onAll}>
-        <svg viewBox="0 0 20 20" aria-hidden="true">
-          <path d="M3 7V3h4M13 3h4v4M17 13v4h-4M7 17H3v-4" />
-        </svg>
-      </button>
+      {tools(properties).map(({ name, key, path, pressed, stays, act }) => (
+        <button
+          key={key}
+          type="button"
+          className="icon-button"
+          data-stays={stays}
+          title={`${name} (${key})`}
+          aria-label={name}
+          aria-pressed={pressed}
+          onClick={act}
+        >
+          <svg viewBox="0 0 20 20" aria-hidden="true">
+            <path d={path} />
+          </svg>
+        </button>
+      ))}
     </div>
   );
 }

@@ -1,11 +1,16 @@
 import { describe, expect, it } from "vitest";
 import type { VerdictSummary } from "../shared/api/records";
-import { drones } from "../shared/drones";
+import { Fleet } from "../shared/fleet";
 import { PADS } from "../shared/fake/cast";
 import { seeded } from "../shared/fake/random";
 import { FakeWorld } from "../shared/fake/world";
 import { LiveStore } from "../shared/live/store";
-import { evidenceFeatures, gridFeatures, gridSpacing_m, hull, metresPerPixel, padFeatures, siteFeatures, trackPoints } from "./map/features";
+import { leg } from "../shared/geo/geodesic";
+import { announcement } from "./Announcer";
+import { clusters } from "./map/clusters";
+import { accuracyFeatures, evidenceFeatures, gridFeatures, gridSpacing_m, hull, measureFeatures, metresPerPixel, padFeatures, siteFeatures, trailFeatures } from "./map/features";
+import { Occupied, place, type Label } from "./map/placing";
+import { padsByNeed, padState } from "./padState";
 import { BIN_MS, BINS, bins } from "./timeline";
 
 const START_MS = 1_700_000_000_000;
@@ -14,7 +19,8 @@ const world = new FakeWorld(START_MS, seeded(5));
 store.merge({ pads: [...PADS] });
 for (let t_s = 0; t_s < 58; t_s += 0.2) store.merge(world.tick(t_s));
 const NOW_MS = START_MS + 58_000;
-const all = drones(store, NOW_MS);
+const fleet = new Fleet(store, NOW_MS);
+const all = fleet.judged;
 const kinds = (features: { properties: unknown }[]): string[] =>
   features.map(({ properties }) => (properties as { kind: string }).kind);
 
@@ -53,26 +59,49 @@ describe("what the map draws", () => {
     expect(evidenceFeatures(verified, store.pads, undefined, undefined, NOW_MS + 300_000)).toEqual([]);
   });
 
-  it("gives the selected drone the first rank for its label", () => {
-    const points = trackPoints(all, "SE-UAS-7715");
-    const least = points.reduce((a, b) => (Number(a.properties["rank"]) < Number(b.properties["rank"]) ? a : b));
-    expect(least.id).toBe("SE-UAS-7715");
-    expect(points.find(({ id }) => id === "OH-DRN-0417")?.properties["icon"]).toBe("look-refuted");
+  it("gathers what stands together in a town into one mark with the gravest look, and takes it apart closer by", () => {
+    const features = siteFeatures(clusters(PADS, store.tracks, fleet, 5));
+    expect(features).toHaveLength(1);
+    expect(features[0]?.properties).toMatchObject({ name: "3 pads", icon: "look-refuted", note: "12 drones, 5 need you" });
+    const closer = clusters(PADS, store.tracks, fleet, 12);
+    expect(closer.length).toBeGreaterThan(2);
+    expect(closer.reduce((sum, { drones }) => sum + drones, 0)).toBe(12);
   });
 
-  it("gathers pads of a town into one site with the gravest look", () => {
-    const sites = siteFeatures(PADS, all);
-    expect(sites).toHaveLength(1);
-    expect(sites[0]?.properties).toMatchObject({ name: "3 pads", icon: "look-refuted", note: "12 drones, 5 need you" });
+  it("counts ten thousand drones into marks that stand apart", () => {
+    const crowd = new LiveStore();
+    const tracks = Array.from({ length: 10_000 }, (_, i) => ({
+      uav_id: `d${i}`,
+      lat_e7: 600_000_000 + Math.round(9e7 * Math.sin(i)),
+      lon_e7: 240_000_000 + Math.round(9e7 * Math.cos(i * 1.7)),
+      t_ms: NOW_MS,
+      pad_id: "p",
+      transport: "wifi",
+      verified: false as const,
+    }));
+    crowd.merge({ tracks });
+    const marks = clusters([], crowd.tracks, new Fleet(crowd, NOW_MS), 5);
+    expect(marks.reduce((sum, { drones }) => sum + drones, 0)).toBe(10_000);
+    expect(marks.length).toBeLessThan(400);
+  });
+
+  it("draws the selected drone's own accuracy and way, as large as it says", () => {
+    const drone = fleet.find("SE-UAS-7715");
+    const [circle] = accuracyFeatures([drone]);
+    if (circle?.geometry.type !== "Polygon") expect.fail("no circle");
+    const north = Math.max(...(circle.geometry.coordinates[0] ?? []).map(([, lat = 0]) => lat));
+    expect((north * 1e7 - (drone?.track?.lat_e7 ?? 0)) * 0.01114).toBeCloseTo(1, 1);
+    expect(accuracyFeatures([undefined])).toEqual([]);
+    expect(trailFeatures(drone === undefined ? [] : [drone], store.tracks, "SE-UAS-7715")[0]?.geometry).toMatchObject({ type: "LineString" });
   });
 
   it("draws a pad as square, anchors and reach; a pad without survey as a mark only", () => {
     const [pad] = PADS;
     if (pad === undefined) expect.fail("no pads");
-    expect(kinds(padFeatures([pad])).sort()).toEqual(["anchor", "anchor", "anchor", "anchor", "edge", "pad", "reach", "square"]);
+    expect(kinds(padFeatures([pad], NOW_MS)).sort()).toEqual(["anchor", "anchor", "anchor", "anchor", "edge", "pad", "reach", "square"]);
     const { commissioning: _commissioning, ...bare } = pad;
-    expect(kinds(padFeatures([bare]))).toEqual(["pad"]);
-    expect(padFeatures([{ ...pad, status: "retired" }])).toEqual([]);
+    expect(kinds(padFeatures([bare], NOW_MS))).toEqual(["pad"]);
+    expect(padFeatures([{ ...pad, status: "retired" }], NOW_MS)).toEqual([]);
   });
 
   it("orders a hull's corners around, whatever their order in the record", () => {
@@ -125,5 +154,97 @@ describe("the strip of the last hour", () => {
     const now = 1_700_000_010_000;
     expect(bins([], now)[0]?.start_ms).toBe(bins([], now + 5_000)[0]?.start_ms);
     expect(bins([], now + BIN_MS)[0]?.start_ms).toBe((bins([], now)[0]?.start_ms ?? 0) + BIN_MS);
+  });
+});
+
+describe("the labels", () => {
+  const label = (id: string, left: number, top: number, rank: number): Label => ({ id, left, top, rank, width: 60, height: 14, clear: 9, sides: ["above", "left", "right", "below"] });
+
+  it("cover neither each other nor a symbol, the most important first", () => {
+    const occupied = new Occupied(400, 300);
+    const labels = Array.from({ length: 60 }, (_, i) => label(String(i), 40 + (i % 10) * 35, 40 + Math.floor(i / 10) * 40, i));
+    for (const { left, top } of labels) occupied.take(left - 8, top - 8, 16, 16);
+    const placed = place([...labels].reverse(), occupied, new Map(), 100);
+    expect(placed[0]?.label.id).toBe("0");
+    expect(placed.length).toBeGreaterThan(8);
+    for (const [i, a] of placed.entries()) {
+      for (const b of placed.slice(i + 1)) {
+        const apart = a.left >= b.left + 60 || b.left >= a.left + 60 || a.top >= b.top + 14 || b.top >= a.top + 14;
+        expect(apart).toBe(true);
+      }
+      for (const { left, top } of labels) {
+        expect(left + 8 <= a.left || left - 8 >= a.left + 60 || top + 8 <= a.top || top - 8 >= a.top + 14).toBe(true);
+      }
+    }
+  });
+
+  it("stay on their side while they can, and the selected one's stands in any case", () => {
+    const one = (): Label => label("a", 200, 150, 1);
+    expect(place([one()], new Occupied(400, 300), new Map([["a", "right"]]), 9)[0]?.side).toBe("right");
+    const full = (): Occupied => {
+      const occupied = new Occupied(400, 300);
+      occupied.take(0, 0, 400, 300);
+      return occupied;
+    };
+    expect(place([one()], full(), new Map(), 9)).toEqual([]);
+    expect(place([{ ...one(), rank: -1 }], full(), new Map(), 9)).toHaveLength(1);
+  });
+});
+
+describe("a measure", () => {
+  it("agrees with geodesics that are known", () => {
+    // Vincenty 1975: Flinders Peak to Buninyong, on its own ellipsoid; on WGS-84 by Geographic Lib.
+    const found = leg([144.42486788, -37.95103341], [143.92649552, -37.65282113]);
+    expect(found.distance_m).toBeCloseTo(54_972.27, 1);
+    expect(found.bearing).toBeCloseTo(306.868, 2);
+    expect(leg([0, 0], [0, 90]).distance_m).toBeCloseTo(10_001_965.729, 1);
+    expect(leg([179.9, 0], [-179.9, 0]).distance_m).toBeCloseTo(22_263.9, 0);
+    expect(leg([5, 5], [5, 5])).toEqual({ distance_m: 0, bearing: 0 });
+    expect(leg([0, 0.3], [179.9, -0.3]).distance_m).toBeGreaterThan(19_900_000);
+  });
+
+  it("has a word for each leg and one for all", () => {
+    const words = measureFeatures([[22, 60], [22.01, 60], [22.01, 60.01]]).filter(({ properties }) => properties?.["kind"] === "word");
+    expect(words.map(({ properties }) => String(properties?.["label"]).replaceAll("\u00a0", " "))).toEqual([
+      expect.stringMatching(/^55[78] m · 90°$/),
+      expect.stringMatching(/^1\.1 km · 0°$/),
+      expect.stringMatching(/^1\.7 km in all$/),
+    ]);
+    expect(measureFeatures([])).toEqual([]);
+  });
+});
+
+describe("a pad's state", () => {
+  const [pad] = PADS;
+  if (pad?.health === undefined) throw new Error("no pads");
+  const { health } = pad;
+  const told = (change: object, now_ms = 1_000): string => padState({ ...pad, health: { ...health, t_ms: 0, ...change } }, now_ms).text.replaceAll("\u00a0", " ");
+
+  it("is the gravest of what is known", () => {
+    expect(told({})).toBe("all well");
+    expect(told({ connected: false, anchors: [] }, 90_000)).toBe("disconnected, last word 1 min ago");
+    expect(told({ anchors: [{ anchor_id: "A", state: "down" }, { anchor_id: "B", state: "up" }] })).toBe("1 of 2 anchors silent");
+    expect(told({}, 40_000)).toBe("last word 40 s ago");
+    expect(told({ spool: { records: 900, bytes: 1, dropped: 0 } })).toBe("lagging, 900 reports wait");
+    expect(told({ spool: { records: 900, bytes: 1, dropped: 12 } })).toBe("congested, 12 reports dropped");
+    expect(told({ drift: { state: "moved" } })).toBe("an anchor has moved");
+    expect(told({ prekeys: 0 })).toBe("no one-time keys left");
+  });
+
+  it("brings those to the top that somebody should look at", () => {
+    const [a, b, c] = PADS;
+    if (a === undefined || b === undefined || c === undefined) expect.fail("too few pads");
+    const silent = { ...c, health: { ...health, connected: false } };
+    expect(padsByNeed([a, { ...b, status: "retired" as const }, silent], 1_000).map(({ pad: { pad_id } }) => pad_id)).toEqual([c.pad_id, a.pad_id]);
+  });
+});
+
+describe("what screen readers are told", () => {
+  const verdict = (uav_id: string, outcome: VerdictSummary["outcome"]): VerdictSummary => ({ uav_id, outcome, pad_id: "p" }) as VerdictSummary;
+
+  it("is each verdict by name while they are few, else their number and who was refuted", () => {
+    expect(announcement([verdict("a", "refuted"), verdict("b", "verified")], () => "Pad")).toBe("a: refuted at Pad. b: verified at Pad.");
+    const many = [...Array.from({ length: 9 }, (_, i) => verdict(`v${i}`, "verified")), verdict("liar", "refuted")];
+    expect(announcement(many, () => "Pad")).toBe("10 verdicts: 9 verified, 0 inconclusive, 1 refuted. Refuted: liar.");
   });
 });

@@ -1,7 +1,8 @@
 import type { ReactElement } from "react";
 import type { SessionDetail, Track } from "../shared/api/records";
-import { count, duration, length, timeOfDay } from "../shared/format";
-import { broadcastTexts as t } from "./broadcastTexts";
+import { count, timeOfDay } from "../shared/format";
+import { Scroll } from "../shared/ui/Scroll";
+import { broadcastTexts as t, oddity } from "./broadcastTexts";
 
 type Finding = SessionDetail["findings"][number];
 
@@ -23,19 +24,19 @@ export function Broadcasts({ findings, track }: { findings: readonly Finding[]; 
       {findings.length === 0 ? (
         <p>{t("nothing")}</p>
       ) : (
-        <div className="scroll">
+        <Scroll label={t("title")}>
           <table className="table num">
             <tbody>
               {findings.map((each) => (
                 <tr key={`${each.kind}/${each.t_ms}`}>
                   <td>{timeOfDay(each.t_ms)}</td>
-                  <td>{odd(each)}</td>
+                  <td>{oddity(each)}</td>
                   <td className="right">{each.count > 1 && t("times", { count: count(each.count) })}</td>
                 </tr>
               ))}
             </tbody>
           </table>
-        </div>
+        </Scroll>
       )}
     </section>
   );
@@ -44,13 +45,4 @@ export function Broadcasts({ findings, track }: { findings: readonly Finding[]; 
 function signed(drip: NonNullable<Track["drip"]>): string {
   if (drip.state === "verified") return t("verified", { signer: drip.signer ?? drip.det });
   return drip.state === "refused" ? t("refused", { reason: drip.reason ?? "" }) : t("unknown");
-}
-
-function odd(finding: Finding): string {
-  return t("kind", {
-    kind: finding.kind,
-    distance: length(finding.distance_mm ?? 0),
-    interval: duration(finding.interval_ms ?? 0),
-    other: finding.other_uav_id ?? "",
-  });
 }

@@ -8,12 +8,12 @@ import { Parts } from "../shared/ui/Symbol";
 import { sessionTexts as t } from "./texts";
 import { directionWord } from "./words";
 
-export type PlotClaim = { at: Local; tone: Tone; words: string };
+/** `radius_mm`: the buffer of a signed claim, or how far a broadcast can mean. */
+export type PlotClaim = { at: Local; tone: Tone; words: string; radius_mm: number };
 export type PlotEstimate = { at: Local; covariance: Covariance | undefined; tone: Tone; verified: boolean };
 
 type Properties = {
   pad: Pad;
-  buffer_mm: number;
   claims: readonly PlotClaim[];
   estimate: PlotEstimate | undefined;
 };
@@ -47,7 +47,7 @@ function place(x: number, y: number, text: string, below: boolean, taken: Label[
 }
 
 /** The pad's square metres: anchors, ranges, the claim with its buffer, the measurement with its ellipse. */
-export function PadPlot({ pad, buffer_mm, claims, estimate }: Properties): ReactElement | null {
+export function PadPlot({ pad, claims, estimate }: Properties): ReactElement | null {
   const anchors = pad.commissioning?.anchors ?? [];
   const reference: Local = estimate?.at ?? { east_mm: 0, north_mm: 0 };
   const isFar = ({ at }: PlotClaim): boolean =>
@@ -57,7 +57,7 @@ export function PadPlot({ pad, buffer_mm, claims, estimate }: Properties): React
   const radius = estimate?.covariance === undefined ? 0 : ellipse(estimate.covariance).major_mm;
   const extents: { at: Local; reach: number }[] = [
     ...anchors.map((at) => ({ at, reach: 300 })),
-    ...near.map(({ at }) => ({ at, reach: buffer_mm })),
+    ...near.map(({ at, radius_mm }) => ({ at, reach: radius_mm })),
     ...(estimate === undefined ? [] : [{ at: estimate.at, reach: Math.min(radius, 20_000) }]),
   ];
   if (claims.length === 0 && estimate === undefined) return null;
@@ -86,19 +86,19 @@ export function PadPlot({ pad, buffer_mm, claims, estimate }: Properties): React
   for (const claim of near) {
     if (claim === shared) continue;
     const below = estimate !== undefined && estimate.at.north_mm > highest;
-    labels.push(place(x(claim.at), y(claim.at) + (below ? 1 : -1) * (buffer_mm * scale - 4), claim.words, below, taken));
+    labels.push(place(x(claim.at), y(claim.at) + (below ? 1 : -1) * (claim.radius_mm * scale - 4), claim.words, below, taken));
   }
   if (estimate !== undefined) {
     // Away from the other claims; with none, away from the pad and the lines that lead there.
     const below = shared === undefined || near.length > 1 ? estimate.at.north_mm <= highest : estimate.at.north_mm < 0;
     const measured = t(estimate.verified ? "measured" : "measuring");
     const words = shared === undefined ? measured : `${shared.words} · ${measured}`;
-    const clear = shared === undefined ? 0 : Math.max(0, buffer_mm * scale - 6);
+    const clear = shared === undefined ? 0 : Math.max(0, shared.radius_mm * scale - 6);
     labels.push(place(x(estimate.at), y(estimate.at) + (below ? clear : -clear), words, below, taken));
   }
   return (
     <figure className="plot">
-      <svg viewBox={`0 0 ${WIDTH} ${HEIGHT}`} role="img" aria-label={alternative(claims, estimate, buffer_mm)}>
+      <svg viewBox={`0 0 ${WIDTH} ${HEIGHT}`} role="img" aria-label={alternative(claims, estimate)}>
         <g stroke="var(--line)" strokeWidth="1">
           {lines((east + west) / 2 - halfWidth, (east + west) / 2 + halfWidth).map((e) => (
             <path key={`e${e}`} d={`M${x({ east_mm: e, north_mm: 0 })} 0V${HEIGHT}`} />
@@ -123,7 +123,7 @@ export function PadPlot({ pad, buffer_mm, claims, estimate }: Properties): React
         </g>
         {near.map((claim) => (
           <g key={claim.words} stroke={`var(--${claim.tone})`}>
-            <circle cx={x(claim.at)} cy={y(claim.at)} r={buffer_mm * scale} fill="none" strokeDasharray="5 4" />
+            <circle cx={x(claim.at)} cy={y(claim.at)} r={claim.radius_mm * scale} fill="none" strokeDasharray="5 4" />
             {estimate !== undefined && (
               <path d={`M${x(claim.at)} ${y(claim.at)}L${x(estimate.at)} ${y(estimate.at)}`} strokeWidth="1.8" />
             )}
@@ -176,12 +176,12 @@ export function PadPlot({ pad, buffer_mm, claims, estimate }: Properties): React
   );
 }
 
-function alternative(claims: readonly PlotClaim[], estimate: PlotEstimate | undefined, buffer_mm: number): string {
+function alternative(claims: readonly PlotClaim[], estimate: PlotEstimate | undefined): string {
   const side = (east_mm: number, north_mm: number): string =>
     `${length(Math.abs(east_mm + north_mm), true)} ${directionWord({ east_mm, north_mm })}`;
   const say = (what: string, at: Local): string =>
     t("plotPart", { what, north: side(0, at.north_mm), east: side(at.east_mm, 0) });
   const parts = claims.map((claim) => say(claim.words, claim.at));
   if (estimate !== undefined) parts.push(say(t(estimate.verified ? "plotMeasured" : "plotMeasuring"), estimate.at));
-  return t("plotOf", { buffer: length(buffer_mm, true), parts: parts.join("; ") });
+  return t("plotOf", { parts: parts.join("; ") });
 }

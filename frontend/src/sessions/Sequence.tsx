@@ -1,6 +1,7 @@
 import type { ReactElement } from "react";
 import type { SessionState, StepName } from "../shared/api/records";
 import { duration, timeOfDay } from "../shared/format";
+import { Scroll } from "../shared/ui/Scroll";
 import { stepRows, type StepRow } from "./steps";
 import { stepTexts as t } from "./texts";
 
@@ -36,8 +37,8 @@ export function Sequence({ session }: { session: SessionState }): ReactElement {
   return (
     <section className="float card">
       <h2>{t("stepByStep")}</h2>
-      <div className="scroll">
-        <svg className="sequence num" viewBox={`0 0 ${WIDTH} ${height}`} role="img" aria-label={t("sequence")}>
+      <Scroll label={t("stepByStep")}>
+        <svg className="sequence num" viewBox={`0 0 ${WIDTH} ${height}`} role="img" aria-label={t("stepByStep")}>
           {PARTIES.map((party) => (
             <g key={party}>
               <text x={X[party]} y="18" textAnchor="middle" className="party">
@@ -88,7 +89,7 @@ export function Sequence({ session }: { session: SessionState }): ReactElement {
             );
           })}
         </svg>
-      </div>
+      </Scroll>
     </section>
   );
 }

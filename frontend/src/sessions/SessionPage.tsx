@@ -2,16 +2,23 @@ import { useQuery } from "@tanstack/react-query";
 import { useRef, type ReactElement } from "react";
 import { placeHash } from "../app/location";
 import { transactionHref } from "../ledger/links";
+import { ReplayLink } from "../replay/ReplayLink";
 import { useApi } from "../shared/api/api";
 import { useFresh } from "../shared/api/useFresh";
 import type { Evidence, LedgerTransaction, SessionDetail, SessionState } from "../shared/api/records";
-import { asOf, drones } from "../shared/drones";
+import { asOf } from "../shared/drones";
+import { droneOf } from "../shared/fleet";
 import { coordinates, count, dayAndTime, decimal, length, timeOfDay } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
 import { sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
+import { Scroll } from "../shared/ui/Scroll";
+import { Bearing } from "./Bearing";
 import { Broadcasts } from "./Broadcasts";
+import { EvidenceButton } from "./EvidenceButton";
+import { CourseChart } from "./CourseChart";
+import { courseTexts } from "./courseTexts";
 import { Ranges } from "./Ranges";
 import { Sequence } from "./Sequence";
 import { SessionPanel } from "./SessionPanel";
@@ -21,9 +28,9 @@ const TOPICS: readonly Topic[] = ["sessions", "verdicts", "estimates", "tracks",
 
 function Transactions({ transactions }: { transactions: readonly LedgerTransaction[] }): ReactElement {
   return (
-    <section className="float card">
+    <section className="float card card-wide">
       <h2>{t("onLedger")}</h2>
-      <div className="scroll">
+      <Scroll label={t("onLedger")}>
         <table className="table num">
           <thead>
             <tr>
@@ -58,7 +65,7 @@ function Transactions({ transactions }: { transactions: readonly LedgerTransacti
             ))}
           </tbody>
         </table>
-      </div>
+      </Scroll>
     </section>
   );
 }
@@ -139,7 +146,6 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
   const live = useLive(TOPICS, () => ({
     session: store.sessions.get(session_id),
     verdict: store.verdicts.get(session_id),
-    drones: drones(store, now_ms),
   }));
   const fetchedRef = useRef<string | undefined>(undefined);
   const query = useQuery({
@@ -163,7 +169,7 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
   const session = asOf(known, now_ms);
   const verdict = live.verdict ?? query.data?.verdict ?? undefined;
   const pad = store.pads.get(session.pad_id);
-  const drone = live.drones.find(({ uav_id }) => uav_id === session.uav_id);
+  const drone = droneOf(store, session.uav_id, now_ms);
   return (
     <div className="page">
       <div className="page-head">
@@ -171,9 +177,16 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
           <a href={placeHash({ room: "sessions" })}>{t("sessions")}</a> <span className="quiet">/</span>{" "}
           <Hash value={session_id} label={t("session")} />
         </h1>
-        <a className="button" href={placeHash({ room: "live", session: session_id })}>
-          {t("showOnMap")}
-        </a>
+        <div className="page-actions">
+          <a className="button" href={placeHash({ room: "live", session: session_id })}>
+            {t("showOnMap")}
+          </a>
+          {verdict !== undefined && <EvidenceButton session_id={session_id} />}
+          <ReplayLink t_ms={session.requested_ms} session={session_id} />
+          <button type="button" className="button" onClick={() => print()}>
+            {courseTexts("print")}
+          </button>
+        </div>
       </div>
       <div className="session-page">
         <section className="float session-card" aria-label={t("proof")}>
@@ -181,10 +194,12 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
         </section>
         <div className="session-rest">
           <Sequence session={session} />
+          {verdict !== undefined && <CourseChart session_id={session_id} />}
           {query.data?.evidence && <Ranges evidence={query.data.evidence} />}
+          {verdict !== undefined && <Bearing level={verdict.assurance} />}
           {query.data !== undefined && <Broadcasts findings={query.data.findings} track={drone?.track} />}
-          {query.data !== undefined && <Transactions transactions={query.data.transactions} />}
           {query.data !== undefined && <Facts detail={query.data} now_ms={now_ms} />}
+          {query.data !== undefined && <Transactions transactions={query.data.transactions} />}
         </div>
       </div>
     </div>

@@ -1,21 +1,25 @@
 import { useQuery } from "@tanstack/react-query";
 import type { ReactElement, ReactNode } from "react";
 import { placeHash } from "../app/location";
+import { ReplayLink } from "../replay/ReplayLink";
+import { suspendHref } from "../registry/links";
 import { useApi } from "../shared/api/api";
 import type { Judgement, Pad, SessionState, VerdictSummary } from "../shared/api/records";
 import { TONE_OF } from "../shared/design/symbols";
 import type { Drone, Look } from "../shared/drones";
 import { age, coordinates, count, decimal, length, likelihood } from "../shared/format";
 import { frameOf, toLocal } from "../shared/geo/frame";
+import { refutedBy } from "../shared/refuted";
 import { lookTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
 import { Sentence } from "../shared/ui/Sentence";
 import { Symbol } from "../shared/ui/Symbol";
+import { EvidenceButton } from "./EvidenceButton";
 import { PadPlot, type PlotClaim, type PlotEstimate } from "./PadPlot";
 import { reasonText } from "./reasons";
 import { Steps } from "./Steps";
 import { sessionTexts as t } from "./texts";
-import { account, progress, unproved, type Account } from "./words";
+import { account, differing, progress, unproved, type Account } from "./words";
 
 function Head({ told, tools }: { told: Account; tools: ReactNode }): ReactElement {
   const { look } = told;
@@ -43,16 +47,18 @@ function Figure({ name, value, hint }: { name: string; value: string; hint?: str
   );
 }
 
-function Judged({ title, judgement }: { title: string; judgement: Judgement }): ReactElement {
+/** `despite`: refuted although the ranges fit, so that their error and likelihood explain nothing. */
+function Judged({ title, judgement, despite = false }: { title: string; judgement: Judgement; despite?: boolean }): ReactElement {
   return (
     <li>
       <Symbol look={judgement.outcome} size={16} />
       <span>
         <b>{title}</b>{" "}
-        {t("judged", {
+        {t(despite ? "byRanges" : judgement.tolerance_mm === undefined ? "judged" : "judgedWithin", {
           outcome: lookTexts(judgement.outcome).toLowerCase(),
           error: length(judgement.error_mm),
           likelihood: likelihood(judgement.likelihood_ppm),
+          tolerance: length(judgement.tolerance_mm ?? 0, true),
         })}
         <span className="quiet">{t("paperRule", { accepts: judgement.paper_rule ? "yes" : "no" })}</span>
       </span>
@@ -66,7 +72,7 @@ function Why({ verdict }: { verdict: VerdictSummary }): ReactElement {
     <section className="why">
       <h3>{t("claims")}</h3>
       <ul className="judged num">
-        {verdict.signed ? <Judged title={t("signedFor")} judgement={verdict.signed} /> : <li>{t("noSigned")}</li>}
+        {verdict.signed ? <Judged title={t("signedFor")} judgement={verdict.signed} despite={despiteRanges(verdict)} /> : <li>{t("noSigned")}</li>}
         {verdict.broadcast ? (
           <Judged title={t("broadcastTo")} judgement={verdict.broadcast} />
         ) : (
@@ -92,12 +98,27 @@ function Why({ verdict }: { verdict: VerdictSummary }): ReactElement {
   );
 }
 
+function despiteRanges(verdict: VerdictSummary): boolean {
+  const by = refutedBy(verdict);
+  return by === "stamps" || by === "leaving";
+}
+
 function figures(verdict: VerdictSummary): ReactElement {
-  const worst = verdict.broadcast?.outcome === "refuted" && verdict.signed?.outcome !== "refuted" ? verdict.broadcast : verdict.signed;
+  const by = refutedBy(verdict);
+  const worst = by === "broadcast" ? verdict.broadcast : verdict.signed;
+  const stamps_mm = by === "stamps" ? differing(verdict) : undefined;
   return (
     <dl className="figures num">
-      <Figure name={t("likelihood")} value={worst ? likelihood(worst.likelihood_ppm) : "–"} hint={t("likelihoodHint")} />
-      <Figure name={t("error")} value={worst ? length(worst.error_mm) : "–"} hint={t("errorHint")} />
+      {stamps_mm === undefined ? (
+        <Figure name={t("likelihood")} value={worst && !despiteRanges(verdict) ? likelihood(worst.likelihood_ppm) : "–"} hint={t("likelihoodHint")} />
+      ) : (
+        <Figure name={t("stampsError")} value={length(stamps_mm, true)} hint={t("stampsErrorHint")} />
+      )}
+      {despiteRanges(verdict) ? (
+        <Figure name={t("rangesError")} value={worst ? length(worst.error_mm) : "–"} hint={t("rangesErrorHint")} />
+      ) : (
+        <Figure name={t("error")} value={worst ? length(worst.error_mm) : "–"} hint={t("errorHint")} />
+      )}
       <Figure name={t("rounds")} value={count(verdict.rounds)} hint={t("roundsHint")} />
       <Figure name={t("assurance")} value={t("assuranceOf", { level: verdict.assurance })} hint={t("assuranceHint")} />
     </dl>
@@ -105,28 +126,30 @@ function figures(verdict: VerdictSummary): ReactElement {
 }
 
 function verdictPlot(verdict: VerdictSummary, pad: Pad): ReactElement {
-  const { signed, broadcast, estimate, covariance } = verdict;
+  const { signed, broadcast, estimate, covariance, buffer_mm } = verdict;
   const claims: PlotClaim[] = [];
-  const differ = broadcast?.outcome === "refuted" && signed?.outcome !== "refuted";
-  const buffer = length(verdict.buffer_mm, true);
+  const differ = refutedBy(verdict) === "broadcast";
   if (signed) {
     const tone = TONE_OF[signed.outcome === "verified" ? "verified" : verdict.outcome];
-    claims.push({ at: signed.claim, tone, words: differ ? t("signedClaim") : t("claimBuffer", { buffer }) });
+    const words = differ ? t("signedClaim") : t("claimBuffer", { buffer: length(buffer_mm, true) });
+    claims.push({ at: signed.claim, tone, words, radius_mm: buffer_mm });
   }
-  if (broadcast && differ) claims.push({ at: broadcast.claim, tone: "bad", words: t("broadcastBuffer", { buffer }) });
+  if (broadcast && differ) {
+    const radius_mm = broadcast.tolerance_mm ?? buffer_mm;
+    claims.push({ at: broadcast.claim, tone: "bad", words: t("broadcastBuffer", { buffer: length(radius_mm, true) }), radius_mm });
+  }
   const measured: PlotEstimate | undefined = estimate
     ? { at: estimate, covariance: covariance ?? undefined, tone: TONE_OF[verdict.outcome], verified: true }
     : undefined;
-  return <PadPlot pad={pad} buffer_mm={verdict.buffer_mm} claims={claims} estimate={measured} />;
+  return <PadPlot pad={pad} claims={claims} estimate={measured} />;
 }
 
 function livePlot(drone: Drone, pad: Pad, buffer_mm: number): ReactElement {
   const { track, estimate } = drone;
-  const claims: PlotClaim[] = track ? [{ at: toLocal(frameOf(pad), track), tone: "accent", words: t("broadcast") }] : [];
+  const claims: PlotClaim[] = track ? [{ at: toLocal(frameOf(pad), track), tone: "accent", words: t("broadcast"), radius_mm: buffer_mm }] : [];
   return (
     <PadPlot
       pad={pad}
-      buffer_mm={buffer_mm}
       claims={claims}
       estimate={estimate ? { at: estimate, covariance: estimate, tone: "accent", verified: false } : undefined}
     />
@@ -140,8 +163,8 @@ type Properties = {
   pad: Pad | undefined;
   now_ms: number;
   tools: ReactNode;
-  /** Beside the map, or on the session's own page, to which no link is needed there. */
-  place?: "map" | "page";
+  /** Beside the map, live or past, or on the session's own page: what one is at needs no link. */
+  place?: "map" | "past" | "page";
 };
 
 const DEFAULT_BUFFER_MM = 1_000;
@@ -162,6 +185,11 @@ export function SessionPanel({ drone, session, verdict, pad, now_ms, tools, plac
       <>
         <Head told={unproved(drone)} tools={tools} />
         <Unproved drone={drone} now_ms={now_ms} />
+        {place === "map" && drone.track !== undefined && (
+          <footer className="panel-foot">
+            <ReplayLink t_ms={drone.track.t_ms} drone={drone.uav_id} />
+          </footer>
+        )}
       </>
     );
   }
@@ -184,19 +212,34 @@ export function SessionPanel({ drone, session, verdict, pad, now_ms, tools, plac
         {pad !== undefined && verdict === undefined && running && drone !== undefined && livePlot(drone, pad, buffer_mm)}
         <Steps session={session} />
         {verdict !== undefined && <Why verdict={verdict} />}
+        <p className="note panel-when num">
+          {t(running ? "asked" : "decided", { ago: ago(now_ms - (verdict?.decided_ms ?? session.requested_ms)) })}
+        </p>
       </div>
       <footer className="panel-foot">
-        {place === "map" && (
+        {place !== "page" && (
           <a className="button primary" href={placeHash({ room: "sessions", session: session.session_id })}>
             {t("open")}
           </a>
         )}
-        <span className="quiet num">
-          {t(running ? "asked" : "decided", { ago: ago(now_ms - (verdict?.decided_ms ?? session.requested_ms)) })}
-        </span>
+        {place === "map" && (
+          <>
+            {verdict !== undefined && <EvidenceButton session_id={session.session_id} />}
+            {!running && <ReplayLink t_ms={session.requested_ms} session={session.session_id} />}
+            <a className="button danger" href={suspendHref(session.uav_id, suspicion(verdict, pad))}>
+              {t("suspend")}
+            </a>
+          </>
+        )}
       </footer>
     </>
   );
+}
+
+/** What a suspension would be for; nothing where nothing was refuted. */
+function suspicion(verdict: VerdictSummary | undefined, pad: Pad | undefined): string | undefined {
+  if (verdict === undefined || refutedBy(verdict) === undefined) return undefined;
+  return t("reasonRefuted", { pad: pad?.name ?? verdict.pad_id, session: verdict.session_id.slice(0, 12) });
 }
 
 function ago(ms: number): string {

@@ -1,8 +1,7 @@
-import { useInfiniteQuery } from "@tanstack/react-query";
-import { useRef, type ReactElement } from "react";
+import type { ReactElement } from "react";
 import { placeHash } from "../app/location";
 import { useApi } from "../shared/api/api";
-import { useFresh } from "../shared/api/useFresh";
+import { usePages } from "../shared/api/usePages";
 import type { SessionState } from "../shared/api/records";
 import { asOf, type Look } from "../shared/drones";
 import { actionVerb, dayAndTime, duration } from "../shared/format";
@@ -12,6 +11,7 @@ import { lookTexts, sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
 import { More } from "../shared/ui/More";
 import { Symbol } from "../shared/ui/Symbol";
+import { Scroll } from "../shared/ui/Scroll";
 import { proofTexts, rowTexts, sessionTexts as t } from "./texts";
 import { stepNumber } from "./words";
 
@@ -54,18 +54,12 @@ export function SessionsPage(): ReactElement {
   const pads = useLive(PADS, (store) => new Map([...store.pads.values()].map((pad) => [pad.pad_id, pad.name])));
   const store = useLiveStore();
   const mark = useLive(SESSIONS, newestSession);
-  const fetchedRef = useRef<string | undefined>(undefined);
-  const query = useInfiniteQuery({
-    queryKey: ["sessions"],
-    queryFn: ({ pageParam }) => {
-      fetchedRef.current = newestSession(store);
-      return api.sessions({ limit: PAGE, ...(pageParam !== undefined && { cursor: pageParam }) });
-    },
-    initialPageParam: undefined as string | undefined,
-    getNextPageParam: (last) => last.next ?? undefined,
-  });
-  useFresh(mark, query, fetchedRef);
-  const rows = (query.data?.pages.flatMap((page) => page.items) ?? []).map(
+  const { query, rows: listed } = usePages(
+    ["sessions"],
+    (cursor) => api.sessions({ limit: PAGE, ...(cursor !== undefined && { cursor }) }),
+    { fresh: { mark: mark, newest: () => newestSession(store) } },
+  );
+  const rows = listed.map(
     // What is under way moves faster than the table is fetched.
     (session) => asOf(store.sessions.get(session.session_id) ?? session, now_ms),
   );
@@ -74,7 +68,7 @@ export function SessionsPage(): ReactElement {
       <div className="page-head">
         <h1>{t("sessions")}</h1>
       </div>
-      <div className="table-frame float">
+      <Scroll label={t("sessions")} className="table-frame float">
         <table className="table num">
           <thead>
             <tr>
@@ -118,7 +112,7 @@ export function SessionsPage(): ReactElement {
           </tbody>
         </table>
         <More query={query} empty={t("none")} count={rows.length} />
-      </div>
+      </Scroll>
     </div>
   );
 }

@@ -1,3 +1,4 @@
+import { duration, length } from "../shared/format";
 import { texts } from "../shared/i18n/texts";
 
 /** What was odd about a drone's broadcasts, and who signed them. */
@@ -25,3 +26,15 @@ export const broadcastTexts = texts({
     times: "{count} kertaa",
   },
 });
+
+type Odd = { kind: string; distance_mm?: number | undefined; interval_ms?: number | undefined; other_uav_id?: string | undefined };
+
+/** One finding of a receiver in words. */
+export function oddity({ kind, distance_mm, interval_ms, other_uav_id }: Odd): string {
+  return broadcastTexts("kind", {
+    kind,
+    distance: length(distance_mm ?? 0),
+    interval: duration(interval_ms ?? 0),
+    other: other_uav_id ?? "",
+  });
+}

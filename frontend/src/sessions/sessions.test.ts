@@ -4,6 +4,7 @@ import { PADS } from "../shared/fake/cast";
 import type { Phrase } from "../shared/i18n/texts";
 import { seeded } from "../shared/fake/random";
 import { FakeWorld } from "../shared/fake/world";
+import { refutedBy } from "../shared/refuted";
 import { stepRows } from "./steps";
 import { account, whereabouts } from "./words";
 
@@ -37,12 +38,36 @@ describe("the verdict in words", () => {
 
   it("tells a lie to the public from a lie to the pad", () => {
     expect(say(verdict("OH-DRN-0640"))).toMatch(
-      /^Refuted\. OH-DRN-0640 tells the public that it is 23\.\d m north-east of Kupittaa\. Four anchors measured it 31 m from there\. What it told Kupittaa holds\.$/,
+      /^Refuted\. OH-DRN-0640 tells the public that it is 23\.\d m north-east of Kupittaa\. Four anchors measured it 31 m from there\. With its stated accuracy and its age that can mean no more than 2 m\. What it told Kupittaa holds\.$/,
     );
+  });
+
+  it("says why a drone is refuted whose ranges fit", () => {
+    const liar = verdict("OH-DRN-0417");
+    const signed = { ...(liar.signed ?? expect.fail("it has no signed claim")), error_mm: 47, likelihood_ppm: 999_000 };
+    const by = (code: string): VerdictSummary => ({ ...liar, signed: { ...signed, reasons: [{ code: "within_buffer", text: "" }, { code, text: "" }] } });
+    const time_differences = { pad_id: "aurajoki-2", frames: 40, finding: "outside" as const, agrees: false, more_frames: -1, error_mm: 3_640 };
+    const bent = { ...by("time_differences_contradict"), time_differences };
+    expect(refutedBy(bent)).toBe("stamps");
+    expect(say(bent)).toMatch(/its ranges fit: its own radio told their times\. The time stamps of the pad alone put it 3\.6 m from there\.$/);
+    expect(say(by("time_differences_contradict"))).toMatch(/The time stamps of the pad alone contradict them\.$/);
+    expect(say(by("leaving"))).toMatch(/and was, to within 0\.05 m over all rounds\. The newest of them exclude that place: it was leaving\.$/);
+    for (const each of [bent, by("leaving")]) expect(say(each)).not.toContain("measured it");
+    // Where the ranges refute as well, they are the plainer word.
+    const both = { ...bent, signed: { ...signed, error_mm: 4_210, reasons: [{ code: "outside_buffer", text: "" }, { code: "time_differences_contradict", text: "" }] } };
+    expect(say(both)).toContain("Four anchors measured it 4.2 m from there.");
   });
 
   it("says that a true position permits nothing by itself", () => {
     expect(say(verdict("OH-DRN-0512"))).toMatch(/^Verified, landing refused\. .* It may not land: it is not authorised\.$/);
+  });
+
+  it("says a distance, not a place, where two-way ranges prove no more", () => {
+    const fine = verdict("OH-DRN-0512");
+    expect(say(fine)).toContain("measured it there");
+    const bounded = { ...fine, within_mm: 14_000, reasons: [{ code: "upper_bound", text: "" }] };
+    expect(say(bounded)).toContain("What they prove is that it is within 14 m of the pad.");
+    expect(say(bounded)).not.toContain("measured it there");
   });
 
   it("says what would settle an open case, or that nothing would, or what stood in the way", () => {

@@ -3,6 +3,7 @@ import type { Drone, Look } from "../shared/drones";
 import { actionNoun, actionVerb, count, countWord, length, likelihood } from "../shared/format";
 import { direction, type Local } from "../shared/geo/frame";
 import type { Phrase } from "../shared/i18n/texts";
+import { refutedBy } from "../shared/refuted";
 import { reasonText } from "./reasons";
 import { proofTexts as t, rowTexts as row } from "./texts";
 
@@ -68,38 +69,48 @@ export function differing(verdict: VerdictSummary): number | undefined {
   return verdict.time_differences?.error_mm ?? verdict.witness?.error_mm;
 }
 
+/** Why a drone was refuted, by what refuted it; undefined where it was not. */
+function refutation(verdict: VerdictSummary, pad: Pad | undefined): Phrase[] | undefined {
+  const by = refutedBy(verdict);
+  if (by === undefined) return undefined;
+  const { signed, broadcast, uav_id: who } = verdict;
+  const name = pad?.name ?? verdict.pad_id;
+  if (by === "broadcast" && broadcast !== undefined) {
+    const values = { who, place: claimed(broadcast.claim, name), measurer: measurer(pad), error: length(broadcast.error_mm, true) };
+    const sentence = t.rich("publicMeasuredAway", values);
+    if (broadcast.tolerance_mm !== undefined) sentence.push(t("canMean", { tolerance: length(broadcast.tolerance_mm, true) }));
+    if (signed?.outcome === "verified") sentence.push(t("toldPadHolds", { pad: name }));
+    return sentence;
+  }
+  if (signed === undefined) return t.rich("wasRefused", { who, deed: actionNoun(verdict.action), pad: name });
+  const place = claimed(signed.claim, name);
+  if (by === "leaving") return t.rich("isLeaving", { who, place, error: length(signed.error_mm) });
+  if (by === "stamps") {
+    const error_mm = differing(verdict);
+    return error_mm === undefined
+      ? t.rich("clockBentVague", { who, place })
+      : t.rich("clockBent", { who, place, error: length(error_mm, true) });
+  }
+  return t.rich("saysMeasuredAway", { who, place, measurer: measurer(pad), error: length(signed.error_mm, true) });
+}
+
 /** The verdict in words, before any figure. */
 export function account(verdict: VerdictSummary, pad: Pad | undefined): Account {
   const name = pad?.name ?? verdict.pad_id;
   const who = verdict.uav_id;
-  const { signed, broadcast } = verdict;
+  const { signed } = verdict;
   const deed = actionNoun(verdict.action);
-  if (verdict.outcome === "refuted" && signed?.outcome === "refuted") {
-    const error = length(signed.error_mm, true);
-    const place = claimed(signed.claim, name);
-    return { title: t("refuted"), look: "refuted", sentence: t.rich("saysMeasuredAway", { who, place, measurer: measurer(pad), error }) };
-  }
-  if (broadcast?.outcome === "refuted") {
-    const error = length(broadcast.error_mm, true);
-    const place = claimed(broadcast.claim, name);
-    const sentence = t.rich("publicMeasuredAway", { who, place, measurer: measurer(pad), error });
-    if (signed?.outcome === "verified") sentence.push(t("toldPadHolds", { pad: name }));
-    return { title: t("refuted"), look: "refuted", sentence };
-  }
-  if (verdict.outcome === "refuted" && signed !== undefined) {
-    const error_mm = differing(verdict);
-    const values = { who, place: claimed(signed.claim, name) };
-    const sentence =
-      error_mm === undefined ? t.rich("clockBentVague", values) : t.rich("clockBent", { ...values, error: length(error_mm, true) });
-    return { title: t("refuted"), look: "refuted", sentence };
-  }
-  if (verdict.outcome === "refuted") {
-    return { title: t("refuted"), look: "refuted", sentence: t.rich("wasRefused", { who, deed, pad: name }) };
-  }
+  const refuted = refutation(verdict, pad);
+  if (refuted !== undefined) return { title: t("refuted"), look: "refuted", sentence: refuted };
   if (verdict.outcome === "verified" && signed !== undefined) {
     const refused = verdict.permission === "refused";
     const place = claimed(signed.claim, name);
-    const sentence = t.rich("saysMeasuredThere", { who, place, measurer: measurer(pad), error: length(signed.error_mm) });
+    const error = length(signed.error_mm);
+    // Two-way ranges about a place that the anchors do not surround prove a distance, not the place (docs/method.md).
+    const bounded = verdict.within_mm !== undefined && verdict.reasons.some(({ code }) => code === "upper_bound");
+    const sentence = bounded
+      ? t.rich("within", { who, place, error, within: length(verdict.within_mm ?? 0, true) })
+      : t.rich("saysMeasuredThere", { who, place, measurer: measurer(pad), error });
     if (refused) sentence.push(t(verdict.authorised ? "mayNot" : "mayNotUnauthorised", { action: actionVerb(verdict.action) }));
     return { title: refused ? t("verifiedRefused", { deed }) : t("verified"), look: "verified", sentence };
   }
@@ -148,8 +159,18 @@ export function unproved(drone: Drone): Account {
     : { title: t("noProof"), look: "unproved", sentence };
 }
 
+function refutedRow(verdict: VerdictSummary, pad: string, deed: string): RowText {
+  const by = refutedBy(verdict);
+  if (by === "stamps") return { right: clockOff(verdict), second: row("clockBent", { pad, deed }) };
+  if (by === "leaving") return { right: row("leaving"), second: row("leavingAt", { pad, deed }) };
+  const error_mm = (verdict.signed ?? verdict.broadcast)?.error_mm ?? 0;
+  return { right: row("off", { distance: length(error_mm, true) }), second: row("refutedAt", { pad, deed }) };
+}
+
+type RowText = { right: string; second: string };
+
 /** The two short texts of a list row: what is known, and where. */
-export function rowText(drone: Drone, padName: (pad_id: string) => string): { right: string; second: string } {
+export function rowText(drone: Drone, padName: (pad_id: string) => string): RowText {
   const { session, verdict, look } = drone;
   if (look === "proving" && session !== undefined) {
     const pad = padName(session.pad_id);
@@ -165,13 +186,7 @@ export function rowText(drone: Drone, padName: (pad_id: string) => string): { ri
     const deed = actionNoun(verdict.action);
     switch (drone.need) {
       case "refuted":
-        if (verdict.signed?.outcome === "refuted" || verdict.signed === undefined) {
-          return {
-            right: row("off", { distance: length((verdict.signed ?? verdict.broadcast)?.error_mm ?? 0, true) }),
-            second: row("refutedAt", { pad, deed }),
-          };
-        }
-        return { right: clockOff(verdict), second: row("clockBent", { pad, deed }) };
+        return refutedRow(verdict, pad, deed);
       case "broadcast-refuted":
         return {
           right: row("off", { distance: length(verdict.broadcast?.error_mm ?? 0, true) }),

@@ -1,8 +1,9 @@
 import { beforeEach, describe, expect, it } from "vitest";
-import { countByGroup, drones, GONE_MS, SILENT_MS, VERDICT_HOLDS_MS, type Drone } from "./drones";
+import { GONE_MS, SILENT_MS, VERDICT_HOLDS_MS, type Drone } from "./drones";
 import { ACTORS, PADS } from "./fake/cast";
 import { seeded } from "./fake/random";
 import { FakeWorld } from "./fake/world";
+import { droneOf, Fleet, type Filter } from "./fleet";
 import { LiveStore } from "./live/store";
 import { rowText } from "../sessions/words";
 
@@ -16,8 +17,12 @@ function play(to_s: number): Map<string, Drone> {
   return at(to_s * 1000);
 }
 
-const at = (ms: number): Map<string, Drone> =>
-  new Map(drones(store, START_MS + ms).map((drone) => [drone.uav_id, drone]));
+function listed(ms: number, filter: Filter = {}): Drone[] {
+  const rows = new Fleet(store, START_MS + ms, filter).rows("all");
+  return Array.from({ length: rows.length }, (_, i) => rows.at(i) ?? expect.fail(`there is no row ${i}`));
+}
+
+const at = (ms: number): Map<string, Drone> => new Map(listed(ms).map((drone) => [drone.uav_id, drone]));
 
 beforeEach(() => {
   store = new LiveStore();
@@ -36,7 +41,7 @@ describe("drones, sorted by need", () => {
       ["OH-DRN-0512", "not-authorised"],
       ["OH-DRN-0733", "no-verdict"],
     ]);
-    expect(countByGroup(found)["needs-you"]).toBe(5);
+    expect(new Fleet(store, START_MS + 58_000).counts).toMatchObject({ "needs-you": 5, all: ACTORS.length });
     expect(found).toHaveLength(ACTORS.length);
   });
 
@@ -81,5 +86,26 @@ describe("drones, sorted by need", () => {
     expect(text("OH-DRN-0733")).toEqual({ right: "no verdict", second: "Session at Kupittaa ended · codes did not match" });
     expect(text("OH-DRN-0925").second).toMatch(/^Ranging at Kupittaa, \d+ rounds$/);
     expect(text("OH-DRN-0233")).toEqual({ right: "0.03 m", second: "Verified at Aurajoki 2 · landed" });
+  });
+
+  it("shows what a filter asks for, and knows the others all the same", () => {
+    play(58);
+    const ids = (filter: Filter): string[] => listed(58_000, filter).map(({ uav_id }) => uav_id);
+    expect(ids({ look: "refuted" })).toEqual(["OH-DRN-0417", "OH-DRN-0640"]);
+    expect(ids({ look: "refuted", pad: "kupittaa" })).toEqual(["OH-DRN-0640"]);
+    expect(ids({ action: "dock" }).sort()).toEqual(["OH-DRN-0118", "OH-DRN-0377"]);
+    expect(ids({ look: "silent" })).toEqual(["OH-DRN-0559"]);
+    expect(ids({ operator: "FIN87astrdge12k8" })).toEqual([]);
+    // Asked 31 s in, decided 37 s in: 21 s ago.
+    expect(ids({ minutes: 0.3 })).not.toContain("OH-DRN-0233");
+    expect(ids({ minutes: 0.5 })).toContain("OH-DRN-0233");
+    const fleet = new Fleet(store, START_MS + 58_000, { look: "refuted" });
+    expect(fleet.total).toBe(ACTORS.length);
+    expect(fleet.find("OH-DRN-0559")?.look).toBe("silent");
+    expect(fleet.rows("all").indexOf("OH-DRN-0559")).toBe(-1);
+  });
+
+  it("finds one drone as the list has it", () => {
+    for (const [uav_id, drone] of play(58)) expect(droneOf(store, uav_id, START_MS + 58_000)).toEqual(drone);
   });
 });

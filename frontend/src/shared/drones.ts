@@ -29,19 +29,12 @@ export const VERDICT_HOLDS_MS = 10 * 60_000;
 /** A drone unheard for this long is no longer in the air as far as anybody knows; what needs the officer stays. */
 export const GONE_MS = 2 * 60_000;
 
+/** The looks by the numbers that columns of them hold. */
+export const LOOKS: readonly Look[] = ["refuted", "inconclusive", "verified", "proving", "unproved", "out-of-range", "silent"];
+
 const NEED_ORDER = ["refuted", "broadcast-refuted", "inconclusive", "not-authorised", "no-verdict"] as const;
 const GROUP_ORDER: readonly Group[] = ["needs-you", "proving", "verified", "other"];
-const LOOK_ORDER: readonly Look[] = [
-  "refuted",
-  "inconclusive",
-  "verified",
-  "proving",
-  "unproved",
-  "out-of-range",
-  "silent",
-];
-
-function nearestPad(place: Place, pads: Iterable<Pad>): Drone["nearest"] {
+export function nearestPad(place: Place, pads: Iterable<Pad>): Drone["nearest"] {
   let best: Drone["nearest"];
   for (const pad of pads) {
     if (pad.status === "retired") continue;
@@ -58,11 +51,10 @@ function needOf(verdict: VerdictSummary): Drone["need"] {
   return verdict.permission === "refused" ? "not-authorised" : undefined;
 }
 
-type Parts = Pick<Drone, "uav_id" | "track" | "session" | "verdict" | "estimate" | "nearest">;
+type Parts = Pick<Drone, "uav_id" | "track" | "session" | "verdict" | "estimate">;
 
-function classify(parts: Parts, now_ms: number): Omit<Drone, keyof Parts> {
-  const { track, session, verdict, nearest } = parts;
-  const heard_ms = track?.t_ms ?? 0;
+/** What a session or verdict makes of a drone; undefined where they say nothing any more, and only what is heard does. */
+function judged({ session, verdict }: Parts): Pick<Drone, "look" | "group" | "t_ms" | "need"> | undefined {
   if (session?.state === "requested") {
     return { look: "proving", group: "proving", t_ms: session.steps.at(-1)?.t_ms ?? session.requested_ms };
   }
@@ -75,10 +67,7 @@ function classify(parts: Parts, now_ms: number): Omit<Drone, keyof Parts> {
     const t_ms = session.steps.at(-1)?.t_ms ?? session.requested_ms;
     return { look: "unproved", group: "needs-you", need: "no-verdict", t_ms };
   }
-  if (now_ms - heard_ms > SILENT_MS) return { look: "silent", group: "other", t_ms: heard_ms };
-  const reach = nearest?.pad.commissioning?.max_range_mm;
-  const far = nearest === undefined || (reach !== undefined && nearest.distance_mm > reach);
-  return { look: far ? "out-of-range" : "unproved", group: "other", t_ms: heard_ms };
+  return undefined;
 }
 
 /**
@@ -90,46 +79,51 @@ export function asOf(session: SessionState, now_ms: number): SessionState {
   return { ...session, state: "cancelled", end: "expired" };
 }
 
-/** Every drone that is known to be about, sorted by need: what needs the officer first, newest first within. */
-export function drones(store: LiveStore, now_ms: number): Drone[] {
-  const newestSession = new Map<string, SessionState>();
-  for (const session of store.sessionsByTime()) {
-    if (!newestSession.has(session.uav_id)) newestSession.set(session.uav_id, session);
+/** The session that speaks of a drone at a time: the newest, as long as it is not too old. */
+function holding(store: LiveStore, session: SessionState | undefined, verdict: VerdictSummary | undefined, now_ms: number): SessionState | undefined {
+  let found = session;
+  // A verdict that REST brought may have no session in the store: it is its own.
+  if (verdict !== undefined && (found === undefined || found.requested_ms < verdict.decided_ms - 3_600_000)) {
+    found = store.sessions.get(verdict.session_id) ?? sessionOf(verdict);
   }
-  const newestVerdict = new Map<string, VerdictSummary>();
-  for (const verdict of store.verdictsByTime()) {
-    if (!newestVerdict.has(verdict.uav_id)) newestVerdict.set(verdict.uav_id, verdict);
-  }
-  const ids = new Set([...store.tracks.keys(), ...newestSession.keys(), ...newestVerdict.keys()]);
-  const result: Drone[] = [];
-  for (const uav_id of ids) {
-    const track = store.tracks.get(uav_id);
-    const verdict = newestVerdict.get(uav_id);
-    let session = newestSession.get(uav_id);
-    // A verdict that REST brought may have no session in the store: it is its own.
-    if (verdict !== undefined && (session === undefined || session.requested_ms < verdict.decided_ms - 3_600_000)) {
-      session = store.sessions.get(verdict.session_id) ?? sessionOf(verdict);
-    }
-    if (session !== undefined) session = asOf(session, now_ms);
-    if (session !== undefined && session.state !== "requested") {
-      const end_ms = Math.max(session.requested_ms, session.steps.at(-1)?.t_ms ?? 0);
-      if (now_ms - end_ms > VERDICT_HOLDS_MS) session = undefined;
-    }
-    const estimate = store.estimates.get(uav_id);
-    const nearest = track === undefined ? undefined : nearestPad(track, store.pads.values());
-    const parts: Parts = {
-      uav_id,
-      ...(track !== undefined && { track }),
-      ...(session !== undefined && { session }),
-      ...(verdict !== undefined && { verdict }),
-      ...(estimate !== undefined && { estimate }),
-      ...(nearest !== undefined && { nearest }),
-    };
-    const drone = { ...parts, ...classify(parts, now_ms) };
-    const known_ms = Math.max(track?.t_ms ?? 0, drone.t_ms);
-    if (drone.group === "needs-you" || drone.group === "proving" || now_ms - known_ms <= GONE_MS) result.push(drone);
-  }
-  return result.sort(byNeed);
+  if (found === undefined) return undefined;
+  found = asOf(found, now_ms);
+  if (found.state === "requested") return found;
+  const end_ms = Math.max(found.requested_ms, found.steps.at(-1)?.t_ms ?? 0);
+  return now_ms - end_ms > VERDICT_HOLDS_MS ? undefined : found;
+}
+
+/** A drone of which a session or a verdict speaks; undefined where none does at this time. */
+export function judgedDrone(
+  store: LiveStore,
+  uav_id: string,
+  session: SessionState | undefined,
+  verdict: VerdictSummary | undefined,
+  now_ms: number,
+): Drone | undefined {
+  const held = holding(store, session, verdict, now_ms);
+  if (held === undefined) return undefined;
+  const track = store.tracks.get(uav_id);
+  const estimate = store.estimates.get(uav_id);
+  const parts: Parts = {
+    uav_id,
+    session: held,
+    ...(track !== undefined && { track }),
+    ...(verdict !== undefined && { verdict }),
+    ...(estimate !== undefined && { estimate }),
+  };
+  const said = judged(parts);
+  if (said === undefined) return undefined;
+  const known_ms = Math.max(track?.t_ms ?? 0, said.t_ms);
+  if (said.group === "verified" && now_ms - known_ms > GONE_MS) return undefined;
+  return { ...parts, ...said };
+}
+
+/** A drone of which nothing is known but what is heard. */
+export function heardDrone(store: LiveStore, slot: number, look: Look): Drone {
+  const track = store.tracks.at(slot);
+  const nearest = nearestPad(track, store.pads.values());
+  return { uav_id: track.uav_id, look, group: "other", t_ms: track.t_ms, track, ...(nearest !== undefined && { nearest }) };
 }
 
 /** What can be said of a session of which only the verdict is known. */
@@ -157,19 +151,12 @@ function rank<T>(order: readonly T[], value: T): number {
   return index < 0 ? order.length : index;
 }
 
-function byNeed(a: Drone, b: Drone): number {
+/** What needs the officer first, newest first within. */
+export function byNeed(a: Drone, b: Drone): number {
   return (
     rank(GROUP_ORDER, a.group) - rank(GROUP_ORDER, b.group) ||
     rank<Drone["need"]>(NEED_ORDER, a.need) - rank<Drone["need"]>(NEED_ORDER, b.need) ||
-    (a.group === "other" ? rank(LOOK_ORDER, a.look) - rank(LOOK_ORDER, b.look) : 0) ||
-    // Rows of drones that report all the time would change places all the time: those go by name.
-    (a.group === "needs-you" || a.group === "verified" ? b.t_ms - a.t_ms : 0) ||
+    (a.group === "proving" ? 0 : b.t_ms - a.t_ms) ||
     a.uav_id.localeCompare(b.uav_id)
   );
-}
-
-export function countByGroup(all: readonly Drone[]): Record<Group, number> {
-  const counts: Record<Group, number> = { "needs-you": 0, proving: 0, verified: 0, other: 0 };
-  for (const drone of all) counts[drone.group] += 1;
-  return counts;
 }

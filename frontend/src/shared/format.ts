@@ -96,6 +96,11 @@ export function duration(ms: number): string {
   return `${Math.floor(min / 60)}${NBSP}h ${min % 60}${NBSP}min`;
 }
 
+/** What the server hid of a name (as dashes, which a register may hold): as dots, that no font joins into a line. */
+export function dotted(text: string): string {
+  return text.replaceAll("---", "•••");
+}
+
 /** How long ago, in the coarsest unit that says enough: "now", "8 s", "3 min", "2 h", "4 d". */
 export function age(ms: number): string {
   const s = Math.floor(ms / 1000);

@@ -48,9 +48,11 @@ export const sharedTexts = texts({
     transaction: "transaction",
     tryAgain: "Try again",
     fetching: "Fetching…",
+    replayThis: "Replay this",
     older: "Older",
     close: "Close",
     all: "all",
+    asTable: "The same as a table",
   },
   fi: {
     copied: "kopioitu",
@@ -58,8 +60,10 @@ export const sharedTexts = texts({
     transaction: "tapahtuma",
     tryAgain: "Yritä uudelleen",
     fetching: "Haetaan…",
+    replayThis: "Toista tämä",
     older: "Vanhemmat",
     close: "Sulje",
     all: "kaikki",
+    asTable: "Sama taulukkona",
   },
 });

@@ -13,7 +13,7 @@ export function Groups({ groups, nameOf, onChoose }: { groups: readonly Group[];
     <table className="table num groups">
       <thead className="visually-hidden">
         <tr>
-          <th scope="col" />
+          <td />
           <th scope="col">{lookTexts("verified")}</th>
           <th scope="col">{lookTexts("inconclusive")}</th>
           <th scope="col">{lookTexts("refuted")}</th>

@@ -3,6 +3,7 @@ import type { ReactElement, ReactNode } from "react";
 import { go, type Place, type PlainRoom } from "../app/location";
 import { useApi } from "../shared/api/api";
 import type { Pad, Statistics } from "../shared/api/records";
+import { AsTable } from "../shared/charts/AsTable";
 import { StackedBars } from "../shared/charts/StackedBars";
 import { count, day, dayAndTime, decimal, length } from "../shared/format";
 import { useLive, useServerNow } from "../shared/live/useLive";
@@ -19,9 +20,9 @@ const PADS: readonly Topic[] = ["pads"];
 const ACTIONS = ["land", "takeoff", "dock"] as const;
 const REFRESH_MS = 30_000;
 
-function Card({ title, note, children, wide = false }: { title: string; note?: string; children: ReactNode; wide?: boolean }): ReactElement {
+function Card({ title, note, children, wide = false }: { title: string; note?: string; children: ReactNode; wide?: boolean | "half" }): ReactElement {
   return (
-    <section className={`float card ${wide ? "card-wide" : ""}`}>
+    <section className={`float card ${wide === "half" ? "card-half" : wide ? "card-wide" : ""}`}>
       <h2>{title}</h2>
       {note !== undefined && <p className="quiet num">{note}</p>}
       {children}
@@ -45,20 +46,20 @@ function Totals({ found }: { found: Statistics }): ReactElement {
             <Symbol look={outcome} size={14} /> {lookTexts(outcome)}
           </dt>
           <dd className={`look-${outcome}`}>{count(total[outcome])}</dd>
-          <small className="quiet">{share(total[outcome])}</small>
+          <dd className="figure-note quiet">{share(total[outcome])}</dd>
         </div>
       ))}
       <div>
         <dt>{t("granted")}</dt>
         <dd>{count(total.granted)}</dd>
-        <small className="quiet">{share(total.granted)}</small>
+        <dd className="figure-note quiet">{share(total.granted)}</dd>
       </div>
       <div>
         <dt>{t("perHour")}</dt>
         <dd>{decimal(found.proofs_per_hour, found.proofs_per_hour < 10 ? 1 : 0)}</dd>
-        <small className="quiet">
+        <dd className="figure-note quiet">
           {t("busiest")}: {count(found.busiest_hour)}
-        </small>
+        </dd>
       </div>
     </dl>
   );
@@ -94,6 +95,15 @@ function OverTime({ found, bin_ms }: { found: Statistics; bin_ms: number }): Rea
           ],
         }))}
       />
+      <AsTable
+        head={[t("time"), lookTexts("verified"), lookTexts("inconclusive"), lookTexts("refuted")]}
+        rows={bins
+          .filter((bin) => bin.verified + bin.inconclusive + bin.refuted > 0)
+          .map((bin) => ({
+            key: String(bin.start_ms),
+            cells: [dayAndTime(bin.start_ms, to), count(bin.verified), count(bin.inconclusive), count(bin.refuted)],
+          }))}
+      />
     </Card>
   );
 }
@@ -103,29 +113,35 @@ function Distributions({ found }: { found: Statistics }): ReactElement {
   const likelihoodNote = t("likelihoodIs", { count: count(judged) });
   const errorNote = t("errorIs", { count: count(judged) });
   const last = found.error.at(-2)?.up_to_mm ?? 0;
+  const likelihoods = found.likelihood.map((value, i) => ({ value, label: `${decimal(i / 20, 2)}–${decimal((i + 1) / 20, 2)}` }));
+  const errors = found.error.map(({ up_to_mm, count: value }) => ({
+    value,
+    label: up_to_mm === undefined ? t("beyond", { distance: length(last, true) }) : t("upTo", { distance: length(up_to_mm, true) }),
+  }));
+  const rowsOf = (bins: readonly { label: string; value: number }[]): { key: string; cells: string[] }[] =>
+    bins.filter(({ value }) => value > 0).map(({ label, value }) => ({ key: label, cells: [label, count(value)] }));
   return (
     <>
-      <Card title={t("likelihood")} note={likelihoodNote}>
+      <Card title={t("likelihood")} note={likelihoodNote} wide="half">
         <StackedBars
           summary={likelihoodNote}
           every={4}
-          bars={found.likelihood.map((value, i) => ({
-            key: String(i),
-            label: decimal(i / found.likelihood.length, 1),
-            title: `${decimal(i / 20, 2)}–${decimal((i + 1) / 20, 2)}: ${count(value)}`,
+          bars={likelihoods.map(({ value, label }, i) => ({
+            key: label,
+            label: decimal(i / likelihoods.length, 1),
+            title: `${label}: ${count(value)}`,
             parts: [{ tone: "accent", value }],
           }))}
         />
+        <AsTable head={[t("likelihood"), t("total")]} rows={rowsOf(likelihoods)} />
       </Card>
-      <Card title={t("error")} note={errorNote}>
+      <Card title={t("error")} note={errorNote} wide="half">
         <StackedBars
           summary={errorNote}
           every={2}
-          bars={found.error.map(({ up_to_mm, count: value }, i) => {
-            const label = up_to_mm === undefined ? t("beyond", { distance: length(last, true) }) : t("upTo", { distance: length(up_to_mm, true) });
-            return { key: String(i), label, title: `${label}: ${count(value)}`, parts: [{ tone: "accent", value }] };
-          })}
+          bars={errors.map(({ value, label }) => ({ key: label, label, title: `${label}: ${count(value)}`, parts: [{ tone: "accent", value }] }))}
         />
+        <AsTable head={[t("error"), t("total")]} rows={rowsOf(errors)} />
       </Card>
     </>
   );

@@ -2,6 +2,7 @@ import type { ReactElement } from "react";
 import { stepTexts } from "../sessions/texts";
 import type { Statistics } from "../shared/api/records";
 import { count, duration } from "../shared/format";
+import { Scroll } from "../shared/ui/Scroll";
 import { binLabel } from "./spans";
 import { statisticsTexts as t } from "./texts";
 
@@ -47,7 +48,7 @@ function Sparkline({ times, bin_ms, label }: { times: readonly StepTime[]; bin_m
 export function StepTimes({ times, bin_ms }: { times: readonly StepTime[]; bin_ms: number }): ReactElement {
   const steps = [...new Set(times.map(({ step }) => step))];
   return (
-    <div className="scroll">
+    <Scroll label={t("steps")}>
       <table className="table num">
         <thead>
           <tr>
@@ -82,6 +83,6 @@ export function StepTimes({ times, bin_ms }: { times: readonly StepTime[]; bin_m
           })}
         </tbody>
       </table>
-    </div>
+    </Scroll>
   );
 }

@@ -40,7 +40,6 @@ export const statisticsTexts = texts({
     never: "never reported",
     anchorsUp: "{up} of {all} anchors",
     none: "No verdict in this span.",
-    table: "The same as a table",
     time: "Time",
   },
   fi: {
@@ -82,7 +81,6 @@ export const statisticsTexts = texts({
     never: "ei ole raportoinut",
     anchorsUp: "{up}/{all} ankkuria",
     none: "Ei päätöksiä tällä aikavälillä.",
-    table: "Sama taulukkona",
     time: "Aika",
   },
 });

@@ -1,26 +1,31 @@
-import { useInfiniteQuery } from "@tanstack/react-query";
-import { useRef, type ReactElement } from "react";
+import type { ReactElement } from "react";
 import { go, placeHash } from "../app/location";
+import { roomTexts } from "../app/texts";
 import { useApi } from "../shared/api/api";
-import { useFresh } from "../shared/api/useFresh";
+import { usePages } from "../shared/api/usePages";
 import type { VerdictSummary } from "../shared/api/records";
 import { actionNoun, count, dayAndTime, length, likelihood } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { LiveStore, Topic } from "../shared/live/store";
+import { refutedBy } from "../shared/refuted";
+import { differing } from "../sessions/words";
 import { lookTexts, sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
 import { More } from "../shared/ui/More";
 import { Symbol } from "../shared/ui/Symbol";
+import { Scroll } from "../shared/ui/Scroll";
 import { verdictTexts as t } from "./texts";
 
 const PADS: readonly Topic[] = ["pads"];
 const VERDICTS: readonly Topic[] = ["verdicts"];
 const PAGE = 50;
 
-function worst(verdict: VerdictSummary): { error_mm: number; likelihood_ppm: number } | undefined {
-  const { signed, broadcast } = verdict;
-  const judged = broadcast?.outcome === "refuted" && signed?.outcome !== "refuted" ? broadcast : signed;
-  return judged ?? undefined;
+function worst(verdict: VerdictSummary): { error_mm: number; likelihood_ppm?: number } | undefined {
+  const by = refutedBy(verdict);
+  // The ranges of one that bent its clock fit; what refutes it has an error, and no likelihood of its own.
+  const stamps_mm = by === "stamps" ? differing(verdict) : undefined;
+  if (stamps_mm !== undefined) return { error_mm: stamps_mm };
+  return (by === "broadcast" ? verdict.broadcast : verdict.signed) ?? undefined;
 }
 
 function Row({ verdict, padName, now_ms }: { verdict: VerdictSummary; padName: string; now_ms: number }): ReactElement {
@@ -41,7 +46,7 @@ function Row({ verdict, padName, now_ms }: { verdict: VerdictSummary; padName: s
         {t("permissionIs", { deed: actionNoun(verdict.action), permission: verdict.permission })}
       </td>
       <td className="right">{judged === undefined ? "–" : length(judged.error_mm)}</td>
-      <td className="right">{judged === undefined ? "–" : likelihood(judged.likelihood_ppm)}</td>
+      <td className="right">{judged?.likelihood_ppm === undefined ? "–" : likelihood(judged.likelihood_ppm)}</td>
       <td className="right">{count(verdict.rounds)}</td>
       <td className="right">{verdict.assurance}</td>
       <td>{dayAndTime(verdict.decided_ms, now_ms)}</td>
@@ -64,22 +69,15 @@ export function VerdictsPage({ filters }: { filters: Record<string, string> }): 
   const pads = useLive(PADS, (store) => [...store.pads.values()]);
   const store = useLiveStore();
   const mark = useLive(VERDICTS, newestVerdict);
-  const fetchedRef = useRef<string | undefined>(undefined);
-  const query = useInfiniteQuery({
-    queryKey: ["verdicts", filters],
-    queryFn: ({ pageParam }) => {
-      fetchedRef.current = newestVerdict(store);
-      return api.verdicts({ ...filters, limit: PAGE, ...(pageParam !== undefined && { cursor: pageParam }) });
-    },
-    initialPageParam: undefined as string | undefined,
-    getNextPageParam: (last) => last.next ?? undefined,
-  });
-  useFresh(mark, query, fetchedRef);
+  const { query, rows } = usePages(
+    ["verdicts", filters],
+    (cursor) => api.verdicts({ ...filters, limit: PAGE, ...(cursor !== undefined && { cursor }) }),
+    { fresh: { mark: mark, newest: () => newestVerdict(store) } },
+  );
   const set = (name: string, value: string): void => {
     const next = Object.fromEntries(Object.entries({ ...filters, [name]: value }).filter(([, each]) => each !== ""));
     go({ room: "verdicts", filters: next }, true);
   };
-  const rows = query.data?.pages.flatMap((page) => page.items) ?? [];
   return (
     <div className="page">
       <div className="page-head">
@@ -121,7 +119,7 @@ export function VerdictsPage({ filters }: { filters: Record<string, string> }): 
           </label>
         </div>
       </div>
-      <div className="table-frame float">
+      <Scroll label={roomTexts("verdicts")} className="table-frame float">
         <table className="table num">
           <thead>
             <tr>
@@ -160,7 +158,7 @@ export function VerdictsPage({ filters }: { filters: Record<string, string> }): 
           </tbody>
         </table>
         <More query={query} empty={t("none")} count={rows.length} />
-      </div>
+      </Scroll>
     </div>
   );
 }

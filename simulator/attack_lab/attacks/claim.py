@@ -12,6 +12,8 @@ from simulator.attack_lab.batch import Batch, measured, moving, off, round_times
 from simulator.attack_lab.model import Attack, Family, Variant
 from simulator.attack_lab.places import FLAT, SQUARE, directions
 
+STATED_MM: Final = 10_000
+"""A common class of Remote ID receivers: better than 10 m."""
 VAGUEST_MM: Final = 20_000
 """The default policy's limit for horizontal accuracy, and the decision's own for heights."""
 
@@ -45,12 +47,15 @@ def clock(level: int, rng: np.random.Generator, count: int) -> Batch:
     return Batch(SQUARE, claims, measured(rng, SQUARE, truth), off(truth, claims), level, policy(level))
 
 
-def broadcast(level: int, rng: np.random.Generator, count: int) -> Batch:
-    """The truth to the pad, 3 to 30 m beside it to everybody else."""
+def broadcast(
+    level: int, nearest: float, farthest: float, stated_mm: int | None, rng: np.random.Generator, count: int
+) -> Batch:
+    """The truth to the pad, ``nearest`` to ``farthest`` mm beside it to everybody else."""
     place = SQUARE.places(rng, count)
     batch = still(rng, level, np.rint(place), place)
-    shift = directions(rng, count) * rng.uniform(3_000.0, 30_000.0, count)[:, None]
+    shift = directions(rng, count) * rng.uniform(nearest, farthest, count)[:, None]
     batch.broadcast = standing(place + shift)
+    batch.broadcast_accuracy_mm = stated_mm
     batch.won_mm = -1.0  # any permission is one too many
     return batch
 
@@ -63,12 +68,34 @@ ATTACKS: Final = (
         "What the drone broadcasts.",
         "A changed Remote ID module.",
         "Any permission.",
-        "The pad hears the broadcast itself, and the contract judges it beside the signed claim. A lie of hardly three "
-        "buffers, far out, may still be open when the signed claim, which is true, is settled.",
+        "The pad hears the broadcast itself, and the contract judges it beside the signed claim: while it is neither "
+        "supported nor contradicted, nothing is verified.",
         0,
-        (Variant(TWO_WAY, make=partial(broadcast, 2)),),
-        tolerated=0.001,
+        (Variant(TWO_WAY, make=partial(broadcast, 2, 3_000.0, 30_000.0, None)),),
         wire="remote-id-lie",
+    ),
+    Attack(
+        "remote-id-lie-near",
+        Family.CLAIM,
+        "The same, 1.05 to 3 m beside the truth",
+        "What the drone broadcasts.",
+        "A changed Remote ID module.",
+        "Any permission.",
+        "As before; hardly beyond the buffer it may stay open.",
+        0,
+        (Variant(TWO_WAY, make=partial(broadcast, 2, 1_050.0, 3_000.0, None)),),
+    ),
+    Attack(
+        "remote-id-lie-stated",
+        Family.CLAIM,
+        "The same, stated to be good to 10 m, 21 to 60 m beside the truth",
+        "What the drone broadcasts, and how good it says that is.",
+        "A changed Remote ID module.",
+        "Any permission.",
+        "A broadcast is held to twice what it states; none is excused more than the policy lets a claim be vague. "
+        "Nearer than that the public was told the truth, vaguely.",
+        0,
+        (Variant(TWO_WAY, make=partial(broadcast, 2, 21_000.0, 60_000.0, STATED_MM)),),
     ),
     Attack(
         "vague-claim",

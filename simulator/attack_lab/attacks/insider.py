@@ -27,8 +27,8 @@ from simulator.attack_lab.batch import Batch, rounded_cm
 from simulator.attack_lab.model import Attack, Family, Variant
 from simulator.attack_lab.places import ROUNDS, SMALL, SQUARE, Floats, LabPad, distances
 
-MANY_ROUNDS: Final = 10
-"""A choosy drone throws nine rounds of ten away."""
+SMALL_PAD_LIES_MM: Final = (NEAR_LIE, 4_000.0)
+SQUARE_PAD_LIES_MM: Final = (NEAR_LIE, FAR_LIE)
 
 
 def invented(rng: np.random.Generator, count: int) -> Batch:
@@ -71,24 +71,27 @@ def mixed(level: int, rng: np.random.Generator, count: int) -> Batch:
     return still(rng, level, claim, truth, extra=np.where(half, 2.0 * ranges_of_claim(SQUARE, claim, truth), 0.0))
 
 
-def choosy(level: int, pad: LabPad, nearest: float, farthest: float, rng: np.random.Generator, count: int) -> Batch:
-    """A lie across the line of sight, where the pad is least sure; of ten rounds the one whose noise suits it best."""
+def choosy(
+    level: int, pad: LabPad, lies_mm: tuple[float, float], attempts: int, rng: np.random.Generator, count: int
+) -> Batch:
+    """A lie across the line of sight, where the pad is least sure; of so many rounds the one whose noise suits best."""
     claim = np.rint(pad.places(rng, count))
-    truth = turned(claim, rng.uniform(nearest, farthest, count) * rng.choice((-1.0, 1.0), count))
+    truth = turned(claim, rng.uniform(*lies_mm, count) * rng.choice((-1.0, 1.0), count))
     batch = still(rng, level, claim, truth, pad=pad)
     wanted = ranges_of_claim(pad, claim, truth)
-    noise = best_noise(rng, wanted, float(pad.range_sigma))
+    noise = best_noise(rng, wanted, float(pad.range_sigma), attempts)
     batch.range_mm = rounded_cm(distances(truth[:, None, :], pad.anchors) + noise)
+    batch.attempts = attempts
     return batch
 
 
-def best_noise(rng: np.random.Generator, wanted: Floats, sigma: float) -> Floats:
-    """Of ``MANY_ROUNDS`` draws for each round the one that goes farthest towards the wanted errors: (B, ROUNDS, A)."""
+def best_noise(rng: np.random.Generator, wanted: Floats, sigma: float, attempts: int) -> Floats:
+    """Of ``attempts`` draws for each round the one that goes farthest towards the wanted errors: (B, ROUNDS, A)."""
     count, _, anchors = wanted.shape
     size = np.maximum(np.linalg.norm(wanted, axis=2, keepdims=True), 1e-9)
     best = rng.normal(0.0, sigma, (count, ROUNDS, anchors))
     miss = np.abs((best * wanted / size).sum(axis=2, keepdims=True) - size)
-    for _ in range(MANY_ROUNDS - 1):
+    for _ in range(attempts - 1):
         other = rng.normal(0.0, sigma, (count, ROUNDS, anchors))
         its = np.abs((other * wanted / size).sum(axis=2, keepdims=True) - size)
         better = (its < miss)[:, :, 0]
@@ -165,19 +168,31 @@ ATTACKS: Final = (
         "Which of its frames the drone sends to the end; here it also foresees the pad's noise.",
         "A changed radio driver.",
         "A permission more than one buffer from the claim.",
-        "Noise of centimetres cannot be chosen into metres, where the pad is as wide as it should be.",
+        "Noise of centimetres cannot be chosen into metres, where the pad is as wide as it should be; and rounds that "
+        "were attempted and did not come about count.",
         0,
-        (Variant((1, 2), make=partial(choosy, 2, SQUARE, NEAR_LIE, FAR_LIE)),),
+        (Variant((1, 2), make=partial(choosy, 2, SQUARE, SQUARE_PAD_LIES_MM, 10)),),
     ),
     Attack(
         "dropped-rounds-small-pad",
         Family.INSIDER,
-        "The same at the paper's pad (0.34 by 0.56 m) from 12 to 14 m",
+        "Only the round of forty, at the paper's pad (0.34 by 0.56 m) from 12 to 14 m",
         "As before.",
         "As before.",
         "A permission more than one buffer from the claim.",
-        "To be measured.",
+        "More than half of the rounds that the pad attempted are missing: no honest channel explains that.",
         0,
-        (Variant((1, 2), make=partial(choosy, 2, SMALL, NEAR_LIE, 4_000.0)),),
+        (Variant((1, 2), make=partial(choosy, 2, SMALL, SMALL_PAD_LIES_MM, 40)),),
+    ),
+    Attack(
+        "dropped-rounds-half",
+        Family.INSIDER,
+        "The better one of two rounds, which an honest channel might explain, at the paper's pad",
+        "As before.",
+        "As before.",
+        "A permission more than one buffer from the claim.",
+        "The better one of two moves the mean by half of the noise, which is less than a lie of three buffers needs.",
+        0,
+        (Variant((1, 2), make=partial(choosy, 2, SMALL, SMALL_PAD_LIES_MM, 2)),),
     ),
 )

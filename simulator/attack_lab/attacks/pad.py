@@ -113,5 +113,6 @@ ATTACKS: Final = (
         "Level 4: the second pad sees the drone where it is. One pad alone is turned with its anchors.",
         4,
         at_levels(turned, *TWO_WAY),
+        wire="anchors-turned",
     ),
 )

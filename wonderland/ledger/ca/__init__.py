@@ -10,10 +10,13 @@ from wonderland.ledger.ca.errors import (
     CaNotFoundError,
     CaRequestError,
     CaStorageError,
+    NotInvitedError,
     UnknownCertificateError,
 )
+from wonderland.ledger.ca.invitations import Invitations
 from wonderland.ledger.ca.local import Enrolment, LocalCa
 from wonderland.ledger.ca.register import IssuedCertificate
+from wonderland.ledger.ca.requests import CertificateRequest
 
 __all__ = [
     "AlreadyEnrolledError",
@@ -24,9 +27,12 @@ __all__ = [
     "CaNotFoundError",
     "CaRequestError",
     "CaStorageError",
+    "CertificateRequest",
     "Enrolment",
+    "Invitations",
     "IssuedCertificate",
     "Kind",
     "LocalCa",
+    "NotInvitedError",
     "UnknownCertificateError",
 ]

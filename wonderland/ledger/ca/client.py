@@ -29,6 +29,7 @@ from wonderland.ledger.ca.errors import CaError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from wonderland.ledger.ca.requests import CertificateRequest
     from wonderland.ledger.identity import SigningIdentity
 
 TIMEOUT_S: Final = 20.0
@@ -137,7 +138,13 @@ class FabricCaClient:
     ) -> bytes:
         """A certificate (PEM) for a registered name. Raises `CaError`."""
         result = await self._call("POST", "/api/v1/enroll", _enrolment(name, key, profile, hosts), basic=(name, secret))
-        return self._certificate(result, name, key)
+        return self._certificate(result, name, key.public_key())
+
+    async def enrol_request(self, request: CertificateRequest, secret: str) -> bytes:
+        """A certificate (PEM) for a registered name, by a request that its owner made elsewhere. Raises `CaError`."""
+        body = {"certificate_request": request.pem, "profile": "", "hosts": []}
+        result = await self._call("POST", "/api/v1/enroll", body, basic=(request.name, secret))
+        return self._certificate(result, request.name, request.public_key)
 
     async def reenrol(
         self,
@@ -150,7 +157,7 @@ class FabricCaClient:
         """A new certificate (PEM) in place of one that is still valid, by its key. Raises `CaError`."""
         name = current.identity.common_name
         result = await self._call("POST", "/api/v1/reenroll", _enrolment(name, key, profile, hosts), who=current)
-        return self._certificate(result, name, key)
+        return self._certificate(result, name, key.public_key())
 
     async def register(
         self,
@@ -271,11 +278,11 @@ class FabricCaClient:
             code=code,
         )
 
-    def _certificate(self, result: dict[str, Any], name: str, key: ec.EllipticCurvePrivateKey) -> bytes:
+    def _certificate(self, result: dict[str, Any], name: str, key: ec.EllipticCurvePublicKey) -> bytes:
         pem = _base64(result, "Cert")
         try:
             certificate = x509.load_pem_x509_certificate(pem)
-            ours = certificate.public_key() == key.public_key()
+            ours = certificate.public_key() == key
         except ValueError as cause:
             raise FabricCaAnswerError(
                 f"CA {self.address}: its certificate for {name} cannot be read ({cause})"

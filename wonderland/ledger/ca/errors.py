@@ -39,3 +39,7 @@ class AlreadyEnrolledError(CaError):
 
 class UnknownCertificateError(CaError):
     """No certificate of that name, or with that serial number, was issued here (or all are revoked already)."""
+
+
+class NotInvitedError(CaError):
+    """Name and one-time secret do not fit, or no longer: wrong, used before, or expired. Ask for another one."""

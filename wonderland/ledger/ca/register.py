@@ -34,6 +34,13 @@ CREATE TABLE IF NOT EXISTS revocation_lists (
   kind TEXT PRIMARY KEY, number INTEGER NOT NULL, next_update_ms INTEGER NOT NULL, pem BLOB NOT NULL
 ) STRICT;
 """
+_INVITATIONS: Final = """
+CREATE TABLE IF NOT EXISTS invitations (
+  name TEXT PRIMARY KEY, secret_sha256 TEXT NOT NULL, attributes TEXT NOT NULL, validity_s INTEGER NOT NULL,
+  expires_ms INTEGER NOT NULL, failures INTEGER NOT NULL
+) STRICT
+"""
+"""Made when first written to: registers of earlier versions lack it."""
 _COLUMNS: Final = (
     "serial, kind, name, node_ou, attributes, hosts, not_before_ms, not_after_ms, pem, issued, revoked_ms, reason"
 )
@@ -67,6 +74,18 @@ class RevocationList:
     number: int
     next_update_ms: int
     pem: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Invitation:
+    """What a name may be enrolled with, once, by whoever has the secret; only its hash is kept."""
+
+    name: str
+    secret_sha256: str
+    attributes: Mapping[str, str]
+    validity_s: int
+    expires_ms: int
+    failures: int = 0
 
 
 class Register:
@@ -125,6 +144,33 @@ class Register:
             "INSERT OR REPLACE INTO revocation_lists (kind, number, next_update_ms, pem) VALUES (?,?,?,?)",
             (kind, current.number, current.next_update_ms, current.pem),
         )
+
+    def invite(self, invitation: Invitation) -> None:
+        """Keep an invitation, in place of an earlier one to the same name."""
+        self._database.execute(_INVITATIONS)
+        self._database.execute(
+            "INSERT OR REPLACE INTO invitations VALUES (?,?,?,?,?,?)",
+            (
+                invitation.name,
+                invitation.secret_sha256,
+                json.dumps(dict(invitation.attributes)),
+                invitation.validity_s,
+                invitation.expires_ms,
+                invitation.failures,
+            ),
+        )
+
+    def invitation(self, name: str) -> Invitation | None:
+        """The invitation to a name."""
+        self._database.execute(_INVITATIONS)
+        row = self._database.execute("SELECT * FROM invitations WHERE name = ?", (name,)).fetchone()
+        if row is None:
+            return None
+        return Invitation(row[0], row[1], json.loads(row[2]), row[3], row[4], row[5])
+
+    def end_invitation(self, name: str) -> None:
+        """It was used, or is no longer good."""
+        self._database.execute("DELETE FROM invitations WHERE name = ?", (name,))
 
     def _select(self, where: str, values: tuple[str | None, ...]) -> tuple[IssuedCertificate, ...]:
         statement = f"SELECT {_COLUMNS} FROM certificates WHERE {where} ORDER BY issued"  # noqa: S608 - our own text

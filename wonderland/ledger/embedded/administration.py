@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from wonderland.ledger.attributes import ID, ROLE
 from wonderland.ledger.ca import CaNotFoundError, CaRequestError, IssuedCertificate, Kind, UnknownCertificateError
+from wonderland.ledger.ca.invitations import Invited
 from wonderland.ledger.connection import FILE_NAME, Connection, IdentityFiles
 from wonderland.ledger.embedded import NOTICE
 from wonderland.ledger.embedded import organisations as orgs
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from wonderland.ledger.ca import Enrolment
 
 _STATUS_DEADLINE_S: Final = 10.0
+INVITATION_HOURS: Final = 72
 
 
 @dataclass(frozen=True)
@@ -64,13 +66,7 @@ class DirectoryAdministration:
 
     def enrol(self, name: str, *, role: str, pol_id: str, msp_id: str | None = None, days: int = 365) -> Issued:
         """Enrol a name with a role; the organisation is the role's, or another operator of pads that is named."""
-        if name in NODE_NAMES:
-            raise CaRequestError(f"the name {name!r} belongs to the ledger itself")
-        home = orgs.ROLES[role].msp_id
-        homes = (home, *(self._directory.pad_operators if role in orgs.PAD_ROLES else ()))
-        if msp_id is not None and msp_id not in homes:
-            raise CaRequestError(f"the role {role} belongs to {' or '.join(homes)}, not to {msp_id}")
-        home = msp_id or home
+        home = self._home_of_role(name, role, msp_id)
         current = self._connection().identities.get(name)
         if current is not None and current.msp_id != home:
             raise CaRequestError(f"{name} is an identity of {current.msp_id} already; choose another name")
@@ -78,6 +74,23 @@ class DirectoryAdministration:
             name, attributes={ROLE: role, ID: pol_id}, validity=dt.timedelta(days=days)
         )
         return self._store(enrolment)
+
+    def invite(
+        self,
+        name: str,
+        *,
+        role: str,
+        pol_id: str,
+        msp_id: str | None = None,
+        days: int = 365,
+        hours: int = INVITATION_HOURS,
+    ) -> Invited:
+        """Let a name enrol by itself, once, with a key that it makes: the one-time secret is in what is returned."""
+        home = self._home_of_role(name, role, msp_id)
+        secret = self._directory.invitations(home).invite(
+            name, {ROLE: role, ID: pol_id}, validity=dt.timedelta(days=days), good_for=dt.timedelta(hours=hours)
+        )
+        return Invited(name, home, role, secret)
 
     async def renew(self, name: str, *, msp_id: str | None = None, days: int = 365, revoke_old: bool = False) -> Issued:
         """A new key and certificate for a name, in place of those in the directory."""
@@ -200,6 +213,16 @@ class DirectoryAdministration:
         if not self._directory.connection_file.exists():
             raise DirectoryError(f"there is no ledger in {self._directory.path}; `wonderland ledger start` makes one")
         return Connection.load(self._directory.connection_file)
+
+    def _home_of_role(self, name: str, role: str, msp_id: str | None) -> str:
+        """The organisation that gives a name a role. Raises `CaRequestError`."""
+        if name in NODE_NAMES:
+            raise CaRequestError(f"the name {name!r} belongs to the ledger itself")
+        home = orgs.ROLES[role].msp_id
+        homes = (home, *(self._directory.pad_operators if role in orgs.PAD_ROLES else ()))
+        if msp_id is not None and msp_id not in homes:
+            raise CaRequestError(f"the role {role} belongs to {' or '.join(homes)}, not to {msp_id}")
+        return msp_id or home
 
     def _home(self, name: str, msp_id: str | None) -> str:
         """The organisation that a name belongs to. Raises `UnknownCertificateError` or `CaRequestError`."""

@@ -25,7 +25,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from wonderland.ledger.attributes import ID, ROLE
-from wonderland.ledger.ca import AlreadyEnrolledError, CaNotFoundError, Kind, LocalCa
+from wonderland.ledger.ca import AlreadyEnrolledError, CaNotFoundError, Invitations, Kind, LocalCa
 from wonderland.ledger.ca.application import VALIDITY
 from wonderland.ledger.connection import FILE_NAME, Connection, IdentityFiles
 from wonderland.ledger.embedded import organisations as orgs
@@ -105,6 +105,10 @@ class LedgerDirectory:
     def ca(self, msp_id: str) -> LocalCa:
         """An organisation's CA. Raises `CaNotFoundError` before the first start, or what `LocalCa` raises."""
         return LocalCa.open(self.path / "ca" / msp_id, now=self._now)
+
+    def invitations(self, msp_id: str) -> Invitations:
+        """The invitations of an organisation's CA. Raises as `ca`."""
+        return Invitations(self.ca(msp_id), now=self._now)
 
     @property
     def pad_operators(self) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import datetime as dt
 import os
 import socket
@@ -10,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Self
 
 from wonderland.ledger.addresses import bracketed, split_address
-from wonderland.ledger.ca import Kind
+from wonderland.ledger.ca import CaRequestError, Kind
 from wonderland.ledger.ca.application import is_address
 from wonderland.ledger.connection import Connection, GatewayAddress, LedgerKind
 from wonderland.ledger.embedded import NOTICE
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from wonderland.ledger.blocks import BlockHeader
-    from wonderland.ledger.ca import LocalCa
+    from wonderland.ledger.ca import CertificateRequest, LocalCa
     from wonderland.ledger.embedded.contracts import Contract
 
 LOCAL_HOSTS: Final = ("localhost", "127.0.0.1", "::1")
@@ -123,7 +124,13 @@ class EmbeddedLedger:
             self._chain = await stack.enter_async_context(chain)
             await self.refresh_revocations()
             server = LedgerServer(
-                chain, self._contracts, node.peers, tls, self.refresh_revocations, settings.execute_limit_s
+                chain,
+                self._contracts,
+                node.peers,
+                tls,
+                self.refresh_revocations,
+                settings.execute_limit_s,
+                self.enrol_invited,
             )
             address = await server.start(settings.listen)
             stack.push_async_callback(server.stop)
@@ -157,6 +164,14 @@ class EmbeddedLedger:
             if revoked - known:
                 lists[trust.msp_id] = [ca.revocation_list_pem()]
         return await self.chain.set_revocation_lists(lists) if lists else None
+
+    async def enrol_invited(self, msp_id: str, request: CertificateRequest, secret: str) -> bytes:
+        """A certificate (PEM) for a name that an organisation's CA invited. Raises `CaError`."""
+        if msp_id not in self._cas:
+            raise CaRequestError(f"{msp_id[:80]!r} is no organisation of this ledger")
+        # The register is written durably: the ledger goes on meanwhile.
+        enrolment = await asyncio.to_thread(self.directory.invitations(msp_id).enrol, request, secret)
+        return enrolment.certificate_pem
 
     def _genesis(self) -> tuple[BlockHeader, bytes]:
         settings = self.settings

@@ -19,6 +19,7 @@ from wonderland.ledger.embedded.watchdog import DEFAULT_LIMIT_S
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping, Sequence
 
+    from wonderland.ledger.ca import CertificateRequest
     from wonderland.ledger.embedded.chain import Chain
     from wonderland.ledger.embedded.config_update import SigningIdentity
     from wonderland.ledger.embedded.contracts import Contract
@@ -57,12 +58,14 @@ class LedgerServer:
         tls: TlsFiles,
         refresh_revocations: Callable[[], Awaitable[int | None]] | None = None,
         execute_limit_s: float = DEFAULT_LIMIT_S,
+        enrol: Callable[[str, CertificateRequest, str], Awaitable[bytes]] | None = None,
     ) -> None:
         self._chain = chain
         self._contracts = dict(contracts)
         self._peers = tuple(peers)
         self._tls = tls
         self._refresh = refresh_revocations
+        self._enrol = enrol
         self._endorser = Endorser(chain.settings.channel, chain.reader, self._contracts, self._peers, execute_limit_s)
         self._server: grpc.aio.Server | None = None
         self.address = ""
@@ -82,7 +85,7 @@ class LedgerServer:
                 f"cannot listen at {listen}: the port is taken, the address is not this machine's, or it needs rights"
             ) from cause
         self.address = f"{bracketed(host)}:{real_port}"
-        system = SystemQueries(self._chain, self._contracts, self._refresh)
+        system = SystemQueries(self._chain, self._contracts, self._refresh, self._enrol)
         gateway = GatewayService(self._chain, self._endorser, system, self.address)
         deliver = DeliverService(self._chain)
         server.add_generic_rpc_handlers(

@@ -2,8 +2,10 @@
 
 - qscc: GetChainInfo, GetBlockByNumber, GetBlockByHash, GetBlockByTxID, GetTransactionByID (protocol buffers, as Fabric)
 - cscc: GetConfigBlock, GetChannels
-- _ledger: Describe (JSON: what this is, that it gives no multi-party trust, height and versions) and
-  RefreshRevocations, by which an organisation's administrator has the ledger read its CA's revocation list anew.
+- _ledger: Describe (JSON: what this is, that it gives no multi-party trust, height and versions);
+  RefreshRevocations, by which an organisation's administrator has the ledger read its CA's revocation list anew;
+  Enrol, by which a name that was invited gets its certificate: JSON ``{"msp_id", "request", "secret"}`` for
+  ``{"certificate"}``, both PEM. The secret decides, not who passes the request on.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from fabric_protos.common import common_pb2, ledger_pb2
 from fabric_protos.peer import query_pb2, transaction_pb2
 
 from wonderland import __version__
+from wonderland.ledger.ca import AlreadyEnrolledError, CaError, CertificateRequest, NotInvitedError
 from wonderland.ledger.embedded import NOTICE
 from wonderland.ledger.embedded.errors import ContractFailedError
 
@@ -31,28 +34,34 @@ KIND: Final = "embedded"
 
 
 class SystemQueries:
-    """Answers for the names in `NAMES`. `refresh` re-reads the revocation lists and gives the config block's number."""
+    """Answers for the names in `NAMES`.
+
+    `refresh` re-reads the revocation lists and gives the config block's number; `enrol` takes an organisation, a
+    certificate request and a one-time secret, and gives a certificate (PEM).
+    """
 
     def __init__(
         self,
         chain: Chain,
         contracts: Mapping[str, Contract],
         refresh: Callable[[], Awaitable[int | None]] | None = None,
+        enrol: Callable[[str, CertificateRequest, str], Awaitable[bytes]] | None = None,
     ) -> None:
         self._chain = chain
         self._contracts = contracts
         self._refresh = refresh
+        self._enrol = enrol
 
     async def invoke(self, name: str, args: Sequence[bytes], member: Member) -> bytes:
         """Run a query. Raises `ContractFailedError`, as a contract does."""
         function = args[0].decode(errors="replace") if args else ""
         if name == LEDGER:
-            return await self._ledger(function, member)
+            return await self._ledger(function, args, member)
         if name == "cscc":
             return self._cscc(function, args)
         return self._qscc(function, args)
 
-    async def _ledger(self, function: str, member: Member) -> bytes:
+    async def _ledger(self, function: str, args: Sequence[bytes], member: Member) -> bytes:
         if function == "Describe":
             chain = self._chain
             return json.dumps(
@@ -78,9 +87,31 @@ class SystemQueries:
                 raise ContractFailedError(422, "this ledger has no certificate authorities to read from")
             block = await self._refresh()
             return json.dumps({"block": block} if block is not None else {}).encode()
+        if function == "Enrol":
+            return await self._enrolled(args)
         raise ContractFailedError(
-            404, f"{LEDGER} has no function {function[:80]!r}; it has Describe, RefreshRevocations"
+            404, f"{LEDGER} has no function {function[:80]!r}; it has Describe, Enrol, RefreshRevocations"
         )
+
+    async def _enrolled(self, args: Sequence[bytes]) -> bytes:
+        if self._enrol is None:
+            raise ContractFailedError(422, "this ledger has no certificate authorities to enrol with")
+        try:
+            asked = json.loads(args[1])
+            msp_id, pem, secret = (asked[name] for name in ("msp_id", "request", "secret"))
+        except (IndexError, ValueError, KeyError, TypeError, RecursionError) as cause:
+            raise ContractFailedError(400, "Enrol takes a JSON object with msp_id, request and secret") from cause
+        if not all(isinstance(each, str) for each in (msp_id, pem, secret)):
+            raise ContractFailedError(400, "Enrol: msp_id, request and secret are texts")
+        try:
+            certificate = await self._enrol(msp_id, CertificateRequest.parse(pem), secret)
+        except NotInvitedError as cause:
+            raise ContractFailedError(403, str(cause)) from cause
+        except AlreadyEnrolledError as cause:
+            raise ContractFailedError(409, str(cause)) from cause
+        except CaError as cause:
+            raise ContractFailedError(400, str(cause)) from cause
+        return json.dumps({"certificate": certificate.decode()}).encode()
 
     def _cscc(self, function: str, args: Sequence[bytes]) -> bytes:
         chain = self._chain

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from wonderland.ledger.gateway.backoff import Backoff
 from wonderland.ledger.gateway.calls import Calls, Deadlines, Environment, system_now_ns
-from wonderland.ledger.gateway.commit import Commit, new_commit
+from wonderland.ledger.gateway.commit import Commit, CommitStatus, new_commit
 from wonderland.ledger.gateway.deliver import (
     BlockSource,
     FilteredBlock,
@@ -121,6 +121,14 @@ class Network:
     def commit(self, tx_id: str) -> Commit:
         """The question what became of any transaction, for example one of before a restart."""
         return new_commit(self._environment, self.name, tx_id)
+
+    async def settle(self, transaction: Transaction) -> CommitStatus:
+        """Submit a transaction that was signed elsewhere, by anybody, until it has an outcome, which this asks for.
+
+        The same bytes may be handed over several times; they take effect once at most. Raises `SubmitError`,
+        `CommitStatusError`, `CommitUnknownError`.
+        """
+        return await settle(transaction, self._environment)
 
     async def height(self) -> int:
         """How many blocks the channel has. Raises `StreamError`."""

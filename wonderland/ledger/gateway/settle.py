@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 import grpc
 
 from wonderland.ledger.gateway.backoff import Backoff
+from wonderland.ledger.gateway.commit import new_commit
 from wonderland.ledger.gateway.errors import CommitStatusError, CommitUnknownError, SubmitError
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ _WORTH_ASKING_AGAIN: Final = frozenset(
 
 async def settle(transaction: Transaction, environment: Environment) -> CommitStatus:
     """Submit, wait for the outcome, submit again when there is none.
+
+    The outcome is asked for by the environment's identity, which need not be the transaction's own.
 
     Raises `SubmitError` when the orderers refuse it, `CommitStatusError` when the question is refused, and
     `CommitUnknownError` when nobody says what became of it within `Deadlines.commit_status_s`.
@@ -60,7 +63,8 @@ async def settle(transaction: Transaction, environment: Environment) -> CommitSt
         wait_s, look_s = (deadlines.resubmit_s, look_s) if sent_s > -math.inf else (look_s, 2 * look_s)
         left_s = deadline_s - loop.time()
         try:
-            return await transaction.commit.status(timeout_s=max(0.001, min(wait_s, deadlines.resubmit_s, left_s)))
+            commit = new_commit(environment, transaction.channel, transaction.tx_id)
+            return await commit.status(timeout_s=max(0.001, min(wait_s, deadlines.resubmit_s, left_s)))
         except CommitStatusError as error:
             if error.status_code in _WORTH_ASKING_AGAIN:
                 pause_s = backoff.next_s()

@@ -9,9 +9,11 @@ from fabric_protos.common import common_pb2
 from fabric_protos.gateway import gateway_pb2
 from fabric_protos.peer import proposal_pb2, proposal_response_pb2, transaction_pb2
 
+from wonderland.ledger.errors import BlockError, IdentityError
 from wonderland.ledger.gateway.commit import Commit, new_commit
 from wonderland.ledger.gateway.errors import MalformedError
 from wonderland.ledger.protobuf import decode
+from wonderland.ledger.transactions import Invocation, parse_invocation
 
 if TYPE_CHECKING:
     from wonderland.ledger.gateway.calls import Environment
@@ -34,7 +36,7 @@ class Transaction:
         self.header: Any = payload.header
         self.proposal_input: bytes = proposal.input
         self.payload: bytes = outcome.response.payload
-        self._channel: str = _decode(common_pb2.ChannelHeader, payload.header.channel_header).channel_id
+        self.channel: str = _decode(common_pb2.ChannelHeader, payload.header.channel_header).channel_id
 
     @classmethod
     def from_bytes(cls, environment: Environment, data: bytes) -> Transaction:
@@ -63,6 +65,15 @@ class Transaction:
         """``gateway.PreparedTransaction``, to be signed elsewhere or later."""
         return bytes(self._prepared.SerializeToString())
 
+    @property
+    def invocation(self) -> Invocation:
+        """What the contract did: reads, writes, answer, who endorsed. Raises `MalformedError`."""
+        payload = _decode(common_pb2.Payload, self._prepared.envelope.payload)
+        try:
+            return parse_invocation(payload.data)
+        except (BlockError, IdentityError) as cause:
+            raise MalformedError(f"the endorsed transaction cannot be read: {cause}", tx_id=self.tx_id) from cause
+
     def signed(self, signature: bytes) -> Transaction:
         """The same transaction with that signature."""
         copy = gateway_pb2.PreparedTransaction()
@@ -76,7 +87,7 @@ class Transaction:
         if not envelope.signature:
             envelope.signature = self._environment.sign(envelope.payload, self.tx_id)
         request = gateway_pb2.SubmitRequest(
-            transaction_id=self.tx_id, channel_id=self._channel, prepared_transaction=envelope
+            transaction_id=self.tx_id, channel_id=self.channel, prepared_transaction=envelope
         )
         await self._environment.calls.submit(request, self.tx_id, timeout_s)
         return self.commit
@@ -84,7 +95,7 @@ class Transaction:
     @property
     def commit(self) -> Commit:
         """The question what became of it, also for when `submit` did not answer."""
-        return new_commit(self._environment, self._channel, self.tx_id)
+        return new_commit(self._environment, self.channel, self.tx_id)
 
 
 def _decode(message_type: Any, data: bytes) -> Any:

@@ -201,6 +201,19 @@ class Authority:
         """A new key and certificate, whatever there is. Raises `CaError`."""
         await self._enrol(self.ca, await self.registrar(), who, paths)
 
+    async def invite(self, who: Certified) -> str:
+        """A secret with which a new name enrols itself, once. Raises `CaError`; a known name cannot be invited."""
+        secret = self._secret()
+        await self.ca.register(
+            await self.registrar(),
+            who.name,
+            node_ou=who.node_ou,
+            secret=secret,
+            attributes=who.attributes,
+            max_enrolments=1,
+        )
+        return secret
+
     async def ensure_tls(self, name: str, node_ou: str, paths: IdentityPaths) -> None:
         """Key and TLS certificate for a server or client of this organisation. Raises `CaError`."""
         if certificates.fits(paths):

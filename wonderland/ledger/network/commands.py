@@ -34,6 +34,7 @@ from wonderland.ledger.network import (
 from wonderland.ledger.network.capacity_command import capacity
 from wonderland.ledger.network.console import dir_option, json_option, open_at, progress
 from wonderland.ledger.network.description import NetworkDescription, Organisation
+from wonderland.ledger.network.invite_command import invite
 from wonderland.ledger.network.layout import NetworkDirectory
 from wonderland.ledger.network.status import NetworkStatus, network_status
 from wonderland.proofs.errors import RecordError
@@ -66,7 +67,7 @@ def network() -> None:
     """  # noqa: D301 - \b is click's mark for "do not wrap"
 
 
-for each in (*elsewhere_commands.COMMANDS, capacity):
+for each in (*elsewhere_commands.COMMANDS, capacity, invite):
     network.add_command(each)
 
 

@@ -243,6 +243,7 @@ def _project() -> dict[str, Any]:
             ],
             "environment": {
                 "WONDERLAND_BACKEND_DATABASE": _literal(url),
+                "WONDERLAND_BACKEND_AUDIT_IDENTITY": "mirror",
                 "WONDERLAND_BACKEND_METRICS_TOKEN_FILE": f"{_SECRETS}/metrics-token",
             },
             "ports": [

@@ -5,10 +5,18 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
-from wonderland.ledger.connection import ClientTls, Connection, GatewayAddress, IdentityFiles, LedgerKind
+from wonderland.ledger.connection import (
+    AuthorityAddress,
+    ClientTls,
+    Connection,
+    GatewayAddress,
+    IdentityFiles,
+    LedgerKind,
+)
 from wonderland.ledger.embedded.organisations import ROLES
 from wonderland.ledger.network.authorities import Certified
 from wonderland.ledger.network.layout import CLIENT
+from wonderland.ledger.network.settings import ca_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,16 +42,16 @@ def write_first(network: Network) -> None:
     """Write the files that are missing, and how the peers are reached now. Raises `LedgerError`."""
     for organisation in network.organisations:
         directory = network.directory.organisation(organisation.msp_id)
-        _refresh(network, organisation.msp_id, directory.connection_file)
+        _refresh(network, organisation.msp_id, directory.connection_file, (organisation.msp_id,))
         if not directory.connection_file.exists():
             found = {
                 who.name: _files(network, organisation.msp_id, who.name)
                 for who in first_identities(organisation.kind)
                 if directory.identity(who.name).exist()
             }
-            _connection(network, organisation.msp_id, found).save(directory.connection_file)
+            _connection(network, organisation.msp_id, found, (organisation.msp_id,)).save(directory.connection_file)
     authority = network.organisations[0].msp_id
-    _refresh(network, authority, network.directory.connection_file)
+    _refresh(network, authority, network.directory.connection_file, _all(network))
     if not network.directory.connection_file.exists():
         everyone: dict[str, IdentityFiles] = {}
         for organisation in network.organisations:
@@ -51,7 +59,7 @@ def write_first(network: Network) -> None:
                 network.directory.organisation(organisation.msp_id).connection_file
             ).identities.items():
                 everyone[_combined_name(everyone, name, organisation.msp_id)] = files
-        _connection(network, authority, everyone).save(network.directory.connection_file)
+        _connection(network, authority, everyone, _all(network)).save(network.directory.connection_file)
 
 
 def add(network: Network, msp_id: str, name: str) -> None:
@@ -83,7 +91,9 @@ def remove(network: Network, msp_id: str, name: str) -> None:
         connection.save(path)
 
 
-def _connection(network: Network, msp_id: str, identities: Mapping[str, IdentityFiles]) -> Connection:
+def _connection(
+    network: Network, msp_id: str, identities: Mapping[str, IdentityFiles], authorities: tuple[str, ...]
+) -> Connection:
     first, *others = [_gateway(network, member) for member in network.peers if member.msp_id == msp_id]
     shown = network.directory.organisation(msp_id).tls_identity(CLIENT)
     return Connection(
@@ -94,7 +104,17 @@ def _connection(network: Network, msp_id: str, identities: Mapping[str, Identity
         ledger=LedgerKind(KIND, ""),
         others=tuple(others),
         client_tls=ClientTls(shown.certificate, shown.key),
+        authorities=MappingProxyType({each: _authority(network, each) for each in authorities}),
     )
+
+
+def _all(network: Network) -> tuple[str, ...]:
+    return tuple(organisation.msp_id for organisation in network.organisations)
+
+
+def _authority(network: Network, msp_id: str) -> AuthorityAddress:
+    root = network.directory.organisation(msp_id).root
+    return AuthorityAddress(network.authority(msp_id).address, ca_name(msp_id), root)
 
 
 def _gateway(network: Network, member: Member) -> GatewayAddress:
@@ -106,13 +126,17 @@ def _gateway(network: Network, member: Member) -> GatewayAddress:
     )
 
 
-def _refresh(network: Network, msp_id: str, path: Path) -> None:
+def _refresh(network: Network, msp_id: str, path: Path, authorities: tuple[str, ...]) -> None:
     """Bring an existing file up to date with the organisation's peers, its identities as they are."""
     if path.exists():
         there = Connection.load(path)
-        wanted = _connection(network, msp_id, there.identities)
-        if (there.gateway, there.others, there.client_tls) != (wanted.gateway, wanted.others, wanted.client_tls):
+        wanted = _connection(network, msp_id, there.identities, authorities)
+        if _reached(there) != _reached(wanted):
             wanted.save(path)
+
+
+def _reached(connection: Connection) -> tuple[object, ...]:
+    return connection.gateway, connection.others, connection.client_tls, dict(connection.authorities)
 
 
 def _files(network: Network, msp_id: str, name: str) -> IdentityFiles:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Final
 
 from wonderland.ledger.ca.errors import AlreadyEnrolledError, CaRequestError
+from wonderland.ledger.ca.invitations import Invited
 from wonderland.ledger.embedded.organisations import ROLES
 from wonderland.ledger.network import certificates, connections
 from wonderland.ledger.network.authorities import Certified
@@ -82,6 +83,15 @@ async def enrol(network: Network, requests: Sequence[Request]) -> list[Enrolled]
         connections.add(network, home, each.name)
         enrolled.append(_enrolled(network, each, home))
     return enrolled
+
+
+async def invite(network: Network, request: Request) -> Invited:
+    """Let a new name enrol itself, once, with a key that it makes. Raises `CaError`."""
+    home = home_of(network, request.role, request.msp_id)
+    _require_free(network, request, home)
+    async with network.authority(home) as authority:
+        secret = await authority.invite(Certified.with_role(request.name, request.role, request.pol_id))
+    return Invited(request.name, home, request.role, secret)
 
 
 def _require_free(network: Network, request: Request, home: str) -> None:

@@ -194,8 +194,13 @@ class Network:
 
     def broadcast(self, member: Member) -> Broadcast:
         """An orderer, to hand over changes of the configuration to."""
-        root = self.directory.organisation(member.msp_id).tls_root.read_bytes()
-        return Broadcast(member.component, self.address(member), root)
+        organisation = self.directory.organisation(member.msp_id)
+        return Broadcast(
+            member.component,
+            self.address(member),
+            organisation.tls_root.read_bytes(),
+            organisation.tls_identity(MSP_ADMIN),
+        )
 
     async def peer_admins(self, stack: AsyncExitStack) -> list[PeerAdmin]:
         """All peers, opened on that stack."""
@@ -211,7 +216,7 @@ class Network:
     def launch_orderer(self, member: Member, binaries: Binaries) -> Launch:
         """How an orderer is started."""
         host = self.hosts.of(member.msp_id, member.name)
-        environment = {"FABRIC_CFG_PATH": str(self.node(member).path), "FABRIC_LOGGING_SPEC": "info"}
+        environment = {"FABRIC_CFG_PATH": str(self.node(member).path), "FABRIC_LOGGING_SPEC": settings.LOGGING}
         listens = tuple((host, self.port(member, name)) for name in ("listen", "admin", "operations"))
         return Launch(member.component, (str(binaries.orderer), "start"), environment, listens)
 
@@ -247,7 +252,7 @@ class Network:
         return Launch(
             member.component,
             ("/bin/sh", "-c", start, "sh", str(node.builder_file), str(binaries.peer), "node", "start"),
-            {"FABRIC_CFG_PATH": str(node.path), "FABRIC_LOGGING_SPEC": "info"},
+            {"FABRIC_CFG_PATH": str(node.path), "FABRIC_LOGGING_SPEC": settings.LOGGING},
             ((host, self.port(member)), (host, self.port(member, "operations"))),
         )
 

@@ -14,7 +14,7 @@ import httpx
 from fabric_protos.common import common_pb2
 from fabric_protos.orderer import ab_pb2
 
-from wonderland.ledger.connection import CHANNEL_OPTIONS
+from wonderland.ledger.connection import CHANNEL_OPTIONS, ClientTls
 from wonderland.ledger.network.errors import DirectoryStateError, RefusedError, UnreachableError
 from wonderland.ledger.protobuf import decode
 
@@ -96,11 +96,12 @@ class OrdererAdmin:
 
 
 class Broadcast:
-    """An orderer's Broadcast service. Use as an asynchronous context."""
+    """An orderer's Broadcast service. Use as an asynchronous context. `client` is a TLS certificate that it takes."""
 
-    def __init__(self, component: str, address: str, tls_root: bytes) -> None:
+    def __init__(self, component: str, address: str, tls_root: bytes, client: IdentityPaths) -> None:
         self.component: Final = component
-        credentials = grpc.ssl_channel_credentials(root_certificates=tls_root)
+        shown = ClientTls(client.certificate, client.key)
+        credentials = grpc.ssl_channel_credentials(tls_root, shown.key_pem(), shown.certificate_pem())
         self._channel = grpc.aio.secure_channel(address, credentials, options=list(CHANNEL_OPTIONS))
 
     async def __aenter__(self) -> Self:

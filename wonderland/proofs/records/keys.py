@@ -20,6 +20,7 @@ SESSION: Final = "session"
 VERDICT: Final = "verdict"
 LAST_REQUEST: Final = "last-request"
 TESTIMONY: Final = "testimony"
+CLOSURES: Final = "closures"
 ASSET: Final = "asset"
 
 

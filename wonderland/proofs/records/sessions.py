@@ -28,6 +28,7 @@ from wonderland.proofs.records.schema import Binary, Choice, Integer, Items, Rec
 
 MAX_ROUNDS = 500
 MAX_CLAIMS = 200
+MAX_ATTEMPTED = 100_000
 NO_RANGE = -1
 MAX_FRAMES = 500
 NO_TICK = -1
@@ -166,6 +167,18 @@ class Radio(Record):
         str, Choice(("static", "provisioned"), "Scrambled time-stamp sequence: public, or keyed per session")
     ]
     firmware: Annotated[str, Text(64, description="Firmware of the pad's nodes")] | None = None
+    attempted_rounds: (
+        Annotated[
+            int,
+            Integer(
+                0,
+                MAX_ATTEMPTED,
+                "Rounds of the pad's nodes in which somebody might have measured: those of the table, and those in "
+                "which nobody did. Left out where the drone measures",
+            ),
+        ]
+        | None
+    ) = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -12,6 +12,7 @@ from typing import Annotated, Final
 
 from wonderland.proofs.errors import RecordError
 from wonderland.proofs.records import assets, pads, sessions, uavs
+from wonderland.proofs.records.closures import MAX_CLOSURES, Closure
 from wonderland.proofs.records.fields import (
     Action,
     HeightMm,
@@ -151,6 +152,15 @@ class SetPolicy(Record):
     pad_id: uavs.PadPattern
     action: Annotated[str, Choice(("*", "land", "takeoff", "dock"))]
     policy: Policy
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SetClosures(Record):
+    """Says when zones forbid what at a pad, until a time; it replaces what was said before."""
+
+    pad_id: PadId
+    closures: Annotated[tuple[Closure, ...], Items(0, MAX_CLOSURES)]
+    valid_until_ms: TimeMs
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -301,6 +311,7 @@ TRANSACTIONS: Final = _all(
     Transaction("RevokeAuthorisation", RevokeAuthorisation, (ADMIN, INSPECTOR), "AuthorisationRevoked"),
     Transaction("RecordMaintenance", RecordMaintenance, (ADMIN, FLEET_OPERATOR), "MaintenanceRecorded"),
     Transaction("SetPolicy", SetPolicy, (ADMIN,), "PolicySet"),
+    Transaction("SetClosures", SetClosures, (ADMIN,), "ClosuresSet"),
     Transaction("RequestProof", RequestProof, (UAV,), "ProofRequested"),
     Transaction("WitnessProof", WitnessProof, (PAD,), "ProofWitnessed"),
     Transaction("SubmitProof", SubmitProof, (PAD,), "ProofDecided"),
@@ -317,5 +328,6 @@ TRANSACTIONS: Final = _all(
     Transaction("ReadVerdict", SessionById, ROLES),
     Transaction("ReadTestimony", SessionById, ROLES),
     Transaction("ReadPolicy", PolicyFor, ROLES),
+    Transaction("ReadClosures", PadById, ROLES),
     Transaction("ListPrekeys", PrekeysOf, ROLES),
 )

@@ -65,6 +65,12 @@ class Judgement(Record):
     likelihood_ppm: Ppm
     paper_rule: bool
     reasons: Annotated[tuple[Reason, ...], Items(0, 32)]
+    tolerance_mm: (
+        Annotated[
+            int, Integer(0, 100_000_000, "Of a broadcast: judged within this, for its stated accuracy and its age")
+        ]
+        | None
+    ) = None
 
 
 TIMED = ("inside", "outside", "vague", "inconsistent")

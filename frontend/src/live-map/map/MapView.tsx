@@ -2,38 +2,61 @@ import { useEffect, useImperativeHandle, useRef, useState, type ReactElement, ty
 import "maplibre-gl/dist/maplibre-gl.css";
 import type { Camera } from "../../app/location";
 import { useTheme } from "../../app/theme";
+import type { Fleet } from "../../shared/fleet";
+import type { LonLat } from "../../shared/geo/frame";
 import { useLiveStore } from "../../shared/live/useLive";
 import { liveTexts as t } from "../texts";
-import { MapController, type Selection } from "./controller";
+import { MapController } from "./controller";
+import type { Overlay } from "./overlays";
+import type { Selection } from "./picture";
 
 export type MapHandle = {
   fitSelection: () => void;
   fitAll: () => void;
+  fitPad: (pad_id: string) => void;
   zoomBy: (levels: number) => void;
   lookAt: (camera: Camera) => void;
+  /** Where the camera looks; undefined before there is a map. */
+  centre: () => LonLat | undefined;
+  /** What is shown, as [west, south, east, north] in degrees. */
+  bounds: () => readonly [number, number, number, number] | undefined;
+  focus: () => void;
 };
 
 type Properties = {
   ref: Ref<MapHandle>;
+  fleet: Fleet;
   camera: Camera | undefined;
   selection: Selection;
   padding: { top: number; right: number; bottom: number; left: number };
+  /** The drone that the camera stays with. */
+  follow?: string | undefined;
+  /** Places that are measured between; undefined where nobody measures. */
+  measure?: readonly LonLat[] | undefined;
+  /** What else lies on the map; a constant, or remembered. */
+  overlays?: readonly Overlay[];
   onSelect: (uav_id: string | undefined) => void;
   onCamera: (camera: Camera, grid_m: number | undefined) => void;
+  onRelease?: () => void;
+  onMeasure?: (place: LonLat) => void;
+  onGround?: (place: LonLat) => void;
 };
 
 const FIRST_PADS_MS = 1_500;
+const NONE: readonly Overlay[] = [];
+const nothing = (): void => undefined;
 
-/** MapLibre in React: made once; everything that moves goes past React. */
-export function MapView({ ref, camera, selection, padding, onSelect, onCamera }: Properties): ReactElement {
+/** MapLibre in React: made once; everything that moves goes past React, from the store in `LiveContext`. */
+export function MapView(properties: Properties): ReactElement {
+  const { ref, fleet, selection, padding, follow, measure, overlays = NONE } = properties;
   const container = useRef<HTMLDivElement>(null);
   const controller = useRef<MapController | undefined>(undefined);
   const store = useLiveStore();
   const { theme } = useTheme();
   const [failure, setFailure] = useState<string | undefined>();
-  const latest = useRef({ onSelect, onCamera, camera, selection, padding });
+  const latest = useRef(properties);
   useEffect(() => {
-    latest.current = { onSelect, onCamera, camera, selection, padding };
+    latest.current = properties;
   });
 
   // Where to look first is known with the first pads: the world is not fetched on the way there.
@@ -52,18 +75,23 @@ export function MapView({ ref, camera, selection, padding, onSelect, onCamera }:
     const element = container.current;
     if (element === null || !begun) return undefined;
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const now = latest.current;
     let made: MapController;
     try {
       made = new MapController(
         element,
         store,
+        now.fleet,
         {
           onSelect: (uav_id) => latest.current.onSelect(uav_id),
           onCamera: (at, grid_m) => latest.current.onCamera(at, grid_m),
           onFailure: setFailure,
+          onRelease: () => (latest.current.onRelease ?? nothing)(),
+          onMeasure: (place) => (latest.current.onMeasure ?? nothing)(place),
+          onGround: (place) => (latest.current.onGround ?? nothing)(place),
         },
         calm,
-        latest.current.camera,
+        now.camera,
       );
     } catch (error) {
       // No WebGL: the lists say the same in words.
@@ -72,8 +100,11 @@ export function MapView({ ref, camera, selection, padding, onSelect, onCamera }:
       return undefined;
     }
     controller.current = made;
-    made.setPadding(latest.current.padding);
-    made.select(latest.current.selection);
+    made.setPadding(now.padding);
+    made.select(now.selection);
+    made.setOverlays(now.overlays ?? NONE);
+    made.measure(now.measure);
+    made.follow(now.follow);
     return () => {
       controller.current = undefined;
       made.destroy();
@@ -81,6 +112,7 @@ export function MapView({ ref, camera, selection, padding, onSelect, onCamera }:
   }, [store, begun]);
 
   useEffect(() => controller.current?.retheme(), [theme]);
+  useEffect(() => controller.current?.setFleet(fleet), [fleet]);
   const { top, right, bottom, left } = padding;
   useEffect(() => controller.current?.setPadding({ top, right, bottom, left }), [top, right, bottom, left]);
   const { uav_id, verdict } = selection;
@@ -88,16 +120,24 @@ export function MapView({ ref, camera, selection, padding, onSelect, onCamera }:
     () => controller.current?.select({ ...(uav_id !== undefined && { uav_id }), ...(verdict !== undefined && { verdict }) }),
     [uav_id, verdict],
   );
+  useEffect(() => controller.current?.setOverlays(overlays), [overlays]);
+  useEffect(() => controller.current?.measure(measure), [measure]);
+  useEffect(() => controller.current?.follow(follow), [follow]);
   useImperativeHandle(ref, () => ({
     fitSelection: () => controller.current?.fitSelection(),
     fitAll: () => controller.current?.fitAll(),
+    fitPad: (pad_id) => controller.current?.fitPad(pad_id),
     zoomBy: (levels) => controller.current?.zoomBy(levels),
     lookAt: (at) => controller.current?.lookAt(at),
+    centre: () => controller.current?.centre(),
+    bounds: () => controller.current?.bounds(),
+    focus: () => controller.current?.focus(),
   }));
 
   return (
     <>
       <div ref={container} className="map" data-testid="map" />
+      {measure !== undefined && <div className="map-cross" aria-hidden="true" style={{ inset: `${top}px ${right}px ${bottom}px ${left}px` }} />}
       {failure !== undefined && (
         <p className="map-failure" role="status">
           {failure} {t("listSame")}

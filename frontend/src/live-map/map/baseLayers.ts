@@ -14,7 +14,7 @@ export function baseLayers(colours: Palette): LayerSpecification[] {
       type: "background",
       paint: { "background-color": ["interpolate", ["linear"], ["zoom"], from, sea, to, land] },
     },
-    { id: "land-coarse", type: "fill", source: "land-coarse", maxzoom: to, paint: { "fill-color": land } },
+    { id: "land-coarse", type: "fill", source: "land-coarse", maxzoom: to, paint: { "fill-color": land, "fill-antialias": false } },
     { id: "land-fine", type: "fill", source: "land-fine", minzoom: FINE_ZOOM, maxzoom: to, paint: { "fill-color": land } },
     {
       id: "coast",

@@ -1,71 +1,62 @@
-import {
-  LngLatBounds,
-  Map as MapLibre,
-  setWorkerUrl,
-  type GeoJSONSource,
-  type MapMouseEvent,
-  type PaddingOptions,
-} from "maplibre-gl";
+import { LngLatBounds, Map as MapLibre, setWorkerUrl, type MapMouseEvent, type PaddingOptions } from "maplibre-gl";
 import workerUrl from "maplibre-gl/dist/maplibre-gl-worker.mjs?url";
 import type { Camera } from "../../app/location";
-import type { Pad, VerdictSummary } from "../../shared/api/records";
-import { drones, type Drone } from "../../shared/drones";
+import type { Drone } from "../../shared/drones";
+import { HIDDEN, type Fleet } from "../../shared/fleet";
 import { distance_mm, frameOf, lonLat, toGlobe, type LonLat } from "../../shared/geo/frame";
 import type { LiveStore, Topic } from "../../shared/live/store";
-import {
-  evidenceFeatures,
-  gridFeatures,
-  gridSpacing_m,
-  padFeatures,
-  siteFeatures,
-  trackPoints,
-  trailFeatures,
-} from "./features";
-import { addIcons, palette } from "./icons";
-import { FINE_ZOOM } from "./scales";
-import { TrackSource } from "./trackSource";
-import { BASE_FILES, MAP_COLOURS, padLabel, paints, style } from "./style";
 import { liveTexts as t } from "../texts";
+import { gridSpacing_m } from "./features";
+import { palette } from "./icons";
+import type { Overlay } from "./overlays";
+import { Picture, type Selection } from "./picture";
+import { SITE_ZOOM } from "./scales";
+import { MAP_COLOURS, style } from "./style";
+import { placeAt, slotAt, viewOf } from "./view";
 
 setWorkerUrl(workerUrl);
-
-export type Selection = { uav_id?: string; verdict?: VerdictSummary };
 
 export type MapEvents = {
   onSelect: (uav_id: string | undefined) => void;
   onCamera: (camera: Camera, grid_m: number | undefined) => void;
-  onFailure: (reason: string) => void;
+  onFailure: (reason: string | undefined) => void;
+  /** The officer took the camera into her own hands. */
+  onRelease: () => void;
+  /** A place was pressed while measuring. */
+  onMeasure: (place: LonLat) => void;
+  /** A place was pressed where no drone and no pad is. */
+  onGround: (place: LonLat) => void;
 };
 
-/** Between two looks at who is what; positions move with each tick of the live connection. */
-const REVIEW_MS = 500;
 const FIT_ZOOM = 20.3;
 const SITE_FIT_ZOOM = 15.5;
 const FLIGHT_MS = 700;
 const SETTLING_MS = 500;
+/** Between two frames of a drone that is followed: about what lies between two of its positions. */
+const FOLLOW_MS = 250;
+const FOLLOW_ZOOM = 15;
+const REACH = 11;
 /** A broadcast claim further away than this is not fitted into the picture: the rest would be lost in it. */
 const FITTED_MM = 400_000;
-const GRID_REACH_MM = 50_000_000;
-const TOPICS: readonly Topic[] = ["tracks", "estimates", "sessions", "verdicts", "pads"];
+const TOPICS: readonly Topic[] = ["tracks", "estimates"];
 
-/** The map: MapLibre, fed straight from the live store, apart from React. */
+/** The map: MapLibre, fed straight from the live store, apart from React. Camera and pointer; `picture` draws. */
 export class MapController {
   private readonly map: MapLibre;
+  private readonly picture: Picture;
   private readonly ends: (() => void)[] = [];
-  private recolour: (() => void) | undefined;
   private loaded = false;
   private selection: Selection = {};
-  private current: Drone[] = [];
-  private tracks: TrackSource | undefined;
-  private queued: ReturnType<typeof setTimeout> | undefined;
-  private padsChanged = true;
   private fitted = false;
   private flight: { since_ms: number; again: () => void } | undefined;
   private wanted = false;
+  private followed: string | undefined;
+  private measuring: readonly LonLat[] | undefined;
 
   constructor(
     container: HTMLElement,
     private readonly store: LiveStore,
+    private fleet: Fleet,
     private readonly events: MapEvents,
     private readonly calm: boolean,
     camera: Camera | undefined,
@@ -83,35 +74,52 @@ export class MapController {
       dragRotate: false,
       pitchWithRotate: false,
       touchPitch: false,
-      fadeDuration: calm ? 0 : 120,
+      fadeDuration: 0,
       renderWorldCopies: true,
       locale: { "Map.Title": t("mapTitle") },
     });
     this.map.touchZoomRotate.disableRotation();
     this.map.keyboard.disableRotation();
-    this.map.on("load", () => this.onLoad());
+    this.picture = new Picture(this.map, store, fleet, calm);
+    // Not its "load": that waits for the base map, without which drones can be seen, too.
+    void this.map.once("style.load", () => this.onLoad());
     this.map.on("moveend", () => this.onMoved());
     for (const name of ["dragstart", "wheel", "touchstart"] as const) {
       this.map.on(name, () => {
         this.flight = undefined;
       });
     }
+    this.map.on("dragstart", () => this.release());
     this.map.on("click", (event) => this.onClick(event));
     this.map.on("error", ({ error }) => this.events.onFailure(t("mapPart", { why: error.message })));
-    this.map.on("mousemove", (event) => {
-      this.map.getCanvas().style.cursor = this.under(event) === undefined ? "" : "pointer";
-    });
+    this.map.on("mousemove", (event) => this.onPointer(event));
+    this.map.on("mouseout", () => this.picture.hover(undefined));
+    this.surviveLoss(container);
   }
 
   destroy(): void {
     for (const end of this.ends) end();
-    clearTimeout(this.queued);
+    this.picture.remove();
     this.map.remove();
   }
 
   /** After the theme has changed. */
   retheme(): void {
-    this.recolour?.();
+    if (this.loaded) this.picture.retheme();
+  }
+
+  setFleet(fleet: Fleet): void {
+    this.fleet = fleet;
+    if (!this.loaded) return;
+    this.picture.review(fleet);
+    if (!this.fitted && this.store.pads.size > 0) {
+      if (this.selection.uav_id === undefined) this.fitAll(true);
+      else this.fitSelection(true);
+    }
+  }
+
+  setOverlays(overlays: readonly Overlay[]): void {
+    this.picture.setOverlays(overlays);
   }
 
   setPadding(padding: PaddingOptions): void {
@@ -123,7 +131,42 @@ export class MapController {
 
   select(selection: Selection): void {
     this.selection = selection;
-    if (this.loaded) this.review();
+    this.picture.select(selection);
+  }
+
+  /** Keeps the camera on a drone, or no longer. */
+  follow(uav_id: string | undefined): void {
+    this.followed = uav_id;
+    if (uav_id === undefined || !this.loaded) return;
+    this.flight = undefined;
+    this.fitted = true;
+    const track = this.store.tracks.get(uav_id);
+    if (track !== undefined) this.map.easeTo({ center: lonLat(track), zoom: Math.max(this.map.getZoom(), FOLLOW_ZOOM), ...this.motion(FLIGHT_MS) });
+  }
+
+  /** Shows these places as a measure, and takes presses for more of them; undefined ends it. */
+  measure(points: readonly LonLat[] | undefined): void {
+    this.measuring = points;
+    this.picture.measure(points ?? []);
+    this.map.getCanvas().style.cursor = points === undefined ? "" : "crosshair";
+    if (points === undefined) this.map.doubleClickZoom.enable();
+    else this.map.doubleClickZoom.disable();
+  }
+
+  /** The keys of the map go to the map: arrows move it. */
+  focus(): void {
+    this.map.getCanvas().focus();
+  }
+
+  centre(): LonLat {
+    const { lng, lat } = this.map.getCenter();
+    return [lng, lat];
+  }
+
+  /** What the map shows, as [west, south, east, north] in degrees. */
+  bounds(): readonly [number, number, number, number] {
+    const shown = this.map.getBounds();
+    return [shown.getWest(), shown.getSouth(), shown.getEast(), shown.getNorth()];
   }
 
   zoomBy(levels: number): void {
@@ -132,10 +175,22 @@ export class MapController {
 
   /** All pads and all drones that are near one. */
   fitAll(still = false): void {
-    const places: LonLat[] = [...this.store.pads.values()].map((pad) => lonLat(pad));
+    const places: LonLat[] = [...this.store.pads.values()].filter(({ status }) => status !== "retired").map((pad) => lonLat(pad));
     if (places.length === 0) return;
+    this.release();
     this.fitted = true;
     this.fit(places, SITE_FIT_ZOOM, still, 100);
+  }
+
+  fitPad(pad_id: string): void {
+    const pad = this.store.pads.get(pad_id);
+    if (pad === undefined) return;
+    this.release();
+    this.fitted = true;
+    const reach_mm = pad.commissioning?.max_range_mm ?? 50_000;
+    const frame = frameOf(pad);
+    const corners = [-1, 1].map((side) => toGlobe(frame, { east_mm: side * reach_mm, north_mm: side * reach_mm }));
+    this.fit(corners, FIT_ZOOM, false, 24);
   }
 
   /** The pad, the claim and the measurement of what is selected; else where the drone is. */
@@ -144,8 +199,30 @@ export class MapController {
       this.wanted = true;
       return;
     }
-    const drone = this.current.find(({ uav_id }) => uav_id === this.selection.uav_id);
-    const verdict = this.selection.verdict ?? (drone?.session === undefined ? undefined : this.verdictOf(drone));
+    const drone = this.fleet.find(this.selection.uav_id);
+    const { places, padded } = this.placesOf(drone);
+    if (places.length === 0) return;
+    this.fitted = true;
+    if (places.length === 1 && !padded) {
+      const [centre] = places;
+      if (centre !== undefined) {
+        this.map.easeTo({ center: centre, zoom: Math.max(this.map.getZoom(), 14.5), ...this.motion(still ? 0 : FLIGHT_MS) });
+      }
+      return;
+    }
+    this.fit(places, FIT_ZOOM, still);
+  }
+
+  /** Where an address says; the map goes there at once, as the page would have opened there. */
+  lookAt(camera: Camera): void {
+    this.fitted = true;
+    this.flight = undefined;
+    this.map.jumpTo({ center: [camera.lon, camera.lat], zoom: camera.zoom });
+  }
+
+  private placesOf(drone: Drone | undefined): { places: LonLat[]; padded: boolean } {
+    const own = drone?.verdict?.session_id === drone?.session?.session_id ? drone?.verdict : undefined;
+    const verdict = this.selection.verdict ?? own;
     const pad = this.store.pads.get(verdict?.pad_id ?? drone?.session?.pad_id ?? "");
     const places: LonLat[] = [];
     if (pad !== undefined) {
@@ -158,27 +235,13 @@ export class MapController {
         verdict === undefined ? drone?.estimate : undefined,
       ];
       for (const place of local) {
-        if (place === undefined) continue;
-        if (Math.hypot(place.east_mm, place.north_mm) < FITTED_MM) places.push(toGlobe(frame, place));
+        if (place !== undefined && Math.hypot(place.east_mm, place.north_mm) < FITTED_MM) places.push(toGlobe(frame, place));
       }
     }
     if (places.length < 2 && drone?.track !== undefined) {
       if (pad === undefined || distance_mm(drone.track, pad) < FITTED_MM) places.push(lonLat(drone.track));
     }
-    if (places.length === 0) return;
-    this.fitted = true;
-    if (places.length === 1 && pad === undefined) {
-      const [centre] = places;
-      if (centre !== undefined) {
-        this.map.easeTo({ center: centre, zoom: Math.max(this.map.getZoom(), 14.5), ...this.motion(still ? 0 : FLIGHT_MS) });
-      }
-      return;
-    }
-    this.fit(places, FIT_ZOOM, still);
-  }
-
-  private verdictOf(drone: Drone): VerdictSummary | undefined {
-    return drone.verdict?.session_id === drone.session?.session_id ? drone.verdict : undefined;
+    return { places, padded: pad !== undefined };
   }
 
   private fit(places: readonly LonLat[], maxZoom: number, still: boolean, margin = 64): void {
@@ -193,190 +256,109 @@ export class MapController {
     this.map.easeTo({ ...camera, ...this.motion(still ? 0 : FLIGHT_MS) });
   }
 
-  /** Where an address says; the map goes there at once, as the page would have opened there. */
-  lookAt(camera: Camera): void {
-    this.fitted = true;
-    this.flight = undefined;
-    this.map.jumpTo({ center: [camera.lon, camera.lat], zoom: camera.zoom });
-  }
-
   private motion(duration: number): { duration: number; essential: boolean } {
     return { duration: this.calm ? 0 : duration, essential: false };
   }
 
-  private source(id: string): GeoJSONSource {
-    return this.map.getSource<GeoJSONSource>(id) ?? raise(id);
+  private release(): void {
+    if (this.followed === undefined) return;
+    this.followed = undefined;
+    this.events.onRelease();
   }
 
   private onLoad(): void {
     this.loaded = true;
-    this.tracks = new TrackSource(this.source("tracks"));
-    const icons = addIcons(this.map, palette(MAP_COLOURS), !this.calm);
-    this.recolour = () => {
-      const colours = palette(MAP_COLOURS);
-      icons(colours);
-      for (const { id, paint } of paints(colours)) {
-        for (const [name, value] of Object.entries(paint)) {
-          this.map.setPaintProperty(id, name as never, value as never);
-        }
-      }
-      this.map.setLayoutProperty("pad-names", "text-field", padLabel(colours));
-    };
+    this.picture.load();
     this.ends.push(
-      this.store.subscribe(TOPICS, (topics) => {
-        if (topics.has("pads")) this.padsChanged = true;
-        if (topics.has("tracks") || topics.has("estimates")) this.move();
-        this.queued ??= setTimeout(() => {
-          this.queued = undefined;
-          this.review();
-        }, REVIEW_MS);
+      this.store.subscribe(TOPICS, () => {
+        this.picture.tick();
+        this.keepUp();
       }),
     );
-    const timer = setInterval(() => this.review(), 5_000);
-    this.ends.push(() => clearInterval(timer));
-    this.loadBaseMap();
-    this.review();
+    this.setFleet(this.fleet);
+    if (this.measuring !== undefined) this.picture.measure(this.measuring);
     if (this.wanted) this.fitSelection(true);
+    this.tellCamera();
   }
 
-  /** Looks again at who is what, and draws what changed. */
-  private review(): void {
-    const now_ms = this.store.serverNow_ms();
-    this.current = drones(this.store, now_ms);
-    this.tracks?.show(trackPoints(this.current, this.selection.uav_id));
-    this.set("trails", trailFeatures(this.current, this.store.trails, this.selection.uav_id));
-    this.drawEvidence(now_ms);
-    this.set("sites", siteFeatures(this.store.pads.values(), this.current));
-    if (this.padsChanged) {
-      this.padsChanged = false;
-      this.set("pads", padFeatures(this.store.pads.values()));
-      this.drawGrid();
-    }
-    if (!this.fitted && this.store.pads.size > 0) {
-      if (this.selection.uav_id === undefined) this.fitAll(true);
-      else this.fitSelection(true);
-    }
+  private keepUp(): void {
+    if (this.followed === undefined || this.map.isZooming()) return;
+    const track = this.store.tracks.get(this.followed);
+    if (track !== undefined) this.map.easeTo({ center: lonLat(track), easing: (share) => share, ...this.motion(FOLLOW_MS) });
   }
 
-  /** Positions only, of the drones that were there at the last review. */
-  private move(): void {
-    for (const drone of this.current) {
-      const track = this.store.tracks.get(drone.uav_id);
-      if (track !== undefined) drone.track = track;
-      const estimate = this.store.estimates.get(drone.uav_id);
-      if (estimate !== undefined) drone.estimate = estimate;
-    }
-    this.tracks?.move(this.current);
-    this.drawEvidence(this.store.serverNow_ms());
-  }
-
-  private drawEvidence(now_ms: number): void {
-    const { uav_id, verdict } = this.selection;
-    this.set("evidence", evidenceFeatures(this.current, this.store.pads, uav_id, verdict, now_ms));
-  }
-
-  private drawn = new Map<string, string>();
-
-  /** Gives a source its features, unless it has them already. */
-  private set(id: string, features: GeoJSON.Feature[]): void {
-    const key = JSON.stringify(features);
-    if (this.drawn.get(id) === key) return;
-    this.drawn.set(id, key);
-    void this.source(id).setData({ type: "FeatureCollection", features });
+  /** A graphics driver may start anew at any time; MapLibre makes its style again, and the picture what was added. */
+  private surviveLoss(container: HTMLElement): void {
+    const lost = (): void => {
+      this.picture.unload();
+      this.events.onFailure(t("graphicsLost"));
+    };
+    // On the way down, before MapLibre hears of it.
+    container.addEventListener("webglcontextlost", lost, true);
+    this.ends.push(() => container.removeEventListener("webglcontextlost", lost, true));
+    this.map.on("webglcontextrestored", () => {
+      void this.map.once("idle", () => {
+        this.picture.load();
+        if (this.measuring !== undefined) this.picture.measure(this.measuring);
+        this.events.onFailure(undefined);
+      });
+      this.map.triggerRepaint();
+    });
   }
 
   private onMoved(): void {
     this.tellCamera();
-    if (!this.loaded) return;
-    this.drawGrid();
-    this.loadBaseMap();
-  }
-
-  private readonly baseLoaded = new Set<string>();
-
-  /** Fetches what of the base map can be seen at this scale; at a pad's nothing can. */
-  private loadBaseMap(): void {
-    const zoom = this.map.getZoom();
-    for (const { id, url, from, to, replaces } of BASE_FILES) {
-      if (this.baseLoaded.has(id) || zoom < from || zoom > to) continue;
-      this.baseLoaded.add(id);
-      this.source(id)
-        .setData(url)
-        .then(
-          () => {
-            if (replaces !== undefined) this.map.setLayerZoomRange(replaces, 0, FINE_ZOOM);
-          },
-          // Reported by the map's own error event; the drones are there without a coast.
-          () => this.baseLoaded.delete(id),
-        );
-    }
+    if (this.loaded) this.picture.moved();
   }
 
   private tellCamera(): void {
     const { lat, lng } = this.map.getCenter();
     const zoom = this.map.getZoom();
-    this.events.onCamera({ lat, lon: lng, zoom }, this.gridPad() === undefined ? undefined : gridSpacing_m(zoom, lat));
+    this.events.onCamera({ lat, lon: lng, zoom }, this.picture.gridPad() === undefined ? undefined : gridSpacing_m(zoom, lat));
   }
 
-  private gridPad(): Pad | undefined {
-    const { lat, lng } = this.map.getCenter();
-    const centre = { lat_e7: lat * 1e7, lon_e7: lng * 1e7 };
-    let best: { pad: Pad; distance: number } | undefined;
-    for (const pad of this.store.pads.values()) {
-      const distance = distance_mm(pad, centre);
-      if (distance < (best?.distance ?? GRID_REACH_MM)) best = { pad, distance };
-    }
-    return best?.pad;
+  private droneUnder({ point }: MapMouseEvent): string | undefined {
+    if (!this.loaded || this.map.getZoom() < SITE_ZOOM) return undefined;
+    const { tracks } = this.store;
+    const { looks, judged, heard } = this.fleet;
+    const shown = Uint32Array.from([...heard, ...judged.flatMap(({ uav_id }) => tracks.slot(uav_id) ?? [])].filter((slot) => looks[slot] !== HIDDEN));
+    const slot = slotAt(viewOf(this.map), tracks.x, tracks.y, shown, point.x, point.y, REACH);
+    return slot === undefined ? undefined : tracks.nameAt(slot);
   }
 
-  private drawGrid(): void {
-    const pad = this.gridPad();
-    const spacing = gridSpacing_m(this.map.getZoom(), this.map.getCenter().lat);
-    if (pad === undefined || spacing === undefined) {
-      this.set("grid", []);
-      return;
-    }
-    const bounds = this.map.getBounds();
-    // Half a view more to each side, so that a drag does not run off the paper.
-    const width = (bounds.getEast() - bounds.getWest()) / 2;
-    const height = (bounds.getNorth() - bounds.getSouth()) / 2;
-    const view = {
-      west: bounds.getWest() - width,
-      east: bounds.getEast() + width,
-      south: bounds.getSouth() - height,
-      north: bounds.getNorth() + height,
-    };
-    this.set("grid", gridFeatures(pad, view, spacing));
-  }
-
-  private under(event: MapMouseEvent): { drone: string } | { pads: string[] } | undefined {
-    if (!this.loaded) return undefined;
-    const { x, y } = event.point;
-    const reach = 6;
-    const found = this.map.queryRenderedFeatures(
+  private siteUnder({ point }: MapMouseEvent): LngLatBounds | undefined {
+    if (!this.loaded || this.map.getZoom() >= SITE_ZOOM) return undefined;
+    const reach = 8;
+    const [found] = this.map.queryRenderedFeatures(
       [
-        [x - reach, y - reach],
-        [x + reach, y + reach],
+        [point.x - reach, point.y - reach],
+        [point.x + reach, point.y + reach],
       ],
-      { layers: ["tracks", "sites"] },
+      { layers: ["sites"] },
     );
-    const { id, pads } = (found[0]?.properties ?? {}) as { id?: string; pads?: string };
-    if (id !== undefined) return { drone: id };
-    return pads === undefined ? undefined : { pads: pads.split(" ") };
+    const { bounds } = (found?.properties ?? {}) as { bounds?: string };
+    const [west = 0, south = 0, east = 0, north = 0] = (bounds ?? "").split(" ").map(Number);
+    return bounds === undefined ? undefined : new LngLatBounds([west, south], [east, north]);
+  }
+
+  private onPointer(event: MapMouseEvent): void {
+    if (this.measuring !== undefined) return;
+    const drone = this.droneUnder(event);
+    this.picture.hover(drone);
+    this.map.getCanvas().style.cursor = drone !== undefined || this.siteUnder(event) !== undefined ? "pointer" : "";
   }
 
   private onClick(event: MapMouseEvent): void {
-    const under = this.under(event);
-    if (under === undefined) this.events.onSelect(undefined);
-    else if ("drone" in under) this.events.onSelect(under.drone);
-    else this.fit(under.pads.flatMap((id) => lonLatOf(this.store.pads.get(id))), SITE_FIT_ZOOM, false);
+    if (this.measuring !== undefined) {
+      this.events.onMeasure(placeAt(viewOf(this.map), event.point.x, event.point.y));
+      return;
+    }
+    const site = this.siteUnder(event);
+    if (site !== undefined) this.fit([site.getSouthWest().toArray(), site.getNorthEast().toArray()], SITE_FIT_ZOOM, false);
+    else {
+      const uav_id = this.droneUnder(event);
+      this.events.onSelect(uav_id);
+      if (uav_id === undefined) this.events.onGround(placeAt(viewOf(this.map), event.point.x, event.point.y));
+    }
   }
-}
-
-function lonLatOf(pad: Pad | undefined): LonLat[] {
-  return pad === undefined ? [] : [lonLat(pad)];
-}
-
-function raise(id: string): never {
-  throw new Error(`the map's style has no source "${id}"`);
 }

@@ -4,9 +4,14 @@ import { TONE_OF, type Tone } from "../../shared/design/symbols";
 import type { Drone } from "../../shared/drones";
 import { length } from "../../shared/format";
 import { circle, ellipse, outline } from "../../shared/geo/ellipse";
-import { distance_mm, frameOf, lonLat, toGlobe, type Local, type LonLat, type Place } from "../../shared/geo/frame";
-import type { TrailPoint } from "../../shared/live/store";
-import { liveTexts as t } from "../texts";
+import { distance_mm, frameOf, lonLat, plainFrame, toGlobe, type Local, type LonLat } from "../../shared/geo/frame";
+import { latitude, longitude } from "../../shared/geo/mercator";
+import { leg, path } from "../../shared/geo/geodesic";
+import type { TrackTable } from "../../shared/live/tracks";
+import { refutedBy } from "../../shared/refuted";
+import { padState } from "../padState";
+import { liveTexts as t, padTexts } from "../texts";
+import type { Cluster } from "./clusters";
 
 /** A verified drone's evidence stays on the map this long; what needs the officer stays while it does. */
 export const VERIFIED_SHOWN_MS = 60_000;
@@ -38,20 +43,23 @@ export function hull(points: readonly Local[]): Local[] {
   return first === undefined ? [] : [...sorted, first];
 }
 
-export function padFeatures(pads: Iterable<Pad>): Feature[] {
+/** Pads as they are commissioned, and as they do at a time. */
+export function padFeatures(pads: Iterable<Pad>, now_ms: number): Feature[] {
   const features: Feature[] = [];
   for (const pad of pads) {
     if (pad.status === "retired") continue;
     const frame = frameOf(pad);
     const commissioning = pad.commissioning ?? undefined;
-    const reach = commissioning === undefined ? t("notCommissioned") : t("rangesTo", { distance: length(commissioning.max_range_mm, true) });
-    features.push(point(lonLat(pad), { kind: "pad", pad_id: pad.pad_id, name: pad.name, note: reach }));
+    const { tone, text } = padState(pad, now_ms);
+    const reach = commissioning === undefined ? padTexts("notCommissioned") : t("rangesTo", { distance: length(commissioning.max_range_mm, true) });
+    const note = { note: tone === "ok" ? reach : text, tone };
+    features.push(point(lonLat(pad), { kind: "pad", pad_id: pad.pad_id, name: pad.name, icon: tone === "ok" ? "pad" : `pad-${tone}`, ...note }));
     if (commissioning === undefined) continue;
     features.push(area(frame, circle(commissioning.max_range_mm, { east_mm: 0, north_mm: 0 }, 96), { kind: "reach" }));
     features.push(area(frame, hull(commissioning.anchors), { kind: "square" }));
     const south_mm = Math.min(...commissioning.anchors.map(({ north_mm }) => north_mm));
     const middle_mm = commissioning.anchors.reduce((sum, { east_mm }) => sum + east_mm, 0) / commissioning.anchors.length;
-    features.push(point(toGlobe(frame, { east_mm: middle_mm, north_mm: south_mm }), { kind: "edge", name: pad.name }));
+    features.push(point(toGlobe(frame, { east_mm: middle_mm, north_mm: south_mm }), { kind: "edge", pad_id: pad.pad_id, name: pad.name, ...note }));
     for (const anchor of commissioning.anchors) {
       const state = pad.health?.anchors.find(({ anchor_id }) => anchor_id === anchor.anchor_id)?.state;
       features.push(point(toGlobe(frame, anchor), { kind: "anchor", up: state === undefined || state === "up" }));
@@ -60,87 +68,62 @@ export function padFeatures(pads: Iterable<Pad>): Feature[] {
   return features;
 }
 
-/** Pads nearer to each other than this are one site, seen from afar. */
-const SITE_MM = 30_000_000;
-
-/** What stands together, seen from the country's height: how many pads and drones, and the gravest of what they see. */
-export function siteFeatures(pads: Iterable<Pad>, drones: readonly Drone[]): Feature<Point>[] {
-  const sites: { pads: Pad[]; drones: Drone[] }[] = [];
-  for (const pad of pads) {
-    if (pad.status === "retired") continue;
-    const near = sites.find((site) => site.pads.some((other) => distance_mm(other, pad) < SITE_MM));
-    if (near === undefined) sites.push({ pads: [pad], drones: [] });
-    else near.pads.push(pad);
-  }
-  for (const drone of drones) {
-    const pad_id = drone.nearest?.pad.pad_id ?? drone.session?.pad_id;
-    sites.find((site) => site.pads.some((pad) => pad.pad_id === pad_id))?.drones.push(drone);
-  }
-  return sites.map((site) => {
-    const lon = site.pads.reduce((sum, pad) => sum + pad.lon_e7, 0) / site.pads.length / 1e7;
-    const lat = site.pads.reduce((sum, pad) => sum + pad.lat_e7, 0) / site.pads.length / 1e7;
-    const gravest = site.drones.find(({ group }) => group === "needs-you") ?? site.drones.find(({ group }) => group === "proving");
-    const needing = site.drones.filter(({ group }) => group === "needs-you").length;
-    const [first] = site.pads;
-    const name = site.pads.length === 1 ? (first?.name ?? "") : `${site.pads.length} pads`;
-    const drone = `${site.drones.length} ${site.drones.length === 1 ? "drone" : "drones"}`;
-    const note = needing === 0 ? drone : `${drone}, ${needing} ${needing === 1 ? "needs" : "need"} you`;
-    const look = gravest?.look ?? (site.drones.some((each) => each.look === "verified") ? "verified" : undefined);
-    return point([lon, lat], {
-      name,
-      note,
-      icon: look === undefined ? "pad" : `look-${look}`,
-      pads: site.pads.map((pad) => pad.pad_id).join(" "),
+/** Clusters as marks: what they hold, in two lines. */
+export function siteFeatures(all: readonly Cluster[]): Feature<Point>[] {
+  return all.map(({ x, y, pads, drones, needing, look, bounds }) => {
+    const [first] = pads;
+    const names = pads.length === 1 && first !== undefined ? first.name : t("padCount", { count: pads.length });
+    const crowd = drones === 0 ? "" : t("droneCount", { count: drones, needing });
+    return point([longitude(x), latitude(y)], {
+      name: pads.length === 0 ? crowd : names,
+      note: pads.length === 0 ? "" : crowd,
+      icon: look !== undefined ? `look-${look}` : pads.length > 0 ? "pad" : "look-unproved",
+      grave: needing > 0,
+      bounds: bounds.join(" "),
     });
   });
 }
 
-export type TrackPoint = { id: string; place: Place; properties: Record<string, unknown> };
+/** More than so many trails nobody can follow. */
+const MOST_TRAILS = 200;
 
-export function trackPoints(drones: readonly Drone[], selected: string | undefined): TrackPoint[] {
-  const points: TrackPoint[] = [];
-  drones.forEach((drone, rank) => {
-    if (drone.track === undefined) return;
-    const tone = TONE_OF[drone.look];
-    const judged = ["verified", "refuted", "inconclusive", "proving"].includes(drone.look);
-    points.push({
-      id: drone.uav_id,
-      place: drone.track,
-      properties: {
-        id: drone.uav_id,
-        icon: `look-${drone.look}`,
-        closeIcon: judged && drone.look !== "proving" ? `claim-${tone}` : `look-${drone.look}`,
-        label: drone.uav_id,
-        rank: drone.uav_id === selected ? -1 : rank,
-        selected: drone.uav_id === selected,
-        strong: drone.uav_id === selected || drone.group !== "other",
-      },
-    });
-  });
-  return points;
-}
-
-/** With more drones than this, those that nobody proved have no trail: the map would be a tangle. */
-const CROWDED = 150;
-
-export function trailFeatures(
-  drones: readonly Drone[],
-  trails: ReadonlyMap<string, readonly TrailPoint[]>,
-  selected: string | undefined,
-): Feature[] {
+/** The way of those that were judged, and of the selected; in calm skies of everybody. */
+export function trailFeatures(drones: readonly Drone[], tracks: TrackTable, selected: string | undefined): Feature[] {
   const features: Feature[] = [];
-  const crowded = drones.length > CROWDED;
   for (const drone of drones) {
-    if (crowded && drone.group === "other" && drone.uav_id !== selected) continue;
-    const trail = trails.get(drone.uav_id);
-    if (trail === undefined || trail.length < 2) continue;
-    features.push(
-      line(
-        trail.map((place) => lonLat(place)),
-        { tone: TONE_OF[drone.look], strong: drone.uav_id === selected || drone.group === "needs-you" },
-      ),
-    );
+    const trail = tracks.trail(drone.uav_id);
+    if (trail.length < 2 || (features.length >= MOST_TRAILS && drone.uav_id !== selected)) continue;
+    const strong = drone.uav_id === selected || drone.group === "needs-you";
+    features.push(line(trail.map((place) => lonLat({ ...place })), { tone: TONE_OF[drone.look], strong }));
   }
+  return features;
+}
+
+/** What a drone says of its own accuracy, as a circle around where it says it is. */
+export function accuracyFeatures(drones: readonly (Drone | undefined)[]): Feature[] {
+  return drones.flatMap((drone) => {
+    const { track } = drone ?? {};
+    if (drone === undefined || track?.accuracy_mm === undefined || track.accuracy_mm === 0) return [];
+    return [area(plainFrame(track), circle(track.accuracy_mm, { east_mm: 0, north_mm: 0 }), { kind: "accuracy", tone: TONE_OF[drone.look] })];
+  });
+}
+
+/** The measure: its legs, each with its length and bearing, and the sum of all at the end. */
+export function measureFeatures(points: readonly LonLat[]): Feature[] {
+  const features: Feature[] = points.map((at) => point(at, { kind: "end" }));
+  let total_m = 0;
+  points.forEach((to, i) => {
+    const from = points[i - 1];
+    if (from === undefined) return;
+    const { distance_m, bearing } = leg(from, to);
+    total_m += distance_m;
+    const way = path(from, to);
+    features.push(line(way, { kind: "leg" }));
+    const middle = way.length > 2 ? way[Math.floor(way.length / 2)] : ([(from[0] + to[0]) / 2, (from[1] + to[1]) / 2] as LonLat);
+    features.push(point(middle ?? to, { kind: "word", label: t("leg", { distance: length(distance_m * 1000), bearing: Math.round(bearing) % 360 }) }));
+  });
+  const last = points.at(-1);
+  if (points.length > 2 && last !== undefined) features.push(point(last, { kind: "word", label: t("inAll", { distance: length(total_m * 1000) }) }));
   return features;
 }
 
@@ -184,14 +167,17 @@ function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, t
     features.push(area(frame, outline(ellipse(covariance), estimate), { kind: "ellipse", tone }));
   }
   const worst = differ ? broadcast : signed;
-  const label = !selected
-    ? ""
-    : worst === undefined || verdict.outcome === "verified"
-      ? t("measuredHere")
-      : t(differ ? "measuredFromBroadcast" : "measuredAway", { distance: length(worst.error_mm, true) });
+  const label = selected ? measuredWords(verdict, worst, differ) : "";
   features.push(point(measuredAt, { kind: "measured", tone, icon: `measured-${tone}`, label }));
   if (selected) features.push(...sights(frame, pad, measuredAt));
   return features;
+}
+
+function measuredWords(verdict: VerdictSummary, worst: Judgement | undefined, differ: boolean): string {
+  // Falsified time stamps bend the ranges to fit: where these meet, nothing was measured.
+  if (refutedBy(verdict) === "stamps") return t("rangesMeet");
+  if (worst === undefined || verdict.outcome === "verified") return t("measuredHere");
+  return t(differ ? "measuredFromBroadcast" : "measuredAway", { distance: length(worst.error_mm, true) });
 }
 
 function sights(frame: Frame, pad: Pad, to: LonLat): Feature[] {
@@ -209,7 +195,7 @@ function estimateFeatures(estimate: Estimate, drone: Drone, pad: Pad, selected: 
       kind: "measured",
       tone,
       icon: `measuring-${tone}`,
-      label: selected ? "measuring, unverified" : "",
+      label: selected ? t("measuring") : "",
     }),
     ...sights(frame, pad, at),
   ];

@@ -1,6 +1,6 @@
 import type { ExpressionSpecification, LayerSpecification } from "maplibre-gl";
 import type { Palette } from "./icons";
-import { CLOSE_ZOOM, MEDIUM, SEMIBOLD, SITE_ZOOM, SQUARE_ZOOM } from "./scales";
+import { CLOSE_ZOOM, SITE_ZOOM, SQUARE_ZOOM } from "./scales";
 
 function toned(colours: Palette): ExpressionSpecification {
   return [
@@ -18,8 +18,8 @@ function toned(colours: Palette): ExpressionSpecification {
   ];
 }
 
-export function padLayers(colours: Palette): LayerSpecification[] {
-  const ink3 = colours["ink3"] ?? "";
+/** The metre grid of the nearest pad. */
+export function gridLayers(colours: Palette): LayerSpecification[] {
   return [
     {
       id: "grid",
@@ -30,6 +30,13 @@ export function padLayers(colours: Palette): LayerSpecification[] {
         "line-width": ["case", ["get", "axis"], 1.6, 0.8],
       },
     },
+  ];
+}
+
+/** Pads close by: reach, square, anchors. */
+export function padLayers(colours: Palette): LayerSpecification[] {
+  const ink3 = colours["ink3"] ?? "";
+  return [
     {
       id: "reach",
       type: "line",
@@ -78,6 +85,7 @@ export function padLayers(colours: Palette): LayerSpecification[] {
   ];
 }
 
+/** What was claimed, what was measured, and what lies between. */
 export function evidenceLayers(colours: Palette): LayerSpecification[] {
   const colour = toned(colours);
   return [
@@ -93,6 +101,22 @@ export function evidenceLayers(colours: Palette): LayerSpecification[] {
         "line-opacity": ["case", ["get", "strong"], 0.6, 0.3],
         "line-dasharray": [0.1, 2.6],
       },
+    },
+    {
+      id: "accuracy",
+      type: "fill",
+      source: "evidence",
+      filter: ["==", ["get", "kind"], "accuracy"],
+      minzoom: 13,
+      paint: { "fill-color": colour, "fill-opacity": 0.07 },
+    },
+    {
+      id: "accuracy-edge",
+      type: "line",
+      source: "evidence",
+      filter: ["==", ["get", "kind"], "accuracy"],
+      minzoom: 13,
+      paint: { "line-color": colour, "line-opacity": 0.7, "line-width": 1, "line-dasharray": [1, 3] },
     },
     {
       id: "ellipse",
@@ -130,40 +154,42 @@ export function evidenceLayers(colours: Palette): LayerSpecification[] {
   ];
 }
 
-export function siteLayers(colours: Palette): LayerSpecification[] {
+/** The measure: legs and their ends. */
+export function measureLayers(colours: Palette): LayerSpecification[] {
+  return [
+    {
+      id: "measure-legs",
+      type: "line",
+      source: "measure",
+      filter: ["==", ["get", "kind"], "leg"],
+      layout: { "line-cap": "round", "line-join": "round" },
+      paint: { "line-color": colours["accent"] ?? "", "line-width": 2 },
+    },
+    {
+      id: "measure-ends",
+      type: "circle",
+      source: "measure",
+      filter: ["==", ["get", "kind"], "end"],
+      paint: { "circle-radius": 4, "circle-color": colours["panel"] ?? "", "circle-stroke-color": colours["accent"] ?? "", "circle-stroke-width": 2 },
+    },
+  ];
+}
+
+/** Clusters, seen from afar. */
+export function siteLayers(): LayerSpecification[] {
   return [
     {
       id: "sites",
       type: "symbol",
       source: "sites",
       maxzoom: SITE_ZOOM,
-      layout: {
-        "icon-image": ["get", "icon"],
-        "icon-size": 1.15,
-        "icon-allow-overlap": true,
-        "text-field": ["format", ["get", "name"], {}, "\n", {}, ["get", "note"], { "font-scale": 0.92, "text-font": ["literal", MEDIUM] }],
-        "text-font": SEMIBOLD,
-        "text-size": 12,
-        "text-line-height": 1.25,
-        "text-max-width": 24,
-        "text-justify": "auto",
-        "text-optional": true,
-        "text-variable-anchor-offset": ["left", [1.3, 0], "right", [-1.3, 0], "top", [0, 1.3], "bottom", [0, -1.3]],
-      },
-      paint: { "text-color": colours["ink"] ?? "", "text-halo-color": colours["land"] ?? "", "text-halo-width": 1.8 },
+      layout: { "icon-image": ["get", "icon"], "icon-size": 1.15, "icon-allow-overlap": true },
     },
   ];
 }
 
-export function pointLayers(colours: Palette): LayerSpecification[] {
-  const land = colours["land"] ?? "";
-  const label = {
-    "text-font": SEMIBOLD,
-    "text-size": 12,
-    "text-optional": true,
-    "text-padding": 3,
-  } as const;
-  const halo = { "text-halo-color": land, "text-halo-width": 1.8, "text-halo-blur": 0.4 } as const;
+/** Marks of single places. Words beside them are the labels' business (labels.ts), drones the drone layer's. */
+export function pointLayers(): LayerSpecification[] {
   return [
     {
       id: "pads",
@@ -173,38 +199,9 @@ export function pointLayers(colours: Palette): LayerSpecification[] {
       minzoom: SITE_ZOOM,
       maxzoom: SQUARE_ZOOM,
       layout: {
-        "icon-image": "pad",
+        "icon-image": ["get", "icon"],
         "icon-size": ["interpolate", ["linear"], ["zoom"], SITE_ZOOM, 0.75, 15, 1],
         "icon-allow-overlap": true,
-      },
-    },
-    {
-      // The pad's own square takes over close by; its name stands under it.
-      id: "pad-edges",
-      type: "symbol",
-      source: "pads",
-      filter: ["==", ["get", "kind"], "edge"],
-      minzoom: SQUARE_ZOOM,
-      layout: {
-        ...label,
-        "text-field": ["get", "name"],
-        "text-anchor": "top",
-        "text-offset": [0, 0.6],
-      },
-      paint: { ...halo, "text-color": colours["ink"] ?? "" },
-    },
-    {
-      id: "selected",
-      type: "circle",
-      source: "tracks",
-      minzoom: SITE_ZOOM,
-      filter: ["get", "selected"],
-      paint: {
-        "circle-radius": 15,
-        "circle-color": colours["accent"] ?? "",
-        "circle-opacity": 0.12,
-        "circle-stroke-color": colours["accent"] ?? "",
-        "circle-stroke-width": 1.5,
       },
     },
     {
@@ -213,17 +210,7 @@ export function pointLayers(colours: Palette): LayerSpecification[] {
       source: "evidence",
       filter: ["==", ["get", "kind"], "claim"],
       minzoom: CLOSE_ZOOM,
-      layout: {
-        ...label,
-        "icon-image": ["concat", "claim-", ["get", "tone"]],
-        "icon-size": 0.8,
-        "icon-allow-overlap": true,
-        "text-field": ["get", "label"],
-        "text-font": MEDIUM,
-        "text-size": 11.5,
-        "text-variable-anchor-offset": ["right", [-1.3, 0], "left", [1.3, 0], "bottom", [0, -1.2], "top", [0, 1.2]],
-      },
-      paint: { ...halo, "text-color": colours["ink2"] ?? "" },
+      layout: { "icon-image": ["concat", "claim-", ["get", "tone"]], "icon-size": 0.8, "icon-allow-overlap": true },
     },
     {
       id: "measured",
@@ -231,80 +218,7 @@ export function pointLayers(colours: Palette): LayerSpecification[] {
       source: "evidence",
       filter: ["==", ["get", "kind"], "measured"],
       minzoom: 14,
-      layout: {
-        ...label,
-        "icon-image": ["get", "icon"],
-        "icon-size": 0.95,
-        "icon-allow-overlap": true,
-        "text-field": ["step", ["zoom"], "", CLOSE_ZOOM, ["get", "label"]],
-        "text-font": MEDIUM,
-        "text-size": 11.5,
-        "text-variable-anchor-offset": ["top", [0, 1.3], "left", [1.3, 0], "right", [-1.3, 0], "bottom", [0, -1.3]],
-      },
-      paint: { ...halo, "text-color": colours["ink2"] ?? "" },
-    },
-    {
-      id: "track-labels",
-      type: "symbol",
-      source: "tracks",
-      minzoom: 11,
-      layout: {
-        ...label,
-        "text-field": ["get", "label"],
-        "text-variable-anchor-offset": [
-          "bottom",
-          [0, -1.1],
-          "left",
-          [1.2, 0],
-          "right",
-          [-1.2, 0],
-          "top",
-          [0, 1.1],
-          "bottom-left",
-          [0.9, -0.9],
-          "top-left",
-          [0.9, 0.9],
-        ],
-        "symbol-sort-key": ["get", "rank"],
-      },
-      paint: {
-        ...halo,
-        "text-color": ["case", ["get", "strong"], colours["ink"] ?? "", colours["ink2"] ?? ""],
-      },
-    },
-    {
-      // MapLibre places the topmost layer first: the drones' symbols, around them the pads' names, then the drones'.
-      id: "pad-names",
-      type: "symbol",
-      source: "pads",
-      filter: ["==", ["get", "kind"], "pad"],
-      minzoom: 10.5,
-      maxzoom: SQUARE_ZOOM,
-      layout: {
-        ...label,
-        "text-field": [
-          "step",
-          ["zoom"],
-          ["get", "name"],
-          15.5,
-          ["format", ["get", "name"], {}, "\n", {}, ["get", "note"], { "font-scale": 0.9, "text-font": ["literal", MEDIUM], "text-color": colours["ink2"] ?? "" }],
-        ],
-        "text-variable-anchor-offset": ["top", [0, 1.2], "bottom", [0, -1.2], "left", [1.3, 0], "right", [-1.3, 0]],
-        "text-line-height": 1.25,
-      },
-      paint: { ...halo, "text-color": colours["ink"] ?? "" },
-    },
-    {
-      id: "tracks",
-      type: "symbol",
-      source: "tracks",
-      minzoom: SITE_ZOOM,
-      layout: {
-        "icon-image": ["step", ["zoom"], ["get", "icon"], CLOSE_ZOOM, ["get", "closeIcon"]],
-        "icon-size": ["interpolate", ["linear"], ["zoom"], SITE_ZOOM, 0.8, 12, 1],
-        "icon-allow-overlap": true,
-        "symbol-sort-key": ["-", ["get", "rank"]],
-      },
+      layout: { "icon-image": ["get", "icon"], "icon-size": 0.95, "icon-allow-overlap": true },
     },
   ];
 }

@@ -14,8 +14,7 @@ export const CLOSE_ZOOM = 16.5;
 export const SQUARE_ZOOM = 18.3;
 
 /**
- * MapLibre reads a weight from the first name and takes the first family that there is: the bundled variable font,
- * of which no file is called "SemiBold".
+ * MapLibre reads a weight from the first name and takes the first family that there is: the bundled variable font, of
+ * which no file is called "Medium".
  */
-export const SEMIBOLD = ["Inter SemiBold", "Inter Variable"];
 export const MEDIUM = ["Inter Medium", "Inter Variable"];

@@ -1,9 +1,9 @@
-import type { ExpressionSpecification, LayerSpecification, StyleSpecification } from "maplibre-gl";
+import type { LayerSpecification, StyleSpecification } from "maplibre-gl";
 import { borders10, borders50, land10, land50, names } from "virtual:base-map";
 import { baseLayers } from "./baseLayers";
 import type { Palette } from "./icons";
 import { COAST_FADES, FINE_ZOOM, NAMES_END } from "./scales";
-import { evidenceLayers, padLayers, pointLayers, siteLayers } from "./liveLayers";
+import { evidenceLayers, gridLayers, measureLayers, padLayers, pointLayers, siteLayers } from "./liveLayers";
 
 /** The colours of tokens.css that the map needs. */
 export const MAP_COLOURS = [
@@ -38,11 +38,26 @@ export const BASE_FILES: readonly BaseFile[] = [
   { id: "borders-fine", url: borders10, from: FINE_ZOOM - 0.5, to: COAST_FADES[1], replaces: "borders-coarse" },
 ];
 
-const EMPTY: GeoJSON.FeatureCollection = { type: "FeatureCollection", features: [] };
+export const EMPTY: GeoJSON.FeatureCollection = { type: "FeatureCollection", features: [] };
 
+/**
+ * From the bottom to the top, a function for each: base map, metre grid, what others lay over it (overlays.ts), pads,
+ * evidence, measure, marks, clusters; above all of them the drones (droneLayer.ts) and the words (labels.ts).
+ */
 function layers(colours: Palette): LayerSpecification[] {
-  return [...baseLayers(colours), ...padLayers(colours), ...evidenceLayers(colours), ...pointLayers(colours), ...siteLayers(colours)];
+  return [
+    ...baseLayers(colours),
+    ...gridLayers(colours),
+    ...padLayers(colours),
+    ...evidenceLayers(colours),
+    ...measureLayers(colours),
+    ...pointLayers(),
+    ...siteLayers(),
+  ];
 }
+
+/** The lowest layer of the pads: overlays go under it. */
+export const OVERLAYS_BELOW = "reach";
 
 /** The whole style: bundled base map, pad grid, evidence and tracks. */
 export function style(colours: Palette): StyleSpecification {
@@ -67,7 +82,7 @@ export function style(colours: Palette): StyleSpecification {
       sites: own(),
       trails: own(),
       evidence: own(),
-      tracks: { type: "geojson", data: EMPTY, maxzoom: 20, promoteId: "id" },
+      measure: own(),
     },
     layers: layers(colours),
     transition: { duration: 0, delay: 0 },
@@ -77,11 +92,4 @@ export function style(colours: Palette): StyleSpecification {
 /** What each layer is painted with in these colours, to change the theme without loading the style again. */
 export function paints(colours: Palette): { id: string; paint: Record<string, unknown> }[] {
   return layers(colours).map((layer) => ({ id: layer.id, paint: (layer.paint ?? {}) }));
-}
-
-/** The pads' label names a colour within its text. */
-export function padLabel(colours: Palette): ExpressionSpecification {
-  const layer = pointLayers(colours).find(({ id }) => id === "pad-names");
-  const layout = (layer?.type === "symbol" ? layer.layout : undefined) ?? {};
-  return layout["text-field"] as ExpressionSpecification;
 }

@@ -3,6 +3,7 @@ import { createContext, useContext } from "react";
 import type {
   Alert,
   AlertDetail,
+  Course,
   Hit,
   LedgerBlock,
   LedgerBlockDetail,
@@ -44,7 +45,8 @@ type Answer<T> = { data?: T; error?: unknown; response: Response };
 
 /** The REST interface, as far as the console uses it. Each call throws `ApiError`. */
 export class Api {
-  private readonly client: Client<paths>;
+  /** For domains that have calls of their own; each through `answered`. */
+  readonly client: Client<paths>;
 
   /** `origin` is where `/api/v1` lies; `fetch` is the browser's, or a fake one's. */
   constructor(origin: string, fetch: (request: Request) => Promise<Response> = (request) => globalThis.fetch(request)) {
@@ -73,6 +75,10 @@ export class Api {
 
   session(session_id: string): Promise<SessionDetail> {
     return answered((signal) => this.client.GET("/api/v1/sessions/{session_id}", { params: { path: { session_id } }, signal }));
+  }
+
+  course(session_id: string): Promise<Course> {
+    return answered((signal) => this.client.GET("/api/v1/sessions/{session_id}/course", { params: { path: { session_id } }, signal }));
   }
 
   verdicts(query: VerdictFilters): Promise<Page<VerdictSummary>> {
@@ -128,7 +134,8 @@ export class Api {
   }
 }
 
-async function answered<T>(ask: (signal: AbortSignal) => Promise<Answer<T>>): Promise<T> {
+/** The content of an answer. Throws `ApiError`. */
+export async function answered<T>(ask: (signal: AbortSignal) => Promise<Answer<T>>): Promise<T> {
   let answer: Answer<T>;
   try {
     answer = await ask(AbortSignal.timeout(TIMEOUT_MS));

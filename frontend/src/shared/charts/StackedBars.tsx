@@ -9,7 +9,7 @@ const BOTTOM = 22;
 
 type Properties = { bars: readonly Stack[]; summary: string; every: number; width?: number; height?: number };
 
-/** Bars whose parts stand on one another, with a round axis. The same figures stand in a table beside it. */
+/** Bars whose parts stand on one another, with a round axis; each bar says its figures in its `title`. */
 export function StackedBars({ bars, summary, every, width = 720, height = 160 }: Properties): ReactElement {
   const most = Math.max(1, ...bars.map(({ parts }) => parts.reduce((sum, { value }) => sum + value, 0)));
   const axis = ticks(most);

@@ -2,6 +2,7 @@ import type { Page } from "../api/api";
 import type { SessionDetail, SessionState, VerdictSummary } from "../api/records";
 import type { LiveStore } from "../live/store";
 import { sessionOf } from "../drones";
+import { FAKE_ME, FAKE_PERSON, FAKE_WAYS_IN } from "../../people/fake";
 import { hex, noise, seeded } from "./random";
 
 function json(value: unknown, status = 200): Response {
@@ -135,11 +136,13 @@ export function fakeFetch(store: LiveStore, flags: ReadonlySet<string>): (reques
       }
       return Promise.resolve(
         signedIn
-          ? json({ name: "M. Inspector", roles: ["inspector"], signed_in_ms: Date.now(), expires_ms: Date.now() + 3.6e6 })
+          ? json({ ...FAKE_PERSON, method: "passkey", signed_in_ms: Date.now(), expires_ms: Date.now() + 3.6e6, idle_s: 14_400 })
           : json({ detail: "Sign in first." }, 401),
       );
     }
+    if (path === "/sign-in") return Promise.resolve(json(FAKE_WAYS_IN));
     if (!signedIn) return Promise.resolve(json({ detail: "Sign in first." }, 401));
+    if (path === "/me") return Promise.resolve(json(FAKE_ME));
     if (path === "/status") return Promise.resolve(json(store.status));
     if (path === "/verdicts") return Promise.resolve(json(page(store.verdictsByTime(), query, match)));
     const known = [...store.sessionsByTime()];

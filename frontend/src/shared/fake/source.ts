@@ -1,4 +1,4 @@
-import type { Track } from "../api/records";
+import type { Pad, Track } from "../api/records";
 import type { LiveSource } from "../live/source";
 import type { ConnectionEvent } from "../live/connection";
 import { PADS } from "./cast";
@@ -33,6 +33,13 @@ function crowd(t_s: number, t_ms: number): Track[] {
   }));
 }
 
+/** Pads tell how they are every ten seconds: fifty ticks. */
+const HEALTH_TICKS = 50;
+
+function pads(t_ms: number): Pad[] {
+  return PADS.map((pad) => ({ ...pad, ...(pad.health && { health: { ...pad.health, t_ms } }) }));
+}
+
 /**
  * The scripted world as a source of live events: `frozen` stops it after what was already played, `many`
  * adds a thousand drones, `halted`, `lagging` and `lost` show the states of ledger and connection.
@@ -50,7 +57,7 @@ export function fakeSource(options: FakeOptions): { source: LiveSource; world: F
         send({ kind: "frame", frame, received_ms: Date.now() });
       send({ kind: "state", state: { phase: "open", since_ms: Date.now() } });
       frame({ type: "hello", epoch: "fake", seq: 0, t_ms: Date.now(), resumed: false });
-      frame({ type: "snapshot", part: 0, of: 1, pads: [...PADS], verdicts: world.history(), status: world.status() });
+      frame({ type: "snapshot", part: 1, of: 1, pads: pads(Date.now()), verdicts: world.history(), status: world.status() });
       const tick = (t_s: number): void => {
         seq += 1;
         const changes = world.tick(t_s);
@@ -60,7 +67,7 @@ export function fakeSource(options: FakeOptions): { source: LiveSource; world: F
           status.ledger.halted = "block 18 007 does not follow block 18 006: its previous hash is another";
         }
         if (status !== undefined && options.flags.has("lagging")) status.ledger.lag_ms = 14_300;
-        frame({ type: "delta", seq, t_ms: t_ms(t_s), ...changes });
+        frame({ type: "delta", seq, t_ms: t_ms(t_s), ...changes, ...(seq % HEALTH_TICKS === 0 && { pads: pads(t_ms(t_s)) }) });
       };
       for (let t_s = 0; t_s < options.played_s; t_s += 0.2) tick(t_s);
       if (options.flags.has("lost")) {

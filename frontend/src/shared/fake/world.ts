@@ -237,7 +237,7 @@ export class FakeWorld {
       error_mm: error(claim),
       likelihood_ppm: { verified: 998_200, refuted: 12, inconclusive: 834_000 }[outcome],
       paper_rule: error(claim) <= 1_000,
-      reasons: [{ code: "within_buffer", text: outcome === "refuted" ? "The estimate lies significantly outside the buffer around the claim" : "The estimate lies within the buffer around the claim" }],
+      reasons: [{ code: outcome === "refuted" ? "outside_buffer" : "within_buffer", text: outcome === "refuted" ? "The estimate lies significantly outside the buffer around the claim" : "The estimate lies within the buffer around the claim" }],
     });
     const broadcastAt = plus(signedAt, actor.broadcastLie);
     const broadcastOutcome: Outcome = isPublicLiar(actor) ? "refuted" : actor.outcome;
@@ -258,7 +258,7 @@ export class FakeWorld {
       reasons: reasons(actor),
       more_rounds: actor.outcome === "inconclusive" ? 38 : -1,
       signed: judged(signedAt, isPublicLiar(actor) ? "verified" : actor.outcome),
-      broadcast: judged(broadcastAt, broadcastOutcome),
+      broadcast: { ...judged(broadcastAt, broadcastOutcome), tolerance_mm: 2_000 },
       estimate: this.position(actor, found),
       covariance: covariance(actor.hover, actor.sigma_mm),
       chi2_milli: 3_100,

@@ -1,3 +1,4 @@
+import type { TrackColumns } from "./columns";
 import { ProtocolError, parseFrame, type LiveFrame } from "./protocol";
 
 /** How the connection stands, for the banner. */
@@ -9,7 +10,8 @@ export type ConnectionState =
 
 export type ConnectionEvent =
   | { kind: "state"; state: ConnectionState }
-  | { kind: "frame"; frame: LiveFrame; received_ms: number }
+  /** `columns`: the frame's tracks, where the source packs them. */
+  | { kind: "frame"; frame: LiveFrame; columns?: TrackColumns; received_ms: number }
   /** The server dropped us because we fell behind: verdicts may be missing and must be fetched by block. */
   | { kind: "fell-behind" };
 

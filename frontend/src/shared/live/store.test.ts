@@ -1,6 +1,8 @@
 import { describe, expect, it, vi } from "vitest";
 import type { SessionState, Track, VerdictSummary } from "../api/records";
-import { MAX_VERDICTS, LiveStore, TRAIL_MS } from "./store";
+import { TrackPacker } from "./columns";
+import { MAX_VERDICTS, LiveStore, TRACK_AGE_MS } from "./store";
+import { TRAIL_S } from "./tracks";
 import type { LiveFrame } from "./protocol";
 
 const track = (uav_id: string, t_ms: number, lat_e7 = 604_500_000): Track => ({
@@ -34,13 +36,59 @@ describe("the live store", () => {
     expect(tracks).toHaveBeenCalledTimes(1);
   });
 
-  it("keeps a minute of trail and leaves out what came late", () => {
+  it("keeps a minute of trail, a point a second", () => {
     const store = new LiveStore();
-    for (let i = 0; i <= 100; i++) send(store, { type: "delta", seq: i, t_ms: i, tracks: [track("a", i * 1000)] });
-    send(store, { type: "delta", seq: 200, t_ms: 200, tracks: [track("a", 50_000)] });
-    const trail = store.trails.get("a") ?? [];
-    expect(trail.at(-1)?.t_ms).toBe(100_000);
-    expect(trail[0]?.t_ms).toBe(100_000 - TRAIL_MS);
+    for (let i = 0; i <= 500; i++) send(store, { type: "delta", seq: i, t_ms: i, tracks: [track("a", 1_000_000 + i * 200, 600_000_000 + i)] });
+    const trail = store.tracks.trail("a");
+    expect(trail).toHaveLength(TRAIL_S + 2);
+    expect(trail.at(-1)?.lat_e7).toBe(600_000_500);
+    expect(trail[0]?.lat_e7).toBe(600_000_500 - TRAIL_S * 5);
+  });
+
+  it("takes columns for what it takes objects for", () => {
+    const [one, other] = [new LiveStore(), new LiveStore()];
+    const packer = new TrackPacker();
+    const drip = { state: "verified", det: "2001:30::1", format: 1, t_ms: 5 } as never;
+    for (let i = 0; i < 5; i++) {
+      const tracks = Array.from({ length: 3_000 }, (_, k) => ({
+        ...track(`d${(k * 7 + i) % 4_000}`, 1_000_000 + i * 1000, 600_000_000 + k),
+        ...(k % 3 === 0 && { height_mm: k, accuracy_mm: 0 }),
+        ...(k % 5 === i && { operator_id: `op${i}`, drip }),
+      }));
+      send(one, { type: "delta", seq: i, t_ms: i, tracks });
+      other.receive({ kind: "frame", frame: { type: "delta", seq: i, t_ms: i }, columns: structuredClone(packer.pack(tracks)), received_ms: 0 });
+    }
+    expect([...other.tracks.keys()]).toEqual([...one.tracks.keys()]);
+    for (const id of one.tracks.keys()) {
+      expect(other.tracks.get(id)).toEqual(one.tracks.get(id));
+      expect(other.tracks.trail(id)).toEqual(one.tracks.trail(id));
+    }
+  });
+
+  it("forgets drones that nobody hears, uses their slots again, and their trails are not the next one's", () => {
+    const store = new LiveStore();
+    send(store, { type: "delta", seq: 1, t_ms: 1_000_000, tracks: [track("a", 1_000_000), track("b", 1_000_000)] });
+    const t_ms = 1_000_000 + TRACK_AGE_MS + 1;
+    send(store, { type: "delta", seq: 2, t_ms: t_ms - 1, tracks: [track("b", t_ms - 1)] });
+    send(store, { type: "delta", seq: 3, t_ms: t_ms + 40_000, tracks: [track("c", t_ms + 40_000)] });
+    expect([...store.tracks.keys()]).toEqual(["b", "c"]);
+    expect(store.tracks.extent).toBe(2);
+    expect(store.tracks.trail("c")).toHaveLength(2);
+    expect([...store.tracks.slots()].map((slot) => store.tracks.nameAt(slot))).toEqual(["b", "c"]);
+  });
+
+  it("shows another time than now where it is given one, and begins anew when told to", () => {
+    let now_ms = 5_000;
+    const store = new LiveStore(() => now_ms);
+    send(store, { type: "delta", seq: 1, t_ms: 99_000, tracks: [track("a", 4_000)], verdicts: [verdict(1)] }, 1);
+    expect(store.serverNow_ms()).toBe(5_000);
+    now_ms = 1_000;
+    const heard = vi.fn();
+    store.subscribe(["verdicts"], heard);
+    store.clear();
+    expect([store.tracks.size, store.verdictsByTime().length, store.ready]).toEqual([0, 0, false]);
+    expect(heard).toHaveBeenCalledTimes(1);
+    expect(store.serverNow_ms()).toBe(1_000);
   });
 
   it("forgets drones that a new snapshot does not know, only once it is complete; keeps verdicts", () => {
@@ -93,5 +141,6 @@ describe("the live store", () => {
     send(store, { type: "delta", seq: 2, t_ms: 10_200, tracks: [] }, 5_250);
     send(store, { type: "delta", seq: 3, t_ms: 10_400, tracks: [] }, 5_900);
     expect(store.serverNow_ms(6_000)).toBe(6_000 + 4_950);
+    expect(store.delay_ms).toBe(450);
   });
 });

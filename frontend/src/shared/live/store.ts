@@ -1,15 +1,15 @@
-import type { Alert, Estimate, Pad, SessionState, Status, Track, VerdictSummary } from "../api/records";
+import type { Alert, Estimate, Pad, SessionState, Status, VerdictSummary } from "../api/records";
+import type { TrackColumns } from "./columns";
 import type { ConnectionEvent, ConnectionState } from "./connection";
 import type { Changes, LiveFrame } from "./protocol";
+import { TrackTable } from "./tracks";
 
 /** What can change; a subscriber names what it wants to hear of. */
 export type Topic = "tracks" | "estimates" | "sessions" | "verdicts" | "pads" | "alerts" | "status" | "connection";
 
-export type TrailPoint = { lat_e7: number; lon_e7: number; t_ms: number };
-
-/** A trail shows the last minute of positions. */
-export const TRAIL_MS = 60_000;
-const MAX_TRAIL = 400;
+/** A drone unheard for this long is no longer kept; the server's snapshot goes as far back. */
+export const TRACK_AGE_MS = 10 * 60_000;
+const FORGET_EVERY_MS = 30_000;
 export const MAX_VERDICTS = 5_000;
 export const MAX_SESSIONS = 2_000;
 
@@ -19,10 +19,10 @@ type Listener = (topics: ReadonlySet<Topic>) => void;
  * All that is known live, free of any UI framework: the map reads it at each tick, React through `useLive`.
  *
  * Tracks and estimates are the latest of each drone; sessions and verdicts are all of them, newest first, bounded.
+ * What feeds it (the socket's worker, a recording, a script) calls `receive`.
  */
 export class LiveStore {
-  readonly tracks = new Map<string, Track>();
-  readonly trails = new Map<string, TrailPoint[]>();
+  readonly tracks = new TrackTable();
   readonly estimates = new Map<string, Estimate>();
   readonly sessions = new Map<string, SessionState>();
   /** By session. */
@@ -34,6 +34,8 @@ export class LiveStore {
   connection: ConnectionState = { phase: "connecting", attempt: 1 };
   /** When the last frame came, by this machine's clock; undefined before the first. */
   lastFrame_ms: number | undefined;
+  /** How much later than the least delayed frame the last one came: more than a moment where the way here is congested. */
+  delay_ms = 0;
   /** The first snapshot has come in whole: what is empty now is empty in truth. */
   ready = false;
   /** The last hello brought a snapshot or fell behind: verdicts older than the snapshot may be missing. */
@@ -45,6 +47,10 @@ export class LiveStore {
   private clockOffset_ms: number | undefined;
   private snapshotParts = 0;
   private seen = new Set<string>();
+  private forgotten_ms = 0;
+
+  /** `now_ms`: the time of the picture where it is not now (a recording's); else the server's clock is learned. */
+  constructor(private readonly pictureNow_ms?: () => number) {}
 
   /** Calls back after each change of one of these topics; returns the end of it. */
   subscribe(topics: readonly Topic[], listener: Listener): () => void {
@@ -56,7 +62,7 @@ export class LiveStore {
 
   /** The server's clock, as well as the frames allow to know it. */
   serverNow_ms(local_ms: number = Date.now()): number {
-    return local_ms + (this.clockOffset_ms ?? 0);
+    return this.pictureNow_ms?.() ?? local_ms + (this.clockOffset_ms ?? 0);
   }
 
   /** Newest first. */
@@ -86,7 +92,7 @@ export class LiveStore {
         break;
       case "frame":
         this.lastFrame_ms = event.received_ms;
-        this.apply(event.frame, event.received_ms, changed);
+        this.apply(event.frame, event.columns, event.received_ms, changed);
         break;
     }
     this.notify(changed);
@@ -103,7 +109,16 @@ export class LiveStore {
     this.gap = false;
   }
 
-  private apply(frame: LiveFrame, received_ms: number, changed: Set<Topic>): void {
+  /** Forgets everything, before a recording goes on from another time. Subscribers stay. */
+  clear(): void {
+    this.tracks.clear();
+    for (const map of [this.estimates, this.sessions, this.verdicts, this.pads, this.alerts]) map.clear();
+    this.verdictList = this.sessionList = this.status = this.clockOffset_ms = undefined;
+    this.ready = false;
+    this.notify(new Set(["tracks", "estimates", "sessions", "verdicts", "pads", "alerts", "status", "connection"]));
+  }
+
+  private apply(frame: LiveFrame, columns: TrackColumns | undefined, received_ms: number, changed: Set<Topic>): void {
     if (frame.type === "hello") {
       this.learnClock(frame.t_ms, received_ms);
       if (!frame.resumed) {
@@ -119,19 +134,23 @@ export class LiveStore {
       changed.add("connection");
       return;
     }
-    if (frame.type === "delta") this.learnClock(frame.t_ms, received_ms);
+    if (frame.type === "delta") {
+      this.learnClock(frame.t_ms, received_ms);
+      this.forgetTracks(frame.t_ms, changed);
+    }
+    if (columns !== undefined) {
+      this.tracks.take(columns);
+      changed.add("tracks");
+    }
     this.take(frame, changed);
     if (frame.type === "snapshot") {
       this.snapshotParts += 1;
       for (const track of frame.tracks ?? []) this.seen.add(track.uav_id);
+      // The numbering begins anew with the snapshot: until it is complete, every name in it is new.
+      for (const name of columns?.names ?? []) this.seen.add(name);
       if (this.snapshotParts >= frame.of) {
         this.ready = true;
-        for (const id of this.tracks.keys()) {
-          if (!this.seen.has(id)) {
-            this.tracks.delete(id);
-            this.trails.delete(id);
-          }
-        }
+        for (const id of this.tracks.keys()) if (!this.seen.has(id)) this.tracks.delete(id);
         changed.add("tracks").add("connection");
       }
     }
@@ -143,6 +162,7 @@ export class LiveStore {
     const known = this.clockOffset_ms;
     // A large step means that one of the clocks was set; then the newest is right.
     if (known === undefined || offset > known || Math.abs(offset - known) > 30_000) this.clockOffset_ms = offset;
+    this.delay_ms = (this.clockOffset_ms ?? offset) - offset;
   }
 
   private take(changes: Changes, changed: Set<Topic>): void {
@@ -151,8 +171,7 @@ export class LiveStore {
       changed.add("pads");
     }
     for (const track of changes.tracks ?? []) {
-      this.tracks.set(track.uav_id, track);
-      this.extendTrail(track);
+      this.tracks.set(track);
       changed.add("tracks");
     }
     for (const estimate of changes.estimates ?? []) {
@@ -206,13 +225,10 @@ export class LiveStore {
     done();
   }
 
-  private extendTrail(track: Track): void {
-    const trail = this.trails.get(track.uav_id) ?? [];
-    const last = trail.at(-1);
-    if (last !== undefined && track.t_ms <= last.t_ms) return;
-    trail.push({ lat_e7: track.lat_e7, lon_e7: track.lon_e7, t_ms: track.t_ms });
-    while (trail.length > MAX_TRAIL || (trail[0] !== undefined && trail[0].t_ms < track.t_ms - TRAIL_MS)) trail.shift();
-    this.trails.set(track.uav_id, trail);
+  private forgetTracks(t_ms: number, changed: Set<Topic>): void {
+    if (t_ms - this.forgotten_ms < FORGET_EVERY_MS) return;
+    this.forgotten_ms = t_ms;
+    if (this.tracks.forgetBefore(t_ms - TRACK_AGE_MS)) changed.add("tracks");
   }
 
   private notify(changed: ReadonlySet<Topic>): void {

@@ -17,7 +17,8 @@ export function Hash({ value, label }: { value: string; label: string }): ReactE
     );
   };
   return (
-    <button type="button" className="copy mono" title={`${label} ${value}`} aria-label={t("copy", { label, value })} onClick={copy}>
+    <button type="button" className="copy mono" title={`${label} ${value}`} onClick={copy}>
+      <span className="visually-hidden">{t("copy", { label, value })}</span>
       <span aria-live="polite">{copied ? t("copied") : shortHash(value)}</span>
     </button>
   );

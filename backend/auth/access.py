@@ -1,0 +1,56 @@
+"""What an endpoint demands of whoever calls it."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Any, Final
+
+from fastapi import Depends
+from starlette.requests import HTTPConnection
+
+from backend.auth.person import AUTHORITY, Person, Role
+from backend.context import context_of
+from backend.errors import Forbidden, SignInRequired
+
+
+async def person_of(connection: HTTPConnection) -> Person:
+    """Who is signed in, or which machine bears a token for this. Raises `SignInRequired`, `Forbidden`."""
+    context = context_of(connection)
+    authorization = connection.headers.get("authorization")
+    if authorization is not None:
+        return await context.machines.person_of(connection, authorization)
+    person = await context.sign_ins.find(connection.cookies.get(context.cookie_name))
+    if person is None:
+        raise SignInRequired("Sign in first.")
+    return person
+
+
+SignedInPerson = Annotated[Person, Depends(person_of)]
+SIGNED_IN: Final = [Depends(person_of)]
+
+
+def allowed(*roles: Role) -> Callable[[Person], Awaitable[Person]]:
+    """A dependency: somebody who has one of these roles. It raises `SignInRequired` and `Forbidden`."""
+
+    async def check(person: SignedInPerson) -> Person:
+        require(person, *roles)
+        return person
+
+    return check
+
+
+def require(person: Person, *roles: Role) -> None:
+    """Raises `Forbidden` for somebody who has none of these roles."""
+    if not person.has(*roles):
+        theirs = " and ".join(person.roles) or "none"
+        raise Forbidden(f"This needs the role {' or '.join(roles)}; yours: {theirs}. An administrator can change it.")
+
+
+def only(*roles: Role) -> Any:
+    """The same for a route or router that does not need to know who it is: ``dependencies=[only("admin")]``."""
+    return Depends(allowed(*roles))
+
+
+Officer = Annotated[Person, Depends(allowed(*AUTHORITY))]
+"""Somebody who acts for the authority."""
+Administrator = Annotated[Person, Depends(allowed("admin"))]

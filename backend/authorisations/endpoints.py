@@ -1,0 +1,70 @@
+"""Authorisations by REST."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import Response
+from pydantic import Field
+from sqlalchemy import or_, select, tuple_
+
+from backend.areas import drones_of, field
+from backend.auth.access import SignedInPerson
+from backend.context import context_of
+from backend.db.tables.ledger import AuthorisationRow
+from backend.drones.schemas import Authorisation
+from backend.errors import BadRequest, documented
+from backend.filters import PageQuery
+from backend.pagination import decode_cursor
+from backend.responses import page, record
+from backend.schemas import page_of
+from wonderland.proofs.records.fields import ID_PATTERN
+
+router = APIRouter(tags=["authorisations"])
+_ID = f"^{ID_PATTERN}$"
+AuthorisationPage = page_of("AuthorisationPage", Authorisation)
+
+
+class AuthorisationQuery(PageQuery):
+    """Which authorisations."""
+
+    drone: str | None = Field(default=None, pattern=_ID, max_length=40, description="Only of this drone")
+    operator: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only of this operator's drones")
+    pad: str | None = Field(
+        default=None, pattern=_ID, max_length=64, description="Only for this pad; those for every pad count"
+    )
+    revoked: bool | None = Field(default=None, description="Only revoked ones, or only those that are not")
+
+
+@router.get("/authorisations", response_model=AuthorisationPage, responses=documented(BadRequest))
+async def list_authorisations(
+    request: Request, filters: Annotated[AuthorisationQuery, Query()], person: SignedInPerson
+) -> Response:
+    """Authorisations by drone, past and future ones included."""
+    query = (
+        select(AuthorisationRow)
+        .order_by(AuthorisationRow.uav_id, AuthorisationRow.authorisation_id)
+        .limit(filters.limit + 1)
+    )
+    query = person.scope.narrow(query, drone=AuthorisationRow.uav_id)
+    if filters.cursor is not None:
+        after = decode_cursor(filters.cursor, str, str)
+        query = query.where(tuple_(AuthorisationRow.uav_id, AuthorisationRow.authorisation_id) > after)
+    if filters.drone is not None:
+        query = query.where(AuthorisationRow.uav_id == filters.drone)
+    if filters.operator is not None:
+        query = query.where(AuthorisationRow.uav_id.in_(drones_of(filters.operator)))
+    if filters.pad is not None:
+        named = (field("pad_id", pad) for pad in (filters.pad, "*"))
+        query = query.where(or_(*(AuthorisationRow.record.contains(each, autoescape=True) for each in named)))
+    if filters.revoked is not None:
+        state = "true" if filters.revoked else "false"
+        query = query.where(AuthorisationRow.record.contains(f'"revoked":{state}'))
+    async with context_of(request).database.read() as database:
+        rows = (await database.scalars(query)).all()
+    return page(
+        ((row, record(row.record)) for row in rows),
+        filters.limit,
+        cursor_of=lambda row: (row.uav_id, row.authorisation_id),
+    )

@@ -1,0 +1,121 @@
+"""Requests with a bearer token: who sends them, whether their scopes suffice, how often they may."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from starlette.requests import HTTPConnection
+
+from backend.auth.person import Person, roles_of
+from backend.clients.certificates import Certificates
+from backend.clients.keys import TokenKeys
+from backend.clients.limits import RateLimits
+from backend.clients.scopes import scopes_for
+from backend.clients.store import Clients, sha256
+from backend.clients.tokens import Tokens
+from backend.db.tables.clients import ClientRow
+from backend.errors import Forbidden
+from backend.settings import Settings
+from backend.uspace.service import USpace
+from backend.uspace.tokens import Caller, ScopeMissing, TokenRefused, TokenVerifier
+
+METHOD: Final = "client"
+
+
+class Machines:
+    """Turns a bearer token into whoever may do what the request asks for."""
+
+    def __init__(
+        self,
+        tokens: Tokens,
+        clients: Clients,
+        verifier: TokenVerifier,
+        limits: RateLimits,
+        certificates: Certificates,
+    ) -> None:
+        self.tokens = tokens
+        self.certificates = certificates
+        self.limits = limits
+        self._clients = clients
+        self._verifier = verifier
+        verifier.trust(tokens.issuer, tokens.keys.all)
+
+    async def person_of(self, connection: HTTPConnection, authorization: str) -> Person:
+        """The machine as a `Person`. Raises `TokenRefused`, `ScopeMissing`, `Forbidden`, `TooManyRequests`."""
+        shown = self.certificates.of(connection)
+        caller = await self._verifier.verify(authorization, None if shown is None else shown.thumbprint)
+        if caller.issuer == self.tokens.issuer:
+            person, scopes = await self._client(caller)
+        else:
+            person, scopes = _system(caller), caller.scopes
+        self.limits.admit(connection.scope, person.person_id)
+        enough = _scopes_for(connection)
+        if not enough:
+            raise Forbidden("This is not open to machines; a person has to sign in.")
+        if scopes.isdisjoint(enough):
+            raise ScopeMissing(enough)
+        connection.state.scopes = scopes
+        return person
+
+    async def _client(self, caller: Caller) -> tuple[Person, frozenset[str]]:
+        client = await self._clients.find(caller.subject)
+        if client is None or client.revoked_ms is not None:
+            raise TokenRefused("The client was revoked.")
+        # What was taken away from the client since is in its older tokens no longer.
+        return person_of_client(client, caller.expires_s * 1000), caller.scopes & frozenset(client.scopes.split())
+
+
+def person_of_client(client: ClientRow, expires_ms: int = 0) -> Person:
+    """A registered client with the rights that it has."""
+    return Person(
+        person_id=client.client_id,
+        name=client.name,
+        roles=roles_of(client.role),
+        msp_id=client.msp_id,
+        method=METHOD,
+        signed_in_ms=client.created_ms,
+        expires_ms=expires_ms,
+        cookie_sha256="",
+    )
+
+
+def machines_of(
+    settings: Settings,
+    clients: Clients,
+    uspace: USpace,
+    clock: Callable[[], int],
+    randomness: Callable[[int], bytes],
+) -> Machines:
+    """As the settings say. Raises `SettingsError`."""
+    tokens = Tokens(
+        TokenKeys.load(settings.token_key_file),
+        clients,
+        issuer=(settings.public_url or "http://localhost").rstrip("/"),
+        audience=settings.uspace.audiences[0] if settings.uspace.audiences else uspace.host,
+        clock=clock,
+        randomness=randomness,
+    )
+    limits = RateLimits(settings.client_requests_per_min, clock)
+    return Machines(tokens, clients, uspace.verifier, limits, Certificates.of_settings(settings, clock))
+
+
+def _system(caller: Caller) -> Person:
+    """A system that another issuer vouches for: it sees what anybody may, and no personal data."""
+    return Person(
+        person_id=f"sys-{sha256(f'{caller.issuer} {caller.subject}')[:28]}",
+        name=caller.subject[:120],
+        roles=("viewer",),
+        msp_id="",
+        method=METHOD,
+        signed_in_ms=0,
+        expires_ms=caller.expires_s * 1000,
+        cookie_sha256="",
+    )
+
+
+def _scopes_for(connection: HTTPConnection) -> frozenset[str]:
+    route: Any = connection.scope.get("route")
+    method = str(connection.scope.get("method", "GET"))
+    tags = getattr(route, "tags", None) or ()
+    return frozenset[str]().union(*(scopes_for(method, str(tag)) for tag in tags))

@@ -1,0 +1,96 @@
+"""The question that U-space asks, by REST."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import Response
+from sqlalchemy import select
+
+from backend import geojson
+from backend.auth.access import SignedInPerson
+from backend.conformance import queries, texts
+from backend.conformance.rules import Broadcast, Finding, Question, judge
+from backend.conformance.schemas import Conformance, ConformanceFor, ConformanceQuery
+from backend.context import context_of
+from backend.db.tables.ledger import DroneRow
+from backend.errors import documented
+from backend.languages import HEADER, Language, language_of
+from backend.proofs.queries import shown
+
+router = APIRouter(tags=["conformance"])
+
+
+@router.get("/conformance", response_model=Conformance, responses=documented(), openapi_extra={"parameters": [HEADER]})
+async def read_conformance(request: Request, asked: ConformanceFor, person: SignedInPerson) -> Response:
+    """Whether a drone's broadcast is supported by a proof, how fresh that proof is, and how strong.
+
+    A proof bounds where the drone can be later: it flies no faster than `max_speed_mm_s`. The rules are in
+    docs/api/conformance.md.
+    """
+    context = context_of(request)
+    now = context.clock()
+    language = language_of(request)
+    content: dict[str, Any] = {"serial": asked.serial, "t_ms": now}
+    async with context.database.read() as database:
+        visible = person.scope.narrow(select(DroneRow.uav_id), drone=DroneRow.uav_id)
+        registered = (await database.execute(visible.where(DroneRow.uav_id == asked.serial))).first() is not None
+        broadcast = _own(asked, now)
+        last_heard = await queries.heard(database, asked.serial) if registered or person.scope.everything else None
+        known = registered or last_heard is not None
+        found = await queries.newest(database, asked.serial) if registered else None
+        measured = await queries.measured(database, found[0]) if found is not None else None
+    broadcast = broadcast or last_heard
+    if known:
+        question = Question(asked.within_mm, asked.max_speed_mm_s, asked.min_assurance)
+        finding = judge(broadcast, measured, question, now)
+        if found is not None and found[0] is not found[1]:
+            finding = replace(finding, limits=(*finding.limits, "last_proof_inconclusive"))
+    else:
+        finding = Finding("unknown", ())
+    if not registered:
+        finding = replace(finding, limits=("not_registered", *finding.limits))
+    content |= _shown(finding, language)
+    if known and broadcast is not None:
+        source = "heard" if asked.lat_e7 is None else "asked"
+        content["broadcast"] = _broadcast(broadcast, source)
+    if found is not None and measured is not None:
+        content |= {"proof": shown(found[0], language), "measured_ms": measured.t_ms, "assurance": measured.assurance}
+    headers = {"Cache-Control": "private, no-store", "Content-Language": language}
+    return geojson.tagged(request, content, headers=headers)
+
+
+def _own(asked: ConformanceQuery, now_ms: int) -> Broadcast | None:
+    """The broadcast that came with the question."""
+    if asked.lat_e7 is None or asked.lon_e7 is None:
+        return None
+    return Broadcast(asked.lat_e7, asked.lon_e7, now_ms if asked.t_ms is None else asked.t_ms, asked.accuracy_mm)
+
+
+def _broadcast(broadcast: Broadcast, source: str) -> dict[str, Any]:
+    return {
+        "lat_e7": broadcast.lat_e7,
+        "lon_e7": broadcast.lon_e7,
+        "t_ms": broadcast.t_ms,
+        "accuracy_mm": broadcast.accuracy_mm,
+        "source": source,
+        "verified": False,
+    }
+
+
+def _shown(finding: Finding, language: Language) -> dict[str, Any]:
+    content: dict[str, Any] = {
+        "status": finding.status,
+        "text": texts.STATUS[finding.status][language],
+        "limits": [{"code": code, "text": texts.LIMITS[code][language]} for code in finding.limits],
+    }
+    facts = {
+        "distance_mm": finding.distance_mm,
+        "proven_within_mm": finding.within_mm,
+        "proven_beyond_mm": finding.beyond_mm,
+        "age_ms": finding.age_ms,
+        "supported_until_ms": finding.supported_until_ms,
+    }
+    return content | {name: value for name, value in facts.items() if value is not None}

@@ -1,0 +1,33 @@
+"""All tables, by who writes them. Whoever needs them all imports this package: the metadata is then complete."""
+
+from backend.db.tables import (
+    alerts,
+    audit,
+    clients,
+    exports,
+    flights,
+    ledger,
+    people,
+    proof_requests,
+    reported,
+    signing,
+    webhooks,
+    zones,
+)
+from backend.db.tables.base import Base
+
+__all__ = [
+    "Base",
+    "alerts",
+    "audit",
+    "clients",
+    "exports",
+    "flights",
+    "ledger",
+    "people",
+    "proof_requests",
+    "reported",
+    "signing",
+    "webhooks",
+    "zones",
+]

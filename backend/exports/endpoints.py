@@ -1,0 +1,69 @@
+"""Exports by REST."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response, StreamingResponse
+
+from backend.auth.access import SIGNED_IN, SignedInPerson, only
+from backend.context import context_of
+from backend.db.tables.exports import ExportRow
+from backend.errors import BadRequest, Conflict, Forbidden, NotFound, TooManyRequests, documented
+from backend.exports import service
+from backend.exports.schemas import Export, ExportQuery
+from backend.responses import Json
+
+router = APIRouter(prefix="/exports", tags=["exports"], dependencies=SIGNED_IN)
+ExportId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
+NO_STORE = {"Cache-Control": "private, no-store"}
+
+
+@router.post(
+    "",
+    status_code=201,
+    response_model=Export,
+    responses=documented(BadRequest, Forbidden),
+    dependencies=[only("admin", "inspector", "pad_operator", "fleet_operator")],
+)
+async def prepare_export(request: Request, query: ExportQuery, person: SignedInPerson) -> Response:
+    """Ask for a window of the past as files; it is audited. Its file is then fetched once, within the hour."""
+    row = await service.prepare(context_of(request), person, query)
+    return Json(_shown(row), status_code=201, headers=NO_STORE)
+
+
+@router.get("/{export_id}", response_model=Export, responses=documented(NotFound))
+async def read_export(request: Request, export_id: ExportId, person: SignedInPerson) -> Response:
+    """How far one's own export has come."""
+    return Json(_shown(await service.find(context_of(request), person, export_id)), headers=NO_STORE)
+
+
+@router.get(
+    "/{export_id}/file",
+    response_class=StreamingResponse,
+    responses=documented(NotFound, Conflict, TooManyRequests),
+)
+async def fetch_export(request: Request, export_id: ExportId, person: SignedInPerson) -> Response:
+    """The archive (application/zip), once: the data's files and `manifest.json` with their SHA-256."""
+    context = context_of(request)
+    row = await service.find(context, person, export_id)
+    query = await service.begin(context, row)
+    begin = datetime.fromtimestamp(query.from_ms / 1000, UTC)
+    headers = {"Content-Disposition": f'attachment; filename="wonderland-{begin:%Y%m%dT%H%M%SZ}-{query.format}.zip"'}
+    content = service.stream(context, person, row, query)
+    return StreamingResponse(content, media_type="application/zip", headers=NO_STORE | headers)
+
+
+def _shown(row: ExportRow) -> dict[str, Any]:
+    shown = {
+        "export_id": row.export_id,
+        "created_ms": row.created_ms,
+        "expires_ms": row.created_ms + service.KEPT_MS,
+        "expected": row.expected,
+        "state": row.state,
+        "rows": row.rows,
+        "bytes": row.bytes,
+    }
+    return shown if row.sha256 is None else shown | {"sha256": row.sha256}

@@ -1,0 +1,130 @@
+"""People as administrators manage them."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Request
+from fastapi.responses import Response
+
+from backend import audit
+from backend.auth.access import Administrator
+from backend.auth.person import Person
+from backend.auth.secret import new_id
+from backend.context import Context, context_of
+from backend.errors import Conflict, Forbidden, NotFound, documented
+from backend.people import store
+from backend.people.accept import INVITATION, RECOVERY
+from backend.people.me import detail_of
+from backend.people.schemas import (
+    Invitation,
+    LinkMade,
+    PeopleList,
+    PersonChange,
+    PersonDetail,
+    PersonIdPath,
+    SignInIdPath,
+)
+from backend.responses import Json
+
+router = APIRouter(tags=["people"])
+NO_STORE = {"Cache-Control": "no-store"}
+
+
+@router.get("/people", response_model=PeopleList, responses=documented(Forbidden))
+async def list_people(request: Request, _: Administrator) -> Response:
+    """All people, by name."""
+    async with context_of(request).database.read() as database:
+        found = await store.listing(database)
+    return Json({"items": found}, headers=NO_STORE)
+
+
+@router.post("/people", response_model=LinkMade, status_code=201, responses=documented(Forbidden, Conflict))
+async def invite_person(request: Request, who: Administrator, body: Invitation) -> Response:
+    """Make an account, and the link by which its owner takes it."""
+    context = context_of(request)
+    person_id = new_id(context.randomness)
+    async with context.database.write() as connection:
+        await store.create(connection, who, body, person_id, state=store.INVITED, now_ms=context.clock())
+        ttl_s = context.settings.invitation_ttl_s
+        token = await context.sign_ins.new_link(connection, INVITATION, person_id, ttl_s=ttl_s)
+        person = await store.find(connection, person_id)
+    return _made(context, person, token, 201)
+
+
+@router.get("/people/{person_id}", response_model=PersonDetail, responses=documented(Forbidden, NotFound))
+async def read_person(request: Request, who: Administrator, person_id: PersonIdPath) -> Response:
+    """A person, with how and where they sign in."""
+    return await _detail(context_of(request), who, person_id)
+
+
+@router.patch("/people/{person_id}", response_model=PersonDetail, responses=documented(Forbidden, NotFound, Conflict))
+async def change_person(request: Request, who: Administrator, person_id: PersonIdPath, body: PersonChange) -> Response:
+    """Change name, address, roles or organisation; suspend and restore. Takes effect at once."""
+    context = context_of(request)
+    async with context.database.write() as connection:
+        person, touched = await store.change(connection, who, person_id, body, context.clock())
+    for cookie in touched:
+        if person["state"] == store.SUSPENDED:
+            context.hub.close_person(cookie)
+        else:
+            context.hub.restart_person(cookie)
+    return await _detail(context, who, person_id)
+
+
+@router.delete("/people/{person_id}", status_code=204, responses=documented(Forbidden, NotFound, Conflict))
+async def withdraw_invitation(request: Request, who: Administrator, person_id: PersonIdPath) -> Response:
+    """Take an invitation back that nobody has accepted."""
+    context = context_of(request)
+    async with context.database.write() as connection:
+        await store.withdraw(connection, who, person_id, context.clock())
+    return Response(status_code=204)
+
+
+@router.post(
+    "/people/{person_id}/link",
+    response_model=LinkMade,
+    status_code=201,
+    responses=documented(Forbidden, NotFound, Conflict),
+)
+async def make_link(request: Request, who: Administrator, person_id: PersonIdPath) -> Response:
+    """Another link: for an invitation that has not been accepted, or for somebody who cannot sign in any more.
+
+    Whoever comes back by it makes a new passkey; all earlier ones, and all sign-ins, end then.
+    """
+    context = context_of(request)
+    async with context.database.write() as connection:
+        person = await store.find(connection, person_id)
+        if person["state"] == store.SUSPENDED:
+            raise Conflict("This account is suspended; restore it first.")
+        kind = INVITATION if person["state"] == store.INVITED else RECOVERY
+        ttl_s = context.settings.invitation_ttl_s if kind == INVITATION else None
+        token = await context.sign_ins.new_link(connection, kind, person_id, ttl_s=ttl_s)
+        await audit.record(connection, who, f"{kind}_link_made", store.subject(person_id), t_ms=context.clock())
+    return _made(context, person, token, 201)
+
+
+@router.delete(
+    "/people/{person_id}/sign-ins/{sign_in_id}",
+    response_model=PersonDetail,
+    responses=documented(Forbidden, NotFound),
+)
+async def end_sign_in(
+    request: Request, who: Administrator, person_id: PersonIdPath, sign_in_id: SignInIdPath
+) -> Response:
+    """Sign one of somebody's browsers out."""
+    context = context_of(request)
+    async with context.database.write() as connection:
+        cookie = await store.end_sign_in(connection, who, person_id, sign_in_id, context.clock())
+    context.hub.close_person(cookie)
+    return await _detail(context, who, person_id)
+
+
+async def _detail(context: Context, who: Person, person_id: str) -> Response:
+    return Json(await detail_of(context, who, person_id), headers=NO_STORE)
+
+
+def _made(context: Context, person: store.Row, token: str, status: int) -> Response:
+    ttl_s = context.settings.invitation_ttl_s if person["state"] == store.INVITED else context.settings.token_ttl_s
+    content = {"person": person, "token": token, "expires_ms": context.clock() + ttl_s * 1000}
+    answer = Json(content, headers=NO_STORE)
+    answer.status_code = status
+    return answer

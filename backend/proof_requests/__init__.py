@@ -1,0 +1,1 @@
+"""Requests for a proof by somebody other than the drone: brought to the drone's agent, followed on the ledger."""

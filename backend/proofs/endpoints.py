@@ -1,0 +1,77 @@
+"""Proofs by REST, as JSON or GeoJSON."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response
+
+from backend import geojson
+from backend.auth.access import SignedInPerson
+from backend.context import context_of
+from backend.errors import BadRequest, NotFound, documented
+from backend.languages import HEADER, language_of
+from backend.pagination import decode_cursor
+from backend.proofs import queries
+from backend.proofs.schemas import Proof, ProofFilters, ProofPage
+
+router = APIRouter(tags=["proofs"])
+ProofId = Annotated[str, Path(pattern="^[0-9a-f]{64}$", description="Transaction id of the request")]
+_LANGUAGES: dict[str, Any] = {"parameters": [HEADER]}
+
+
+@router.get(
+    "/proofs",
+    response_model=ProofPage,
+    responses=documented(BadRequest) | geojson.documented(ProofPage),
+    openapi_extra=_LANGUAGES,
+)
+async def list_proofs(request: Request, filters: ProofFilters, person: SignedInPerson) -> Response:
+    """Proofs, newest first. As GeoJSON each is a point: the measured place, else the place that was claimed."""
+    place = decode_cursor(filters.cursor, int, int) if filters.cursor is not None else None
+    async with context_of(request).database.read() as database:
+        rows = await queries.listing(
+            database, filters, person.scope, before=(place[0], place[1]) if place is not None else None
+        )
+    language = language_of(request)
+    return geojson.page(
+        request,
+        ((row, queries.shown(row, language)) for row in rows),
+        filters.limit,
+        cursor_of=lambda row: (row.block, row.tx_index),
+        id_of=_id,
+        geometry_of=_geometry,
+        headers={"Content-Language": language},
+    )
+
+
+@router.get(
+    "/proofs/{proof_id}",
+    response_model=Proof,
+    responses=documented(NotFound) | geojson.documented(Proof),
+    openapi_extra=_LANGUAGES,
+)
+async def read_proof(request: Request, proof_id: ProofId, person: SignedInPerson) -> Response:
+    """One proof. Its evidence, step by step, is `/sessions/{session_id}` with the same id."""
+    async with context_of(request).database.read() as database:
+        row = await queries.find(database, proof_id, person.scope)
+    if row is None:
+        raise NotFound("No proof with this id is on the ledger, as far as it was mirrored.")
+    language = language_of(request)
+    return geojson.one(
+        request,
+        queries.shown(row, language),
+        id_of=_id,
+        geometry_of=_geometry,
+        headers={"Content-Language": language},
+    )
+
+
+def _id(item: geojson.Item) -> str:
+    return str(item["proof_id"])
+
+
+def _geometry(item: geojson.Item) -> geojson.Geometry:
+    claimed = item.get("signed") or item.get("broadcast") or {}
+    return geojson.point(item.get("measured") or claimed.get("place"))

@@ -1,0 +1,87 @@
+"""Reading proofs from the database."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import orjson
+from sqlalchemy import select, tuple_
+from sqlalchemy.ext.asyncio import AsyncSession
+
+from backend.areas import Box, drones_of, pads_within
+from backend.auth.person import Scope
+from backend.db.tables.ledger import VerdictRow
+from backend.languages import Language
+from backend.proofs.reasons import reasons_in
+from backend.proofs.schemas import ProofQuery
+
+_SAME: Final = (
+    "uav_id", "pad_id", "action", "decided_ms", "outcome", "permission", "authorised", "assurance", "rounds",
+    "buffer_mm", "covariance", "evidence_sha256",
+)  # fmt: skip
+_PLACE: Final = ("lat_e7", "lon_e7", "height_mm")
+
+
+def shown(row: VerdictRow, language: Language) -> dict[str, Any]:
+    """The Proof of a verdict's row."""
+    record = orjson.loads(row.record)
+    proof: dict[str, Any] = {"proof_id": row.session_id}
+    proof |= {name: record[name] for name in _SAME if name in record}
+    if "estimate" in record:
+        proof["measured"] = _place(record["estimate"])
+    for name in ("signed", "broadcast"):
+        if name in record:
+            proof[name] = _judged(record[name], language)
+    proof["reasons"] = reasons_in(language, record["reasons"])
+    return proof | {"tx_id": row.tx_id, "block": row.block, "tx_index": row.tx_index}
+
+
+async def find(database: AsyncSession, proof_id: str, scope: Scope) -> VerdictRow | None:
+    """One proof, if it is within the scope."""
+    query = select(VerdictRow).where(VerdictRow.session_id == proof_id)
+    query = scope.narrow(query, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
+    return (await database.scalars(query)).first()
+
+
+async def listing(
+    database: AsyncSession, filters: ProofQuery, scope: Scope, *, before: tuple[int, int] | None
+) -> Sequence[VerdictRow]:
+    """Proofs, newest first, one more than `filters.limit`. `before` (block, tx_index) is the last of the page before.
+
+    Raises `BadRequest` for a box with too many pads.
+    """
+    query = select(VerdictRow).order_by(VerdictRow.block.desc(), VerdictRow.tx_index.desc()).limit(filters.limit + 1)
+    query = scope.narrow(query, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
+    if before is not None:
+        query = query.where(tuple_(VerdictRow.block, VerdictRow.tx_index) < before)
+    for column, value in (
+        (VerdictRow.pad_id, filters.pad),
+        (VerdictRow.uav_id, filters.drone),
+        (VerdictRow.outcome, filters.outcome),
+    ):
+        if value is not None:
+            query = query.where(column == value)
+    if filters.operator is not None:
+        query = query.where(VerdictRow.uav_id.in_(drones_of(filters.operator)))
+    if filters.bbox is not None:
+        query = query.where(VerdictRow.pad_id.in_(await pads_within(database, Box.parse(filters.bbox))))
+    if filters.since_ms is not None:
+        query = query.where(VerdictRow.decided_ms >= filters.since_ms)
+    if filters.until_ms is not None:
+        query = query.where(VerdictRow.decided_ms <= filters.until_ms)
+    return (await database.scalars(query)).all()
+
+
+def _judged(record: dict[str, Any], language: Language) -> dict[str, Any]:
+    return {
+        "outcome": record["outcome"],
+        "place": _place(record["claim"]),
+        "error_mm": record["error_mm"],
+        "likelihood_ppm": record["likelihood_ppm"],
+        "reasons": reasons_in(language, record["reasons"]),
+    }
+
+
+def _place(record: dict[str, Any]) -> dict[str, Any]:
+    return {name: record[name] for name in _PLACE}

@@ -1,0 +1,93 @@
+"""Shapes of proofs."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import Query
+from pydantic import Field
+
+from backend.areas import DESCRIPTION, PATTERN
+from backend.filters import TimeQuery
+from backend.schemas import ApiModel, page_of
+from wonderland.proofs.records.fields import ID_PATTERN
+
+_ID = f"^{ID_PATTERN}$"
+Outcome = Literal["verified", "refuted", "inconclusive"]
+
+
+class ProofReason(ApiModel):
+    """Why: a code for machines and a sentence for people, in the language that was asked for."""
+
+    code: str
+    text: str
+
+
+class Place(ApiModel):
+    """A place on the globe."""
+
+    lat_e7: int
+    lon_e7: int
+    height_mm: int = Field(description="Above the WGS-84 ellipsoid")
+
+
+class Uncertainty(ApiModel):
+    """Of the measured place, horizontal: east-east, east-north, north-north."""
+
+    ee_mm2: int
+    en_mm2: int
+    nn_mm2: int
+
+
+class JudgedClaim(ApiModel):
+    """A claim of the drone, and what the measurement says about it."""
+
+    outcome: Outcome
+    place: Place = Field(description="Where the drone said it was")
+    error_mm: int = Field(description="From there to the measured place")
+    likelihood_ppm: int = Field(description="That the drone was within the buffer of its claim")
+    reasons: list[ProofReason]
+
+
+class Proof(ApiModel):
+    """What the contract decided about a drone's place. It is on the ledger, and can be checked there by anybody."""
+
+    proof_id: str = Field(description="The session's id, which is the transaction id of its request")
+    uav_id: str
+    pad_id: str
+    action: Literal["land", "takeoff", "dock"]
+    decided_ms: int
+    outcome: Outcome
+    permission: Literal["granted", "refused"]
+    authorised: bool
+    assurance: int = Field(
+        ge=0,
+        le=4,
+        description="0 the drone's own ranges, 1 measured by the pad, 2 with keyed time stamps, "
+        "3 with time differences, 4 with a second pad",
+    )
+    rounds: int
+    buffer_mm: int
+    measured: Place | None = Field(default=None, description="The measured place; none where it could not be told")
+    covariance: Uncertainty | None = None
+    signed: JudgedClaim | None = Field(default=None, description="The place that the drone signed for this proof")
+    broadcast: JudgedClaim | None = Field(default=None, description="The place that it told the public meanwhile")
+    reasons: list[ProofReason]
+    evidence_sha256: str
+    tx_id: str
+    block: int
+    tx_index: int
+
+
+class ProofQuery(TimeQuery):
+    """Which proofs."""
+
+    pad: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only at this pad")
+    drone: str | None = Field(default=None, pattern=_ID, max_length=40, description="Only of this drone")
+    operator: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only of this operator's drones")
+    outcome: Outcome | None = None
+    bbox: str | None = Field(default=None, pattern=PATTERN, description=f"Only at pads within: {DESCRIPTION}")
+
+
+ProofFilters = Annotated[ProofQuery, Query()]
+ProofPage = page_of("ProofPage", Proof)

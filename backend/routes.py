@@ -1,0 +1,156 @@
+"""The application's routes, by domain, and what stands before all of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from fastapi import APIRouter, FastAPI, Request
+from fastapi.responses import JSONResponse
+from fastapi.routing import APIRoute
+
+from backend import console, errors
+from backend.alerts import endpoints as alerts
+from backend.audit import endpoints as audit_log
+from backend.auth import endpoints as auth
+from backend.auth.gate import SetUpGate
+from backend.authorisations import endpoints as authorisations
+from backend.boundary import Boundary
+from backend.clients import endpoints as clients_api
+from backend.clients.limits import RateLimitHeaders
+from backend.conformance import endpoints as conformance
+from backend.description import DESCRIPTION, openapi
+from backend.drones import endpoints as drones
+from backend.events import endpoints as events
+from backend.exports import endpoints as exports
+from backend.flights import endpoints as flights
+from backend.ingest import endpoints as ingest
+from backend.ledger import endpoints as ledger
+from backend.live import endpoints as live
+from backend.outputs import endpoints as outputs
+from backend.pads import endpoints as pads
+from backend.people import endpoints as people
+from backend.people import me, oidc_endpoints, ways_in
+from backend.proof_requests import endpoints as proof_requests
+from backend.proofs import endpoints as proofs
+from backend.reference import page as reference
+from backend.registry import endpoints as registry
+from backend.registry import imports
+from backend.replay import endpoints as replay
+from backend.search import endpoints as search
+from backend.sessions import endpoints as sessions
+from backend.settings import Settings
+from backend.statistics import endpoints as statistics
+from backend.tracks import endpoints as tracks
+from backend.transactions import endpoints as transactions
+from backend.uspace.eu664 import endpoints as traffic
+from backend.uspace.netrid import console_endpoints as networked_flights
+from backend.uspace.netrid import endpoints as network_remote_id
+from backend.uspace.netrid import harness_endpoints as test_harness
+from backend.verdicts import endpoints as verdicts
+from backend.webhooks import endpoints as webhooks
+from backend.zones import endpoints as zones
+from backend.zones import harness_endpoints as zones_harness
+from wonderland import __version__
+
+API: Final = "/api/v1"
+
+
+def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory: Path | None) -> FastAPI:
+    """The routes; what they work on is in ``app.state.context``."""
+    app = FastAPI(
+        title="Wonderland",
+        version=__version__,
+        description=DESCRIPTION,
+        openapi_url=None,
+        docs_url=None,
+        redoc_url=None,
+        separate_input_output_schemas=False,
+        generate_unique_id_function=_operation_id,
+        redirect_slashes=False,
+        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+    )
+    api = APIRouter(prefix=API)
+    for router in (
+        auth.router,
+        ways_in.router,
+        oidc_endpoints.router,
+        me.router,
+        people.router,
+        audit_log.router,
+        transactions.router,
+        registry.router,
+        ledger.public,
+        ledger.router,
+        pads.router,
+        drones.router,
+        sessions.router,
+        verdicts.router,
+        tracks.router,
+        alerts.router,
+        search.router,
+        statistics.router,
+        replay.router,
+        exports.router,
+        authorisations.router,
+        proofs.router,
+        conformance.router,
+        proof_requests.router,
+        flights.router,
+        events.router,
+        webhooks.router,
+        zones.router,
+        zones.service,
+        clients_api.router,
+        reference.router,
+        live.router,
+        outputs.router,
+        traffic.router,
+        networked_flights.router,
+    ):
+        api.include_router(router)
+    app.include_router(api)
+    app.include_router(ingest.router)
+    app.include_router(network_remote_id.router)
+    app.include_router(clients_api.oauth)
+    errors.install(app)
+
+    app.add_api_route(f"{API}/openapi.json", _description, methods=["GET"], include_in_schema=False)
+    app.add_api_route("/api/{path:path}", _unknown, methods=["GET", "HEAD"], include_in_schema=False)
+    if settings.uspace.test_harness:
+        app.include_router(test_harness.router)
+        app.include_router(zones_harness.router)
+    for path in (*test_harness.PATHS, *zones_harness.PATHS):
+        app.add_api_route(path, _unknown, methods=["GET", "HEAD", "PUT", "POST", "DELETE"], include_in_schema=False)
+    console.install(app, console.find(console_directory))
+    app.add_middleware(RateLimitHeaders)
+    app.add_middleware(SetUpGate)
+    app.add_middleware(
+        Boundary,
+        allowed_hosts=allowed_hosts,
+        max_body_bytes=_largest_body(settings),
+        https=settings.is_https,
+        larger={f"{API}/registry/imports/": imports.MAX_BYTES, f"{API}/zones/imports": settings.max_zone_file_bytes},
+    )
+    app.openapi = lambda: openapi(app)  # type: ignore[method-assign]
+    return app
+
+
+# FastAPI remembers the functions behind routes for ever: none of them may hold the application.
+
+
+async def _unknown() -> None:
+    raise errors.NotFound("There is nothing at this address; see /api/v1/openapi.json for what there is.")
+
+
+def _description(request: Request) -> JSONResponse:
+    """No coroutine: made for the first time it takes a second, which nobody else shall wait."""
+    return JSONResponse(request.app.openapi())
+
+
+def _largest_body(settings: Settings) -> int:
+    return max(settings.max_body_bytes, test_harness.MAX_BODY if settings.uspace.test_harness else 0)
+
+
+def _operation_id(route: APIRoute) -> str:
+    return route.name

@@ -1,0 +1,50 @@
+"""Getting a browser's key certified: by an organisation's CA, or, in a demo, at a click."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+
+from backend.errors import BadRequest, Forbidden, LedgerAway
+from backend.ledger.access import LedgerAccess
+from backend.transactions.functions import SIGNING_ROLES
+from wonderland.ledger.ca import CertificateRequest
+from wonderland.ledger.ca.client import FabricCaUnreachableError
+from wonderland.ledger.ca.errors import CaError, CaRequestError
+from wonderland.ledger.ca.invitations import Invited
+from wonderland.ledger.errors import LedgerError
+
+Registrar = Callable[[str, str], Awaitable[Invited]]
+"""Invites a name to a role. Only a demo's backend has one; it is the right to make anybody of the organisations."""
+
+
+def read_request(pem: str) -> CertificateRequest:
+    """The request of a browser. Raises `BadRequest`."""
+    try:
+        return CertificateRequest.parse(pem)
+    except CaRequestError as error:
+        raise BadRequest(f"{error}.", ("body.request", str(error))) from None
+
+
+async def enrol(ledger: LedgerAccess, msp_id: str, request: CertificateRequest, secret: str) -> bytes:
+    """The certificate (PEM) for a name's one-time secret. Raises `Problem`."""
+    try:
+        return await ledger.enrol(msp_id, request, secret)
+    except FabricCaUnreachableError as error:
+        raise LedgerAway(f"{error}. Nothing was enrolled.") from error
+    except CaError as error:
+        raise Forbidden(f"{error}.") from error
+    except LedgerError as error:
+        raise LedgerAway(f"The certificate authority cannot be asked just now: {error}.") from error
+
+
+async def enrol_in_demo(
+    ledger: LedgerAccess, registrar: Registrar, role: str, request: CertificateRequest
+) -> tuple[str, bytes]:
+    """MSP id and certificate for a role of the demo. Raises `Problem`."""
+    if role not in SIGNING_ROLES:
+        raise BadRequest(f"The demo gives the roles {', '.join(sorted(SIGNING_ROLES))}.", ("body.role", "unknown"))
+    try:
+        invited = await registrar(request.name, role)
+    except CaError as error:
+        raise BadRequest(f"{error}.", ("body.request", str(error))) from error
+    return invited.msp_id, await enrol(ledger, invited.msp_id, request, invited.secret)

@@ -1,0 +1,29 @@
+"""Who among other systems may ask: FastAPI dependencies on bearer tokens."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+
+from starlette.requests import HTTPConnection
+
+from backend.context import context_of
+from backend.uspace.tokens import Caller
+
+
+def system_with(*scopes: str) -> Callable[[HTTPConnection], Awaitable[Caller]]:
+    """A dependency: the system whose token has one of these scopes.
+
+    Else 401 or 403 as RFC 6750 has it, and 429 for one that asks too often.
+    """
+
+    async def caller_of(connection: HTTPConnection) -> Caller:
+        context = context_of(connection)
+        uspace = context.uspace
+        shown = context.machines.certificates.of(connection)
+        thumbprint = None if shown is None else shown.thumbprint
+        caller = await uspace.verifier.verify(connection.headers.get("authorization"), thumbprint)
+        caller.require(*scopes)
+        uspace.limits.admit(connection.scope, f"{caller.issuer} {caller.subject}")
+        return caller
+
+    return caller_of

@@ -1,0 +1,101 @@
+"""Traffic by REST, once or as a stream."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Annotated, Any, Final
+
+import orjson
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import Response, StreamingResponse
+from pydantic import BaseModel, ConfigDict, Field
+
+from backend import areas
+from backend.auth.access import SIGNED_IN, person_of
+from backend.context import Context, context_of
+from backend.errors import BadRequest, Forbidden, Problem, TooManyRequests, documented
+from backend.responses import Json
+from backend.uspace.eu664.schemas import Recipient, Traffic
+from backend.uspace.eu664.traffic import SCOPES
+
+router = APIRouter(tags=["traffic"])
+
+STREAM: Final = "text/event-stream"
+TICK_S: Final = 0.5
+LOOK_AGAIN_TICKS: Final = 30
+"""How often it is checked that whoever listens still may; and a sign of life where nothing flies."""
+
+
+class TrafficQuery(BaseModel):
+    """Which part of the map."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    bbox: str | None = Field(default=None, pattern=areas.PATTERN, description=areas.DESCRIPTION)
+
+
+@router.get(
+    "/traffic",
+    response_model=Traffic,
+    dependencies=SIGNED_IN,
+    responses=documented(BadRequest, Forbidden, TooManyRequests)
+    | {200: {"model": Traffic, "content": {STREAM: {"schema": {"type": "string"}}}}},
+)
+async def read_traffic(request: Request, query: Annotated[TrafficQuery, Query()]) -> Response:
+    """Drones in flight, with the fields of EU 2021/664, article 8(2), that the recipient may have.
+
+    The recipient follows from the token's scope: `wonderland.traffic.` with `authority`, `ats` (air traffic
+    services), `ussp` (U-space service providers) or `public`; people signed in to the console get the public view.
+    With `Accept: text/event-stream` a stream: an event `traffic` with everything that flies, then one every half
+    second with what has changed.
+    """
+    context = context_of(request)
+    box = areas.Box.parse(query.bbox) if query.bbox is not None else None
+    recipient = _recipient(request)
+    if STREAM not in request.headers.get("accept", ""):
+        items, _ = context.uspace.traffic.items(recipient, box)
+        return Json(_content(context, recipient, items), headers={"Cache-Control": "private, no-store"})
+    if context.commits.streams >= context.settings.max_event_streams:
+        raise TooManyRequests("As many streams are open as this server has; try again later, or ask once a second.")
+    headers = {"Cache-Control": "private, no-store", "X-Accel-Buffering": "no"}
+    return StreamingResponse(_stream(request, context, recipient, box), headers=headers, media_type=STREAM)
+
+
+def _recipient(request: Request) -> Recipient:
+    scopes: frozenset[str] = getattr(request.state, "scopes", frozenset())
+    return next((recipient for scope, recipient in SCOPES.items() if scope in scopes), "public")
+
+
+def _content(context: Context, recipient: Recipient, items: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"t_ms": context.clock(), "recipient": recipient, "items": items}
+
+
+async def _stream(
+    request: Request, context: Context, recipient: Recipient, box: areas.Box | None
+) -> AsyncIterator[bytes]:
+    context.commits.streams += 1
+    after, ticks = -1, 0
+    try:
+        while not context.commits.stopping:
+            items, seen = context.uspace.traffic.items(recipient, box, after=after)
+            if items or after < 0:
+                data = orjson.dumps(_content(context, recipient, items)).decode()
+                yield f"event: traffic\ndata: {data}\n\n".encode()
+            after = seen
+            await asyncio.sleep(TICK_S)
+            ticks += 1
+            if ticks % LOOK_AGAIN_TICKS == 0:
+                if not await _may_look(request):
+                    return
+                yield b": still here\n\n"
+    finally:
+        context.commits.streams -= 1
+
+
+async def _may_look(request: Request) -> bool:
+    try:
+        await person_of(request)
+    except Problem:
+        return False
+    return True

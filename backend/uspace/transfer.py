@@ -1,0 +1,83 @@
+"""Asking other systems over HTTP: never longer, never larger, never elsewhere than was meant."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import ssl
+from http import HTTPStatus
+from typing import Any, Final
+
+import httpx
+import orjson
+
+TIMEOUT_S: Final = 10.0
+MAX_ANSWER: Final = 4 << 20
+
+
+class TransferError(Exception):
+    """Another system could not be asked, or its answer cannot be used; the text says why."""
+
+
+@functools.cache
+def _trusted() -> ssl.SSLContext:
+    """The system's certificates; reading them takes a while."""
+    return httpx.create_ssl_context()
+
+
+def new_client(*, keep: int = 32) -> httpx.AsyncClient:
+    """A client for one backend: bounded, without redirects (one could lead anywhere) and without a proxy.
+
+    `keep`: how many idle connections it keeps.
+    """
+    limits = httpx.Limits(max_connections=64, max_keepalive_connections=keep, keepalive_expiry=30.0)
+    return httpx.AsyncClient(
+        timeout=TIMEOUT_S, limits=limits, verify=_trusted(), follow_redirects=False, trust_env=False
+    )
+
+
+async def ask(
+    client: httpx.AsyncClient, method: str, url: str, *, max_bytes: int = MAX_ANSWER, **options: Any
+) -> tuple[int, httpx.Headers, bytes]:
+    """Status, headers and body of an answer; the whole exchange is bounded in time. Raises `TransferError`."""
+    body = bytearray()
+    try:
+        async with asyncio.timeout(2 * TIMEOUT_S), client.stream(method, url, **options) as answer:
+            async for part in answer.aiter_bytes():
+                body += part
+                if len(body) > max_bytes:
+                    raise TransferError(f"{_host(url)} sends more than {max_bytes} bytes")
+    except httpx.HTTPError as error:
+        raise TransferError(f"{_host(url)}: {type(error).__name__} {error}".rstrip()) from None
+    except (httpx.InvalidURL, ValueError) as error:
+        raise TransferError(f"an address that is none: {error}") from None
+    except TimeoutError:
+        raise TransferError(f"{_host(url)} did not answer in time") from None
+    return answer.status_code, answer.headers, bytes(body)
+
+
+async def ask_object(client: httpx.AsyncClient, method: str, url: str, **options: Any) -> dict[str, Any]:
+    """As `ask`, for an answer that can only be 200 with a JSON object. Raises `TransferError`."""
+    status, _, body = await ask(client, method, url, **options)
+    if status != HTTPStatus.OK:
+        raise TransferError(f"{_host(url)} answered {status}")
+    return parse_object(body, url)
+
+
+def parse_object(body: bytes, who: str) -> dict[str, Any]:
+    """A JSON object. Raises `TransferError`."""
+    try:
+        found = orjson.loads(body)
+    except orjson.JSONDecodeError:
+        found = None
+    if not isinstance(found, dict):
+        raise TransferError(f"{_host(who)} did not answer with a JSON object")
+    return found
+
+
+def _host(url: str) -> str:
+    """An address for a log or an error: what follows the host may say more than others should read."""
+    try:
+        return httpx.URL(url).netloc.decode("ascii", "replace") or url[:100]
+    except httpx.InvalidURL:
+        return url[:100]

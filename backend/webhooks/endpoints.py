@@ -1,0 +1,207 @@
+"""Subscriptions by REST: each sees and changes its own; administrators see all."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response
+from sqlalchemy.ext.asyncio import AsyncSession
+
+from backend import audit
+from backend.auth.access import SignedInPerson, require
+from backend.auth.person import Person
+from backend.clients import idempotency
+from backend.clients.machines import METHOD
+from backend.context import Context, context_of
+from backend.db.tables.webhooks import DeliveryRow, SubscriptionRow
+from backend.errors import BadRequest, Conflict, Forbidden, NotFound, Unprocessable, documented
+from backend.events import feed
+from backend.events.feed import Place
+from backend.filters import Paging
+from backend.pagination import decode_cursor
+from backend.responses import Json, page, resource
+from backend.webhooks import signing, store
+from backend.webhooks.schemas import (
+    ChangedSubscription,
+    DeliveryFilters,
+    DeliveryPage,
+    NewSubscription,
+    Subscription,
+    SubscriptionCreated,
+    SubscriptionPage,
+    WebhookDelivery,
+)
+from backend.webhooks.targets import TargetRefused, resolved
+
+router = APIRouter(tags=["subscriptions"])
+MAX_EACH: Final = 20
+SubscriptionIdPath = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
+DeliveryIdPath = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
+NO_STORE: Final = {"Cache-Control": "private, no-store"}
+_ONCE: Final[dict[str, Any]] = {"parameters": [idempotency.PARAMETER]}
+
+
+@router.get("/subscriptions", response_model=SubscriptionPage, responses=documented(BadRequest))
+async def list_subscriptions(request: Request, paging: Paging, person: SignedInPerson) -> Response:
+    """One's own webhooks; an administrator sees all."""
+    after = decode_cursor(paging.cursor, str)[0] if paging.cursor is not None else None
+    owner = None if person.has("admin") else person.person_id
+    async with context_of(request).database.read() as database:
+        rows = await store.listing(database, owner=owner, after=after, limit=paging.limit + 1)
+    return page(((row, store.shown(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.subscription_id,))
+
+
+@router.post(
+    "/subscriptions",
+    status_code=201,
+    response_model=SubscriptionCreated,
+    responses=documented(BadRequest, Forbidden, Conflict, Unprocessable),
+    openapi_extra=_ONCE,
+)
+async def add_subscription(request: Request, body: NewSubscription, person: SignedInPerson) -> Response:
+    """Have events sent to a URL, signed with the secret in the answer.
+
+    Check what comes as the Standard Webhooks specification says (https://www.standardwebhooks.com), by a library of it
+    or by `wonderland.client.verify_webhook`.
+    """
+    context = context_of(request)
+    if person.method != METHOD:
+        require(person, "admin", "inspector", "pad_operator", "fleet_operator")
+
+    async def write() -> Response:
+        try:
+            await resolved(body.url, context.poster.allowed)
+        except TargetRefused as refused:
+            raise Unprocessable(f"url: {refused}.", ("body.url", str(refused))) from None
+        return await _add(context, body, person)
+
+    return await idempotency.once(request, person, write)
+
+
+async def _add(context: Context, body: NewSubscription, person: Person) -> Response:
+    async with context.database.read() as database:
+        after = Place.parse(body.after) if body.after is not None else await feed.tip(database)
+    secret = signing.new_secret(context.randomness)
+    row = {
+        "subscription_id": context.randomness(16).hex(),
+        "owner": person.person_id,
+        "name": body.name,
+        "url": body.url,
+        "secret": secret,
+        "filter": store.filter_text(body.filter()),
+        "state": store.ACTIVE,
+        "block": after.block,
+        "tx_index": after.tx_index,
+        "created_ms": context.clock(),
+    }
+    async with context.database.write() as connection:
+        if await store.count_of(connection, person.person_id) >= MAX_EACH:
+            raise Conflict(f"Each may have {MAX_EACH} subscriptions; remove one first.")
+        await store.add(connection, row)
+        subject = f"subscription/{row['subscription_id']}"
+        await audit.record(connection, person, "add_subscription", subject, {"url": body.url}, t_ms=context.clock())
+    content = {"subscription": store.shown(SubscriptionRow(**row)), "secret": secret}
+    return Json(content, 201, NO_STORE | {"Location": f"/api/v1/subscriptions/{row['subscription_id']}"})
+
+
+@router.get("/subscriptions/{subscription_id}", response_model=Subscription, responses=documented(NotFound))
+async def read_subscription(request: Request, subscription_id: SubscriptionIdPath, person: SignedInPerson) -> Response:
+    """A webhook."""
+    async with context_of(request).database.read() as database:
+        row = await _theirs(database, subscription_id, person)
+    return resource(request, store.shown(row))
+
+
+@router.patch(
+    "/subscriptions/{subscription_id}", response_model=Subscription, responses=documented(Forbidden, NotFound)
+)
+async def change_subscription(
+    request: Request, subscription_id: SubscriptionIdPath, body: ChangedSubscription, person: SignedInPerson
+) -> Response:
+    """Pause a webhook, or have it go on where it was."""
+    context = context_of(request)
+    async with context.database.read() as database:
+        await _theirs(database, subscription_id, person)
+    async with context.database.write() as connection:
+        await store.set_state(connection, subscription_id, body.state)
+        subject = f"subscription/{subscription_id}"
+        await audit.record(connection, person, f"{body.state}_subscription", subject, t_ms=context.clock())
+    async with context.database.read() as database:
+        row = await _theirs(database, subscription_id, person)
+    return Json(store.shown(row), headers=NO_STORE)
+
+
+@router.delete("/subscriptions/{subscription_id}", status_code=204, responses=documented(Forbidden, NotFound))
+async def remove_subscription(
+    request: Request, subscription_id: SubscriptionIdPath, person: SignedInPerson
+) -> Response:
+    """End a webhook; what still waits to be delivered is dropped."""
+    context = context_of(request)
+    async with context.database.read() as database:
+        await _theirs(database, subscription_id, person)
+    async with context.database.write() as connection:
+        await store.remove(connection, subscription_id)
+        subject = f"subscription/{subscription_id}"
+        await audit.record(connection, person, "remove_subscription", subject, t_ms=context.clock())
+    return Response(status_code=204)
+
+
+@router.get(
+    "/subscriptions/{subscription_id}/deliveries",
+    response_model=DeliveryPage,
+    responses=documented(BadRequest, NotFound),
+)
+async def list_deliveries(
+    request: Request, subscription_id: SubscriptionIdPath, filters: DeliveryFilters, person: SignedInPerson
+) -> Response:
+    """What was sent, what waits, and what was given up (`state=dead`), newest first; kept for two weeks."""
+    place = decode_cursor(filters.cursor, int, str) if filters.cursor is not None else None
+    before = (place[0], place[1]) if place is not None else None
+    async with context_of(request).database.read() as database:
+        await _theirs(database, subscription_id, person)
+        rows = await store.deliveries(
+            database, subscription_id, state=filters.state, before=before, limit=filters.limit + 1
+        )
+    return page(
+        ((row, store.shown_delivery(row)) for row in rows),
+        filters.limit,
+        cursor_of=lambda row: (row.created_ms, row.delivery_id),
+    )
+
+
+@router.post(
+    "/subscriptions/{subscription_id}/deliveries/{delivery_id}/redeliver",
+    status_code=202,
+    response_model=WebhookDelivery,
+    responses=documented(BadRequest, Forbidden, NotFound, Conflict, Unprocessable),
+    openapi_extra=_ONCE,
+)
+async def redeliver(
+    request: Request, subscription_id: SubscriptionIdPath, delivery_id: DeliveryIdPath, person: SignedInPerson
+) -> Response:
+    """Send a delivery once more, with the same `webhook-id`."""
+    context = context_of(request)
+
+    async def write() -> Response:
+        async with context.database.read() as database:
+            await _theirs(database, subscription_id, person)
+            row = await database.get(DeliveryRow, delivery_id)
+        if row is None or row.subscription_id != subscription_id:
+            raise NotFound("There is no such delivery; they are kept for two weeks.")
+        async with context.database.write() as connection:
+            await store.again(connection, delivery_id, context.clock())
+        async with context.database.read() as database:
+            row = await database.get(DeliveryRow, delivery_id)
+        assert row is not None
+        return Json(store.shown_delivery(row), 202, NO_STORE)
+
+    return await idempotency.once(request, person, write)
+
+
+async def _theirs(database: AsyncSession, subscription_id: str, person: Person) -> SubscriptionRow:
+    """Raises `NotFound` for what is not theirs, too."""
+    row = await database.get(SubscriptionRow, subscription_id)
+    if row is None or (row.owner != person.person_id and not person.has("admin")):
+        raise NotFound("There is no such subscription.")
+    return row

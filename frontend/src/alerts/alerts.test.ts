@@ -1,0 +1,50 @@
+import { describe, expect, it } from "vitest";
+import type { Alert, Pad } from "../shared/api/records";
+import { setReading } from "../shared/i18n/locale";
+import type { Phrase } from "../shared/i18n/texts";
+import { alertTexts } from "./texts";
+import { lookOf, sentence } from "./words";
+
+const NOW_MS = 1_800_000_000_000;
+const PADS: ReadonlyMap<string, Pad> = new Map([["pad-1", { pad_id: "pad-1", name: "Aurajoki 2" } as Pad]]);
+
+function alert(kind: Alert["kind"], facts: Alert["facts"], severity: Alert["severity"] = "warning"): Alert {
+  return { alert_id: "0", kind, severity, t_ms: NOW_MS, pad_id: "pad-1", uav_id: "uav-1", facts, state: "open", revision: 0, changed_ms: NOW_MS };
+}
+
+function say(which: Alert): string {
+  const phrases: Phrase[] = sentence(which, PADS, NOW_MS);
+  return phrases.map((phrase) => (typeof phrase === "string" ? phrase : phrase.strong)).join("").replaceAll("\u00a0", " ");
+}
+
+describe("an alert in words", () => {
+  it("says what a receiver found odd, in both languages", () => {
+    const odd = alert("identity_odd", { finding: "two_places", distance_mm: 412_000, interval_ms: 300, what: "in English" });
+    expect(say(odd)).toBe("Aurajoki 2 hears something odd under the name uav-1. The same identity from two places, 412 m apart.");
+    expect(say(alert("broadcast_odd", { finding: "rate_high" }, "notice"))).toBe("Aurajoki 2 hears something odd of uav-1. More positions than a drone sends.");
+    expect(say(alert("broadcasts_flooded", { drones: 1_204 }))).toContain("under 1 204 names at once");
+    setReading({ locale: "fi" });
+    expect(say(odd)).toBe("Aurajoki 2 kuulee outoa nimellä uav-1. Sama tunnus kahdesta paikasta, väliä 412 m.");
+    setReading({ locale: "en" });
+  });
+
+  it("says how closures differ from the zones", () => {
+    expect(say(alert("closures_differ", { state: "missing" }))).toContain("a zone closes it, and nothing is published. Publish anew.");
+    expect(say(alert("closures_differ", { state: "differs" }))).toContain("they have changed since. Publish anew.");
+  });
+
+  it("has no distance for a drone that was leaving", () => {
+    expect(say(alert("leaving", { action: "land" }, "critical"))).toBe("uav-1 was leaving the place that it claims at Aurajoki 2 while it was ranged.");
+    expect(lookOf(alert("leaving", {}, "critical"))).toBe("refuted");
+  });
+
+  it("has a title of its own for each kind", () => {
+    const kinds = Object.keys(alertTexts.all.en).filter((name) => name !== "title" && name !== "unknown");
+    for (const locale of ["en", "fi"] as const) {
+      setReading({ locale });
+      const titles = kinds.map((kind) => alertTexts("title", { kind }));
+      expect(new Set(titles).size).toBe(kinds.length);
+    }
+    setReading({ locale: "en" });
+  });
+});

@@ -1,0 +1,68 @@
+import { useEffect, useRef, type ReactElement } from "react";
+import { useKeys } from "../shared/ui/useKeys";
+import { go } from "./location";
+import { declineTour, goToStop, startTour, STOPS, useTour, type Stop } from "./tour";
+import { tourTexts as t } from "./tourTexts";
+
+const HERE = "tour-here";
+
+/** Offers the tour to who has not seen it; in the header, where it is in nobody's way. */
+export function TourOffer(): ReactElement | null {
+  const { offered } = useTour();
+  if (!offered) return null;
+  return (
+    <span className="chip tour-offer">
+      <button type="button" onClick={startTour}>
+        {t("offer")}
+      </button>
+      <button type="button" aria-label={t("decline")} title={t("decline")} onClick={declineTour}>
+        ×
+      </button>
+    </span>
+  );
+}
+
+/** One stop after the other: what one sees there, and why. The page stays usable all the while. */
+export function Tour(): ReactElement | null {
+  const { at } = useTour();
+  const stop = at === undefined ? undefined : STOPS[at];
+  return at === undefined || stop === undefined ? null : <StopCard at={at} stop={stop} />;
+}
+
+function StopCard({ at, stop }: { at: number; stop: Stop }): ReactElement {
+  const card = useRef<HTMLElement>(null);
+  useKeys({ Escape: () => goToStop(-1) });
+  useEffect(() => {
+    go(stop.place);
+    card.current?.focus();
+    // The room may have to be loaded first.
+    const timer = setTimeout(() => document.querySelector(stop.selector)?.classList.add(HERE), 300);
+    return () => {
+      clearTimeout(timer);
+      for (const each of document.querySelectorAll(`.${HERE}`)) each.classList.remove(HERE);
+    };
+  }, [stop]);
+  const last = at === STOPS.length - 1;
+  return (
+    <section ref={card} className="float tour" tabIndex={-1} aria-labelledby="tour-title">
+      <h2 id="tour-title">{t(`${stop.name}Title`)}</h2>
+      <p>{t(stop.name)}</p>
+      <footer>
+        <span className="quiet num">{t("of", { stop: at + 1, all: STOPS.length })}</span>
+        {at > 0 && (
+          <button type="button" className="button" onClick={() => goToStop(at - 1)}>
+            {t("back")}
+          </button>
+        )}
+        {!last && (
+          <button type="button" className="button" onClick={() => goToStop(-1)}>
+            {t("end")}
+          </button>
+        )}
+        <button type="button" className="button primary" onClick={() => goToStop(at + 1)}>
+          {last ? t("done") : t("next")}
+        </button>
+      </footer>
+    </section>
+  );
+}

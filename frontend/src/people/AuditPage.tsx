@@ -1,0 +1,208 @@
+import { useMutation, useQuery } from "@tanstack/react-query";
+import type { ReactElement } from "react";
+import { go, placeHash } from "../app/location";
+import { count, dayAndTime } from "../shared/format";
+import { transactionHref } from "../ledger/links";
+import { useServerNow } from "../shared/live/useLive";
+import { shortHash } from "../shared/format";
+import { More } from "../shared/ui/More";
+import { usePages } from "../shared/api/usePages";
+import { usePeopleApi, type AuditCheck, type AuditEntry, type AuditFilters } from "./api";
+import { Problem } from "./parts";
+import { personHref } from "./PeoplePage";
+import { auditTexts as t } from "./texts";
+
+const PAGE = 100;
+const ACTS = [
+  "sign_in", "sign_in_failed", "sign_out", "sign_in_ended", "person_invited", "person_changed", "person_suspended", "person_restored",
+  "account_recovered", "passkey_added", "passkey_removed", "oidc_linked", "unmask", "read_contents", "acknowledge", "export",
+  "audit_verified", "audit_anchored",
+] as const; // prettier-ignore
+
+function Verdict({ found, now_ms }: { found: AuditCheck; now_ms: number }): ReactElement {
+  if (!found.ok) {
+    return (
+      <p className="people-problem" role="alert">
+        {found.broken_seq === undefined ? t("contradicted") : t("broken", { seq: count(found.broken_seq) })}{" "}
+        {typeof found.contradicted_tx === "string" && <a href={transactionHref(found.contradicted_tx)}>{shortHash(found.contradicted_tx)}</a>}
+      </p>
+    );
+  }
+  const ledger =
+    found.ledger !== "checked"
+      ? t(found.ledger)
+      : typeof found.anchored_seq !== "number"
+        ? t("unanchored")
+        : t("vouched", { seq: count(found.anchored_seq), when: dayAndTime(found.anchored_ms ?? 0, now_ms) });
+  return (
+    <p className="people-good num" role="status">
+      {t("good", { rows: found.rows, count: count(found.rows) })} {ledger}
+    </p>
+  );
+}
+
+function Check(): ReactElement {
+  const api = usePeopleApi();
+  const now_ms = useServerNow(10_000);
+  const check = useMutation({ mutationFn: () => api.verifyAudit() });
+  return (
+    <div className="audit-check">
+      <button type="button" className="button" disabled={check.isPending} onClick={() => check.mutate()}>
+        {t(check.isPending ? "checking" : "check")}
+      </button>
+      {check.data !== undefined && <Verdict found={check.data} now_ms={now_ms} />}
+      <Problem error={check.error} />
+    </div>
+  );
+}
+
+/** Details in one line: names and values as they were recorded. */
+function inWords(value: unknown): string {
+  if (Array.isArray(value)) return value.map(inWords).join(", ");
+  if (typeof value === "object" && value !== null) {
+    return Object.entries(value)
+      .filter(([, each]) => each !== "")
+      .map(([name, each]) => `${name}: ${inWords(each)}`)
+      .join(" · ");
+  }
+  return String(value);
+}
+
+const HREFS: Record<string, (id: string) => string> = {
+  person: personHref,
+  alert: (id) => placeHash({ room: "alerts", path: [id], query: {} }),
+  transaction: transactionHref,
+  session: (id) => placeHash({ room: "sessions", session: id }),
+  block: (id) => placeHash({ room: "ledger", path: ["block", id], query: {} }),
+};
+
+function Subject({ subject }: { subject: string }): ReactElement {
+  const [kind = "", id = ""] = subject.split("/", 2);
+  const href = HREFS[kind];
+  const text = id.length > 24 ? `${kind}/${shortHash(id)}` : subject;
+  return href === undefined || id === "" ? <>{text}</> : <a href={href(id)}>{text}</a>;
+}
+
+function Row({ entry, now_ms }: { entry: AuditEntry; now_ms: number }): ReactElement {
+  const person = entry.person === "" ? t("nobody") : entry.person;
+  return (
+    <tr>
+      <td>{count(entry.seq)}</td>
+      <td>{dayAndTime(entry.t_ms, now_ms)}</td>
+      <td>{typeof entry.person_id === "string" ? <a href={personHref(entry.person_id)}>{person}</a> : <span className="quiet">{person}</span>}</td>
+      <td className={entry.act === "sign_in_failed" ? "look-refuted" : undefined}>{t("name", { act: entry.act, plain: entry.act.replaceAll("_", " ") })}</td>
+      <td>
+        <Subject subject={entry.subject} />
+      </td>
+      <td className="audit-detail">{inWords(entry.detail)}</td>
+      <td>{typeof entry.tx_id === "string" ? <a className="mono" href={transactionHref(entry.tx_id)}>{shortHash(entry.tx_id)}</a> : "–"}</td>
+    </tr>
+  );
+}
+
+function change(filters: Readonly<Record<string, string>>, part: Record<string, string>): void {
+  const query = Object.fromEntries(Object.entries({ ...filters, ...part }).filter(([, value]) => value !== ""));
+  go({ room: "people", path: ["audit"], query }, true);
+}
+
+/** A day in the address, as the time at which it begins here. */
+function startOf(day: string | undefined): number | undefined {
+  const t_ms = day === undefined ? Number.NaN : new Date(`${day}T00:00`).getTime();
+  return Number.isNaN(t_ms) ? undefined : t_ms;
+}
+
+function asked(filters: Readonly<Record<string, string>>): AuditFilters {
+  const since_ms = startOf(filters["since"]);
+  const until_ms = startOf(filters["until"]);
+  return {
+    ...(filters["person"] !== undefined && { person: filters["person"] }),
+    ...(filters["act"] !== undefined && { act: filters["act"] }),
+    ...(filters["subject"] !== undefined && { subject: filters["subject"] }),
+    ...(since_ms !== undefined && { since_ms }),
+    ...(until_ms !== undefined && { until_ms: until_ms + 86_400_000 - 1 }),
+  };
+}
+
+function Filters({ filters }: { filters: Readonly<Record<string, string>> }): ReactElement {
+  const api = usePeopleApi();
+  const people = useQuery({ queryKey: ["people"], queryFn: () => api.people() });
+  return (
+    <div className="audit-filters">
+      <label className="people-field">
+        {t("person")}
+        <select value={filters["person"] ?? ""} onChange={(event) => change(filters, { person: event.target.value })}>
+          <option value="">{t("everybody")}</option>
+          {people.data?.items.map((each) => (
+            <option key={each.person_id} value={each.person_id}>
+              {each.name}
+            </option>
+          ))}
+        </select>
+      </label>
+      <label className="people-field">
+        {t("act")}
+        <select value={filters["act"] ?? ""} onChange={(event) => change(filters, { act: event.target.value })}>
+          <option value="">{t("everything")}</option>
+          {ACTS.map((act) => (
+            <option key={act} value={act}>
+              {t("name", { act, plain: act })}
+            </option>
+          ))}
+        </select>
+      </label>
+      <label className="people-field">
+        {t("subject")}
+        <input value={filters["subject"] ?? ""} placeholder="drone/…" onChange={(event) => change(filters, { subject: event.target.value })} />
+      </label>
+      <label className="people-field">
+        {t("since")}
+        <input type="date" value={filters["since"] ?? ""} onChange={(event) => change(filters, { since: event.target.value })} />
+      </label>
+      <label className="people-field">
+        {t("until")}
+        <input type="date" value={filters["until"] ?? ""} onChange={(event) => change(filters, { until: event.target.value })} />
+      </label>
+    </div>
+  );
+}
+
+/** What was done and read, newest first; and whether the log is what it was. */
+export function AuditPage({ filters }: { filters: Readonly<Record<string, string>> }): ReactElement {
+  const api = usePeopleApi();
+  const now_ms = useServerNow(10_000);
+  const wanted = asked(filters);
+  const { query, rows } = usePages(
+    ["audit", wanted],
+    (cursor) => api.audit({ ...wanted, limit: PAGE, ...(cursor !== undefined && { cursor }) }),
+  );
+  return (
+    <>
+      <section className="float people-card people-head" aria-label={t("check")}>
+        <p className="quiet">{t("hint")}</p>
+        <Check />
+        <Filters filters={filters} />
+      </section>
+      <div className="table-frame float">
+        <table className="table people-table num">
+          <thead>
+            <tr>
+              <th scope="col">#</th>
+              <th scope="col">{t("when")}</th>
+              <th scope="col">{t("who")}</th>
+              <th scope="col">{t("what")}</th>
+              <th scope="col">{t("subject")}</th>
+              <th scope="col">{t("detail")}</th>
+              <th scope="col">{t("transaction")}</th>
+            </tr>
+          </thead>
+          <tbody>
+            {rows.map((entry) => (
+              <Row key={entry.seq} entry={entry} now_ms={now_ms} />
+            ))}
+          </tbody>
+        </table>
+        <More query={query} empty={t("empty")} count={rows.length} />
+      </div>
+    </>
+  );
+}

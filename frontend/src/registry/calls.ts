@@ -1,0 +1,59 @@
+/** The registry's own calls. Each throws `ApiError`. */
+import { answered, type Api, type Page } from "../shared/api/api";
+import type { components, paths } from "../shared/api/schema";
+import type { Schema } from "./schema";
+
+type Schemas = components["schemas"];
+export type RegistryDrone = Schemas["RegistryDrone"];
+export type RegistryDroneDetail = Schemas["RegistryDroneDetail"];
+export type RegistryAuthorisation = Schemas["RegistryAuthorisation"];
+export type RegistryPad = Schemas["RegistryPad"];
+export type RegistryPadDetail = Schemas["RegistryPadDetail"];
+export type RegistryPolicy = Schemas["RegistryPolicy"];
+export type RegistryChange = Schemas["RegistryChange"];
+export type RegistryOrganisation = Schemas["RegistryOrganisation"];
+export type RegistryCertificate = Schemas["RegistryCertificate"];
+export type Form = { function: string; roles: string[]; argument: Schema };
+type Query<Path extends keyof paths> = paths[Path] extends { get: { parameters: { query?: infer Found } } } ? NonNullable<Found> : never;
+export type DroneFilters = Query<"/api/v1/registry/drones">;
+export type PadFilters = Query<"/api/v1/registry/pads">;
+export type CertificateFilters = Query<"/api/v1/registry/certificates">;
+
+export function drones(api: Api, query: DroneFilters): Promise<Page<RegistryDrone>> {
+  return answered((signal) => api.client.GET("/api/v1/registry/drones", { params: { query }, signal }));
+}
+
+export function drone(api: Api, uav_id: string): Promise<RegistryDroneDetail> {
+  return answered((signal) => api.client.GET("/api/v1/registry/drones/{uav_id}", { params: { path: { uav_id } }, signal }));
+}
+
+export function pads(api: Api, query: PadFilters): Promise<Page<RegistryPad>> {
+  return answered((signal) => api.client.GET("/api/v1/registry/pads", { params: { query }, signal }));
+}
+
+export function pad(api: Api, pad_id: string): Promise<RegistryPadDetail> {
+  return answered((signal) => api.client.GET("/api/v1/registry/pads/{pad_id}", { params: { path: { pad_id } }, signal }));
+}
+
+export async function commonPolicies(api: Api): Promise<RegistryPolicy[]> {
+  const found = await answered((signal) => api.client.GET("/api/v1/registry/policies", { signal }));
+  return found.policies;
+}
+
+export function history(api: Api, query: { kind: "drone" | "pad"; id: string; limit: number; cursor?: string }): Promise<Page<RegistryChange>> {
+  return answered((signal) => api.client.GET("/api/v1/registry/history", { params: { query }, signal }));
+}
+
+export async function organisations(api: Api): Promise<RegistryOrganisation[]> {
+  const found = await answered((signal) => api.client.GET("/api/v1/registry/organisations", { signal }));
+  return found.items;
+}
+
+export function certificates(api: Api, query: CertificateFilters): Promise<Page<RegistryCertificate>> {
+  return answered((signal) => api.client.GET("/api/v1/registry/certificates", { params: { query }, signal }));
+}
+
+export async function forms(api: Api): Promise<readonly Form[]> {
+  const found = await answered((signal) => api.client.GET("/api/v1/registry/forms", { signal }));
+  return found.items;
+}

@@ -1,0 +1,63 @@
+/** Zones as a layer of the live map: by type in colour and line, prohibited ones hatched, fainter while not in force. */
+import type { FilterSpecification, LayerSpecification } from "maplibre-gl";
+import type { Palette } from "../live-map/map/icons";
+import type { Overlay } from "../live-map/map/overlays";
+import type { LonLat } from "../shared/geo/frame";
+import type { ZoneFeature, ZoneType } from "./calls";
+import { hatching, holds, polygons } from "./geometry";
+import { LOOKS, TYPES } from "./looks";
+
+const ID = "zones";
+const HATCH_LINES = 14;
+
+function layersOf(type: ZoneType, colours: Palette): LayerSpecification[] {
+  const { colour, dash, width } = LOOKS[type];
+  const paint = colours[colour] ?? "#888";
+  const of = (kind: string): FilterSpecification => ["all", ["==", ["get", "type"], type], ["==", ["get", "part"], kind]];
+  const lively = (active: number, not: number): ["case", ...unknown[]] => ["case", ["get", "active"], active, not];
+  return [
+    { id: `${ID}-${type}-fill`, type: "fill", source: ID, filter: of("area"), paint: { "fill-color": paint, "fill-opacity": lively(LOOKS[type].hatched ? 0.1 : 0.05, 0.02) as never } },
+    {
+      id: `${ID}-${type}-line`,
+      type: "line",
+      source: ID,
+      filter: of("area"),
+      paint: {
+        "line-color": paint,
+        "line-width": lively(width, 1) as never,
+        "line-opacity": lively(0.95, 0.55) as never,
+        ...(dash.length > 1 && { "line-dasharray": [...dash] }),
+      },
+    },
+    ...(LOOKS[type].hatched
+      ? [{ id: `${ID}-${type}-hatch`, type: "line" as const, source: ID, filter: of("hatch"), paint: { "line-color": paint, "line-width": 0.8, "line-opacity": 0.5 } }]
+      : []),
+  ];
+}
+
+function shapes({ geometry, properties }: ZoneFeature): GeoJSON.Feature[] {
+  const { type, active } = properties;
+  const areas = polygons(geometry);
+  const area: GeoJSON.MultiPolygon = { type: "MultiPolygon", coordinates: areas as GeoJSON.Position[][][] };
+  const found: GeoJSON.Feature[] = [{ type: "Feature", properties: { type, active, part: "area" }, geometry: area }];
+  if (LOOKS[type].hatched && active) {
+    const lines = areas.flatMap((rings) => hatching(rings, HATCH_LINES)) as unknown as GeoJSON.Position[][];
+    found.push({ type: "Feature", properties: { type, part: "hatch" }, geometry: { type: "MultiLineString", coordinates: lines } });
+  }
+  return found;
+}
+
+/** The least restrictive lie below. */
+export function zoneOverlay(zones: readonly ZoneFeature[]): Overlay {
+  return { id: ID, layers: (colours) => [...TYPES].reverse().flatMap((type) => layersOf(type, colours)), features: zones.flatMap(shapes) };
+}
+
+/** The zones that hold a place on the map, the most restrictive first. */
+export function zonesAt(zones: readonly ZoneFeature[], place: LonLat): ZoneFeature[] {
+  const found = zones.filter(({ geometry, bbox, properties }) => {
+    const [west, south, east, north] = bbox ?? properties.bbox;
+    const inBox = west === undefined || south === undefined || east === undefined || north === undefined || (place[0] >= west && place[0] <= east && place[1] >= south && place[1] <= north);
+    return inBox && polygons(geometry).some((rings) => holds(rings, place));
+  });
+  return found.sort((a, b) => TYPES.indexOf(a.properties.type) - TYPES.indexOf(b.properties.type));
+}

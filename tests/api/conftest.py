@@ -1,0 +1,61 @@
+"""The backend's fixtures, and machines that speak to it with tokens."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import sys
+from pathlib import Path
+
+import httpx
+import pytest
+
+from backend.clients.store import NewClient
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
+
+from other_conftest import fixtures_of, tools_of
+
+backend_tests = tools_of("backend")
+globals().update(fixtures_of(backend_tests))
+
+
+async def register(context, scopes, **options):
+    """A client and its secret."""
+    wanted = NewClient(options.pop("name", "Tester"), tuple(scopes.split()), **options)
+    async with context.database.write() as connection:
+        return await context.clients.add(connection, wanted, "a test")
+
+
+@pytest.fixture(name="register")
+def _register():
+    return register
+
+
+@contextlib.asynccontextmanager
+async def machine_at(running, scopes, **options):
+    """An HTTP client of this backend with a token of these scopes; further options are those of a new client."""
+    row, secret = await register(running.context, scopes, **options)
+    async with httpx.AsyncClient(base_url=running.url, trust_env=False, timeout=30) as http:
+
+        async def renew():
+            form = {"grant_type": "client_credentials"}
+            answer = await http.post("/oauth/token", data=form, auth=(row.client_id, secret))
+            assert answer.status_code == 200, answer.text
+            http.headers["Authorization"] = f"Bearer {answer.json()['access_token']}"
+
+        http.client_id, http.renew = row.client_id, renew
+        await renew()
+        yield http
+
+
+@pytest.fixture(name="machine_at")
+def _machine_at():
+    """For tests with a backend of their own: two that run on one database are two mirrors, and one halts."""
+    return machine_at
+
+
+@pytest.fixture
+def machine(running):
+    """The same at the running backend."""
+    return functools.partial(machine_at, running)

@@ -1,0 +1,86 @@
+"""How a session's likelihood went: the last point is the verdict, those before it are what was known by then."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from backend.sessions.course import course_of
+from wonderland.proofs.verdict import decide
+
+_path = Path(__file__).parents[1] / "support" / "tests_world.py"
+_spec = importlib.util.spec_from_file_location("tests_world", _path)
+tests_world = importlib.util.module_from_spec(_spec)
+sys.modules[_spec.name] = tests_world
+_spec.loader.exec_module(tests_world)
+START_MS = tests_world.START_MS
+THERE = (3_000, 4_000, 3_000)
+
+
+def decided(truth, claimed, rounds=60, **more):
+    """A session with its commissioning, evidence and verdict."""
+    world = tests_world.World(seed=5)
+    world.share_a_clock()
+    session = world.session(world.claim(claimed, START_MS), min_assurance=2)
+    evidence = world.evidence(lambda t: truth, lambda t: claimed, rounds=rounds, uav_signature="A" * 86, **more)
+    evidence = replace(evidence, time_stamps=world.stamps(lambda t: truth, frames=40))
+    verdict = decide(
+        session,
+        world.commissioning,
+        evidence,
+        confirmed=True,
+        signature_valid=True,
+        authorisation=(),
+        now_ms=START_MS + 20_000,
+        evidence_sha256="0" * 64,
+    )
+    return session, world.commissioning, evidence, verdict
+
+
+@pytest.mark.parametrize(
+    ("claimed", "outcome"), [(THERE, "verified"), ((6_000, 4_000, 3_000), "refuted"), ((4_000, 4_000, 3_000), None)]
+)
+def test_it_ends_in_the_verdict_and_begins_in_doubt(claimed, outcome):
+    session, commissioning, evidence, verdict = decided(THERE, claimed)
+    points = course_of(session, commissioning, evidence, verdict)
+    rounds = [point["rounds"] for point in points]
+    assert (rounds[0], rounds[-1]) == (1, 60)
+    assert rounds == sorted(set(rounds))
+    assert points[-1]["outcome"] == verdict.outcome
+    assert points[-1]["signed"]["likelihood_ppm"] == verdict.signed.likelihood_ppm
+    assert all(point["outcome"] == "inconclusive" for point in points[:3]), "a few rounds decide nothing"
+    if outcome is not None:
+        assert verdict.outcome == outcome
+        settled = [point["outcome"] for point in points]
+        assert settled[settled.index(outcome) :] == [outcome] * (len(settled) - settled.index(outcome))
+
+
+def test_what_came_later_changes_nothing_that_was_known_before():
+    session, commissioning, evidence, verdict = decided(THERE, THERE)
+    table = evidence.ranges
+    anchors = tuple(replace(each, range_mm=each.range_mm[:30]) for each in table.anchors)
+    shorter = replace(evidence, ranges=replace(table, t_ms=table.t_ms[:30], anchors=anchors))
+    early = course_of(session, commissioning, shorter, verdict)[:-1]
+    assert early[-1]["rounds"] == 29
+    assert course_of(session, commissioning, evidence, verdict)[: len(early)] == early
+
+
+def test_a_session_without_a_range_has_no_course():
+    session, commissioning, evidence, verdict = decided(THERE, THERE, rounds=0)
+    assert course_of(session, commissioning, evidence, verdict) == []
+
+
+async def test_only_decided_sessions_have_one(running, number):
+    assert (await running.get(f"/sessions/{number('nobody')}/course")).status_code == 404
+    listed = await running.json("/sessions")
+    (open_session,) = [each for each in listed["items"] if each["state"] == "requested"]
+    assert (await running.get(f"/sessions/{open_session['session_id']}/course")).status_code == 404
+    # These sessions name a survey that their pad never had; nothing is recomputed on another one.
+    decided_id = next(each["session_id"] for each in listed["items"] if each["state"] == "completed")
+    course = await running.json(f"/sessions/{decided_id}/course")
+    assert (course["verify_ppm"], course["refute_ppm"]) == (990_000, 10_000)
+    assert [point["outcome"] for point in course["points"]] == ["verified"]

@@ -1,0 +1,203 @@
+"""Replay in Chromium on a real backend with a stored past: yesterday 14:00, what was selected stays so, out as files."""
+
+from __future__ import annotations
+
+import json
+import re
+import zipfile
+from datetime import datetime, timedelta
+
+import pytest
+from playwright.sync_api import expect
+from sqlalchemy import insert
+
+from backend.db.tables.reported import LatestTrackRow, TrackMinuteRow, TrackRow
+
+SECOND = 1_000
+
+
+def yesterday_ms(hours, minutes=0, seconds=0):
+    """Yesterday by the clock on the wall, as the browser has it."""
+    now = datetime.now().astimezone()
+    at = (now - timedelta(days=1)).replace(hour=hours, minute=minutes, second=seconds, microsecond=0)
+    return int(at.timestamp() * 1000)
+
+
+async def store_tracks(database, first_ms, last_ms):
+    """A drone that is heard each second, flying north."""
+    rows = [
+        {
+            "uav_id": "uav-2",
+            "pad_id": "pad-1",
+            "t_ms": t_ms,
+            "received_ms": t_ms + 40,
+            "body": json.dumps(
+                {
+                    "uav_id": "uav-2",
+                    "lat_e7": 604_518_000 + (t_ms - first_ms) // 100,
+                    "lon_e7": 222_666_000,
+                    "t_ms": t_ms,
+                    "pad_id": "pad-1",
+                    "transport": "wifi",
+                    "verified": False,
+                }
+            ),
+        }
+        for t_ms in range(first_ms, last_ms, SECOND)
+    ]
+    latest = {name: rows[-1][name] for name in ("uav_id", "pad_id", "t_ms", "body")}
+    async with database.write() as connection:
+        await connection.execute(insert(TrackRow), rows)
+        await connection.execute(insert(LatestTrackRow), [latest])
+        await connection.execute(insert(TrackMinuteRow), [{"minute_ms": first_ms, "positions": len(rows)}])
+
+
+@pytest.fixture
+def past(tools, authorities, tmp_path, built_console):
+    """A backend that starts today on a ledger of yesterday, with positions of yesterday."""
+    from tests.console.conftest import RealBackend
+
+    running = RealBackend(tools, authorities, tmp_path, built_console)
+    try:
+        facts = running.facts
+        begun = [facts.put_pad(), facts.put_uav(), facts.put_uav("uav-2")]
+        for transaction in begun:
+            transaction.t_ms = yesterday_ms(13)
+        running.add(*begun)
+        for name, uav_id, outcome, t_ms in (
+            ("one", "uav-1", "verified", yesterday_ms(13, 30)),
+            ("two", "uav-2", "refuted", yesterday_ms(14, 5)),
+        ):
+            running.add(facts.request(name, uav_id=uav_id, t_ms=t_ms))
+            running.add(facts.decide(name, uav_id=uav_id, t_ms=t_ms, outcome=outcome))
+        running.start()
+        running._run(store_tracks(running.backend.database, yesterday_ms(13, 55), yesterday_ms(14, 10)))
+        yield running
+    finally:
+        running.close()
+
+
+@pytest.fixture
+def room(past, open_page):
+    page = open_page(past.link(), width=1440, height=900)
+    expect(page.get_by_role("link", name="Replay")).to_be_visible()
+    page.get_by_role("link", name="Replay").click()
+    expect(page.get_by_text("Replay, not live")).to_be_visible()
+    return page
+
+
+def go(page, text):
+    field = page.get_by_role("textbox", name="Time", exact=True)
+    field.fill(text)
+    field.press("Enter")
+
+
+def time(page):
+    return page.get_by_test_id("replay-time")
+
+
+def row(page):
+    return page.get_by_role("option").filter(has_text="uav-2")
+
+
+def test_yesterday_14_00_and_what_happened_after(room):
+    go(room, "yesterday 14:00")
+    expect(time(room)).to_have_text("14:00:00")
+    expect(row(room)).to_be_visible()
+    row(room).click()
+    expect(room.get_by_role("region", name="Replay")).to_contain_text("uav-2")
+    expect(room.get_by_role("region", name="Replay")).not_to_contain_text("Refuted")
+    room.keyboard.press("n")
+    expect(time(room)).to_have_text("14:05:02")
+    expect(room.get_by_role("heading", name="Refuted")).to_be_visible()
+    assert "drone=uav-2" in room.url, "what was selected stays selected"
+    room.get_by_role("button", name="Alerts 0").click()
+    expect(room.get_by_role("region", name="Drones and alerts at that time")).to_contain_text("No alert was open.")
+    room.keyboard.press("n")
+    expect(room.get_by_text("No later refusal.")).to_be_visible()
+    room.go_back()
+    expect(time(room)).to_have_text("14:00:00")
+    expect(room.get_by_role("heading", name="Refuted")).to_have_count(0)
+    room.reload()
+    expect(time(room)).to_have_text("14:00:00")
+    expect(room.get_by_role("region", name="Replay")).to_contain_text("uav-2")
+    room.get_by_role("link", name="Go live").click()
+    room.wait_for_url("**/#/live?drone=uav-2**")
+
+
+def test_yesterday_14_00_from_anywhere_without_a_click(past, open_page):
+    from tests.console.officer import Officer
+
+    page = open_page(past.link(), width=1440, height=900)
+    expect(page.get_by_role("link", name="Ledger")).to_be_visible()
+    officer = Officer(page)
+    officer.press("/")
+    officer.type("yesterday 14:00")
+    expect(page.get_by_role("option").filter(has_text="14:00:00")).to_have_attribute("aria-selected", "true")
+    officer.press("Enter")
+    expect(time(page)).to_have_text("14:00:00")
+    expect(row(page)).to_be_visible()
+    officer.did("replay yesterday 14:00", at_most=4)
+
+
+def test_it_plays_at_the_chosen_speed_and_by_keys(room):
+    go(room, "yesterday 13:58")
+    expect(row(room)).to_be_visible()
+    for key, shown in (("ArrowRight", "13:58:10"), ("ArrowLeft", "13:58:00"), (".", "13:58:01"), (",", "13:58:00")):
+        room.keyboard.press(key)
+        expect(time(room)).to_have_text(shown)
+    room.keyboard.press("l")
+    room.keyboard.press("l")
+    room.keyboard.press("l")
+    expect(room.get_by_label("Speed")).to_have_value("10")
+    assert "#/replay" in room.url, "l is faster here, not the live map"
+    room.keyboard.press(" ")
+    expect(room.get_by_role("button", name="Pause")).to_be_visible()
+    expect(time(room)).to_have_text(re.compile("13:58:[45]|13:59"))
+    room.keyboard.press("k")
+    expect(room.get_by_role("button", name="Play", exact=True)).to_be_visible()
+    stopped = time(room).text_content()
+    assert "13:58:40" <= stopped <= "13:59:59"
+    slider = room.get_by_role("slider", name="Time")
+    assert stopped in slider.get_attribute("aria-valuetext")
+
+
+def test_a_time_that_cannot_be_read_is_said_and_nothing_moves(room):
+    go(room, "yesterday 14:00")
+    expect(time(room)).to_have_text("14:00:00")
+    go(room, "half past <b>never</b>")
+    expect(room.get_by_role("alert")).to_contain_text("No time that can be read")
+    expect(time(room)).to_have_text("14:00:00")
+
+
+def test_a_window_goes_out_as_files(room, tmp_path):
+    go(room, "yesterday 14:00")
+    expect(row(room)).to_be_visible()
+    room.get_by_role("button", name="Export…").click()
+    room.get_by_role("button", name="Prepare").click()
+    with room.expect_download() as download:
+        room.get_by_role("link", name="Download").click()
+    path = tmp_path / "window.zip"
+    download.value.save_as(path)
+    with zipfile.ZipFile(path) as packed:
+        manifest = json.loads(packed.read("manifest.json"))
+        features = json.loads(packed.read("window.geojson"))["features"]
+    assert manifest["counts"]["claimed"] == 15 * 60
+    assert manifest["counts"]["verdict"] == 2
+    assert {each["properties"]["kind"] for each in features} == {"claimed", "verdict"}
+    expect(room.get_by_text("SHA-256")).to_be_visible()
+    room.keyboard.press("Escape")
+    expect(room.get_by_role("button", name="Prepare")).to_have_count(0)
+
+
+def test_links_lead_to_the_moment(past, open_page):
+    page = open_page(past.link(), width=1440, height=900)
+    expect(page.get_by_role("link", name="Sessions")).to_be_visible()
+    session_id = past.tools.number("session", "two")
+    # The course of a proof is not to be had from evidence that no pad measured.
+    page.watched.expected = ("404",)
+    page.goto(f"{past.url}/#/sessions/{session_id}")
+    page.get_by_role("link", name="Replay this").click()
+    expect(time(page)).to_have_text("14:04:55")
+    page.go_back()
+    expect(page.get_by_role("link", name="Replay this")).to_be_visible()

@@ -1,0 +1,111 @@
+"""An officer's tasks in Chromium on a real backend and a real ledger, with the clicks that each takes.
+
+A drone whose ranges put it elsewhere than it claims is proved on the ledger; she finds it, has it explained, suspends
+it by her own signature, and takes the evidence with her. Replaying yesterday is in tests/console/test_replay_room.py.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
+
+from proof_actors import HERE, ROUNDS, Actors
+from tests_world import World
+
+from tests.console.officer import Officer, seen
+from wonderland.ledger.connection import Connection
+
+AWAY_MM = 4_200
+HONEST, LIAR = "uav-0", "uav-1"
+
+
+@pytest.fixture
+def with_liar(console_house):
+    """An honest drone was verified, and one that is 4.2 m from where it says was refuted."""
+    house = console_house
+    for name, role in (("pad-0", "pad"), (HONEST, "uav"), (LIAR, "uav")):
+        house.administration.enrol(name, role=role, pol_id=name)
+    known = Connection.load(house.directory / "ledger" / "connection.json")
+    actors = Actors(replace(house.connection, identities=known.identities), house.channel)
+    world = World(seed=5)
+    elsewhere = (HERE[0] + AWAY_MM, HERE[1], HERE[2])
+    lie = world.evidence(lambda _: elsewhere, lambda _: HERE, rounds=ROUNDS, broadcast=lambda _: HERE)
+
+    async def prove():
+        await actors.register(house.now_ms(), pads=1, drones=2)
+        first, second = await actors.prepare(2, pads=1, drones=2)
+        await actors.prove(first, 0)
+        actors.evidence = [lie]
+        return await actors.prove(second, 0)
+
+    _, verdict = house.run(prove(), 60)
+    assert verdict["outcome"] == "refuted"
+    house.wait_mirrored()
+    return house
+
+
+@pytest.mark.timeout(300)
+def test_from_the_liar_to_its_suspension_and_the_evidence(with_liar, open_page, tmp_path):
+    page = open_page(with_liar.link(), width=1440, height=900)
+    expect(page.get_by_role("link", name="Registry")).to_be_visible()
+    page.evaluate("location.hash = '#/registry/key'")  # Her key is a matter of her first day, not of this task.
+    page.get_by_role("button", name="Use the demo’s administrator key").click()
+    expect(page.get_by_text("in use")).to_be_visible()
+    page.evaluate("location.hash = '#/live'")
+    officer = Officer(page)
+
+    liar = page.get_by_role("option").first
+    expect(liar).to_contain_text(LIAR)
+    expect(liar).to_contain_text("4.2 m off")
+    officer.did("find the liar", at_most=0)
+
+    officer.click(liar)
+    seen(page.get_by_role("heading", name="Refuted"))
+    seen(page.get_by_text(re.compile(r"anchors measured it 4\.2\sm from there")))
+    seen(page.get_by_text(re.compile(r"Measured 4\.\d+ m from the claim, outside 1\.00 m")).first)
+    officer.did("explain why, in words", at_most=1)
+    officer.click(page.get_by_role("link", name="Explain"))
+    seen(page.get_by_role("heading", name="How it was decided"))
+    officer.did("explain why, with ranges, likelihood and signatures", at_most=1)
+    page.go_back()
+
+    with page.expect_download() as download:
+        officer.click(page.get_by_role("button", name="Evidence", exact=True))
+    path = tmp_path / "evidence.json"
+    download.value.save_as(path)
+    officer.did("export the evidence", at_most=1)
+    check(json.loads(path.read_text()))
+
+    officer.click(page.get_by_role("link", name="Suspend…"))
+    expect(page.get_by_label("Reason")).to_have_value(re.compile("^Refuted at pad-0: session [0-9a-f]{12}$"))
+    expect(page.get_by_role("button", name="Check and sign")).to_be_focused()
+    officer.press("Enter")
+    expect(page.get_by_role("button", name="Sign and send")).to_be_focused()
+    officer.press("Enter")
+    seen(page.get_by_text("It is on the ledger, signed by you."))
+    expect(page.locator(".registry-head .status")).to_have_text("Suspended")
+    officer.did("suspend the drone", at_most=3)
+
+
+def check(evidence):
+    """The file by itself: its blocks have the hashes that their headers name, and the verdict is in one of them."""
+    session = evidence["session"]
+    assert (session["session"]["uav_id"], session["verdict"]["outcome"]) == (LIAR, "refuted")
+    assert len(session["evidence"]["ranges"]["t_ms"]) == ROUNDS
+    numbers = {each["block"] for each in session["transactions"]}
+    assert {each["number"] for each in evidence["blocks"]} == numbers
+    for block in evidence["blocks"]:
+        data = base64.b64decode(block["data_base64"])
+        assert hashlib.sha256(data).hexdigest() == block["data_hash"]
+    verdict_tx = session["verdict"]["tx_id"].encode()
+    assert any(verdict_tx in base64.b64decode(each["data_base64"]) for each in evidence["blocks"])

@@ -1,0 +1,101 @@
+"""The same signing flow on real Fabric: enrolled by Fabric CA, endorsed by two organisations, ordered by Raft."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from playwright.sync_api import expect
+from registry_house import House, request_pem
+
+from backend.transactions.registrar import registrar_of
+from wonderland.ledger.connection import Connection
+from wonderland.ledger.network import binaries, bringing_up, enrolment, taking_down
+from wonderland.ledger.network.errors import BinaryError
+from wonderland.ledger.network.layout import NetworkDirectory
+
+pytestmark = [pytest.mark.fabric, pytest.mark.timeout(300)]
+DRONE = "OH-DRN-0417"
+
+
+class FabricHouse(House):
+    """A backend on a network of Fabric's own servers."""
+
+    network = None
+
+    async def _start_ledger(self):
+        places = NetworkDirectory(self.directory / "network")
+        places.prepare()
+        self.network = bringing_up.new_network(places, None)
+        self.stack.push_async_callback(taking_down.take_down, self.network, lambda *_: None)
+        await bringing_up.bring_up(self.network, await binaries.check(), lambda *_: None)
+        self.connection = Connection.load(places.connection_file)
+        self.channel = await self.stack.enter_async_context(self.connection.open_channel())
+
+    def registrar(self):
+        return registrar_of(self.directory / "network", embedded=False)
+
+    def run(self, coroutine, timeout_s=200):
+        return super().run(coroutine, timeout_s)
+
+
+@pytest.fixture(scope="module")
+def fabric_house(tmp_path_factory, built_console):
+    try:
+        binaries.find()
+    except BinaryError as error:
+        pytest.skip(f"Fabric's servers are needed: {error}")
+    house = FabricHouse(tmp_path_factory.mktemp("fabric"), console=built_console, demo=True)
+    try:
+        house.start()
+        drone = {"uav_id": DRONE, "operator_id": "arctic-air", "registration": "FIN87", "model": "Falcon 4"}
+        house.send("fleet_operator", "RegisterUav", drone)
+        yield house
+    finally:
+        house.close()
+
+
+def test_enrolled_by_fabric_ca_and_signed_to_a_valid_block(fabric_house):
+    house = fabric_house
+    anna = house.person("Anna", "admin")
+    place = anna.get("/signing-keys").json()
+    assert {"AuthorityMSP", "PadMSP", "FleetMSP"} <= set(place["organisations"])
+    invited = house.run(enrolment.invite(house.network, enrolment.Request("anna", "inspector", "anna")))
+    body = {"msp_id": invited.msp_id, "request": request_pem("anna", anna.key), "secret": "a guess"}
+    assert anna.post("/signing-keys/enrol", body).status_code == 403
+    answer = anna.post("/signing-keys/enrol", body | {"secret": invited.secret})
+    assert answer.status_code == 201, answer.text
+    assert (answer.json()["role"], answer.json()["msp_id"]) == ("inspector", "AuthorityMSP")
+    anna.certificate_sha256 = answer.json()["certificate_sha256"]
+    assert anna.post("/signing-keys/enrol", body | {"secret": invited.secret}).status_code == 403
+    change = {"uav_id": DRONE, "status": "suspended", "reason": "Flew where it did not say"}
+    house.run(asyncio.sleep(1))
+    seen = anna.get(f"/registry/drones/{DRONE}").json()["drone"]["version"]
+    done = anna.change("SetUavStatus", change, seen)
+    assert (done["state"], done["validation"], done["endorsers"]) == ("valid", "VALID", ["AuthorityMSP", "PadMSP"])
+    again = anna.change("SetUavStatus", change | {"reason": "on what is no longer there"}, seen)
+    assert (again["state"], again["problem"]["kind"]) == ("refused", "changed")
+
+
+def test_the_demos_click_works_here_too_and_roles_hold(fabric_house):
+    visitor = fabric_house.person("Visitor", "admin")
+    answer = visitor.post("/signing-keys/demo", {"role": "fleet_operator", "request": request_pem("v1", visitor.key)})
+    assert answer.status_code == 201, answer.text
+    visitor.certificate_sha256 = answer.json()["certificate_sha256"]
+    lifted = visitor.change("SetUavStatus", {"uav_id": DRONE, "status": "active", "reason": "please"})
+    assert (lifted["state"], lifted["problem"]["code"]) == ("refused", "OPERATOR_MAY_ONLY_RETIRE")
+
+
+def test_the_browser_signs_what_fabrics_peers_made(fabric_house, open_page):
+    """The bytes that real peers and a real gateway give are those that the console's check knows."""
+    page = open_page(fabric_house.link())
+    expect(page.get_by_role("link", name="Registry")).to_be_visible()
+    page.evaluate("location.hash = '#/registry/key'")
+    page.get_by_role("button", name="Use the demo’s administrator key").click()
+    expect(page.get_by_text("in use")).to_be_visible()
+    page.evaluate(f"location.hash = '#/registry/drones/{DRONE}/grant'")
+    page.get_by_label("Identifier").fill("summer")
+    page.get_by_role("button", name="Check and sign").click()
+    page.get_by_role("button", name="Sign and send").click()
+    expect(page.get_by_text("It is on the ledger, signed by you.")).to_be_visible()
+    expect(page.get_by_text("Endorsed by AuthorityMSP, PadMSP")).to_be_visible()

@@ -1,0 +1,136 @@
+"""What is asked of evidence before any position is solved: steps 1 to 3 of the verdict."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from wonderland.proofs.claims import ClaimedPath
+from wonderland.proofs.drone_clock import EXCUSED_SHARE, Clock
+from wonderland.proofs.judgement import Reasons, metres, rounded
+from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.sessions import Evidence, Session
+from wonderland.proofs.rounds import UsableRounds, usable
+
+MAX_HEIGHT_ACCURACY_MM: Final = 20_000
+"""A claimed height vaguer than this proves nothing either."""
+MOST_ATTEMPTS: Final = 2
+"""Rounds attempted for each one that came about. A drone that lets only those through whose noise suits its claim needs
+many: the better one of two moves the mean by half a standard deviation, which wins nothing on a lie of 1.5 buffers or
+more even at the paper's pad (``dropped-rounds-half`` of the attack lab), the best of forty by more than two. An honest
+channel that loses a third of its rounds passes; one that loses half is not fit to prove anything on."""
+
+
+def fresh(session: Session, evidence: Evidence, now_ms: int, reasons: Reasons) -> bool:
+    """Step 1: rounds and claims lie between the request and now, give or take the tolerated skew."""
+    skew = session.policy.max_clock_skew_ms
+    earliest = session.requested_ms - skew
+    latest = min(now_ms, session.expires_ms) + skew
+    fresh = True
+    times = evidence.ranges.t_ms
+    ordered = sorted(times)
+    if ordered and not earliest <= ordered[0] <= ordered[-1] <= latest:
+        reasons.add("rounds_not_fresh", "Rounds were ranged outside of the session's time.")
+        fresh = False
+    stamps = evidence.time_stamps
+    if stamps is not None and not (earliest <= stamps.start_ms and stamps.end_ms <= latest):
+        reasons.add("frames_not_fresh", "Frames were time-stamped outside of the session's time.")
+        fresh = False
+    claimed = [claim.t_ms for claim in evidence.claims]
+    in_order = sorted(claimed)
+    if in_order and not earliest <= in_order[0] <= in_order[-1] <= latest:
+        reasons.add("claims_not_fresh", "Claims were made outside of the session's time.")
+        fresh = False
+    if claimed != in_order:
+        reasons.add("claims_go_back", "The claims' times go backwards.")
+        fresh = False
+    if list(times) != ordered:
+        reasons.add("time_goes_back", "The rounds' times go backwards.")
+        fresh = False
+    return fresh
+
+
+def plausible(path: ClaimedPath, policy: Policy, reasons: Reasons) -> bool:
+    """Step 1, the claims by themselves: a vague claim buys nothing, and a drone flies from one to the next."""
+    plausible = True
+    if path.accuracy_mm > policy.max_claim_accuracy_mm:
+        reasons.add("claim_vague", f"The claim is good to {metres(path.accuracy_mm)} only: a vague one proves nothing.")
+        plausible = False
+    if path.height_accuracy_mm > MAX_HEIGHT_ACCURACY_MM:
+        reasons.add(
+            "claim_height_vague",
+            f"The claimed height is good to {metres(path.height_accuracy_mm)} only; a vague claim proves nothing.",
+        )
+        plausible = False
+    jump = path.jump_mm()
+    if jump > 0.0:
+        reasons.add(
+            "claims_jump", f"The claims jump by {metres(jump)}: no drone flies so, nor does accuracy explain it."
+        )
+        plausible = False
+    return plausible
+
+
+def confirmed_by_both(evidence: Evidence, confirmed: bool, signature_valid: bool | None, reasons: Reasons) -> bool:
+    """Step 2: without both codes and the drone's countersignature nothing can be verified."""
+    if not confirmed:
+        reasons.add("codes_not_matched", "The session codes did not match over UWB: another drone, or a replay.")
+    if signature_valid is None:
+        reasons.add("not_countersigned", "The drone did not countersign the ranges.")
+    elif not signature_valid:
+        reasons.add("countersignature_invalid", "The drone's countersignature does not fit these ranges and claims.")
+    if evidence.failure is not None:
+        reasons.add("session_stopped", f"The pad stopped early: {evidence.failure.replace('_', ' ')}.")
+    return confirmed and signature_valid is True
+
+
+def clock_serves(clock: Clock, path: ClaimedPath, policy: Policy, reasons: Reasons) -> bool:
+    """Step 1: the drone's clock may be wrong only as far as that hardly moves its claim."""
+    if clock.contradictory:
+        reasons.add("clock_contradicts", "No clock gives the times that the drone said: some are later than heard.")
+        return False
+    if clock.beyond_ms <= 0.0:
+        return True
+    off = path.mean_speed() * clock.beyond_ms
+    said = f"The drone's clock is off by at least {rounded(clock.beyond_ms)} ms"
+    if off > EXCUSED_SHARE * policy.buffer_mm:
+        reasons.add("clock_off", f"{said}: at its speed {metres(off)} between what it claims and where it is.")
+        return False
+    return True
+
+
+def usable_rounds(
+    evidence: Evidence, commissioning: Commissioning, min_rounds: int, reasons: Reasons
+) -> UsableRounds | None:
+    """Step 3."""
+    anchor_ids = [anchor.anchor_id for anchor in commissioning.anchors]
+    rounds = usable(evidence.ranges, anchor_ids, commissioning.max_range_mm)
+    count = len(rounds.t_ms)
+    if count < min_rounds:
+        reasons.add("too_few_rounds", f"{count} usable rounds; at least {min_rounds} are needed.")
+    if rounds.obstructed:
+        reasons.add("obstructed", f"{rounds.obstructed} ranges left out: their anchors saw an obstruction.")
+    strangers = sum(1 for column in evidence.ranges.anchors if column.anchor_id not in anchor_ids)
+    if strangers:
+        reasons.add("anchors_unknown", f"{strangers} anchors of the evidence are not among those commissioned.")
+    silent = len(anchor_ids) - sum(1 for column in rounds.range_mm if any(value >= 0 for value in column))
+    if silent and count:
+        reasons.add("anchor_silent", f"{silent} of {len(anchor_ids)} anchors measured nothing usable.")
+    return rounds if count else None
+
+
+def rounds_missing(evidence: Evidence, policy: Policy, reasons: Reasons) -> int:
+    """Step 3: how many rounds have to come about in a row before it is none too few of those attempted; 0 where it is.
+
+    −1 where the policy's rounds do not suffice for that. A pad that does not say what it attempted is not asked.
+    """
+    attempted, came = evidence.radio.attempted_rounds, len(evidence.ranges.t_ms)
+    if attempted is None or attempted <= MOST_ATTEMPTS * came:
+        return 0
+    reasons.add(
+        "rounds_missing",
+        f"Of {attempted} rounds that the pad attempted {came} came about: a drone that lets only those through that "
+        "suit it looks like this.",
+    )
+    wanted = attempted - MOST_ATTEMPTS * came
+    return wanted if came + wanted <= policy.max_rounds else -1
