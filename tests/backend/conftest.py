@@ -525,6 +525,15 @@ def _number():
     return number
 
 
+def make_tables(url):
+    async def make():
+        opened = Database(url)
+        await migrate(opened)
+        await opened.close()
+
+    asyncio.run(make())
+
+
 class Postgres:
     """A private PostgreSQL server, run as somebody other than root."""
 
@@ -534,6 +543,7 @@ class Postgres:
         self.user = "postgres" if os.geteuid() == 0 else None
         self.data = directory / "data"
         self.count = 0
+        self.template = None
 
     def run(self, program, *arguments):
         command = [str(self.programs / program), *arguments]
@@ -557,10 +567,23 @@ class Postgres:
     def stop(self):
         self.run("pg_ctl", "-D", str(self.data), "-m", "immediate", "-w", "stop")
 
-    def new_database(self):
+    def new_database(self, *, migrated=False):
+        """The URL of a new database; a migrated one is a copy: migrating takes longer than most tests."""
         self.count += 1
         name = f"test_{self.count}"
-        self.run("createdb", "-h", str(self.directory), "-U", "wonderland", name)
+        copied = []
+        if migrated:
+            self.template = self.template or self.new_template()
+            copied = ["--template", self.template]
+        self.run("createdb", "-h", str(self.directory), "-U", "wonderland", *copied, name)
+        return self.url(name)
+
+    def new_template(self):
+        self.run("createdb", "-h", str(self.directory), "-U", "wonderland", "template_migrated")
+        make_tables(self.url("template_migrated"))
+        return "template_migrated"
+
+    def url(self, name):
         return f"postgresql://wonderland@/{name}?host={self.directory}"
 
 
@@ -595,20 +618,14 @@ def database_url(request, tmp_path):
     """SQLite, unless a test asks for both kinds by ``parametrize(..., indirect=True)``."""
     if getattr(request, "param", "sqlite") == "sqlite":
         return f"sqlite:///{tmp_path / 'test.db'}"
-    return request.getfixturevalue("postgres").new_database()
+    return request.getfixturevalue("postgres").new_database(migrated="database" in request.fixturenames)
 
 
 @pytest.fixture(scope="session")
 def migrated_file(tmp_path_factory):
     """A migrated SQLite database to copy: migrating takes longer than most tests."""
     path = tmp_path_factory.mktemp("template") / "template.db"
-
-    async def make():
-        opened = Database(f"sqlite:///{path}")
-        await migrate(opened)
-        await opened.close()
-
-    asyncio.run(make())
+    make_tables(f"sqlite:///{path}")
     return path
 
 
@@ -617,8 +634,6 @@ async def database(database_url, migrated_file):
     opened = Database(database_url)
     if opened.is_sqlite:
         shutil.copy(migrated_file, opened.url.database)
-    else:
-        await migrate(opened)
     yield opened
     await opened.close()
 

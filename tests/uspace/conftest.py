@@ -177,7 +177,7 @@ def new_uss(authority, migrated_file, tmp_path):
     """Makes backends that trust the authority: `async with new_uss(dss=[…]) as uss`."""
 
     @contextlib.asynccontextmanager
-    async def make(*, clock=now_ms, client_id="uss", dss=(), **options):
+    async def make(*, clock=now_ms, client_id="uss", dss=(), console=Path("/nowhere"), **options):
         path = tmp_path / f"{uuid.uuid4().hex}.db"
         shutil.copy(migrated_file, path)
         with contextlib.closing(Listen("127.0.0.1", 0).open()) as bound:
@@ -198,7 +198,7 @@ def new_uss(authority, migrated_file, tmp_path):
                 database=database,
                 allowed_hosts=frozenset({"127.0.0.1"}),
                 clock=clock,
-                console_directory=Path("/nowhere"),
+                console_directory=console,
             )
             server = new_server(backend.app, settings)
             async with backend.running():

@@ -13,6 +13,7 @@ const keys = (): readonly Key[] => [
   [["+", "−"], keyTexts("zoom")],
   [["c"], keyTexts("follow")],
   [["m"], keyTexts("measure")],
+  [["n"], keyTexts("networked")],
   [["x"], keyTexts("table")],
   [["w"], keyTexts("wall")],
   [["Esc"], keyTexts("close")],

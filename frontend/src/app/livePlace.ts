@@ -66,6 +66,7 @@ export function livePlace(parameters: URLSearchParams): LivePlace {
     ...(as && { as }),
     ...(zone.length > 0 && { zone }),
     ...(parameters.get("zones") === "off" && { zones: "off" as const }),
+    ...(parameters.has("networked") && { networked: true as const }),
   };
 }
 
@@ -80,6 +81,7 @@ export function liveQuery(place: LivePlace): URLSearchParams {
   if (place.as !== undefined) parameters.set(place.as, "");
   if (place.zone !== undefined) parameters.set("zone", place.zone.join(","));
   if (place.zones !== undefined) parameters.set("zones", place.zones);
+  if (place.networked === true) parameters.set("networked", "");
   if (place.camera !== undefined) {
     const { lat, lon, zoom } = place.camera;
     // A centimetre is the seventh decimal; the zoom needs two.

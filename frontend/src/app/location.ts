@@ -27,6 +27,8 @@ export type LivePlace = {
   zone?: readonly string[];
   /** Zones are not shown. */
   zones?: "off";
+  /** What other service providers tell of the view is shown, too. */
+  networked?: true;
 };
 export type Place =
   | LivePlace

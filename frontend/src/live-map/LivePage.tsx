@@ -8,6 +8,9 @@ import { useFleet } from "../shared/live/useFleet";
 import { useLiveStore, useServerNow } from "../shared/live/useLive";
 import { useKeys } from "../shared/ui/useKeys";
 import { SessionPanel } from "../sessions/SessionPanel";
+import { NetworkedCard, useNetworked } from "../networked/NetworkedCard";
+import { flightAt } from "../networked/overlay";
+import type { Bounds } from "../networked/calls";
 import { useMapZones, ZoneCard, ZoneLegend } from "../zones/MapZones";
 import { zonesAt } from "../zones/overlay";
 import { Announcer } from "./Announcer";
@@ -57,6 +60,8 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
   const fleet = useFleet(filter);
   const [sheetOpen, setSheetOpen] = useState(true);
   const [grid_m, setGrid] = useState<number | undefined>();
+  const [view, setView] = useState<Bounds | undefined>();
+  const [flight, setFlight] = useState<string | undefined>();
   const map = useRef<MapHandle>(null);
   const phone = usePhone();
   const [listRef, list] = useBox();
@@ -130,6 +135,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
   const onCamera = useCallback((at: Camera, grid: number | undefined) => {
     camera.current = at;
     setGrid(grid);
+    if (latest.current.networked === true) setView(map.current?.bounds());
     // Not put off by the next move: a camera that follows a drone never rests.
     urlTimer.current ??= setTimeout(() => {
       urlTimer.current = undefined;
@@ -151,8 +157,20 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
   };
   const undo = (): void => change({ measure: (measure ?? []).slice(0, -1) }, true);
 
-  const { zones, overlays } = useMapZones(place.zones !== "off");
+  const { zones, overlays: zoneOverlays } = useMapZones(place.zones !== "off");
+  const networkedOn = place.networked === true && place.as === undefined;
+  const networked = useNetworked(networkedOn, view, flight);
+  const { overlays: flightOverlays } = networked;
+  const overlays = useMemo(() => [...zoneOverlays, ...flightOverlays], [zoneOverlays, flightOverlays]);
+  const toggleNetworked = (): void => {
+    setFlight(undefined);
+    setView(map.current?.bounds());
+    change({ networked: networkedOn ? undefined : true });
+  };
   const onGround = (at: LonLat): void => {
+    const told = flightAt(networked.shown?.flights ?? [], at, camera.current?.zoom ?? 0);
+    if (networkedOn) setFlight(told?.flight_id);
+    if (told !== undefined) return;
     const found = zonesAt(zones, at).map(({ properties }) => properties.zone_id);
     if (found.length > 0 || latest.current.zone !== undefined) change({ drone: undefined, session: undefined, follow: undefined, zone: found.length > 0 ? found : undefined });
   };
@@ -178,6 +196,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
     j: () => step(1),
     k: () => step(-1),
     m: toggleMeasure,
+    n: toggleNetworked,
     x: () => change({ as: place.as === "table" ? undefined : "table" }),
     w: () => change({ as: "wall" }),
     ...(measure !== undefined && {
@@ -267,7 +286,12 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
           </p>
         </section>
       )}
-      {!table && <ZoneCard zones={opened} now_ms={now_ms} onClose={() => change({ zone: undefined })} />}
+      {!table && (
+        <div className="map-cards">
+          {networkedOn && <NetworkedCard networked={networked} selected={flight} now_ms={now_ms} onSelect={setFlight} onClose={toggleNetworked} />}
+          <ZoneCard zones={opened} now_ms={now_ms} onClose={() => change({ zone: undefined })} />
+        </div>
+      )}
       {points !== undefined && !table && <MeasureBar points={points} onUndo={undo} onEnd={toggleMeasure} />}
       <div className="map-tools" data-panel={open && !phone}>
         {!table && <ZoneLegend zones={zones} shown={place.zones !== "off"} onToggle={() => change({ zones: place.zones === "off" ? undefined : "off", zone: undefined })} />}
@@ -280,7 +304,9 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
         <ZoomControls
           table={table}
           measuring={measure !== undefined}
+          networked={networkedOn}
           onMeasure={toggleMeasure}
+          onNetworked={toggleNetworked}
           onTable={() => change({ as: table ? undefined : "table" })}
           onWall={() => change({ as: "wall" })}
           onZoom={(levels) => map.current?.zoomBy(levels)}

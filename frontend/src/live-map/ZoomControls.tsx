@@ -1,25 +1,29 @@
 import type { ReactElement } from "react";
+import { networkedTexts } from "../networked/texts";
 import { liveTexts as t } from "./texts";
 
 type Properties = {
   /** The table stands in the map's place: nothing to zoom or measure. */
   table: boolean;
   measuring: boolean;
+  networked: boolean;
   onZoom: (levels: number) => void;
   onAll: () => void;
   onMeasure: () => void;
+  onNetworked: () => void;
   onTable: () => void;
   onWall: () => void;
 };
 
 type Tool = { name: string; key: string; path: string; pressed?: boolean; stays?: true; act: () => void };
 
-function tools({ table, measuring, onZoom, onAll, onMeasure, onTable, onWall }: Properties): Tool[] {
+function tools({ table, measuring, networked, onZoom, onAll, onMeasure, onNetworked, onTable, onWall }: Properties): Tool[] {
   const map: Tool[] = [
     { name: t("closer"), key: "+", path: "M10 4v12M4 10h12", act: () => onZoom(1) },
     { name: t("further"), key: "−", path: "M4 10h12", act: () => onZoom(-1) },
     { name: t("allPads"), key: "0", path: "M3 7V3h4M13 3h4v4M17 13v4h-4M7 17H3v-4", stays: true, act: onAll },
     { name: t("measure"), key: "m", path: "M2.5 13.5l11-11 4 4-11 11zM6 10l2 2M9 7l2 2M12 4l2 2", pressed: measuring, stays: true, act: onMeasure },
+    { name: networkedTexts("show"), key: "n", path: "M10 12.2a2.2 2.2 0 1 0 0-4.4 2.2 2.2 0 0 0 0 4.4M6 14a5.6 5.6 0 0 1 0-8M14 6a5.6 5.6 0 0 1 0 8M3.6 16.4a9 9 0 0 1 0-12.8M16.4 3.6a9 9 0 0 1 0 12.8", pressed: networked, stays: true, act: onNetworked },
   ];
   return [
     ...(table ? [] : map),

@@ -50,7 +50,7 @@ export function ZoneLegend({ zones, shown, onToggle }: { zones: readonly ZoneFea
 export function ZoneCard({ zones, now_ms, onClose }: { zones: readonly ZoneFeature[]; now_ms: number; onClose: () => void }): ReactElement | null {
   if (zones.length === 0) return null;
   return (
-    <section className="float zone-card" aria-label={t("there", { count: zones.length })}>
+    <section className="float map-card zone-card" aria-label={t("there", { count: zones.length })}>
       <header>
         <h2>{t("there", { count: zones.length })}</h2>
         <button type="button" className="icon-button" aria-label={t("close")} title={t("close")} onClick={onClose}>

@@ -42,7 +42,7 @@ function names(elements: readonly MessageFormatElement[], found = new Set<string
   return found;
 }
 
-const catalogues = import.meta.glob<Record<string, Texts<string>>>("../../**/texts.ts", { eager: true });
+const catalogues = import.meta.glob<Record<string, Texts<string>>>("../../**/*exts.ts", { eager: true });
 
 describe("every catalogue", () => {
   const all = Object.entries(catalogues).flatMap(([path, module]) =>
