@@ -24,10 +24,10 @@ SECONDS = 400
 EXAMPLES = 4
 
 
-async def schemathesis(directory, url, *headers, tags, checks=CHECKS):
+async def schemathesis(directory, url, *headers, tags, checks=CHECKS, phases="examples,coverage,fuzzing"):
     """Run it with the same requests each time; returns its exit code and what it printed."""
     arguments = ["run", f"{url}/api/v1/openapi.json", "--url", url, "--no-color", "--generation-deterministic"]
-    arguments += ["--max-examples", str(EXAMPLES), "--phases", "examples,coverage,fuzzing", "--mode", "all"]
+    arguments += ["--max-examples", str(EXAMPLES), "--phases", phases, "--mode", "all"]
     arguments += ["--checks", ",".join(checks), "--request-timeout", "60", "--wait-for-schema", "60"]
     for header in headers:
         arguments += ["--header", header]
@@ -55,7 +55,9 @@ async def test_what_machines_may_do(new_backend, serving, chain, facts, source_o
         async with machine_at(client, " ".join(SCOPES), role="inspector") as http:
             header = f"Authorization: {http.headers['Authorization']}"
             checks = (*CHECKS, "negative_data_rejection")
-            code, output = await schemathesis(tmp_path, client.url, header, tags=TAGS, checks=checks)
+            # What is made up at random asks our own code; what the description's edges ask of a database is each one's.
+            phases = "examples,coverage,fuzzing" if client.context.database.is_sqlite else "examples,coverage"
+            code, output = await schemathesis(tmp_path, client.url, header, tags=TAGS, checks=checks, phases=phases)
     assert code == 0, output[-6_000:]
 
 

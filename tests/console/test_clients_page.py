@@ -20,8 +20,7 @@ def token(url, client_id, secret):
 
 
 def test_a_machine_from_its_secret_to_its_end(real, open_page):
-    page = open_page(real.link("A. Admin", "admin"))
-    page.get_by_role("link", name="People").click()
+    page = open_page(real.link("A. Admin", "admin"), room="people")
     page.get_by_role("link", name="Machines").click()
     expect(page.get_by_text("No machine is registered.")).to_be_visible()
     page.get_by_role("button", name="Register a machine").click()
@@ -60,7 +59,7 @@ def test_a_machine_from_its_secret_to_its_end(real, open_page):
 
 
 def test_others_see_nothing_of_it(real, open_page):
-    page = open_page(real.link("I. Inspector", "inspector"))
+    page = open_page(real.link("I. Inspector", "inspector"), room="people")
     expect(page.get_by_role("link", name="People")).to_be_visible()
     page.evaluate("location.hash = '#/people/clients'")
     expect(page.get_by_role("heading", name="Passkeys")).to_be_visible()

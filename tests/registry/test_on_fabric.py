@@ -88,7 +88,7 @@ def test_the_demos_click_works_here_too_and_roles_hold(fabric_house):
 
 def test_the_browser_signs_what_fabrics_peers_made(fabric_house, open_page):
     """The bytes that real peers and a real gateway give are those that the console's check knows."""
-    page = open_page(fabric_house.link())
+    page = open_page(fabric_house.link(), room="registry")
     expect(page.get_by_role("link", name="Registry")).to_be_visible()
     page.evaluate("location.hash = '#/registry/key'")
     page.get_by_role("button", name="Use the demo’s administrator key").click()

@@ -29,7 +29,7 @@ def axe():
 @pytest.fixture
 def officer(console_house, open_page):
     """A page of somebody who has the demo's administrator key."""
-    page = open_page(console_house.link())
+    page = open_page(console_house.link(), room="registry")
     expect(page.get_by_role("link", name="Registry")).to_be_visible()
     place(page, "key")
     page.get_by_role("button", name="Use the demo’s administrator key").click()
@@ -89,7 +89,7 @@ def test_the_key_cannot_be_read_and_the_server_never_has_it(console_house, offic
 
 def test_enrolling_with_a_one_time_secret(console_house, open_page):
     invited = console_house.administration.invite("frida", role="fleet_operator", pol_id="frida")
-    page = open_page(console_house.link("Frida", ("fleet_operator",)))
+    page = open_page(console_house.link("Frida", ("fleet_operator",)), room="registry")
     expect(page.get_by_role("link", name="Registry")).to_be_visible()
     place(page, "key")
     form = page.locator("section").filter(has_text="Enrol with a one-time secret")
@@ -243,7 +243,7 @@ def test_a_list_with_errors(console_house, officer, tmp_path):
 @pytest.mark.parametrize("width", [390, 1280])
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_pages_fit_and_are_free_of_barriers(console_house, open_page, axe, width, theme):
-    page = open_page(console_house.link(), width=width, theme=theme)
+    page = open_page(console_house.link(), width=width, theme=theme, room="registry")
     expect(page.get_by_role("link", name="Registry")).to_be_visible()
     for path in (
         "drones",
@@ -272,7 +272,7 @@ def test_pages_fit_and_are_free_of_barriers(console_house, open_page, axe, width
 
 def test_bringing_a_certificate_and_its_key(console_house, open_page, tmp_path):
     files = console_house.connection.files("inspector")
-    page = open_page(console_house.link("Inka", ("inspector",)))
+    page = open_page(console_house.link("Inka", ("inspector",)), room="registry")
     expect(page.get_by_role("link", name="Registry")).to_be_visible()
     place(page, "key")
     form = page.locator("section").filter(has_text="Bring a certificate and its key")

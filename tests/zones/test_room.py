@@ -51,7 +51,7 @@ def barriers(page):
 @pytest.fixture
 def officer(console_house, open_page):
     """A page of somebody who has the demo's administrator key."""
-    page = open_page(console_house.link())
+    page = open_page(console_house.link(), room="zones")
     expect(page.get_by_role("link", name="Zones")).to_be_visible()
     go(page, "registry/key")
     page.get_by_role("button", name="Use the demo’s administrator key").click()

@@ -139,8 +139,9 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
     // Not put off by the next move: a camera that follows a drone never rests.
     urlTimer.current ??= setTimeout(() => {
       urlTimer.current = undefined;
-      // The map moves once more while it goes away; by then the address may be another room's.
-      if (currentPlace().room !== "live") return;
+      // The map moves once more while it goes away; by then the address may be another room's, or look elsewhere.
+      const named = currentPlace();
+      if (named.room !== "live" || JSON.stringify(named.camera) !== JSON.stringify(latest.current.camera)) return;
       written.current = camera.current;
       go(changed(latest.current, { camera: camera.current }), true);
     }, CAMERA_IN_URL_MS);
