@@ -6,7 +6,7 @@ import { usePages } from "../shared/api/usePages";
 import { age, dotted } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { LiveStore, Topic } from "../shared/live/store";
-import { usePhone } from "../live-map/useBox";
+import { usePhone } from "../shared/ui/useBox";
 import { More } from "../shared/ui/More";
 import { Phrases } from "../shared/ui/Sentence";
 import { Symbol } from "../shared/ui/Symbol";

@@ -23,7 +23,7 @@ import { PanelTools, SheetHandle } from "./PanelTools";
 import { Resizer } from "./Resizer";
 import { liveTexts as t } from "./texts";
 import { Timeline } from "./Timeline";
-import { useBox, usePhone } from "./useBox";
+import { useBox, usePhone } from "../shared/ui/useBox";
 import { WallPage } from "./WallPage";
 import { ZoomControls } from "./ZoomControls";
 

@@ -3,7 +3,7 @@ import { useMemo, type ReactElement, type ReactNode } from "react";
 import type { Overlay } from "../live-map/map/overlays";
 import { useApi, type ApiError } from "../shared/api/api";
 import type { SignedIn } from "../shared/api/records";
-import { age, coordinates, decimal, dotted, length } from "../shared/format";
+import { ago, coordinates, decimal, dotted, length } from "../shared/format";
 import { flightDetails, networkedFlights, viewOf, type Bounds, type Flight, type FlightDetails, type Flights } from "./calls";
 import "./networked.css";
 import { diagonal_m, foreign, MOST_VIEW_M, networkedOverlay } from "./overlay";
@@ -89,7 +89,7 @@ function FlightFacts({ flight, now_ms }: { flight: Flight; now_ms: number }): Re
         <Row name={t("provider")}>{flight.provider}</Row>
         <Row name={t("status")}>{flight.status}</Row>
         <Row name={t("heard")}>
-          {coordinates(flight.lat_e7, flight.lon_e7)} <span className="quiet">{t("ago", { age: age(Math.max(0, now_ms - flight.t_ms)) })}</span>
+          {coordinates(flight.lat_e7, flight.lon_e7)} <span className="quiet">{ago(now_ms - flight.t_ms)}</span>
         </Row>
         {(above_mm !== undefined || height_mm !== undefined) && (
           <Row name={t("height")}>

@@ -2,7 +2,7 @@ import { useQuery, useQueryClient } from "@tanstack/react-query";
 import { useCallback, type ReactElement } from "react";
 import { placeHash } from "../app/location";
 import { useApi } from "../shared/api/api";
-import { age, coordinates, count, day, dayAndTime, length } from "../shared/format";
+import { ago, coordinates, count, day, dayAndTime, length } from "../shared/format";
 import { useLive, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
 import { sharedTexts } from "../shared/texts";
@@ -73,7 +73,7 @@ function HealthCard({ pad_id, now_ms }: { pad_id: string; now_ms: number }): Rea
         <p className="quiet">{t("noHealth")}</p>
       ) : (
         <>
-          <p>{t("healthIs", { connected: String(health.connected), ago: age(now_ms - health.t_ms) })}</p>
+          <p>{t("healthIs", { connected: String(health.connected), ago: ago(now_ms - health.t_ms) })}</p>
           <Facts
             rows={[
               [t("anchors"), health.anchors.map(({ anchor_id, state }) => `${anchor_id} ${state}`).join(" · ")],

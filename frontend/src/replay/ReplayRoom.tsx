@@ -5,7 +5,7 @@ import { ListPanel } from "../live-map/ListPanel";
 import { Legend } from "../live-map/Legend";
 import { MapView, type MapHandle } from "../live-map/map/MapView";
 import { PanelTools, SheetHandle } from "../live-map/PanelTools";
-import { useBox, usePhone } from "../live-map/useBox";
+import { useBox, usePhone } from "../shared/ui/useBox";
 import { SessionPanel } from "../sessions/SessionPanel";
 import { ApiContext, useApi } from "../shared/api/api";
 import { asOf, sessionOf } from "../shared/drones";

@@ -3,12 +3,12 @@ import type { ReactElement } from "react";
 import { useApi } from "../shared/api/api";
 import type { Course } from "../shared/api/records";
 import { AsTable } from "../shared/charts/AsTable";
+import { Fitted } from "../shared/charts/Fitted";
 import { count, decimal, length } from "../shared/format";
 import { heightOf, roundsForAxis } from "./course";
 import { courseTexts as t } from "./courseTexts";
 import { lookTexts } from "../shared/texts";
 
-const WIDTH = 720;
 const HEIGHT = 190;
 const LEFT = 44;
 const RIGHT = 96;
@@ -40,10 +40,10 @@ function Line({ course, claim, x, y }: { course: Course; claim: Claim; x: (round
   );
 }
 
-function Plot({ course }: { course: Course }): ReactElement {
+function Plot({ course, width }: { course: Course; width: number }): ReactElement {
   const last = course.points.at(-1);
   const most = Math.max(2, last?.rounds ?? 2);
-  const x = (rounds: number): number => LEFT + ((WIDTH - LEFT - RIGHT) * (rounds - 1)) / (most - 1);
+  const x = (rounds: number): number => LEFT + ((width - LEFT - RIGHT) * (rounds - 1)) / (most - 1);
   const y = (ppm: number): number => TOP + (HEIGHT - BOTTOM - TOP) * (1 - heightOf(ppm));
   const summary = t("summary", {
     rounds: count(last?.rounds ?? 0),
@@ -56,18 +56,18 @@ function Plot({ course }: { course: Course }): ReactElement {
     { ppm: course.refute_ppm, tone: "bad", word: t("refutes") },
   ] as const;
   return (
-    <svg className="chart num" viewBox={`0 0 ${WIDTH} ${HEIGHT}`} role="img" aria-label={summary}>
-      <path d={`M${LEFT} ${y(500_000)}H${WIDTH - RIGHT}`} stroke="var(--line)" />
+    <svg className="chart num" viewBox={`0 0 ${width} ${HEIGHT}`} role="img" aria-label={summary}>
+      <path d={`M${LEFT} ${y(500_000)}H${width - RIGHT}`} stroke="var(--line)" />
       <text x={LEFT - 6} y={y(500_000) + 4} textAnchor="end">
         {share(500_000)}
       </text>
       {limits.map(({ ppm, tone, word }) => (
         <g key={tone}>
-          <path d={`M${LEFT} ${y(ppm)}H${WIDTH - RIGHT}`} stroke={`var(--${tone})`} strokeDasharray="6 4" />
+          <path d={`M${LEFT} ${y(ppm)}H${width - RIGHT}`} stroke={`var(--${tone})`} strokeDasharray="6 4" />
           <text x={LEFT - 6} y={y(ppm) + 4} textAnchor="end">
             {share(ppm)}
           </text>
-          <text x={WIDTH - RIGHT + 8} y={y(ppm) + 4} style={{ fill: `var(--${tone})` }}>
+          <text x={width - RIGHT + 8} y={y(ppm) + 4} style={{ fill: `var(--${tone})` }}>
             {word}
           </text>
         </g>
@@ -105,7 +105,7 @@ export function CourseChart({ session_id }: { session_id: string }): ReactElemen
             </span>
           ))}
       </p>
-      <Plot course={course} />
+      <Fitted>{(width) => <Plot course={course} width={width} />}</Fitted>
       <AsTable
         head={[t("rounds"), t("outcome"), t("signed"), t("signedError"), t("broadcast")]}
         rows={course.points.map(({ rounds, outcome, signed, broadcast }) => ({

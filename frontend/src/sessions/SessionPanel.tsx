@@ -7,7 +7,7 @@ import { useApi } from "../shared/api/api";
 import type { Judgement, Pad, SessionState, VerdictSummary } from "../shared/api/records";
 import { TONE_OF } from "../shared/design/symbols";
 import type { Drone, Look } from "../shared/drones";
-import { age, coordinates, count, decimal, length, likelihood } from "../shared/format";
+import { ago, coordinates, count, decimal, length, likelihood } from "../shared/format";
 import { frameOf, toLocal } from "../shared/geo/frame";
 import { refutedBy } from "../shared/refuted";
 import { lookTexts } from "../shared/texts";
@@ -240,10 +240,6 @@ export function SessionPanel({ drone, session, verdict, pad, now_ms, tools, plac
 function suspicion(verdict: VerdictSummary | undefined, pad: Pad | undefined): string | undefined {
   if (verdict === undefined || refutedBy(verdict) === undefined) return undefined;
   return t("reasonRefuted", { pad: pad?.name ?? verdict.pad_id, session: verdict.session_id.slice(0, 12) });
-}
-
-function ago(ms: number): string {
-  return ms < 2_000 ? t("justNow") : t("ago", { age: age(ms) });
 }
 
 function hint(look: Look): string {

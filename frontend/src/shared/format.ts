@@ -111,6 +111,11 @@ export function age(ms: number): string {
   return t("days", { days: Math.floor(s / 86_400) });
 }
 
+/** The same in a sentence: "just now", "8 s ago". */
+export function ago(ms: number): string {
+  return ms < 2000 ? t("justNow") : t("ago", { age: age(ms) });
+}
+
 /** "9f3c…e1": enough of a hash to tell two apart at a glance. */
 export function shortHash(hash: string): string {
   return hash.length <= 9 ? hash : `${hash.slice(0, 4)}…${hash.slice(-2)}`;

@@ -4,6 +4,8 @@ import { texts } from "./i18n/texts";
 export const formatTexts = texts({
   en: {
     now: "now",
+    justNow: "just now",
+    ago: "{age} ago",
     days: "{days}\u00a0d",
     word: "{value, select, 0 {No} 1 {One} 2 {Two} 3 {Three} 4 {Four} 5 {Five} 6 {Six} 7 {Seven} 8 {Eight} 9 {Nine} 10 {Ten} 11 {Eleven} 12 {Twelve} other {{figures}}}",
     verb: "{action, select, land {land} takeoff {take off} other {dock}}",
@@ -11,6 +13,8 @@ export const formatTexts = texts({
   },
   fi: {
     now: "nyt",
+    justNow: "juuri nyt",
+    ago: "{age} sitten",
     days: "{days}\u00a0pv",
     word: "{value, select, 0 {Ei yksikään} 1 {Yksi} 2 {Kaksi} 3 {Kolme} 4 {Neljä} 5 {Viisi} 6 {Kuusi} 7 {Seitsemän} 8 {Kahdeksan} 9 {Yhdeksän} 10 {Kymmenen} 11 {Yksitoista} 12 {Kaksitoista} other {{figures}}}",
     verb: "{action, select, land {laskeutua} takeoff {nousta} other {telakoitua}}",

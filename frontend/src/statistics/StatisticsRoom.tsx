@@ -81,7 +81,6 @@ function OverTime({ found, bin_ms }: { found: Statistics; bin_ms: number }): Rea
     <Card title={t("overTime")} wide>
       <StackedBars
         summary={words(total, from, to)}
-        width={1460}
         height={200}
         every={Math.ceil(bins.length / 8)}
         bars={bins.map((bin) => ({
