@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 
 from simulator.attack_lab import LabResult, LabSettings, run, total_tries
+from simulator.attack_lab.attacks import ATTACKS
 from simulator.attack_lab.plots import draw_detection, draw_permissions
 from simulator.attack_lab.report import markdown, result_from
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
+RESULTS = DOCS / "threat-model.json"
+"""The numbers that the tables and pictures are made of."""
 CORE = ("<!-- attacks: made by make threat-model -->", "<!-- /attacks -->")
 WIRE = ("<!-- wire: made by wonderland attack --wire --report -->", "<!-- /wire -->")
 
@@ -33,6 +38,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", type=Path, help="keep what is played here, and go on from it")
     parser.add_argument("--from", dest="found", nargs="*", type=Path, default=[], help="attacks.json of earlier runs")
+    parser.add_argument("--add", action="store_true", help="keep of each attack and level what had more tries before")
     parser.add_argument("--wire", type=Path, help="only put in the wire.md of `wonderland attack --wire --report`")
     chosen = parser.parse_args()
     console = Console(stderr=True)
@@ -41,9 +47,14 @@ def main() -> int:
         page.write_text(insert(page.read_text(), chosen.wire.read_text(), WIRE))
         return 0
     if chosen.found:
-        result = result_from([path.read_text() for path in chosen.found])
+        texts = [path.read_text() for path in chosen.found]
     else:
-        result = _measure(LabSettings(tries=chosen.tries, seed=chosen.seed, keep=chosen.keep), console)
+        measured = _measure(LabSettings(tries=chosen.tries, seed=chosen.seed, keep=chosen.keep), console)
+        texts = [json.dumps(measured.to_json())]
+    result = result_from(([RESULTS.read_text()] if chosen.add else []) + texts)
+    order = list(ATTACKS)
+    result = replace(result, attacks=tuple(sorted(result.attacks, key=lambda each: order.index(each.name))))
+    RESULTS.write_text(json.dumps(result.to_json(), indent=1) + "\n")
     page.write_text(insert(page.read_text(), markdown(result), CORE))
     draw_permissions(result, DOCS / "images" / "attacks-permissions.svg")
     draw_detection(result, DOCS / "images" / "attacks-detection.svg")
