@@ -29,6 +29,8 @@ from simulator.attack_lab.places import ROUNDS, SMALL, SQUARE, Floats, LabPad, d
 
 SMALL_PAD_LIES_MM: Final = (NEAR_LIE, 4_000.0)
 SQUARE_PAD_LIES_MM: Final = (NEAR_LIE, FAR_LIE)
+_LUCKY: Final = 1e-4
+"""Share of sessions in which lies at random happen to fit."""
 
 
 def invented(rng: np.random.Generator, count: int) -> Batch:
@@ -156,9 +158,11 @@ ATTACKS: Final = (
         _STAMPS,
         _STAMPS_COST,
         "A permission more than one buffer from the claim.",
-        "Bursts are left out about the median, and the rest does not fit the claim.",
+        "Bursts are left out about the median, and the rest does not fit the claim. Three in 100,000 were lucky; the "
+        "same firmware wins every time by a false time for each anchor, which level 3 stops.",
         0,
         (Variant((1, 2), make=partial(mixed, 2)),),
+        tolerated=_LUCKY,
         wire="mixed-rounds",
     ),
     Attack(
