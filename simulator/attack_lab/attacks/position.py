@@ -95,7 +95,8 @@ ATTACKS: Final = (
         "As before, and a spoofer that aligns itself with the real signals.",
         "A permission two buffers or more from the claim.",
         "The ranges, of which the newest are judged alone, too: refuted before the error is two buffers, but for the "
-        "rarest (2.2 m at most in 100,000). A permission that came before the drag is not taken back; it expires with the session.",
+        "rarest (2.2 m at most in 100,000). A permission that came before the drag is not taken back; it expires with "
+        "the session.",
         0,
         (Variant(TWO_WAY, make=partial(drag, 2, 1.0, 1.0)), Variant((3,), make=partial(drag, 3, 1.0, 1.0), dear=DEAR)),
         wire="gnss-drag",
