@@ -4,26 +4,17 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
+
+import barriers
+
 DRONE = "OH-DRN-0417"
-AXE = Path(__file__).resolve().parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
-TAGS = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
-BARRIERS = """async (tags) => {
-    const found = await axe.run("main.room", { runOnly: tags, resultTypes: ["violations"] });
-    return found.violations.map((each) => `${each.id}: ${each.nodes.map((node) => node.target).join(" | ")}`);
-}"""
-
-
-@pytest.fixture(scope="module")
-def axe():
-    """The checker's own text."""
-    if not AXE.is_file():
-        pytest.skip("the console's packages are not installed (make setup)")
-    return AXE.read_text("utf-8")
 
 
 @pytest.fixture
@@ -242,7 +233,7 @@ def test_a_list_with_errors(console_house, officer, tmp_path):
 
 @pytest.mark.parametrize("width", [390, 1280])
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_pages_fit_and_are_free_of_barriers(console_house, open_page, axe, width, theme):
+def test_pages_fit_and_are_free_of_barriers(console_house, open_page, width, theme):
     page = open_page(console_house.link(), width=width, theme=theme, room="registry")
     expect(page.get_by_role("link", name="Registry")).to_be_visible()
     for path in (
@@ -266,8 +257,7 @@ def test_pages_fit_and_are_free_of_barriers(console_house, open_page, axe, width
                 .filter((each) => each.labels.length === 0 && !each.ariaLabel).length"""
         )
         assert unnamed == 0, path
-        page.evaluate(axe)
-        assert page.evaluate(BARRIERS, TAGS) == [], path
+        assert barriers.on(page) == [], path
 
 
 def test_bringing_a_certificate_and_its_key(console_house, open_page, tmp_path):

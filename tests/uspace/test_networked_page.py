@@ -11,6 +11,7 @@ from sqlalchemy import select
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
+import barriers
 from other_conftest import tools_of
 
 from backend.db.tables.audit import AuditRow
@@ -54,6 +55,7 @@ def console():
 
 
 async def test_an_officer_looks_at_flights_that_others_tell_of(new_uss, dss, console, chromium, track, until):
+    axe = barriers.axe()
     async with (
         new_uss(dss=[dss.url], client_id="us", console=console) as us,
         new_uss(dss=[dss.url], client_id="them") as them,
@@ -67,10 +69,10 @@ async def test_an_officer_looks_at_flights_that_others_tell_of(new_uss, dss, con
         # Closed before the servers, which wait for their connections.
         async with await chromium.new_page(viewport={"width": 1280, "height": 800}, reduced_motion="reduce") as page:
             page.set_default_timeout(PATIENCE_MS)
-            await look_at(page, us, them)
+            await look_at(page, us, them, axe)
 
 
-async def look_at(page, us, them):
+async def look_at(page, us, them, axe):
     complaints = []
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("console", lambda message: message.type == "error" and complaints.append(message.text))
@@ -98,9 +100,8 @@ async def look_at(page, us, them):
     await page.mouse.click(box["x"] + box["width"] / 2 + 164, box["y"] + box["height"] / 2 - 64)
     await expect(card.get_by_role("heading", name="Helicopter")).to_be_visible()
     await expect(card).to_contain_text("Airborne")
-    if AXE.is_file():
-        await page.evaluate(AXE.read_text("utf-8"))
-        assert await page.evaluate(BARRIERS) == []
+    await page.evaluate(axe)
+    assert await page.evaluate(barriers.FIND) == []
     await card.get_by_role("button", name="Who flies?").click()
     await expect(card.get_by_test_id("networked-who")).to_contain_text("1581F5FKD229400A1234")
     await expect(card.get_by_test_id("networked-who")).to_contain_text("FIN87astrdge12k8")
@@ -115,4 +116,7 @@ async def look_at(page, us, them):
     await expect(card).to_have_count(0)
     await page.go_back()
     await expect(card).to_be_visible()
+    # An address that somebody sends shows the same to whoever opens it.
+    await page.reload()
+    await expect(card).to_contain_text("1 flight in view")
     assert complaints == []

@@ -10,17 +10,12 @@ from playwright.sync_api import expect
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
+import barriers
 from scenario_world import Site, people_at
 
 from wonderland.ledger.connection import Connection
 
 FILES = Path(__file__).parent / "files"
-AXE = Path(__file__).resolve().parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
-TAGS = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
-BARRIERS = """async (tags) => {
-    const found = await axe.run("main.room", { runOnly: tags, resultTypes: ["violations"] });
-    return found.violations.map((each) => `${each.id}: ${each.nodes.map((node) => node.target).join(" | ")}`);
-}"""
 
 
 class Place:
@@ -39,13 +34,6 @@ class Place:
 
 def go(page, path):
     page.evaluate("path => { location.hash = `#/${path}` }", path)
-
-
-def barriers(page):
-    if not AXE.is_file():
-        return []
-    page.evaluate(AXE.read_text("utf-8"))
-    return page.evaluate(BARRIERS, TAGS)
 
 
 @pytest.fixture
@@ -74,7 +62,7 @@ def test_from_a_broken_file_to_a_landing_that_is_refused(console_house, officer)
     expect(row).to_contain_text("the ring is not closed")
     expect(row.get_by_role("cell").first).to_have_text("32")
     expect(page.get_by_role("button", name="Import", exact=True)).to_have_count(0)
-    assert barriers(page) == []
+    assert barriers.on(page) == []
 
     choose(page, "turku.ed318.json")
     expect(page.get_by_role("status")).to_contain_text("ED-318: 3 zones, no errors.")
@@ -106,7 +94,7 @@ def test_from_a_broken_file_to_a_landing_that_is_refused(console_house, officer)
     row = page.get_by_role("row").filter(has_text=pad_id)
     expect(row).to_contain_text("Not published")
     row.get_by_role("link").click()
-    assert barriers(page) == []
+    assert barriers.on(page) == []
     page.get_by_role("button", name="Publish closures").click()
     page.get_by_role("button", name="Sign and send").click()
     expect(page.locator(".zone-state")).to_contain_text("Published")
@@ -136,8 +124,8 @@ def test_a_zone_in_finnish(console_house, officer):
     )
     go(page, "zones/list")
     expect(page.get_by_role("row").filter(has_text="FIN:P20")).to_contain_text("in force")
-    assert barriers(page) == []
+    assert barriers.on(page) == []
     page.get_by_role("button", name="Language: English").click()
     page.get_by_role("row").filter(has_text="NIGHT 1").get_by_role("link").click()
     expect(page.locator(".zone-facts")).to_contain_text("Joka päivä: auringonlasku – auringonnousu")
-    assert barriers(page) == []
+    assert barriers.on(page) == []

@@ -1,9 +1,11 @@
-import { useMutation, useQuery, useQueryClient } from "@tanstack/react-query";
-import { useMemo, type ReactElement, type ReactNode } from "react";
+import { skipToken, useMutation, useQuery } from "@tanstack/react-query";
+import { useMemo, type ReactElement } from "react";
+import { MapCard } from "../live-map/MapCard";
 import type { Overlay } from "../live-map/map/overlays";
 import { useApi, type ApiError } from "../shared/api/api";
-import type { SignedIn } from "../shared/api/records";
+import { useOfficer } from "../shared/api/who";
 import { ago, coordinates, decimal, dotted, length } from "../shared/format";
+import { Fact } from "../shared/ui/Fact";
 import { flightDetails, networkedFlights, viewOf, type Bounds, type Flight, type FlightDetails, type Flights } from "./calls";
 import "./networked.css";
 import { diagonal_m, foreign, MOST_VIEW_M, networkedOverlay } from "./overlay";
@@ -23,8 +25,7 @@ export function useNetworked(wanted: boolean, bounds: Bounds | undefined, select
   const fits = across_m <= MOST_VIEW_M;
   const query = useQuery<Flights, ApiError>({
     queryKey: ["networked", bounds === undefined ? "" : viewOf(bounds)],
-    queryFn: () => networkedFlights(api, bounds ?? [0, 0, 0, 0]),
-    enabled: wanted && fits,
+    queryFn: wanted && fits && bounds !== undefined ? () => networkedFlights(api, bounds) : skipToken,
     refetchInterval: REFRESH_MS,
     // While the map moves, what was told of the view before stays.
     placeholderData: (before) => before,
@@ -33,15 +34,6 @@ export function useNetworked(wanted: boolean, bounds: Bounds | undefined, select
   const shown = wanted && fits ? query.data : undefined;
   const overlays = useMemo(() => (shown === undefined ? NO_OVERLAYS : [networkedOverlay(shown, selected)]), [shown, selected]);
   return { shown, overlays, problem: wanted && fits ? query.error : null, wide_m: bounds === undefined || fits ? undefined : across_m };
-}
-
-function Row({ name, children }: { name: string; children: ReactNode }): ReactElement {
-  return (
-    <>
-      <dt>{name}</dt>
-      <dd>{children}</dd>
-    </>
-  );
 }
 
 function nameOf({ aircraft_type }: Flight): string {
@@ -55,21 +47,21 @@ function Who({ details }: { details: FlightDetails }): ReactElement {
   return (
     <dl className="networked-facts" data-testid="networked-who">
       {ids.length > 0 && (
-        <Row name={t("id")}>
+        <Fact name={t("id")}>
           {ids.map((each) => (
             <span key={each} className="mono">
               {each}
             </span>
           ))}
-        </Row>
+        </Fact>
       )}
       {operator !== undefined && (
-        <Row name={t("operator")}>
+        <Fact name={t("operator")}>
           <span className="mono">{dotted(operator)}</span>
-        </Row>
+        </Fact>
       )}
-      {lat !== undefined && lon !== undefined && <Row name={t("operatorPlace")}>{coordinates(lat, lon)}</Row>}
-      {description !== undefined && <Row name={t("description")}>{description}</Row>}
+      {lat !== undefined && lon !== undefined && <Fact name={t("operatorPlace")}>{coordinates(lat, lon)}</Fact>}
+      {description !== undefined && <Fact name={t("description")}>{description}</Fact>}
     </dl>
   );
 }
@@ -78,25 +70,24 @@ function Who({ details }: { details: FlightDetails }): ReactElement {
 function FlightFacts({ flight, now_ms }: { flight: Flight; now_ms: number }): ReactElement {
   const api = useApi();
   const who = useMutation<FlightDetails, ApiError>({ mutationFn: () => flightDetails(api, flight.flight_id) });
-  const roles = useQueryClient().getQueryData<SignedIn>(["who"])?.roles ?? [];
-  const officer = roles.includes("admin") || roles.includes("inspector");
+  const officer = useOfficer();
   const { height_mm, above_mm, speed_mm_s, track_cdeg } = flight;
   return (
     <>
       <h3>{nameOf(flight)}</h3>
       {flight.simulated && <p className="quiet">{t("simulated")}</p>}
       <dl className="networked-facts">
-        <Row name={t("provider")}>{flight.provider}</Row>
-        <Row name={t("status")}>{flight.status}</Row>
-        <Row name={t("heard")}>
+        <Fact name={t("provider")}>{flight.provider}</Fact>
+        <Fact name={t("status")}>{flight.status}</Fact>
+        <Fact name={t("heard")}>
           {coordinates(flight.lat_e7, flight.lon_e7)} <span className="quiet">{ago(now_ms - flight.t_ms)}</span>
-        </Row>
+        </Fact>
         {(above_mm !== undefined || height_mm !== undefined) && (
-          <Row name={t("height")}>
+          <Fact name={t("height")}>
             {above_mm !== undefined ? t("above", { height: length(above_mm, true) }) : t("ellipsoid", { height: length(height_mm ?? 0, true) })}
-          </Row>
+          </Fact>
         )}
-        {speed_mm_s !== undefined && <Row name={t("speed")}>{t("perSecond", { speed: decimal(speed_mm_s / 1000, 1), track: Math.round((track_cdeg ?? 0) / 100) })}</Row>}
+        {speed_mm_s !== undefined && <Fact name={t("speed")}>{t("perSecond", { speed: decimal(speed_mm_s / 1000, 1), track: Math.round((track_cdeg ?? 0) / 100) })}</Fact>}
       </dl>
       {who.data !== undefined && <Who details={who.data} />}
       {who.data === undefined && officer && (
@@ -133,9 +124,9 @@ function Summary({ shown, onSelect }: { shown: Flights; onSelect: (flight_id: st
       ) : (
         <dl className="networked-facts" aria-label={t("providers")}>
           {shown.providers.map(({ provider, problem }) => (
-            <Row key={provider} name={provider}>
+            <Fact key={provider} name={provider}>
               {problem ?? <span className="quiet">{t("answers")}</span>}
-            </Row>
+            </Fact>
           ))}
         </dl>
       )}
@@ -150,15 +141,7 @@ export function NetworkedCard({ networked, selected, now_ms, onSelect, onClose }
   const { shown, problem, wide_m } = networked;
   const flight = shown?.flights.find(({ flight_id }) => flight_id === selected);
   return (
-    <section className="float map-card" aria-label={t("title")}>
-      <header>
-        <h2>{t("title")}</h2>
-        <button type="button" className="icon-button" aria-label={t("close")} title={t("close")} onClick={onClose}>
-          <svg viewBox="0 0 20 20" aria-hidden="true">
-            <path d="M5 5l10 10M15 5L5 15" />
-          </svg>
-        </button>
-      </header>
+    <MapCard title={t("title")} onClose={onClose}>
       <p className="networked-word">
         <svg width="14" height="14" viewBox="0 0 20 20" aria-hidden="true">
           <circle cx="10" cy="10" r="6.5" fill="var(--panel)" stroke="var(--ink2)" strokeWidth="2" />
@@ -178,6 +161,6 @@ export function NetworkedCard({ networked, selected, now_ms, onSelect, onClose }
         </>
       )}
       {selected === undefined && shown !== undefined && <Summary shown={shown} onSelect={onSelect} />}
-    </section>
+    </MapCard>
   );
 }

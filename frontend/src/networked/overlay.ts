@@ -1,29 +1,21 @@
 /** What other service providers tell, as a layer of the live map: hollow marks without a verdict's colour. */
 import type { Overlay } from "../live-map/map/overlays";
 import { TILE } from "../live-map/map/view";
-import type { LonLat } from "../shared/geo/frame";
+import { lonLat, plainFrame, toGlobe, type LonLat } from "../shared/geo/frame";
+import { leg } from "../shared/geo/geodesic";
 import type { Bounds, Flight, Flights } from "./calls";
 
 const ID = "networked";
 /** A mark points to where the flight will be by then. */
 const AHEAD_S = 10;
 const SLOW_MM_S = 500;
-const EARTH_MM = 6_371_008_800;
 const REACH_PX = 12;
 /** The standard's greatest view (F3411-22a, NetMaxDisplayAreaDiagonal). */
 export const MOST_VIEW_M = 7_000;
 
-function lonLat({ lat_e7, lon_e7 }: { lat_e7: number; lon_e7: number }): [number, number] {
-  return [lon_e7 / 1e7, lat_e7 / 1e7];
-}
-
-/** From corner to corner of a view, on a sphere; a view over the antimeridian is no view at all. */
+/** From corner to corner of a view; a view over the antimeridian is no view at all. */
 export function diagonal_m([west, south, east, north]: Bounds): number {
-  if (west < -180 || east > 180) return Infinity;
-  const rad = Math.PI / 180;
-  const half = (a: number): number => Math.sin(a / 2) ** 2;
-  const h = half((north - south) * rad) + Math.cos(north * rad) * Math.cos(south * rad) * half((east - west) * rad);
-  return ((2 * EARTH_MM) / 1000) * Math.asin(Math.sqrt(Math.min(1, h)));
+  return west < -180 || east > 180 ? Infinity : leg([west, south], [east, north]).distance_m;
 }
 
 /** Our own flights are drones of the map already. */
@@ -31,19 +23,19 @@ export function foreign(flights: readonly Flight[]): Flight[] {
   return flights.filter(({ provider }) => provider !== undefined);
 }
 
-function ahead({ lat_e7, lon_e7, speed_mm_s, track_cdeg }: Flight): [number, number] | undefined {
+function ahead(flight: Flight): LonLat | undefined {
+  const { speed_mm_s, track_cdeg } = flight;
   if (speed_mm_s === undefined || speed_mm_s < SLOW_MM_S || track_cdeg === undefined) return undefined;
-  const degrees = ((speed_mm_s * AHEAD_S) / EARTH_MM) * (180 / Math.PI);
+  const way_mm = speed_mm_s * AHEAD_S;
   const track = (track_cdeg / 100) * (Math.PI / 180);
-  const [lon, lat] = lonLat({ lat_e7, lon_e7 });
-  return [lon + (degrees * Math.sin(track)) / Math.max(0.01, Math.cos((lat * Math.PI) / 180)), lat + degrees * Math.cos(track)];
+  return toGlobe(plainFrame(flight), { east_mm: way_mm * Math.sin(track), north_mm: way_mm * Math.cos(track) });
 }
 
 function shapes(flight: Flight, selected: boolean): GeoJSON.Feature[] {
   const here = lonLat(flight);
   const properties = { selected };
   const found: GeoJSON.Feature[] = [{ type: "Feature", properties: { ...properties, part: "place" }, geometry: { type: "Point", coordinates: here } }];
-  const line = (part: string, coordinates: [number, number][]): void => {
+  const line = (part: string, coordinates: LonLat[]): void => {
     if (coordinates.length > 1) found.push({ type: "Feature", properties: { ...properties, part }, geometry: { type: "LineString", coordinates } });
   };
   const next = ahead(flight);

@@ -1,6 +1,6 @@
-import { useMutation, useQueryClient } from "@tanstack/react-query";
+import { useMutation } from "@tanstack/react-query";
 import { useEffect, useState, type SyntheticEvent, type ReactElement } from "react";
-import type { SignedIn } from "../shared/api/records";
+import { useOfficer } from "../shared/api/who";
 import { dotted } from "../shared/format";
 import { usePeopleApi, type MaskedField } from "./api";
 import "./people.css";
@@ -9,7 +9,7 @@ import { auditTexts as t } from "./texts";
 /** An operator's number in part; officers may see all of it for a while, with a reason that is recorded. */
 export function Masked({ value, uav_id, field }: { value: string; uav_id: string; field: MaskedField }): ReactElement {
   const api = usePeopleApi();
-  const roles = useQueryClient().getQueryData<SignedIn>(["who"])?.roles ?? [];
+  const officer = useOfficer();
   const [asking, setAsking] = useState(false);
   const [reason, setReason] = useState("");
   const show = useMutation({ mutationFn: () => api.unmask(uav_id, field, reason), onSuccess: () => setAsking(false) });
@@ -31,7 +31,6 @@ export function Masked({ value, uav_id, field }: { value: string; uav_id: string
       </span>
     );
   }
-  const officer = roles.includes("admin") || roles.includes("inspector");
   return (
     <span className="masked">
       <span className="mono">{dotted(value)}</span>

@@ -1,7 +1,6 @@
-import { useQueryClient } from "@tanstack/react-query";
 import type { ReactElement } from "react";
 import { placeHash, type Place, type PlainRoom } from "../app/location";
-import type { SignedIn } from "../shared/api/records";
+import { usePerson } from "../shared/api/who";
 import { AccountPage } from "./AccountPage";
 import { AuditPage } from "./AuditPage";
 import { ClientsPage } from "./ClientsPage";
@@ -14,11 +13,6 @@ import { peopleTexts as t } from "./texts";
 
 const PARTS = ["list", "clients", "audit", "me"] as const;
 const PATHS: Record<(typeof PARTS)[number], readonly string[]> = { list: [], clients: ["clients"], audit: ["audit"], me: ["me"] };
-
-/** Who is signed in, as the frame around the rooms knows it. */
-function usePerson(): SignedIn | undefined {
-  return useQueryClient().getQueryData<SignedIn>(["who"]);
-}
 
 /** `#/people`, `#/people/me`, `#/people/clients`, `#/people/audit`, `#/people/invite`, `#/people/<id>`. Others than administrators have their account. */
 export function PeopleRoom({ place }: { place: Place & { room: PlainRoom } }): ReactElement {

@@ -1,5 +1,6 @@
 import { useQuery } from "@tanstack/react-query";
 import { useMemo, type ReactElement } from "react";
+import { MapCard } from "../live-map/MapCard";
 import type { Overlay } from "../live-map/map/overlays";
 import { useApi } from "../shared/api/api";
 import { zonesForMap, type ZoneFeature } from "./calls";
@@ -50,15 +51,7 @@ export function ZoneLegend({ zones, shown, onToggle }: { zones: readonly ZoneFea
 export function ZoneCard({ zones, now_ms, onClose }: { zones: readonly ZoneFeature[]; now_ms: number; onClose: () => void }): ReactElement | null {
   if (zones.length === 0) return null;
   return (
-    <section className="float map-card zone-card" aria-label={t("there", { count: zones.length })}>
-      <header>
-        <h2>{t("there", { count: zones.length })}</h2>
-        <button type="button" className="icon-button" aria-label={t("close")} title={t("close")} onClick={onClose}>
-          <svg viewBox="0 0 20 20" aria-hidden="true">
-            <path d="M5 5l10 10M15 5L5 15" />
-          </svg>
-        </button>
-      </header>
+    <MapCard title={t("there", { count: zones.length })} kind="zone-card" onClose={onClose}>
       {zones.map(({ properties }, i) => (
         <details key={properties.zone_id} open={i === 0}>
           <summary>
@@ -70,6 +63,6 @@ export function ZoneCard({ zones, now_ms, onClose }: { zones: readonly ZoneFeatu
           </p>
         </details>
       ))}
-    </section>
+    </MapCard>
   );
 }

@@ -1,8 +1,9 @@
 import { useQuery } from "@tanstack/react-query";
-import type { ReactElement, ReactNode } from "react";
+import type { ReactElement } from "react";
 import { placeHash } from "../app/location";
 import { useApi } from "../shared/api/api";
 import { useServerNow } from "../shared/live/useLive";
+import { Fact } from "../shared/ui/Fact";
 import { More } from "../shared/ui/More";
 import { zone as fetchZone, type Zone } from "./calls";
 import { zonesHref } from "./links";
@@ -11,15 +12,6 @@ import { zoneTexts as t } from "./texts";
 import { heights, holding, nameOf, times } from "./words";
 
 type Authority = { name?: { text?: string }[]; service?: { text?: string }[]; email?: string; phone?: string; siteURL?: string; purpose: string };
-
-function Row({ name, children }: { name: string; children: ReactNode }): ReactElement {
-  return (
-    <>
-      <dt>{name}</dt>
-      <dd>{children}</dd>
-    </>
-  );
-}
 
 function AuthorityLine({ of }: { of: Authority }): ReactElement {
   const said = [...(of.name ?? []), ...(of.service ?? [])].map(({ text }) => text).filter((text) => text !== undefined);
@@ -41,30 +33,30 @@ function AuthorityLine({ of }: { of: Authority }): ReactElement {
 export function ZoneFacts({ zone, now_ms }: { zone: Zone; now_ms: number }): ReactElement {
   return (
     <dl className="zone-facts">
-      <Row name={t("typeName")}>
+      <Fact name={t("typeName")}>
         <TypeTag type={zone.type} active={zone.active} />
-      </Row>
-      <Row name={t("now")}>{holding(zone, now_ms)}</Row>
-      <Row name={t("heights")}>
+      </Fact>
+      <Fact name={t("now")}>{holding(zone, now_ms)}</Fact>
+      <Fact name={t("heights")}>
         {heights(zone).map((each) => (
           <p key={each}>{each}</p>
         ))}
-      </Row>
+      </Fact>
       {zone.feature !== undefined && (
-        <Row name={t("times")}>
+        <Fact name={t("times")}>
           {times(zone).map((each) => (
             <p key={each}>{each}</p>
           ))}
-        </Row>
+        </Fact>
       )}
-      {zone.message !== undefined && <Row name={t("message")}>{zone.message}</Row>}
-      {zone.reasons.length > 0 && <Row name={t("reason")}>{zone.reasons.map((reason) => t("reasonName", { reason })).join(", ")}</Row>}
-      {zone.conditions !== undefined && <Row name={t("conditions")}>{zone.conditions}</Row>}
-      <Row name={t("authority")}>
+      {zone.message !== undefined && <Fact name={t("message")}>{zone.message}</Fact>}
+      {zone.reasons.length > 0 && <Fact name={t("reason")}>{zone.reasons.map((reason) => t("reasonName", { reason })).join(", ")}</Fact>}
+      {zone.conditions !== undefined && <Fact name={t("conditions")}>{zone.conditions}</Fact>}
+      <Fact name={t("authority")}>
         {(zone.authorities as Authority[]).map((each, i) => (
           <AuthorityLine key={i} of={each} />
         ))}
-      </Row>
+      </Fact>
     </dl>
   );
 }

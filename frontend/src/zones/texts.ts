@@ -104,7 +104,6 @@ export const zoneTexts = texts({
     show: "Show zones",
     hide: "Hide zones",
     there: "{count, plural, one {Zone there} other {Zones there}}",
-    close: "Close",
     details: "All about it",
   },
   fi: {
@@ -209,7 +208,6 @@ export const zoneTexts = texts({
     show: "Näytä vyöhykkeet",
     hide: "Piilota vyöhykkeet",
     there: "{count, plural, one {Vyöhyke siellä} other {Vyöhykkeet siellä}}",
-    close: "Sulje",
     details: "Kaikki siitä",
   },
 });

@@ -30,7 +30,7 @@ from simulator.attack_lab.places import ROUNDS, SMALL, SQUARE, Floats, LabPad, d
 SMALL_PAD_LIES_MM: Final = (NEAR_LIE, 4_000.0)
 SQUARE_PAD_LIES_MM: Final = (NEAR_LIE, FAR_LIE)
 _LUCKY: Final = 1e-4
-"""Share of sessions in which lies at random happen to fit."""
+"""In no more sessions than this share may lies at random happen to fit (3 of 100,000 were seen)."""
 
 
 def invented(rng: np.random.Generator, count: int) -> Batch:
