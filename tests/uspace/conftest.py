@@ -15,13 +15,14 @@ import uvicorn
 from joserfc.jwk import ECKey, RSAKey
 
 sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from dss_server import Dss
+from other_conftest import tools_of
 from token_server import Authority
 
 from backend.app import Backend, now_ms
 from backend.db.engine import Database
-from backend.db.migrate import migrate
 from backend.ingest.agents import Agent
 from backend.ingest.batch import read
 from backend.serve import Listen, new_server
@@ -103,13 +104,7 @@ async def dss(authority):
 def migrated_file(tmp_path_factory):
     """A migrated SQLite database to copy: migrating takes longer than most tests."""
     path = tmp_path_factory.mktemp("template") / "template.db"
-
-    async def make():
-        opened = Database(f"sqlite:///{path}")
-        await migrate(opened)
-        await opened.close()
-
-    asyncio.run(make())
+    tools_of("backend").make_tables(f"sqlite:///{path}")
     return path
 
 
