@@ -6,6 +6,7 @@ import asyncio
 import json
 import secrets
 from collections.abc import Callable, Coroutine
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from backend.db import migrate as migrations
 from backend.db import passwords
 from backend.db.engine import Database
 from backend.description import openapi
+from backend.duty.lock import held
 from backend.errors import BackendError
 from backend.mirror import rebuild as rebuilding
 from backend.mirror.rebuild import Digest
@@ -33,6 +35,7 @@ from backend.settings import Settings, load
 from wonderland.ledger.errors import LedgerError
 
 HEALTH_TIMEOUT_S = 5
+STANDBY_TYPE = "urn:wonderland:problem:standby"
 
 _database = click.option(
     "--database", metavar="URL", help="sqlite:///file.db (the default: wonderland.db here) or postgresql://user@host/db"
@@ -153,8 +156,9 @@ def new_password_command(directory: Path, user: str) -> None:
 @backend.command("health")
 @click.option("--at", "url", required=True, metavar="URL", help="The backend, for example http://127.0.0.1:8080")
 def health_command(url: str) -> None:
-    """Ask a running backend whether it serves. Exit code 1 when it does not."""
-    import urllib.request  # noqa: PLC0415 - nothing else here needs it
+    """Ask a running backend whether it serves, or stands by. Exit code 1 when it does neither."""
+    import urllib.error  # noqa: PLC0415 - nothing else here needs it
+    import urllib.request  # noqa: PLC0415
 
     if not url.startswith(("http://", "https://")):
         raise click.UsageError(f"--at: {url!r} is no address, for example http://127.0.0.1:8080")
@@ -162,6 +166,10 @@ def health_command(url: str) -> None:
     try:
         with opener.open(f"{url.rstrip('/')}/api/v1/health", timeout=HEALTH_TIMEOUT_S) as answer:
             click.echo(answer.read(4096).decode(errors="replace"))
+    except urllib.error.HTTPError as refusal:
+        if refusal.code != HTTPStatus.SERVICE_UNAVAILABLE or STANDBY_TYPE not in (said := refusal.read(4096).decode()):
+            raise click.ClickException(f"the backend at {url} answers {refusal.code}; see its log") from None
+        click.echo(said)
     except (OSError, ValueError) as error:
         raise click.ClickException(f"no backend answers at {url} ({error}); does it run?") from error
 
@@ -211,20 +219,21 @@ def rebuild_command(*, as_json: bool, **options: Any) -> None:
             disable=as_json,
         )
         try:
-            await migrations.migrate(database)
-            before = await rebuilding.digest(database)
-            async with source_of(settings) as (connection, source):
-                with progress:
-                    task = progress.add_task("blocks")
-                    await rebuilding.rebuild(
-                        database,
-                        source,
-                        channel=connection.channel,
-                        chaincode=connection.chaincode,
-                        batch_transactions=settings.mirror_batch_transactions,
-                        on_progress=lambda done, of: progress.update(task, completed=done, total=of),
-                    )
-            after = await rebuilding.digest(database)
+            async with held(settings.database):
+                await migrations.migrate(database)
+                before = await rebuilding.digest(database)
+                async with source_of(settings) as (connection, source):
+                    with progress:
+                        task = progress.add_task("blocks")
+                        await rebuilding.rebuild(
+                            database,
+                            source,
+                            channel=connection.channel,
+                            chaincode=connection.chaincode,
+                            batch_transactions=settings.mirror_batch_transactions,
+                            on_progress=lambda done, of: progress.update(task, completed=done, total=of),
+                        )
+                after = await rebuilding.digest(database)
         finally:
             await database.close()
         if as_json:

@@ -11,7 +11,7 @@ import logging
 import signal
 import socket
 import ssl
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 
 import click
 import uvicorn
-from fastapi import FastAPI
+from starlette.types import ASGIApp
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from backend import console
@@ -29,6 +29,8 @@ from backend.auth.site import LOCAL
 from backend.clients.certificates import EXTENSION, Peer
 from backend.db.engine import Database
 from backend.db.migrate import migrate
+from backend.duty.lock import Lock, lock_of
+from backend.duty.standby import stand_by, stay_on_duty
 from backend.errors import SettingsError
 from backend.ledger.access import LedgerAccess
 from backend.mirror.source import BlockSource, GatewaySource
@@ -46,6 +48,7 @@ LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})
 GRACE_S: Final = 5
 STUCK_PEER_MS: Final = 30_000
 BACKLOG: Final = 2048
+STANDBY: Final = "another backend is on duty for this database, and this one takes over when that one ends."
 
 
 @dataclass(frozen=True)
@@ -175,13 +178,51 @@ async def serve(settings: Settings, listen: Listen, *, token_file: Path | None, 
         raise SettingsError(f"--console: {settings.console} has no index.html; build the console first")
     hosts = _hosts(settings, listen)
     with contextlib.closing(listen.open()) as bound:
-        url = settings.public_url or f"http://{_shown(listen.host)}:{bound.getsockname()[1]}"
-        async with backend_of(settings, hosts) as backend:
-            token = await links.at_start(backend.database, backend.context.sign_ins, demo=settings.demo)
-            if token_file is not None and token is not None:
-                write_atomic(token_file, token.encode() + b"\n")
-            server = new_server(backend.app, settings)
-            await _serve_until_told(server, bound, backend, Ready(url.rstrip("/"), token, settings, as_json=as_json))
+        url = (settings.public_url or f"http://{_shown(listen.host)}:{bound.getsockname()[1]}").rstrip("/")
+        lock = lock_of(settings.database)
+        try:
+            if not (await lock.take() or await _stood_by(lock, bound, url, settings, as_json=as_json)):
+                return
+            async with backend_of(settings, hosts) as backend:
+                token = await links.at_start(backend.database, backend.context.sign_ins, demo=settings.demo)
+                if token_file is not None and token is not None:
+                    write_atomic(token_file, token.encode() + b"\n")
+                await _serve_until_told(backend, bound, lock, Ready(url, token, settings, as_json=as_json))
+        finally:
+            await lock.release()
+
+
+async def _stood_by(lock: Lock, bound: socket.socket, url: str, settings: Settings, *, as_json: bool) -> bool:
+    """Whether the lock of the database is ours at last; False where we are told to stop before."""
+    with _told_to_stop() as told:
+        click.echo(json.dumps({"standby": True, "url": url}) if as_json else f"Stands by at {url}: {STANDBY}")
+        waiting = asyncio.create_task(stand_by(lock, bound, lambda app: new_server(app, settings)))
+        await asyncio.wait({waiting, told}, return_when=asyncio.FIRST_COMPLETED)
+        if not waiting.done():
+            waiting.cancel()
+            await asyncio.gather(waiting, return_exceptions=True)
+            return False
+        waiting.result()
+        return True
+
+
+@contextlib.contextmanager
+def _told_to_stop() -> Iterator[asyncio.Future[None]]:
+    """Done on SIGTERM or SIGINT, which else end the process at once."""
+    loop = asyncio.get_running_loop()
+    told: asyncio.Future[None] = loop.create_future()
+
+    def tell() -> None:
+        if not told.done():
+            told.set_result(None)
+
+    for each in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(each, tell)
+    try:
+        yield told
+    finally:
+        for each in (signal.SIGTERM, signal.SIGINT):
+            loop.remove_signal_handler(each)
 
 
 @dataclass(frozen=True)
@@ -213,7 +254,7 @@ class Ready:
         return f"{url}/#token={self.token}"
 
 
-def new_server(app: FastAPI, settings: Settings) -> uvicorn.Server:
+def new_server(app: ASGIApp, settings: Settings) -> uvicorn.Server:
     """A server with the settings that were measured to be best for many live clients. Raises `SettingsError`."""
     config = uvicorn.Config(
         app,
@@ -272,22 +313,24 @@ class _Server(uvicorn.Server):
         yield
 
 
-async def _serve_until_told(server: uvicorn.Server, bound: socket.socket, backend: Backend, ready: Ready) -> None:
-    loop = asyncio.get_running_loop()
-
-    def stop() -> None:
+async def _serve_until_told(backend: Backend, bound: socket.socket, lock: Lock, ready: Ready) -> None:
+    """Until told to stop. Raises `DatabaseError` where another backend may be on duty."""
+    server = new_server(backend.app, ready.settings)
+    with _told_to_stop() as told:
+        serving = asyncio.create_task(server.serve([bound]), name="server")
+        while not server.started and not serving.done():  # noqa: ASYNC110 - uvicorn says it by an attribute only
+            await asyncio.sleep(0.01)
+        if server.started:
+            leave_to_itself()
+            ready.print()
+        duty = asyncio.create_task(stay_on_duty(lock), name="duty")
+        await asyncio.wait({serving, duty, told}, return_when=asyncio.FIRST_COMPLETED)
         backend.end_streams()
         server.should_exit = True
-
-    for each in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(each, stop)
-    serving = asyncio.create_task(server.serve([bound]), name="server")
-    while not server.started and not serving.done():  # noqa: ASYNC110 - uvicorn says it by an attribute only
-        await asyncio.sleep(0.01)
-    if server.started:
-        leave_to_itself()
-        ready.print()
-    await serving
+        await serving
+        if duty.done():
+            duty.result()
+        duty.cancel()
 
 
 def leave_to_itself() -> None:

@@ -58,7 +58,7 @@ async def start(tmp_path, *arguments, database):
 
 
 async def ready(process):
-    line = await asyncio.wait_for(process.stdout.readline(), 20)
+    line = await asyncio.wait_for(process.stdout.readline(), 60)
     if not line:
         raise AssertionError((await process.stderr.read()).decode())
     return json.loads(line)
@@ -91,7 +91,7 @@ async def run(*arguments):
 
 async def stop(process):
     process.terminate()
-    return await asyncio.wait_for(process.wait(), 10)
+    return await asyncio.wait_for(process.wait(), 40)
 
 
 async def test_served_killed_and_started_again(tmp_path, ledger, submit):

@@ -1,0 +1,1 @@
+"""Several backends on one database: one is on duty, the others stand by."""
