@@ -15,6 +15,7 @@ import numpy as np
 
 from edge_agent.commissioning.curves import Curves, fit_curves
 from edge_agent.commissioning.errors import CalibrationError
+from edge_agent.commissioning.plausibility import check_plausible, standing_out
 from edge_agent.commissioning.run import Floats, Run, Windows, distances, windows
 from edge_agent.commissioning.spread import SLOPE_M_PER_M, Spread, find_spread
 from edge_agent.commissioning.survey import check_anchors
@@ -28,10 +29,15 @@ GAP_M: Final = 2.0
 """A stretch of distances without data that is longer than this is told, and widened in the table."""
 EDGE_M: Final = 0.5
 """Beyond the furthest distance that was driven, the table still holds for this much."""
-MAX_SHIFT_S: Final = 0.5
+MAX_SHIFT_S: Final = 10.0
+"""Clocks that are further apart have to be brought together first."""
+NEAR_SHIFT_S: Final = 0.5
+"""What filters and networks delay a truth by; more is another clock."""
 MIN_SHIFT_S: Final = 0.02
 SHIFT_GAIN: Final = 0.10
 """A delay of the truth that makes the errors' spread this much smaller is worth telling."""
+CLOCK_GAIN: Final = 0.5
+"""A delay beyond ``NEAR_SHIFT_S`` has to explain this much of the spread: some paths nearly repeat themselves."""
 SECTORS: Final = 12
 DEFAULT_SURVEY_SIGMA_M: Final = 0.010
 MAC_BASE: Final = 0xA000
@@ -102,6 +108,7 @@ class Fit:
 
     def table(self, anchor: int) -> tuple[BiasPoint, ...]:
         """The bias table of an anchor, by its position in ``anchor_ids``."""
+        name = self.anchor_ids[anchor]
         rows: dict[int, tuple[float, float]] = {}
         knots, bias, sigma = self.curves.knots_m, self.curves.bias_m[anchor], self.spread.bias_sigma_m[anchor]
         for knot, value, deviation in zip(knots, bias, sigma, strict=True):
@@ -115,7 +122,11 @@ class Fit:
         if nearest > EDGE_M:
             rows[0] = (float(bias[0]), float(np.hypot(sigma[0], SLOPE_M_PER_M * nearest)))
         return tuple(
-            BiasPoint(range_mm=range_mm, bias_mm=_mm(value, 5_000), sigma_mm=max(1, _mm(deviation, 5_000)))
+            BiasPoint(
+                range_mm=range_mm,
+                bias_mm=_mm(value, 5_000, f"a bias of anchor {name}"),
+                sigma_mm=max(1, _mm(deviation, 5_000, f"an uncertain bias of anchor {name}")),
+            )
             for range_mm, (value, deviation) in sorted(rows.items())
         )
 
@@ -147,8 +158,8 @@ class Fit:
                     )
                     for index, (name, place) in enumerate(zip(self.anchor_ids, self.anchors_m.tolist(), strict=True))
                 ),
-                range_sigma_mm=max(1, _mm(self.spread.range_sigma_m, 10_000)),
-                installation_sigma_mm=_mm(self.installation_m, 5_000),
+                range_sigma_mm=max(1, _mm(self.spread.range_sigma_m, 10_000, "noise")),
+                installation_sigma_mm=_mm(self.installation_m, 5_000, "a common bias"),
                 max_range_mm=min(max(round(self.max_range_m * 1000), 1_000), 1_000_000),
                 valid_from_ms=valid_from_ms,
                 valid_until_ms=valid_until_ms,
@@ -217,11 +228,18 @@ def fit_runs(runs: Sequence[Run], settings: FitSettings | None = None) -> Fit:
     ]
     data = windows(runs)
     _check_amount(data, first)
+    shift, gain = find_shift(runs)
+    if abs(shift) > NEAR_SHIFT_S:
+        raise CalibrationError(
+            f"the truth is {abs(shift):.2f} s {'late' if shift > 0 else 'early'}: errors would spread {gain:.0%} less "
+            f"with a --truth-shift {'higher' if shift > 0 else 'lower'} by that (auto finds it); bring the clocks of "
+            "reference and ranges together"
+        )
+    check_plausible(runs, data)
     curves, held = fit_curves(data)
     interval = float(np.median([run.interval_s for run in runs]))
     spread = find_spread(data, curves, held, reference_sigma_m=settings.reference_sigma_m)
     coverage = _coverage(data, first.anchors_m)
-    shift, gain = _shift(runs)
     outliers = {
         name: float(data.bursts[index] / max(int(data.ranges[index]), 1)) for index, name in enumerate(first.anchor_ids)
     }
@@ -273,19 +291,33 @@ def _coverage(data: Windows, anchors_m: Floats) -> Coverage:
     )
 
 
-def _shift(runs: tuple[Run, ...]) -> tuple[float, float]:
+def find_shift(runs: Sequence[Run]) -> tuple[float, float]:
     """(best shift of the truth in s, by what share it shrinks the spread), from the run with most movement."""
     run = max(runs, key=lambda item: float(np.ptp(item.truth_m, axis=0).max()))
-    shifts = np.linspace(-MAX_SHIFT_S, MAX_SHIFT_S, 41)
+    now = _roughness(run, 0.0)
+    if now <= 0:
+        return 0.0, 0.0
+    near = _best_shift(run, 0.0)
+    coarse = np.arange(-MAX_SHIFT_S, MAX_SHIFT_S + 0.1, 0.2)
+    far = float(min(coarse, key=lambda shift: _roughness(run, float(shift))))
+    if abs(far) > NEAR_SHIFT_S:
+        shift, roughness = _best_shift(run, far)
+        if roughness < (1.0 - CLOCK_GAIN) * near[1]:
+            near = (shift, roughness)
+    return near[0], 1.0 - near[1] / now
+
+
+def _best_shift(run: Run, about_s: float) -> tuple[float, float]:
+    """(shift in s near another, spread with it); no shift where the best is at the edge of what was tried."""
+    shifts = about_s + np.linspace(-NEAR_SHIFT_S, NEAR_SHIFT_S, 41)
     scores = [_roughness(run, float(shift)) for shift in shifts]
     best = int(np.argmin(scores))
-    now = _roughness(run, 0.0)
-    if not 0 < best < len(shifts) - 1 or now <= 0:
-        return 0.0, 0.0
+    if not 0 < best < len(shifts) - 1:
+        return 0.0, _roughness(run, 0.0)
     before, here, after = scores[best - 1 : best + 2]
     bend = before - 2 * here + after
     peak = shifts[best] + (0.5 * (before - after) / bend if bend > 0 else 0.0) * (shifts[1] - shifts[0])
-    return float(peak), 1.0 - here / now
+    return float(peak), here
 
 
 def _roughness(run: Run, shift_s: float) -> float:
@@ -332,6 +364,11 @@ def _notes(
             "bearings",
             f"The run saw {seen} of {SECTORS} directions; how an antenna's bias changes with the rest is not known.",
         )
+    for name, away in standing_out(runs, data):
+        note(
+            "stands_out",
+            f"Anchor {name} is off by {away:+.2f} m against the others; is its survey exact, its antenna delay set?",
+        )
     for name, share in outliers.items():
         if share > 0.05:
             note("outliers", f"Anchor {name}: {share:.0%} of its ranges are bursts; what obstructs or disturbs it?")
@@ -345,5 +382,12 @@ def _notes(
     return notes
 
 
-def _mm(metres: float, limit: int) -> int:
-    return max(-limit, min(limit, round(float(metres) * 1000)))
+def _mm(metres: float, most_mm: int, what: str) -> int:
+    """For the record. Raises CalibrationError for what it cannot hold: cut off, it would be another pad's."""
+    value = round(float(metres) * 1000)
+    if abs(value) > most_mm:
+        raise CalibrationError(
+            f"{what} of {metres:.2f} m was fitted, and a record holds {most_mm / 1000:g} m at most; are ranges, survey "
+            "and reference of the same pad, in metres?"
+        )
+    return value

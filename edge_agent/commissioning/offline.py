@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from edge_agent.commissioning.clocks import Clocks, fit_clocks
 from edge_agent.commissioning.errors import CalibrationError, CommissioningError, RecordingError
-from edge_agent.commissioning.fit import Fit, FitSettings, Note, fit_runs
+from edge_agent.commissioning.fit import Fit, FitSettings, Note, find_shift, fit_runs
 from edge_agent.commissioning.reach import Reach, ReachMap, reach, reach_map, rounds_by_distance
 from edge_agent.commissioning.recording import Recording
 from edge_agent.commissioning.reference import load_track
@@ -129,12 +129,10 @@ def calibrate_runs(
     Raises CommissioningError.
     """
     shift = truth_shift_s or 0.0
-    found = fit_runs(_runs(runs, survey, shift, truth_raise_m), fit)
-    if truth_shift_s is None and found.shift_s:
-        shift += found.shift_s
-        found = fit_runs(_runs(runs, survey, shift, truth_raise_m), fit)
+    if truth_shift_s is None:
+        shift, _ = find_shift(_runs(runs, survey, 0.0, truth_raise_m))
     return finish(
-        found,
+        fit_runs(_runs(runs, survey, shift, truth_raise_m), fit),
         survey,
         now_ms=now_ms,
         shift_s=shift,
