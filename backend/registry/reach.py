@@ -1,4 +1,7 @@
-"""How far a pad reaches: the smallest buffer that it can verify, by distance. From its commissioning alone."""
+"""How far a pad reaches: the smallest buffer in which it verifies most honest drones, by distance.
+
+From its commissioning alone (``wonderland.proofs.honest``).
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from typing import Final
 import orjson
 
 from wonderland.proofs.errors import ProofError
+from wonderland.proofs.honest import rounds_for
 from wonderland.proofs.prospects import prospect
 from wonderland.proofs.records.pads import Commissioning, Pad
 from wonderland.proofs.records.policies import Policy
@@ -61,6 +65,6 @@ def _settles(commissioning: Commissioning, policy: Policy, distance_mm: int, buf
         angle = 2.0 * pi * bearing / BEARINGS
         east, north = distance_mm * sin(angle), distance_mm * cos(angle)
         found = prospect(commissioning, asked, east, north, float(ABOVE_MM))
-        if found is None or not 0 <= found.rounds <= policy.max_rounds:
+        if found is None or rounds_for(found, asked) < 0:
             return False
     return True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from edge_agent.commissioning.live.wizard import LiveSettings, Wizard
     from edge_agent.commissioning.offline import Calibrated, OfflineSettings
 
+NO_GO: Final = 3
+"""Exit code of a pad that verifies the buffer asked for nowhere."""
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
@@ -91,6 +94,13 @@ def commission(*, config: Path | None, state: Path | None, **options: Any) -> No
           --origin 60.4503,22.2712,31.0 --reference udp:0.0.0.0:5490
     The reference is one JSON datagram for each position (x, y, z or lat, lon, height), or a file that is given
     afterwards: columns t, x, y, z or t, lat, lon, height, a ROS pose, or an export of Motive.
+
+    \b
+    Exit code:
+      0  go: the pad verifies --buffer, at some distances in every direction
+      1  nothing was commissioned: what was given teaches nothing, or the ledger refused it
+      2  options that mean nothing
+      3  no-go: fitted (and published, at a live pad, if that was confirmed), but it verifies --buffer nowhere
     """  # noqa: D301 - \b is click's mark for "do not wrap"
     try:
         from edge_agent.commissioning.errors import CommissioningError  # noqa: PLC0415 - needs the extra
@@ -125,11 +135,13 @@ def _from_recordings(*, out: Path | None, report: Path | None, as_json: bool, an
     where = None if report is None else _report(report, found, anchors.stem)
     if as_json:
         click.echo(json.dumps(found.document()))
-        return
-    show(found)
-    for path, what in ((out, "The commissioning record"), (where, "The report")):
-        if path is not None:
-            click.echo(f"{what} is in {path}.")
+    else:
+        show(found)
+        for path, what in ((out, "The commissioning record"), (where, "The report")):
+            if path is not None:
+                click.echo(f"{what} is in {path}.")
+    if not found.go:
+        sys.exit(NO_GO)
 
 
 _LIVE_ONLY: Final[dict[str, tuple[Any, ...]]] = {
@@ -171,6 +183,8 @@ def _at_the_pad(config: Path, state: Path, **options: Any) -> None:
         terminal.close()
     if as_json:
         click.echo(json.dumps(done))
+    if not done["go"]:
+        sys.exit(NO_GO)
 
 
 async def _until_stopped(wizard: Wizard) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any, Final
 from edge_agent.commissioning.clocks import Clocks, fit_clocks
 from edge_agent.commissioning.errors import CalibrationError, CommissioningError, RecordingError
 from edge_agent.commissioning.fit import Fit, FitSettings, Note, find_shift, fit_runs
-from edge_agent.commissioning.reach import Reach, ReachMap, reach, reach_map, rounds_by_distance
+from edge_agent.commissioning.reach import AtDistance, Reach, ReachMap, by_distance, reach, reach_map
 from edge_agent.commissioning.recording import Recording
 from edge_agent.commissioning.reference import load_track
 from edge_agent.commissioning.run import Run
@@ -19,6 +19,7 @@ from edge_agent.commissioning.stamps import StampedRun
 from edge_agent.commissioning.survey_files import Origin, Survey, load_survey
 from wonderland.ledger.errors import FileWriteError
 from wonderland.ledger.files import PUBLIC, write_atomic
+from wonderland.proofs.honest import SHARE_PPM
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 
@@ -56,26 +57,30 @@ class Calibrated:
     record: Commissioning
     reaches: list[Reach]
     map: ReachMap
-    by_distance: tuple[tuple[float, int], ...]
-    """Rounds that an honest claim takes in the worst direction at usual distances, for the map's buffer; -1: no-go."""
+    by_distance: tuple[AtDistance, ...]
+    """The worst direction at usual distances, for the map's buffer."""
     shift_s: float
     notes: tuple[Note, ...]
     clocks: Clocks | None = None
     timed_reaches: tuple[Reach, ...] = ()
     """How far out time stamps alone verify a buffer (assurance 3)."""
 
+    @property
+    def go(self) -> bool:
+        """Whether the pad verifies the buffer that was asked for (the map's) at any distance, in every direction."""
+        return any(item.everywhere_m is not None for item in self.reaches if item.buffer_m == self.map.buffer_m)
+
     def document(self) -> dict[str, Any]:
         """For machines."""
         out = self.fit.document()
+        out["go"] = self.go
         if self.clocks is not None:
             out["clocks"] = self.clocks.document()
             out["reach_by_time_stamps"] = [item.document() for item in self.timed_reaches]
         out["truth_shift_s"] = round(self.shift_s, 3)
         out["reach"] = [item.document() for item in self.reaches]
-        out["rounds"] = [
-            {"buffer_m": self.map.buffer_m, "distance_m": distance, "rounds": rounds}
-            for distance, rounds in self.by_distance
-        ]
+        out["honest_share"] = SHARE_PPM / 1_000_000
+        out["rounds"] = [item.document() for item in self.by_distance]
         out["warnings"] = [{"code": note.code, "text": note.text} for note in self.notes]
         return out
 
@@ -177,7 +182,7 @@ def finish(
         record,
         reach(record, policy, buffers_m=buffers, height_m=height_m),
         reach_map(record, policy, height_m=height_m),
-        tuple(rounds_by_distance(record, policy, height_m=height_m)),
+        tuple(by_distance(record, policy, height_m=height_m)),
         shift_s,
         tuple(notes),
         clocks,

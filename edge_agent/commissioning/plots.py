@@ -14,7 +14,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 
 from edge_agent.commissioning.clocks import Clocks
 from edge_agent.commissioning.fit import Fit
-from edge_agent.commissioning.reach import ReachMap
+from edge_agent.commissioning.reach import SHARE, ReachMap
 from edge_agent.commissioning.run import Floats
 
 INK: Final = "#171b1a"
@@ -174,7 +174,7 @@ def coverage(fit: Fit) -> str:
 
 
 def go_map(fit: Fit, found: ReachMap) -> str:
-    """Rounds that an honest claim takes, by place."""
+    """Rounds by which most honest drones are verified, by place."""
     with plt.rc_context(_STYLE):
         figure, axis = plt.subplots(figsize=(4.9, 4.2), constrained_layout=True)
         colours = ListedColormap(GREENS).with_extremes(under=NO_GO)
@@ -186,7 +186,7 @@ def go_map(fit: Fit, found: ReachMap) -> str:
         axis.set_aspect("equal")
         axis.set_xlabel("east (m)")
         axis.set_ylabel("north (m)")
-        axis.set_title(f"Rounds to verify ±{found.buffer_m:g} m at {found.height_m:g} m height")
+        axis.set_title(f"Rounds to verify ±{found.buffer_m:g} m at {found.height_m:g} m height\n({SHARE})")
         bar = figure.colorbar(drawn, ax=axis, shrink=0.7, pad=0.02, extend="min", ticks=ROUNDS)
         bar.set_label("rounds (red: no-go)")
         bar.outline.set_visible(False)

@@ -1,4 +1,4 @@
-"""Go or no-go: what a commissioned pad can settle, how far out, in how many rounds; from its commissioning alone."""
+"""Go or no-go: how far out a pad verifies 90 % of honest drones, in how many rounds; from its commissioning alone."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 
 from edge_agent.commissioning.run import Floats
 from wonderland.proofs.differences import frames_needed
-from wonderland.proofs.prospects import prospect
+from wonderland.proofs.honest import SHARE_PPM, looks_of, narrower, rounds_for, share_by
+from wonderland.proofs.prospects import Prospect, prospect
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.stopping import rounds_needed
 
 BUFFERS_M: Final = (0.5, 1.0, 2.0, 3.0, 5.0, 10.0)
 DISTANCES_M: Final = (2.0, 5.0, 8.0, 10.0, 13.0, 16.0, 20.0, 30.0, 40.0)
@@ -23,6 +23,9 @@ STEP_M: Final = 0.5
 MAX_REACH_M: Final = 200.0
 MAP_CELLS: Final = 37
 DEFAULT_HEIGHT_M: Final = 3.0
+SHARE: Final = f"{SHARE_PPM // 10_000} % of honest drones"
+"""Who is verified where it says go."""
+HARDLY_ANY: Final = 0.005
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,7 @@ class Reach:
     everywhere_m: float | None
     """In every direction, from ``from_m`` on."""
     rounds_there: int
-    """Rounds that the worst direction takes at that distance."""
+    """Rounds by which ``SHARE`` is verified at that distance, in the worst direction."""
     best_m: float | None
     """In the best direction."""
 
@@ -55,7 +58,7 @@ class Reach:
                 return f"±{self.buffer_m:g} m: nowhere."
             return f"±{self.buffer_m:g} m: not in every direction; at best out to {self.best_m:g} m."
         return (
-            f"±{self.buffer_m:g} m: {self.span()} in every direction, there with "
+            f"±{self.buffer_m:g} m: {self.span()} in every direction, there {SHARE} within "
             f"{self.rounds_there} {unit if self.rounds_there == 1 else unit + 's'}."
         )
 
@@ -67,8 +70,38 @@ class Reach:
 
 
 @dataclass(frozen=True)
+class AtDistance:
+    """What the worst direction brings at a horizontal distance from the anchors' middle."""
+
+    distance_m: float
+    buffer_m: float
+    rounds: int
+    """By which ``SHARE`` is verified; -1 where the policy's most are too few."""
+    share: float
+    """Of honest drones that are verified within the policy's rounds."""
+    most_rounds: int
+
+    def document(self) -> dict[str, Any]:
+        """For machines."""
+        return {
+            "buffer_m": self.buffer_m,
+            "distance_m": self.distance_m,
+            "rounds": self.rounds,
+            "honest_verified": round(self.share, 3),
+            "within_rounds": self.most_rounds,
+        }
+
+    def sentence(self) -> str:
+        """For people."""
+        if self.rounds > 0:
+            return f"At {self.distance_m:g} m: {SHARE} within {self.rounds} rounds (±{self.buffer_m:g} m)."
+        share = "hardly any honest drone" if self.share < HARDLY_ANY else f"{100 * self.share:.0f} % of honest drones"
+        return f"At {self.distance_m:g} m: {share} within {self.most_rounds} rounds (±{self.buffer_m:g} m), no-go."
+
+
+@dataclass(frozen=True)
 class ReachMap:
-    """Rounds that an honest claim takes, by place; -1: no number suffices or the policy's most do not."""
+    """Rounds by which ``SHARE`` is verified, by place; -1: no number suffices or the policy's most do not."""
 
     buffer_m: float
     height_m: float
@@ -79,7 +112,7 @@ class ReachMap:
 
 
 class Prospects:
-    """What an honest claim takes, by place: each place is worked out once and asked for any buffer.
+    """What honest drones take, by place: each place is worked out once and asked for any buffer.
 
     ``policies``: rising by their buffer. Places are in the pad's frame, metres.
     """
@@ -90,15 +123,20 @@ class Prospects:
         self._up_mm = height_m * 1000
 
     def rounds(self, east_m: float, north_m: float) -> tuple[int, ...]:
-        """Rounds for each policy; -1 where none, or more than the policy allows, settle it."""
-        widest = self.policies[-1]
-        found = prospect(self._commissioning, widest, east_m * 1000, north_m * 1000, self._up_mm)
+        """Rounds by which ``SHARE`` is verified, for each policy; -1 where the policy allows too few."""
+        found = self._found(east_m, north_m)
         if found is None or found.rounds < 0:  # what the widest buffer cannot settle no other can
             return (-1,) * len(self.policies)
-        axes = found.one_round.ellipse()
-        floor = found.floor.along(axes.east, axes.north)
-        white = max(found.one_round.along(axes.east, axes.north) - floor, 0.0)
-        return tuple(_allowed(rounds_needed(0.0, white, floor, policy), policy) for policy in self.policies)
+        return tuple(rounds_for(found, policy) for policy in self.policies)
+
+    def share(self, east_m: float, north_m: float) -> float:
+        """Of honest drones, verified within the rounds of the widest policy."""
+        found = self._found(east_m, north_m)
+        widest = self.policies[-1]
+        return 0.0 if found is None or found.rounds < 0 else share_by(found, widest, looks_of(widest)[-1])
+
+    def _found(self, east_m: float, north_m: float) -> Prospect | None:
+        return prospect(self._commissioning, self.policies[-1], east_m * 1000, north_m * 1000, self._up_mm)
 
 
 class TimedProspects(Prospects):
@@ -107,7 +145,8 @@ class TimedProspects(Prospects):
     def rounds(self, east_m: float, north_m: float) -> tuple[int, ...]:
         """Frames for each policy; -1 where none, or more than the policy allows, settle it."""
         place = (east_m * 1000, north_m * 1000, self._up_mm)
-        found = [frames_needed(self._commissioning, policy, *place) for policy in self.policies]
+        asked = [replace(policy, buffer_mm=round(policy.buffer_mm * narrower(policy))) for policy in self.policies]
+        found = [frames_needed(self._commissioning, policy, *place) for policy in asked]
         return tuple(
             _allowed(frames if frames > 0 else -1, policy) for frames, policy in zip(found, self.policies, strict=True)
         )
@@ -133,16 +172,22 @@ def reach(
     return [_reach_of(buffer, [(d, ring[index]) for d, ring in rings]) for index, buffer in enumerate(buffers_m)]
 
 
-def rounds_by_distance(
+def by_distance(
     commissioning: Commissioning, policy: Policy, *, height_m: float = DEFAULT_HEIGHT_M
-) -> list[tuple[float, int]]:
-    """(horizontal distance in m, rounds of the worst direction there or -1) at usual distances."""
+) -> list[AtDistance]:
+    """The worst direction at usual distances, out to the first at which hardly any honest drone is verified."""
     prospects = Prospects(commissioning, [policy], height_m)
-    return [
-        (distance, _ring(prospects, middle(commissioning), distance)[0].worst)
-        for distance in DISTANCES_M
-        if distance * 1000 <= commissioning.max_range_mm
-    ]
+    centre = middle(commissioning)
+    found = []
+    for distance in DISTANCES_M:
+        if distance * 1000 > commissioning.max_range_mm:
+            break
+        rounds = _ring(prospects, centre, distance)[0].worst
+        share = min(prospects.share(*place) for place in _places(centre, distance))
+        found.append(AtDistance(distance, policy.buffer_mm / 1000, rounds, share, looks_of(policy)[-1]))
+        if share < HARDLY_ANY:
+            break
+    return found
 
 
 def reach_map(
@@ -183,12 +228,13 @@ class _Ring:
 
 def _ring(prospects: Prospects, centre: tuple[float, float], distance_m: float) -> tuple[_Ring, ...]:
     """One for each policy."""
-    angles = [2 * math.pi * index / BEARINGS for index in range(BEARINGS)]
-    found = [
-        prospects.rounds(centre[0] + distance_m * math.cos(angle), centre[1] + distance_m * math.sin(angle))
-        for angle in angles
-    ]
+    found = [prospects.rounds(*place) for place in _places(centre, distance_m)]
     return tuple(_Ring(-1 if min(each) < 0 else max(each), max(each) > 0) for each in zip(*found, strict=True))
+
+
+def _places(centre: tuple[float, float], distance_m: float) -> list[tuple[float, float]]:
+    angles = [2 * math.pi * index / BEARINGS for index in range(BEARINGS)]
+    return [(centre[0] + distance_m * math.cos(angle), centre[1] + distance_m * math.sin(angle)) for angle in angles]
 
 
 def _reach_of(buffer_m: float, rings: Sequence[tuple[float, _Ring]]) -> Reach:

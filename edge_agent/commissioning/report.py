@@ -12,7 +12,7 @@ from edge_agent.commissioning.clocks import Clocks
 from edge_agent.commissioning.errors import CommissioningError
 from edge_agent.commissioning.fit import Fit
 from edge_agent.commissioning.plots import draw_all
-from edge_agent.commissioning.reach import Reach, ReachMap
+from edge_agent.commissioning.reach import SHARE, AtDistance, Reach, ReachMap
 from wonderland import __version__
 from wonderland.proofs.records.pads import Commissioning
 
@@ -39,7 +39,7 @@ def write_report(
     *,
     title: str,
     survey: Sequence[Mapping[str, Any]] = (),
-    by_distance: Sequence[tuple[float, int]] = (),
+    by_distance: Sequence[AtDistance] = (),
     clocks: Clocks | None = None,
     timed_reaches: Sequence[Reach] = (),
 ) -> Path:
@@ -49,7 +49,7 @@ def write_report(
     """
     plots = draw_all(fit, reach_map, clocks)
     timed = [] if clocks is None else _clock_part(clocks, timed_reaches, plots["clocks"])
-    text = _page(fit, record, reaches, plots, title, survey, by_distance, reach_map.buffer_m, timed)
+    text = _page(fit, record, reaches, plots, title, survey, by_distance, timed)
     try:
         if path.suffix.lower() in {".html", ".htm"}:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -73,8 +73,7 @@ def _page(
     plots: Mapping[str, str],
     title: str,
     survey: Sequence[Mapping[str, Any]],
-    by_distance: Sequence[tuple[float, int]],
-    buffer_m: float,
+    by_distance: Sequence[AtDistance],
     timed: Sequence[str],
 ) -> str:
     facts = fit.document()
@@ -84,8 +83,9 @@ def _page(
         f"{fit.coverage.nearest_m:.1f} to {fit.coverage.furthest_m:.1f} m · Wonderland {__version__}"
     )
     about_reach = (
-        "Distances are horizontal, from the anchors' middle, for an honest drone; real sessions need half as many "
-        "rounds again. Elsewhere a session ends inconclusive: nobody is wrongly refused, nobody is let in."
+        f"Distances are horizontal, from the anchors' middle. There {SHARE} are verified, with bias, survey, "
+        "installation and noise drawn from this commissioning. The others, and most farther out, end inconclusive: "
+        "nobody is wrongly refused, nobody is let in."
     )
     about_bias = (
         "Points are means over one second, the line is the fitted table, the band what remains uncertain (1 σ). The "
@@ -100,10 +100,9 @@ def _page(
         "<h2>What this pad can verify</h2>",
         _reach_table(reaches),
         f"<p>{about_reach}</p>",
-        *(
-            f"<p>At {distance:g} m this pad can verify ±{buffer_m:g} m with {rounds} rounds.</p>"
-            for distance, rounds in [item for item in by_distance if item[1] > 0][-1:]
-        ),
+        "<ul>",
+        *(f"<li>{html.escape(at.sentence())}</li>" for at in by_distance),
+        "</ul>",
         *(f'<p class="note">{html.escape(note.text)}</p>' for note in fit.warnings),
         "<h2>Bias of each anchor by distance</h2>",
         f"<p>{about_bias}</p>",
@@ -114,7 +113,7 @@ def _page(
         _figure(plots["residuals"], cautious),
         _figure(plots["correlation"], repeated),
         _figure(plots["coverage"], "Where the run was. Elsewhere the pad knows less than it says."),
-        _figure(plots["reach"], "Rounds that an honest claim takes, by place."),
+        _figure(plots["reach"], f"Rounds by which {SHARE} are verified, by place."),
         "</div>",
     ]
     if survey:

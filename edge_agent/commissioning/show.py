@@ -8,6 +8,7 @@ from rich.table import Table
 
 from edge_agent.commissioning.clocks import Clocks
 from edge_agent.commissioning.offline import Calibrated
+from edge_agent.commissioning.reach import SHARE
 
 
 def show(found: Calibrated, console: Console | None = None) -> None:
@@ -43,14 +44,14 @@ def show(found: Calibrated, console: Console | None = None) -> None:
         _show_clocks(found.clocks, console)
     for note in found.notes:
         console.print(f"[yellow]![/yellow] {escape(note.text)}")
-    console.print("\n[bold]What this pad can verify[/bold] (honest drone; distances from the anchors' middle)")
+    console.print(f"\n[bold]What this pad can verify[/bold] (go: {SHARE}; distances from the anchors' middle)")
     for item in found.reaches:
         mark = "[green]go[/green]   " if item.everywhere_m is not None else "[red]no-go[/red]"
         console.print(f"  {mark} {item.sentence()}")
-    for distance, rounds in found.by_distance:
-        if rounds > 0:
-            sentence = f"At {distance:g} m it can verify ±{found.map.buffer_m:g} m with {rounds} rounds."
-            console.print(f"  [dim]{sentence}[/dim]")
+    for at in found.by_distance:
+        console.print(f"  [dim]{at.sentence()}[/dim]")
+    if not found.go:
+        console.print(f"[red]No-go[/red]: ±{found.map.buffer_m:g} m is verified at no distance in every direction.")
     if found.timed_reaches:
         console.print("\n[bold]At assurance 3[/bold] (time stamps alone)")
         for item in found.timed_reaches:

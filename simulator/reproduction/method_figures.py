@@ -39,8 +39,9 @@ from simulator.reproduction.style import (
 from wonderland.proofs import stopping
 from wonderland.proofs.agreement import agreement
 from wonderland.proofs.estimate import solve, without
+from wonderland.proofs.honest import SHARE_PPM, looks_of, rounds_for, share_by
 from wonderland.proofs.likelihood import Matrix2, inside_disc
-from wonderland.proofs.prospects import prospect
+from wonderland.proofs.prospects import Prospect, prospect
 from wonderland.proofs.records.pads import Commissioning
 
 FIVE_ANCHORS: Final = ((1.8, 0.0), (0.56, 1.71), (-1.46, 1.06), (-1.46, -1.06), (0.56, -1.71))
@@ -89,7 +90,7 @@ def outcomes() -> Any:
 def uncertainty() -> Any:
     """What more rounds buy: noise averages out, bias does not. At the paper's points S1 and L1."""
     figure, axes = subplots(1, 2, height_in=3.0)
-    for axis, index, biases in ((axes[0], 0, (0, 20, 60, 90)), (axes[1], 2, (0, 4, 9, 20))):
+    for axis, index, biases in ((axes[0], 0, (0, 20, 60, 90)), (axes[1], 2, (0, 4, 6, 20))):
         point = POINTS[index]
         truth = place_of(point)
         rounds = np.unique(np.geomspace(1, 500, 60).round())
@@ -100,11 +101,11 @@ def uncertainty() -> Any:
             axes_of = one.ellipse()
             white = max(one.along(axes_of.east, axes_of.north) - floor.along(axes_of.east, axes_of.north), 0.0)
             s1 = np.sqrt(white / rounds + floor.along(axes_of.east, axes_of.north)) / 1000
-            label = f"{bias} mm: {_rounds(found.rounds)}"
+            label = f"{bias} mm: {_honest(found)}"
             axis.plot(rounds, s1, color=colour, lw=1.6, label=label)
         limit = math.sqrt(stopping.settled_variance(POLICY)) / 1000
         axis.axhline(limit, color=OPEN, lw=1, ls="--")
-        axis.text(480, limit * 0.92, "settled below", fontsize=7.5, color=QUIET, va="top", ha="right")
+        axis.text(480, limit * 1.05, "exact claim", fontsize=7.5, color=QUIET, ha="right")
         axis.set_xscale("log")
         axis.set_yscale("log")
         axis.set_title(f"{point.name}, {math.dist(point.position, np.mean(point.anchors, axis=0)):.1f} m away")
@@ -112,7 +113,7 @@ def uncertainty() -> Any:
         axis.set_xticks([1, 10, 100, 500], ["1", "10", "100", "500"])
         axis.minorticks_off()
         axis.grid()
-        axis.legend(loc="lower left", title="bias, 1σ", title_fontsize=8, fontsize=7.5, alignment="left")
+        axis.legend(loc="lower left", title="bias, 1σ: verified", title_fontsize=8, fontsize=7.5, alignment="left")
     ticks = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2]
     for axis in axes:
         axis.set_ylim(0.008, 2.6)
@@ -287,8 +288,14 @@ def draw_all(directory: Path) -> list[Path]:
     return written
 
 
-def _rounds(count: int) -> str:
-    return "never" if count < 0 else "1 round" if count == 1 else f"{count} rounds"
+def _honest(found: Prospect) -> str:
+    """Which share of honest drones is verified, and by how many rounds."""
+    rounds = rounds_for(found, POLICY)
+    if rounds > 0:
+        return f"{SHARE_PPM // 10_000} % in {rounds}"
+    most = looks_of(POLICY)[-1]
+    share = share_by(found, POLICY, most) if found.rounds > 0 else 0.0
+    return "never" if share < 0.005 else f"{100 * share:.0f} % in {most}"
 
 
 def _likelihood(value: float) -> str:

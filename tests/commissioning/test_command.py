@@ -39,6 +39,20 @@ def test_a_recording_becomes_a_commissioning_that_evaluate_takes_and_profits_fro
     assert lies.count("refuted") > 0.8 * len(lies)
 
 
+def test_a_script_tells_no_go_by_the_exit_code(tmp_path, make_world, files):
+    line = {f"L{i}": (i * 1.0, 0.0, 0.5 + 0.1 * i) for i in range(4)}
+    nowhere = make_world(anchors=line).files(tmp_path, 40.0)
+    result = run("--recording", nowhere[0], "--anchors", nowhere[1], "--out", tmp_path / "c.json")
+    assert result.exit_code == 3
+    assert "No-go: ±1 m" in result.output
+    assert (tmp_path / "c.json").exists()
+    result = run("--recording", files[0], "--anchors", files[1], "--buffer", "0.1", "--json")
+    assert (result.exit_code, json.loads(result.stdout)["go"]) == (3, False)
+    result = run("--recording", files[0], "--anchors", files[1], "--json")
+    assert (result.exit_code, json.loads(result.stdout)["go"]) == (0, True)
+    assert "3  no-go" in run("--help").output
+
+
 def test_machines_get_one_document_and_a_directory_gets_the_plots(tmp_path, files):
     result = run(
         "--recording", files[0], "--anchors", files[1], "--json", "--report", tmp_path / "out", "--buffer", "1.5"

@@ -327,5 +327,5 @@ async def test_the_command_goes_on_from_kept_steps(tmp_path, make_world):
     assert process.returncode == 0, told.decode()
     assert json.loads(out)["published"] is False
     assert "5. Publish" in told.decode()
-    assert "At 5 m it can verify" in told.decode()
+    assert "At 5 m: 90 % of honest drones within" in told.decode()
     assert "checked by the anchors themselves" in (state / "report.html").read_text()

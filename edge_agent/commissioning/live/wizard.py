@@ -101,7 +101,7 @@ class Wizard:
                         await self._calibration_run(nodes, survey)
         record, found = self._fit(survey)
         self._dialogue.show_result(found)
-        return await self._publish(record)
+        return {"go": found.go, **await self._publish(record)}
 
     # --- 1. survey -------------------------------------------------------------------------------------------------
 

@@ -1,0 +1,82 @@
+"""Which share of honest drones a pad verifies, and within how many rounds: from its commissioning alone.
+
+An honest drone's estimate is not its claim: bias, survey, installation and noise are drawn anew for each. It is
+verified by the look at which it lies so deep within the buffer that its side is proved (``stopping.proved``); the mass
+of the estimate's distribution within that depth is the share by then, or a little less, as earlier looks verify some
+whom this one would not. Against the contract's own decision: ``tests/proofs/test_honest.py``.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import sqrt
+from typing import Final
+
+from wonderland.proofs.likelihood import Matrix2, inside_disc
+from wonderland.proofs.prospects import Prospect
+from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.stopping import LOOKS, settled_variance, sides, step_of
+
+SHARE_PPM: Final = 900_000
+"""Of honest drones: with fewer, a pad is no go."""
+_HALVINGS: Final = 12
+
+
+def rounds_for(found: Prospect, policy: Policy, share_ppm: int = SHARE_PPM) -> int:
+    """Rounds by which this share of honest drones is verified; −1 where the policy's most are too few."""
+    looks = looks_of(policy)
+    if found.rounds < 0 or share_by(found, policy, looks[-1]) * 1_000_000 < share_ppm:
+        return -1
+    low, high = 0, len(looks) - 1
+    while low < high:
+        middle = (low + high) // 2
+        if share_by(found, policy, looks[middle]) * 1_000_000 >= share_ppm:
+            high = middle
+        else:
+            low = middle + 1
+    return looks[high]
+
+
+def looks_of(policy: Policy) -> tuple[int, ...]:
+    """Rounds after which a pad with this policy looks; the last is its most."""
+    most = min(policy.max_rounds, LOOKS[-1])
+    return (*(look for look in LOOKS if policy.min_rounds <= look < most), most)
+
+
+def share_by(found: Prospect, policy: Policy, rounds: int) -> float:
+    """Share of honest drones that are verified by this many rounds."""
+    shrinking = (found.one_round + found.floor.scaled(-1.0)).scaled(1.0 / rounds)
+    return share_verified(found.floor + shrinking, policy, step_of(found.floor + shrinking, shrinking, rounds))
+
+
+def share_verified(covariance: Matrix2, policy: Policy, step: float = 0.0) -> float:
+    """Share of honest drones whose estimates, of this covariance (mm²), prove them within the buffer."""
+    axes = covariance.ellipse()
+    low, high = 0.0, float(policy.buffer_mm)
+    if not sides(0.0, 0.0, covariance, policy, step).inside:
+        return 0.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if sides(middle * axes.east, middle * axes.north, covariance, policy, step).inside:
+            low = middle
+        else:
+            high = middle
+    return inside_disc(0.0, 0.0, covariance, low) if low > 0.0 else 0.0
+
+
+@lru_cache(maxsize=64)
+def narrower(policy: Policy, share_ppm: int = SHARE_PPM) -> float:
+    """By how much narrower a buffer has to be to verify an exact claim as hard as this one does this share of drones.
+
+    For ellipses that are long and thin, as those of time differences are.
+    """
+    most = sqrt(settled_variance(policy))
+    low, high = 0.0, most
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        thin = Matrix2(middle * middle, 0.0, 1e-6 * middle * middle)
+        if share_verified(thin, policy) * 1_000_000 >= share_ppm:
+            low = middle
+        else:
+            high = middle
+    return low / most
