@@ -45,6 +45,8 @@ CLAIM_ACCURACY_MM: Final = 100
 CLAIM_HEIGHT_ACCURACY_MM: Final = 200
 FARTHEST_CLAIM_M: Final = 1e8
 LONGEST_RANGE_MM: Final = 1_000_000
+NO_ESTIMATE: Final = 3
+"""Exit code where windows were judged, and none had an estimate."""
 SAME_PLACE_M: Final = 0.05
 """A commissioning is of these anchors if it has them no further from where the list of anchors says."""
 MAX_CLAIM_ROWS: Final = 1_000_000
@@ -224,24 +226,29 @@ def run(settings: EvaluateSettings) -> int:
     """Print a line for each window and a summary; the exit code."""
     console = Console(stderr=settings.as_json, highlight=False)
     outcomes = dict.fromkeys(OUTCOMES, 0)
-    paper = 0
+    paper = estimated = 0
     for window in evaluate(settings):
         line = window.line()
         outcomes[window.verdict.outcome] += 1
         paper += bool(line.get("paper_rule"))
+        estimated += "likelihood" in line
         if settings.as_json:
             print(json.dumps(line), flush=True)  # noqa: T201 - the product of --json
             continue
+        found = "no estimate"
+        if "likelihood" in line:
+            found = f"likelihood {line['likelihood']:.4f}  error {line['error_m']:.2f} m"
         console.print(
-            f"{window.first_s:8.1f}–{window.last_s:.1f} s  {window.verdict.outcome:<12} "
-            f"likelihood {line.get('likelihood', math.nan):.4f}  error {line.get('error_m', math.nan):.2f} m  "
+            f"{window.first_s:8.1f}–{window.last_s:.1f} s  {window.verdict.outcome:<12} {found:<34}  "
             f"at {line['distance_m']:.1f} m  [dim]{', '.join(reason.code for reason in window.verdict.reasons)}[/dim]",
             soft_wrap=True,
         )
     total = sum(outcomes.values())
     counts = ", ".join(f"{outcomes[name]} {name}" for name in OUTCOMES)
     console.print(f"{total} windows of {settings.rounds} rounds: {counts}; the paper's rule accepts {paper}")
-    return 0 if total else 1
+    if total == 0:
+        return 1
+    return 0 if estimated else NO_ESTIMATE
 
 
 def _commissioning(path: Path | None, recording: Recording) -> Commissioning:
@@ -267,9 +274,16 @@ def _commissioning(path: Path | None, recording: Recording) -> Commissioning:
 
 def _claim(commissioning: Commissioning, t_ms: int, place_m: Vector) -> Claim:
     if not all(abs(value) <= FARTHEST_CLAIM_M for value in place_m):
-        raise GeometryError(f"a claim at {place_m[0]:g}, {place_m[1]:g}, {place_m[2]:g} m is nowhere on Earth")
+        raise GeometryError(
+            f"a claim at {place_m[0]:g}, {place_m[1]:g}, {place_m[2]:g} m is nowhere on Earth (--claim, --truth-raise)"
+        )
     east, north, up = (round(value * 1000) for value in place_m)
-    lat_e7, lon_e7, height_mm = frames.to_wgs84(commissioning.frame, east, north, up)
+    frame = commissioning.frame
+    try:
+        lat_e7, lon_e7, height_mm = frames.to_wgs84(frame, east, north, up)
+    except GeometryError:
+        # Beyond the frame's reach one place is as far as another: the other side of the planet stands for all.
+        lat_e7, lon_e7, height_mm = -frame.lat_e7, frame.lon_e7, frame.height_mm
     return Claim(
         lat_e7=lat_e7,
         lon_e7=lon_e7,

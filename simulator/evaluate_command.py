@@ -52,6 +52,12 @@ def evaluate(
     \b
     wonderland evaluate --recording ranges.csv --anchors anchors.csv
     wonderland evaluate --recording ranges.csv --anchors anchors.csv --claim offset:2,0,0 --json
+
+    \b
+    Exit code:
+      0  at least one window has an estimate, whatever the outcomes
+      1  files or options that cannot be read, or not one whole window
+      3  windows were judged, and none has an estimate (no ranges at the times of the claims, a claim far away, …)
     """  # noqa: D301 - \b is click's mark for "do not wrap"
     from simulator.evaluate import EvaluateSettings, run  # noqa: PLC0415 - --help must not load the world
     from simulator.recording import RecordingError  # noqa: PLC0415

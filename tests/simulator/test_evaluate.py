@@ -75,6 +75,22 @@ def test_a_file_of_claims_is_followed(tmp_path, files):
     assert last.verdict.outcome == "refuted"
 
 
+def test_a_claim_far_away_is_a_reason_in_every_window(tmp_path, files):
+    more = ("--recording", files[0], "--anchors", files[1])
+    result, lines = run(*more, "--claim", "offset:12000000,0,0", "--json")
+    assert (result.exit_code, len(lines)) == (3, 10)
+    assert {line["outcome"] for line in lines} == {"inconclusive"}
+    assert all("claim_far_away" in {reason["code"] for reason in line["reasons"]} for line in lines)
+    claims = tmp_path / "claims.csv"
+    claims.write_text("t,x,y,z\n0,-3,5,3\n3.96,0.96,5,3\n3.97,12000000,0,0\n10,12000000,0,0\n")
+    result, lines = run(*more, "--claim", f"csv:{claims}", "--json")
+    assert result.exit_code == 0
+    assert ["likelihood" in line for line in lines] == [True] * 4 + [False] * 6
+    result, _ = run(*more, "--claim", "offset:12000000,0,0")
+    assert result.output.count("no estimate") == 10
+    assert "nan" not in result.output
+
+
 @pytest.mark.parametrize("content", ["t,x\n1,2\n", "t,x,y,z\n1,2,3,x\n", "t,x,y,z\n", "t,x,y,z\n2,0,0,0\n1,0,0,0\n"])
 def test_files_that_hold_no_claims(tmp_path, content):
     path = tmp_path / "claims.csv"
@@ -96,6 +112,7 @@ def test_what_cannot_be_judged_is_said(tmp_path, files):
     result, _ = run("--recording", ranges, "--anchors", anchors, "--json", "--claim", "offset:900000000,0,0")
     assert isinstance(result.exception, SystemExit)
     assert "at 0.000 s" in result.output
+    assert "(--claim, --truth-raise)" in result.output
     record = json.loads(commissioned(tmp_path, files).read_text())
     record["anchors"][0]["anchor_id"] = "other"
     other.write_text(json.dumps(record))
