@@ -50,7 +50,15 @@ def calibration(result: Simulated) -> Any:
     stated = [one.stated for one in result.deciles]
     seen = [one.observed.value for one in result.deciles]
     left.plot([0, 1], [0, 1], color=QUIET, lw=0.8, ls="--")
-    left.scatter(stated, seen, s=22, color=CLAIM, zorder=3)
+    left.scatter(stated, seen, s=22, color=CLAIM, zorder=3, label="estimates drawn")
+    told = [one for one in result.decided.deciles if one.observed.tries]
+    left.scatter(
+        [one.stated for one in told], [one.observed.value for one in told],
+        s=22, marker="s", fc="none", ec=REFUTED, zorder=4, label="the contract's decision",
+    )  # fmt: skip
+    for one in told:
+        left.plot([one.stated] * 2, one.observed.interval, color=REFUTED, lw=0.9)
+    left.legend(loc="upper left", fontsize=7.5)
     left.set_xlabel("likelihood stated")
     left.set_ylabel("share truly within 1 m")
     left.set_title("Likelihood")

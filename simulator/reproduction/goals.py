@@ -18,6 +18,7 @@ from simulator.batch import fixes
 from simulator.evaluate import prepare
 from simulator.paper import POINTS, SIGMA_M
 from simulator.recording import RecordedRound
+from simulator.reproduction.calibration import Decided, Decile, decided, gaussian
 from simulator.reproduction.sampling import (
     BUFFER_MM,
     EVERY_ROUND,
@@ -34,15 +35,17 @@ from simulator.reproduction.sampling import (
 from wonderland.proofs import stopping
 from wonderland.proofs.estimate import solve
 from wonderland.proofs.fix import Multilateration
-from wonderland.proofs.likelihood import Matrix2, inside_disc
 from wonderland.proofs.prospects import prospect
 
 ROUNDS_COMPARED: Final = (1, 10, 50, 100)
 EDGE_S1_MM: Final = (300.0, 700.0, 1000.0, L1_ONE_ROUND_MM, 3000.0, 6000.0)
 FLOORS_MM: Final = (0.0, 200.0, 300.0)
-DECILES: Final = 10
 CURVE_MM: Final = 4000.0
 CURVE_STEP_MM: Final = 125.0
+_ALONG: Final = "along the ellipse"
+"""Drawn in one dimension (``sampling.settle``), not as ranges of a pad."""
+SESSIONS_SHARE: Final = 20
+"""A whole session by the contract's own decision takes the time of some thousand draws: one for so many tries."""
 ENOUGH_TRIES: Final = 50_000
 """With fewer a figure may miss its goal by chance."""
 
@@ -65,14 +68,6 @@ class Goal:
 def _met(holds: bool, missed: bool) -> bool | None:
     """Whether a goal is met; None where the sample neither shows it nor misses it beyond chance."""
     return True if holds else False if missed else None
-
-
-@dataclass(frozen=True)
-class Decile:
-    """Drones whose likelihood was stated within a tenth."""
-
-    stated: float
-    observed: Share
 
 
 @dataclass(frozen=True)
@@ -99,6 +94,9 @@ class Simulated:
     curve: tuple[tuple[float, Settled], ...]
     """Sessions at the pad's looks by offset from the claim (mm), at L1."""
     deciles: tuple[Decile, ...]
+    """Of estimates drawn with the covariance that they are judged with."""
+    decided: Decided
+    """Of whole sessions by the contract's own decision."""
     largest_bias_mm: dict[str, int]
     told: dict[str, Share]
     """Sessions that can not settle, told so at the first look."""
@@ -134,10 +132,23 @@ class Simulated:
                 "Likelihood, stated against observed, each decile",
                 "≤ 2 points",
                 f"largest difference {max(gaps):.1f} points",
-                f"{sum(one.observed.tries for one in self.deciles):,} drones",
+                f"{sum(one.observed.tries for one in self.deciles):,} estimates, drawn with the covariance that they "
+                "are judged with",
                 _met(max(gaps) <= 2.0, enough),
             ),
+            self._decided(),
         ]
+
+    def _decided(self) -> Goal:
+        told = [one for one in self.decided.deciles if one.observed.tries]
+        inside = sum(one.observed.explains(one.stated) for one in told)
+        return Goal(
+            "The same through the contract's own decision, each anchor's bias drawn",
+            "inside the sample's interval",
+            f"{inside} of {len(told)} inside 95 %; of the verified {self.decided.right.percent(1)} are right",
+            f"{self.decided.sessions:,} sessions at the paper's four points",
+            all(one.observed.explains(one.stated, looks=len(told)) for one in told),
+        )
 
     def _errors(self) -> list[Goal]:
         honest, lies = self.sessions["pad", 0.0], self.sessions["pad", 3 * BUFFER_MM]
@@ -146,14 +157,14 @@ class Simulated:
                 "Honest claims refuted, simulated",
                 "≤ 0.1 %",
                 honest.refuted.percent(3),
-                f"{honest.refuted.tries:,} sessions",
+                f"{honest.refuted.tries:,} sessions {_ALONG}",
                 _met(honest.refuted.interval[1] <= 0.001, honest.refuted.value > 0.001),
             ),
             Goal(
                 "Lies of 3 buffers: refuted; verified",
                 "≥ 99.9 %; never",
                 f"{lies.refuted.percent()}; {lies.verified.percent()}",
-                f"{lies.refuted.tries:,} sessions",
+                f"{lies.refuted.tries:,} sessions {_ALONG}",
                 _met(
                     lies.refuted.interval[0] >= 0.999 and lies.verified.count == 0,
                     lies.refuted.value < 0.999 or lies.verified.count > 0,
@@ -169,7 +180,7 @@ class Simulated:
                     f"Drone on the buffer's edge, looked at after {name}: wrongly verified; refuted",
                     "≤ 1 % each",
                     f"{verified.percent()}; {refuted.percent()}",
-                    f"{verified.tries:,} drones each, the worst of {len(chosen)} ellipses and floors",
+                    f"{verified.tries:,} drones each {_ALONG}, the worst of {len(chosen)} ellipses and floors",
                     _met(
                         max(verified.value, refuted.value) <= 0.01,
                         self.tries >= ENOUGH_TRIES,
@@ -192,14 +203,14 @@ class Simulated:
                 "Rounds to settle / Wald's bound: honest; 2 m; 3 m lies (looks at every round)",
                 "≤ 1.55; 1.15; 1.15",
                 f"{every[0]:.2f}; {every[1]:.2f}; {every[2]:.2f}",
-                f"{tries:,} sessions each",
+                f"{tries:,} sessions each {_ALONG}",
                 _met(every[0] < 1.555 and max(every[1:]) < 1.155, self.tries >= ENOUGH_TRIES),
             ),
             Goal(
                 "The same at the pad's looks, in rounds",
                 "–",
                 f"{pad[0]:.0f}; {pad[1]:.0f}; {pad[2]:.0f}",
-                f"{tries:,} sessions each",
+                f"{tries:,} sessions each {_ALONG}",
                 None,
             ),
             Goal(
@@ -245,7 +256,7 @@ class Simulated:
 
 def simulate(*, tries: int, seed: int = 1, progress: Progress = lambda *_: None) -> Simulated:
     """Measure it all: with 100,000 tries two minutes, with 2,000 some seconds."""
-    steps = len(POINTS) * 2 + (len(EDGE_S1_MM) + len(FLOORS_MM) - 1) * 2 + 6 + 3
+    steps = len(POINTS) * 2 + (len(EDGE_S1_MM) + len(FLOORS_MM) - 1) * 2 + 6 + 4
     done = 0
 
     def step(name: str) -> None:
@@ -279,7 +290,9 @@ def simulate(*, tries: int, seed: int = 1, progress: Progress = lambda *_: None)
         for offset in np.arange(0.0, CURVE_MM + 1.0, CURVE_STEP_MM).tolist()
     ]
     step("Likelihood")
-    deciles = _deciles(4 * tries, seed)
+    deciles = gaussian(4 * tries, seed)
+    step("Likelihood by the contract's own decision")
+    by_decision = decided(max(tries // SESSIONS_SHARE, 40), seed)
     largest, told = {}, {}
     for index, point in enumerate(POINTS):
         step(f"Sessions that cannot settle at {point.name}")
@@ -295,6 +308,7 @@ def simulate(*, tries: int, seed: int = 1, progress: Progress = lambda *_: None)
         sessions=sessions,
         curve=tuple(curve),
         deciles=deciles,
+        decided=by_decision,
         largest_bias_mm=largest,
         told=told,
         decision_ms=decision_ms,
@@ -340,33 +354,6 @@ def _fix_ratio(index: int, tries: int, seed: int) -> float:
     noise = _noise(index, 1, tries, seed)
     found = fixes(anchors, np.linalg.norm(truth - anchors[:, :2], axis=1) + noise, 0.0)
     return math.sqrt(float(((found - truth) ** 2).sum()) / float(((noise @ _linear(index).T) ** 2).sum()))
-
-
-def _deciles(tries: int, seed: int) -> tuple[Decile, ...]:
-    """Drones anywhere about their claims; of those whose likelihood is near p a share p is within the buffer.
-
-    Those whose estimate is farther than 3.5 standard deviations from the buffer's edge are left out: their likelihood
-    is 0 or 1, and they would fill two deciles.
-    """
-    rng = np.random.default_rng(seed)
-    s1 = 10 ** rng.uniform(2.0, 2.78, 4 * tries)
-    s2 = s1 * rng.uniform(0.05, 1.0, len(s1))
-    reach = 3.6 * BUFFER_MM
-    x, y = rng.uniform(-reach, reach, len(s1)), rng.uniform(-reach, reach, len(s1))
-    east, north = x + rng.normal(0.0, s1), y + rng.normal(0.0, s2)
-    chosen = np.flatnonzero(np.abs(np.hypot(east, north) - BUFFER_MM) < 3.5 * s1)[:tries]
-    stated, counts, right = [0.0] * DECILES, [0] * DECILES, [0] * DECILES
-    for i in chosen.tolist():
-        covariance = Matrix2(float(s1[i]) ** 2, 0.0, float(s2[i]) ** 2)
-        likelihood = inside_disc(float(east[i]), float(north[i]), covariance, BUFFER_MM)
-        decile = min(int(likelihood * DECILES), DECILES - 1)
-        stated[decile] += likelihood
-        counts[decile] += 1
-        right[decile] += math.hypot(x[i], y[i]) <= BUFFER_MM
-    return tuple(
-        Decile(total / max(count, 1), Share(hits, count))
-        for total, count, hits in zip(stated, counts, right, strict=True)
-    )
 
 
 def _hopeless(index: int, tries: int, seed: int) -> tuple[int, Share]:

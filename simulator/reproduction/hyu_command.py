@@ -14,7 +14,7 @@ from rich.table import Table
 from simulator.reproduction import hyu_figures
 from simulator.reproduction.document import Cell, Document
 from simulator.reproduction.goals import Goal
-from simulator.reproduction.hyu import BUFFER_M, DISTANCES_M, LIES, RANDOM, HyuResult, Judged, measure
+from simulator.reproduction.hyu import BUFFER_M, DISTANCES_M, LIES, RANDOM, RANDOM_CLAIMS, HyuResult, Judged, measure
 from simulator.reproduction.hyu_figures import KNOWN, reliability
 from simulator.reproduction.machine import facts
 from simulator.reproduction.sampling import Share
@@ -101,51 +101,77 @@ def lies_verified(result: HyuResult) -> Share:
 
 
 def goals(result: HyuResult) -> list[Goal]:
-    """Rows of the goals' table on real ranges that were not used for fitting."""
-    held = [one for one in result.judged if one.known != "none"]
-    honest = result.share("refuted", _claims(held, "truth"))
-    every = result.share("refuted", _claims(list(result.judged), "truth"))
-    claims = [one for one in held if one.claim in ("truth", RANDOM)]
-    verified = [one for one in claims if one.outcome == "verified"]
-    right = Share(sum(one.lie_m <= BUFFER_M for one in verified), len(verified))
-    fifths = reliability([one for one in held if one.claim == RANDOM])
-    misses = [(stated, share) for stated, share in fifths if not share.explains(stated, looks=len(fifths))]
-    wrong = result.share("verified", [one for one in held if one.claim in LIES])
+    """Rows of the goals' table on real ranges that were not used for fitting.
+
+    Counted once: the obstructed recording is judged with two calibrations, and only the one of its own other blocks
+    counts; what the other mounting's showed is said beside it.
+    """
+    once = [one for one in result.judged if one.known == "part"]
+    again = [one for one in result.judged if one.known == "other"]
+    windows = len({one.window for one in once})
+    honest, honest_again = (result.share("refuted", _claims(held, "truth")) for held in (once, again))
+    every = result.share("refuted", _claims([one for one in result.judged if one.known == "none"], "truth"))
+    anywhere = [one for one in (*once, *again) if one.claim == RANDOM and one.outcome == "verified"]
+    right = Share(sum(one.lie_m <= BUFFER_M for one in anywhere), len(anywhere))
+    true = [one for one in (*once, *again) if one.claim == "truth" and one.outcome == "verified"]
+    wrong, wrong_again = (
+        result.share("verified", [one for one in held if one.claim in LIES]) for held in (once, again)
+    )
     return [
         Goal(
             "Real: honest claims refuted, calibrated on other data",
             "0 seen",
             honest.percent(),
-            f"{honest.tries} windows; with the uncalibrated ones {every.percent()} of {every.tries}",
-            honest.count == 0,
+            f"{windows} windows; the obstructed ones again, calibrated in another mounting: "
+            f"{_of(honest_again)}; not calibrated: {_of(every)}",
+            honest.count + honest_again.count == 0,
             COMMAND,
         ),
         Goal(
-            "Real: a verified claim is right",
+            "Real: a verified claim at random is right",
             "≥ 99 %",
-            right.percent(1),
-            f"{right.tries} verified windows",
-            True if right.value >= 0.99 else None if right.interval[1] >= 0.99 else False,
+            f"{_of(right)}: {right.percent(1)}",
+            f"all that were verified of {RANDOM_CLAIMS} claims at random for each window; the {len(true)} true claims "
+            "that were are right by construction: the lies below are the evidence",
+            True if right.interval[0] >= 0.99 else None if right.interval[1] >= 0.99 else False,
             COMMAND,
         ),
-        Goal(
-            "Real: likelihood, stated against observed, by fifths",
-            "inside the sample's interval",
-            f"{len(fifths) - len(misses)} of {len(fifths)} inside: "
-            + ", ".join(f"{stated:.2f} stated, {share.value:.0%} seen" for stated, share in fifths[1:]),
-            f"{len({one.window for one in held})} windows, {sum(one.claim == RANDOM for one in held):,} claims",
-            not misses,
-            COMMAND,
-        ),
+        _likelihood(once, again),
         Goal(
             "Real: lies of 2 and 3 m verified",
             "never",
-            wrong.percent(),
-            f"{wrong.tries} windows",
-            wrong.count == 0,
+            f"{_of(wrong)}: {wrong.percent()}",
+            f"{len(LIES)} lies for each of {windows} windows; the obstructed ones again, calibrated in another "
+            f"mounting: {_of(wrong_again)}",
+            wrong.count + wrong_again.count == 0,
             COMMAND,
         ),
     ]
+
+
+def _likelihood(once: list[Judged], again: list[Judged]) -> Goal:
+    """Each fifth against its own 95 % interval; five such intervals all hold in 77 of 100 samples only."""
+
+    def outside(windows: list[Judged]) -> str:
+        fifths = reliability(_claims(windows, RANDOM))
+        missed = [
+            f"{stated:.2f} stated, {share.percent(0)} seen" for stated, share in fifths if not share.explains(stated)
+        ]
+        return f"{len(missed)} of {len(fifths)} outside" + (f" ({'; '.join(missed)})" if missed else "")
+
+    found = reliability(_claims(once, RANDOM))
+    inside = sum(share.explains(stated) for stated, share in found)
+    return Goal(
+        "Real: likelihood, stated against observed, by fifths",
+        "inside the sample's interval",
+        f"{inside} of {len(found)} inside 95 %: "
+        + ", ".join(f"{stated:.2f} stated, {share.value:.0%} seen" for stated, share in found),
+        f"{len({one.window for one in once})} windows, {len(_claims(once, RANDOM)):,} claims; with the obstructed ones "
+        f"again, calibrated in another mounting: {outside([*once, *again])}. Missed would be what lies outside the "
+        f"widened intervals that hold for all {len(found)} together (Bonferroni)",
+        all(share.explains(stated, looks=len(found)) for stated, share in found),
+        COMMAND,
+    )
 
 
 def section(document: Document, result: HyuResult) -> None:
@@ -191,7 +217,8 @@ def section(document: Document, result: HyuResult) -> None:
     verified = lies_verified(result)
     document.text(
         f"Of {verified.tries} lies of two buffers and more, {verified.count} were verified "
-        f"({verified.percent()}). Beyond 16 m a bearing from a baseline of a few metres is known to metres only and "
+        f"({verified.percent()}; windows count once for each calibration). "
+        "Beyond 16 m a bearing from a baseline of a few metres is known to metres only and "
         "no "
         "number of rounds helps: such windows stay inconclusive, and the verdict says so. The sample is too small to "
         "show 0.1 %; the simulation does that."
@@ -213,6 +240,10 @@ def _compact(result: HyuResult) -> list[list[str | Cell]]:
 
 def _claims(windows: list[Judged], claim: str) -> list[Judged]:
     return [one for one in windows if one.claim == claim]
+
+
+def _of(share: Share) -> str:
+    return f"{share.count} of {share.tries:,}"
 
 
 def _pair(share: Share) -> list[int]:

@@ -183,9 +183,11 @@ def _goals(document: Document, results: Results) -> None:
     document.text(
         "Intervals are 95 % (Clopper and Pearson). Where nothing was seen, the bound is what the sample cannot "
         "exclude. "
-        "Simulated figures are of the paper's pad and points: four anchors, 5 cm of noise in each range, a buffer "
-        "of 1 m; "
-        "the farther points are 13 and 14 m away."
+        "Errors of the estimate, sessions that cannot settle and the likelihood by the contract's own decision are of "
+        "the paper's pad and points: four anchors, 5 cm of noise in each range, a buffer of 1 m; the farther points "
+        "are 13 and 14 m away. Error rates and rounds come from draws in one dimension instead, *along the long axis* "
+        "of an ellipse (1.8 m after one round, as at the paper's point L1, and others), to which the decision's own "
+        "thresholds are applied: no pad stands behind them, and a benchmark holds them against fits of ranges."
     )
     goals = all_goals(results)
     words = {True: Cell("met", "good"), False: Cell("missed", "bad"), None: Cell("–", "none")}
@@ -224,7 +226,9 @@ def _errors(document: Document, simulated: Simulated) -> None:
     )
     document.figure(
         svg(goal_figures.calibration(simulated)),
-        "The likelihood means what it says. Drones anywhere about their claims, by tenths of the stated likelihood.",
+        "The likelihood means what it says. Drones anywhere about their claims, by tenths of the stated likelihood. "
+        "Dots: estimates drawn with the covariance that they are judged with (right: the difference). Squares: whole "
+        "sessions at the paper's points, biases drawn, judged by the contract's own decision, with 95 % intervals.",
         describes="Reliability diagram of the likelihood and its difference in points",
     )
     document.table(

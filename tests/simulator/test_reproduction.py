@@ -14,6 +14,7 @@ from simulator.evaluate import judge
 from simulator.paper import POINTS, PaperRun, recording_of
 from simulator.recording import RecordingError
 from simulator.reproduction import (
+    calibration,
     goal_figures,
     goals,
     hyu,
@@ -208,6 +209,33 @@ def test_the_goals_are_measured(simulated):
     assert simulated.largest_bias_mm["S1"] > 4 * simulated.largest_bias_mm["L1"]
     assert sum(one.observed.tries for one in simulated.deciles) > 500
     assert ET.fromstring(svg(goal_figures.edges(simulated))).tag.endswith("svg")
+
+
+def test_the_likelihood_is_calibrated_by_the_contracts_own_decision():
+    found = calibration.decided(600, seed=3)
+    assert found.sessions == 600
+    assert found == calibration.decided(600, seed=3)
+    assert all(one.observed.explains(one.stated, looks=calibration.DECILES) for one in found.deciles)
+    assert found.right.tries > 20
+    assert found.right.interval[1] > 0.99
+
+
+def test_real_ranges_count_once_and_true_claims_prove_nothing(measured):
+    rows = {row.what.split(":")[1].split(",")[0].strip(): row for row in hyu_command.goals(measured)}
+    once = {one.window for one in measured.select(known="part")}
+    assert rows["honest claims refuted"].sample.startswith(f"{len(once)} windows; the obstructed ones again")
+    assert f"of {len(once) * len(hyu.LIES)}:" in rows["lies of 2 and 3 m verified"].measured
+    random = [one for one in measured.select(claim=hyu.RANDOM, outcome="verified") if one.known != "none"]
+    true = [one for one in measured.select(claim="truth", outcome="verified") if one.known != "none"]
+    right = rows["a verified claim at random is right"]
+    assert right.measured.startswith(f"{len(random)} of {len(random)}:")
+    assert f"the {len(true)} true claims" in right.sample
+    assert right.met is None  # so few cannot show 99 %
+    fifths = rows["likelihood"]
+    assert fifths.measured.count("stated") == len(
+        hyu_figures.reliability(measured.select(claim=hyu.RANDOM, known="part"))
+    )
+    assert "Bonferroni" in fifths.sample
 
 
 def test_sessions_settle_as_they_should():
