@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/method.md with the verdict's own functions: ``make figures``."""
+"""Draw the pictures of docs/method*.md with the verdict's own functions: ``make figures``."""
 
 from __future__ import annotations
 

@@ -42,6 +42,8 @@ class Tally:
     """How far the drone was from its claim where the attacker won."""
     error_refuted_mm: list[int] = field(default_factory=list)
     """How far it was when it was refuted."""
+    error_granted_mm: list[int] = field(default_factory=list)
+    """How far it was with each permission more than a buffer from its claim, the attacker's success or not."""
     sampled: int = 0
     """Looks at which the screen was compared with the decision."""
     decisions: int = 0
@@ -56,6 +58,7 @@ class Tally:
         self.detected_rounds += other.detected_rounds
         self.error_won_mm += other.error_won_mm
         self.error_refuted_mm += other.error_refuted_mm
+        self.error_granted_mm += other.error_granted_mm
         for code, count in other.reasons.items():
             self.reasons[code] = self.reasons.get(code, 0) + count
 
@@ -129,6 +132,8 @@ def _refuted(batch: Batch, tally: Tally, row: int, rounds: int) -> None:
 def _verified(batch: Batch, tally: Tally, row: int, rounds: int, verdict: Verdict, bad: Booleans) -> None:
     granted = verdict.permission == "granted"
     tally.granted += granted
+    if granted and batch.off_mm[row, rounds - 1] > batch.policy.buffer_mm:
+        tally.error_granted_mm.append(int(batch.off_mm[row, rounds - 1]))
     if granted and bad[row, rounds - 1]:
         tally.won += 1
         tally.error_won_mm.append(int(batch.off_mm[row, rounds - 1]))

@@ -105,6 +105,10 @@ class LevelResult:
     decisions: int
     as_documented: bool
     """Whether what was measured is what the class's description says of this level."""
+    granted_beyond: int = 0
+    """Permissions of drones more than a buffer from their claims, the attacker's success or not."""
+    error_granted_m_most: float | None = None
+    """The farthest of them."""
 
     @property
     def interval(self) -> str:
@@ -187,6 +191,8 @@ def _level(attack: Attack, level: int, tally: Tally) -> LevelResult:
         sampled=tally.sampled,
         decisions=tally.decisions,
         as_documented=documented,
+        granted_beyond=len(tally.error_granted_mm),
+        error_granted_m_most=max(tally.error_granted_mm) / 1000.0 if tally.error_granted_mm else None,
     )
 
 

@@ -54,6 +54,7 @@ def show(result: LabResult, console: Console) -> None:
                 style=style,
             )
     console.print(table)
+    console.print("Levels up to 2 in one row are one simulation, of level 2: the attack goes the same way below.")
     sampled = sum(one.sampled for attack in result.attacks for _, one in grouped(attack.levels))
     asked = sum(one.decisions for attack in result.attacks for _, one in grouped(attack.levels))
     console.print(

@@ -1,4 +1,4 @@
-"""The goals of the verdict, each measured: what the report and ``docs/method.md`` have in their tables.
+"""The goals of the verdict, each measured: what the report and ``docs/method-evidence.md`` have in their tables.
 
 All figures of this module are simulated from a seed; the ones on real ranges are in ``hyu``, attacks in the attack lab.
 """

@@ -1,4 +1,4 @@
-"""Pictures of ``docs/method.md``, each computed with the verdict's own functions; ``make figures`` draws them."""
+"""Pictures of ``docs/method.md`` and its second page, computed with the verdict's own functions (``make figures``)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How often the verdict is right: Monte-Carlo over the decision's own functions. Fills the table of ``docs/method.md``.
+"""How often the verdict is right: Monte-Carlo over the decision's own functions. Fills the table of ``docs/method-evidence.md``.
 
 The pad and the four points are the paper's (σ = 5 cm, buffer 1 m). Where whole decisions would take hours, the estimate
 is drawn from its own distribution (the covariance that ``prospects`` states) and judged with the decision's own
