@@ -112,6 +112,7 @@ class AttackSpec:
     ``lie_m``: claim minus truth. ``spoofed_m``: its GNSS is shifted by that, so that it hovers beside its hover.
     ``drag_m_s``: its GNSS is dragged away from when it sets out. ``ranges``: one of
     ``simulator.attackers.ranging.RANGE_ATTACKS``. ``accuracy_m``, ``height_accuracy_m``: what it claims to know.
+    ``accomplice``: the radio that answers with its keys is a second drone's, which is where it claims to be.
     """
 
     name: str
@@ -121,6 +122,7 @@ class AttackSpec:
     ranges: str = ""
     accuracy_m: float | None = None
     height_accuracy_m: float | None = None
+    accomplice: bool = False
 
 
 @dataclass(frozen=True)

@@ -190,7 +190,7 @@ class World:
         mission = self._missions.get(pair[1])
         if mission is None or mission.spec.pad_id != pad_id:
             return Measurement(None)
-        here: Vector = mission.flight.position
+        here = _radio_at(mission)
         distance = math.dist(here, (site.east_m, site.north_m, site.up_m))
         result = self._channels[pad_id].measure(distance, site.mac)
         range_m = result.range_m
@@ -199,7 +199,8 @@ class World:
             anchors = [(each.east_m, each.north_m, each.up_m) for each in self._pads[pad_id].anchors]
             index = self._pads[pad_id].anchors.index(site)
             situation = Situation(here, mission.claimed_m, anchors, index, t_s)
-            range_m = max(0.0, range_m + range_error(situation, rng))
+            added = range_error(situation, rng)
+            range_m = None if added is None else max(0.0, range_m + added)
         measured = Measurement(None if range_m is None else round(range_m * 1000), result.obstructed, result.power_dbm)
         self._drawn[pair] = (t_s, measured)
         return measured
@@ -229,17 +230,25 @@ class World:
         return round(t_s * TICKS_PER_SECOND) + round(away_m / LIGHT_M_S * TICKS_PER_SECOND)
 
     def _seen_from(self, pad_id: str, mission: Mission) -> Vector | None:
-        """Where the drone is, in the frame of any pad."""
+        """Where the drone's radio is, in the frame of any pad."""
         if mission.spec.pad_id == pad_id:
-            return mission.flight.position
+            return _radio_at(mission)
         home = self._frames[mission.spec.pad_id]
         try:
             east, north, up = to_local(
-                self._frames[pad_id], *to_wgs84(home, *(round(value * 1000) for value in mission.flight.position))
+                self._frames[pad_id], *to_wgs84(home, *(round(value * 1000) for value in _radio_at(mission)))
             )
         except GeometryError:
             return None
         return (east / 1000, north / 1000, up / 1000)
+
+
+def _radio_at(mission: Mission) -> Vector:
+    """Where the radio with the drone's keys is, in the frame of its pad."""
+    attack = mission.spec.attack
+    if attack is not None and attack.accomplice and mission.claimed_m is not None:
+        return mission.claimed_m
+    return mission.flight.position
 
 
 class _Commands(asyncio.DatagramProtocol):

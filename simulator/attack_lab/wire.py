@@ -84,6 +84,7 @@ def specs() -> dict[str, tuple[Behaviour, AttackSpec | None]]:
             AttackSpec("vague-claim", lie_m=lie, accuracy_m=20.0, height_accuracy_m=20.0),
         ),
         "height-lie": (Behaviour.ATTACK, AttackSpec("height-lie", lie_m=(2.5, -2.5, -3.5))),
+        "dropped-rounds": ranging("dropped-rounds", "dropped"),
         "random-reduction": ranging("random-reduction", "random-reduction"),
         "relay": ranging("relay", "relay"),
         "mixed-rounds": ranging("mixed-rounds", "mixed"),
@@ -91,6 +92,7 @@ def specs() -> dict[str, tuple[Behaviour, AttackSpec | None]]:
         "uniform-stamp-lie": ranging("uniform-stamp-lie", "uniform", outward),
         "per-anchor-stamp-lie": ranging("per-anchor-stamp-lie", "per-anchor"),
         "compromised-anchor": ranging("compromised-anchor", "one-anchor"),
+        "borrowed-identity": (Behaviour.ATTACK, AttackSpec("borrowed-identity", lie_m=lie, accomplice=True)),
         "anchor-moved": ranging("anchor-moved", "anchor-moved"),
         "anchors-turned": (Behaviour.ATTACK, AttackSpec("anchors-turned")),  # where to is its pad's affair
         "session-replay": (Behaviour.REPLAY, None),

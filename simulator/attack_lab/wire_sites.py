@@ -32,6 +32,7 @@ TIMED: Final = (
     "uniform-stamp-lie",
     "per-anchor-stamp-lie",
     "compromised-anchor",
+    "borrowed-identity",
 )
 """Flown a second time at level 3."""
 WITNESSED: Final = (
@@ -41,6 +42,7 @@ WITNESSED: Final = (
     "uniform-stamp-lie",
     "per-anchor-stamp-lie",
     "anchors-turned",
+    "borrowed-identity",
 )
 """Flown at level 4."""
 TURNED_RAD: Final = math.radians(30.0)

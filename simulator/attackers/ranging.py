@@ -17,6 +17,9 @@ from simulator.flight import Vector
 REDUCTION_SUCCESS: Final = 0.04
 DEEPEST_M: Final = 12.0
 RELAY_M: Final = 45.0
+ROUND_S: Final = 0.05
+KEPT: Final = 3
+"""Of so many rounds one is let through."""
 MOVED_M: Final = (0.0, 0.8, 0.0)
 
 
@@ -36,8 +39,8 @@ class Situation:
         return tuple(math.dist(self.claimed, anchor) - math.dist(self.here, anchor) for anchor in self.anchors)
 
 
-RangeError = Callable[[Situation, random.Random], float]
-"""Metres to add to a range."""
+RangeError = Callable[[Situation, random.Random], float | None]
+"""Metres to add to a range; None: the drone broke the round off before it came about."""
 
 
 def per_anchor(now: Situation, _: random.Random) -> float:
@@ -57,7 +60,12 @@ def delay(now: Situation, rng: random.Random) -> float:
 
 def mixed(now: Situation, _: random.Random) -> float:
     """Twice the lie in every other stretch of 50 ms, none between."""
-    return 2.0 * now.fitting_m[now.index] if int(now.t_s / 0.05) % 2 else 0.0
+    return 2.0 * now.fitting_m[now.index] if int(now.t_s / ROUND_S) % 2 else 0.0
+
+
+def dropped(now: Situation, _: random.Random) -> float | None:
+    """Two of three rounds are broken off; which ones suit the claim cannot be foreseen behind real ports."""
+    return None if int(now.t_s / ROUND_S) % KEPT else 0.0
 
 
 def random_reduction(_: Situation, rng: random.Random) -> float:
@@ -88,6 +96,7 @@ RANGE_ATTACKS: Final[dict[str, RangeError]] = {
     "uniform": uniform,
     "delay": delay,
     "mixed": mixed,
+    "dropped": dropped,
     "random-reduction": random_reduction,
     "relay": relay,
     "one-anchor": one_anchor,

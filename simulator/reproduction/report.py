@@ -357,8 +357,8 @@ def _limits(document: Document, results: Results) -> None:
     document.text(
         f"*Bias, not noise.* Noise averages out, bias does not. The largest bias (1σ, each anchor) with which this "
         "pad "
-        f"can verify anything is {largest}. A wider pad tolerates more in proportion: the long points lie twenty-five "
-        "baselines away.",
+        f"can verify even an exact claim is {largest}. A wider pad tolerates more in proportion: the long points lie "
+        "twenty-five baselines away.",
         "*Honest claims are dearer than lies.* A lie has to be proved on one side of the edge, an honest claim on "
         "both; "
         f"{honest_ratio(simulated):.2f} times Wald's one-sided bound is what that costs here.",

@@ -33,7 +33,8 @@ ANCHORS = [(site.east_m, site.north_m, site.up_m) for site in PADS[0].anchors]
 
 @pytest.mark.timeout(400)
 async def test_attackers_on_the_air_and_on_the_ledger_win_nothing(tmp_path, capfd):
-    names = ["honest", "per-anchor-stamp-lie", "random-reduction", "anchors-turned", *LEDGER_ATTACKS]
+    names = ["honest", "per-anchor-stamp-lie", "random-reduction", "anchors-turned", "borrowed-identity"]
+    names += ["dropped-rounds", *LEDGER_ATTACKS]
     names.remove("session-replay")  # minutes of patience for a drone that never answers rightly; its evidence is below
     report = tmp_path / "report"
     assert await run_wire(names, seed=1, as_json=True, directory=tmp_path / "run", report=report) == 0
@@ -41,6 +42,9 @@ async def test_attackers_on_the_air_and_on_the_ledger_win_nothing(tmp_path, capf
     assert json.loads((report / "wire.json").read_text()) == list(said.values())
     assert said["honest"]["permission"] == "granted"
     assert said["random-reduction"]["outcome"] == "refuted"
+    assert said["dropped-rounds"]["permission"] == "refused"
+    assert said["borrowed-identity"]["permission"] == "granted"  # at any level: a holder of the keys is there
+    assert said["borrowed-identity@3"]["permission"] == "granted"
     assert said["per-anchor-stamp-lie"]["permission"] == "granted"  # at level 2, as documented
     assert said["per-anchor-stamp-lie@3"]["permission"] == "refused"
     assert (said["honest@3"]["permission"], said["honest@3"]["assurance"]) == ("granted", 3)
@@ -123,6 +127,11 @@ def test_what_an_attacker_does_to_a_range(name):
             short = [value for values in rounds for value in values if value]
             assert all(-12.0 <= value < 0.0 for value in short)
             assert 0.02 < len(short) / 1600 < 0.06
+        case "dropped":
+            kept = [values for values in rounds if None not in values]
+            assert len(kept) / 400 == pytest.approx(1 / 3, abs=0.02)
+            assert all(values == [0.0] * 4 for values in kept)
+            assert all(values == [None] * 4 for values in rounds if values not in kept)  # whole rounds, no anchor
         case "relay":
             assert min(first) > 30.0
         case _:

@@ -49,6 +49,7 @@ ATTACKS: Final = (
         "No level: what is proved is that a holder of the keys is there. Keys in a secure element make it harder.",
         None,
         at_levels(accomplice, *TWO_WAY),
+        wire="borrowed-identity",
     ),
     Attack(
         "pad-and-drone",

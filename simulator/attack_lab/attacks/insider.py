@@ -176,6 +176,7 @@ ATTACKS: Final = (
         "were attempted and did not come about count.",
         0,
         (Variant((1, 2), make=partial(choosy, 2, SQUARE, SQUARE_PAD_LIES_MM, 10)),),
+        wire="dropped-rounds",
     ),
     Attack(
         "dropped-rounds-small-pad",
