@@ -5,6 +5,7 @@ From its commissioning alone (``wonderland.proofs.honest``).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from math import cos, pi, sin
@@ -13,8 +14,8 @@ from typing import Final
 import orjson
 
 from wonderland.proofs.errors import ProofError
-from wonderland.proofs.honest import rounds_for
-from wonderland.proofs.prospects import prospect
+from wonderland.proofs.honest import SHARE_PPM, looks_of, share_by
+from wonderland.proofs.prospects import Prospect, prospect
 from wonderland.proofs.records.pads import Commissioning, Pad
 from wonderland.proofs.records.policies import Policy
 
@@ -47,24 +48,27 @@ def reach(pad_record: str, policy_record: str) -> list[dict[str, int]]:
 
 def _buffer(commissioning: Commissioning, policy: Policy, distance_mm: int) -> int | None:
     """The smallest buffer that is settled within the policy's rounds in every direction, to some hundredths."""
-    if not _settles(commissioning, policy, distance_mm, MAX_BUFFER_MM):
+    widest = replace(policy, buffer_mm=MAX_BUFFER_MM)
+    places = []
+    for bearing in range(BEARINGS):
+        angle = 2.0 * pi * bearing / BEARINGS
+        east, north = distance_mm * sin(angle), distance_mm * cos(angle)
+        found = prospect(commissioning, widest, east, north, float(ABOVE_MM))
+        if found is None or found.rounds < 0:
+            return None
+        places.append(found)
+    if not _verifies(places, widest):
         return None
     low, high = float(MIN_BUFFER_MM), float(MAX_BUFFER_MM)
     for _ in range(_SEARCHES):
         middle = (low * high) ** 0.5
-        if _settles(commissioning, policy, distance_mm, round(middle)):
+        if _verifies(places, replace(policy, buffer_mm=round(middle))):
             high = middle
         else:
             low = middle
     return round(high)
 
 
-def _settles(commissioning: Commissioning, policy: Policy, distance_mm: int, buffer_mm: int) -> bool:
-    asked = replace(policy, buffer_mm=buffer_mm)
-    for bearing in range(BEARINGS):
-        angle = 2.0 * pi * bearing / BEARINGS
-        east, north = distance_mm * sin(angle), distance_mm * cos(angle)
-        found = prospect(commissioning, asked, east, north, float(ABOVE_MM))
-        if found is None or rounds_for(found, asked) < 0:
-            return False
-    return True
+def _verifies(places: Sequence[Prospect], policy: Policy) -> bool:
+    most = looks_of(policy)[-1]
+    return all(share_by(found, policy, most) * 1_000_000 >= SHARE_PPM for found in places)
