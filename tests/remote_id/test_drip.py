@@ -284,6 +284,20 @@ def test_the_receiver_tells_who_signed_apart_from_the_position(world) -> None:
     assert hear(identity, place(3), now_ms=T0 + 300).drip["state"] == "refused"
 
 
+def test_only_registries_endorse(world) -> None:
+    """What the audit found: any drone that was endorsed could endorse others, of any registry."""
+    authority, drone, registry, link = world
+    assert registry.learn(link, T0).name == "HDA 20"
+    times = (T0, T0 + 1_000)
+    accomplice, foreigner = Party(10, 20), Party(10, 21)
+    with pytest.raises(DripError, match="only registries"):
+        registry.learn(endorse(accomplice.det, accomplice.key, drone.det, times, drone.sign), T0)
+    with pytest.raises(DripError, match="another registry"):
+        registry.learn(endorse(foreigner.det, foreigner.key, authority.det, times, authority.sign), T0)
+    assert registry.find(accomplice.det, T0) is None
+    assert registry.find(foreigner.det, T0) is None
+
+
 @pytest.mark.parametrize(
     ("document", "says"),
     [

@@ -68,6 +68,18 @@ class Det:
         """The domain authority below it: who registered the drone."""
         return int.from_bytes(self.octets[:8], "big") >> 8 & 0x3FFF
 
+    def is_below(self, parent: Det) -> bool:
+        """Whether ``parent`` may endorse this tag: the apex RAAs, an RAA its HDAs, an HDA those of its own numbers."""
+        if parent.hda:
+            return (self.raa, self.hda) == (parent.raa, parent.hda)
+        return self.raa == parent.raa or (parent.raa == 0 and self.hda == 0)
+
+    def is_authority_under(self, parent: Det) -> bool:
+        """Whether ``parent``'s endorsement makes it a registry: below the apex an RAA (HDA 0), below an RAA an HDA."""
+        if parent.hda:
+            return False
+        return self.hda != 0 if parent.raa else self.raa != 0
+
     @property
     def suite(self) -> int:
         """How key and hash are made; 5 is EdDSA with cSHAKE128."""
@@ -82,6 +94,10 @@ class Det:
         """As a serial number of ANSI/CTA-2063-A (RFC 9374, 4.2), which keeps the lower 72 bits."""
         low = int.from_bytes(self.octets[7:], "big")
         return manufacturer + "F" + "".join(_BASE32[low >> 5 * place & 31] for place in range(14, -1, -1))
+
+    def names(self, uas_id: str) -> bool:
+        """Whether an identity that is broadcast is this tag: as a session id, or in a serial number made from it."""
+        return uas_id == self.session_id or uas_id[4:] == self.serial_number("0000")[4:]
 
     def belongs_to(self, host_identity: bytes) -> bool:
         """Whether the tag is the hash of this public key."""

@@ -24,6 +24,8 @@ class Identity:
     host_identity: bytes
     name: str
     valid_until_ms: int | None = None
+    is_authority: bool = False
+    """Whether it may endorse others."""
 
 
 class Registry:
@@ -75,7 +77,7 @@ class Registry:
                 raise DripError(f"{place}: {getattr(cause, 'message', 'host_identity is no hexadecimal')}") from cause
             if not det.belongs_to(key):
                 raise DripError(f"{place}: the entity tag is not the hash of this host_identity")
-            roots[det] = Identity(key, name or str(det))
+            roots[det] = Identity(key, name or str(det), is_authority=True)
         return cls(roots)
 
     def find(self, det: Det, now_ms: int) -> Identity | None:
@@ -90,6 +92,10 @@ class Registry:
         parent = self.find(link.parent, now_ms)
         if parent is None:
             return None
+        if not parent.is_authority:
+            raise DripError("the endorsement is by a drone's key; only registries may endorse")
+        if not link.child.is_below(link.parent):
+            raise DripError(f"{parent.name} endorses an entity tag of another registry (RAA, HDA) than its own")
         if not verify(parent.host_identity, link.signature, link.signed()):
             raise DripError(f"the signature of {parent.name} over the endorsement is wrong")
         if not link.child.belongs_to(link.child_host_identity):
@@ -97,7 +103,8 @@ class Registry:
         if not link.valid_from_ms - CLOCK_SKEW_MS <= now_ms <= link.valid_until_ms + CLOCK_SKEW_MS:
             raise DripError("the endorsement is not valid at this time")
         limits = [until_ms for until_ms in (link.valid_until_ms, parent.valid_until_ms) if until_ms is not None]
-        identity = Identity(link.child_host_identity, parent.name, min(limits))
+        is_authority = link.child in self._roots or link.child.is_authority_under(link.parent)
+        identity = Identity(link.child_host_identity, parent.name, min(limits), is_authority)
         if link.child not in self._roots:
             self._learned[link.child] = identity
             self._learned.move_to_end(link.child)
