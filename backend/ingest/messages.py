@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator, model_validator
 
 from wonderland.proofs.records import fields
 from wonderland.proofs.records.schema import Integer, Text
@@ -105,12 +105,22 @@ class Records(_Strict):
 class DripBody(_Strict):
     """Who signed a drone's broadcasts (DRIP, RFC 9575), as far as the pad could verify it."""
 
-    state: Literal["verified", "unknown_signer", "refused"]
+    state: Literal["verified", "endorsed", "unknown_signer", "refused"]
     det: Annotated[str, Field(pattern="^[0-9a-f:]{2,39}$")]
     format: Literal["link", "wrapper", "manifest", "frame"]
     t_ms: _TimeMs  # type: ignore[valid-type]
     signer: _plain(64) | None = None  # type: ignore[valid-type]
     reason: _plain(200) | None = None  # type: ignore[valid-type]
+    covers_location: bool = False
+    bound: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _link_proves_nothing(cls, body: Any) -> Any:
+        """Pads of before 0.2 called an endorsement that they heard verified."""
+        if isinstance(body, dict) and body.get("format") == "link" and body.get("state") == "verified":
+            return body | {"state": "endorsed"}
+        return body
 
 
 class TrackBody(_Strict):

@@ -12,12 +12,21 @@ from backend.schemas import ApiModel, page_of
 class Drip(ApiModel):
     """Who signed a drone's broadcasts (RFC 9575). It says nothing about whether its position is true."""
 
-    state: Literal["verified", "unknown_signer", "refused"]
-    det: str = Field(description="The DRIP entity tag that signed, as an IPv6 address")
+    state: Literal["verified", "endorsed", "unknown_signer", "refused"] = Field(
+        description="`endorsed`: a registry vouches for the key, which has signed nothing yet; anybody can repeat that"
+    )
+    det: str = Field(description="The DRIP entity tag that signed or is endorsed, as an IPv6 address")
     format: Literal["link", "wrapper", "manifest", "frame"]
     t_ms: int = Field(description="When the pad verified it")
     signer: str | None = Field(default=None, description="What the registry calls it")
     reason: str | None = Field(default=None, description="Why it was refused")
+    covers_location: bool = Field(
+        default=False, description="Whether a position that was heard is among what is signed"
+    )
+    bound: bool = Field(
+        default=False,
+        description="Whether the drone's identity is this entity tag; otherwise the two were only heard together",
+    )
 
 
 class Finding(ApiModel):

@@ -227,10 +227,11 @@ class Assembler:
             from wonderland.remote_id.drip.observer import Observer  # noqa: PLC0415
 
             assert self._drip is not None
-            drone.observer = Observer(self._drip)
+            drone.observer = Observer(self._drip, uav_id)
         observation = drone.observer.feed(frame, messages, now_ms)
         if observation is not None:
-            drone.drip = observation.summary()
+            if drone.drip is None or not drone.drip.outlasts(observation):
+                drone.drip = observation
             if observation.state == "refused":
                 self._gate.put(Finding(uav_id=uav_id, kind=SIGNATURE_BAD, t_ms=now_ms))
 
@@ -323,7 +324,7 @@ def _heard(
         lost=drone.lost,
         duplicates=drone.duplicates,
         transports=drone.transports(now_ms),
-        drip=drone.drip,
+        drip=drone.drip.summary() if drone.drip is not None else None,
     )
 
 

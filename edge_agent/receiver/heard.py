@@ -57,7 +57,7 @@ class Heard:
     """Positions that were heard again, over another transport or repeated."""
     transports: tuple[str, ...] = ()
     """The transports over which the drone was heard within the last ten seconds."""
-    drip: dict[str, str | int] | None = None
+    drip: dict[str, str | int | bool] | None = None
     """Who signed its broadcasts (RFC 9575): what was verified, apart from whether the position is true."""
 
     def claim(self) -> BroadcastClaim:

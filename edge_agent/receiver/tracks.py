@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from edge_agent.receiver.limits import TokenBucket
     from wonderland.proofs.records.sessions import BroadcastClaim
     from wonderland.remote_id import System, UaType
-    from wonderland.remote_id.drip.observer import Observer
+    from wonderland.remote_id.drip.observer import Observation, Observer
 
 DUPLICATE_MS: Final = 1_000
 """The same content from elsewhere within this is the same message: a drone sends each over every transport it has."""
@@ -62,7 +62,7 @@ class DroneTrack:
         self.latency_ms: int | None = None
         self.lost = 0
         self.duplicates = 0
-        self.drip: dict[str, str | int] | None = None
+        self.drip: Observation | None = None
         self.observer: Observer | None = None
         self._transmitters: OrderedDict[str, Transmitter] = OrderedDict()
         self._recent: deque[tuple[bytes, int, str, int | None]] = deque(maxlen=MAX_RECENT)

@@ -14,7 +14,7 @@ from sqlalchemy import func, select
 
 from backend.db.tables.ledger import VerdictRow
 from backend.db.tables.reported import IrregularRow, SpoolRow, StepRow, TrackRow
-from backend.ingest.messages import BODIES, Entry, IngestError, parse_body, parse_hello, parse_records
+from backend.ingest.messages import BODIES, DripBody, Entry, IngestError, parse_body, parse_hello, parse_records
 from backend.mirror.derive import Changes
 
 START_MS = 1_800_000_000_000
@@ -109,6 +109,7 @@ async def test_records_are_taken_in_and_shown_as_unverified(running, agent_clien
 
 FINDING = {"uav_id": "uav-1", "kind": "two_places", "count": 3, "distance_mm": 900_000, "other_transport": "ble5"}
 DRIP = {"state": "verified", "det": "2001:30:280:1405:1:2:3:4", "format": "wrapper", "t_ms": START_MS}
+DRIP |= {"covers_location": True, "bound": False}
 
 
 @both
@@ -599,3 +600,9 @@ def test_any_body_is_one_of_its_kind_or_an_ingest_error(kind, body):
     else:
         assert problem.code == "bad_body"
         assert len(problem.message) <= 300
+
+
+def test_an_endorsement_that_an_old_pad_calls_verified_is_none():
+    old = {name: DRIP[name] for name in ("state", "det", "format", "t_ms")}
+    assert DripBody.model_validate(old | {"format": "link"}).state == "endorsed"
+    assert DripBody.model_validate(old).state == "verified"

@@ -197,7 +197,7 @@ def test_a_drone_that_its_registry_vouches_for(world) -> None:
     observer = Observer(registry)
     assert listen(observer, wrapped(drone, place())).state == "unknown_signer"
     first = listen(observer, link.sam())
-    assert (first.state, first.format, first.signer) == ("verified", "link", "HDA 20")
+    assert (first.state, first.format, first.signer) == ("endorsed", "link", "HDA 20")
     observer.feed(encode(place()), (place(),), T0)
     second = listen(observer, wrapped(drone, place()))
     assert (second.state, second.format, second.det, second.covers_location) == (
@@ -269,19 +269,28 @@ def test_the_receiver_tells_who_signed_apart_from_the_position(world) -> None:
         assembler.feed(encode(page), source="ble:1", transport="ble4", now_ms=T0 + 50)
     heard = hear(identity, place(), now_ms=T0 + 100)
     assert heard.drip == {
-        "state": "verified",
+        "state": "endorsed",
         "format": "link",
         "det": str(drone.det),
         "t_ms": T0 + 50,
         "signer": "HDA 20",
+        "covers_location": False,
+        "bound": True,
     }
     assert heard.track()["drip"]["signer"] == "HDA 20"
+    for page in paginate(wrapped(drone, place()), T0):
+        assembler.feed(encode(page), source="ble:1", transport="ble4", now_ms=T0 + 150)
+    signed = hear(identity, place(601_700_001), now_ms=T0 + 160).drip
+    assert (signed["state"], signed["covers_location"], signed["bound"]) == ("verified", True, True)
+    for page in paginate(link.sam(), T0):
+        assembler.feed(encode(page), source="ble:1", transport="ble4", now_ms=T0 + 170)
+    assert hear(identity, place(601_700_002), now_ms=T0 + 180).drip == signed, "an endorsement takes nothing back"
     bad = bytearray(wrapped(drone, place()))
     bad[-1] ^= 1
     for page in paginate(bytes(bad), T0):
         assembler.feed(encode(page), source="ble:1", transport="ble4", now_ms=T0 + 200)
     assert [finding.kind for finding in assembler.findings()] == ["signature_bad"]
-    assert hear(identity, place(3), now_ms=T0 + 300).drip["state"] == "refused"
+    assert hear(identity, place(601_700_003), now_ms=T0 + 300).drip["state"] == "refused"
 
 
 def test_only_registries_endorse(world) -> None:
@@ -296,6 +305,50 @@ def test_only_registries_endorse(world) -> None:
         registry.learn(endorse(foreigner.det, foreigner.key, authority.det, times, authority.sign), T0)
     assert registry.find(accomplice.det, T0) is None
     assert registry.find(foreigner.det, T0) is None
+
+
+def test_authority_comes_down_the_hierarchy() -> None:
+    apex, raa, hda, drone = Party(0, 0), Party(10, 0), Party(10, 20), Party(10, 20)
+    registry = Registry.parse({"registries": [{"det": str(apex.det), "host_identity": apex.key.hex(), "name": "Apex"}]})
+    observer = Observer(registry)
+    identity = BasicId(uas_id=drone.det.session_id, id_type=IdType.SPECIFIC_SESSION)
+    observer.feed(encode(identity), (identity,), T0)
+    for child, parent in ((raa, apex), (hda, raa)):
+        link = endorse(child.det, child.key, parent.det, (T0, T0 + 1_000), parent.sign)
+        assert listen(observer, link.sam()) is None, "it says nothing about the drone"
+    own = endorse(drone.det, drone.key, hda.det, (T0, T0 + 1_000), hda.sign)
+    assert listen(observer, own.sam()).state == "endorsed"
+    skipping = endorse(hda.det, hda.key, apex.det, (T0, T0 + 1_000), apex.sign)
+    assert "another registry" in listen(observer, skipping.sam()).reason
+
+
+def test_a_link_that_somebody_repeats_proves_nothing(world) -> None:
+    """What the audit found: a recorded Link made any serial number verified, without any key."""
+    _, drone, registry, link = world
+    assembler = Assembler(T0, drip=registry)
+    borrowed = BasicId(uas_id="1581F5FKD229400A1234", id_type=IdType.SERIAL_NUMBER)
+
+    def hear(*messages):
+        return assembler.feed(pack(*messages), source="ble:1", transport="ble5", now_ms=T0).drip
+
+    for page in paginate(link.sam(), T0):
+        assembler.feed(pack(borrowed, page), source="ble:1", transport="ble5", now_ms=T0)
+    assert {name: hear(borrowed, place())[name] for name in ("state", "bound")} == {"state": "endorsed", "bound": False}
+    made_of_it = BasicId(uas_id=drone.det.serial_number("1581"), id_type=IdType.SERIAL_NUMBER)
+    for page in paginate(wrapped(drone, place()), T0):
+        assembler.feed(pack(made_of_it, page), source="ble:2", transport="ble5", now_ms=T0)
+    seen = assembler.feed(pack(made_of_it, place(1)), source="ble:2", transport="ble5", now_ms=T0).drip
+    assert {name: seen[name] for name in ("state", "bound")} == {"state": "verified", "bound": True}
+
+
+def test_a_link_is_of_the_entity_tag_in_the_basic_id(world) -> None:
+    authority, _, registry, link = world
+    observer, other = Observer(registry), Party(10, 20)
+    identity = BasicId(uas_id=other.det.session_id, id_type=IdType.SPECIFIC_SESSION)
+    observer.feed(encode(identity), (identity,), T0)
+    assert "another entity tag" in listen(observer, link.sam()).reason
+    own = endorse(other.det, other.key, authority.det, (T0, T0 + 1_000), authority.sign)
+    assert listen(observer, own.sam()).state == "endorsed"
 
 
 @pytest.mark.parametrize(

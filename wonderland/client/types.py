@@ -191,12 +191,14 @@ class DriftHealth(TypedDict):
 class Drip(TypedDict):
     """Who signed a drone's broadcasts (RFC 9575). It says nothing about whether its position is true."""
 
-    state: Literal["verified", "unknown_signer", "refused"]
+    state: Literal["verified", "endorsed", "unknown_signer", "refused"]
     det: str
     format: Literal["link", "wrapper", "manifest", "frame"]
     t_ms: int
     signer: NotRequired[str]
     reason: NotRequired[str]
+    covers_location: NotRequired[bool]
+    bound: NotRequired[bool]
 
 
 class Drone(TypedDict):

@@ -2,7 +2,7 @@ import type { ReactElement } from "react";
 import type { SessionDetail, Track } from "../shared/api/records";
 import { count, timeOfDay } from "../shared/format";
 import { Scroll } from "../shared/ui/Scroll";
-import { broadcastTexts as t, oddity } from "./broadcastTexts";
+import { broadcastTexts as t, oddity, signature } from "./broadcastTexts";
 
 type Finding = SessionDetail["findings"][number];
 
@@ -17,7 +17,7 @@ export function Broadcasts({ findings, track }: { findings: readonly Finding[]; 
         <dl className="facts num">
           <div>
             <dt>{t("signature")}</dt>
-            <dd>{signed(drip)}</dd>
+            <dd>{signature(drip)}</dd>
           </div>
         </dl>
       )}
@@ -40,9 +40,4 @@ export function Broadcasts({ findings, track }: { findings: readonly Finding[]; 
       )}
     </section>
   );
-}
-
-function signed(drip: NonNullable<Track["drip"]>): string {
-  if (drip.state === "verified") return t("verified", { signer: drip.signer ?? drip.det });
-  return drip.state === "refused" ? t("refused", { reason: drip.reason ?? "" }) : t("unknown");
 }

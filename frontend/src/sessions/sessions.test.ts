@@ -5,6 +5,7 @@ import type { Phrase } from "../shared/i18n/texts";
 import { seeded } from "../shared/fake/random";
 import { FakeWorld } from "../shared/fake/world";
 import { refutedBy } from "../shared/refuted";
+import { signature } from "./broadcastTexts";
 import { stepRows } from "./steps";
 import { account, whereabouts } from "./words";
 
@@ -118,5 +119,17 @@ describe("the eight steps", () => {
     const skewed = { ...session("OH-DRN-0417") };
     skewed.steps = skewed.steps.map((step) => (step.source === "pad" ? { ...step, t_ms: step.t_ms - 90_000 } : step));
     for (const row of stepRows(skewed)) expect(row.took_ms ?? 0).toBeGreaterThanOrEqual(0);
+  });
+});
+
+describe("who signed a drone's broadcasts", () => {
+  const drip = { det: "2001:30::1", format: "wrapper", t_ms: 1, signer: "HDA 20", covers_location: true, bound: true } as const;
+
+  it("says verified only of positions that were signed", () => {
+    expect(signature({ ...drip, state: "verified" })).toMatch(/^Positions signed by a drone of HDA 20\..*not that it is true\.$/);
+    expect(signature({ ...drip, state: "verified", covers_location: false })).toMatch(/^Signed, but no position/);
+    expect(signature({ ...drip, state: "verified", bound: false })).toMatch(/not tied to this serial number/);
+    expect(signature({ ...drip, state: "endorsed", format: "link" })).toMatch(/nothing was signed.*Anybody can repeat/);
+    expect(signature({ ...drip, state: "refused", reason: "the signature is wrong" })).toBe("Signature refused: the signature is wrong.");
   });
 });

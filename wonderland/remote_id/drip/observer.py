@@ -26,7 +26,9 @@ from wonderland.remote_id.messages import Authentication, BasicId, Location, Mes
 
 MAX_HEARD: Final = 64
 """Frames remembered for manifests: about ten seconds of broadcasts over all transports."""
-State = Literal["verified", "unknown_signer", "refused"]
+SIGNED_FOR_MS: Final = 30_000
+"""So long a signature of the drone's counts for more than the endorsements that it repeats in between."""
+State = Literal["verified", "endorsed", "unknown_signer", "refused"]
 Format = Literal["link", "wrapper", "manifest", "frame"]
 _NAMES: Final[dict[SamType, Format]] = {
     SamType.LINK: "link",
@@ -40,9 +42,11 @@ _NAMES: Final[dict[SamType, Format]] = {
 class Observation:
     """What one authentication message comes to.
 
-    ``verified``: signed by ``det``, whose key ``signer`` registered. ``unknown_signer``: nobody who is believed has
-    vouched for its key. ``refused``: it contradicts itself, its registry or what was heard; ``reason`` says how.
-    ``covers_location``: the position that was heard is among what is signed.
+    ``verified``: signed by ``det``, whose key ``signer`` registered. ``endorsed``: a Link by which ``signer`` vouches
+    for the key of ``det``; anybody can repeat it, nothing is signed by that key yet. ``unknown_signer``: nobody who is
+    believed has vouched for its key. ``refused``: it contradicts itself, its registry or what was heard; ``reason``
+    says how. ``covers_location``: a position that was heard is among what is signed. ``bound``: the identity that the
+    drone is heard under is ``det``; otherwise they were only heard together.
     """
 
     state: State
@@ -52,24 +56,34 @@ class Observation:
     signer: str | None = None
     reason: str | None = None
     covers_location: bool = False
+    bound: bool = False
 
-    def summary(self) -> dict[str, str | int]:
+    def outlasts(self, other: Observation) -> bool:
+        """Whether this is still what to tell of a drone after ``other``, which came later."""
+        if self.state != "verified" or other.state not in {"endorsed", "unknown_signer"}:
+            return False
+        return 0 <= other.t_ms - self.t_ms <= SIGNED_FOR_MS
+
+    def summary(self) -> dict[str, str | int | bool]:
         """For the track: docs/seams.md, "ingest", ``drip``."""
-        fields: dict[str, str | int] = {
+        fields: dict[str, str | int | bool] = {
             "state": self.state,
             "format": self.format,
             "det": self.det,
             "t_ms": self.t_ms,
+            "covers_location": self.covers_location,
+            "bound": self.bound,
         }
         extra = {"signer": self.signer, "reason": self.reason}
         return fields | {name: value for name, value in extra.items() if value is not None}
 
 
 class Observer:
-    """One drone's authentication. Sans-I/O; bounded."""
+    """One drone's authentication. Sans-I/O; bounded. ``name`` is the identity that the drone is heard under."""
 
-    def __init__(self, registry: Registry) -> None:
+    def __init__(self, registry: Registry, name: str = "") -> None:
         self._registry = registry
+        self._name = name
         self._pages = PageAssembler()
         self._heard: deque[tuple[bytes, bool]] = deque(maxlen=MAX_HEARD)
         self._det: Det | None = None
@@ -105,26 +119,34 @@ class Observer:
             return self._link(sam, now_ms)
         return self._signed(sam, sam.signed, plain, now_ms, _NAMES[SamType(whole.data[0])])
 
-    def _link(self, link: Link, now_ms: int) -> Observation:
-        det = str(link.child)
+    def _link(self, link: Link, now_ms: int) -> Observation | None:
+        """A drone repeats the endorsements of its registries, too: those say nothing about itself."""
+        det, bound = str(link.child), link.child.names(self._name)
         try:
             identity = self._registry.learn(link, now_ms)
         except DripError as error:
             return Observation(state="refused", format="link", det=det, t_ms=now_ms, reason=error.message)
+        if identity is not None and identity.is_authority:
+            return None
+        if self._det is not None and link.child != self._det:
+            if identity is None:
+                return None  # perhaps of a registry whose own endorsement was not heard yet
+            reason = "endorses another entity tag than the Basic ID's"
+            return Observation(state="refused", format="link", det=det, t_ms=now_ms, reason=reason)
         if identity is None:
-            return Observation(state="unknown_signer", format="link", det=det, t_ms=now_ms)
-        return Observation(state="verified", format="link", det=det, t_ms=now_ms, signer=identity.name)
+            return Observation(state="unknown_signer", format="link", det=det, t_ms=now_ms, bound=bound)
+        return Observation(state="endorsed", format="link", det=det, t_ms=now_ms, signer=identity.name, bound=bound)
 
     def _signed(
         self, sam: Sam, signed: SignedEvidence, plain: Sequence[Message], now_ms: int, name: Format
     ) -> Observation:
-        det = str(signed.det)
+        det, bound = str(signed.det), signed.det.names(self._name)
         if self._det is not None and signed.det != self._det:
             reason = "signed by another entity tag than the Basic ID's"
             return Observation(state="refused", format=name, det=det, t_ms=now_ms, reason=reason)
         identity = self._registry.find(signed.det, now_ms)
         if identity is None:
-            return Observation(state="unknown_signer", format=name, det=det, t_ms=now_ms)
+            return Observation(state="unknown_signer", format=name, det=det, t_ms=now_ms, bound=bound)
         evidence, covers, reason = self._evidence(sam, plain)
         if not verify(identity.host_identity, signed.signature, signed.signed(evidence)):
             reason = "the signature is wrong"
@@ -133,7 +155,13 @@ class Observer:
         if reason:
             return Observation(state="refused", format=name, det=det, t_ms=now_ms, signer=identity.name, reason=reason)
         return Observation(
-            state="verified", format=name, det=det, t_ms=now_ms, signer=identity.name, covers_location=covers
+            state="verified",
+            format=name,
+            det=det,
+            t_ms=now_ms,
+            signer=identity.name,
+            covers_location=covers,
+            bound=bound,
         )
 
     def _evidence(self, sam: Sam, plain: Sequence[Message]) -> tuple[bytes | None, bool, str]:
