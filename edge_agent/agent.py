@@ -105,7 +105,7 @@ class PadAgent:
         self._drift = drift
         self._metrics_file = metrics_file
         self._random_octets = random_octets
-        self._reporter = SpoolReporter(spool)
+        self._reporter = SpoolReporter(spool, receiver.signature)
         self._prekeys = PrekeyKeeper(pad_id, spool, ledger, clock, prekeys)
         self._reconciler = Reconciler(ledger, self._reporter, clock)
         self._requests: asyncio.Queue[Session] = asyncio.Queue(MAX_WAITING)

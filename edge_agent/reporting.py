@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from edge_agent.spool import SpoolError
@@ -16,13 +17,20 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 MAX_DETAIL = 300
+Signature = Callable[[str, int], "dict[str, Any] | None"]
 
 
 class SpoolReporter:
-    """A session's reporter; ``drain`` waits until all that was reported is durable."""
+    """A session's reporter; ``drain`` waits until all that was reported is durable.
 
-    def __init__(self, spool: Spool) -> None:
+    ``signature`` tells who signed a drone's broadcasts since a time: with a session's end that binds who said it to
+    what was measured.
+    """
+
+    def __init__(self, spool: Spool, signature: Signature | None = None) -> None:
         self._spool = spool
+        self._signature = signature
+        self._signatures: dict[str, dict[str, Any]] = {}
         self._writes: set[asyncio.Task[None]] = set()
 
     def step(self, session: Session, report: do.ReportStep) -> None:
@@ -64,6 +72,9 @@ class SpoolReporter:
 
     def finish(self, session: Session, report: do.Finish, steps: dict[str, int], *, settled: bool) -> None:
         """The session is over; where the ledger does not know yet, its end is recorded when it does."""
+        found = self._signature(session.uav_id, session.requested_ms) if self._signature is not None else None
+        if found is not None:
+            self._signatures[session.session_id] = found
         if settled:
             self.ended(session.session_id, report.state, report.end, report.t_ms, tx_id=report.tx_id, steps=steps)
 
@@ -80,6 +91,9 @@ class SpoolReporter:
             body["end"] = end
         if tx_id:
             body["tx_id"] = tx_id
+        signature = self._signatures.pop(session_id, None)
+        if signature is not None:
+            body["signature"] = signature
         self._evidence("session_end", t_ms, body, ends_session=session_id)
 
     def offer(self, kind: str, t_ms: int, body: dict[str, Any]) -> None:

@@ -19,6 +19,7 @@ from backend.db.tables.ledger import DroneRow
 from backend.errors import documented
 from backend.languages import HEADER, Language, language_of
 from backend.proofs.queries import shown
+from backend.sessions import queries as sessions
 
 router = APIRouter(tags=["conformance"])
 
@@ -42,6 +43,7 @@ async def read_conformance(request: Request, asked: ConformanceFor, person: Sign
         known = registered or last_heard is not None
         found = await queries.newest(database, asked.serial) if registered else None
         measured = await queries.measured(database, found[0]) if found is not None else None
+        signature = await sessions.signature(database, found[0].session_id, found[0].pad_id) if found else None
     broadcast = broadcast or last_heard
     if known:
         question = Question(asked.within_mm, asked.max_speed_mm_s, asked.min_assurance)
@@ -58,6 +60,8 @@ async def read_conformance(request: Request, asked: ConformanceFor, person: Sign
         content["broadcast"] = _broadcast(broadcast, source)
     if found is not None and measured is not None:
         content |= {"proof": shown(found[0], language), "measured_ms": measured.t_ms, "assurance": measured.assurance}
+    if signature is not None:
+        content["signature"] = signature
     headers = {"Cache-Control": "private, no-store", "Content-Language": language}
     return geojson.tagged(request, content, headers=headers)
 

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from backend.conformance.rules import Limit, Status
 from backend.proofs.schemas import Proof
 from backend.schemas import ApiModel
+from backend.tracks.schemas import SessionSignature
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
 
 NEAR_MM = 300_000
@@ -81,6 +82,11 @@ class Conformance(ApiModel):
     limits: list[ConformanceLimit]
     broadcast: BroadcastUsed | None = None
     proof: Proof | None = Field(default=None, description="The newest one that settled something, else the newest")
+    signature: SessionSignature | None = Field(
+        default=None,
+        description="Who signed its broadcasts during the proof's session (DRIP), as the pad heard it. Another answer "
+        "than `status`: who said it, not whether it is true",
+    )
     measured_ms: int | None = Field(default=None, description="When the place was measured")
     age_ms: int | None = Field(default=None, description="From the measurement to the broadcast")
     assurance: int | None = Field(default=None, description="How strong the proof is; see Proof")

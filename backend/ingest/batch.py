@@ -155,6 +155,8 @@ def _end(batch: Batch, entry: Entry, body: messages.SessionEndBody) -> None:
         shown["end"] = body.end
     if body.tx_id is not None:
         shown["tx_id"] = body.tx_id
+    if body.signature is not None and batch.agent.kind == PAD:
+        shown["signature"] = body.signature.model_dump(exclude_none=True)
     batch.ends.append(
         {
             "session_id": body.session_id,

@@ -123,6 +123,12 @@ class DripBody(_Strict):
         return body
 
 
+class SignatureBody(DripBody):
+    """Who signed during a session, and how many authentication messages were refused in it."""
+
+    refused: _between(0, MAX_SEQ) = 0  # type: ignore[valid-type]
+
+
 class TrackBody(_Strict):
     """A Remote ID position heard."""
 
@@ -262,6 +268,7 @@ class SessionEndBody(_Strict):
     steps: Annotated[list[EndStep], Field(max_length=32)]
     end: _plain(64) | None = None  # type: ignore[valid-type]
     tx_id: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    signature: SignatureBody | None = None
 
 
 class AnchorBody(_Strict):

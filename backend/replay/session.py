@@ -49,6 +49,9 @@ async def session_at(database: AsyncSession, session_id: str, t_ms: int, scope: 
         "findings": [orjson.Fragment(finding.body) for finding in reversed(findings)],
         "reported_ends": [orjson.Fragment(text) for text in await _ends(database, session_id, t_ms)],
     }
+    signature = await sessions.signature(database, session_id, outline["pad_id"], known_ms=t_ms)
+    if signature is not None:
+        content["signature"] = signature
     verdict = await database.get(VerdictRow, session_id)
     if verdict is not None and verdict.block <= when.block:
         content["verdict"] = verdicts.shown(verdict)

@@ -59,6 +59,7 @@ async def read_session(request: Request, person: SignedInPerson, session_id: Ses
         estimates = await queries.estimates(database, session_id)
         ends = await queries.reported_ends(database, session_id)
         outline = view.outline
+        signature = await queries.signature(database, session_id, outline["pad_id"])
         findings = await tracks.findings(
             database,
             uav_id=outline["uav_id"],
@@ -74,6 +75,8 @@ async def read_session(request: Request, person: SignedInPerson, session_id: Ses
         "findings": [orjson.Fragment(finding.body) for finding in reversed(findings)],
         "reported_ends": [orjson.Fragment(each.body) for each in ends],
     }
+    if signature is not None:
+        content["signature"] = signature
     if verdict is not None:
         content["verdict"] = verdicts.shown(verdict)
     if evidence is not None:

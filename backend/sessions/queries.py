@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import orjson
 from sqlalchemy import Select, select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
@@ -110,6 +111,20 @@ async def reported_ends(database: AsyncSession, session_id: str) -> Sequence[Ses
     """How agents say that it ended."""
     query = select(SessionEndRow).where(SessionEndRow.session_id == session_id).order_by(SessionEndRow.agent)
     return (await database.scalars(query)).all()
+
+
+async def signature(
+    database: AsyncSession, session_id: str, pad_id: str, *, known_ms: int | None = None
+) -> dict[str, Any] | None:
+    """Who signed the drone's broadcasts during a session, by its own pad; ``known_ms``: as far as known by then."""
+    query = select(SessionEndRow.body).where(
+        SessionEndRow.session_id == session_id, SessionEndRow.agent == "pad", SessionEndRow.agent_id == pad_id
+    )
+    if known_ms is not None:
+        query = query.where(SessionEndRow.received_ms <= known_ms)
+    body = (await database.scalars(query)).first()
+    found: dict[str, Any] | None = orjson.loads(body).get("signature") if body is not None else None
+    return found
 
 
 def _theirs(scope: Scope) -> Any:

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from backend.ledger.schemas import LedgerTransaction
 from backend.schemas import ApiModel, model_of, page_of
-from backend.tracks.schemas import Estimate, Finding
+from backend.tracks.schemas import Estimate, Finding, SessionSignature
 from backend.verdicts.schemas import VerdictSummary
 from wonderland.proofs.records import sessions
 
@@ -55,6 +55,7 @@ class ReportedEnd(ApiModel):
     state: str
     end: str | None = None
     tx_id: str | None = None
+    signature: SessionSignature | None = None
     verified: Literal[False]
 
 
@@ -70,6 +71,10 @@ class SessionDetail(ApiModel):
     transactions: list[LedgerTransaction] = Field(description="The session's transactions, oldest first")
     estimates: list[Estimate] = Field(description="Running estimates of the pad, oldest first; unverified")
     reported_ends: list[ReportedEnd]
+    signature: SessionSignature | None = Field(
+        default=None,
+        description="Who said it: from the session's own pad, once it ended. Whether it is true: `verdict`",
+    )
     findings: list[Finding] = Field(
         description="What was odd about the drone's broadcasts, oldest first; unverified, no part of the verdict"
     )

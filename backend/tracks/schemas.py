@@ -29,6 +29,15 @@ class Drip(ApiModel):
     )
 
 
+class SessionSignature(Drip):
+    """Who signed a drone's broadcasts during a session, as its pad heard them. Apart from the verdict, no part of it.
+
+    The strongest that was heard; the verdict says whether the place is true.
+    """
+
+    refused: int = Field(default=0, description="How many authentication messages were refused besides")
+
+
 class Finding(ApiModel):
     """Something odd about a drone's broadcasts, as a pad's receiver saw it. Unverified, and never part of a verdict."""
 

@@ -108,6 +108,11 @@ class Assembler:
             return tuple(claims)
         return tuple(claims[count - 1 - (limit - 1 - index) * count // limit] for index in range(limit))
 
+    def signature(self, uav_id: str, since_ms: int) -> dict[str, str | int | bool] | None:
+        """Who signed what was heard of a drone from ``since_ms`` on (docs/seams.md, ``session_end``)."""
+        drone = self._drones.get(uav_id)
+        return drone.signature(since_ms) if drone is not None else None
+
     def count_bad(self) -> None:
         """Count what a framing could not make a frame of."""
         self._frames += 1
@@ -230,8 +235,7 @@ class Assembler:
             drone.observer = Observer(self._drip, uav_id)
         observation = drone.observer.feed(frame, messages, now_ms)
         if observation is not None:
-            if drone.drip is None or not drone.drip.outlasts(observation):
-                drone.drip = observation
+            drone.take_signature(observation)
             if observation.state == "refused":
                 self._gate.put(Finding(uav_id=uav_id, kind=SIGNATURE_BAD, t_ms=now_ms))
 

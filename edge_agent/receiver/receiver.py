@@ -102,6 +102,10 @@ class RemoteIdReceiver:
         """What was heard of a drone from ``since_ms`` (the pad's clock) on: for a session's evidence, at most 200."""
         return self._assembler.recent(uav_id, since_ms)
 
+    def signature(self, uav_id: str, since_ms: int) -> dict[str, str | int | bool] | None:
+        """Who signed what was heard of a drone from ``since_ms`` on; None where nothing was signed."""
+        return self._assembler.signature(uav_id, since_ms)
+
     def watch(self, uav_id: str) -> None:
         """Keep this drone's history whatever flood comes: call it when a session begins."""
         self._assembler.watch(uav_id)

@@ -17,9 +17,11 @@ DUPLICATE_MS: Final = 1_000
 """The same content from elsewhere within this is the same message: a drone sends each over every transport it has."""
 MAX_TRANSMITTERS: Final = 8
 MAX_RECENT: Final = 16
+MAX_SIGNATURES: Final = 64
 COUNTER_MS: Final = 10_000
 """A counter that was silent for longer may have gone round, or the drone was out of reach: nothing follows from it."""
 TRANSPORT_MS: Final = 10_000
+_STRENGTH: Final = ("refused", "unknown_signer", "endorsed", "verified")
 
 
 class Transmitter:
@@ -50,7 +52,7 @@ class DroneTrack:
 
     __slots__ = (
         "_recent", "_transmitters", "_transports", "bucket", "drip", "duplicates", "history", "latency_ms", "lost",
-        "observer", "operator_id", "system", "ua_type",
+        "observer", "operator_id", "signatures", "system", "ua_type",
     )  # fmt: skip
 
     def __init__(self, bucket: TokenBucket, history: int) -> None:
@@ -63,6 +65,7 @@ class DroneTrack:
         self.lost = 0
         self.duplicates = 0
         self.drip: Observation | None = None
+        self.signatures: deque[Observation] = deque(maxlen=MAX_SIGNATURES)
         self.observer: Observer | None = None
         self._transmitters: OrderedDict[str, Transmitter] = OrderedDict()
         self._recent: deque[tuple[bytes, int, str, int | None]] = deque(maxlen=MAX_RECENT)
@@ -71,6 +74,21 @@ class DroneTrack:
     def transports(self, now_ms: int) -> tuple[str, ...]:
         """The transports over which it was heard lately, by name."""
         return tuple(sorted(name for name, t_ms in self._transports.items() if 0 <= now_ms - t_ms <= TRANSPORT_MS))
+
+    def take_signature(self, observation: Observation) -> None:
+        """Note what an authentication message came to."""
+        self.signatures.append(observation)
+        if self.drip is None or not self.drip.outlasts(observation):
+            self.drip = observation
+
+    def signature(self, since_ms: int) -> dict[str, str | int | bool] | None:
+        """Who signed since then: the last of the strongest kind, and how many were ``refused`` besides."""
+        seen = [each for each in self.signatures if each.t_ms >= since_ms]
+        if not seen:
+            return None
+        strongest = max(seen, key=lambda each: (_STRENGTH.index(each.state), each.covers_location, each.t_ms))
+        refused = sum(each.state == "refused" for each in seen)
+        return strongest.summary() | ({"refused": refused} if refused else {})
 
     def count(self, source: str, transport: str, kind: int, counter: int | None, now_ms: int) -> None:
         """Note that a frame of message type ``kind`` was heard."""

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
+import time
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from edge_agent.ports import AgentError
 from edge_agent.session import machine
@@ -13,6 +16,9 @@ from edge_agent.spool import Spool
 from uav_agent.agent import UavAgentError
 from wonderland.ledger.proof_contract import RefusedError
 from wonderland.proofs.records.sessions import STEP_NAMES, Radio
+from wonderland.remote_id import BasicId, IdType, Location, Pack, encode
+from wonderland.remote_id.drip import Det, SamType, paginate
+from wonderland.remote_id.drip.formats import sign_evidence
 
 
 async def records(world):
@@ -326,3 +332,38 @@ async def test_the_whole_way_with_time_stamps_an_honest_drone_and_one_whose_radi
     assert (liar.verdict.outcome, liar.verdict.permission) == ("refuted", "refused"), liar.verdict.reasons
     assert "time_differences_contradict" in {reason.code for reason in liar.verdict.reasons}
     assert len(world.acted) == 1
+
+
+async def test_who_signed_the_broadcasts_is_told_with_the_end_of_the_session(world):
+    key = Ed25519PrivateKey.generate()
+    host_identity = key.public_key().public_bytes_raw()
+    det = Det.of(host_identity, raa=10, hda=20)
+    roots = {"registries": [{"det": str(det), "host_identity": host_identity.hex(), "name": "HDA 20"}]}
+    (world.directory / "registries.json").write_text(json.dumps(roots))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = probe.getsockname()
+    remote_id = {"listen": f"127.0.0.1:{address[1]}", "drip": "registries.json"}
+
+    async def broadcast(uav_id):
+        while True:
+            now_ms = int(time.time() * 1000)
+            here = world.flight.claim(now_ms)
+            place = Location(lat_e7=here.lat_e7, lon_e7=here.lon_e7)
+            messages = (BasicId(uas_id=uav_id, id_type=IdType.SERIAL_NUMBER), place)
+            signed = sign_evidence(encode(place), det, (now_ms - 1_000, now_ms + 60_000), key.sign)
+            for page in paginate(signed.sam(SamType.WRAPPER), now_ms):
+                frame = encode(Pack(messages=(*messages, page)))
+                sender.sendto(frame, address)
+            await asyncio.sleep(0.1)
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        async with world.pad(remote_id=remote_id), world.uav() as uav:
+            sending = asyncio.create_task(broadcast(uav.uav_id))
+            result = await uav.prove("pad-1", "land")
+            await until_state(world, result.session_id, "completed")
+            sending.cancel()
+    told, _ = await records(world)
+    signature = told["session_end"][0]["signature"]
+    assert (signature["state"], signature["signer"], signature["covers_location"]) == ("verified", "HDA 20", True)
+    assert signature["bound"] is False, "its serial number is not made from the entity tag"

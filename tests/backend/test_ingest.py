@@ -146,6 +146,25 @@ async def test_what_is_odd_about_broadcasts_is_kept_and_shown(running, agent_cli
     assert {finding["uav_id"] for finding in detail["findings"]} == {detail["summary"]["uav_id"]}
 
 
+@both
+async def test_who_signed_is_bound_to_the_session_and_apart_from_its_verdict(running, agent_client, number):
+    """Only the session's own pad can say; a drone or another pad that ends it says nothing of signatures."""
+    session_id = number("session", "one")
+    summary = (await running.json(f"/sessions/{session_id}"))["summary"]
+    end = {"session_id": session_id, "state": "decided", "steps": []}
+    other = DRIP | {"format": "link", "state": "endorsed", "covers_location": False}
+    for pad_id, signature in (("pad-2", other), (summary["pad_id"], DRIP | {"refused": 2})):
+        async with running.connect("/ingest") as socket:
+            agent = agent_client(socket, agent_id=pad_id)
+            await agent.hello()
+            assert (await agent.report(("session_end", end | {"signature": signature})))["type"] == "ack"
+    detail = await running.json(f"/sessions/{session_id}")
+    assert detail["signature"] == DRIP | {"refused": 2}
+    assert detail["verdict"]["outcome"] == summary["outcome"]
+    answer = await running.json("/conformance", serial=summary["uav_id"])
+    assert (answer["proof"]["proof_id"], answer["signature"]) == (session_id, DRIP | {"refused": 2})
+
+
 async def gone(running, pad_id):
     async with asyncio.timeout(5):
         while running.context.agents.is_connected(pad_id):

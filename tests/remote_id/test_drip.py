@@ -341,6 +341,28 @@ def test_a_link_that_somebody_repeats_proves_nothing(world) -> None:
     assert {name: seen[name] for name in ("state", "bound")} == {"state": "verified", "bound": True}
 
 
+def test_the_strongest_signature_since_a_session_began(world) -> None:
+    _, drone, registry, link = world
+    assembler = Assembler(T0, drip=registry)
+    identity = BasicId(uas_id=drone.det.session_id, id_type=IdType.SPECIFIC_SESSION)
+
+    def send(sam: bytes, now_ms: int) -> None:
+        for page in paginate(sam, T0):
+            assembler.feed(pack(identity, place(), page), source="ble:1", transport="ble5", now_ms=now_ms)
+
+    assert assembler.signature(drone.det.session_id, T0) is None
+    send(link.sam(), T0)
+    assert assembler.signature(drone.det.session_id, T0)["state"] == "endorsed"
+    send(wrapped(drone, place()), T0 + 100)
+    send(wrapped(drone, place())[:-1] + b"x", T0 + 200)
+    send(link.sam(), T0 + 300)
+    found = assembler.signature(drone.det.session_id, T0)
+    assert (found["state"], found["t_ms"], found["covers_location"], found["refused"]) == (
+        "verified", T0 + 100, True, 1,
+    )  # fmt: skip
+    assert assembler.signature(drone.det.session_id, T0 + 250)["state"] == "endorsed", "the session began later"
+
+
 def test_a_link_is_of_the_entity_tag_in_the_basic_id(world) -> None:
     authority, _, registry, link = world
     observer, other = Observer(registry), Party(10, 20)

@@ -138,6 +138,7 @@ class Conformance(TypedDict):
     limits: list[ConformanceLimit]
     broadcast: NotRequired[BroadcastUsed]
     proof: NotRequired[Proof]
+    signature: NotRequired[SessionSignature]
     measured_ms: NotRequired[int]
     age_ms: NotRequired[int]
     assurance: NotRequired[int]
@@ -429,6 +430,20 @@ class ReceiverHealth(TypedDict):
 
     frames: int
     bad: int
+
+
+class SessionSignature(TypedDict):
+    """Who signed a drone's broadcasts during a session, as its pad heard them."""
+
+    state: Literal["verified", "endorsed", "unknown_signer", "refused"]
+    det: str
+    format: Literal["link", "wrapper", "manifest", "frame"]
+    t_ms: int
+    signer: NotRequired[str]
+    reason: NotRequired[str]
+    covers_location: NotRequired[bool]
+    bound: NotRequired[bool]
+    refused: NotRequired[int]
 
 
 class SessionState(TypedDict):

@@ -4,11 +4,11 @@ import { count, timeOfDay } from "../shared/format";
 import { Scroll } from "../shared/ui/Scroll";
 import { broadcastTexts as t, oddity, signature } from "./broadcastTexts";
 
-type Finding = SessionDetail["findings"][number];
-
-/** Who signed the broadcasts (not whether they are true), and what was odd about them. */
-export function Broadcasts({ findings, track }: { findings: readonly Finding[]; track?: Track | undefined }): ReactElement {
-  const drip = track?.drip ?? undefined;
+/** Who signed the broadcasts during the session (not whether they are true), and what was odd about them. */
+export function Broadcasts({ detail, track }: { detail: SessionDetail; track?: Track | undefined }): ReactElement {
+  const { findings, summary } = detail;
+  const running = summary.ended_ms === undefined && (track?.drip?.t_ms ?? 0) >= summary.requested_ms;
+  const drip = detail.signature ?? (running ? track?.drip : undefined);
   return (
     <section className="float card">
       <h2>{t("title")}</h2>

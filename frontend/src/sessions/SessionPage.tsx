@@ -197,7 +197,7 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
           {verdict !== undefined && <CourseChart session_id={session_id} />}
           {query.data?.evidence && <Ranges evidence={query.data.evidence} />}
           {verdict !== undefined && <Bearing level={verdict.assurance} />}
-          {query.data !== undefined && <Broadcasts findings={query.data.findings} track={drone?.track} />}
+          {query.data !== undefined && <Broadcasts detail={query.data} track={drone?.track} />}
           {query.data !== undefined && <Facts detail={query.data} now_ms={now_ms} />}
           {query.data !== undefined && <Transactions transactions={query.data.transactions} />}
         </div>
