@@ -21,6 +21,7 @@ from backend.db.tables.reported import BroadcastOperatorRow
 from backend.errors import BadRequest, Forbidden, NotFound, documented
 from backend.pagination import decode_cursor
 from backend.responses import Json, page
+from wonderland.proofs.records.uavs import without_secret
 
 router = APIRouter(tags=["audit"])
 SHOW_MS: Final = 60_000
@@ -60,6 +61,8 @@ async def unmask(request: Request, who: Officer, body: Unmask) -> Response:
             value = None if record is None else orjson.loads(record).get(body.field)
         if not value:
             raise NotFound("There is no such number of this drone.")
+        if body.field == "registration":
+            value = without_secret(value)
         detail = {"field": body.field, "reason": body.reason.strip()}
         await audit.record(connection, who, "unmask", f"drone/{body.uav_id}", detail, t_ms=context.clock())
     return Json(Unmasked(value=value, show_ms=SHOW_MS).model_dump(), headers={"Cache-Control": "no-store"})

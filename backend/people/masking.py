@@ -11,6 +11,7 @@ from typing import Any, Final
 import orjson
 
 from backend.auth.person import Person
+from wonderland.proofs.records.uavs import without_secret
 
 HIDDEN: Final = "---"
 """In letters that a registration number may have, so that what is shown is a record of the same shape."""
@@ -32,8 +33,12 @@ def sees_clearly(person: Person, msp_id: str) -> bool:
 def shown_uav(record: str, person: Person) -> str:
     """A drone's record (JSON text) as this person sees it."""
     document: dict[str, Any] = orjson.loads(record)
+    number = document.get("registration", "")
+    public = without_secret(number)
+    if public != number:
+        document["registration"] = public
     if sees_clearly(person, document.get("msp_id", "")):
-        return record
+        return record if public == number else orjson.dumps(document).decode()
     if document.get("registration"):
         document["registration"] = masked(document["registration"])
     if not person.has("admin", "inspector") and document.get("operator_id"):

@@ -17,6 +17,9 @@ from backend.errors import BadRequest
 from wonderland.proofs.errors import RecordError
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.schema import Record
+from wonderland.proofs.records.uavs import without_secret
+from wonderland.remote_id.errors import FieldError
+from wonderland.remote_id.operators import check_operator_id
 
 MAX_BYTES: Final = 1 << 20
 MAX_ROWS: Final = 5_000
@@ -57,6 +60,18 @@ def _time(value: str) -> int:
     return int((moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)).timestamp() * 1000)
 
 
+def _registration(value: str) -> str:
+    """The public part: the secret is used to check the number and then left out."""
+    if without_secret(value) == value:
+        return value
+    try:
+        return check_operator_id(value[:3].upper() + value[3:].lower())
+    except FieldError:
+        raise CellError(
+            "the number's check character does not fit; copy the whole number, or leave out the dash and what follows"
+        ) from None
+
+
 def _actions(value: str) -> list[str]:
     return value.replace("|", " ").replace("/", " ").replace("+", " ").split()
 
@@ -87,7 +102,10 @@ class Kind:
 KINDS: Final = {
     "drones": Kind(
         "RegisterUav",
-        {name: Column(name) for name in ("uav_id", "model", "operator_id", "registration")},
+        {
+            **{name: Column(name) for name in ("uav_id", "model", "operator_id")},
+            "registration": Column("registration", _registration),
+        },
         ("uav_id",),
     ),
     "authorisations": Kind(

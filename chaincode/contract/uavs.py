@@ -12,7 +12,7 @@ from wonderland.proofs.records import keys
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Session
-from wonderland.proofs.records.uavs import Authorisation, Maintenance, Uav
+from wonderland.proofs.records.uavs import Authorisation, Maintenance, Uav, without_secret
 from wonderland.proofs.records.verdicts import Reason
 
 RETIRED: Final = "retired"
@@ -38,6 +38,12 @@ def require_not_retired(uav: Uav) -> None:
 
 async def register(call: Call, argument: tx.RegisterUav) -> Answer:
     """RegisterUav."""
+    if without_secret(argument.registration) != argument.registration:
+        raise bad_input(
+            "REGISTRATION_SECRET",
+            "registration: ends with the operator's secret, which no ledger may keep; "
+            "give the first 16 characters alone, without the dash and what follows it",
+        )
     key = keys.composite(keys.UAV, argument.uav_id)
     if await call.stub.get(key) is not None:
         raise conflict("UAV_EXISTS", f"drone {argument.uav_id} is registered already")

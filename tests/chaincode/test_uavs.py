@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 
 from chaincode.contract.uavs import MAX_AUTHORISATIONS
+from wonderland.proofs.records import transactions as tx
 
 
 def test_a_drone_is_registered_maintained_and_authorised(empty):
@@ -34,6 +35,14 @@ def test_drones_are_unique_and_known(empty):
     empty.refuse(409, "UAV_EXISTS", empty.other_fleet, "RegisterUav", empty.uav_argument())
     empty.refuse(404, "UAV_UNKNOWN", empty.mirror, "ReadUav", uav_id="nobody")
     empty.refuse(404, "UAV_UNKNOWN", empty.admin, "SetUavStatus", uav_id="nobody", status="suspended", reason="x")
+
+
+@pytest.mark.parametrize("ending", ["-xyz", "-x", "-", "xyz"])
+def test_the_operators_secret_is_not_stored(empty, ending):
+    argument = empty.uav_argument(registration="FIN87astrdge12k8" + ending)
+    empty.refuse(400, "REGISTRATION_SECRET", empty.fleet, "RegisterUav", argument)
+    old = tx.RegisterUav.parse(argument)
+    assert old.registration.endswith(ending), "old blocks read as they always did"
 
 
 def test_the_authority_suspends_and_reactivates_and_the_operator_only_retires(scene):

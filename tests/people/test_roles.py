@@ -10,6 +10,9 @@ import httpx
 import pytest
 import websockets
 
+from backend.auth.person import Person
+from backend.people.masking import shown_uav
+
 START_MS = 1_800_000_000_000
 ROLES = ["admin", "inspector", "pad_operator", "fleet_operator", "viewer"]
 
@@ -138,6 +141,14 @@ async def test_numbers_of_operators_are_masked(world, role, msp_id, registration
     async with signed_in(world, role, msp_id=msp_id) as http:
         drone = (await http.get("/api/v1/drones/uav-1")).json()
         assert (drone["registration"], drone["operator_id"]) == (registration, operator)
+
+
+@pytest.mark.parametrize("role", ["viewer", "fleet_operator"])
+def test_a_secret_that_an_old_block_holds_is_shown_to_nobody(role):
+    record = '{"msp_id":"FleetMSP","registration":"FIN87astrdge12k8-xyz"}'
+    somebody = Person("p", "p", (role,), "FleetMSP", "link", 0, 1, "")
+    shown = json.loads(shown_uav(record, somebody))["registration"]
+    assert shown == ("FIN87astrdge12k8" if role == "fleet_operator" else "FIN---k8")
 
 
 async def test_to_see_a_number_is_an_act_with_a_reason(world):

@@ -57,6 +57,18 @@ def test_every_error_has_its_line_and_column():
     assert [row["line"] for row in found.rows] == [4]
 
 
+def test_an_operators_secret_checks_the_number_and_goes_no_further():
+    found = check(
+        DRONES,
+        b"uav_id,model,operator_id,registration\n"
+        b"OH-1,m,o,FIN87astrdge12k8-xyz\nOH-2,m,o,fin87ASTRDGE12K8-XYZ\nOH-3,m,o,FIN87astrdge12k8\n"
+        b"OH-4,m,o,FIN87astrdge12k8-xya\nOH-5,m,o,FIN87astrdge12k8-x\n",
+    )
+    assert [row["argument"]["registration"] for row in found.rows] == 3 * ["FIN87astrdge12k8"]
+    assert [(each["line"], each["column"]) for each in found.errors] == [(5, "registration"), (6, "registration")]
+    assert all("check character" in each["message"] and "xy" not in each["message"] for each in found.errors)
+
+
 def test_all_that_is_wrong_with_one_line_is_named():
     found = check(DRONES, b"uav_id,model,operator_id,registration\nOH 1,m,arctic air,FIN_87\n")
     assert sorted(each["column"] for each in found.errors) == ["operator_id", "registration", "uav_id"]

@@ -15,7 +15,7 @@ import { keepDraft, readDraft, type Draft } from "./drafts";
 import { FORMS, fixedPart, formKey, initial, type FieldSpec, type FormName } from "./forms";
 import { faults, schemaAt, type Fault, type Schema } from "./schema";
 import { registryTexts as t } from "./texts";
-import { parsed, put, typedOf, type Typed } from "./values";
+import { keepable, parsed, put, typedOf, type Typed } from "./values";
 import { fieldName, valueWord } from "./words";
 
 const PADS: readonly Topic[] = ["pads"];
@@ -26,7 +26,7 @@ const AFTER = [
   ["performed_ms", "valid_until_ms"],
 ] as const;
 
-export type FormFault = Omit<Fault, "rule"> & { rule: Fault["rule"] | "order" | "file" | "room" };
+export type FormFault = Omit<Fault, "rule"> & { rule: Fault["rule"] | "order" | "file" | "room" | "registration" };
 
 type Properties = {
   name: FormName;
@@ -54,7 +54,7 @@ function argumentOf(name: FormName, about: JsonObject, draft: Draft, schema: Sch
   const wrong: FormFault[] = [];
   for (const { path, kind, optional } of FORMS[name].fields) {
     const found = parsed(kind, draft[path]);
-    if (found === "wrong") wrong.push({ path, rule: "type" });
+    if (found === "wrong") wrong.push({ path, rule: kind === "registration" ? "registration" : "type" });
     else if (found !== "nothing") argument = put(argument, path, found.value);
     else if (optional !== true) wrong.push({ path, rule: kind === "actions" ? "few" : "required" });
   }
@@ -273,7 +273,7 @@ function Typing({ name, about, before, suggested, onReload, onDone, onCancel, fo
   const set = (path: string, typed: Typed): void => {
     const next = { ...draft, [path]: typed };
     setDraft(next);
-    keepDraft(place, next);
+    keepDraft(place, { ...next, [path]: keepable(spec.fields.find((field) => field.path === path)?.kind ?? "text", typed) });
   };
 
   if (signing !== undefined) {

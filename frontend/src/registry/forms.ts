@@ -27,7 +27,7 @@ export const FORMS: Readonly<Record<FormName, FormSpec>> = {
       { path: "uav_id", kind: "text" },
       { path: "model", kind: "text" },
       { path: "operator_id", kind: "text" },
-      { path: "registration", kind: "text" },
+      { path: "registration", kind: "registration" },
     ],
   },
   suspend: { transaction: "SetUavStatus", fields: [REASON], danger: true },

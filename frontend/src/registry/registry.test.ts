@@ -2,7 +2,7 @@
 import { describe, expect, it } from "vitest";
 import { FORMS, initial, type FormName } from "./forms";
 import { faults, schemaAt, type Schema } from "./schema";
-import { differences, parsed, put, typedOf, typedTime, type Kind } from "./values";
+import { differences, keepable, parsed, put, typedOf, typedTime, type Kind } from "./values";
 
 const SCHEMA: Schema = {
   type: "object",
@@ -53,6 +53,16 @@ describe("a form's argument", () => {
   ] as const)("reads %s %s", (kind, typed, value) => {
     const found = parsed(kind, typed);
     expect(typeof found === "object" ? found.value : found).toEqual(value);
+  });
+
+  it("takes a whole registration number without its secret, and keeps none in a draft", () => {
+    const read = (typed: string): unknown => parsed("registration", typed);
+    expect(read(" FIN87astrdge12k8-xyz ")).toEqual({ value: "FIN87astrdge12k8" });
+    expect(read("fin87ASTRDGE12K8-XYZ")).toEqual({ value: "FIN87astrdge12k8" });
+    expect(read("FIN87astrdge12k8")).toEqual({ value: "FIN87astrdge12k8" });
+    expect(read("GBR-OP-P5MG6X")).toEqual({ value: "GBR-OP-P5MG6X" });
+    for (const wrong of ["FIN87astrdge12k8-xya", "FIN87astrdge12k8-x", "FIN87astrdge12k8xyz"]) expect(read(wrong)).toBe("wrong");
+    expect(keepable("registration", "FIN87astrdge12k8-xy")).toBe("FIN87astrdge12k8");
   });
 
   it("shows what it reads", () => {

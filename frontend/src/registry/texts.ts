@@ -112,7 +112,7 @@ export const registryTexts = texts({
     draft: "What you typed before is still here.",
     discard: "Begin anew",
     fault:
-      "{rule, select, required {This is needed.} low {At least {limit}.} high {At most {limit}.} short {At least {limit} characters.} long {At most {limit} characters.} pattern {Not in the form that the ledger takes.} choice {None of the choices.} few {Choose at least one.} many {Too many.} unknown {The ledger knows no such field.} order {Must be after the field before.} file {No commissioning could be read from the file.} room {The two thresholds must leave room between them.} other {Not a value of this kind.}}",
+      "{rule, select, required {This is needed.} low {At least {limit}.} high {At most {limit}.} short {At least {limit} characters.} long {At most {limit} characters.} pattern {Not in the form that the ledger takes.} choice {None of the choices.} few {Choose at least one.} many {Too many.} unknown {The ledger knows no such field.} order {Must be after the field before.} file {No commissioning could be read from the file.} room {The two thresholds must leave room between them.} registration {The check character does not fit. Copy the whole number, or leave out the dash and what follows it.} other {Not a value of this kind.}}",
     commissionFile: "Commissioning (JSON)",
     conflictHint: "On the left what you had before you, on the right what is on the ledger now.",
     youSaw: "You saw",
@@ -238,7 +238,7 @@ export const registryTexts = texts({
     draft: "Aiemmin kirjoittamasi on yhä tässä.",
     discard: "Aloita alusta",
     fault:
-      "{rule, select, required {Tämä tarvitaan.} low {Vähintään {limit}.} high {Enintään {limit}.} short {Vähintään {limit} merkkiä.} long {Enintään {limit} merkkiä.} pattern {Ei tilikirjan hyväksymää muotoa.} choice {Ei mikään vaihtoehdoista.} few {Valitse ainakin yksi.} many {Liian monta.} unknown {Tilikirja ei tunne tällaista kenttää.} order {On oltava edellisen kentän jälkeen.} file {Tiedostosta ei voitu lukea käyttöönottoa.} room {Kynnysten väliin on jäätävä tilaa.} other {Ei tällainen arvo.}}",
+      "{rule, select, required {Tämä tarvitaan.} low {Vähintään {limit}.} high {Enintään {limit}.} short {Vähintään {limit} merkkiä.} long {Enintään {limit} merkkiä.} pattern {Ei tilikirjan hyväksymää muotoa.} choice {Ei mikään vaihtoehdoista.} few {Valitse ainakin yksi.} many {Liian monta.} unknown {Tilikirja ei tunne tällaista kenttää.} order {On oltava edellisen kentän jälkeen.} file {Tiedostosta ei voitu lukea käyttöönottoa.} room {Kynnysten väliin on jäätävä tilaa.} registration {Tarkistusmerkki ei täsmää. Kopioi koko numero tai jätä pois viiva ja sen jälkeinen osa.} other {Ei tällainen arvo.}}",
     commissionFile: "Käyttöönotto (JSON)",
     conflictHint: "Vasemmalla se, mitä sinulla oli edessäsi, oikealla se, mitä tilikirjalla nyt on.",
     youSaw: "Näit",

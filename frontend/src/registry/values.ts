@@ -1,7 +1,8 @@
 /** From what is typed to what is signed, and back: units people read against the integers of the records. */
 import type { Json, JsonObject } from "../shared/signing/canonical";
+import { publicPart, readRegistration } from "./registration";
 
-export type Kind = "text" | "note" | "choice" | "time" | "metres" | "share" | "seconds" | "integer" | "flag" | "actions" | "pad" | "degrees";
+export type Kind = "text" | "note" | "choice" | "time" | "metres" | "share" | "seconds" | "integer" | "flag" | "actions" | "pad" | "degrees" | "registration";
 /** What stands in a form's field. */
 export type Typed = string | boolean | readonly string[];
 
@@ -36,10 +37,19 @@ export function parsed(kind: Kind, typed: Typed | undefined): { value: Json } | 
     const t_ms = new Date(text).getTime();
     return Number.isNaN(t_ms) ? "wrong" : { value: t_ms };
   }
+  if (kind === "registration") {
+    const value = readRegistration(text);
+    return value === undefined ? "wrong" : { value };
+  }
   const scale = SCALES[kind];
   if (scale === undefined) return { value: text };
   const value = scaled(text, scale);
   return value === undefined ? "wrong" : { value };
+}
+
+/** What may be kept of what was typed: no secret of an operator's. */
+export function keepable(kind: Kind, typed: Typed): Typed {
+  return kind === "registration" && typeof typed === "string" ? publicPart(typed.trim()) : typed;
 }
 
 /** What a field shows for a record's value. */

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Final
 
 from wonderland.proofs.records.fields import MspId, Name, Note, OperatorId, TimeMs, UavId
 from wonderland.proofs.records.schema import Choice, Items, Record, Text
@@ -16,6 +17,17 @@ PadPattern = Annotated[str, Text(64, r"\*|[A-Za-z0-9][A-Za-z0-9._:-]*", "A pad, 
 Registration = Annotated[
     str, Text(32, r"[A-Za-z0-9-]*", "Operator registration number without its secret digits (EN 4709-002)")
 ]
+
+_WITH_SECRET: Final = re.compile(r"([A-Za-z]{3}[A-Za-z0-9]{13})(?:-[A-Za-z0-9-]*|[A-Za-z0-9]{3})\Z")
+
+
+def without_secret(registration: str) -> str:
+    """An operator's number without the three characters that only the operator may know (EN 4709-002).
+
+    The pattern of the field takes them, since old blocks must read as they always did; the contract refuses them.
+    """
+    found = _WITH_SECRET.match(registration)
+    return found.group(1) if found is not None else registration
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -1,0 +1,26 @@
+/** An operator's registration number (EN 4709-002): three characters after the dash are the operator's secret. */
+
+const WITH_SECRET = /^([A-Za-z]{3}[A-Za-z0-9]{13})(?:-[A-Za-z0-9-]*|[A-Za-z0-9]{1,3})$/;
+const WHOLE = /^([A-Z]{3})([0-9a-z]{12})([0-9a-z])-([0-9a-z]{3})$/;
+
+/** The number without what only the operator may know. */
+export function publicPart(text: string): string {
+  return WITH_SECRET.exec(text)?.[1] ?? text;
+}
+
+/** Luhn's check character over base 36. */
+function checkCharacter(text: string): string {
+  let total = 0;
+  for (const [place, character] of [...text].reverse().entries()) {
+    const code = parseInt(character, 36) * (place % 2 === 0 ? 2 : 1);
+    total += Math.floor(code / 36) + (code % 36);
+  }
+  return ((36 - (total % 36)) % 36).toString(36);
+}
+
+/** What may go to the ledger of what was typed; undefined for a whole number whose check character does not fit. */
+export function readRegistration(text: string): string | undefined {
+  if (publicPart(text) === text) return text;
+  const [, country = "", number = "", check = "", secret = ""] = WHOLE.exec(text.slice(0, 3).toUpperCase() + text.slice(3).toLowerCase()) ?? [];
+  return country !== "" && checkCharacter(number + secret) === check ? country + number + check : undefined;
+}
