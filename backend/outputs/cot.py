@@ -94,7 +94,7 @@ def _event(item: Item, now_ms: int, kind: str, how: str, place: dict[str, Any], 
 
 def _own(detail: ET.Element, item: Item, more: dict[str, str]) -> None:
     """What TAK has no word for, under a name of our own, which readers that do not know it pass over."""
-    content = {"kind": item.kind, "uav_id": item.uav_id, "verified": str(item.kind == "verdict").lower(), **more}
+    content = {"kind": item.kind, "uav_id": item.uav_id, "verified": str(item.verified).lower(), **more}
     ET.SubElement(detail, "__wonderland", {name: _clean(value) for name, value in content.items()})
 
 

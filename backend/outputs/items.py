@@ -24,9 +24,14 @@ class Item:
     t_ms: int
     body: dict[str, Any]
 
+    @property
+    def verified(self) -> bool:
+        """Whether the ledger says that the drone is where it says: never so of a refutation."""
+        return self.kind == "verdict" and self.body["outcome"] == "verified"
+
     def to_json(self) -> dict[str, Any]:
         """The item as one object, which says what it is."""
-        return {"kind": self.kind, "verified": self.kind == "verdict", **self.body}
+        return {"kind": self.kind, "verified": self.verified, **self.body}
 
 
 def items_of(frame: dict[str, Any]) -> Iterator[Item]:

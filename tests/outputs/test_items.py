@@ -63,7 +63,10 @@ def test_a_frame_gives_claims_estimates_and_verdicts_apart_without_personal_data
         ("estimate", ESTIMATE["t_ms"]),
         ("verdict", VERDICT["decided_ms"]),
     ]
-    assert [item.to_json()["verified"] for item in found] == [False, False, True]
+    assert [item.to_json()["verified"] for item in found] == [False, False, False], "the verdict is a refutation"
+    good = Item("verdict", "SERIAL1", 0, VERDICT | {"outcome": "verified"})
+    assert good.to_json()["verified"] is True
+    assert parsed(good).find("detail/__wonderland").get("verified") == "true"
     assert "operator_id" not in found[0].to_json()
 
 
@@ -117,7 +120,7 @@ def test_a_verdict_marks_the_place_where_the_drone_was_found():
     event = parsed(Item("verdict", "SERIAL1", VERDICT["decided_ms"], VERDICT))
     assert (event.get("type"), event.find("point").get("lat")) == ("b-m-p-s-m", "60.4518200")
     own = event.find("detail/__wonderland").attrib
-    assert (own["outcome"], own["tx_id"], own["verified"]) == ("refuted", "7" * 64, "true")
+    assert (own["outcome"], own["tx_id"], own["verified"]) == ("refuted", "7" * 64, "false")
     assert "8.9 m from <where> it says" in event.find("detail/remarks").text
     assert event.find("detail/link").get("uid") == "wonderland.SERIAL1.claim"
     nowhere = {name: value for name, value in VERDICT.items() if name not in {"signed", "estimate"}}
