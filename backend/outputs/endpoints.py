@@ -34,7 +34,7 @@ Tell = Annotated[
 async def read_picture(request: Request, person: SignedInPerson, tell: Tell = None) -> Response:
     """What is known of each drone now: where it says it is, where a pad sees it, what the ledger decided last.
 
-    Each is a feature of its own, and its properties say which (`kind`). `verified` is only a verdict whose outcome is that.
+    Each is a feature of its own, and its properties say which (`kind`). `verified` is a verdict with that outcome only.
     """
     kinds = _allowed(getattr(request.state, "scopes", None), tell)
     board = context_of(request).board

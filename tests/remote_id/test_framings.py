@@ -276,10 +276,60 @@ def test_captures(size) -> None:
     assert isinstance(found[2][1], FramingError)
 
 
+def btsnoop(kind: int, *records: tuple[int, bytes]) -> bytes:
+    t_us = 0x00DCDDB30F2F8000 + 1_800_000_000_000_000
+    out = b"btsnoop\0" + (1).to_bytes(4, "big") + kind.to_bytes(4, "big")
+    for flags, data in records:
+        size = len(data).to_bytes(4, "big")
+        out += size + size + flags.to_bytes(4, "big") + bytes(4) + t_us.to_bytes(8, "big") + data
+    return out
+
+
+@pytest.mark.parametrize("size", [1, 5, 1 << 16])
+def test_what_btmon_writes(size) -> None:
+    """`btmon -w`: adapter and opcode in the flags (3: an event), the packet without its type; Android: H4."""
+    event = hci_extended(ble.advertising_data(PACK, 1))
+    monitor = btsnoop(2001, (0, b"new index"), (3, event[1:]), (2, event[1:]), (1 << 16 | 3, event[1:]))
+    found = read(monitor, size)
+    assert [(number, framed.frame, framed.t_ms) for number, framed in found] == [
+        (2, PACK, 1_800_000_000_000), (4, PACK, 1_800_000_000_000),
+    ]  # fmt: skip
+    assert [framed.frame for _, framed in read(btsnoop(1002, (3, event), (0, b"\x01cmd")), size)] == [PACK]
+    assert [framed.frame for _, framed in read(btsnoop(1001, (3, event[1:]), (2, event[1:])), size)] == [PACK]
+    assert [framed.frame for _, framed in read(pcap((b"\0\0\0\3" + event[1:], 0), link_type=254), size)] == [PACK]
+
+
+def test_headers_of_other_sniffers() -> None:
+    packet, beacon = ble.link_layer_packet(SERIAL, 5, ADDRESS), wifi.beacon(PACK, 1, ADDRESS)
+    head = bytes((0, 6, 10 + len(packet), 1, 0, 0, 6, 10))
+    nordic = head + bytes((1, 37, 61, 0, 0)) + bytes(4) + packet
+    (_, heard), (_, bad) = read(pcap((nordic, 0), (nordic[:8] + b"\0" + nordic[9:], 1), (head, 2), link_type=272))
+    assert (heard.frame, heard.rssi_dbm) == (SERIAL, -61)
+    assert "CRC" in bad.message
+    ppi = bytes((0, 0, 12, 0)) + (105).to_bytes(4, "little") + bytes(4)
+    (_, heard), (_, bad) = read(pcap((ppi + beacon, 0), (ppi[:7], 1), link_type=192))
+    assert heard.frame == PACK
+    assert "PPI" in bad.message
+
+
+def test_an_interface_that_holds_no_remote_id_is_passed_over() -> None:
+    """What the audit found: a second interface of another type ended the reading, as `-i any` captures have it."""
+    beacon = wifi.beacon(PACK, 1, ADDRESS)
+    wired = pcapng([bytes(60), bytes(60)], 1)
+    found = read(wired + pcapng([beacon], 105) + wired)
+    assert [number for number, _ in found] == [1, 3, 4]
+    assert found[1][1].frame == PACK
+    for _, error in (found[0], found[2]):
+        assert "link type 1 holds no Remote ID" in error.message
+    head = pcapng([], 105)
+    two = head + wired[28:56] + pcapng([beacon], 105)[len(head) :]
+    assert [framed.frame for _, framed in read(two)] == [PACK]
+
+
 @pytest.mark.parametrize(
     "data",
     [
-        b"", b"\x1f\x8b\x08\x00" + bytes(30), pcap(link_type=1), pcap((bytes(30), 0), link_type=105)[:-1],
+        b"btsnoop\0" + bytes(8), btsnoop(2002), btsnoop(2001, (3, b"cut"))[:-1], b"", b"\x1f\x8b\x08\x00" + bytes(30), pcap(link_type=1), pcap((bytes(30), 0), link_type=105)[:-1],
         captures.pcap_header(105) + b"\xff" * 16, pcapng([bytes(10)], 105)[:-5], pcapng([], 105) + b"\1\0\0\0" * 4,
         pcapng([], 105) + bytes.fromhex("060000002000000005000000") + bytes(16) + bytes.fromhex("20000000"),
     ],
@@ -290,12 +340,12 @@ def test_files_that_are_no_captures(data) -> None:
 
 
 @settings(max_examples=400, deadline=None)
-@given(data=st.binary(max_size=400), seed=st.sampled_from(range(8)), at=st.integers(0, 400), octet=st.integers(0, 255))
+@given(data=st.binary(max_size=400), seed=st.sampled_from(range(9)), at=st.integers(0, 400), octet=st.integers(0, 255))
 def test_garbage_ends_in_nothing_but_typed_errors(data, seed, at, octet) -> None:
     valid = (
         ble.advertising_data(PACK, 1), ble.link_layer_packet(PACK, 1, ADDRESS, extended=True),
         wifi.beacon(PACK, 1, ADDRESS), wifi.nan_action(PACK, 1, ADDRESS), mavlink.build_frame(PACK),
-        pcapng([wifi.beacon(PACK, 1, ADDRESS)], 105), hci_extended(ble.advertising_data(PACK, 1)),
+        btsnoop(2001, (3, hci_extended(ble.advertising_data(PACK, 1))[1:])), pcapng([wifi.beacon(PACK, 1, ADDRESS)], 105), hci_extended(ble.advertising_data(PACK, 1)),
         bytes.fromhex(RECORDED["struct"]),
     )[seed]  # fmt: skip
     mutated = bytearray(valid)

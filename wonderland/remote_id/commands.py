@@ -37,7 +37,7 @@ def remote_id() -> None:
 
     \b
     wonderland remote-id decode heard.hex                 hexadecimal frames, one on each line
-    wonderland remote-id decode --pcap capture.pcapng     Wi-Fi in monitor mode, Bluetooth sniffer, btmon
+    wonderland remote-id decode --pcap capture.pcapng     Wi-Fi in monitor mode, Bluetooth sniffer, btmon -w
     wonderland remote-id decode heard.hex | wonderland remote-id encode
     """
 

@@ -1,8 +1,9 @@
-"""Capture files, pcap and pcapng, as a stream: bytes in, packets out, and the Remote ID frames in them.
+"""Capture files, pcap, pcapng and btsnoop, as a stream: bytes in, packets out, and the Remote ID frames in them.
 
-Read are captures of Wi-Fi in monitor mode (link types 105 IEEE 802.11, 127 radiotap), of Bluetooth sniffers (251 link
-layer, 256 with the sniffer's header) and of host controllers (187 H4, 201 H4 with direction, as btmon and Android write
-them). A packet that is no Remote ID gives nothing; one that is and is broken gives an error, and reading goes on.
+Read are captures of Wi-Fi in monitor mode (link types 105 IEEE 802.11, 127 radiotap, 192 PPI), of Bluetooth sniffers
+(251 link layer, 256 with the sniffer's header, 272 Nordic) and of host controllers (187 H4, 201 H4 with direction, 254
+Linux monitor; btsnoop as btmon and Android write it). A packet that is no Remote ID gives nothing; one that is and is
+broken gives an error, and reading goes on. So it does past an interface that can hold none, with one error for it.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ MAX_PACKET_BYTES: Final = 262_144
 MAX_BLOCK_BYTES: Final = MAX_PACKET_BYTES + 65_536
 MAX_INTERFACES: Final = 256
 
-HCI_H4, HCI_H4_DIRECTION, WIFI, WIFI_RADIOTAP, BLE_LINK_LAYER, BLE_SNIFFER = 187, 201, 105, 127, 251, 256
+HCI_H4, HCI_H4_DIRECTION, HCI_MONITOR, BLE_LINK_LAYER, BLE_SNIFFER, BLE_NORDIC = 187, 201, 254, 251, 256, 272
+WIFI, WIFI_RADIOTAP, WIFI_PPI = 105, 127, 192
 
 _MAGIC: Final = {
     b"\xd4\xc3\xb2\xa1": ("<", 1_000_000),
@@ -31,6 +33,13 @@ _MAGIC: Final = {
 _SECTION, _INTERFACE, _OBSOLETE_PACKET, _SIMPLE_PACKET, _ENHANCED_PACKET = 0x0A0D0D0A, 1, 2, 3, 6
 _SECTION_MAGIC: Final = b"\x0a\x0d\x0d\x0a"
 _RESOLUTION_OPTION: Final = 9
+_BTSNOOP_MAGIC: Final = b"btsnoop\0"
+_BTSNOOP_EPOCH_US: Final = 0x00DCDDB30F2F8000
+"""Btsnoop counts microseconds from the year 0."""
+_SNOOP_H1, _SNOOP_H4, _SNOOP_MONITOR = 1001, 1002, 2001
+_MONITOR_EVENT: Final = 3
+_H4_EVENT: Final = b"\x04"
+_NORDIC_BYTES, _NORDIC_INNER_BYTES = 17, 10
 
 
 class CaptureError(FramingError):
@@ -39,12 +48,16 @@ class CaptureError(FramingError):
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """One captured packet: ``number`` counts from 1, ``t_ms`` is Unix time (None where the file has none)."""
+    """One captured packet: ``number`` counts from 1, ``t_ms`` is Unix time (None where the file has none).
+
+    ``interface`` counts the interfaces of the whole file.
+    """
 
     number: int
     link_type: int
     t_ms: int | None
     data: bytes
+    interface: int = 0
 
 
 class CaptureReader:
@@ -61,7 +74,8 @@ class CaptureReader:
         self._order = "<"
         self._ticks = 1_000_000
         self._link_type = -1
-        self._interfaces: list[tuple[int, int]] = []
+        self._interfaces: list[tuple[int, int, int]] = []
+        self._described = 0
         self._count = 0
 
     def feed(self, data: bytes) -> Iterator[Packet]:
@@ -89,8 +103,10 @@ class CaptureReader:
         if magic == _SECTION_MAGIC:
             self._step = self._block
             return iter(())
+        if _BTSNOOP_MAGIC.startswith(magic):
+            return self._begin_btsnoop()
         if magic not in _MAGIC:
-            raise CaptureError(f"begins with {magic.hex()}: neither a pcap nor a pcapng file (compressed?)")
+            raise CaptureError(f"begins with {magic.hex()}: no pcap, pcapng or btsnoop file (compressed?)")
         header = self._take(24)
         if header is None:
             return None
@@ -111,9 +127,38 @@ class CaptureReader:
             return None
         return self._packet(self._link_type, seconds * 1000 + fraction * 1000 // self._ticks, whole[16:])
 
-    def _packet(self, link_type: int, t_ms: int | None, data: bytes) -> Iterator[Packet]:
+    def _packet(self, link_type: int, t_ms: int | None, data: bytes, interface: int = 0) -> Iterator[Packet]:
         self._count += 1
-        return iter((Packet(self._count, link_type, t_ms, data),))
+        return iter((Packet(self._count, link_type, t_ms, data, interface),))
+
+    def _begin_btsnoop(self) -> Iterator[Packet] | None:
+        header = self._take(16)
+        if header is None:
+            return None
+        version, self._link_type = struct.unpack_from(">II", header, 8)
+        if not header.startswith(_BTSNOOP_MAGIC) or version != 1:
+            raise CaptureError(f"a btsnoop file of version {version}; 1 is known")
+        if self._link_type not in {_SNOOP_H1, _SNOOP_H4, _SNOOP_MONITOR}:
+            raise CaptureError(f"a btsnoop file of type {self._link_type}; write it with btmon -w")
+        self._step = self._snooped
+        return iter(())
+
+    def _snooped(self) -> Iterator[Packet] | None:
+        """A record: lengths, flags, drops, time; in a monitor's file the flags hold what the packet is."""
+        if len(self._buffer) < 24:
+            return None
+        _, size, flags, _, t_us = struct.unpack_from(">IIIIq", self._buffer)
+        if size > MAX_PACKET_BYTES:
+            raise CaptureError(f"packet {self._count + 1} announces {size} bytes; the file is damaged here")
+        whole = self._take(24 + size)
+        if whole is None:
+            return None
+        t_ms, data = (t_us - _BTSNOOP_EPOCH_US) // 1000, whole[24:]
+        if self._link_type == _SNOOP_MONITOR:
+            return self._packet(HCI_MONITOR, t_ms, struct.pack(">HH", flags >> 16, flags & 0xFFFF) + data)
+        if self._link_type == _SNOOP_H1:  # without a type: the flags say that it is an event, and received
+            data = _H4_EVENT + data if flags & 3 == 3 else b""
+        return self._packet(HCI_H4, t_ms, data)
 
     def _block(self) -> Iterator[Packet] | None:
         if len(self._buffer) < 12:
@@ -142,26 +187,26 @@ class CaptureReader:
             self._interfaces.clear()
         elif kind == _INTERFACE:
             link_type = struct.unpack_from(f"{order}H", body)[0]
-            _check_link_type(link_type)
             if len(self._interfaces) >= MAX_INTERFACES:
                 raise CaptureError(f"more than {MAX_INTERFACES} interfaces in one section")
-            self._interfaces.append((link_type, self._resolution(body[8:])))
+            self._interfaces.append((link_type, self._resolution(body[8:]), self._described))
+            self._described += 1
         elif kind in {_ENHANCED_PACKET, _OBSOLETE_PACKET}:
             if kind == _ENHANCED_PACKET:
                 index, high, low, size = struct.unpack_from(f"{order}IIII", body)
             else:
                 index, _, high, low, size = struct.unpack_from(f"{order}HHIII", body)
-            link_type, ticks = self._interface(index)
+            link_type, ticks, interface = self._interface(index)
             if 20 + size > len(body):
                 raise CaptureError(f"packet {self._count + 1} has {size} bytes in a block of {len(body)}")
-            return self._packet(link_type, (high << 32 | low) * 1000 // ticks, body[20 : 20 + size])
+            return self._packet(link_type, (high << 32 | low) * 1000 // ticks, body[20 : 20 + size], interface)
         elif kind == _SIMPLE_PACKET:
-            link_type, _ = self._interface(0)
+            link_type, _, interface = self._interface(0)
             size = min(struct.unpack_from(f"{order}I", body)[0], len(body) - 4)
-            return self._packet(link_type, None, body[4 : 4 + size])
+            return self._packet(link_type, None, body[4 : 4 + size], interface)
         return iter(())
 
-    def _interface(self, index: int) -> tuple[int, int]:
+    def _interface(self, index: int) -> tuple[int, int, int]:
         if index >= len(self._interfaces):
             raise CaptureError(f"packet {self._count + 1} is of interface {index}, which the file does not describe")
         return self._interfaces[index]
@@ -182,11 +227,15 @@ class CaptureReader:
 
 def _check_link_type(link_type: int) -> None:
     if link_type not in _UNWRAP:
-        known = ", ".join(str(known) for known in sorted(_UNWRAP))
-        raise CaptureError(
-            f"link type {link_type} holds no Remote ID that can be read here; known are {known} "
-            "(capture Wi-Fi in monitor mode, Bluetooth with a sniffer or btmon)"
-        )
+        raise CaptureError(_unknown(link_type))
+
+
+def _unknown(link_type: int) -> str:
+    known = ", ".join(str(known) for known in sorted(_UNWRAP))
+    return (
+        f"link type {link_type} holds no Remote ID that can be read here; known are {known} "
+        "(capture Wi-Fi in monitor mode, Bluetooth with a sniffer or btmon)"
+    )
 
 
 class Unwrapper:
@@ -194,12 +243,19 @@ class Unwrapper:
 
     def __init__(self) -> None:
         self._hci = ble.HciEvents()
+        self._passed_over: set[int] = set()
 
     def frames(self, packet: Packet) -> list[Framed]:
-        """The frames in a packet, with its time. Raises `FramingError` for Remote ID that is broken."""
+        """The frames in a packet, with its time.
+
+        Raises `FramingError` for Remote ID that is broken, and once for an interface that can hold none.
+        """
         unwrap = _UNWRAP.get(packet.link_type)
         if unwrap is None:
-            raise FramingError(f"link type {packet.link_type} is unknown")
+            if packet.interface in self._passed_over:
+                return []
+            self._passed_over.add(packet.interface)
+            raise FramingError(f"interface {packet.interface} is passed over: {_unknown(packet.link_type)}")
         return [replace(framed, t_ms=packet.t_ms) for framed in unwrap(self, packet.data)]
 
     def _wifi(self, data: bytes) -> list[Framed]:
@@ -230,14 +286,46 @@ class Unwrapper:
     def _hci_direction(self, data: bytes) -> list[Framed]:
         return self._hci.feed(data[4:])
 
+    def _hci_monitor(self, data: bytes) -> list[Framed]:
+        """Adapter and opcode, then the packet without its H4 type: only events are of interest."""
+        is_event = data[2:4] == _MONITOR_EVENT.to_bytes(2, "big")
+        return self._hci.feed(_H4_EVENT + data[4:]) if is_event else []
+
+    def _ppi(self, data: bytes) -> list[Framed]:
+        """Per-packet information: version, flags, length, the link type of what follows it."""
+        if len(data) < 8:
+            raise FramingError(f"{len(data)} bytes are no PPI header")
+        version, _, length, link_type = struct.unpack_from("<BBHI", data)
+        if version != 0 or not 8 <= length <= len(data):
+            raise FramingError(f"a PPI header of version {version} and {length} bytes, of {len(data)}")
+        if link_type == WIFI:
+            return wifi.parse_packet(data[length:])
+        return ble.parse_link_layer(data[length:]) if link_type == BLE_LINK_LAYER else []
+
+    def _nordic(self, data: bytes) -> list[Framed]:
+        """Nordic's header: board, UART header (6), then its own length (10), flags, channel, signal, counter, time."""
+        if len(data) < _NORDIC_BYTES or data[7] != _NORDIC_INNER_BYTES:
+            return []  # a ping, or the protocol of before 2016
+        flags, signal = data[8], data[10]
+        packet = data[_NORDIC_BYTES:]
+        if flags >> 4 & 7 == 2:  # the coded PHY: an octet with the coding follows the access address
+            packet = packet[:4] + packet[5:]
+        found = ble.parse_link_layer(packet, crc_checked=bool(flags & 1))
+        if found and not flags & 1:
+            raise FramingError("the packet's CRC is wrong: it was not heard well")
+        return [replace(framed, rssi_dbm=-signal if signal else None) for framed in found]
+
 
 _UNWRAP: Final[dict[int, Callable[[Unwrapper, bytes], list[Framed]]]] = {
     HCI_H4: Unwrapper._hci_h4,  # noqa: SLF001 - the table stands outside only so that the link types stand in one place
     HCI_H4_DIRECTION: Unwrapper._hci_direction,  # noqa: SLF001
+    HCI_MONITOR: Unwrapper._hci_monitor,  # noqa: SLF001
     WIFI: Unwrapper._wifi,  # noqa: SLF001
     WIFI_RADIOTAP: Unwrapper._radiotap,  # noqa: SLF001
+    WIFI_PPI: Unwrapper._ppi,  # noqa: SLF001
     BLE_LINK_LAYER: Unwrapper._ble,  # noqa: SLF001
     BLE_SNIFFER: Unwrapper._ble_sniffer,  # noqa: SLF001
+    BLE_NORDIC: Unwrapper._nordic,  # noqa: SLF001
 }
 
 
