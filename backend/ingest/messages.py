@@ -150,14 +150,20 @@ class TrackBody(_Strict):
     duplicates: _between(0, MAX_SEQ) | None = None  # type: ignore[valid-type]
     transports: Annotated[list[_plain(24)], Field(max_length=8)] | None = None  # type: ignore[valid-type]
     drip: DripBody | None = None
-    # For U-space only (backend/uspace): taken in, passed on, never stored.
+    description: _plain(23) | None = None  # type: ignore[valid-type]
+    description_type: Literal["text", "emergency", "extended_status", "private"] | None = None
+    area_count: _between(2, 65_535) | None = None  # type: ignore[valid-type]
+    area_radius_mm: _between(0, 2_550_000) | None = None  # type: ignore[valid-type]
+    area_ceiling_mm: _between(-2_000_000, 100_000_000) | None = None  # type: ignore[valid-type]
+    area_floor_mm: _between(-2_000_000, 100_000_000) | None = None  # type: ignore[valid-type]
+    ua_type: _between(0, 15) | None = None  # type: ignore[valid-type]
     height_accuracy_mm: _between(0, 1_000_000) | None = None  # type: ignore[valid-type]
+    # For U-space only (backend/uspace): taken in, passed on, never stored.
     above_mm: _between(-2_000_000, 100_000_000) | None = None  # type: ignore[valid-type]
     above: Literal["takeoff", "ground"] | None = None
     pressure_mm: _between(-2_000_000, 100_000_000) | None = None  # type: ignore[valid-type]
     speed_accuracy_mm_s: _between(0, 1_000_000) | None = None  # type: ignore[valid-type]
     time_accuracy_ms: _between(0, 60_000) | None = None  # type: ignore[valid-type]
-    ua_type: _between(0, 15) | None = None  # type: ignore[valid-type]
     eu_category: _between(0, 3) | None = None  # type: ignore[valid-type]
     eu_class: _between(0, 7) | None = None  # type: ignore[valid-type]
     operator_lat_e7: _LatE7 | None = None  # type: ignore[valid-type]
@@ -173,8 +179,8 @@ class TrackBody(_Strict):
 
 
 USPACE_ONLY: Final[set[str]] = {
-    "height_accuracy_mm", "above_mm", "above", "pressure_mm", "speed_accuracy_mm_s", "time_accuracy_ms", "ua_type",
-    "eu_category", "eu_class", "operator_lat_e7", "operator_lon_e7", "operator_height_mm", "operator_place",
+    "above_mm", "above", "pressure_mm", "speed_accuracy_mm_s", "time_accuracy_ms", "eu_category",
+    "eu_class", "operator_lat_e7", "operator_lon_e7", "operator_height_mm", "operator_place",
 }  # fmt: skip
 
 

@@ -87,6 +87,16 @@ class Track(ApiModel):
     duplicates: int | None = Field(default=None, description="Positions heard again so far, over other transports")
     transports: list[str] | None = Field(default=None, description="Transports heard lately, where several")
     drip: Drip | None = Field(default=None, description="Who signed its broadcasts; not whether they are true")
+    description: str | None = Field(
+        default=None, description="What the operator says that it does (Self ID): anybody's text, never markup"
+    )
+    description_type: Literal["text", "emergency", "extended_status", "private"] | None = None
+    area_count: int | None = Field(default=None, description="Aircraft under this identity, where there are several")
+    area_radius_mm: int | None = Field(default=None, description="They are within this distance of the position")
+    area_ceiling_mm: int | None = Field(default=None, description="Above the WGS-84 ellipsoid")
+    area_floor_mm: int | None = None
+    ua_type: int | None = Field(default=None, description="Aircraft type of ASTM F3411, 0 to 15; 2: multirotor")
+    height_accuracy_mm: int | None = Field(default=None, description="Broadcast vertical accuracy, 95 %")
     t_ms: int = Field(description="When the pad heard it, by the pad's clock")
     pad_id: str
     transport: str

@@ -219,6 +219,7 @@ def details_of(body: TrackBody) -> Details:
         ),
         eu_category=_CATEGORIES[body.eu_category] if body.eu_category is not None else None,
         eu_class=_CLASSES[body.eu_class] if body.eu_class is not None else None,
+        description=body.description,
     )
 
 

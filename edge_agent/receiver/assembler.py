@@ -20,11 +20,13 @@ from wonderland.proofs.records.sessions import MAX_CLAIMS, BroadcastClaim
 from wonderland.remote_id import (
     BasicId,
     ClassificationType,
+    DescriptionType,
     IdType,
     Location,
     OperatorId,
     Pack,
     RemoteIdError,
+    SelfId,
     System,
     UaType,
     decode,
@@ -279,6 +281,8 @@ class Assembler:
                 drone.operator_id = public_operator_id(message.operator_id.strip()) or None
             elif isinstance(message, System):
                 drone.system = message
+            elif isinstance(message, SelfId):
+                drone.self_id = message if message.text.strip() else None
             elif isinstance(message, BasicId) and message.ua_type is not UaType.NONE:
                 drone.ua_type = message.ua_type
 
@@ -322,6 +326,7 @@ def _heard(
         time_accuracy_ms=location.time_accuracy_ms,
         ua_type=int(drone.ua_type) if drone.ua_type is not None else None,
         **(_described(drone.system) if drone.system is not None else {}),
+        **(_said(drone.self_id) if drone.self_id is not None else {}),
         claim_t_ms=claim_t_ms,
         rssi_dbm=rssi_dbm,
         latency_ms=drone.latency_ms if claim_t_ms is not None else None,
@@ -341,7 +346,24 @@ def _described(system: System) -> dict[str, Any]:
         "operator_place": system.operator_location.name.lower(),
         "eu_category": int(system.category) if is_eu else None,
         "eu_class": int(system.uas_class) if is_eu else None,
+        **(_group(system) if system.area_count > 1 else {}),
     }
+
+
+def _group(system: System) -> dict[str, Any]:
+    """Several aircraft under one identity, and where they are."""
+    return {
+        "area_count": system.area_count,
+        "area_radius_mm": system.area_radius_mm,
+        "area_ceiling_mm": system.area_ceiling_mm,
+        "area_floor_mm": system.area_floor_mm,
+    }
+
+
+def _said(self_id: SelfId) -> dict[str, str]:
+    kind = self_id.description_type
+    name = kind.name.lower() if isinstance(kind, DescriptionType) else "private"
+    return {"description": self_id.text.strip(), "description_type": name}
 
 
 def _position(heard: Heard) -> Position:

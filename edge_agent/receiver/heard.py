@@ -47,6 +47,15 @@ class Heard:
     ua_type: int | None = None
     eu_category: int | None = None
     eu_class: int | None = None
+    description: str | None = None
+    """What the operator says that it does (Self ID): anybody's text."""
+    description_type: str | None = None
+    """``text``, ``emergency``, ``extended_status`` or ``private``."""
+    area_count: int | None = None
+    """How many aircraft fly under this identity, where there are several, around its position."""
+    area_radius_mm: int | None = None
+    area_ceiling_mm: int | None = None
+    area_floor_mm: int | None = None
     claim_t_ms: int | None = None
     rssi_dbm: int | None = None
     latency_ms: int | None = None
@@ -92,13 +101,19 @@ class Heard:
             "duplicates": self.duplicates or None,
             "transports": list(self.transports) if len(self.transports) > 1 else None,
             "drip": self.drip,
+            "description": self.description,
+            "description_type": self.description_type,
+            "area_count": self.area_count,
+            "area_radius_mm": self.area_radius_mm,
+            "area_ceiling_mm": self.area_ceiling_mm,
+            "area_floor_mm": self.area_floor_mm,
+            "ua_type": self.ua_type,
             "height_accuracy_mm": self.height_accuracy_mm,
             "above_mm": self.above_mm,
             "above": self.above,
             "pressure_mm": self.pressure_mm,
             "speed_accuracy_mm_s": self.speed_accuracy_mm_s,
             "time_accuracy_ms": self.time_accuracy_ms,
-            "ua_type": self.ua_type,
             "eu_category": self.eu_category,
             "eu_class": self.eu_class,
             **self._operator(),

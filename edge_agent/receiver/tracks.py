@@ -10,7 +10,7 @@ from edge_agent.receiver.findings import ClaimClock, Finding, FindingGate, Posit
 if TYPE_CHECKING:
     from edge_agent.receiver.limits import TokenBucket
     from wonderland.proofs.records.sessions import BroadcastClaim
-    from wonderland.remote_id import System, UaType
+    from wonderland.remote_id import SelfId, System, UaType
     from wonderland.remote_id.drip.observer import Observation, Observer
 
 DUPLICATE_MS: Final = 1_000
@@ -52,7 +52,7 @@ class DroneTrack:
 
     __slots__ = (
         "_recent", "_transmitters", "_transports", "bucket", "drip", "duplicates", "history", "latency_ms", "lost",
-        "observer", "operator_id", "signatures", "system", "ua_type",
+        "observer", "operator_id", "self_id", "signatures", "system", "ua_type",
     )  # fmt: skip
 
     def __init__(self, bucket: TokenBucket, history: int) -> None:
@@ -60,6 +60,7 @@ class DroneTrack:
         self.history: deque[BroadcastClaim] = deque(maxlen=history)
         self.operator_id: str | None = None
         self.system: System | None = None
+        self.self_id: SelfId | None = None
         self.ua_type: UaType | None = None
         self.latency_ms: int | None = None
         self.lost = 0

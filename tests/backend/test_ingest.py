@@ -125,6 +125,12 @@ async def test_what_is_odd_about_broadcasts_is_kept_and_shown(running, agent_cli
             "duplicates": 9,
             "transports": ["ble4", "wifi-nan"],
             "drip": DRIP,
+            "description": "<b>Engine</b> fire",
+            "description_type": "emergency",
+            "area_count": 3,
+            "area_radius_mm": 120_000,
+            "ua_type": 2,
+            "height_accuracy_mm": 10_000,
         }
         await agent.report(
             ("track", heard), ("finding", FINDING), ("finding", FINDING | {"uav_id": "uav-2", "kind": "time_off"})

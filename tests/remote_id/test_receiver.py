@@ -16,6 +16,7 @@ from edge_agent.receiver import Assembler, Heard, ReceiverError, ReceiverLimits,
 from wonderland.proofs.records.sessions import BroadcastClaim
 from wonderland.remote_id import (
     BasicId,
+    DescriptionType,
     HorizontalAccuracy,
     IdType,
     Location,
@@ -23,6 +24,7 @@ from wonderland.remote_id import (
     OperationalStatus,
     OperatorId,
     Pack,
+    SelfId,
     System,
     encode,
 )
@@ -111,6 +113,22 @@ def test_a_pack_says_everything_at_once() -> None:
     claims = assembler.recent(SERIAL, T0)
     assert claims == (heard.claim(),)
     assert BroadcastClaim.parse(claims[0].to_json()) == claims[0]
+
+
+def test_what_the_operator_says_and_of_how_many_goes_with_the_track() -> None:
+    assembler = Assembler(T0)
+    emergency = SelfId(text="<b>Engine fire</b>", description_type=DescriptionType.EMERGENCY)
+    group = System(area_count=3, area_radius_mm=120_000, area_ceiling_mm=90_000)
+    track = feed(assembler, pack(BasicId(uas_id=SERIAL), location(), emergency, group)).track()
+    assert (track["description"], track["description_type"]) == ("<b>Engine fire</b>", "emergency")
+    assert (track["area_count"], track["area_radius_mm"], track["area_ceiling_mm"]) == (3, 120_000, 90_000)
+    assert "area_floor_mm" not in track
+    private = pack(BasicId(uas_id=SERIAL), location(), SelfId(text="x", description_type=201), System())
+    later = feed(assembler, private, T0 + 1_000).track()
+    assert (later["description"], later["description_type"]) == ("x", "private")
+    assert "area_count" not in later, "one is no group"
+    silent = pack(BasicId(uas_id=SERIAL), location(), SelfId(text="  "))
+    assert "description" not in feed(assembler, silent, T0 + 2_000).track()
 
 
 def test_single_messages_are_put_together_by_source() -> None:

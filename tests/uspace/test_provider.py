@@ -73,7 +73,7 @@ async def test_a_flight_is_told_as_it_was_claimed(uss, track):
 
 
 async def test_who_flies(uss, track):
-    await uss.heard(track(operator_id="FIN87astrdge12k8-xyz"))
+    await uss.heard(track(operator_id="FIN87astrdge12k8-xyz", description="Roof survey", description_type="text"))
     (flight,) = (await flights(uss))["flights"]
     answer = await uss.get(f"/uss/flights/{flight['id']}/details")
     conforms(answer, "GetFlightDetailsResponse", GetFlightDetailsResponse)
@@ -88,6 +88,7 @@ async def test_who_flies(uss, track):
             "altitude_type": "Takeoff",
         },
         "eu_classification": {"category": "Open", "class": "Class2"},
+        "operation_description": "Roof survey",
     }
     assert (await uss.get("/uss/flights/nobody/details")).status_code == 404
 

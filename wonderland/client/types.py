@@ -550,6 +550,14 @@ class Track(TypedDict):
     duplicates: NotRequired[int]
     transports: NotRequired[list[str]]
     drip: NotRequired[Drip]
+    description: NotRequired[str]
+    description_type: NotRequired[Literal["text", "emergency", "extended_status", "private"]]
+    area_count: NotRequired[int]
+    area_radius_mm: NotRequired[int]
+    area_ceiling_mm: NotRequired[int]
+    area_floor_mm: NotRequired[int]
+    ua_type: NotRequired[int]
+    height_accuracy_mm: NotRequired[int]
     t_ms: int
     pad_id: str
     transport: str

@@ -11,8 +11,8 @@ export function publicPart(text: string): string {
 /** Luhn's check character over base 36. */
 function checkCharacter(text: string): string {
   let total = 0;
-  for (const [place, character] of [...text].reverse().entries()) {
-    const code = parseInt(character, 36) * (place % 2 === 0 ? 2 : 1);
+  for (let place = 0; place < text.length; place++) {
+    const code = parseInt(text.charAt(text.length - 1 - place), 36) * (place % 2 === 0 ? 2 : 1);
     total += Math.floor(code / 36) + (code % 36);
   }
   return ((36 - (total % 36)) % 36).toString(36);

@@ -210,6 +210,7 @@ export function SessionPanel({ drone, session, verdict, pad, now_ms, tools, plac
         )}
         {pad !== undefined && verdict !== undefined && verdictPlot(verdict, pad)}
         {pad !== undefined && verdict === undefined && running && drone !== undefined && livePlot(drone, pad, buffer_mm)}
+        {place === "map" && <Says track={drone?.track} />}
         <Steps session={session} />
         {verdict !== undefined && <Why verdict={verdict} />}
         <p className="note panel-when num">
@@ -245,6 +246,28 @@ function suspicion(verdict: VerdictSummary | undefined, pad: Pad | undefined): s
 function hint(look: Look): string {
   if (look === "silent") return t("hintSilent");
   return look === "out-of-range" ? t("hintFar") : t("hintUnproved");
+}
+
+/** What the operator's own text says (Self ID), and of how many drones: anybody's word, shown as text and nothing else. */
+export function Says({ track }: { track: Drone["track"] }): ReactElement | null {
+  if (track?.description === undefined && track?.area_count === undefined) return null;
+  const emergency = track.description_type === "emergency";
+  return (
+    <dl className="facts">
+      {track.description !== undefined && (
+        <div>
+          <dt>{t("says", { kind: track.description_type ?? "text" })}</dt>
+          <dd>{emergency ? <strong>“{track.description}”</strong> : `“${track.description}”`}</dd>
+        </div>
+      )}
+      {track.area_count !== undefined && (
+        <div>
+          <dt>{t("group")}</dt>
+          <dd>{t("groupOf", { count: count(track.area_count), radius: length(track.area_radius_mm ?? 0, true) })}</dd>
+        </div>
+      )}
+    </dl>
+  );
 }
 
 function Unproved({ drone, now_ms }: { drone: Drone; now_ms: number }): ReactElement {
@@ -285,6 +308,7 @@ function Unproved({ drone, now_ms }: { drone: Drone; now_ms: number }): ReactEle
           )}
         </dl>
       )}
+      <Says track={track} />
       <p className="note">
         <span className="tag">{t("unverified")}</span> {hint(drone.look)}
       </p>

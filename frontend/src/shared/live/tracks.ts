@@ -11,8 +11,9 @@ const FIRST_CAPACITY = 1_024;
 /** What a column has where the broadcast had nothing. */
 export const ABSENT = -2_147_483_648;
 
+const REST = ["operator_id", "status", "drip", "transports", "description", "description_type", "area_count", "area_radius_mm"] as const;
 /** What of a track changes seldom and is shown seldom. */
-export type TrackRest = Pick<Track, "operator_id" | "status" | "drip" | "transports">;
+export type TrackRest = Pick<Track, (typeof REST)[number]>;
 type Numbers = "height_mm" | "accuracy_mm" | "speed_mm_s" | "track_cdeg" | "vertical_mm_s";
 
 /**
@@ -254,22 +255,12 @@ export class TrackTable {
   }
 }
 
-export function restOf({ operator_id, status, drip, transports }: Track): TrackRest | undefined {
-  if (operator_id === undefined && status === undefined && drip === undefined && transports === undefined) return undefined;
-  return {
-    ...(operator_id !== undefined && { operator_id }),
-    ...(status !== undefined && { status }),
-    ...(drip !== undefined && { drip }),
-    ...(transports !== undefined && { transports }),
-  };
+export function restOf(track: Track): TrackRest | undefined {
+  const said = REST.filter((name) => track[name] !== undefined);
+  return said.length === 0 ? undefined : Object.fromEntries(said.map((name) => [name, track[name]]));
 }
 
 /** Whether a track says the same of what changes seldom. */
 export function saysRest(track: Track, rest: TrackRest | undefined): boolean {
-  return (
-    track.operator_id === rest?.operator_id &&
-    track.status === rest?.status &&
-    (track.drip === rest?.drip || JSON.stringify(track.drip) === JSON.stringify(rest?.drip)) &&
-    (track.transports === rest?.transports || JSON.stringify(track.transports) === JSON.stringify(rest?.transports))
-  );
+  return REST.every((name) => track[name] === rest?.[name] || (typeof track[name] === "object" && JSON.stringify(track[name]) === JSON.stringify(rest?.[name])));
 }
