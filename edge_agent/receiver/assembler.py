@@ -360,7 +360,7 @@ def _group(system: System) -> dict[str, Any]:
     }
 
 
-def _said(self_id: SelfId) -> dict[str, str]:
+def _said(self_id: SelfId) -> dict[str, Any]:
     kind = self_id.description_type
     name = kind.name.lower() if isinstance(kind, DescriptionType) else "private"
     return {"description": self_id.text.strip(), "description_type": name}

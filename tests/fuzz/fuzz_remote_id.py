@@ -104,7 +104,8 @@ TARGETS = (
 
 
 def _mavlink(data: bytes) -> bytes:
-    number = mavlink.BASIC_ID + data[0] % 6 if data and data[0] < 200 else mavlink.MESSAGE_PACK
+    others = (mavlink.MESSAGE_PACK, mavlink.SYSTEM_UPDATE, mavlink.ARM_STATUS)
+    number = mavlink.BASIC_ID + data[0] % 6 if data and data[0] < 200 else others[data[0] % 3 if data else 0]
     payload = data[1:256]
     content = bytes((len(payload), 0, 0, 0, 1, 1)) + number.to_bytes(3, "little") + payload
     extra = mavlink.LAYOUTS[number][1]

@@ -5,13 +5,24 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.remote_id import BasicId, FramingError, Location, Pack, RemoteIdError, decode, encode
+from wonderland.remote_id import (
+    BasicId,
+    FramingError,
+    Location,
+    OperatorLocationType,
+    Pack,
+    RemoteIdError,
+    System,
+    decode,
+    encode,
+)
 from wonderland.remote_id.framings import ble, captures, json_feed, mavlink, wifi
 from wonderland.remote_id.framings.framed import Framed
 from wonderland.remote_id.json_form import from_json, to_json
@@ -135,6 +146,32 @@ def test_mavlink_is_what_pymavlink_speaks() -> None:
     noisy = heartbeat + b"\xfd\x00garbage" + mavlink.build_frame(PACK) + heartbeat[:5]
     found = [one for octet in noisy for one in stream.feed(bytes((octet,)))]
     assert found == [Framed(PACK, "mavlink")]
+
+
+def test_mavlink_moves_the_operator() -> None:
+    """SYSTEM_UPDATE has no address and nothing but a place: it belongs to the System message before it."""
+    system = System(operator_lat_e7=1, operator_lon_e7=2, area_count=3, operator_location=OperatorLocationType.TAKEOFF)
+    dialect = pytest.importorskip("pymavlink.dialects.v20.common")
+    speaker = dialect.MAVLink(None, srcSystem=1, srcComponent=236)
+
+    def spoken(lat_e7: int, lon_e7: int) -> bytes:
+        return speaker.open_drone_id_system_update_encode(0, 0, lat_e7, lon_e7, 31.5, 5).pack(speaker)
+
+    arm = speaker.open_drone_id_arm_status_encode(1, b"no GNSS").pack(speaker)
+    stream = mavlink.MavlinkStream()
+    assert list(stream.feed(arm)) == []
+    (alone,) = stream.feed(spoken(601_700_000, 249_400_000))
+    assert decode(alone.frame).operator_location is OperatorLocationType.LIVE_GNSS
+    (before,) = stream.feed(mavlink.build(system, address=ADDRESS))
+    (after,) = stream.feed(spoken(601_700_000, 249_400_000))
+    moved = replace(
+        system, operator_lat_e7=601_700_000, operator_lon_e7=249_400_000, operator_altitude_mm=31_500,
+        t_ms=1_546_300_805_000,
+    )  # fmt: skip
+    assert (decode(after.frame), after.address) == (moved, before.address)
+    list(stream.feed(mavlink.build(system, address="02:00:00:00:00:77")))
+    assert list(stream.feed(spoken(1, 1))) == [], "a relay of several drones: whose operator moved, nobody knows"
+    assert stream.skipped_bytes == 0
 
 
 def test_mavlink_with_impossible_contents_is_an_error_and_the_next_packet_is_read() -> None:

@@ -12,6 +12,7 @@ from wonderland.remote_id.framings.framed import Framed
 
 if TYPE_CHECKING:
     from edge_agent.receiver.sources import Sink
+    from wonderland.remote_id.framings.mavlink_senders import Senders
 
 MAVLINK: Final = 0xFD
 JSON: Final = frozenset(b"{[")
@@ -59,14 +60,17 @@ class UdpSource:
 class _Datagrams(asyncio.DatagramProtocol):
     def __init__(self, sink: Sink) -> None:
         self._sink = sink
+        self._senders: Senders | None = None
 
     def datagram_received(self, data: bytes, addr: tuple[str | Any, int]) -> None:
         source = f"udp:{addr[0]}:{addr[1]}"
         if data and data[0] == MAVLINK:
             # Few pads have such a bridge; the others need not carry its messages.
             from wonderland.remote_id.framings.mavlink import parse_datagram  # noqa: PLC0415
+            from wonderland.remote_id.framings.mavlink_senders import Senders  # noqa: PLC0415
 
-            deliver(self._sink, parse_datagram(data), source)
+            self._senders = self._senders or Senders()
+            deliver(self._sink, parse_datagram(data, self._senders, source), source)
         elif data and data[0] in JSON:
             deliver_json(self._sink, data, source)
         else:

@@ -1,9 +1,12 @@
-"""MAVLink 2: the ``OPEN_DRONE_ID_*`` messages (12900–12905, 12915), from receivers such as DroneScout Bridge.
+"""MAVLink 2: the ``OPEN_DRONE_ID_*`` messages (12900–12905, 12915, 12918–9), from receivers such as DroneScout Bridge.
 
 Flight controllers speak them to Remote ID modules, and receivers to ground stations. `MavlinkStream` finds them in a
 stream of bytes (serial line, UDP) by length and checksum and gives the frame that the drone would broadcast; `build`
 is the inverse. Signatures are passed over: a pad has no key of the receiver. Positions come in 1e-7 degrees, times in
 seconds, lengths in metres as floats, which hold every step of the broadcast's fields exactly.
+
+A SYSTEM_UPDATE (12919) only has where the operator is now: it gives its sender's last System message with that place.
+An ARM_STATUS (12918), by which a Remote ID module tells its autopilot whether it may arm, gives nothing.
 """
 
 from __future__ import annotations
@@ -30,6 +33,7 @@ from wonderland.remote_id.enums import (
 )
 from wonderland.remote_id.errors import FieldError, FramingError, RemoteIdError
 from wonderland.remote_id.framings.framed import Framed, format_address, parse_address
+from wonderland.remote_id.framings.mavlink_senders import Senders
 from wonderland.remote_id.messages import (
     MESSAGE_BYTES,
     Authentication,
@@ -43,6 +47,7 @@ from wonderland.remote_id.messages import (
 )
 
 BASIC_ID, LOCATION, AUTHENTICATION, SELF_ID, SYSTEM, OPERATOR_ID, MESSAGE_PACK = *range(12900, 12906), 12915
+ARM_STATUS, SYSTEM_UPDATE = 12918, 12919
 MAX_BYTES: Final = 280
 
 Member = TypeVar("Member", bound=IntEnum)
@@ -63,6 +68,8 @@ LAYOUTS: Final[dict[int, tuple[struct.Struct, int]]] = {
     SYSTEM: (struct.Struct("<iifffIHHBB20sBBBB"), 77),
     OPERATOR_ID: (struct.Struct("<BB20sB20s"), 49),
     MESSAGE_PACK: (struct.Struct("<BB20sBB225s"), 94),
+    ARM_STATUS: (struct.Struct("<B50s"), 139),
+    SYSTEM_UPDATE: (struct.Struct("<iifIBB"), 7),
 }
 _NO_ALTITUDE_M: Final = -1000.0
 _NO_TRACK, _NO_SPEED, _NO_VERTICAL, _NO_TIME_S = 36_100, 25_500, 6_300, 65_535.0
@@ -92,9 +99,14 @@ def build_frame(frame: bytes, *, address: str | None = None, sequence: int = 0) 
 
 
 class MavlinkStream:
-    """Finds the packets in a stream; what is none is passed over and counted in ``skipped_bytes``."""
+    """Finds the packets in a stream; what is none is passed over and counted in ``skipped_bytes``.
 
-    def __init__(self) -> None:
+    ``senders`` are shared where one stream is many (datagrams), each with a ``name``.
+    """
+
+    def __init__(self, senders: Senders | None = None, name: str = "") -> None:
+        self._senders = senders or Senders()
+        self._name = name
         self._buffer = bytearray()
         self.skipped_bytes = 0
 
@@ -125,18 +137,40 @@ class MavlinkStream:
                 continue
             del self._buffer[: end + signature]
             try:
-                yield _framed(number, content[_HEADER_BYTES - 1 :])
+                framed = self._framed(number, content)
             except RemoteIdError as error:
                 yield error
+            else:
+                if framed is not None:
+                    yield framed
+
+    def _framed(self, number: int, content: bytes) -> Framed | None:
+        payload, sender = content[_HEADER_BYTES - 1 :], (self._name, content[4:6])
+        if number == ARM_STATUS:
+            return None
+        if number == SYSTEM_UPDATE:
+            lat_e7, lon_e7, altitude_m, seconds = _unpacked(number, payload)[:4]
+            there = lat_e7 != 0 or lon_e7 != 0
+            return self._senders.moved(
+                sender,
+                operator_lat_e7=lat_e7 if there else None,
+                operator_lon_e7=lon_e7 if there else None,
+                operator_altitude_mm=_altitude_mm(altitude_m, "operator altitude"),
+                t_ms=EPOCH_2019_MS + seconds * 1000 if seconds else None,
+            )
+        framed = _framed(number, payload)
+        if number in {SYSTEM, MESSAGE_PACK}:
+            self._senders.take(sender, framed)
+        return framed
 
     def _drop(self, size: int) -> None:
         self.skipped_bytes += size
         del self._buffer[:size]
 
 
-def parse_datagram(data: bytes) -> list[Framed | RemoteIdError]:
-    """The frames in one datagram."""
-    return list(MavlinkStream().feed(data))
+def parse_datagram(data: bytes, senders: Senders | None = None, name: str = "") -> list[Framed | RemoteIdError]:
+    """The frames in one datagram of ``name``; ``senders`` remembers between datagrams."""
+    return list(MavlinkStream(senders, name).feed(data))
 
 
 def checksum(data: bytes) -> int:
@@ -156,10 +190,14 @@ def _crc_of(octet: int) -> int:
 _CRC_TABLE: Final = tuple(_crc_of(octet) for octet in range(256))
 
 
-def _framed(number: int, payload: bytes) -> Framed:
+def _unpacked(number: int, payload: bytes) -> tuple[Any, ...]:
     layout, _ = LAYOUTS[number]
     # Zeros at the end are not transmitted; a longer payload has fields of a later revision.
-    values = layout.unpack(payload.ljust(layout.size, b"\0")[: layout.size])
+    return layout.unpack(payload.ljust(layout.size, b"\0")[: layout.size])
+
+
+def _framed(number: int, payload: bytes) -> Framed:
+    values = _unpacked(number, payload)
     mac = next(value for value in values if isinstance(value, bytes))
     address = format_address(mac[:6]) if any(mac[:6]) and not any(mac[6:]) else None
     frame = _FRAMES[number](values)
