@@ -12,9 +12,16 @@ from typing import Any, Final
 from xml.etree import ElementTree as ET
 
 from backend.outputs.items import Item, Kind
+from wonderland.remote_id.enums import UaType
 
-DRONE: Final = "a-u-A-M-H-Q"
-"""Atom, unknown affiliation, air, unmanned rotorcraft."""
+DRONE: Final = "a-u-A-C-H-q"
+"""Atom, unknown affiliation, air, civil, rotary wing, unmanned: q is TAK's letter for the civil Q of MIL-STD-2525."""
+FIXED_WING: Final = "a-u-A-C-F-q"
+LIGHTER_THAN_AIR: Final = "a-u-A-C-L"
+_TYPES: Final = {
+    **dict.fromkeys((UaType.AEROPLANE, UaType.ORNITHOPTER, UaType.GLIDER), FIXED_WING),
+    **dict.fromkeys((UaType.FREE_BALLOON, UaType.CAPTIVE_BALLOON, UaType.AIRSHIP), LIGHTER_THAN_AIR),
+}
 MARK: Final = "b-m-p-s-m"
 FROM_GNSS: Final = "m-g"
 FUSED: Final = "m-f"
@@ -32,7 +39,8 @@ def event(item: Item, now_ms: int) -> bytes | None:
     if item.kind == "verdict":
         return _verdict(item, now_ms)
     accuracy_mm = item.body.get("accuracy_mm") if item.kind == "claim" else _radius_95_mm(item.body)
-    root = _event(item, now_ms, DRONE, FROM_GNSS if item.kind == "claim" else FUSED, item.body, accuracy_mm)
+    kind = _TYPES.get(item.body.get("ua_type", UaType.NONE), DRONE)
+    root = _event(item, now_ms, kind, FROM_GNSS if item.kind == "claim" else FUSED, item.body, accuracy_mm)
     detail = ET.SubElement(root, "detail")
     ET.SubElement(detail, "contact", callsign=f"{item.uav_id} {'claimed' if item.kind == 'claim' else 'measured'}")
     if "speed_mm_s" in item.body and "track_cdeg" in item.body:
@@ -79,7 +87,7 @@ def _event(item: Item, now_ms: int, kind: str, how: str, place: dict[str, Any], 
         start=_time(item.t_ms),
         stale=_time(max(now_ms, item.t_ms) + _STALE_MS[item.kind]),
     )
-    height_mm = place.get("height_mm")
+    height_mm, height_accuracy_mm = place.get("height_mm"), place.get("height_accuracy_mm")
     ET.SubElement(
         root,
         "point",
@@ -87,7 +95,7 @@ def _event(item: Item, now_ms: int, kind: str, how: str, place: dict[str, Any], 
         lon=f"{place['lon_e7'] / E7:.7f}",
         hae=UNKNOWN if height_mm is None else f"{height_mm / 1000:.2f}",
         ce=UNKNOWN if accuracy_mm is None else f"{accuracy_mm / 1000:.2f}",
-        le=UNKNOWN,
+        le=UNKNOWN if height_mm is None or height_accuracy_mm is None else f"{height_accuracy_mm / 1000:.2f}",
     )
     return root
 

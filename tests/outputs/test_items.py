@@ -98,7 +98,7 @@ def test_a_claim_stays_unknown_to_tak_and_keeps_its_own_words():
     assert (event.tag, event.get("version"), event.get("type"), event.get("how")) == (
         "event",
         "2.0",
-        "a-u-A-M-H-Q",
+        "a-u-A-C-H-q",
         "m-g",
     )
     assert (event.get("uid"), event.get("start")) == ("wonderland.SERIAL1.claim", "2027-01-15T08:00:00.000Z")
@@ -107,6 +107,15 @@ def test_a_claim_stays_unknown_to_tak_and_keeps_its_own_words():
     assert point == {"lat": "60.4518000", "lon": "22.2666000", "hae": "36.12", "ce": "3.00", "le": "9999999.0"}
     assert event.find("detail/track").attrib == {"speed": "4.25", "course": "270.50"}
     assert event.find("detail/__wonderland").get("verified") == "false"
+
+
+@pytest.mark.parametrize(
+    ("ua_type", "kind"), [(0, "H-q"), (1, "F-q"), (2, "H-q"), (4, "H-q"), (6, "F-q"), (8, "L"), (10, "L"), (15, "H-q")]
+)
+def test_a_drone_is_civil_and_of_the_kind_that_it_says(ua_type, kind):
+    event = parsed(Item("claim", "SERIAL1", 0, TRACK | {"ua_type": ua_type, "height_accuracy_mm": 10_000}))
+    assert event.get("type") == f"a-u-A-C-{kind}"
+    assert event.find("point").get("le") == "10.00"
 
 
 def test_an_estimate_says_how_sure_it_is():
