@@ -32,8 +32,11 @@ from wonderland.remote_id.enums import SpeedAccuracy as SpeedClass
 from wonderland.remote_id.enums import VerticalAccuracy as VerticalClass
 
 UNKNOWN_ALTITUDE_M: Final = -1000
-HEARD_TIME_ACCURACY_S: Final = 1.5
-"""For a position without a time of its own, dated when it was heard: the coarsest class that the standard has."""
+COARSEST_TIME_ACCURACY_S: Final = 1.5
+"""Where the accuracy of a time is unknown, or a position is dated when it was heard: the coarsest class of broadcasts.
+
+Broadcasts tell unknown as 0; F3411's network interface demands a number and has none for unknown: 0 would be perfect.
+"""
 MAX_LATE_MS: Final = 60_000
 MAX_EARLY_MS: Final = 2_000
 """A drone whose clock is further off says nothing about when it was where; the time of hearing does."""
@@ -69,7 +72,7 @@ class State:
     t_ms: int
     lat: int
     lng: int
-    time_accuracy_s: float = 0.0
+    time_accuracy_s: float = COARSEST_TIME_ACCURACY_S
     altitude_m: float | None = None
     pressure_altitude_m: float | None = None
     height_m: float | None = None
@@ -182,9 +185,11 @@ def time_of(t_ms: int) -> dict[str, str]:
 def state_of(body: TrackBody, heard_ms: int) -> State:
     """A position that a pad heard, at `heard_ms` (Unix ms)."""
     claimed_ms: Any = body.claim_t_ms
-    t_ms, time_accuracy_s = heard_ms, HEARD_TIME_ACCURACY_S
+    t_ms, time_accuracy_s = heard_ms, COARSEST_TIME_ACCURACY_S
     if claimed_ms is not None and -MAX_EARLY_MS <= heard_ms - claimed_ms <= MAX_LATE_MS:
-        t_ms, time_accuracy_s = claimed_ms, (body.time_accuracy_ms or 0) / 1000
+        t_ms = claimed_ms
+        if body.time_accuracy_ms:
+            time_accuracy_s = body.time_accuracy_ms / 1000
     return State(
         t_ms=t_ms,
         lat=body.lat_e7,

@@ -172,6 +172,12 @@ async def test_a_drone_with_a_wrong_clock_is_dated_by_who_heard_it(uss, track):
     assert flight["current_state"]["timestamp_accuracy"] == 1.5
 
 
+async def test_a_time_of_unknown_accuracy_is_not_told_as_a_perfect_one(uss, track):
+    await uss.heard(track(claim_t_ms=uss.uspace.clock(), time_accuracy_ms=None))
+    (flight,) = (await flights(uss))["flights"]
+    assert flight["current_state"]["timestamp_accuracy"] == 1.5
+
+
 async def test_only_flights_of_our_operators(new_uss, track):
     async with new_uss(serve="ours", operators=["FIN87astrdge12k8-xyz"], drones=["SERIAL2"]) as uss:
         assert uss.uspace.settings.operators == ("FIN87astrdge12k8",)

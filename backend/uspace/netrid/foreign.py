@@ -235,7 +235,8 @@ def current_state_of(state: AircraftState) -> State | None:
     """A state with its movement; None where its position is unknown."""
     found = state_of(state.timestamp, state.position, state.height)
     if found is not None:
-        found.time_accuracy_s = state.timestamp_accuracy or 0.0
+        if state.timestamp_accuracy is not None:
+            found.time_accuracy_s = state.timestamp_accuracy
         found.track_deg, found.speed_m_s, found.vertical_m_s = state.track, state.speed, state.vertical_speed
         found.speed_accuracy = state.speed_accuracy or SpeedAccuracy.SAUnknown
         found.status = state.operational_status or RIDOperationalStatus.Undeclared
