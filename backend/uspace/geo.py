@@ -49,6 +49,16 @@ class Box:
         west = math.floor((lng - wide) * E7)
         return cls(math.floor(south * E7), _wrapped(west), math.ceil(north * E7), math.ceil((lng + wide) * E7) - west)
 
+    def grown(self, margin_m: float) -> Box:
+        """The box with so much more on every side."""
+        up = math.ceil(math.degrees(margin_m / EARTH_M) * E7)
+        south, north = max(-_POLE, self.south - up), min(_POLE, self.north + up)
+        narrow = math.cos(_radians(max(abs(south), abs(north))))
+        aside = math.ceil(up / narrow) if narrow * TURN > up else TURN
+        if self.width + 2 * aside >= TURN:
+            return Box(south, -TURN // 2, north, TURN)
+        return Box(south, _wrapped(self.west - aside), north, self.width + 2 * aside)
+
     @property
     def east(self) -> int:
         """The eastern edge, from −180° to 180°; where it is below `west`, the antimeridian is within."""

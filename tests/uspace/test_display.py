@@ -231,9 +231,13 @@ def test_what_clusters_hide(lat, lng, height, up, along):
     (cluster,) = clusters_of([flight(*where)], view)
     assert cluster.flights == 1
     assert cluster.box.contains(*where)
+    for edge in (cluster.box.south, cluster.box.north):
+        assert abs(edge) == 90 * E7 or distance_m(where[0], 0, edge, 0) >= 299.9
     assert cluster.box.area_m2() >= 0.15 * view.area_m2() * 0.999
     assert distance_m(cluster.box.south, 0, cluster.box.north, 0) >= 600
     if cluster.box.width < 360 * E7:
+        for edge in (cluster.box.west, cluster.box.east):
+            assert distance_m(where[0], where[1], where[0], edge) >= 299.9, "also where it is at a cell's edge"
         assert min(distance_m(e, 0, e, cluster.box.width) for e in (cluster.box.south, cluster.box.north)) >= 600
 
 

@@ -1,7 +1,8 @@
 """What a display may show of flights in a view: near, each by itself; from further away, areas that hold some.
 
 The areas are cells of the one grid that does not move (`geo`), so that panning and zooming narrows nothing down. By
-the standard an area is at least 15 % of the view and reaches 300 m to each side of what it hides.
+the standard (NET0480, NET0490) an area is at least 15 % of the view and reaches 300 m to each side of what it hides: a
+flight can be at a cell's edge, and so every cell is shown with 300 m more around it, whoever is in it.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ def clusters_of(flights: Iterable[Flight], view: Box) -> list[Cluster]:
     """The areas that flights are in, by where each was last."""
     least_m2 = view.area_m2() * LEAST_SHARE
     found = Counter(_cell(flight, least_m2) for flight in flights)
-    return [Cluster(cell.box(), count) for cell, count in sorted(found.items())]
+    return [
+        Cluster(cell.box().grown(constants.NetMinObfuscationDistanceM), count) for cell, count in sorted(found.items())
+    ]
 
 
 def _cell(flight: Flight, least_m2: float) -> Cell:
