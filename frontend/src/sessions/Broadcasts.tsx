@@ -9,6 +9,7 @@ export function Broadcasts({ detail, track }: { detail: SessionDetail; track?: T
   const { findings, summary } = detail;
   const running = summary.ended_ms === undefined && (track?.drip?.t_ms ?? 0) >= summary.requested_ms;
   const drip = detail.signature ?? (running ? track?.drip : undefined);
+  const refused = drip?.state === "refused" ? 0 : (detail.signature?.refused ?? 0);
   return (
     <section className="float card">
       <h2>{t("title")}</h2>
@@ -17,7 +18,10 @@ export function Broadcasts({ detail, track }: { detail: SessionDetail; track?: T
         <dl className="facts num">
           <div>
             <dt>{t("signature")}</dt>
-            <dd>{signature(drip)}</dd>
+            <dd>
+              {signature(drip)}
+              {refused > 0 && <span className="quiet"> {t("besides", { count: count(refused) })}</span>}
+            </dd>
           </div>
         </dl>
       )}

@@ -7,9 +7,10 @@ export const broadcastTexts = texts({
   en: {
     title: "Broadcasts",
     hint: "As the pad’s receiver heard them. What is odd is for people to look at; the verdict does not rest on it.",
-    signature: "Signature",
+    signature: "Who said it",
     signed:
       "{state, select, verified {{position, select, true {Positions signed} other {Signed, but no position}} by a drone of {signer}. It says who sent it, not that it is true.{bound, select, true {} other { The signature is not tied to this serial number: they were only heard together.}}} endorsed {{signer} vouches for a key, but nothing was signed by it. Anybody can repeat that.} refused {Signature refused: {reason}.} other {Signed, but nobody known to the pad vouches for the key.}}",
+    besides: "{count} more with a signature that does not hold.",
     nothing: "Nothing odd was heard.",
     kind: "{kind, select, two_places {The same identity from two places, {distance} apart} impossible_speed {{distance} in {interval}: nothing flies so fast} time_stuck {Its own time stood still for {interval}} time_backwards {Its own time went back by {interval}: a replay} time_off {Its own time differs from the pad’s by {interval}} several_identities {One transmitter, also under the name {other}} rate_high {More positions than a drone sends} signature_bad {A signature that does not hold} other {Something odd}}",
     times: "{count} times",
@@ -17,9 +18,10 @@ export const broadcastTexts = texts({
   fi: {
     title: "Lähetykset",
     hint: "Niin kuin alustan vastaanotin ne kuuli. Outo on ihmisten katsottavaksi; päätös ei perustu siihen.",
-    signature: "Allekirjoitus",
+    signature: "Kuka sanoi",
     signed:
       "{state, select, verified {{position, select, true {Sijainnit on allekirjoittanut} other {Allekirjoittaja (sijaintia ei ole allekirjoitettu) on}} rekisterin {signer} drooni. Se kertoo, kuka lähetti, ei että se on totta.{bound, select, true {} other { Allekirjoitus ei ole sidottu tähän sarjanumeroon: ne vain kuultiin yhdessä.}}} endorsed {{signer} takaa avaimen, mutta sillä ei ole allekirjoitettu mitään. Kuka tahansa voi toistaa takauksen.} refused {Allekirjoitus hylättiin: {reason}.} other {Allekirjoitettu, mutta kukaan alustan tuntema ei takaa avainta.}}",
+    besides: "Lisäksi {count}, joiden allekirjoitus ei pidä.",
     nothing: "Mitään outoa ei kuultu.",
     kind: "{kind, select, two_places {Sama tunnus kahdesta paikasta, väliä {distance}} impossible_speed {{distance} ajassa {interval}: mikään ei lennä niin nopeasti} time_stuck {Sen oma aika seisoi: {interval}} time_backwards {Sen oma aika palasi taaksepäin: {interval}, toisto} time_off {Sen oma aika poikkeaa alustan ajasta: {interval}} several_identities {Yksi lähetin, myös nimellä {other}} rate_high {Enemmän sijainteja kuin drooni lähettää} signature_bad {Allekirjoitus, joka ei pidä} other {Jotain outoa}}",
     times: "{count} kertaa",

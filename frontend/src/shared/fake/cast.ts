@@ -1,4 +1,4 @@
-import type { Action, Anchor, Outcome, Pad } from "../api/records";
+import type { Action, Anchor, Outcome, Pad, Track } from "../api/records";
 import { plainFrame, toGlobe, type Local } from "../geo/frame";
 
 /** A drone of the script: where it flies in its pad's frame, where it says it is, and what it asks for when. */
@@ -18,6 +18,8 @@ export type Actor = {
   silent?: boolean;
   rounds: number;
   sigma_mm: number;
+  /** What its operator says (Self ID). */
+  says?: Pick<Track, "description" | "description_type" | "area_count" | "area_radius_mm">;
 };
 
 /** The script begins again after this. */
@@ -30,14 +32,14 @@ export const ACTORS: readonly Actor[] = [
   { uav_id: "OH-DRN-0417", pad_id: "aurajoki-2", asks_at_s: 8, action: "land", outcome: "refuted", hover: at(3_600, 10_700), lie: at(-3_400, 2_500), rounds: 24, sigma_mm: 90 },
   { uav_id: "OH-DRN-0640", pad_id: "kupittaa", asks_at_s: 14, action: "land", outcome: "refuted", hover: at(-6_200, -4_100), broadcastLie: at(24_000, 19_600), rounds: 42, sigma_mm: 70 },
   { uav_id: "OH-DRN-0871", pad_id: "aurajoki-2", asks_at_s: 24, action: "land", outcome: "inconclusive", hover: at(-14_800, 9_400), lie: at(420, -560), rounds: 160, sigma_mm: 620 },
-  { uav_id: "OH-DRN-0118", pad_id: "satama-1", asks_at_s: 52, action: "dock", outcome: "verified", hover: at(5_100, -7_400), rounds: 80, sigma_mm: 60 },
+  { uav_id: "OH-DRN-0118", pad_id: "satama-1", asks_at_s: 52, action: "dock", outcome: "verified", hover: at(5_100, -7_400), rounds: 80, sigma_mm: 60, says: { description: "Roof survey, 20 min", description_type: "text" } },
   { uav_id: "OH-DRN-0925", pad_id: "kupittaa", asks_at_s: 55.2, action: "takeoff", outcome: "verified", hover: at(400, 300), rounds: 30, sigma_mm: 40 },
   { uav_id: "OH-DRN-0233", pad_id: "aurajoki-2", asks_at_s: 31, action: "land", outcome: "verified", hover: at(-5_200, -8_300), rounds: 36, sigma_mm: 70 },
   { uav_id: "OH-DRN-0377", pad_id: "satama-1", asks_at_s: 2, action: "dock", outcome: "verified", hover: at(-2_100, 6_900), rounds: 33, sigma_mm: 60 },
   { uav_id: "OH-DRN-0512", pad_id: "satama-1", asks_at_s: 36, action: "land", outcome: "verified", authorised: false, hover: at(9_000, 3_000), rounds: 40, sigma_mm: 70 },
   { uav_id: "OH-DRN-0733", pad_id: "kupittaa", asks_at_s: 40, action: "land", outcome: "verified", cancelled: "codes_did_not_match", hover: at(12_000, -15_000), rounds: 0, sigma_mm: 70 },
   { uav_id: "OH-DRN-0102", pad_id: "aurajoki-2", action: "land", outcome: "verified", hover: at(310_000, 268_000), rounds: 0, sigma_mm: 70 },
-  { uav_id: "SE-UAS-7715", pad_id: "kupittaa", action: "land", outcome: "verified", hover: at(-690_000, 420_000), rounds: 0, sigma_mm: 70 },
+  { uav_id: "SE-UAS-7715", pad_id: "kupittaa", action: "land", outcome: "verified", hover: at(-690_000, 420_000), rounds: 0, sigma_mm: 70, says: { description: "Low battery, landing", description_type: "emergency", area_count: 3, area_radius_mm: 120_000 } },
   { uav_id: "OH-DRN-0559", pad_id: "satama-1", action: "land", outcome: "verified", hover: at(120_000, -60_000), silent: true, rounds: 0, sigma_mm: 70 },
 ];
 

@@ -154,6 +154,7 @@ export class FakeWorld {
       pad_id: actor.pad_id,
       transport: "wifi_beacon",
       verified: false,
+      ...actor.says,
     };
   }
 
