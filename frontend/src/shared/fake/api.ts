@@ -107,16 +107,18 @@ function detail(session: SessionState, verdict: VerdictSummary | undefined, stor
     },
     estimates: [],
     reported_ends: [],
-    signature: {
-      state: verdict?.outcome === "refuted" ? "endorsed" : "verified",
-      format: verdict?.outcome === "refuted" ? "link" : "wrapper",
-      det: "2001:30:280:1405:a29b:3ff4:2226:c04e",
-      t_ms: session.requested_ms + 3_000,
-      signer: "Traficom",
-      covers_location: verdict?.outcome !== "refuted",
-      bound: false,
-      refused: verdict?.outcome === "refuted" ? 2 : 0,
-    },
+    ...(verdict !== undefined && {
+      signature: {
+        state: verdict.outcome === "refuted" ? ("endorsed" as const) : ("verified" as const),
+        format: verdict.outcome === "refuted" ? ("link" as const) : ("wrapper" as const),
+        det: "2001:30:280:1405:a29b:3ff4:2226:c04e",
+        t_ms: session.requested_ms + 3_000,
+        signer: "Traficom",
+        covers_location: verdict.outcome !== "refuted",
+        bound: false,
+        refused: verdict.outcome === "refuted" ? 2 : 0,
+      },
+    }),
     findings: verdict?.outcome === "refuted" ? oddities(session) : [],
     transactions: [
       transaction(session.request_tx, "RequestProof", base - 1, session.requested_ms),
