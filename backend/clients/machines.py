@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Final
 
 from starlette.requests import HTTPConnection
@@ -18,7 +19,7 @@ from backend.db.tables.clients import ClientRow
 from backend.errors import Forbidden
 from backend.settings import Settings
 from backend.uspace.service import USpace
-from backend.uspace.tokens import Caller, ScopeMissing, TokenRefused, TokenVerifier
+from backend.uspace.tokens import Caller, TokenRefused, TokenVerifier
 
 METHOD: Final = "client"
 
@@ -43,27 +44,32 @@ class Machines:
 
     async def person_of(self, connection: HTTPConnection, authorization: str) -> Person:
         """The machine as a `Person`. Raises `TokenRefused`, `ScopeMissing`, `Forbidden`, `TooManyRequests`."""
-        shown = self.certificates.of(connection)
-        caller = await self._verifier.verify(authorization, None if shown is None else shown.thumbprint)
-        if caller.issuer == self.tokens.issuer:
-            person, scopes = await self._client(caller)
-        else:
-            person, scopes = _system(caller), caller.scopes
+        caller, client = await self._known(connection, authorization)
+        person = _system(caller) if client is None else person_of_client(client, caller.expires_s * 1000)
         self.limits.admit(connection.scope, person.person_id)
         enough = _scopes_for(connection)
         if not enough:
             raise Forbidden("This is not open to machines; a person has to sign in.")
-        if scopes.isdisjoint(enough):
-            raise ScopeMissing(enough)
-        connection.state.scopes = scopes
+        caller.require(*enough)
+        connection.state.scopes = caller.scopes
         return person
 
-    async def _client(self, caller: Caller) -> tuple[Person, frozenset[str]]:
+    async def caller_of(self, connection: HTTPConnection) -> Caller:
+        """The machine as its token says, with what it may today. Raises `TokenRefused`."""
+        caller, _ = await self._known(connection, connection.headers.get("authorization"))
+        return caller
+
+    async def _known(self, connection: HTTPConnection, authorization: str | None) -> tuple[Caller, ClientRow | None]:
+        """Who calls; and its registration, where it is a client of ours."""
+        shown = self.certificates.of(connection)
+        caller = await self._verifier.verify(authorization, None if shown is None else shown.thumbprint)
+        if caller.issuer != self.tokens.issuer:
+            return caller, None
         client = await self._clients.find(caller.subject)
         if client is None or client.revoked_ms is not None:
             raise TokenRefused("The client was revoked.")
         # What was taken away from the client since is in its older tokens no longer.
-        return person_of_client(client, caller.expires_s * 1000), caller.scopes & frozenset(client.scopes.split())
+        return replace(caller, scopes=caller.scopes & frozenset(client.scopes.split())), client
 
 
 def person_of_client(client: ClientRow, expires_ms: int = 0) -> Person:

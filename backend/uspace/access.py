@@ -18,12 +18,9 @@ def system_with(*scopes: str) -> Callable[[HTTPConnection], Awaitable[Caller]]:
 
     async def caller_of(connection: HTTPConnection) -> Caller:
         context = context_of(connection)
-        uspace = context.uspace
-        shown = context.machines.certificates.of(connection)
-        thumbprint = None if shown is None else shown.thumbprint
-        caller = await uspace.verifier.verify(connection.headers.get("authorization"), thumbprint)
+        caller = await context.machines.caller_of(connection)
         caller.require(*scopes)
-        uspace.limits.admit(connection.scope, f"{caller.issuer} {caller.subject}")
+        context.uspace.limits.admit(connection.scope, f"{caller.issuer} {caller.subject}")
         return caller
 
     return caller_of

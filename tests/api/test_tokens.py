@@ -8,11 +8,13 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from joserfc import jwt
 from joserfc.jwk import ECKey, OctKey, RSAKey
+from sqlalchemy import update
 
 from backend.clients.keys import TokenKeys
 from backend.clients.limits import RateLimits
 from backend.clients.store import ClientError, NewClient
 from backend.clients.tokens import ASSERTION_TYPE
+from backend.db.tables.clients import ClientRow
 from backend.errors import SettingsError, TooManyRequests
 
 START_S = 1_800_000_000
@@ -151,6 +153,19 @@ async def test_a_revoked_client_is_out_at_once(running, machine):
         refused = await http.get("/api/v1/pads")
         assert refused.status_code == 401
         assert 'error="invalid_token"' in refused.headers["www-authenticate"]
+
+
+async def test_a_revoked_client_is_out_of_network_remote_id_too(running, machine):
+    async with machine("rid.display_provider") as http:
+        view = "/uss/flights?view=60.44,22.25,60.46,22.29"
+        assert (await http.get(view)).status_code == 200
+        async with running.context.database.write() as connection:
+            await connection.execute(update(ClientRow).values(scopes="rid.service_provider"))
+        assert (await http.get(view)).status_code == 403, "what was taken away is in older tokens no longer"
+        async with running.context.database.write() as connection:
+            await running.context.clients.revoke(connection, http.client_id, "a test")
+        refused = await http.get(view)
+        assert (refused.status_code, refused.json()["detail"]) == (401, "The client was revoked.")
 
 
 async def test_tokens_expire(running, machine, clock):
