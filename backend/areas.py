@@ -15,6 +15,10 @@ from backend.errors import BadRequest
 
 PATTERN: Final = r"^-?\d{1,3}(\.\d{1,9})?(,-?\d{1,3}(\.\d{1,9})?){3}$"
 DESCRIPTION: Final = "west,south,east,north in degrees (WGS-84); west > east: across the 180th meridian"
+BAD_BOX: Final = BadRequest(
+    "`bbox` is west,south,east,north in degrees: south not above north, nothing beyond 90 or 180.",
+    ("query.bbox", "not a box on the map"),
+)
 MAX_PADS: Final = 5_000
 E7: Final = 10_000_000
 
@@ -33,10 +37,7 @@ class Box:
         """From ``west,south,east,north`` in degrees, of the form `PATTERN`. Raises `BadRequest`."""
         west, south, east, north = (round(float(part) * E7) for part in text.split(","))
         if not -90 * E7 <= south <= north <= 90 * E7 or max(abs(west), abs(east)) > 180 * E7:
-            raise BadRequest(
-                "`bbox` is west,south,east,north in degrees: south not above north, nothing beyond 90 or 180.",
-                ("query.bbox", "not a box on the map"),
-            )
+            raise BadRequest(BAD_BOX.detail, *BAD_BOX.errors)
         return cls(west, south, east, north)
 
     def holds(self, lat_e7: int, lon_e7: int) -> bool:

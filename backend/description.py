@@ -42,7 +42,6 @@ def openapi(app: FastAPI) -> dict[str, Any]:
         for unused in ("HTTPValidationError", "ValidationError"):
             schemas.pop(unused, None)
         schemas.setdefault("ProblemDetails", _problem_schema(schemas))
-        _refusals(document)
         document["components"]["schemas"] = dict(sorted(schemas.items()))
         complete(document)
         app.openapi_schema = document
@@ -54,14 +53,3 @@ def _problem_schema(schemas: dict[str, Any]) -> dict[str, Any]:
     for name, definition in schema.pop("$defs", {}).items():
         schemas.setdefault(name, definition)
     return schema
-
-
-def _refusals(document: dict[str, Any]) -> None:
-    """Validation errors are problems, too."""
-    reference = {"schema": {"$ref": "#/components/schemas/ProblemDetails"}}
-    for operations in document["paths"].values():
-        for operation in operations.values():
-            refused = operation.get("responses", {}).get("422")
-            if refused is not None:
-                refused["description"] = "A parameter or field that is not allowed."
-                refused["content"] = {errors.MEDIA_TYPE: reference}

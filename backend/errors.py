@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
 import secrets
 from http import HTTPStatus
@@ -23,6 +24,11 @@ logger = logging.getLogger(__name__)
 
 MEDIA_TYPE: Final = "application/problem+json"
 TYPE_BASE: Final = "urn:wonderland:problem:"
+PROBLEM_SCHEMA: Final = "#/components/schemas/ProblemDetails"
+BINARY: Final = {"type": "string", "format": "binary"}
+"""The schema of an answer that is bytes."""
+_RENAMED: Final = {413: "Content Too Large", 422: "Unprocessable Content"}
+NOT_MODIFIED: Final = "The client has it already."
 
 
 class BackendError(Exception):
@@ -64,6 +70,8 @@ class Problem(BackendError):  # noqa: N818 - the standard's own word
 
     status: HTTPStatus = HTTPStatus.INTERNAL_SERVER_ERROR
     code: str = "internal"
+    example: str = "An unexpected error; the server's log has it under 5f0c21aa."
+    """What it may say, for the description."""
 
     def __init__(self, detail: str, *errors: tuple[str, str], headers: dict[str, str] | None = None) -> None:
         super().__init__(detail)
@@ -76,48 +84,68 @@ class NotFound(Problem):
     """There is no such thing, as far as the ledger was mirrored."""
 
     status, code = HTTPStatus.NOT_FOUND, "not-found"
+    example = "There is no such thing here, or none that is yours to see."
 
 
 class BadRequest(Problem):
     """A cursor or a combination of parameters that means nothing."""
 
     status, code = HTTPStatus.BAD_REQUEST, "bad-request"
+    example = "`cursor` is not one of this list's; pass the `next` of the page before, unchanged."
 
 
 class SignInRequired(Problem):
     """Nobody is signed in."""
 
     status, code = HTTPStatus.UNAUTHORIZED, "sign-in-required"
+    example = "Sign in first."
 
 
 class Forbidden(Problem):
     """Not allowed to whoever is signed in."""
 
     status, code = HTTPStatus.FORBIDDEN, "forbidden"
+    example = "This needs the role inspector; yours: viewer. An administrator can change it."
 
 
 class Conflict(Problem):
     """Somebody else was quicker; nothing was overwritten."""
 
     status, code = HTTPStatus.CONFLICT, "conflict"
+    example = "Somebody else has changed it since you looked; look at it again."
 
 
 class Unprocessable(Problem):
     """Well-formed, but it cannot be done as asked; `errors` names the field where one is to blame."""
 
     status, code = HTTPStatus.UNPROCESSABLE_ENTITY, "invalid-request"
+    example = "The request has fields or parameters that are not allowed; each is named in `errors`."
 
 
 class LedgerAway(Problem):
     """The ledger cannot be asked just now."""
 
     status, code = HTTPStatus.SERVICE_UNAVAILABLE, "ledger-away"
+    example = "The ledger cannot be asked just now; try again in a moment."
 
 
 class TooManyRequests(Problem):
     """Too many requests; try again later."""
 
     status, code = HTTPStatus.TOO_MANY_REQUESTS, "too-many-requests"
+    example = "More than 600 requests in a minute; go on in 12 s."
+
+
+class TooLarge(Problem):
+    """The body is larger than this server takes."""
+
+    status, code = HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "too-large"
+    example = "The body is larger than the 65536 bytes allowed here."
+
+
+def title_of(status: int) -> str:
+    """The status as RFC 9110 names it; Python has older names for some, and not the same in every version."""
+    return _RENAMED.get(status) or HTTPStatus(status).phrase
 
 
 def problem_response(
@@ -131,7 +159,7 @@ def problem_response(
     language: Language = "en",
 ) -> Response:
     """An answer in problem+json."""
-    title = HTTPStatus(status).phrase
+    title = title_of(status)
     if language == "fi":
         title, detail = problems_fi.TITLES.get(code, title), problems_fi.DETAILS.get(detail, detail)
     body: dict[str, Any] = {
@@ -146,23 +174,44 @@ def problem_response(
     return Response(orjson.dumps(body), status, headers, MEDIA_TYPE)
 
 
-def documented(*problems: type[Problem]) -> dict[int | str, dict[str, Any]]:
-    """The ``responses`` of a route for OpenAPI: these problems beside those that every route can give."""
-    every: tuple[type[Problem], ...] = (SignInRequired, *problems)
+def documented(*problems: type[Problem] | Problem, etag: bool = False) -> dict[int | str, dict[str, Any]]:
+    """The ``responses`` of a route for OpenAPI: these problems beside that of not being signed in.
+
+    A problem itself in place of its class is the example. `etag`: the answer has one (`responses.resource`).
+    """
+    told: dict[int | str, Any] = {}
+    others = () if any(each.status == HTTPStatus.UNAUTHORIZED for each in problems) else (SignInRequired,)
+    for problem in (*others, *problems):
+        add_problem(told, problem)
+    if etag:
+        told["304"] = {"description": NOT_MODIFIED}
+    return dict(sorted(told.items()))
+
+
+def add_problem(told: dict[int | str, Any], problem: type[Problem] | Problem) -> None:
+    """Have the ``responses`` of an operation name this problem, with an example, beside others of its status."""
+    kind = problem if isinstance(problem, type) else type(problem)
+    description = inspect.cleandoc(kind.__doc__ or "")
+    response = told.setdefault(str(int(kind.status)), {"description": description})
+    if description not in response["description"]:
+        response["description"] += f" {description}"
+    media = response.setdefault("content", {}).setdefault(MEDIA_TYPE, {"schema": {"$ref": PROBLEM_SCHEMA}})
+    media.setdefault("examples", {})[kind.code] = {"value": example_of(problem)}
+
+
+def example_of(problem: type[Problem] | Problem) -> dict[str, Any]:
+    """The body that such a problem has, but for its `instance`."""
+    detail = problem.example if isinstance(problem, type) else problem.detail
     found = {
-        int(problem.status): {
-            "model": ProblemDetails,
-            "description": (problem.__doc__ or "").strip(),
-            "content": {MEDIA_TYPE: {}},
-        }
-        for problem in every
+        "type": TYPE_BASE + problem.code,
+        "title": title_of(problem.status),
+        "status": int(problem.status),
+        "detail": detail,
+        "instance": "/",
     }
-    return {status: _as_problem_json(entry) for status, entry in sorted(found.items())}
-
-
-def _as_problem_json(entry: dict[str, Any]) -> dict[str, Any]:
-    reference = {"schema": {"$ref": "#/components/schemas/ProblemDetails"}}
-    return {"description": entry["description"], "content": {MEDIA_TYPE: reference}}
+    if isinstance(problem, Problem) and problem.errors:
+        found["errors"] = [{"path": where, "message": message} for where, message in problem.errors]
+    return found
 
 
 _CODES: Final = {404: "not-found", 405: "method-not-allowed", 413: "too-large", 400: "bad-request"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import typing
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
@@ -10,10 +11,12 @@ import orjson
 from fastapi import Request
 from fastapi.responses import Response
 
+from backend.errors import NOT_MODIFIED
 from backend.pagination import encode_cursor
 
 MEDIA_TYPE: Final = "application/geo+json"
 E7: Final = 10_000_000
+EXAMPLE: Final = {"type": "Point", "coordinates": [22.2666, 60.45189, 42.0]}
 PRIVATE: Final = "private, no-cache"
 
 Geometry = dict[str, Any] | None
@@ -105,8 +108,39 @@ def tagged(
 
 def documented(model: Any) -> dict[int | str, dict[str, Any]]:
     """The ``responses`` of a route that answers in both forms."""
-    content = {MEDIA_TYPE: {"schema": {"type": "object", "description": "Feature or FeatureCollection (RFC 7946)"}}}
-    return {200: {"model": model, "content": content}, 304: {"description": "The client has it already."}}
+    items = model.model_fields.get("items")
+    schema = schema_of(model) if items is None else collection_of(schema_of(typing.get_args(items.annotation)[0]))
+    return {200: {"model": model, "content": {MEDIA_TYPE: {"schema": schema}}}, 304: {"description": NOT_MODIFIED}}
+
+
+def schema_of(properties: Any) -> Item:
+    """The schema of a Feature with these properties: a model, or a schema."""
+    about = properties if isinstance(properties, dict) else {"$ref": f"#/components/schemas/{properties.__name__}"}
+    geometry = {"anyOf": [{"type": "object"}, {"type": "null"}], "examples": [EXAMPLE]}
+    return {
+        "type": "object",
+        "description": "Feature (RFC 7946)",
+        "required": ["type", "id", "geometry", "properties"],
+        "properties": {
+            "type": {"const": "Feature"},
+            "id": {"type": "string"},
+            "geometry": geometry,
+            "properties": about,
+        },
+    }
+
+
+def collection_of(feature: Item) -> Item:
+    """The schema of a FeatureCollection."""
+    return {
+        "type": "object",
+        "description": "FeatureCollection (RFC 7946)",
+        "required": ["type", "features"],
+        "properties": {
+            "type": {"const": "FeatureCollection"},
+            "features": {"type": "array", "items": feature},
+        },
+    }
 
 
 def _parsed(content: Any) -> Item:

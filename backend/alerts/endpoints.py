@@ -23,6 +23,7 @@ from backend.people.masking import shown_act, shown_alert
 from backend.responses import Json, page, resource
 
 router = APIRouter(tags=["alerts"], dependencies=SIGNED_IN)
+_NOT_FOUND: Final = NotFound("There is no such alert.")
 _LANGUAGE: Final = {"parameters": [HEADER]}
 AlertId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 
@@ -42,7 +43,12 @@ async def list_alerts(request: Request, person: SignedInPerson, filters: AlertFi
     )
 
 
-@router.get("/alerts/{alert_id}", response_model=AlertDetail, responses=documented(NotFound), openapi_extra=_LANGUAGE)
+@router.get(
+    "/alerts/{alert_id}",
+    response_model=AlertDetail,
+    responses=documented(_NOT_FOUND, etag=True),
+    openapi_extra=_LANGUAGE,
+)
 async def read_alert(request: Request, person: SignedInPerson, alert_id: AlertId) -> Response:
     """One alert, with what was done about it and who was told."""
     async with context_of(request).database.read() as database:
@@ -61,7 +67,7 @@ async def read_alert(request: Request, person: SignedInPerson, alert_id: AlertId
 @router.post(
     "/alerts/{alert_id}/acts",
     response_model=Alert,
-    responses=documented(Forbidden, NotFound, Conflict),
+    responses=documented(Forbidden, _NOT_FOUND, Conflict),
     openapi_extra=_LANGUAGE,
 )
 async def act_on_alert(request: Request, alert_id: AlertId, body: Act, person: SignedInPerson) -> Response:

@@ -24,6 +24,7 @@ from backend.responses import Json, page
 from wonderland.proofs.records.uavs import without_secret
 
 router = APIRouter(tags=["audit"])
+_NOT_FOUND: Final = NotFound("There is no such number of this drone.")
 SHOW_MS: Final = 60_000
 
 
@@ -47,7 +48,7 @@ async def verify_audit(request: Request, who: Administrator) -> Response:
     return Json(found.to_json(), headers={"Cache-Control": "no-store"})
 
 
-@router.post("/unmask", response_model=Unmasked, responses=documented(Forbidden, NotFound))
+@router.post("/unmask", response_model=Unmasked, responses=documented(Forbidden, _NOT_FOUND))
 async def unmask(request: Request, who: Officer, body: Unmask) -> Response:
     """Show a number that is masked everywhere else. Recorded with the reason before it is shown."""
     context = context_of(request)

@@ -20,6 +20,7 @@ class CeremonyOver(BadRequest):
     """It was answered before, took too long, or never began."""
 
     code = "ceremony-over"
+    example = "That took too long, or was answered before; begin again."
 
 
 async def begin(

@@ -10,7 +10,16 @@ from fastapi.responses import Response
 
 from backend.auth.access import Administrator
 from backend.clients import store
-from backend.clients.schemas import Client, ClientCreated, ClientPage, NewClient, TokenAnswer, TokenError
+from backend.clients.schemas import (
+    AuthorizationServer,
+    Client,
+    ClientCreated,
+    ClientPage,
+    NewClient,
+    TokenAnswer,
+    TokenError,
+    TokenKeys,
+)
 from backend.clients.scopes import SCOPES
 from backend.clients.store import ClientError
 from backend.clients.tokens import ASSERTION_ALGORITHMS, ASSERTION_TYPE, TokenDenied
@@ -22,6 +31,7 @@ from backend.responses import Json, page, resource
 
 oauth = APIRouter(tags=["tokens"])
 router = APIRouter(tags=["clients"])
+_NOT_FOUND: Final = NotFound("There is no client wl-5d0c2f6b9a7e4c1d8b3f0a62.")
 ClientId = Annotated[str, Path(pattern="^wl-[0-9a-f]{24}$")]
 MAX_FIELDS: Final = 16
 TOKENS_PER_MINUTE: Final = 60
@@ -45,10 +55,22 @@ _REQUEST_BODY: Final[dict[str, Any]] = {
 }
 
 
+def _refused(error: str, text: str) -> dict[str, Any]:
+    example = {"error": error, "error_description": text}
+    return {
+        "model": TokenError,
+        "description": "Refused as RFC 6749, 5.2 has it.",
+        "content": {"application/json": {"example": example}},
+    }
+
+
 @oauth.post(
     "/oauth/token",
     response_model=TokenAnswer,
-    responses={400: {"model": TokenError}, 401: {"model": TokenError}},
+    responses={
+        400: _refused("invalid_scope", "not given to this client: wonderland.ledger.read"),
+        401: _refused("invalid_client", "no such client, or another secret than its own"),
+    },
     openapi_extra=_REQUEST_BODY,
 )
 async def issue_token(request: Request) -> Response:
@@ -71,14 +93,14 @@ async def issue_token(request: Request) -> Response:
     return Json(answer, headers=NO_STORE)
 
 
-@oauth.get("/oauth/jwks.json")
+@oauth.get("/oauth/jwks.json", response_model=TokenKeys)
 async def read_token_keys(request: Request) -> Response:
     """The public keys of our access tokens (RFC 7517)."""
     keys = context_of(request).machines.tokens.keys.public()
     return Json(keys, headers={"Cache-Control": "public, max-age=300"})
 
 
-@oauth.get("/.well-known/oauth-authorization-server")
+@oauth.get("/.well-known/oauth-authorization-server", response_model=AuthorizationServer)
 async def read_authorization_server(request: Request) -> Response:
     """Where tokens are had and how (RFC 8414)."""
     machines = context_of(request).machines
@@ -125,7 +147,7 @@ async def add_client(request: Request, body: NewClient, person: Administrator) -
     return Json(content, 201, NO_STORE | {"Location": f"{request.url.path}/{row.client_id}"})
 
 
-@router.get("/clients/{client_id}", response_model=Client, responses=documented(Forbidden, NotFound))
+@router.get("/clients/{client_id}", response_model=Client, responses=documented(Forbidden, _NOT_FOUND, etag=True))
 async def read_client(request: Request, client_id: ClientId, _person: Administrator) -> Response:
     """A machine."""
     row = await context_of(request).clients.find(client_id)
@@ -134,7 +156,7 @@ async def read_client(request: Request, client_id: ClientId, _person: Administra
     return resource(request, store.shown(row))
 
 
-@router.delete("/clients/{client_id}", response_model=Client, responses=documented(Forbidden, NotFound))
+@router.delete("/clients/{client_id}", response_model=Client, responses=documented(Forbidden, _NOT_FOUND))
 async def revoke_client(request: Request, client_id: ClientId, person: Administrator) -> Response:
     """Revoke a machine for good: its tokens are worth nothing from now on."""
     context = context_of(request)

@@ -17,8 +17,11 @@ from backend.db.tables.clients import IdempotencyRow
 from backend.errors import BadRequest, Conflict, Unprocessable
 
 HEADER: Final = "Idempotency-Key"
+REPLAYED: Final = "Idempotency-Replayed"
 MAX_KEY: Final = 128
 KEPT_MS: Final = 86_400_000
+BAD_KEY: Final = BadRequest(f"{HEADER} is a printable text of at most {MAX_KEY} characters.")
+BUSY: Final = Conflict("The first request with this key is under way; ask again in a moment.")
 PARAMETER: Final[dict[str, Any]] = {
     "name": HEADER,
     "in": "header",
@@ -39,7 +42,7 @@ async def once(request: Request, person: Person, write: Callable[[], Awaitable[R
     if key is None:
         return await write()
     if not 0 < len(key) <= MAX_KEY or not key.isprintable():
-        raise BadRequest(f"{HEADER} is a printable text of at most {MAX_KEY} characters.")
+        raise BadRequest(BAD_KEY.detail)
     context = context_of(request)
     place = {"principal": person.person_id, "key": key}
     digest = hashlib.sha256(
@@ -83,8 +86,8 @@ def _answered(known: IdempotencyRow, digest: str) -> Response:
     if known.request_sha256 != digest:
         raise Unprocessable(f"This {HEADER} was used for another request; take a new one.")
     if known.status is None:
-        raise Conflict("The first request with this key is under way; ask again in a moment.")
-    headers = {"Idempotency-Replayed": "true", "Cache-Control": "private, no-store"}
+        raise Conflict(BUSY.detail)
+    headers = {REPLAYED: "true", "Cache-Control": "private, no-store"}
     if known.location is not None:
         headers["Location"] = known.location
     return Response(known.body or "", known.status, headers, "application/json" if known.body else None)

@@ -57,6 +57,41 @@ class Client(ApiModel):
     last_token_ms: int | None = Field(default=None, description="When it last got a token")
 
 
+class TokenKeys(ApiModel):
+    """A JWK set (RFC 7517)."""
+
+    keys: list[dict[str, Any]] = Field(
+        examples=[
+            [
+                {
+                    "kty": "EC",
+                    "crv": "P-256",
+                    "x": "f83OJ3D2xF1Bg8vub9tLe1gHMzV76e8Tus9uPHvRVEU",
+                    "y": "x_FEzRu9m36HLN_tue659LNpXW6pCyStikYjKIWI5a0",
+                    "kid": "5d0c2f6b9a7e4c1d",
+                    "use": "sig",
+                    "alg": "ES256",
+                }
+            ]
+        ]
+    )
+
+
+class AuthorizationServer(ApiModel):
+    """Metadata of an authorization server (RFC 8414)."""
+
+    issuer: str = Field(examples=["https://wonderland.example.com"])
+    token_endpoint: str = Field(examples=["https://wonderland.example.com/oauth/token"])
+    jwks_uri: str = Field(examples=["https://wonderland.example.com/oauth/jwks.json"])
+    scopes_supported: list[str] = Field(examples=[["wonderland.proofs.read", "rid.display_provider"]])
+    response_types_supported: list[str] = Field(examples=[[]])
+    grant_types_supported: list[str] = Field(examples=[["client_credentials"]])
+    token_endpoint_auth_methods_supported: list[str] = Field(examples=[["client_secret_basic", "private_key_jwt"]])
+    token_endpoint_auth_signing_alg_values_supported: list[str] = Field(examples=[["ES256", "RS256", "PS256"]])
+    tls_client_certificate_bound_access_tokens: bool
+    service_documentation: str = Field(examples=["https://wonderland.example.com/api/v1/reference"])
+
+
 class NewClient(BaseModel):
     """A machine to be registered."""
 

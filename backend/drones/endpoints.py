@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
@@ -18,6 +18,7 @@ from backend.pagination import decode_cursor
 from wonderland.proofs.records.fields import ID_PATTERN
 
 router = APIRouter(tags=["drones"], dependencies=SIGNED_IN)
+_NOT_FOUND: Final = NotFound("No drone OH-DRN-0417 is registered.")
 
 
 @router.get("/drones", response_model=DronePage, responses=documented(BadRequest) | geojson.documented(DronePage))
@@ -39,7 +40,7 @@ async def list_drones(request: Request, person: SignedInPerson, filters: DroneFi
     )
 
 
-@router.get("/drones/{uav_id}", response_model=Drone, responses=documented(NotFound) | geojson.documented(Drone))
+@router.get("/drones/{uav_id}", response_model=Drone, responses=documented(_NOT_FOUND) | geojson.documented(Drone))
 async def read_drone(
     request: Request, person: SignedInPerson, uav_id: Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=40)]
 ) -> Response:

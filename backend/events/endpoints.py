@@ -12,14 +12,15 @@ from fastapi.responses import Response, StreamingResponse
 from backend.auth.access import SignedInPerson, person_of
 from backend.auth.person import Person
 from backend.context import Context, context_of
-from backend.errors import BadRequest, Problem, TooManyRequests, documented
+from backend.errors import Problem, TooManyRequests, documented
 from backend.events import feed
-from backend.events.feed import Filter, Place
+from backend.events.feed import BAD_PLACE, Filter, Place
 from backend.events.schemas import EventFilters, EventPage
 from backend.responses import Json
 
 router = APIRouter(tags=["events"])
 STREAM: Final = "text/event-stream"
+_EXAMPLE: Final = 'id: 1042.0\nevent: ProofDecided\ndata: {"id":"1042.0","type":"ProofDecided","block":1042}\n\n'
 HEARTBEAT_S: Final = 15.0
 """Proxies close what is silent; and who may no longer look is noticed at least this often."""
 RETRY_MS: Final = 3_000
@@ -36,8 +37,8 @@ _LAST_EVENT_ID: Final[dict[str, Any]] = {
 @router.get(
     "/events",
     response_model=EventPage,
-    responses=documented(BadRequest, TooManyRequests)
-    | {200: {"model": EventPage, "content": {STREAM: {"schema": {"type": "string"}}}}},
+    responses=documented(BAD_PLACE, TooManyRequests)
+    | {200: {"model": EventPage, "content": {STREAM: {"schema": {"type": "string"}, "example": _EXAMPLE}}}},
     openapi_extra={"parameters": [_LAST_EVENT_ID]},
 )
 async def read_events(request: Request, filters: EventFilters, person: SignedInPerson) -> Response:

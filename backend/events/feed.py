@@ -19,6 +19,7 @@ from backend.people.masking import shown_uav
 
 BATCH: Final = 200
 PATTERN: Final = r"^\d{1,15}\.\d{1,9}$"
+BAD_PLACE: Final = BadRequest("An event's id is block.index, for example 1042.0; pass the last one that you have seen.")
 _PLACE: Final = re.compile(PATTERN)
 
 
@@ -33,7 +34,7 @@ class Place:
     def parse(cls, text: str) -> Self:
         """From ``block.index``. Raises `BadRequest`."""
         if _PLACE.fullmatch(text) is None:
-            raise BadRequest("An event's id is block.index, for example 1042.0; pass the last one that you have seen.")
+            raise BadRequest(BAD_PLACE.detail)
         block, _, index = text.partition(".")
         return cls(int(block), int(index))
 

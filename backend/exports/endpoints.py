@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response, StreamingResponse
@@ -11,13 +11,18 @@ from fastapi.responses import Response, StreamingResponse
 from backend.auth.access import SIGNED_IN, SignedInPerson, only
 from backend.context import context_of
 from backend.db.tables.exports import ExportRow
-from backend.errors import BadRequest, Conflict, Forbidden, NotFound, TooManyRequests, documented
+from backend.errors import BINARY, BadRequest, Conflict, Forbidden, NotFound, TooManyRequests, documented
 from backend.exports import service
 from backend.exports.schemas import Export, ExportQuery
 from backend.responses import Json
 
 router = APIRouter(prefix="/exports", tags=["exports"], dependencies=SIGNED_IN)
+_NOT_FOUND: Final = NotFound("There is no such export of yours.")
 ExportId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
+_TOO_MUCH: Final = BadRequest(
+    "About 4200000 rows are in this window, and an export has at most 1000000; take a shorter one.",
+    ("body.until_ms", "too much in this window"),
+)
 NO_STORE = {"Cache-Control": "private, no-store"}
 
 
@@ -25,7 +30,7 @@ NO_STORE = {"Cache-Control": "private, no-store"}
     "",
     status_code=201,
     response_model=Export,
-    responses=documented(BadRequest, Forbidden),
+    responses=documented(_TOO_MUCH, Forbidden),
     dependencies=[only("admin", "inspector", "pad_operator", "fleet_operator")],
 )
 async def prepare_export(request: Request, query: ExportQuery, person: SignedInPerson) -> Response:
@@ -34,7 +39,7 @@ async def prepare_export(request: Request, query: ExportQuery, person: SignedInP
     return Json(_shown(row), status_code=201, headers=NO_STORE)
 
 
-@router.get("/{export_id}", response_model=Export, responses=documented(NotFound))
+@router.get("/{export_id}", response_model=Export, responses=documented(_NOT_FOUND))
 async def read_export(request: Request, export_id: ExportId, person: SignedInPerson) -> Response:
     """How far one's own export has come."""
     return Json(_shown(await service.find(context_of(request), person, export_id)), headers=NO_STORE)
@@ -43,7 +48,10 @@ async def read_export(request: Request, export_id: ExportId, person: SignedInPer
 @router.get(
     "/{export_id}/file",
     response_class=StreamingResponse,
-    responses=documented(NotFound, Conflict, TooManyRequests),
+    responses=documented(
+        _NOT_FOUND, Conflict("This export has been fetched already; prepare it again."), TooManyRequests
+    )
+    | {200: {"content": {"application/zip": {"schema": BINARY}}}},
 )
 async def fetch_export(request: Request, export_id: ExportId, person: SignedInPerson) -> Response:
     """The archive (application/zip), once: the data's files and `manifest.json` with their SHA-256."""

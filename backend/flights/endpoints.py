@@ -20,6 +20,7 @@ from backend.flights.schemas import Flight, FlightFilters, FlightPage
 from backend.pagination import decode_cursor
 
 router = APIRouter(tags=["flights"])
+_NOT_FOUND: Final = NotFound("There is no such flight; they are kept as long as positions are.")
 MAX_PATH: Final = 5_000
 FlightId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 
@@ -43,7 +44,9 @@ async def list_flights(request: Request, filters: FlightFilters, person: SignedI
     )
 
 
-@router.get("/flights/{flight_id}", response_model=Flight, responses=documented(NotFound) | geojson.documented(Flight))
+@router.get(
+    "/flights/{flight_id}", response_model=Flight, responses=documented(_NOT_FOUND) | geojson.documented(Flight)
+)
 async def read_flight(request: Request, flight_id: FlightId, person: SignedInPerson) -> Response:
     """One flight. As GeoJSON it is the line of its first 5,000 positions; as JSON they are at `/tracks/{uav_id}`."""
     context = context_of(request)

@@ -11,7 +11,7 @@ from fastapi.responses import Response
 from backend import audit
 from backend.auth.access import SIGNED_IN, Officer, SignedInPerson, person_of
 from backend.context import context_of
-from backend.errors import BadRequest, Forbidden, LedgerAway, NotFound, documented
+from backend.errors import BINARY, BadRequest, Forbidden, LedgerAway, NotFound, documented
 from backend.filters import Paging
 from backend.ledger import contents, queries
 from backend.ledger.schemas import (
@@ -38,7 +38,12 @@ async def read_health() -> Response:
     return Json({"status": "ok"}, headers={"Cache-Control": "no-store"})
 
 
-@public.get("/metrics", responses=documented(), response_class=Response)
+@public.get(
+    "/metrics",
+    response_class=Response,
+    responses=documented()
+    | {200: {"content": {"text/plain": {"schema": {"type": "string"}, "example": "wonderland_mirror_block 1042\n"}}}},
+)
 async def read_metrics(request: Request) -> Response:
     """Metrics in Prometheus's text format, for whoever is signed in or bears the metrics token."""
     context = context_of(request)
@@ -67,7 +72,7 @@ async def list_blocks(request: Request, paging: Paging) -> Response:
     return page(((row, queries.shown_block(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.number,))
 
 
-@router.get("/blocks/{number}", response_model=LedgerBlockDetail, responses=documented(NotFound))
+@router.get("/blocks/{number}", response_model=LedgerBlockDetail, responses=documented(NotFound, etag=True))
 async def read_block(
     request: Request, person: SignedInPerson, number: Annotated[int, Path(ge=0, le=MAX_BLOCK)]
 ) -> Response:
@@ -83,7 +88,8 @@ async def read_block(
 @router.get(
     "/blocks/{number}/data",
     response_class=Response,
-    responses=documented(Forbidden, NotFound, LedgerAway) | {200: {"content": {"application/octet-stream": {}}}},
+    responses=documented(Forbidden, NotFound, LedgerAway)
+    | {200: {"content": {"application/octet-stream": {"schema": BINARY}}}},
 )
 async def read_block_data(
     request: Request, person: Officer, number: Annotated[int, Path(ge=0, le=MAX_BLOCK)]
@@ -103,7 +109,7 @@ async def read_block_data(
 @router.get(
     "/transactions/{tx_id}/contents",
     response_model=TransactionContents,
-    responses=documented(Forbidden, NotFound, LedgerAway),
+    responses=documented(Forbidden, NotFound, LedgerAway, etag=True),
 )
 async def read_transaction_contents(
     request: Request,
@@ -126,7 +132,7 @@ async def read_transaction_contents(
     return resource(request, contents.transaction_contents(block, row.tx_index))
 
 
-@router.get("/transactions/{tx_id}", response_model=LedgerTransactionDetail, responses=documented(NotFound))
+@router.get("/transactions/{tx_id}", response_model=LedgerTransactionDetail, responses=documented(NotFound, etag=True))
 async def read_transaction(
     request: Request,
     person: SignedInPerson,

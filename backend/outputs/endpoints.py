@@ -19,7 +19,18 @@ from backend.uspace.tokens import ScopeMissing
 
 router = APIRouter(tags=["picture"])
 _SCOPES: Final[dict[Kind, str]] = {"claim": TRACKS, "estimate": TRACKS, "verdict": PROOFS}
-_CONTENT: Final = {geojson.MEDIA_TYPE: {"schema": {"type": "object", "description": "FeatureCollection (RFC 7946)"}}}
+_PROPERTIES: Final = {
+    "type": "object",
+    "required": ["kind", "verified", "uav_id"],
+    "properties": {
+        "kind": {"enum": list(KINDS)},
+        "verified": {"type": "boolean", "description": "Whether it is of the ledger: verdicts alone are"},
+        "uav_id": {"type": "string"},
+    },
+    "description": "With the fields of a Track, of an estimate or of a Verdict",
+    "examples": [{"kind": "claim", "verified": False, "uav_id": "OH-DRN-0417", "t_ms": 1_800_000_000_000}],
+}
+_CONTENT: Final = {geojson.MEDIA_TYPE: {"schema": geojson.collection_of(geojson.schema_of(_PROPERTIES))}}
 
 Tell = Annotated[
     list[Kind] | None, Query(max_length=len(KINDS), description="Which things; by default all that you may")
@@ -29,7 +40,7 @@ Tell = Annotated[
 @router.get(
     "/picture",
     response_class=Response,
-    responses=documented() | {200: {"content": _CONTENT}, 304: {"description": "The client has it already."}},
+    responses=documented(etag=True) | {200: {"content": _CONTENT}},
 )
 async def read_picture(request: Request, person: SignedInPerson, tell: Tell = None) -> Response:
     """What is known of each drone now: where it says it is, where a pad sees it, what the ledger decided last.

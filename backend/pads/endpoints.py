@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
@@ -19,6 +19,7 @@ from backend.pagination import decode_cursor
 from wonderland.proofs.records.fields import ID_PATTERN
 
 router = APIRouter(tags=["pads"], dependencies=SIGNED_IN)
+_NOT_FOUND: Final = NotFound("No pad aurajoki-2 is registered.")
 
 
 @router.get("/pads", response_model=PadPage, responses=documented(BadRequest) | geojson.documented(PadPage))
@@ -39,7 +40,7 @@ async def list_pads(request: Request, person: SignedInPerson, filters: PadFilter
     return geojson.page(request, items, filters.limit, cursor_of=lambda row: (row.pad_id,), id_of=_id)
 
 
-@router.get("/pads/{pad_id}", response_model=Pad, responses=documented(NotFound) | geojson.documented(Pad))
+@router.get("/pads/{pad_id}", response_model=Pad, responses=documented(_NOT_FOUND) | geojson.documented(Pad))
 async def read_pad(
     request: Request, person: SignedInPerson, pad_id: Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)]
 ) -> Response:

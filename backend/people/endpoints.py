@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
@@ -26,6 +28,7 @@ from backend.people.schemas import (
 from backend.responses import Json
 
 router = APIRouter(tags=["people"])
+_NOT_FOUND: Final = NotFound("There is no such person.")
 NO_STORE = {"Cache-Control": "no-store"}
 
 
@@ -50,13 +53,13 @@ async def invite_person(request: Request, who: Administrator, body: Invitation) 
     return _made(context, person, token, 201)
 
 
-@router.get("/people/{person_id}", response_model=PersonDetail, responses=documented(Forbidden, NotFound))
+@router.get("/people/{person_id}", response_model=PersonDetail, responses=documented(Forbidden, _NOT_FOUND))
 async def read_person(request: Request, who: Administrator, person_id: PersonIdPath) -> Response:
     """A person, with how and where they sign in."""
     return await _detail(context_of(request), who, person_id)
 
 
-@router.patch("/people/{person_id}", response_model=PersonDetail, responses=documented(Forbidden, NotFound, Conflict))
+@router.patch("/people/{person_id}", response_model=PersonDetail, responses=documented(Forbidden, _NOT_FOUND, Conflict))
 async def change_person(request: Request, who: Administrator, person_id: PersonIdPath, body: PersonChange) -> Response:
     """Change name, address, roles or organisation; suspend and restore. Takes effect at once."""
     context = context_of(request)
@@ -70,7 +73,7 @@ async def change_person(request: Request, who: Administrator, person_id: PersonI
     return await _detail(context, who, person_id)
 
 
-@router.delete("/people/{person_id}", status_code=204, responses=documented(Forbidden, NotFound, Conflict))
+@router.delete("/people/{person_id}", status_code=204, responses=documented(Forbidden, _NOT_FOUND, Conflict))
 async def withdraw_invitation(request: Request, who: Administrator, person_id: PersonIdPath) -> Response:
     """Take an invitation back that nobody has accepted."""
     context = context_of(request)
@@ -83,7 +86,7 @@ async def withdraw_invitation(request: Request, who: Administrator, person_id: P
     "/people/{person_id}/link",
     response_model=LinkMade,
     status_code=201,
-    responses=documented(Forbidden, NotFound, Conflict),
+    responses=documented(Forbidden, _NOT_FOUND, Conflict),
 )
 async def make_link(request: Request, who: Administrator, person_id: PersonIdPath) -> Response:
     """Another link: for an invitation that has not been accepted, or for somebody who cannot sign in any more.
@@ -105,7 +108,7 @@ async def make_link(request: Request, who: Administrator, person_id: PersonIdPat
 @router.delete(
     "/people/{person_id}/sign-ins/{sign_in_id}",
     response_model=PersonDetail,
-    responses=documented(Forbidden, NotFound),
+    responses=documented(Forbidden, _NOT_FOUND),
 )
 async def end_sign_in(
     request: Request, who: Administrator, person_id: PersonIdPath, sign_in_id: SignInIdPath

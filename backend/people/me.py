@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
@@ -24,6 +26,7 @@ from backend.people.schemas import (
 from backend.responses import Json
 
 router = APIRouter(tags=["people"])
+_NO_PASSKEY: Final = NotFound("You have no such passkey.")
 NO_STORE = {"Cache-Control": "no-store"}
 
 
@@ -33,7 +36,11 @@ async def read_me(request: Request, me: SignedInPerson) -> Response:
     return await _me(context_of(request), me)
 
 
-@router.post("/me/passkeys/options", response_model=Challenge, responses=documented(Conflict))
+@router.post(
+    "/me/passkeys/options",
+    response_model=Challenge,
+    responses=documented(Conflict("There are 20 passkeys already; remove one first.")),
+)
 async def ask_passkey(request: Request, me: SignedInPerson) -> Response:
     """What the browser needs to make another passkey."""
     context = context_of(request)
@@ -42,7 +49,15 @@ async def ask_passkey(request: Request, me: SignedInPerson) -> Response:
     return Json(found, headers=NO_STORE)
 
 
-@router.post("/me/passkeys", response_model=PersonDetail, responses=documented(BadRequest, CeremonyOver, Conflict))
+@router.post(
+    "/me/passkeys",
+    response_model=PersonDetail,
+    responses=documented(
+        BadRequest("The browser's answer is not a passkey that can be kept: the signature is wrong."),
+        CeremonyOver,
+        Conflict("This passkey is known here already."),
+    ),
+)
 async def add_passkey(request: Request, me: SignedInPerson, body: NewPasskey) -> Response:
     """Keep the passkey that the browser has made."""
     context = context_of(request)
@@ -57,7 +72,7 @@ async def add_passkey(request: Request, me: SignedInPerson, body: NewPasskey) ->
     return await _me(context, me)
 
 
-@router.patch("/me/passkeys/{credential_id}", response_model=PersonDetail, responses=documented(NotFound))
+@router.patch("/me/passkeys/{credential_id}", response_model=PersonDetail, responses=documented(_NO_PASSKEY))
 async def rename_passkey(
     request: Request, me: SignedInPerson, credential_id: PasskeyIdPath, body: PasskeyName
 ) -> Response:
@@ -68,7 +83,11 @@ async def rename_passkey(
     return await _me(context, me)
 
 
-@router.delete("/me/passkeys/{credential_id}", response_model=PersonDetail, responses=documented(NotFound, Conflict))
+@router.delete(
+    "/me/passkeys/{credential_id}",
+    response_model=PersonDetail,
+    responses=documented(_NO_PASSKEY, Conflict("This is your only way to sign in; add another passkey first.")),
+)
 async def remove_passkey(request: Request, me: SignedInPerson, credential_id: PasskeyIdPath) -> Response:
     """Forget a passkey; not the last way in."""
     context = context_of(request)
@@ -77,7 +96,11 @@ async def remove_passkey(request: Request, me: SignedInPerson, credential_id: Pa
     return await _me(context, me)
 
 
-@router.delete("/me/sign-ins/{sign_in_id}", response_model=PersonDetail, responses=documented(NotFound))
+@router.delete(
+    "/me/sign-ins/{sign_in_id}",
+    response_model=PersonDetail,
+    responses=documented(NotFound("This sign-in has ended already.")),
+)
 async def end_own_sign_in(request: Request, me: SignedInPerson, sign_in_id: SignInIdPath) -> Response:
     """Sign another of one's browsers out."""
     context = context_of(request)

@@ -41,6 +41,7 @@ class ProviderAway(Problem):
     """The OpenID provider cannot be asked just now."""
 
     status, code = HTTPStatus.BAD_GATEWAY, "provider-away"
+    example = "The OpenID provider cannot be asked just now; try again, or use a passkey."
 
 
 class _RefusedError(Exception):
@@ -66,7 +67,12 @@ class OidcStart(ApiModel):
     "/sign-in/oidc",
     response_model=OidcStart,
     dependencies=_COUNTED,
-    responses=documented(BadRequest, NotFound, ProviderAway, TooManyRequests),
+    responses=documented(
+        BadRequest("This link signs in at once; it is not for linking an identity."),
+        NotFound("No OpenID provider is set up here."),
+        ProviderAway,
+        TooManyRequests,
+    ),
 )
 async def start_oidc(request: Request, body: OidcQuestion) -> Response:
     """Begin to sign in by the OpenID provider; the answer comes to the callback, in this browser only."""

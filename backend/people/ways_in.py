@@ -148,7 +148,7 @@ async def look_at_link(request: Request, body: LinkQuestion) -> Response:
     "/sign-in/link/passkey/options",
     response_model=Challenge,
     dependencies=_COUNTED,
-    responses=documented(BadRequest, TooManyRequests),
+    responses=documented(BadRequest("This link signs in at once; it is not for making a passkey."), TooManyRequests),
 )
 async def ask_link_passkey(request: Request, body: LinkAcceptance) -> Response:
     """What the browser needs to make a passkey for the link's person."""
@@ -167,7 +167,12 @@ async def ask_link_passkey(request: Request, body: LinkAcceptance) -> Response:
     "/sign-in/link/passkey",
     response_model=SignedIn,
     dependencies=_COUNTED,
-    responses=documented(BadRequest, CeremonyOver, Conflict, TooManyRequests),
+    responses=documented(
+        BadRequest("The browser's answer is not a passkey that can be kept: the signature is wrong."),
+        CeremonyOver,
+        Conflict("This server has been set up already; ask an administrator for an invitation."),
+        TooManyRequests,
+    ),
 )
 async def accept_link_by_passkey(request: Request, body: LinkAnswer) -> Response:
     """Spend the link: from now on the new passkey signs its person in, and does so at once."""

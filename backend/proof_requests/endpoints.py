@@ -24,6 +24,8 @@ from backend.responses import Json, page, resource
 from backend.webhooks import store as webhooks
 
 router = APIRouter(tags=["proof requests"])
+_NOT_FOUND: Final = NotFound("There is no such request.")
+_SETTLED: Final = Conflict("This request is fulfilled; only a pending one can be taken back.")
 RequestId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 NO_STORE: Final = {"Cache-Control": "private, no-store"}
 _ONCE: Final[dict[str, Any]] = {"parameters": [idempotency.PARAMETER]}
@@ -33,7 +35,9 @@ _ONCE: Final[dict[str, Any]] = {"parameters": [idempotency.PARAMETER]}
     "/proof-requests",
     status_code=201,
     response_model=ProofRequest,
-    responses=documented(BadRequest, Forbidden, NotFound, Conflict, Unprocessable),
+    responses=documented(
+        idempotency.BAD_KEY, Forbidden, NotFound("No drone OH-DRN-0417 is registered."), idempotency.BUSY, Unprocessable
+    ),
     openapi_extra=_ONCE,
 )
 async def add_proof_request(request: Request, body: NewProofRequest, person: SignedInPerson) -> Response:
@@ -108,7 +112,7 @@ async def list_proof_requests(request: Request, filters: ProofRequestFilters, pe
     return page(items, filters.limit, cursor_of=lambda row: (row.created_ms, row.request_id))
 
 
-@router.get("/proof-requests/{request_id}", response_model=ProofRequest, responses=documented(NotFound))
+@router.get("/proof-requests/{request_id}", response_model=ProofRequest, responses=documented(_NOT_FOUND, etag=True))
 async def read_proof_request(request: Request, request_id: RequestId, person: SignedInPerson) -> Response:
     """What has become of a request."""
     context = context_of(request)
@@ -121,7 +125,7 @@ async def read_proof_request(request: Request, request_id: RequestId, person: Si
 
 
 @router.delete(
-    "/proof-requests/{request_id}", response_model=ProofRequest, responses=documented(Forbidden, NotFound, Conflict)
+    "/proof-requests/{request_id}", response_model=ProofRequest, responses=documented(Forbidden, _NOT_FOUND, _SETTLED)
 )
 async def cancel_proof_request(request: Request, request_id: RequestId, person: SignedInPerson) -> Response:
     """Take a request back, as long as the drone has not asked. Whoever made it may, and the authority."""

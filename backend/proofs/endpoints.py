@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
@@ -17,6 +17,7 @@ from backend.proofs import queries
 from backend.proofs.schemas import Proof, ProofFilters, ProofPage
 
 router = APIRouter(tags=["proofs"])
+_NOT_FOUND: Final = NotFound("No proof with this id is on the ledger, as far as it was mirrored.")
 ProofId = Annotated[str, Path(pattern="^[0-9a-f]{64}$", description="Transaction id of the request")]
 _LANGUAGES: dict[str, Any] = {"parameters": [HEADER]}
 
@@ -49,7 +50,7 @@ async def list_proofs(request: Request, filters: ProofFilters, person: SignedInP
 @router.get(
     "/proofs/{proof_id}",
     response_model=Proof,
-    responses=documented(NotFound) | geojson.documented(Proof),
+    responses=documented(_NOT_FOUND) | geojson.documented(Proof),
     openapi_extra=_LANGUAGES,
 )
 async def read_proof(request: Request, proof_id: ProofId, person: SignedInPerson) -> Response:

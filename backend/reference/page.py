@@ -159,14 +159,19 @@ def _answer(status: str, response: Mapping[str, Any]) -> str:
         f'<p class="quiet"><code>{escape(media_type)}</code></p>{_example(media)}'
         for media_type, media in response.get("content", {}).items()
     )
-    return f'<details class="answer"><summary>{head}</summary>{examples}</details>'
+    names = ", ".join(f"<code>{escape(name)}</code>" for name in response.get("headers", ()))
+    headers = f'<p class="quiet">Headers: {names}</p>' if names else ""
+    return f'<details class="answer"><summary>{head}</summary>{headers}{examples}</details>'
 
 
 def _example(media: Mapping[str, Any]) -> str:
-    if media.get("example") is None:
-        return ""
-    text = json.dumps(media["example"], indent=2, ensure_ascii=False)
-    return f'<pre tabindex="0">{escape(text)}</pre>'
+    several = [each["value"] for each in media.get("examples", {}).values()]
+    texts = [
+        each if isinstance(each, str) else json.dumps(each, indent=2, ensure_ascii=False)
+        for each in (several or [media.get("example")])
+        if each is not None
+    ]
+    return "".join(f'<pre tabindex="0">{escape(text)}</pre>' for text in texts)
 
 
 def _row(name: str, text: str) -> str:

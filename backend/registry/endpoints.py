@@ -72,7 +72,11 @@ async def list_registry_drones(request: Request, filters: DroneFilters, person: 
     )
 
 
-@router.get("/drones/{uav_id}", response_model=RegistryDroneDetail, responses=documented(NotFound))
+@router.get(
+    "/drones/{uav_id}",
+    response_model=RegistryDroneDetail,
+    responses=documented(NotFound("No drone OH-DRN-0417 is registered."), etag=True),
+)
 async def read_registry_drone(request: Request, uav_id: UavId, person: SignedInPerson) -> Response:
     """A drone and its authorisations, each with the version that a change names as seen."""
     context = context_of(request)
@@ -107,7 +111,11 @@ async def list_policies(request: Request) -> Response:
         return resource(request, {"policies": await queries.policies(database, "*")})
 
 
-@router.get("/pads/{pad_id}", response_model=RegistryPadDetail, responses=documented(NotFound))
+@router.get(
+    "/pads/{pad_id}",
+    response_model=RegistryPadDetail,
+    responses=documented(NotFound("No pad aurajoki-2 is registered."), etag=True),
+)
 async def read_registry_pad(request: Request, pad_id: PadId, person: SignedInPerson) -> Response:
     """A pad and the policies that hold there, each with the version that a change names as seen."""
     async with context_of(request).database.read() as database:
@@ -124,7 +132,7 @@ async def read_registry_pad(request: Request, pad_id: PadId, person: SignedInPer
 @router.post(
     "/imports/{kind}",
     response_model=ImportCheck,
-    responses=documented(BadRequest, NotFound),
+    responses=documented(BadRequest("The file has no first line with the names of its columns.")),
     openapi_extra={
         "requestBody": {
             "required": True,

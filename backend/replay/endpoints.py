@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from fastapi import APIRouter, Request
 from fastapi.responses import Response, StreamingResponse
 
@@ -24,6 +26,8 @@ from backend.sessions.endpoints import SessionIdPath
 from backend.sessions.schemas import SessionDetail
 
 router = APIRouter(prefix="/replay", tags=["replay"], dependencies=SIGNED_IN)
+_NOT_FOUND: Final = NotFound("Nothing was known of such a session at that time.")
+_END: Final = '{"type":"end","t_ms":1800000000000,"complete":true}\n'
 NO_STORE = {"Cache-Control": "private, no-store"}
 
 
@@ -35,7 +39,12 @@ async def past_state(request: Request, query: AtMoment, person: SignedInPerson) 
     return Json(content, headers=NO_STORE)
 
 
-@router.get("/frames", response_class=StreamingResponse, responses=documented())
+@router.get(
+    "/frames",
+    response_class=StreamingResponse,
+    responses=documented()
+    | {200: {"content": {"application/x-ndjson": {"schema": {"type": "string"}, "example": _END}}}},
+)
 async def past_frames(request: Request, query: FramesWanted, person: SignedInPerson) -> Response:
     """A span of the past as the live interface's frames, one JSON object a line (application/x-ndjson).
 
@@ -75,7 +84,7 @@ async def past_refusal(request: Request, query: RefusalWanted, person: SignedInP
     return Json({} if found is None else {"found": found}, headers=NO_STORE)
 
 
-@router.get("/sessions/{session_id}", response_model=SessionDetail, responses=documented(NotFound))
+@router.get("/sessions/{session_id}", response_model=SessionDetail, responses=documented(_NOT_FOUND))
 async def past_session(
     request: Request, session_id: SessionIdPath, query: AtMoment, person: SignedInPerson
 ) -> Response:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import orjson
 from fastapi import APIRouter, Path, Request
@@ -25,6 +25,7 @@ from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import Verdict
 
 router = APIRouter(tags=["sessions"], dependencies=SIGNED_IN)
+_NOT_FOUND: Final = NotFound("No session with this id is on the ledger, as far as it was mirrored.")
 FINDINGS_BEFORE_MS = 60_000
 """A drone's broadcasts are looked at from this long before its request."""
 MAX_FINDINGS = 100
@@ -45,7 +46,7 @@ async def list_sessions(request: Request, person: SignedInPerson, filters: Sessi
     )
 
 
-@router.get("/sessions/{session_id}", response_model=SessionDetail, responses=documented(NotFound))
+@router.get("/sessions/{session_id}", response_model=SessionDetail, responses=documented(_NOT_FOUND, etag=True))
 async def read_session(request: Request, person: SignedInPerson, session_id: SessionIdPath) -> Response:
     """All that is known of a session: its record, verdict, steps, transactions, evidence."""
     async with context_of(request).database.read() as database:
@@ -84,7 +85,7 @@ async def read_session(request: Request, person: SignedInPerson, session_id: Ses
     return resource(request, content)
 
 
-@router.get("/sessions/{session_id}/course", response_model=Course, responses=documented(NotFound))
+@router.get("/sessions/{session_id}/course", response_model=Course, responses=documented(_NOT_FOUND, etag=True))
 async def read_course(request: Request, person: SignedInPerson, session_id: SessionIdPath) -> Response:
     """How the likelihood of each claim went with the rounds, against both thresholds."""
     async with context_of(request).database.read() as database:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from base64 import urlsafe_b64decode
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Path, Query, Request
 from fastapi.responses import Response
@@ -31,6 +31,17 @@ from backend.transactions.schemas import (
 from backend.transactions.service import Signing
 
 router = APIRouter(tags=["signing"])
+_NOT_FOUND: Final = NotFound("You have no such transaction under way here.")
+_SETTLED: Final = Conflict("It was proposed too long ago to be signed now; begin again.")
+_BAD_SIGNATURE: Final = BadRequest("The signature is no base64url.", ("body.signature", "not base64url"))
+_BAD_ARGUMENT: Final = BadRequest(
+    "SuspendUav: reason: at least 1 character", ("body.argument.reason", "at least 1 character")
+)
+_BAD_KEY: Final = BadRequest(
+    "The key does not fit the certificate: the signature is another key's.",
+    ("body.signature", "the signature is another key's"),
+)
+_BAD_REQUEST: Final = BadRequest("The request is no PKCS#10 in PEM.", ("body.request", "no PKCS#10 in PEM"))
 NO_STORE = {"Cache-Control": "private, no-store"}
 Signer = Annotated[Person, Depends(allowed("admin", "inspector", "pad_operator", "fleet_operator"))]
 """Whoever may have a key at all; the ledger decides what it may do."""
@@ -62,7 +73,7 @@ async def read_signing_place(request: Request, person: Signer) -> Response:
 
 
 @router.post(
-    "/signing-keys", response_model=SigningKey, status_code=201, responses=documented(BadRequest, Forbidden, Conflict)
+    "/signing-keys", response_model=SigningKey, status_code=201, responses=documented(_BAD_KEY, Forbidden, Conflict)
 )
 async def bring_signing_key(request: Request, body: BringKey, person: Signer) -> Response:
     """Bind a certificate whose key the browser has, by a signature over the challenge."""
@@ -75,7 +86,7 @@ async def bring_signing_key(request: Request, body: BringKey, person: Signer) ->
     "/signing-keys/enrol",
     response_model=SigningKey,
     status_code=201,
-    responses=documented(BadRequest, Forbidden, Conflict, LedgerAway),
+    responses=documented(_BAD_REQUEST, Forbidden, Conflict, LedgerAway),
 )
 async def enrol_signing_key(request: Request, body: EnrolKey, person: Signer) -> Response:
     """Have an organisation's CA certify the browser's key; the secret is passed on, and kept nowhere."""
@@ -92,7 +103,12 @@ async def enrol_signing_key(request: Request, body: EnrolKey, person: Signer) ->
     "/signing-keys/demo",
     response_model=SigningKey,
     status_code=201,
-    responses=documented(BadRequest, Forbidden, NotFound, LedgerAway),
+    responses=documented(
+        _BAD_REQUEST,
+        Forbidden,
+        NotFound("This is no demo: enrol with a secret from your organisation's CA."),
+        LedgerAway,
+    ),
 )
 async def enrol_demo_key(request: Request, body: DemoKey, person: Signer) -> Response:
     """In a demo only: a certificate for a role, at a click."""
@@ -125,7 +141,7 @@ async def list_proposals(request: Request, person: Signer, limit: Annotated[int,
     "/transactions/proposals",
     response_model=SignedTransaction,
     status_code=201,
-    responses=documented(BadRequest, Forbidden, TooManyRequests, LedgerAway),
+    responses=documented(_BAD_ARGUMENT, Forbidden, TooManyRequests, LedgerAway),
 )
 async def propose_transaction(request: Request, body: Propose, person: Signer) -> Response:
     """Begin a change: the bytes to sign come back in `to_sign`."""
@@ -137,7 +153,7 @@ async def propose_transaction(request: Request, body: Propose, person: Signer) -
 
 
 @router.get(
-    "/transactions/proposals/{tx_id}", response_model=SignedTransaction, responses=documented(Forbidden, NotFound)
+    "/transactions/proposals/{tx_id}", response_model=SignedTransaction, responses=documented(Forbidden, _NOT_FOUND)
 )
 async def read_proposal(request: Request, tx_id: TxId, person: Signer) -> Response:
     """How far it is."""
@@ -147,7 +163,7 @@ async def read_proposal(request: Request, tx_id: TxId, person: Signer) -> Respon
 @router.post(
     "/transactions/proposals/{tx_id}/endorse",
     response_model=SignedTransaction,
-    responses=documented(BadRequest, Forbidden, NotFound, Conflict, LedgerAway),
+    responses=documented(_BAD_SIGNATURE, Forbidden, _NOT_FOUND, _SETTLED, LedgerAway),
 )
 async def endorse_transaction(request: Request, tx_id: TxId, body: Signature, person: Signer) -> Response:
     """Signed once: peers run it. Endorsed, it has the next bytes in `to_sign`; refused, it says by whom and why."""
@@ -160,7 +176,7 @@ async def endorse_transaction(request: Request, tx_id: TxId, body: Signature, pe
     "/transactions/proposals/{tx_id}/submit",
     response_model=SignedTransaction,
     status_code=202,
-    responses=documented(BadRequest, Forbidden, NotFound, Conflict),
+    responses=documented(_BAD_SIGNATURE, Forbidden, _NOT_FOUND, _SETTLED),
 )
 async def submit_transaction(request: Request, tx_id: TxId, body: SubmitAgain, person: Signer) -> Response:
     """Signed twice: to the ledger. Ask for its state until that is an outcome; it cannot take effect twice."""

@@ -24,6 +24,7 @@ class ProviderAway(Problem):
     """Another system, which has the answer, cannot be asked just now."""
 
     status, code = HTTPStatus.BAD_GATEWAY, "provider-away"
+    example = "The flight's provider cannot be asked: uss.example.com does not answer."
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,7 @@ class TokenRefused(Problem):
     """There is no token, or it is not one to believe."""
 
     status, code = HTTPStatus.UNAUTHORIZED, "invalid-token"
+    example = "The token has expired."
 
     def __init__(self, detail: str, *, said: bool = True) -> None:
         challenge = f'Bearer realm="wonderland", error="invalid_token", error_description="{_quoted(detail)}"'
@@ -56,6 +57,7 @@ class ScopeMissing(Problem):
     """The token is good, but not for this."""
 
     status, code = HTTPStatus.FORBIDDEN, "insufficient-scope"
+    example = "The token lacks the scope rid.display_provider."
 
     def __init__(self, wanted: Iterable[str]) -> None:
         names = " ".join(sorted(wanted))

@@ -35,10 +35,14 @@ from backend.webhooks.schemas import (
 from backend.webhooks.targets import TargetRefused, resolved
 
 router = APIRouter(tags=["subscriptions"])
+_NOT_FOUND: Final = NotFound("There is no such subscription.")
 MAX_EACH: Final = 20
 SubscriptionIdPath = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 DeliveryIdPath = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 NO_STORE: Final = {"Cache-Control": "private, no-store"}
+_BAD_URL: Final = Unprocessable(
+    "url: 10.0.0.7 is no address of the Internet.", ("body.url", "10.0.0.7 is no address of the Internet")
+)
 _ONCE: Final[dict[str, Any]] = {"parameters": [idempotency.PARAMETER]}
 
 
@@ -56,7 +60,9 @@ async def list_subscriptions(request: Request, paging: Paging, person: SignedInP
     "/subscriptions",
     status_code=201,
     response_model=SubscriptionCreated,
-    responses=documented(BadRequest, Forbidden, Conflict, Unprocessable),
+    responses=documented(
+        idempotency.BAD_KEY, Forbidden, Conflict(f"Each may have {MAX_EACH} subscriptions; remove one first."), _BAD_URL
+    ),
     openapi_extra=_ONCE,
 )
 async def add_subscription(request: Request, body: NewSubscription, person: SignedInPerson) -> Response:
@@ -105,7 +111,9 @@ async def _add(context: Context, body: NewSubscription, person: Person) -> Respo
     return Json(content, 201, NO_STORE | {"Location": f"/api/v1/subscriptions/{row['subscription_id']}"})
 
 
-@router.get("/subscriptions/{subscription_id}", response_model=Subscription, responses=documented(NotFound))
+@router.get(
+    "/subscriptions/{subscription_id}", response_model=Subscription, responses=documented(_NOT_FOUND, etag=True)
+)
 async def read_subscription(request: Request, subscription_id: SubscriptionIdPath, person: SignedInPerson) -> Response:
     """A webhook."""
     async with context_of(request).database.read() as database:
@@ -114,7 +122,7 @@ async def read_subscription(request: Request, subscription_id: SubscriptionIdPat
 
 
 @router.patch(
-    "/subscriptions/{subscription_id}", response_model=Subscription, responses=documented(Forbidden, NotFound)
+    "/subscriptions/{subscription_id}", response_model=Subscription, responses=documented(Forbidden, _NOT_FOUND)
 )
 async def change_subscription(
     request: Request, subscription_id: SubscriptionIdPath, body: ChangedSubscription, person: SignedInPerson
@@ -132,7 +140,7 @@ async def change_subscription(
     return Json(store.shown(row), headers=NO_STORE)
 
 
-@router.delete("/subscriptions/{subscription_id}", status_code=204, responses=documented(Forbidden, NotFound))
+@router.delete("/subscriptions/{subscription_id}", status_code=204, responses=documented(Forbidden, _NOT_FOUND))
 async def remove_subscription(
     request: Request, subscription_id: SubscriptionIdPath, person: SignedInPerson
 ) -> Response:
@@ -150,7 +158,7 @@ async def remove_subscription(
 @router.get(
     "/subscriptions/{subscription_id}/deliveries",
     response_model=DeliveryPage,
-    responses=documented(BadRequest, NotFound),
+    responses=documented(BadRequest, _NOT_FOUND),
 )
 async def list_deliveries(
     request: Request, subscription_id: SubscriptionIdPath, filters: DeliveryFilters, person: SignedInPerson
@@ -174,7 +182,13 @@ async def list_deliveries(
     "/subscriptions/{subscription_id}/deliveries/{delivery_id}/redeliver",
     status_code=202,
     response_model=WebhookDelivery,
-    responses=documented(BadRequest, Forbidden, NotFound, Conflict, Unprocessable),
+    responses=documented(
+        idempotency.BAD_KEY,
+        Forbidden,
+        NotFound("There is no such delivery; they are kept for two weeks."),
+        idempotency.BUSY,
+        Unprocessable,
+    ),
     openapi_extra=_ONCE,
 )
 async def redeliver(

@@ -48,16 +48,41 @@ from wonderland.proofs.records.fields import ID_PATTERN
 router = APIRouter(tags=["zones"])
 service = APIRouter(tags=["geo-awareness"])
 _LANGUAGE: Final = {"parameters": [HEADER]}
+_ED318: Final = geojson.collection_of(
+    {
+        "type": "object",
+        "description": "A zone as ED-318 writes it",
+        "examples": [
+            {
+                "type": "Feature",
+                "geometry": {
+                    "type": "Polygon",
+                    "coordinates": [[[22.2, 60.4], [22.3, 60.4], [22.3, 60.5], [22.2, 60.5], [22.2, 60.4]]],
+                },
+                "properties": {
+                    "identifier": "EFP20",
+                    "country": "FIN",
+                    "type": "PROHIBITED",
+                    "variant": "COMMON",
+                    "reason": ["SENSITIVE"],
+                    "zoneAuthority": [{"name": [{"text": "Traficom", "lang": "en-GB"}], "purpose": "AUTHORIZATION"}],
+                },
+            }
+        ],
+    }
+)
 _FILE: Final = {
     "requestBody": {
         "required": True,
         "description": "ED-318 (GeoJSON) or ED-269 (JSON), in UTF-8",
         "content": {
-            "application/geo+json": {"schema": {"type": "object"}},
-            "application/json": {"schema": {"type": "object"}},
+            "application/geo+json": {"schema": _ED318},
+            "application/json": {"schema": {"type": "object"}, "example": {"title": "Zones", "features": []}},
         },
     }
 }
+_NO_PAD: Final = NotFound("There is no pad aurajoki-2 in service, or it is not yours to see.")
+_GEOMETRY: Final = BadRequest("The geometry cannot be understood; see `errors`.", ("body.geometry", "a ring is open"))
 _LOOKED_AT: Final = 200
 """Zones read at a time where a filter by time sorts some of them out."""
 PadId = Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)]
@@ -174,7 +199,8 @@ def _import(row: ZoneSetRow) -> dict[str, Any]:
 
 @router.get(
     "/zones/export",
-    responses=errors.documented() | {200: {"content": {geojson.MEDIA_TYPE: {"schema": {"type": "object"}}}}},
+    response_class=Response,
+    responses=errors.documented(etag=True) | {200: {"content": {geojson.MEDIA_TYPE: {"schema": _ED318}}}},
 )
 async def export_zones(request: Request, asked: Annotated[ExportQuery, Query()], _: SignedInPerson) -> Response:
     """The data sets that hold as one ED-318 collection; of one source, with its own title and metadata."""
@@ -207,7 +233,10 @@ async def list_pad_closures(request: Request, filters: Paging, person: SignedInP
 
 
 @router.get(
-    "/zones/pads/{pad_id}", response_model=PadClosures, responses=errors.documented(NotFound), openapi_extra=_LANGUAGE
+    "/zones/pads/{pad_id}",
+    response_model=PadClosures,
+    responses=errors.documented(_NO_PAD, etag=True),
+    openapi_extra=_LANGUAGE,
 )
 async def read_pad_closures(request: Request, pad_id: PadId, person: SignedInPerson) -> Response:
     """One pad with its zones and closures."""
@@ -216,7 +245,7 @@ async def read_pad_closures(request: Request, pad_id: PadId, person: SignedInPer
 
 
 @router.get(
-    "/zones/pads/{pad_id}/plan", response_model=ClosurePlan, responses=errors.documented(NotFound, Unprocessable)
+    "/zones/pads/{pad_id}/plan", response_model=ClosurePlan, responses=errors.documented(_NO_PAD, Unprocessable)
 )
 async def plan_closures(
     request: Request, pad_id: PadId, asked: Annotated[PlanQuery, Query()], person: SignedInPerson
@@ -242,7 +271,7 @@ async def _pad(request: Request, pad_id: str, person: SignedInPerson) -> pads.Pa
 
 @router.get(
     "/zones/{zone_id}",
-    responses=geojson.documented(Zone) | errors.documented(NotFound),
+    responses=geojson.documented(Zone) | errors.documented(NotFound("No data set that holds has a zone FIN:EFP20.")),
     openapi_extra=_LANGUAGE,
 )
 async def read_zone(request: Request, zone_id: ZoneId, _: SignedInPerson) -> Response:
@@ -269,7 +298,7 @@ async def zones_at(request: Request, asked: Annotated[AwarenessQuery, Query()], 
 
 
 @service.post(
-    "/geo-awareness", response_model=Awareness, responses=errors.documented(BadRequest), openapi_extra=_LANGUAGE
+    "/geo-awareness", response_model=Awareness, responses=errors.documented(_GEOMETRY), openapi_extra=_LANGUAGE
 )
 async def zones_along(request: Request, asked: AwarenessArea, _: SignedInPerson) -> Response:
     """The same for a route or an area. It changes nothing, although it is a POST."""

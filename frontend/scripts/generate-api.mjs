@@ -20,7 +20,7 @@ function document() {
   if (file !== undefined) return readFileSync(file, "utf8");
   const local = join(root, "../.venv/bin/wonderland");
   const program = process.env.WONDERLAND ?? (existsSync(local) ? local : "wonderland");
-  return execFileSync(program, ["backend", "openapi"], { encoding: "utf8" });
+  return execFileSync(program, ["backend", "openapi"], { encoding: "utf8", maxBuffer: 64 << 20 });
 }
 
 const text = document();

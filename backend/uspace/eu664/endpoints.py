@@ -12,9 +12,10 @@ from fastapi.responses import Response, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from backend import areas
+from backend.areas import BAD_BOX
 from backend.auth.access import SIGNED_IN, person_of
 from backend.context import Context, context_of
-from backend.errors import BadRequest, Forbidden, Problem, TooManyRequests, documented
+from backend.errors import Problem, TooManyRequests, documented
 from backend.responses import Json
 from backend.uspace.eu664.schemas import Recipient, Traffic
 from backend.uspace.eu664.traffic import SCOPES
@@ -22,6 +23,7 @@ from backend.uspace.eu664.traffic import SCOPES
 router = APIRouter(tags=["traffic"])
 
 STREAM: Final = "text/event-stream"
+_EXAMPLE: Final = 'event: traffic\ndata: {"t_ms":1800000000000,"recipient":"ussp","items":[]}\n\n'
 TICK_S: Final = 0.5
 LOOK_AGAIN_TICKS: Final = 30
 """How often it is checked that whoever listens still may; and a sign of life where nothing flies."""
@@ -39,8 +41,8 @@ class TrafficQuery(BaseModel):
     "/traffic",
     response_model=Traffic,
     dependencies=SIGNED_IN,
-    responses=documented(BadRequest, Forbidden, TooManyRequests)
-    | {200: {"model": Traffic, "content": {STREAM: {"schema": {"type": "string"}}}}},
+    responses=documented(BAD_BOX, TooManyRequests)
+    | {200: {"model": Traffic, "content": {STREAM: {"schema": {"type": "string"}, "example": _EXAMPLE}}}},
 )
 async def read_traffic(request: Request, query: Annotated[TrafficQuery, Query()]) -> Response:
     """Drones in flight, with the fields of EU 2021/664, article 8(2), that the recipient may have.

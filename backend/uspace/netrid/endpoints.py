@@ -20,9 +20,12 @@ from backend.responses import Json
 from backend.uspace.access import system_with
 from backend.uspace.dss.models import UUID4, AreaNotification
 from backend.uspace.netrid.provider import MAX_RECENT_S
+from backend.uspace.netrid.schemas import RidArea, RidDetails, RidFlights
 from backend.uspace.netrid.views import BadView, ViewTooLarge, parse_view
 from backend.uspace.netrid.watches import NotTheOwner, OtherArea
 from backend.uspace.tokens import Caller, ScopeMissing, TokenRefused
+
+_INVALID: Final = BadRequest("A parameter or field is missing or not as it must be.")
 
 
 class StandardRoute(APIRoute):
@@ -37,7 +40,7 @@ class StandardRoute(APIRoute):
                 return await handle(request)
             except RequestValidationError as error:
                 problems = [(".".join(str(part) for part in each["loc"]), str(each["msg"])) for each in error.errors()]
-                raise BadRequest("A parameter or field is missing or not as it must be.", *problems[:20]) from None
+                raise BadRequest(_INVALID.detail, *problems[:20]) from None
 
         return handling
 
@@ -54,8 +57,9 @@ FlightId = Annotated[str, Path(min_length=1, max_length=255)]
 
 @router.get(
     "/flights",
+    response_model=RidFlights,
     dependencies=[Depends(system_with(DISPLAY_PROVIDER))],
-    responses=documented(BadView, TokenRefused, ScopeMissing, ViewTooLarge),
+    responses=documented(BadView, _INVALID, TokenRefused, ScopeMissing, ViewTooLarge),
 )
 async def search_flights(
     request: Request,
@@ -74,8 +78,9 @@ async def search_flights(
 
 @router.get(
     "/flights/{flight_id}/details",
+    response_model=RidDetails,
     dependencies=[Depends(system_with(DISPLAY_PROVIDER))],
-    responses=documented(TokenRefused, ScopeMissing, NotFound),
+    responses=documented(TokenRefused, ScopeMissing, NotFound("There is no flight of this id, or no longer.")),
 )
 async def read_flight_details(request: Request, flight_id: FlightId) -> Response:
     """Who flies, as far as the drone said (F3411-22a, getFlightDetails)."""
@@ -87,8 +92,9 @@ async def read_flight_details(request: Request, flight_id: FlightId) -> Response
 
 @router.get(
     "/identification_service_areas/{area_id}",
+    response_model=RidArea,
     dependencies=[Depends(system_with(DISPLAY_PROVIDER))],
-    responses=documented(BadRequest, TokenRefused, ScopeMissing, NotFound),
+    responses=documented(_INVALID, TokenRefused, ScopeMissing, NotFound("There is no area of this id, or no longer.")),
 )
 async def read_identification_service_area(request: Request, area_id: AreaId) -> Response:
     """The extents of an identification service area of ours (F3411-22a, getIdentificationServiceAreaDetails)."""
@@ -101,7 +107,7 @@ async def read_identification_service_area(request: Request, area_id: AreaId) ->
 @router.post(
     "/identification_service_areas/{area_id}",
     status_code=204,
-    responses=documented(BadRequest, TokenRefused, ScopeMissing, NotTheOwner, OtherArea),
+    responses=documented(_INVALID, TokenRefused, ScopeMissing, NotTheOwner, OtherArea),
 )
 async def notify_identification_service_area(
     request: Request,

@@ -33,6 +33,7 @@ class TestExists(Problem):
     """There is a test of this id already, or it has another version."""
 
     status, code = HTTPStatus.CONFLICT, "test-conflict"
+    example = "There is a test of this id, or there are too many; delete it first."
 
 
 class InjectedDetails(Foreign):

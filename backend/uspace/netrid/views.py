@@ -20,12 +20,14 @@ class BadView(Problem):
     """`view` is not four coordinates: lat1,lng1,lat2,lng2."""
 
     status, code = HTTPStatus.BAD_REQUEST, "bad-view"
+    example = "`view` is lat1,lng1,lat2,lng2 in degrees, for example 60.44,22.25,60.46,22.29."
 
 
 class ViewTooLarge(Problem):
     """The view is larger than the standard allows."""
 
     status, code = HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "view-too-large"
+    example = "The view's diagonal is 12.4 km; at most 7 km."
 
 
 def parse_view(text: str) -> Box:

@@ -33,12 +33,14 @@ class NotTheOwner(Problem):
     """The area belongs to somebody else than who sends it."""
 
     status, code = HTTPStatus.FORBIDDEN, "not-the-owner"
+    example = "The area is known here, and belongs to somebody else."
 
 
 class OtherArea(Problem):
-    """This version of the area was received before, and was another."""
+    """This version of the area was received before, with other content."""
 
     status, code = HTTPStatus.CONFLICT, "version-conflict"
+    example = "This version of the area was received before, with other content."
 
 
 @dataclass
