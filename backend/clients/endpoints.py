@@ -9,7 +9,8 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
 from backend.auth.access import Administrator
-from backend.clients import store
+from backend.auth.person import Person
+from backend.clients import idempotency, store
 from backend.clients.schemas import (
     AuthorizationServer,
     Client,
@@ -23,7 +24,7 @@ from backend.clients.schemas import (
 from backend.clients.scopes import SCOPES
 from backend.clients.store import ClientError
 from backend.clients.tokens import ASSERTION_ALGORITHMS, ASSERTION_TYPE, TokenDenied
-from backend.context import context_of
+from backend.context import Context, context_of
 from backend.errors import BadRequest, Forbidden, NotFound, Unprocessable, documented
 from backend.filters import Paging
 from backend.pagination import decode_cursor
@@ -130,10 +131,21 @@ async def list_clients(request: Request, paging: Paging, _person: Administrator)
     return page(((row, store.shown(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.client_id,))
 
 
-@router.post("/clients", status_code=201, response_model=ClientCreated, responses=documented(Forbidden, Unprocessable))
+@router.post(
+    "/clients",
+    status_code=201,
+    response_model=ClientCreated,
+    responses=documented(
+        idempotency.BAD_KEY, Forbidden, idempotency.BUSY, Unprocessable("scopes: there is no scope wonderland.all")
+    ),
+    openapi_extra={"parameters": [idempotency.PARAMETER]},
+)
 async def add_client(request: Request, body: NewClient, person: Administrator) -> Response:
     """Register a machine. Its secret is in the answer, and nowhere else ever after."""
-    context = context_of(request)
+    return await idempotency.once(request, person, lambda: _add(context_of(request), body, person))
+
+
+async def _add(context: Context, body: NewClient, person: Person) -> Response:
     try:
         tls = None if body.certificate is None else body.certificate.known_by()
         wanted = store.NewClient(body.name, tuple(body.scopes), body.role, body.msp_id, body.jwks, tls)
@@ -144,7 +156,7 @@ async def add_client(request: Request, body: NewClient, person: Administrator) -
     content: dict[str, Any] = {"client": store.shown(row)}
     if secret is not None:
         content["client_secret"] = secret
-    return Json(content, 201, NO_STORE | {"Location": f"{request.url.path}/{row.client_id}"})
+    return Json(content, 201, NO_STORE | {"Location": f"/api/v1/clients/{row.client_id}"})
 
 
 @router.get("/clients/{client_id}", response_model=Client, responses=documented(Forbidden, _NOT_FOUND, etag=True))

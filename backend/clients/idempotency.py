@@ -1,18 +1,24 @@
-"""Writes that may be sent twice: the same Idempotency-Key gets the first one's answer (draft-ietf-httpapi)."""
+"""Writes that may be sent twice: the same Idempotency-Key gets the first one's answer (draft-ietf-httpapi).
+
+Answers may hold secrets that are shown once, so they are kept encrypted by the key itself, of which a hash is kept.
+"""
 
 from __future__ import annotations
 
+import base64
 import hashlib
 from collections.abc import Awaitable, Callable
 from typing import Any, Final
 
+from cryptography.fernet import Fernet
 from fastapi import Request
 from fastapi.responses import Response
-from sqlalchemy import delete, insert, update
+from sqlalchemy import delete, insert, or_, update
 from sqlalchemy.exc import IntegrityError
 
 from backend.auth.person import Person
-from backend.context import Context, context_of
+from backend.context import context_of
+from backend.db.engine import Database
 from backend.db.tables.clients import IdempotencyRow
 from backend.errors import BadRequest, Conflict, Unprocessable
 
@@ -20,6 +26,8 @@ HEADER: Final = "Idempotency-Key"
 REPLAYED: Final = "Idempotency-Replayed"
 MAX_KEY: Final = 128
 KEPT_MS: Final = 86_400_000
+LEASE_MS: Final = 120_000
+"""So long the first request may be under way; after that its server is held to have stopped, and the key is free."""
 BAD_KEY: Final = BadRequest(f"{HEADER} is a printable text of at most {MAX_KEY} characters.")
 BUSY: Final = Conflict("The first request with this key is under way; ask again in a moment.")
 PARAMETER: Final[dict[str, Any]] = {
@@ -43,46 +51,49 @@ async def once(request: Request, person: Person, write: Callable[[], Awaitable[R
         return await write()
     if not 0 < len(key) <= MAX_KEY or not key.isprintable():
         raise BadRequest(BAD_KEY.detail)
-    context = context_of(request)
-    place = {"principal": person.person_id, "key": key}
-    digest = hashlib.sha256(
-        b"\0".join((request.method.encode(), request.url.path.encode(), await request.body()))
-    ).hexdigest()
-    known = await _begin(context, place, digest)
+    database, now = context_of(request).database, context_of(request).clock()
+    place = {"principal": person.person_id, "key": _digest(b"key", key.encode()).hex()}
+    digest = _digest(request.method.encode(), request.url.path.encode(), await request.body()).hex()
+    cipher = Fernet(base64.urlsafe_b64encode(_digest(b"answer", person.person_id.encode(), key.encode())))
+    known = await _begin(database, place, digest, now)
     if known is not None:
-        return _answered(known, digest)
+        return _answered(known, digest, cipher)
+    ours = {**place, "created_ms": now}
     try:
         response = await write()
     except BaseException:
-        async with context.database.write() as connection:
-            await connection.execute(delete(IdempotencyRow).filter_by(**place))
+        async with database.write() as connection:
+            await connection.execute(delete(IdempotencyRow).filter_by(**ours))
         raise
     values = {
         "status": response.status_code,
         "location": response.headers.get("location"),
-        "body": bytes(response.body).decode(),
+        "body": cipher.encrypt(bytes(response.body)).decode(),
     }
-    async with context.database.write() as connection:
-        await connection.execute(update(IdempotencyRow).filter_by(**place).values(**values))
+    async with database.write() as connection:
+        await connection.execute(update(IdempotencyRow).filter_by(**ours).values(**values))
     return response
 
 
-async def _begin(context: Context, place: dict[str, str], digest: str) -> IdempotencyRow | None:
-    """None: it is the first. Otherwise what is known of the first."""
-    now = context.clock()
+async def _begin(database: Database, place: dict[str, str], digest: str, now: int) -> IdempotencyRow | None:
+    """None: it is the first, or the first one's lease is over. Otherwise what is known of the first."""
     row = {**place, "request_sha256": digest, "created_ms": now, "status": None, "location": None, "body": None}
+    over = or_(
+        IdempotencyRow.created_ms < now - KEPT_MS,
+        IdempotencyRow.status.is_(None) & (IdempotencyRow.created_ms < now - LEASE_MS),
+    )
     try:
-        async with context.database.write() as connection:
-            await connection.execute(delete(IdempotencyRow).where(IdempotencyRow.created_ms < now - KEPT_MS))
+        async with database.write() as connection:
+            await connection.execute(delete(IdempotencyRow).where(over))
             await connection.execute(insert(IdempotencyRow), [row])
     except IntegrityError:
-        async with context.database.read() as session:
+        async with database.read() as session:
             known = await session.get(IdempotencyRow, (place["principal"], place["key"]))
         return known or IdempotencyRow(**row)
     return None
 
 
-def _answered(known: IdempotencyRow, digest: str) -> Response:
+def _answered(known: IdempotencyRow, digest: str, cipher: Fernet) -> Response:
     if known.request_sha256 != digest:
         raise Unprocessable(f"This {HEADER} was used for another request; take a new one.")
     if known.status is None:
@@ -90,4 +101,9 @@ def _answered(known: IdempotencyRow, digest: str) -> Response:
     headers = {REPLAYED: "true", "Cache-Control": "private, no-store"}
     if known.location is not None:
         headers["Location"] = known.location
-    return Response(known.body or "", known.status, headers, "application/json" if known.body else None)
+    body = cipher.decrypt(known.body or "")
+    return Response(body, known.status, headers, "application/json" if body else None)
+
+
+def _digest(*parts: bytes) -> bytes:
+    return hashlib.sha256(b"\0".join(parts)).digest()

@@ -9,9 +9,10 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response, StreamingResponse
 
 from backend.auth.access import SIGNED_IN, SignedInPerson, only
+from backend.clients import idempotency
 from backend.context import context_of
 from backend.db.tables.exports import ExportRow
-from backend.errors import BINARY, BadRequest, Conflict, Forbidden, NotFound, TooManyRequests, documented
+from backend.errors import BINARY, BadRequest, Conflict, Forbidden, NotFound, TooManyRequests, Unprocessable, documented
 from backend.exports import service
 from backend.exports.schemas import Export, ExportQuery
 from backend.responses import Json
@@ -30,13 +31,18 @@ NO_STORE = {"Cache-Control": "private, no-store"}
     "",
     status_code=201,
     response_model=Export,
-    responses=documented(_TOO_MUCH, Forbidden),
+    responses=documented(_TOO_MUCH, Forbidden, idempotency.BUSY, Unprocessable),
     dependencies=[only("admin", "inspector", "pad_operator", "fleet_operator")],
+    openapi_extra={"parameters": [idempotency.PARAMETER]},
 )
 async def prepare_export(request: Request, query: ExportQuery, person: SignedInPerson) -> Response:
     """Ask for a window of the past as files; it is audited. Its file is then fetched once, within the hour."""
-    row = await service.prepare(context_of(request), person, query)
-    return Json(_shown(row), status_code=201, headers=NO_STORE)
+
+    async def write() -> Response:
+        row = await service.prepare(context_of(request), person, query)
+        return Json(_shown(row), status_code=201, headers=NO_STORE)
+
+    return await idempotency.once(request, person, write)
 
 
 @router.get("/{export_id}", response_model=Export, responses=documented(_NOT_FOUND))

@@ -11,6 +11,7 @@ from backend import audit
 from backend.auth.access import Administrator
 from backend.auth.person import Person
 from backend.auth.secret import new_id
+from backend.clients import idempotency
 from backend.context import Context, context_of
 from backend.errors import Conflict, Forbidden, NotFound, documented
 from backend.people import store
@@ -40,10 +41,21 @@ async def list_people(request: Request, _: Administrator) -> Response:
     return Json({"items": found}, headers=NO_STORE)
 
 
-@router.post("/people", response_model=LinkMade, status_code=201, responses=documented(Forbidden, Conflict))
+@router.post(
+    "/people",
+    response_model=LinkMade,
+    status_code=201,
+    responses=documented(
+        idempotency.BAD_KEY, Forbidden, Conflict("Somebody with this e-mail address has an account already.")
+    ),
+    openapi_extra={"parameters": [idempotency.PARAMETER]},
+)
 async def invite_person(request: Request, who: Administrator, body: Invitation) -> Response:
     """Make an account, and the link by which its owner takes it."""
-    context = context_of(request)
+    return await idempotency.once(request, who, lambda: _invite(context_of(request), who, body))
+
+
+async def _invite(context: Context, who: Person, body: Invitation) -> Response:
     person_id = new_id(context.randomness)
     async with context.database.write() as connection:
         await store.create(connection, who, body, person_id, state=store.INVITED, now_ms=context.clock())
