@@ -115,6 +115,13 @@ class Conflict(Problem):
     example = "Somebody else has changed it since you looked; look at it again."
 
 
+class PreconditionFailed(Problem):
+    """It has changed since the client saw it: `If-Match` names another state."""
+
+    status, code = HTTPStatus.PRECONDITION_FAILED, "precondition-failed"
+    example = "This is not what you saw (If-Match): it has changed since. Look at it again, then change it."
+
+
 class Unprocessable(Problem):
     """Well-formed, but it cannot be done as asked; `errors` names the field where one is to blame."""
 

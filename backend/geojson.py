@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import typing
 from collections.abc import Callable, Iterable
 from typing import Any, Final
@@ -11,13 +10,12 @@ import orjson
 from fastapi import Request
 from fastapi.responses import Response
 
+from backend import responses
 from backend.errors import NOT_MODIFIED
-from backend.pagination import encode_cursor
 
 MEDIA_TYPE: Final = "application/geo+json"
 E7: Final = 10_000_000
 EXAMPLE: Final = {"type": "Point", "coordinates": [22.2666, 60.45189, 42.0]}
-PRIVATE: Final = "private, no-cache"
 
 Geometry = dict[str, Any] | None
 Item = dict[str, Any]
@@ -57,8 +55,8 @@ def one(
     """One resource, with an ETag."""
     if wanted(request):
         item = _parsed(content)
-        return tagged(request, feature(item, geometry_of(item), id_of(item)), MEDIA_TYPE, headers)
-    return tagged(request, content, headers=headers)
+        return responses.resource(request, feature(item, geometry_of(item), id_of(item)), MEDIA_TYPE, headers)
+    return responses.resource(request, content, headers=headers)
 
 
 def page(
@@ -71,39 +69,15 @@ def page(
     geometry_of: Callable[[Item], Geometry] = point,
     headers: dict[str, str] | None = None,
 ) -> Response:
-    """A page of (row, content) pairs, with an ETag and a link to the next page.
-
-    `items` has one more than `limit` where another page follows; `cursor_of(row)` gives its sort key.
-    """
+    """`responses.page`, in either form."""
+    if not wanted(request):
+        return responses.page(request, items, limit, cursor_of=cursor_of, headers=headers)
     found = list(items)
-    contents = [content for _, content in found[:limit]]
-    following = encode_cursor(*cursor_of(found[limit - 1][0])) if len(found) > limit else None
-    answer: dict[str, Any]
-    if wanted(request):
-        parsed = [_parsed(content) for content in contents]
-        features = [feature(item, geometry_of(item), id_of(item)) for item in parsed]
-        answer = {"type": "FeatureCollection", "features": features}
-    else:
-        answer = {"items": contents}
-    headers = dict(headers or {})
-    if following is not None:
-        answer["next"] = following
-        address = request.url.include_query_params(cursor=following)
-        headers["Link"] = f'<{address.path}?{address.query}>; rel="next"'
-    return tagged(request, answer, MEDIA_TYPE if wanted(request) else "application/json", headers)
-
-
-def tagged(
-    request: Request, content: Any, media_type: str = "application/json", headers: dict[str, str] | None = None
-) -> Response:
-    """An answer with an ETag (RFC 9110, 8.8.3); 304 without a body when the client has it already."""
-    body = orjson.dumps(content)
-    tag = f'"{hashlib.sha256(media_type.encode() + body).hexdigest()[:32]}"'
-    every = {"ETag": tag, "Cache-Control": PRIVATE, "Vary": "Accept, Accept-Language", **(headers or {})}
-    known = [each.strip().removeprefix("W/") for each in request.headers.get("if-none-match", "").split(",")]
-    if tag in known or known == ["*"]:
-        return Response(status_code=304, headers=every)
-    return Response(body, headers=every, media_type=media_type)
+    parsed = [_parsed(content) for _, content in found[:limit]]
+    features = [feature(item, geometry_of(item), id_of(item)) for item in parsed]
+    more, link = responses.following(request, found, limit, cursor_of)
+    answer = {"type": "FeatureCollection", "features": features, **more}
+    return responses.resource(request, answer, MEDIA_TYPE, (headers or {}) | link)
 
 
 def documented(model: Any) -> dict[int | str, dict[str, Any]]:

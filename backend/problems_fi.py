@@ -24,6 +24,7 @@ TITLES: Final[Mapping[str, str]] = {
     "method-not-allowed": "Menetelmä ei ole käytössä",
     "not-found": "Ei löytynyt",
     "not-the-owner": "Ei omistaja",
+    "precondition-failed": "Muuttunut sillä välin",
     "provider-away": "Toinen palvelu ei vastaa",
     "set-up-required": "Palvelinta ei ole otettu käyttöön",
     "sign-in-required": "Kirjautuminen vaaditaan",
@@ -37,6 +38,9 @@ TITLES: Final[Mapping[str, str]] = {
 """By the end of a problem's `type`."""
 
 DETAILS: Final[Mapping[str, str]] = {
+    "This is not what you saw (If-Match): it has changed since. Look at it again, then change it.": (
+        "Tämä on muuttunut sen jälkeen, kun luit sen (If-Match). Lue se uudelleen ja muuta sitten."
+    ),
     "Sign in first.": "Kirjaudu ensin.",
     "This account is suspended; an administrator can lift that.": (
         "Tili on jäädytetty; ylläpitäjä voi palauttaa sen käyttöön."

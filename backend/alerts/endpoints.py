@@ -28,7 +28,7 @@ _LANGUAGE: Final = {"parameters": [HEADER]}
 AlertId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 
 
-@router.get("/alerts", response_model=AlertPage, responses=documented(BadRequest), openapi_extra=_LANGUAGE)
+@router.get("/alerts", response_model=AlertPage, responses=documented(BadRequest, etag=True), openapi_extra=_LANGUAGE)
 async def list_alerts(request: Request, person: SignedInPerson, filters: AlertFilters) -> Response:
     """Alerts, newest first."""
     context, language = context_of(request), language_of(request)
@@ -37,6 +37,7 @@ async def list_alerts(request: Request, person: SignedInPerson, filters: AlertFi
         position = (place[0], place[1]) if place else None
         rows = await store.listing(database, filters, person.scope, position=position, now_ms=context.clock())
     return page(
+        request,
         ((row, _shown(row, person, language)) for row in rows),
         filters.limit,
         cursor_of=lambda row: (row.t_ms, row.alert_id),

@@ -28,13 +28,13 @@ _NOT_FOUND: Final = NotFound("There is no such number of this drone.")
 SHOW_MS: Final = 60_000
 
 
-@router.get("/audit", response_model=AuditPage, responses=documented(BadRequest, Forbidden))
+@router.get("/audit", response_model=AuditPage, responses=documented(BadRequest, Forbidden, etag=True))
 async def list_audit(request: Request, _: Administrator, filters: AuditFilters) -> Response:
     """What was done and read, newest first."""
     before = decode_cursor(filters.cursor, int)[0] if filters.cursor is not None else None
     async with context_of(request).database.read() as database:
         rows = (await database.scalars(_listing(filters, before))).all()
-    return page(((row, _shown(row)) for row in rows), filters.limit, cursor_of=lambda row: (row.seq,))
+    return page(request, ((row, _shown(row)) for row in rows), filters.limit, cursor_of=lambda row: (row.seq,))
 
 
 @router.get("/audit/verify", response_model=AuditCheck, responses=documented(Forbidden))

@@ -37,7 +37,7 @@ class AuthorisationQuery(PageQuery):
     revoked: bool | None = Field(default=None, description="Only revoked ones, or only those that are not")
 
 
-@router.get("/authorisations", response_model=AuthorisationPage, responses=documented(BadRequest))
+@router.get("/authorisations", response_model=AuthorisationPage, responses=documented(BadRequest, etag=True))
 async def list_authorisations(
     request: Request, filters: Annotated[AuthorisationQuery, Query()], person: SignedInPerson
 ) -> Response:
@@ -64,6 +64,7 @@ async def list_authorisations(
     async with context_of(request).database.read() as database:
         rows = (await database.scalars(query)).all()
     return page(
+        request,
         ((row, record(row.record)) for row in rows),
         filters.limit,
         cursor_of=lambda row: (row.uav_id, row.authorisation_id),

@@ -122,13 +122,15 @@ async def read_authorization_server(request: Request) -> Response:
     return Json(content, headers={"Cache-Control": "public, max-age=300"})
 
 
-@router.get("/clients", response_model=ClientPage, responses=documented(BadRequest, Forbidden))
+@router.get("/clients", response_model=ClientPage, responses=documented(BadRequest, Forbidden, etag=True))
 async def list_clients(request: Request, paging: Paging, _person: Administrator) -> Response:
     """The machines that are registered, revoked ones included."""
     after = decode_cursor(paging.cursor, str)[0] if paging.cursor is not None else None
     async with context_of(request).database.read() as database:
         rows = await store.listing(database, after=after, limit=paging.limit + 1)
-    return page(((row, store.shown(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.client_id,))
+    return page(
+        request, ((row, store.shown(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.client_id,)
+    )
 
 
 @router.post(

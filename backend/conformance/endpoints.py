@@ -9,7 +9,6 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 from sqlalchemy import select
 
-from backend import geojson
 from backend.auth.access import SignedInPerson
 from backend.conformance import queries, texts
 from backend.conformance.rules import Broadcast, Finding, Question, judge
@@ -19,12 +18,15 @@ from backend.db.tables.ledger import DroneRow
 from backend.errors import documented
 from backend.languages import HEADER, Language, language_of
 from backend.proofs.queries import shown
+from backend.responses import resource
 from backend.sessions import queries as sessions
 
 router = APIRouter(tags=["conformance"])
 
 
-@router.get("/conformance", response_model=Conformance, responses=documented(), openapi_extra={"parameters": [HEADER]})
+@router.get(
+    "/conformance", response_model=Conformance, responses=documented(etag=True), openapi_extra={"parameters": [HEADER]}
+)
 async def read_conformance(request: Request, asked: ConformanceFor, person: SignedInPerson) -> Response:
     """Whether a drone's broadcast is supported by a proof, how fresh that proof is, and how strong.
 
@@ -63,7 +65,7 @@ async def read_conformance(request: Request, asked: ConformanceFor, person: Sign
     if signature is not None:
         content["signature"] = signature
     headers = {"Cache-Control": "private, no-store", "Content-Language": language}
-    return geojson.tagged(request, content, headers=headers)
+    return resource(request, content, headers=headers)
 
 
 def _own(asked: ConformanceQuery, now_ms: int) -> Broadcast | None:

@@ -63,13 +63,15 @@ async def read_status(request: Request, person: SignedInPerson) -> Response:
     return Json(status, headers={"Cache-Control": "private, no-store"})
 
 
-@router.get("/blocks", response_model=BlockPage, responses=documented(BadRequest))
+@router.get("/blocks", response_model=BlockPage, responses=documented(BadRequest, etag=True))
 async def list_blocks(request: Request, paging: Paging) -> Response:
     """Blocks, newest first."""
     before = decode_cursor(paging.cursor, int)[0] if paging.cursor is not None else None
     async with context_of(request).database.read() as database:
         rows = await queries.blocks(database, before=before, limit=paging.limit + 1)
-    return page(((row, queries.shown_block(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.number,))
+    return page(
+        request, ((row, queries.shown_block(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.number,)
+    )
 
 
 @router.get("/blocks/{number}", response_model=LedgerBlockDetail, responses=documented(NotFound, etag=True))

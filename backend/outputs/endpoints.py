@@ -15,6 +15,7 @@ from backend.context import context_of
 from backend.errors import documented
 from backend.live.lens import Lens
 from backend.outputs.items import KINDS, Item, Kind, items_of
+from backend.responses import resource
 from backend.uspace.tokens import ScopeMissing
 
 router = APIRouter(tags=["picture"])
@@ -56,7 +57,7 @@ async def read_picture(request: Request, person: SignedInPerson, tell: Tell = No
     features = [
         geojson.feature(item.to_json(), _geometry(item), f"{kind}/{uav_id}") for (kind, uav_id), item in last.items()
     ]
-    return geojson.tagged(request, {"type": "FeatureCollection", "features": features}, geojson.MEDIA_TYPE)
+    return resource(request, {"type": "FeatureCollection", "features": features}, geojson.MEDIA_TYPE)
 
 
 def _allowed(scopes: frozenset[str] | None, tell: list[Kind] | None) -> frozenset[Kind]:

@@ -13,7 +13,7 @@ from backend.auth.person import Person
 from backend.auth.secret import new_id
 from backend.clients import idempotency
 from backend.context import Context, context_of
-from backend.errors import Conflict, Forbidden, NotFound, documented
+from backend.errors import Conflict, Forbidden, NotFound, PreconditionFailed, documented
 from backend.people import store
 from backend.people.accept import INVITATION, RECOVERY
 from backend.people.me import detail_of
@@ -26,7 +26,7 @@ from backend.people.schemas import (
     PersonIdPath,
     SignInIdPath,
 )
-from backend.responses import Json
+from backend.responses import Json, etag_of, require_match, resource
 
 router = APIRouter(tags=["people"])
 _NOT_FOUND: Final = NotFound("There is no such person.")
@@ -65,16 +65,21 @@ async def _invite(context: Context, who: Person, body: Invitation) -> Response:
     return _made(context, person, token, 201)
 
 
-@router.get("/people/{person_id}", response_model=PersonDetail, responses=documented(Forbidden, _NOT_FOUND))
+@router.get("/people/{person_id}", response_model=PersonDetail, responses=documented(Forbidden, _NOT_FOUND, etag=True))
 async def read_person(request: Request, who: Administrator, person_id: PersonIdPath) -> Response:
     """A person, with how and where they sign in."""
-    return await _detail(context_of(request), who, person_id)
+    return resource(request, await detail_of(context_of(request), who, person_id), headers=NO_STORE)
 
 
-@router.patch("/people/{person_id}", response_model=PersonDetail, responses=documented(Forbidden, _NOT_FOUND, Conflict))
+@router.patch(
+    "/people/{person_id}",
+    response_model=PersonDetail,
+    responses=documented(Forbidden, _NOT_FOUND, Conflict, PreconditionFailed),
+)
 async def change_person(request: Request, who: Administrator, person_id: PersonIdPath, body: PersonChange) -> Response:
     """Change name, address, roles or organisation; suspend and restore. Takes effect at once."""
     context = context_of(request)
+    require_match(request, await detail_of(context, who, person_id))
     async with context.database.write() as connection:
         person, touched = await store.change(connection, who, person_id, body, context.clock())
     for cookie in touched:
@@ -85,10 +90,13 @@ async def change_person(request: Request, who: Administrator, person_id: PersonI
     return await _detail(context, who, person_id)
 
 
-@router.delete("/people/{person_id}", status_code=204, responses=documented(Forbidden, _NOT_FOUND, Conflict))
+@router.delete(
+    "/people/{person_id}", status_code=204, responses=documented(Forbidden, _NOT_FOUND, Conflict, PreconditionFailed)
+)
 async def withdraw_invitation(request: Request, who: Administrator, person_id: PersonIdPath) -> Response:
     """Take an invitation back that nobody has accepted."""
     context = context_of(request)
+    require_match(request, await detail_of(context, who, person_id))
     async with context.database.write() as connection:
         await store.withdraw(connection, who, person_id, context.clock())
     return Response(status_code=204)
@@ -134,7 +142,8 @@ async def end_sign_in(
 
 
 async def _detail(context: Context, who: Person, person_id: str) -> Response:
-    return Json(await detail_of(context, who, person_id), headers=NO_STORE)
+    content = await detail_of(context, who, person_id)
+    return Json(content, headers=NO_STORE | {"ETag": etag_of(content)})
 
 
 def _made(context: Context, person: store.Row, token: str, status: int) -> Response:

@@ -101,7 +101,7 @@ async def _check_visible(database: Any, body: NewProofRequest, person: Person) -
         raise NotFound(f"No pad {body.pad_id} is registered.")
 
 
-@router.get("/proof-requests", response_model=ProofRequestPage, responses=documented(BadRequest))
+@router.get("/proof-requests", response_model=ProofRequestPage, responses=documented(BadRequest, etag=True))
 async def list_proof_requests(request: Request, filters: ProofRequestFilters, person: SignedInPerson) -> Response:
     """Requests for proofs, newest first."""
     context = context_of(request)
@@ -109,7 +109,7 @@ async def list_proof_requests(request: Request, filters: ProofRequestFilters, pe
     async with context.database.read() as database:
         rows = await store.listing(database, filters, person.scope, before=(place[0], place[1]) if place else None)
         items = [(row, await store.shown(database, row, context.clock())) for row in rows]
-    return page(items, filters.limit, cursor_of=lambda row: (row.created_ms, row.request_id))
+    return page(request, items, filters.limit, cursor_of=lambda row: (row.created_ms, row.request_id))
 
 
 @router.get("/proof-requests/{request_id}", response_model=ProofRequest, responses=documented(_NOT_FOUND, etag=True))

@@ -38,6 +38,12 @@ _IF_NONE_MATCH: Final[Mapping[str, Any]] = {
     "example": _TAG,
 }
 
+_IF_MATCH: Final[Mapping[str, Any]] = {
+    **_IF_NONE_MATCH,
+    "name": "If-Match",
+    "description": "The `ETag` of what you saw: 412, and nothing is changed, where it is another by now",
+}
+
 
 def complete(document: Document) -> None:
     """Add security, limits, headers and examples to every operation, in place."""
@@ -112,12 +118,16 @@ def _describe_access(path: str, method: str, tags: list[str], operation: dict[st
 
 
 def _describe_headers(operation: dict[str, Any]) -> None:
-    """What follows for headers from a 304, and from a key that makes a write one that may be sent twice."""
+    """What follows for headers from a 304, from a 412, and from a key that makes a write one that may be sent twice."""
     responses = operation["responses"]
     if "304" in responses:
         operation.setdefault("parameters", []).append(dict(_IF_NONE_MATCH))
         for status in ("200", "304"):
             _add_headers(responses[status], "ETag")
+    if "412" in responses:
+        operation.setdefault("parameters", []).append(dict(_IF_MATCH))
+        if "200" in responses:
+            _add_headers(responses["200"], "ETag")
     if any(each["name"] == idempotency.HEADER for each in operation.get("parameters", ())):
         for status, response in responses.items():
             if status[0] == "2":

@@ -55,7 +55,7 @@ async def list_forms() -> Response:
     return Json({"items": items}, headers={"Cache-Control": "private, max-age=300"})
 
 
-@router.get("/drones", response_model=RegistryDronePage, responses=documented(BadRequest))
+@router.get("/drones", response_model=RegistryDronePage, responses=documented(BadRequest, etag=True))
 async def list_registry_drones(request: Request, filters: DroneFilters, person: SignedInPerson) -> Response:
     """Drones, by serial number or the last changed first."""
     context = context_of(request)
@@ -66,6 +66,7 @@ async def list_registry_drones(request: Request, filters: DroneFilters, person: 
     items = [(row, queries.shown_drone(row, person, counts[row.uav_id])) for row in rows]
     changed = filters.sort == "changed"
     return page(
+        request,
         items,
         filters.limit,
         cursor_of=lambda row: (row.block, row.tx_index, row.uav_id) if changed else (row.uav_id,),
@@ -89,7 +90,7 @@ async def read_registry_drone(request: Request, uav_id: UavId, person: SignedInP
     return resource(request, {"drone": queries.shown_drone(row, person, counts[uav_id]), "authorisations": found})
 
 
-@router.get("/pads", response_model=RegistryPadPage, responses=documented(BadRequest))
+@router.get("/pads", response_model=RegistryPadPage, responses=documented(BadRequest, etag=True))
 async def list_registry_pads(request: Request, filters: PadFilters, person: SignedInPerson) -> Response:
     """Pads, by identifier or the last changed first."""
     kinds = (int, int, str) if filters.sort == "changed" else (str,)
@@ -98,6 +99,7 @@ async def list_registry_pads(request: Request, filters: PadFilters, person: Sign
     items = [(row, {"record": record(row.record), "version": queries.version(row)}) for row in rows]
     changed = filters.sort == "changed"
     return page(
+        request,
         items,
         filters.limit,
         cursor_of=lambda row: (row.block, row.tx_index, row.pad_id) if changed else (row.pad_id,),
@@ -158,7 +160,7 @@ async def check_import(
     return Json(content, headers=NO_STORE)
 
 
-@router.get("/history", response_model=RegistryChangePage, responses=documented(BadRequest, NotFound))
+@router.get("/history", response_model=RegistryChangePage, responses=documented(BadRequest, NotFound, etag=True))
 async def list_history(request: Request, filters: HistoryFilters, person: SignedInPerson) -> Response:
     """Who changed what of a drone or pad, in which transaction; newest first."""
     place = _place(filters.cursor, int, int, str, str)
@@ -168,6 +170,7 @@ async def list_history(request: Request, filters: HistoryFilters, person: Signed
             raise NotFound(f"No {filters.kind} {filters.id} is registered.")
         rows, items = await queries.history(database, person, filters.kind, filters.id, place, filters.limit + 1)
     return page(
+        request,
         zip(rows, items, strict=True),
         filters.limit,
         cursor_of=lambda row: (row.block, row.tx_index, row.kind, row.key),
@@ -182,7 +185,7 @@ async def list_organisations(request: Request) -> Response:
     return Json({"items": items}, headers=NO_STORE)
 
 
-@router.get("/certificates", response_model=RegistryCertificatePage, responses=documented(BadRequest))
+@router.get("/certificates", response_model=RegistryCertificatePage, responses=documented(BadRequest, etag=True))
 async def list_certificates(request: Request, filters: CertificateFilters, person: SignedInPerson) -> Response:
     """Certificates that have acted on the chain; those that end first first."""
     context = context_of(request)
@@ -192,4 +195,4 @@ async def list_certificates(request: Request, filters: CertificateFilters, perso
         rows = await organisations.certificates(database, person, filters, place, now)
         revoked = await organisations.revoked_serials(database)
     items = ((row, organisations.shown_certificate(row, revoked, now)) for row in rows)
-    return page(items, filters.limit, cursor_of=lambda row: (row.not_after_ms, row.certificate_sha256))
+    return page(request, items, filters.limit, cursor_of=lambda row: (row.not_after_ms, row.certificate_sha256))

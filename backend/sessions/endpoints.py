@@ -32,7 +32,7 @@ MAX_FINDINGS = 100
 SessionIdPath = Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="Transaction id of its RequestProof")]
 
 
-@router.get("/sessions", response_model=SessionPage, responses=documented(BadRequest))
+@router.get("/sessions", response_model=SessionPage, responses=documented(BadRequest, etag=True))
 async def list_sessions(request: Request, person: SignedInPerson, filters: SessionFilters) -> Response:
     """Sessions, newest first."""
     before = decode_cursor(filters.cursor, int, str) if filters.cursor is not None else None
@@ -40,6 +40,7 @@ async def list_sessions(request: Request, person: SignedInPerson, filters: Sessi
     async with context_of(request).database.read() as database:
         found = await queries.views(database, query)
     return page(
+        request,
         ((view, view.to_json()) for view in found),
         filters.limit,
         cursor_of=lambda view: (view.outline["requested_ms"], view.session_id),

@@ -39,7 +39,7 @@ async def list_tracks(request: Request, person: SignedInPerson, filters: LatestF
     )
 
 
-@router.get("/findings", response_model=FindingPage, responses=documented(BadRequest))
+@router.get("/findings", response_model=FindingPage, responses=documented(BadRequest, etag=True))
 async def list_findings(request: Request, person: SignedInPerson, filters: FindingFilters) -> Response:
     """What was odd about broadcasts (one serial from two places, time that stands still), newest first. Unverified."""
     place = decode_cursor(filters.cursor, int, int) if filters.cursor is not None else None
@@ -55,7 +55,7 @@ async def list_findings(request: Request, person: SignedInPerson, filters: Findi
             limit=filters.limit + 1,
         )
     fragments = ((row, orjson.Fragment(row.body)) for row in rows)
-    return page(fragments, filters.limit, cursor_of=lambda row: (row.t_ms, row.id))
+    return page(request, fragments, filters.limit, cursor_of=lambda row: (row.t_ms, row.id))
 
 
 @router.get("/tracks/{uav_id}", response_model=TrackHistory, responses=documented(BadRequest))

@@ -17,12 +17,15 @@ from backend.verdicts.schemas import VerdictPage
 router = APIRouter(tags=["verdicts"], dependencies=SIGNED_IN)
 
 
-@router.get("/verdicts", response_model=VerdictPage, responses=documented(BadRequest))
+@router.get("/verdicts", response_model=VerdictPage, responses=documented(BadRequest, etag=True))
 async def list_verdicts(request: Request, person: SignedInPerson, filters: VerdictFilters) -> Response:
     """Verdicts, newest first. A block's verdicts appear all at once."""
     place = decode_cursor(filters.cursor, int, int) if filters.cursor is not None else None
     async with context_of(request).database.read() as database:
         rows = await queries.listing(database, filters, person.scope, position=(place[0], place[1]) if place else None)
     return page(
-        ((row, queries.shown(row)) for row in rows), filters.limit, cursor_of=lambda row: (row.block, row.tx_index)
+        request,
+        ((row, queries.shown(row)) for row in rows),
+        filters.limit,
+        cursor_of=lambda row: (row.block, row.tx_index),
     )

@@ -6,7 +6,8 @@ from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
-from sqlalchemy.ext.asyncio import AsyncSession
+from sqlalchemy import select
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from backend import audit
 from backend.auth.access import SignedInPerson, require
@@ -15,12 +16,12 @@ from backend.clients import idempotency
 from backend.clients.machines import METHOD
 from backend.context import Context, context_of
 from backend.db.tables.webhooks import DeliveryRow, SubscriptionRow
-from backend.errors import BadRequest, Conflict, Forbidden, NotFound, Unprocessable, documented
+from backend.errors import BadRequest, Conflict, Forbidden, NotFound, PreconditionFailed, Unprocessable, documented
 from backend.events import feed
 from backend.events.feed import Place
 from backend.filters import Paging
 from backend.pagination import decode_cursor
-from backend.responses import Json, page, resource
+from backend.responses import Json, etag_of, page, require_match, resource
 from backend.webhooks import signing, store
 from backend.webhooks.schemas import (
     ChangedSubscription,
@@ -46,14 +47,16 @@ _BAD_URL: Final = Unprocessable(
 _ONCE: Final[dict[str, Any]] = {"parameters": [idempotency.PARAMETER]}
 
 
-@router.get("/subscriptions", response_model=SubscriptionPage, responses=documented(BadRequest))
+@router.get("/subscriptions", response_model=SubscriptionPage, responses=documented(BadRequest, etag=True))
 async def list_subscriptions(request: Request, paging: Paging, person: SignedInPerson) -> Response:
     """One's own webhooks; an administrator sees all."""
     after = decode_cursor(paging.cursor, str)[0] if paging.cursor is not None else None
     owner = None if person.has("admin") else person.person_id
     async with context_of(request).database.read() as database:
         rows = await store.listing(database, owner=owner, after=after, limit=paging.limit + 1)
-    return page(((row, store.shown(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.subscription_id,))
+    return page(
+        request, ((row, store.shown(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.subscription_id,)
+    )
 
 
 @router.post(
@@ -122,33 +125,35 @@ async def read_subscription(request: Request, subscription_id: SubscriptionIdPat
 
 
 @router.patch(
-    "/subscriptions/{subscription_id}", response_model=Subscription, responses=documented(Forbidden, _NOT_FOUND)
+    "/subscriptions/{subscription_id}",
+    response_model=Subscription,
+    responses=documented(Forbidden, _NOT_FOUND, PreconditionFailed),
 )
 async def change_subscription(
     request: Request, subscription_id: SubscriptionIdPath, body: ChangedSubscription, person: SignedInPerson
 ) -> Response:
     """Pause a webhook, or have it go on where it was."""
     context = context_of(request)
-    async with context.database.read() as database:
-        await _theirs(database, subscription_id, person)
     async with context.database.write() as connection:
+        await _to_change(request, connection, subscription_id, person)
         await store.set_state(connection, subscription_id, body.state)
         subject = f"subscription/{subscription_id}"
         await audit.record(connection, person, f"{body.state}_subscription", subject, t_ms=context.clock())
     async with context.database.read() as database:
-        row = await _theirs(database, subscription_id, person)
-    return Json(store.shown(row), headers=NO_STORE)
+        shown = store.shown(await _theirs(database, subscription_id, person))
+    return Json(shown, headers=NO_STORE | {"ETag": etag_of(shown)})
 
 
-@router.delete("/subscriptions/{subscription_id}", status_code=204, responses=documented(Forbidden, _NOT_FOUND))
+@router.delete(
+    "/subscriptions/{subscription_id}", status_code=204, responses=documented(Forbidden, _NOT_FOUND, PreconditionFailed)
+)
 async def remove_subscription(
     request: Request, subscription_id: SubscriptionIdPath, person: SignedInPerson
 ) -> Response:
     """End a webhook; what still waits to be delivered is dropped."""
     context = context_of(request)
-    async with context.database.read() as database:
-        await _theirs(database, subscription_id, person)
     async with context.database.write() as connection:
+        await _to_change(request, connection, subscription_id, person)
         await store.remove(connection, subscription_id)
         subject = f"subscription/{subscription_id}"
         await audit.record(connection, person, "remove_subscription", subject, t_ms=context.clock())
@@ -158,7 +163,7 @@ async def remove_subscription(
 @router.get(
     "/subscriptions/{subscription_id}/deliveries",
     response_model=DeliveryPage,
-    responses=documented(BadRequest, _NOT_FOUND),
+    responses=documented(BadRequest, _NOT_FOUND, etag=True),
 )
 async def list_deliveries(
     request: Request, subscription_id: SubscriptionIdPath, filters: DeliveryFilters, person: SignedInPerson
@@ -172,6 +177,7 @@ async def list_deliveries(
             database, subscription_id, state=filters.state, before=before, limit=filters.limit + 1
         )
     return page(
+        request,
         ((row, store.shown_delivery(row)) for row in rows),
         filters.limit,
         cursor_of=lambda row: (row.created_ms, row.delivery_id),
@@ -211,6 +217,14 @@ async def redeliver(
         return Json(store.shown_delivery(row), 202, NO_STORE)
 
     return await idempotency.once(request, person, write)
+
+
+async def _to_change(request: Request, connection: AsyncConnection, subscription_id: str, person: Person) -> None:
+    """Hold theirs until it is changed, if it is what they saw. Raises `NotFound`, `PreconditionFailed`."""
+    held = select(SubscriptionRow.subscription_id).where(SubscriptionRow.subscription_id == subscription_id)
+    await connection.execute(held.with_for_update())
+    async with AsyncSession(connection) as database:
+        require_match(request, store.shown(await _theirs(database, subscription_id, person)))
 
 
 async def _theirs(database: AsyncSession, subscription_id: str, person: Person) -> SubscriptionRow:

@@ -158,7 +158,7 @@ async def import_zones(request: Request, asked: Annotated[ImportQuery, Query()],
     return Json(report, status_code=201 if new else 200)
 
 
-@router.get("/zones/imports", response_model=ZoneImportPage, responses=errors.documented(BadRequest))
+@router.get("/zones/imports", response_model=ZoneImportPage, responses=errors.documented(BadRequest, etag=True))
 async def list_zone_imports(request: Request, filters: Annotated[ImportsQuery, Query()], _: SignedInPerson) -> Response:
     """Every import, newest first: who, when, of which source; the one without `replaced_ms` holds."""
     query = (
@@ -175,6 +175,7 @@ async def list_zone_imports(request: Request, filters: Annotated[ImportsQuery, Q
     async with context_of(request).database.read() as database:
         rows = (await database.scalars(query)).all()
     return page(
+        request,
         ((row, _import(row)) for row in rows),
         filters.limit,
         cursor_of=lambda row: (row.imported_ms, row.import_id),
@@ -212,10 +213,12 @@ async def export_zones(request: Request, asked: Annotated[ExportQuery, Query()],
         features = [orjson.Fragment(row[0].feature) for row in await database.execute(query)]
         if asked.source is not None and (data_set := await store.current(database, asked.source)) is not None:
             about = orjson.loads(data_set.about)
-    return geojson.tagged(request, {"type": "FeatureCollection", **about, "features": features}, geojson.MEDIA_TYPE)
+    return resource(request, {"type": "FeatureCollection", **about, "features": features}, geojson.MEDIA_TYPE)
 
 
-@router.get("/zones/pads", response_model=PadClosuresPage, responses=errors.documented(), openapi_extra=_LANGUAGE)
+@router.get(
+    "/zones/pads", response_model=PadClosuresPage, responses=errors.documented(etag=True), openapi_extra=_LANGUAGE
+)
 async def list_pad_closures(request: Request, filters: Paging, person: SignedInPerson) -> Response:
     """Pads, the zones that come within their reach, and whether the ledger has the closures that follow."""
     context = context_of(request)
@@ -226,6 +229,7 @@ async def list_pad_closures(request: Request, filters: Paging, person: SignedInP
         rows = (await database.execute(query)).all()
         found = [await pads.zones_of(database, row[0], row[1]) for row in rows]
     return page(
+        request,
         ((its, pads.shown(its, language, now)) for its in found),
         filters.limit,
         cursor_of=lambda its: (its.pad.pad_id,),
