@@ -32,6 +32,17 @@ class TimeQuery(PageQuery):
     until_ms: int | None = Field(default=None, ge=0, le=MAX_TIME_MS, description="Until this time, included (Unix, ms)")
 
 
+class AboutQuery(TimeQuery):
+    """About which pads and drones."""
+
+    pad: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only at this pad")
+    drone: str | None = Field(default=None, pattern=_ID, max_length=40, description="Only of this drone")
+    operator: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only of this operator's drones")
+    bbox: str | None = Field(
+        default=None, pattern=areas.PATTERN, description=f"Only at pads within: {areas.DESCRIPTION}"
+    )
+
+
 class PadQuery(PageQuery):
     """Which pads."""
 
@@ -43,13 +54,14 @@ class DroneQuery(PageQuery):
     """Which drones."""
 
     operator: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only of this operator")
+    bbox: str | None = Field(
+        default=None, pattern=areas.PATTERN, description=f"Only those heard last within: {areas.DESCRIPTION}"
+    )
 
 
-class SessionQuery(TimeQuery):
+class SessionQuery(AboutQuery):
     """Which sessions."""
 
-    pad: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only at this pad")
-    drone: str | None = Field(default=None, pattern=_ID, max_length=40, description="Only of this drone")
     state: Literal["requested", "decided", "completed", "cancelled"] | None = None
     outcome: Literal["verified", "refuted", "inconclusive"] | None = None
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from backend.filters import TimeQuery
+from backend.filters import AboutQuery
 from backend.schemas import ApiModel, page_of
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
 
@@ -111,7 +111,7 @@ class Act(BaseModel):
         return self
 
 
-class AlertQuery(TimeQuery):
+class AlertQuery(AboutQuery):
     """Which alerts."""
 
     state: Literal["inbox", "snoozed", "open", "acknowledged", "over"] | None = Field(
@@ -119,8 +119,6 @@ class AlertQuery(TimeQuery):
     )
     severity: Literal["critical", "warning", "notice"] | None = None
     kind: KindName | None = None
-    pad: str | None = Field(default=None, pattern=_ID, max_length=64)
-    drone: str | None = Field(default=None, pattern=_ID, max_length=40)
     session: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
 
 

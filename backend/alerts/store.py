@@ -13,6 +13,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 from backend import audit
 from backend.alerts.kinds import Alert
 from backend.alerts.schemas import Act, AlertQuery
+from backend.areas import narrowed
 from backend.auth.person import Person, Scope
 from backend.db.engine import Database
 from backend.db.tables.alerts import AlertActRow, AlertRow
@@ -185,11 +186,12 @@ async def current(database: AsyncSession) -> list[AlertRow]:
 async def listing(
     database: AsyncSession, filters: AlertQuery, scope: Scope, *, position: tuple[int, str] | None, now_ms: int
 ) -> Sequence[AlertRow]:
-    """Alerts, newest first, one more than `filters.limit`."""
+    """Alerts, newest first, one more than `filters.limit`. Raises `BadRequest` as `narrowed` does."""
     query = select(AlertRow).order_by(AlertRow.t_ms.desc(), AlertRow.alert_id.desc()).limit(filters.limit + 1)
     query = scope.narrow(query, pad=AlertRow.pad_id, drone=AlertRow.uav_id)
     if position is not None:
         query = query.where(tuple_(AlertRow.t_ms, AlertRow.alert_id) < position)
+    query = await narrowed(database, query, filters, pad=AlertRow.pad_id, drone=AlertRow.uav_id)
     asleep = and_(AlertRow.snoozed_until_ms.is_not(None), AlertRow.snoozed_until_ms > now_ms)
     if filters.state == "inbox":
         query = query.where(AlertRow.state == OPEN, or_(AlertRow.snoozed_until_ms.is_(None), ~asleep))
@@ -200,8 +202,6 @@ async def listing(
     for column, value in (
         (AlertRow.kind, filters.kind),
         (AlertRow.severity, filters.severity),
-        (AlertRow.pad_id, filters.pad),
-        (AlertRow.uav_id, filters.drone),
         (AlertRow.session_id, filters.session),
     ):
         if value is not None:

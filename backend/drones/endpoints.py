@@ -26,9 +26,7 @@ async def list_drones(request: Request, person: SignedInPerson, filters: DroneFi
     """Drones by serial number. As GeoJSON each is where it broadcast last, unverified."""
     after = decode_cursor(filters.cursor, str)[0] if filters.cursor is not None else None
     async with context_of(request).database.read() as database:
-        rows = await queries.listing(
-            database, person.scope, after=after, limit=filters.limit + 1, operator=filters.operator
-        )
+        rows = await queries.listing(database, person.scope, filters, after=after)
         items = await queries.details(database, person, rows)
     return geojson.page(
         request,

@@ -9,10 +9,11 @@ import orjson
 from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.areas import drones_of
+from backend.areas import Box, drones_of, drones_within
 from backend.auth.person import Person, Scope
 from backend.db.tables.ledger import AuthorisationRow, DroneRow, VerdictRow
 from backend.db.tables.reported import LatestTrackRow
+from backend.filters import DroneQuery
 from backend.people.masking import shown_uav
 from backend.responses import record
 from backend.verdicts import queries as verdicts
@@ -31,14 +32,17 @@ def shown(
 
 
 async def listing(
-    database: AsyncSession, scope: Scope, *, after: str | None = None, limit: int, operator: str | None = None
+    database: AsyncSession, scope: Scope, filters: DroneQuery, *, after: str | None = None
 ) -> Sequence[DroneRow]:
-    """Drones by identifier; of an operator, where one is named."""
-    query = scope.narrow(select(DroneRow).order_by(DroneRow.uav_id).limit(limit), drone=DroneRow.uav_id)
+    """Drones by identifier, one more than `filters.limit`. Raises `BadRequest` for a box with too many."""
+    query = select(DroneRow).order_by(DroneRow.uav_id).limit(filters.limit + 1)
+    query = scope.narrow(query, drone=DroneRow.uav_id)
     if after is not None:
         query = query.where(DroneRow.uav_id > after)
-    if operator is not None:
-        query = query.where(DroneRow.uav_id.in_(drones_of(operator)))
+    if filters.operator is not None:
+        query = query.where(DroneRow.uav_id.in_(drones_of(filters.operator)))
+    if filters.bbox is not None:
+        query = query.where(DroneRow.uav_id.in_(await drones_within(database, Box.parse(filters.bbox))))
     return (await database.scalars(query)).all()
 
 

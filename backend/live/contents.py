@@ -49,7 +49,7 @@ async def contents_now(database: AsyncSession) -> Contents:
     recent = select(LatestTrackRow).order_by(LatestTrackRow.t_ms.desc()).limit(MAX_TRACKS)
     for track in reversed((await database.scalars(recent)).all()):
         found.tracks.append((track.uav_id, track.t_ms, track.body))
-    found.sessions = await sessions.views(database, sessions.listing(SessionQuery(limit=RECENT_SESSIONS)))
+    found.sessions = await sessions.listing(database, SessionQuery(limit=RECENT_SESSIONS))
     found.sessions.reverse()
     newest = await verdicts.listing(database, VerdictQuery(limit=LAST_VERDICTS))
     found.verdicts = [verdicts.shown(row) for row in reversed(newest)]

@@ -9,7 +9,7 @@ import orjson
 from sqlalchemy import select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.areas import Box, drones_of, pads_within
+from backend.areas import narrowed
 from backend.auth.person import Scope
 from backend.db.tables.ledger import VerdictRow
 from backend.languages import Language
@@ -55,17 +55,9 @@ async def listing(
     query = scope.narrow(query, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
     if before is not None:
         query = query.where(tuple_(VerdictRow.block, VerdictRow.tx_index) < before)
-    for column, value in (
-        (VerdictRow.pad_id, filters.pad),
-        (VerdictRow.uav_id, filters.drone),
-        (VerdictRow.outcome, filters.outcome),
-    ):
-        if value is not None:
-            query = query.where(column == value)
-    if filters.operator is not None:
-        query = query.where(VerdictRow.uav_id.in_(drones_of(filters.operator)))
-    if filters.bbox is not None:
-        query = query.where(VerdictRow.pad_id.in_(await pads_within(database, Box.parse(filters.bbox))))
+    query = await narrowed(database, query, filters, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
+    if filters.outcome is not None:
+        query = query.where(VerdictRow.outcome == filters.outcome)
     if filters.since_ms is not None:
         query = query.where(VerdictRow.decided_ms >= filters.since_ms)
     if filters.until_ms is not None:

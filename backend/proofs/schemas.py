@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 from fastapi import Query
 from pydantic import Field
 
-from backend.areas import DESCRIPTION, PATTERN
-from backend.filters import TimeQuery
+from backend.filters import AboutQuery
 from backend.schemas import ApiModel, page_of
 from wonderland.proofs.records.fields import ID_PATTERN
 
@@ -79,14 +78,10 @@ class Proof(ApiModel):
     tx_index: int
 
 
-class ProofQuery(TimeQuery):
+class ProofQuery(AboutQuery):
     """Which proofs."""
 
-    pad: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only at this pad")
-    drone: str | None = Field(default=None, pattern=_ID, max_length=40, description="Only of this drone")
-    operator: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only of this operator's drones")
     outcome: Outcome | None = None
-    bbox: str | None = Field(default=None, pattern=PATTERN, description=f"Only at pads within: {DESCRIPTION}")
 
 
 ProofFilters = Annotated[ProofQuery, Query()]

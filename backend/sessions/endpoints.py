@@ -36,9 +36,10 @@ SessionIdPath = Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="Tran
 async def list_sessions(request: Request, person: SignedInPerson, filters: SessionFilters) -> Response:
     """Sessions, newest first."""
     before = decode_cursor(filters.cursor, int, str) if filters.cursor is not None else None
-    query = queries.listing(filters, person.scope, before=(before[0], before[1]) if before else None)
     async with context_of(request).database.read() as database:
-        found = await queries.views(database, query)
+        found = await queries.listing(
+            database, filters, person.scope, before=(before[0], before[1]) if before else None
+        )
     return page(
         request,
         ((view, view.to_json()) for view in found),

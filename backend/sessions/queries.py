@@ -9,6 +9,7 @@ import orjson
 from sqlalchemy import Select, select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from backend.areas import narrowed
 from backend.auth.person import ALL, Scope
 from backend.db.tables.ledger import EvidenceRow, RecordVersionRow, SessionRow, TransactionRow, VerdictRow
 from backend.db.tables.reported import EstimateRow, SessionEndRow, StepRow
@@ -20,14 +21,16 @@ from wonderland.proofs.records.sessions import Session
 MAX_ESTIMATES = 500
 
 
-def listing(filters: SessionQuery, scope: Scope = ALL, *, before: tuple[int, str] | None = None) -> Select[Any]:
-    """Sessions, newest first, one more than `filters.limit`; `before` is the last one of the page before."""
+async def listing(
+    database: AsyncSession, filters: SessionQuery, scope: Scope = ALL, *, before: tuple[int, str] | None = None
+) -> list[SessionView]:
+    """Sessions, newest first, one more than `filters.limit`; `before` is the last one of the page before.
+
+    Raises `BadRequest` as `narrowed` does.
+    """
     newest_first = (SessionRow.requested_ms.desc(), SessionRow.session_id.desc())
     query: Select[Any] = _theirs(scope).order_by(*newest_first).limit(filters.limit + 1)
-    if filters.pad is not None:
-        query = query.where(SessionRow.pad_id == filters.pad)
-    if filters.drone is not None:
-        query = query.where(SessionRow.uav_id == filters.drone)
+    query = await narrowed(database, query, filters, pad=SessionRow.pad_id, drone=SessionRow.uav_id)
     if filters.state is not None:
         query = query.where(SessionRow.state == filters.state)
     if filters.outcome is not None:
@@ -38,7 +41,7 @@ def listing(filters: SessionQuery, scope: Scope = ALL, *, before: tuple[int, str
         query = query.where(SessionRow.requested_ms <= filters.until_ms)
     if before is not None:
         query = query.where(tuple_(SessionRow.requested_ms, SessionRow.session_id) < before)
-    return query
+    return await views(database, query)
 
 
 async def views(database: AsyncSession, query: Select[Any]) -> list[SessionView]:

@@ -8,6 +8,7 @@ from typing import Any
 from sqlalchemy import select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from backend.areas import narrowed
 from backend.auth.person import ALL, Scope
 from backend.db.tables.ledger import SessionRow, VerdictRow
 from backend.filters import VerdictQuery
@@ -29,7 +30,7 @@ async def listing(
 ) -> Sequence[VerdictRow]:
     """Verdicts, newest first, one more than `filters.limit`; with `after_block` those of later blocks, oldest first.
 
-    `position` (block, tx_index) is the last one of the page before.
+    `position` (block, tx_index) is the last one of the page before. Raises `BadRequest` as `narrowed` does.
     """
     query = scope.narrow(select(VerdictRow).limit(filters.limit + 1), pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
     place = tuple_(VerdictRow.block, VerdictRow.tx_index)
@@ -41,10 +42,7 @@ async def listing(
         query = query.order_by(VerdictRow.block, VerdictRow.tx_index).where(VerdictRow.block > filters.after_block)
         if position is not None:
             query = query.where(place > position)
-    if filters.pad is not None:
-        query = query.where(VerdictRow.pad_id == filters.pad)
-    if filters.drone is not None:
-        query = query.where(VerdictRow.uav_id == filters.drone)
+    query = await narrowed(database, query, filters, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
     if filters.outcome is not None:
         query = query.where(VerdictRow.outcome == filters.outcome)
     if filters.state is not None:

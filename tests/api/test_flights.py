@@ -58,6 +58,13 @@ async def test_positions_become_flights(running, agent_client, machine, clock):
         conforms("Flight", again)
         assert (again["start_ms"], again["positions"]) == (START_MS - 60_000, 4)
         assert len(again["proofs"]) == 1
+        for box, found in (
+            ("22.2,60.45178,22.3,60.5", ["uav-2"]),
+            ("22.2,60.4,22.3,60.5", ["uav-1", "uav-2"]),
+            ("0,0,1,1", []),
+        ):
+            drones = (await running.json("/drones", bbox=box))["items"]
+            assert [each["uav_id"] for each in drones] == found, "where they were heard last"
         path = f"/api/v1/flights/{oldest['flight_id']}"
         feature = (await http.get(path, headers={"Accept": "application/geo+json"})).json()
         assert feature["geometry"]["type"] == "LineString"

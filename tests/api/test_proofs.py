@@ -198,5 +198,17 @@ async def test_pads_drones_and_tracks_on_a_map(running):
         ("/pads?operator=nobody", 0),
         ("/drones?operator=fleet", 2),
         ("/drones?operator=nobody", 0),
+        (f"/sessions?bbox={TURKU}", 3),
+        ("/sessions?bbox=0,0,1,1", 0),
+        ("/sessions?operator=fleet&outcome=refuted", 1),
+        ("/sessions?operator=nobody", 0),
+        (f"/verdicts?bbox={TURKU}", 2),
+        ("/verdicts?bbox=0,0,1,1", 0),
+        ("/verdicts?operator=fleet", 2),
+        ("/verdicts?operator=nobody", 0),
+        (f"/alerts?bbox={TURKU}&kind=refuted", 1),
+        ("/alerts?bbox=0,0,1,1", 0),
+        ("/alerts?operator=fleet&kind=refuted", 1),
+        ("/alerts?operator=nobody", 0),
     ):
         assert len((await running.get(path)).json()["items"]) == count, path
