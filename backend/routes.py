@@ -11,13 +11,13 @@ from fastapi.routing import APIRoute
 
 from backend import console, errors
 from backend.alerts import endpoints as alerts
+from backend.answer_headers import AnswerHeaders
 from backend.audit import endpoints as audit_log
 from backend.auth import endpoints as auth
 from backend.auth.gate import SetUpGate
 from backend.authorisations import endpoints as authorisations
 from backend.boundary import Boundary
 from backend.clients import endpoints as clients_api
-from backend.clients.limits import RateLimitHeaders
 from backend.conformance import endpoints as conformance
 from backend.description import DESCRIPTION, openapi
 from backend.drones import endpoints as drones
@@ -123,7 +123,7 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
     for path in (*test_harness.PATHS, *zones_harness.PATHS):
         app.add_api_route(path, _unknown, methods=["GET", "HEAD", "PUT", "POST", "DELETE"], include_in_schema=False)
     console.install(app, console.find(console_directory))
-    app.add_middleware(RateLimitHeaders)
+    app.add_middleware(AnswerHeaders)
     app.add_middleware(SetUpGate)
     app.add_middleware(
         Boundary,

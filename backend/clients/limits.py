@@ -6,14 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from starlette.datastructures import MutableHeaders
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import Scope
 
+from backend.answer_headers import add_headers
 from backend.errors import TooManyRequests
 
 WINDOW_MS: Final = 60_000
 MAX_CALLERS: Final = 10_000
-STATE: Final = "rate_limit"
 
 
 @dataclass(slots=True)
@@ -63,7 +62,7 @@ class RateLimits:
     def admit(self, scope: Scope, caller: str, quota: int | None = None) -> None:
         """Count a request, and have its answer say what is left. Raises `TooManyRequests`."""
         allowance = self.count(caller, quota)
-        scope.setdefault("state", {})[STATE] = allowance
+        add_headers(scope, allowance.headers())
         if allowance.exceeded:
             raise TooManyRequests(
                 f"More than {allowance.quota} requests in a minute; go on in {allowance.reset_s} s.",
@@ -75,27 +74,3 @@ class RateLimits:
         # None over: somebody makes up callers. The counts of all begin anew rather than memory filling up.
         for caller in over or list(self._windows):
             del self._windows[caller]
-
-
-class RateLimitHeaders:
-    """ASGI: writes the allowance that a request was counted against into its answer."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """ASGI."""
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-        state = scope.setdefault("state", {})
-
-        async def sending(message: Message) -> None:
-            allowance = state.get(STATE)
-            if message["type"] == "http.response.start" and isinstance(allowance, Allowance):
-                headers = MutableHeaders(scope=message)
-                for name, value in allowance.headers().items():
-                    headers[name] = value
-            await send(message)
-
-        await self._app(scope, receive, sending)

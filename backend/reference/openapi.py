@@ -25,6 +25,9 @@ _HEADERS: Final[Mapping[str, Any]] = {
     "ETag": {"description": "The answer's tag, for `If-None-Match` and `If-Match` (RFC 9110)", "example": _TAG},
     "RateLimit-Policy": {"description": "The quota q of requests in w seconds", "example": '"default";q=600;w=60'},
     "RateLimit": {"description": "r requests are left, for t seconds", "example": '"default";r=588;t=12'},
+    "Deprecation": {"description": "Deprecated since (RFC 9745)", "example": "@1798761600"},
+    "Sunset": {"description": "Works until (RFC 8594)", "example": "Thu, 01 Jul 2027 00:00:00 GMT"},
+    "Link": {"description": "What takes its place", "example": '<https://example.com/>; rel="deprecation"'},
     "Retry-After": {"description": "Seconds", "example": "12"},
     "WWW-Authenticate": {"description": "RFC 6750", "example": 'Bearer realm="wonderland", error="invalid_token"'},
     idempotency.REPLAYED: {"description": "`true`: this was answered before, and is not done twice", "example": "true"},
@@ -118,8 +121,11 @@ def _describe_access(path: str, method: str, tags: list[str], operation: dict[st
 
 
 def _describe_headers(operation: dict[str, Any]) -> None:
-    """What follows for headers from a 304, from a 412, and from a key that makes a write one that may be sent twice."""
+    """What follows for headers from a mark of deprecation, a 304, a 412, and a key by which a write may come twice."""
     responses = operation["responses"]
+    if operation.get("deprecated"):
+        for response in responses.values():
+            _add_headers(response, "Deprecation", "Sunset", "Link")
     if "304" in responses:
         operation.setdefault("parameters", []).append(dict(_IF_NONE_MATCH))
         for status in ("200", "304"):

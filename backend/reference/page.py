@@ -14,6 +14,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 
 from backend.clients.scopes import SCOPES
+from backend.deprecation import INSTEAD, SUNSET
 from backend.reference.openapi import Document, operations
 
 router = APIRouter()
@@ -87,6 +88,11 @@ def _open_to_machines(each: tuple[str, str, dict[str, Any]]) -> bool:
 def _operation(path: str, method: str, operation: Mapping[str, Any], schemas: Mapping[str, Any]) -> str:
     summary = str(operation.get("description") or operation.get("summary", ""))
     parts = [f"<p>{_text(part)}</p>" for part in summary.split("\n\n")]
+    mark = ""
+    if operation.get("deprecated"):
+        mark = ' <span class="must">deprecated</span>'
+        until, instead = escape(str(operation[SUNSET])), escape(str(operation[INSTEAD]))
+        parts.insert(0, f'<p class="must">Deprecated: works until {until}. <a href="{instead}">What to use</a></p>')
     scopes = [scope for each in operation.get("security", ()) for scope in each.get("client", ())]
     if scopes:
         parts.append("<h3>Scope</h3>" + "".join(f'<span class="scope">{escape(scope)}</span>' for scope in scopes))
@@ -99,7 +105,7 @@ def _operation(path: str, method: str, operation: Mapping[str, Any], schemas: Ma
     parts += [_answer(status, response) for status, response in sorted(operation["responses"].items())]
     return (
         f'<details class="operation" id="{escape(str(operation["operationId"]))}"><summary>'
-        f'<span class="method {method}">{method}</span><code>{escape(path)}</code>'
+        f'<span class="method {method}">{method}</span><code>{escape(path)}</code>{mark}'
         f'<span class="quiet">{_text(summary.partition(".")[0])}</span></summary>'
         f'<div class="body">{"".join(parts)}</div></details>'
     )
