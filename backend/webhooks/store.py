@@ -63,6 +63,17 @@ async def add_deliveries(connection: AsyncConnection, rows: Sequence[Row]) -> No
         await connection.execute(statement, list(rows))
 
 
+async def with_waiting(database: AsyncSession, least: int) -> frozenset[str]:
+    """Subscriptions that at least so many deliveries wait for."""
+    query = (
+        select(DeliveryRow.subscription_id)
+        .where(DeliveryRow.next_ms.is_not(None))
+        .group_by(DeliveryRow.subscription_id)
+        .having(func.count() >= least)
+    )
+    return frozenset((await database.scalars(query)).all())
+
+
 async def move(connection: AsyncConnection, row: SubscriptionRow, to: Place) -> bool:
     """Deliveries up to there are made; False where another replica was quicker."""
     done = await connection.execute(
