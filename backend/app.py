@@ -28,6 +28,7 @@ from backend.db.partitions import make_ahead
 from backend.db.tables.ledger import OrganisationRow
 from backend.db.tables.reported import InstanceRow
 from backend.events.feed import Commits
+from backend.events.streams import Streams
 from backend.flights.store import forget as forget_flights
 from backend.ingest.agents import Agents
 from backend.ingest.identity import Members
@@ -124,6 +125,7 @@ class Backend:
             clients=clients,
             machines=machines_of(settings, clients, uspace, clock, randomness),
             commits=Commits(),
+            streams=Streams(settings.max_event_streams, settings.max_event_streams_each),
             poster=poster_of(settings),
             assets=assets,
             source=source,

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from backend.clients.machines import Machines
     from backend.clients.store import Clients
     from backend.events.feed import Commits
+    from backend.events.streams import Streams
     from backend.ingest.agents import Agents
     from backend.ingest.identity import Members
     from backend.ingest.intake import Intake
@@ -59,6 +60,8 @@ class Context:
     machines: Machines
     commits: Commits
     """Wakes whoever waits for the next block."""
+    streams: Streams
+    """Event streams (SSE) that are open."""
     poster: Poster
     assets: ProofContract | None
     """The contract as the identity that anchors the audit log; None where there is none."""

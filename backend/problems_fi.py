@@ -103,8 +103,8 @@ DETAILS: Final[Mapping[str, str]] = {
         "Tällaista toimitusta ei ole; ne säilytetään kaksi viikkoa."
     ),
     "There is no such request.": "Tällaista pyyntöä ei ole.",
-    "As many streams are open as this server has; try again later, or ask page by page.": (
-        "Palvelimen kaikki tapahtumavirrat ovat käytössä; yritä myöhemmin tai hae sivu kerrallaan."
+    "As many streams are open as this server has; try again later, or ask without a stream.": (
+        "Palvelimen kaikki tapahtumavirrat ovat käytössä; yritä myöhemmin tai hae ilman virtaa."
     ),
     "The first request with this key is under way; ask again in a moment.": (
         "Ensimmäinen pyyntö tällä avaimella on kesken; kysy hetken kuluttua uudelleen."

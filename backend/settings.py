@@ -88,6 +88,7 @@ class Settings(BaseSettings):
     )
     webhook_ca_file: Path | None = Field(default=None, description="Further CAs (PEM) of receivers' certificates")
     max_event_streams: int = Field(default=1_000, ge=1, description="Most event streams (SSE) at a time")
+    max_event_streams_each: int = Field(default=10, ge=1, description="Most of one person or machine")
     client_requests_per_min: int = Field(default=600, ge=1, description="Requests of one machine in a minute")
 
     track_retention_h: float = Field(

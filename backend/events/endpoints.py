@@ -59,8 +59,7 @@ async def read_events(request: Request, filters: EventFilters, person: SignedInP
                 "more": batch.more,
             }
             return Json(content, headers={"Cache-Control": "private, no-store"})
-    if context.commits.streams >= context.settings.max_event_streams:
-        raise TooManyRequests("As many streams are open as this server has; try again later, or ask page by page.")
+    context.streams.check(person.person_id)
     headers = {"Cache-Control": "private, no-store", "X-Accel-Buffering": "no"}
     stream = _stream(request, context, after, filters.filter(), person)
     return StreamingResponse(stream, headers=headers, media_type=STREAM)
@@ -70,8 +69,7 @@ async def _stream(
     request: Request, context: Context, after: Place, wanted: Filter, person: Person
 ) -> AsyncIterator[bytes]:
     commits = context.commits
-    commits.streams += 1
-    try:
+    with context.streams.held(person.person_id):
         yield f"retry: {RETRY_MS}\n: after {after}\n\n".encode()
         while not commits.stopping:
             upcoming = commits.upcoming
@@ -87,8 +85,6 @@ async def _stream(
                 if not await _may_look(request, person):
                     return
                 yield b": still here\n\n"
-    finally:
-        commits.streams -= 1
 
 
 def _framed(event: feed.Event) -> bytes:

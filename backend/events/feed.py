@@ -160,8 +160,6 @@ class Commits:
     def __init__(self) -> None:
         self._next = asyncio.Event()
         self.stopping = False
-        self.streams = 0
-        """How many wait just now."""
 
     def pulse(self) -> None:
         """A commit has happened."""

@@ -126,7 +126,7 @@ async def test_a_stream_ends_with_the_right_to_look(running, machine, monkeypatc
             await running.context.clients.revoke(connection, http.client_id, "a test")
         with pytest.raises(EOFError):
             await found.event()
-    assert running.context.commits.streams == 0
+    assert running.context.streams.count == 0
 
 
 async def test_a_server_that_stops_ends_its_streams(running):
@@ -141,6 +141,23 @@ async def test_there_are_only_so_many_streams(new_backend, serving, chain, sourc
         await anext(aiter(found.lines))
         answer = await client.get("/events", headers=STREAM)
         assert (answer.status_code, answer.json()["type"]) == (429, "urn:wonderland:problem:too-many-requests")
+
+
+async def test_one_client_leaves_streams_to_others(new_backend, serving, chain, source_of, machine_at):
+    scopes = "wonderland.proofs.read wonderland.traffic.ats"
+    async with (
+        serving(new_backend(source_of(chain), max_event_streams_each=1)) as client,
+        machine_at(client, scopes) as greedy,
+        machine_at(client, scopes, name="Other") as other,
+        stream(greedy) as found,
+    ):
+        await anext(aiter(found.lines))
+        for path in ("/api/v1/events", "/api/v1/traffic"):
+            answer = await greedy.get(path, headers=STREAM)
+            assert (answer.status_code, answer.json()["type"]) == (429, "urn:wonderland:problem:too-many-requests")
+            assert answer.json()["detail"].startswith("You have 1 streams open already; close one")
+        async with stream(other) as another:
+            assert await anext(aiter(another.lines))
 
 
 async def test_an_operator_is_told_of_its_own_only_and_others_of_no_personal_data(running, chain, facts, machine, tx):

@@ -13,7 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from backend import areas
 from backend.areas import BAD_BOX
-from backend.auth.access import SIGNED_IN, person_of
+from backend.auth.access import SignedInPerson, person_of
+from backend.auth.person import Person
 from backend.context import Context, context_of
 from backend.errors import Problem, TooManyRequests, documented
 from backend.responses import Json
@@ -40,17 +41,17 @@ class TrafficQuery(BaseModel):
 @router.get(
     "/traffic",
     response_model=Traffic,
-    dependencies=SIGNED_IN,
     responses=documented(BAD_BOX, TooManyRequests)
     | {200: {"model": Traffic, "content": {STREAM: {"schema": {"type": "string"}, "example": _EXAMPLE}}}},
 )
-async def read_traffic(request: Request, query: Annotated[TrafficQuery, Query()]) -> Response:
+async def read_traffic(request: Request, query: Annotated[TrafficQuery, Query()], person: SignedInPerson) -> Response:
     """Drones in flight, with the fields of EU 2021/664, article 8(2), that the recipient may have.
 
     The recipient follows from the token's scope: `wonderland.traffic.` with `authority`, `ats` (air traffic
     services), `ussp` (U-space service providers) or `public`; people signed in to the console get the public view.
     With `Accept: text/event-stream` a stream: an event `traffic` with everything that flies, then one every half
-    second with what has changed.
+    second with what has changed. Its events have no ids: after a break there is nothing to resume, a new stream
+    begins with everything that flies.
     """
     context = context_of(request)
     box = areas.Box.parse(query.bbox) if query.bbox is not None else None
@@ -58,10 +59,10 @@ async def read_traffic(request: Request, query: Annotated[TrafficQuery, Query()]
     if STREAM not in request.headers.get("accept", ""):
         items, _ = context.uspace.traffic.items(recipient, box)
         return Json(_content(context, recipient, items), headers={"Cache-Control": "private, no-store"})
-    if context.commits.streams >= context.settings.max_event_streams:
-        raise TooManyRequests("As many streams are open as this server has; try again later, or ask once a second.")
+    context.streams.check(person.person_id)
     headers = {"Cache-Control": "private, no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(_stream(request, context, recipient, box), headers=headers, media_type=STREAM)
+    content = _stream(request, context, recipient, box, person)
+    return StreamingResponse(content, headers=headers, media_type=STREAM)
 
 
 def _recipient(request: Request) -> Recipient:
@@ -74,11 +75,10 @@ def _content(context: Context, recipient: Recipient, items: list[dict[str, Any]]
 
 
 async def _stream(
-    request: Request, context: Context, recipient: Recipient, box: areas.Box | None
+    request: Request, context: Context, recipient: Recipient, box: areas.Box | None, person: Person
 ) -> AsyncIterator[bytes]:
-    context.commits.streams += 1
     after, ticks = -1, 0
-    try:
+    with context.streams.held(person.person_id):
         while not context.commits.stopping:
             items, seen = context.uspace.traffic.items(recipient, box, after=after)
             if items or after < 0:
@@ -91,8 +91,6 @@ async def _stream(
                 if not await _may_look(request):
                     return
                 yield b": still here\n\n"
-    finally:
-        context.commits.streams -= 1
 
 
 async def _may_look(request: Request) -> bool:

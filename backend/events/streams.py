@@ -1,0 +1,45 @@
+"""How many event streams (SSE) are open: of all, and of each person or machine."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from backend.errors import TooManyRequests
+
+
+class Streams:
+    """Counts them, in this process."""
+
+    def __init__(self, most: int, most_each: int) -> None:
+        self._most = most
+        self._most_each = most_each
+        self._open: Counter[str] = Counter()
+
+    @property
+    def count(self) -> int:
+        """How many are open."""
+        return self._open.total()
+
+    def check(self, person_id: str) -> None:
+        """Whether one more may be opened. Raises `TooManyRequests`."""
+        if self._open[person_id] >= self._most_each:
+            raise TooManyRequests(
+                f"You have {self._most_each} streams open already; close one, or ask without a stream."
+            )
+        if self.count >= self._most:
+            raise TooManyRequests(
+                "As many streams are open as this server has; try again later, or ask without a stream."
+            )
+
+    @contextmanager
+    def held(self, person_id: str) -> Iterator[None]:
+        """Count one as long as it is open."""
+        self._open[person_id] += 1
+        try:
+            yield
+        finally:
+            self._open[person_id] -= 1
+            if not self._open[person_id]:
+                del self._open[person_id]
