@@ -26,7 +26,7 @@ class Streams:
         """Whether one more may be opened. Raises `TooManyRequests`."""
         if self._open[person_id] >= self._most_each:
             raise TooManyRequests(
-                f"You have {self._most_each} streams open already; close one, or ask without a stream."
+                f"You have as many streams open as anybody may ({self._most_each}); close one, or ask without a stream."
             )
         if self.count >= self._most:
             raise TooManyRequests(

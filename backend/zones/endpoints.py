@@ -217,7 +217,10 @@ async def export_zones(request: Request, asked: Annotated[ExportQuery, Query()],
 
 
 @router.get(
-    "/zones/pads", response_model=PadClosuresPage, responses=errors.documented(etag=True), openapi_extra=_LANGUAGE
+    "/zones/pads",
+    response_model=PadClosuresPage,
+    responses=errors.documented(BadRequest, etag=True),
+    openapi_extra=_LANGUAGE,
 )
 async def list_pad_closures(request: Request, filters: Paging, person: SignedInPerson) -> Response:
     """Pads, the zones that come within their reach, and whether the ledger has the closures that follow."""

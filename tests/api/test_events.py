@@ -155,7 +155,7 @@ async def test_one_client_leaves_streams_to_others(new_backend, serving, chain, 
         for path in ("/api/v1/events", "/api/v1/traffic"):
             answer = await greedy.get(path, headers=STREAM)
             assert (answer.status_code, answer.json()["type"]) == (429, "urn:wonderland:problem:too-many-requests")
-            assert answer.json()["detail"].startswith("You have 1 streams open already; close one")
+            assert answer.json()["detail"].startswith("You have as many streams open as anybody may (1); close one")
         async with stream(other) as another:
             assert await anext(aiter(another.lines))
 

@@ -95,7 +95,7 @@ class Subscription(Foreign):
 class Polygon(Foreign):
     """`Polygon`."""
 
-    vertices: Annotated[list[Point], Field(min_length=3, max_length=10_000)]
+    vertices: Annotated[list[Point], Field(min_length=3, max_length=1_500)]
 
 
 class Radius(Foreign):
@@ -169,7 +169,7 @@ class AreaNotification(Foreign):
     """`PutIdentificationServiceAreaNotificationParameters`."""
 
     service_area: Area | None = None
-    subscriptions: Annotated[list[Notified], Field(max_length=1_000)]
+    subscriptions: Annotated[list[Notified], Field(max_length=500)]
     extents: Volume4D | None = None
 
 

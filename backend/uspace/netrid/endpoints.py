@@ -80,7 +80,9 @@ async def search_flights(
     "/flights/{flight_id}/details",
     response_model=RidDetails,
     dependencies=[Depends(system_with(DISPLAY_PROVIDER))],
-    responses=documented(TokenRefused, ScopeMissing, NotFound("There is no flight of this id, or no longer.")),
+    responses=documented(
+        _INVALID, TokenRefused, ScopeMissing, NotFound("There is no flight of this id, or no longer.")
+    ),
 )
 async def read_flight_details(request: Request, flight_id: FlightId) -> Response:
     """Who flies, as far as the drone said (F3411-22a, getFlightDetails)."""
