@@ -63,6 +63,12 @@ class USpaceSettings(BaseModel):
         default=False, description="Open the interfaces by which InterUSS tests a system: never in production"
     )
 
+    system_identities: tuple[Annotated[str, Field(min_length=1, max_length=200)], ...] = Field(
+        default=("gov.eu.uspace.v1.netid", "gov.eu.uspace.v1.geoawareness"),
+        max_length=32,
+        description="As which systems the test harness tells our version, by the names that the tests use",
+    )
+
     serve: Literal["ours", "heard"] = Field(
         default="ours",
         description="Of which drones we are the service provider: those named by `operators` or `drones` and those"

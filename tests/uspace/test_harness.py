@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
 import uuid
-from urllib.parse import urlsplit
 
-import httpx
 import pytest
 from implicitdict import ImplicitDict
 from uas_standards.interuss.automated_testing.rid.v1 import injection, observation
+from uas_standards.interuss.automated_testing.versioning import api as versioning
 
 from backend.uspace.times import rfc3339
+from wonderland import __version__
 
 INJECT, OBSERVE = "rid.inject_test_data", "dss.read.identification_service_areas"
 JSON = {"Content-Type": "application/json"}
@@ -148,36 +147,18 @@ async def test_without_the_switch_there_is_nothing(new_uss):
     async with new_uss() as uss:
         for method, path in (
             ("PUT", "/tests/a"), ("DELETE", "/tests/a/1"), ("GET", "/user_notifications"), ("GET", "/display_data"),
-            ("GET", "/display_data/a"),
+            ("GET", "/display_data/a"), ("GET", "/versions/gov.eu.uspace.v1.netid"),
         ):  # fmt: skip
             answer = await uss.ask(method, path, f"{INJECT} {OBSERVE}")
             assert answer.status_code == 404, path
 
 
-@pytest.mark.skipif("WONDERLAND_TEST_DSS" not in os.environ, reason="no real DSS: WONDERLAND_TEST_DSS is not set")
-async def test_a_real_dss():
-    """An InterUSS DSS, with its dummy token server in WONDERLAND_TEST_DSS_TOKENS."""
-    from backend.app import now_ms
-    from backend.uspace.dss.client import DssClient, extents_of
-    from backend.uspace.geo import TILES, Cell
-    from backend.uspace.peers import Peers
-    from backend.uspace.settings import USpaceSettings
-    from backend.uspace.token_client import TokenClient
-
-    settings = USpaceSettings(
-        token_url=os.environ["WONDERLAND_TEST_DSS_TOKENS"], client_id="wonderland-test", token_request="interuss-dummy"
-    )
-    async with httpx.AsyncClient(trust_env=False) as http:
-        host = urlsplit(os.environ["WONDERLAND_TEST_DSS"]).hostname
-        peers = Peers(http, TokenClient(settings, clock=now_ms, client=http), known=(), allowed=[host])
-        dss = DssClient([os.environ["WONDERLAND_TEST_DSS"]], clock=now_ms, peers=peers)
-        cell = Cell.at(604_518_000, 222_666_000, TILES)
-        area_id, until_ms = str(uuid.uuid4()), now_ms() + 120_000
-        extents = extents_of(cell.box(), until_ms=until_ms, is_cap=False)
-        made = await dss.put_area(area_id, extents, "https://wonderland.example", None)
-        try:
-            found = await dss.search_areas(cell.box(), from_ms=now_ms(), until_ms=until_ms)
-            assert area_id in {each.id for each in found}
-            made = await dss.put_area(area_id, extents, "https://wonderland.example", made.service_area.version)
-        finally:
-            await dss.delete_area(area_id, made.service_area.version)
+async def test_the_version_of_what_runs_here(uss):
+    scope, identity = "interuss.versioning.read_system_versions", "gov.eu.uspace.v1.netid"
+    answer = await uss.ask("GET", f"/versions/{identity}", scope)
+    assert answer.status_code == 200, answer.text
+    told = ImplicitDict.parse(answer.json(), versioning.GetVersionResponse)
+    assert (told.system_identity, told.system_version) == (identity, f"v{__version__}")
+    assert (await uss.ask("GET", "/versions/gov.au.casa", scope)).status_code == 404
+    assert (await uss.ask("GET", f"/versions/{identity}", INJECT)).status_code == 403
+    assert (await uss.http.get(f"/versions/{identity}")).status_code == 401

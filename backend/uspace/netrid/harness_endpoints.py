@@ -1,4 +1,4 @@
-"""The interfaces of InterUSS by which a system is tested (`injection`, `observation`); only under `--test-harness`."""
+"""InterUSS' interfaces by which a system is tested (`injection`, `observation`, `versioning`), behind a switch."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Body, Depends, Path, Request
 from fastapi.responses import Response
 from uas_standards.interuss.automated_testing.rid.v1.constants import Scope
+from uas_standards.interuss.automated_testing.versioning.constants import Scope as VersioningScope
 
 from backend.context import context_of
 from backend.errors import BadRequest, NotFound
@@ -31,12 +32,15 @@ PATHS: Final = (
     "/user_notifications",
     "/display_data",
     "/display_data/{path:path}",
+    "/versions/{path:path}",
 )
 """Where nothing else may answer: these addresses are the standards', open or not."""
 MAX_BODY: Final = 16 << 20
 """A test may bring many flights, each of them second by second."""
 INJECT: Final = [Depends(system_with(Scope.Inject.value))]
 OBSERVE: Final = [Depends(system_with(Scope.Observe.value))]
+READ_VERSIONS: Final = [Depends(system_with(VersioningScope.ReadSystemVersions.value))]
+SystemIdentity = Annotated[str, Path(min_length=1, max_length=200)]
 TestId = Annotated[str, Path(min_length=1, max_length=200)]
 
 
@@ -91,6 +95,15 @@ async def get_details(request: Request, flight_id: FlightId) -> Response:
     if details is None:
         raise NotFound("No flight of this id was shown by itself within the last minute.")
     return Json(_details(details), headers=NO_STORE)
+
+
+@router.get("/versions/{system_identity}", dependencies=READ_VERSIONS)
+async def get_version(request: Request, system_identity: SystemIdentity) -> Response:
+    """Which version of a system runs here."""
+    context = context_of(request)
+    if system_identity not in context.settings.uspace.system_identities:
+        raise NotFound("This server is no system of that identity; see the setting system_identities.")
+    return Json({"system_identity": system_identity, "system_version": f"v{context.version}"}, headers=NO_STORE)
 
 
 def _harness(request: Request) -> Harness:
