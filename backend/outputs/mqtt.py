@@ -19,6 +19,7 @@ from backend.outputs.settings import MqttSettings
 logger = logging.getLogger(__name__)
 
 AT_LEAST_ONCE: Final = 1
+PROTOCOLS: Final = {"5": aiomqtt.ProtocolVersion.V5, "3.1.1": aiomqtt.ProtocolVersion.V311}
 LONGEST_PAUSE_S: Final = 30.0
 TIMEOUT_S: Final = 10.0
 KEEPALIVE_S: Final = 30
@@ -76,7 +77,7 @@ class MqttOutput:
             username=settings.username,
             password=self._password,
             tls_context=self._tls,
-            protocol=aiomqtt.ProtocolVersion.V5,
+            protocol=PROTOCOLS[settings.protocol],
             keepalive=KEEPALIVE_S,
             timeout=TIMEOUT_S,
             will=self._will,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final, Self
+from typing import Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -43,10 +43,11 @@ class TakSettings(_Output):
 
 
 class MqttSettings(_Output):
-    """An MQTT 5 broker."""
+    """An MQTT broker."""
 
     host: str = Field(pattern=f"^({_HOST})$")
     port: int = Field(default=8883, ge=1, le=65_535)
+    protocol: Literal["5", "3.1.1"] = Field(default="5", description="3.1.1 for brokers that know no MQTT 5")
     tls: bool = Field(default=True, description="Off only on a network of one's own")
     tls_ca: Path | None = Field(default=None, description="CA of the broker's certificate (PEM); else the system's CAs")
     username: str | None = Field(default=None, min_length=1, max_length=256)

@@ -22,6 +22,8 @@ class MqttSettings:
     host: str
     topics: tuple[str, ...]
     port: int = 1883
+    protocol: str = "5"
+    """Or 3.1.1, for brokers that know no MQTT 5."""
     tls_ca: Path | None = None
     username: str | None = None
     password_file: Path | None = None
@@ -76,11 +78,14 @@ def _mqtt(table: Table) -> MqttSettings:
         host=table.text("host"),
         topics=table.texts("topics"),
         port=table.integer("port", 8883 if table.has("tls_ca") else 1883, 1, 65_535),
+        protocol=table.text("protocol") if table.has("protocol") else "5",
         tls_ca=table.path("tls_ca") if table.has("tls_ca") else None,
         username=table.text("username") if table.has("username") else None,
         password_file=table.path("password_file") if table.has("password_file") else None,
     )
     table.refuse_unknown()
+    if settings.protocol not in {"5", "3.1.1"}:
+        raise table.wrong("protocol", "is the MQTT version: 5 or 3.1.1")
     if not settings.topics:
         raise table.wrong("topics", 'is empty; name what to hear, for example ["dronescout/#"]')
     if settings.password_file is not None and settings.username is None:

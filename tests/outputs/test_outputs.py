@@ -100,6 +100,44 @@ async def test_mqtt_tells_what_was_decided_while_the_broker_was_away(
             assert told["outcome"] == "refuted"
 
 
+@contextlib.asynccontextmanager
+async def only_3_1_1(broker):
+    """The broker as one that knows no MQTT 5: whoever asks for that is refused as MQTT 3.1.1 has it. Gives its port."""
+
+    async def pass_on(reader, writer):
+        with contextlib.suppress(ConnectionError):
+            while data := await reader.read(65_536):
+                writer.write(data)
+                await writer.drain()
+        writer.close()
+
+    async def serve(reader, writer):
+        hello = await reader.readuntil(b"MQTT") + await reader.readexactly(1)
+        if hello[-1] != 4:
+            writer.write(b"\x20\x02\x00\x01")  # CONNACK: unacceptable protocol version
+            writer.close()
+            return
+        onward, back = await asyncio.open_connection("127.0.0.1", broker.port)
+        back.write(hello)
+        await asyncio.gather(pass_on(reader, back), pass_on(onward, writer))
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    async with server:
+        yield server.sockets[0].getsockname()[1]
+
+
+async def test_mqtt_with_a_broker_that_knows_no_version_5(new_backend, chain, source_of, broker):
+    a_chain(chain)
+    async with only_3_1_1(broker) as port, listening(broker) as listener:
+        with pytest.raises(aiomqtt.MqttError):
+            async with aiomqtt.Client("127.0.0.1", port, protocol=aiomqtt.ProtocolVersion.V5):
+                pass
+        outputs = {"mqtt": {"host": "127.0.0.1", "port": port, "tls": False, "protocol": "3.1.1"}}
+        async with serving(new_backend(source_of(chain), outputs=outputs)):
+            assert (await listener.next_of("wonderland/v1/status")).payload == b"online"
+            assert json.loads((await listener.next_of("wonderland/v1/verdicts/uav-1")).payload)["verified"]
+
+
 class TakServer:
     """What a TAK server hears, event by event; it can go away and come back at the same port."""
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from edge_agent.receiver.settings import MqttSettings
     from edge_agent.receiver.sources import Sink
 
+PROTOCOLS: Final = {"5": aiomqtt.ProtocolVersion.V5, "3.1.1": aiomqtt.ProtocolVersion.V311}
 AGAIN_S: Final = 1.0
 LONGEST_S: Final = 30.0
 MAX_QUEUED: Final = 1_000
@@ -61,7 +62,7 @@ class MqttSource:
             username=settings.username,
             password=password,
             tls_context=context,
-            protocol=aiomqtt.ProtocolVersion.V5,
+            protocol=PROTOCOLS[settings.protocol],
             keepalive=KEEPALIVE_S,
             max_queued_incoming_messages=MAX_QUEUED,
         )
