@@ -19,6 +19,8 @@ logger = logging.getLogger(__name__)
 
 SNAPSHOT_PART_BYTES: Final = 128 * 1024
 STATUS_EVERY_MS: Final = 1_000
+HEARTBEAT_MS: Final = 2_000
+"""So long at most nothing is sent: who hears nothing for three of them knows that the connection is dead."""
 MAX_RING_FRAMES: Final = 5_000
 LONGEST_PAUSE_S: Final = 2.0
 """So long a tick waits at most for sockets that cannot take what they were given."""
@@ -111,6 +113,7 @@ class Hub:
         self._clients: set[Client] = set()
         self._snapshot: tuple[int, list[str]] | None = None
         self._status_due_ms = 0
+        self._sent_ms = clock()
         self._closing = False
         self.frames = 0
         self.bytes = 0
@@ -142,14 +145,15 @@ class Hub:
         return 2 * sum(1 for client in self._clients if client.frames) > len(self._clients)
 
     def tick(self) -> None:
-        """Send what changed since the last tick, encoded once."""
+        """Send what changed since the last tick, encoded once; after a silence a delta that says only its time."""
         now = self._clock()
         with_status = now >= self._status_due_ms or now < self._status_due_ms - STATUS_EVERY_MS
         if with_status:
             self._status_due_ms = now + STATUS_EVERY_MS
         changed = self._board.take(with_status=with_status)
-        if not changed:
+        if not changed and 0 <= now - self._sent_ms < HEARTBEAT_MS:
             return
+        self._sent_ms = now
         self.seq += 1
         frame = orjson.dumps({"type": "delta", "seq": self.seq, "t_ms": now, **changed}).decode()
         self._remember(frame)

@@ -315,6 +315,24 @@ def test_nothing_changed_nothing_sent(hub):
     assert (hub.seq, len(client.frames)) == (0, 0)
 
 
+def test_a_silence_is_broken_by_a_heartbeat_of_few_bytes(hub, clock):
+    client, _ = hub.join("p", None)
+    for _ in range(4):
+        clock.now_ms += hub_module.HEARTBEAT_MS // 2
+        hub.tick()
+    beats = [json.loads(frame) for frame in client.frames]
+    assert beats == [
+        {"type": "delta", "seq": 1, "t_ms": clock.now_ms - hub_module.HEARTBEAT_MS},
+        {"type": "delta", "seq": 2, "t_ms": clock.now_ms},
+    ]
+    # With 200 consoles 5 kB/s, and only while nothing else is sent.
+    assert all(len(frame) < 64 for frame in client.frames)
+    # A clock that is set back silences nobody.
+    clock.now_ms -= 3_600_000
+    hub.tick()
+    assert len(client.frames) == 3
+
+
 def test_a_frame_is_packed_once_for_all_who_see_the_same(monkeypatch, clock):
     packings = []
     compress = zlib.compress

@@ -4,7 +4,7 @@ import { inboxTexts } from "../alerts/texts";
 import { isWaiting } from "../alerts/words";
 import type { SignedIn, Status } from "../shared/api/records";
 import { count, duration } from "../shared/format";
-import { useLive } from "../shared/live/useLive";
+import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
 import { Symbol } from "../shared/ui/Symbol";
 import { placeHash } from "./location";
@@ -29,10 +29,12 @@ function Mark(): ReactElement {
 
 function LedgerChip({ status }: { status: Status }): ReactElement {
   const { ledger } = status;
+  const cutOff = useLiveStore().isCutOff();
+  useServerNow();
   const embedded = ledger.kind === "embedded";
   const organisations = t("organisations", { count: ledger.organisations.length });
   const stopped = typeof ledger.halted === "string";
-  const health = stopped ? "bad" : ledger.lag_ms > LAG_MS ? "maybe" : "ok";
+  const health = stopped || cutOff ? "bad" : ledger.lag_ms > LAG_MS ? "maybe" : "ok";
   return (
     <>
       {(embedded || ledger.notice !== "") && (
@@ -45,7 +47,7 @@ function LedgerChip({ status }: { status: Status }): ReactElement {
         <i className={`dot dot-${health}`} />
         {t("ledger", { kind: ledger.kind })}
         {organisations} · {t("blocks", { blocks: count(ledger.height) })} ·{" "}
-        {stopped ? t("mirrorHalted") : ledger.lag_ms < 1000 ? t("upToDate") : t("behind", { duration: duration(ledger.lag_ms) })}
+        {stopped ? t("mirrorHalted") : cutOff ? t("cutOff") : ledger.lag_ms < 1000 ? t("upToDate") : t("behind", { duration: duration(ledger.lag_ms) })}
       </span>
     </>
   );

@@ -62,10 +62,18 @@ describe("the banner", () => {
 
   it("says how old the picture is, and offers to try again, but not for a hiccup", () => {
     const lost = store();
-    lost.connection = { phase: "waiting", attempt: 3, retry_ms: 20_000, reason: "the server cannot be reached" };
+    lost.connection = { phase: "waiting", attempt: 3, retry_ms: 20_000, reason: "unreachable" };
     expect(warning(lost, 2_000)).toBeUndefined();
     const told = warning(lost, 13_000);
     expect(told?.text.replaceAll("\u00a0", " ")).toBe("Not connected: the server cannot be reached. What you see is 12 s old. Trying again in 7 s.");
     expect(told?.retry).toBe(true);
+  });
+
+  it("stays while the first new try hangs, and is not there before anything came", () => {
+    const lost = store();
+    lost.connection = { phase: "connecting", attempt: 1 };
+    expect(warning(lost, 13_000)?.text).toContain("Not connected");
+    lost.lastFrame_ms = undefined;
+    expect(warning(lost, 13_000)).toBeUndefined();
   });
 });

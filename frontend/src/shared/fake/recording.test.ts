@@ -62,7 +62,7 @@ describe("a recording", () => {
     new Recording({ address: "/r", speed: 1 }, environment).start((event) => events.push(event));
     await Promise.resolve();
     await Promise.resolve();
-    expect(events.at(-1)).toMatchObject({ state: { phase: "waiting", reason: "not there" } });
+    expect(events.at(-1)).toMatchObject({ state: { phase: "waiting", reason: { said: "not there" } } });
   });
 
   it("is named in the address", () => {

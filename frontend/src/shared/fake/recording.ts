@@ -121,7 +121,7 @@ export class Recording implements LiveSource {
 }
 
 function waiting(problem: unknown): Parameters<Parameters<LiveSource["start"]>[0]>[0] {
-  const reason = problem instanceof Error ? problem.message : String(problem);
+  const reason = { said: problem instanceof Error ? problem.message : String(problem) };
   return { kind: "state", state: { phase: "waiting", attempt: 1, retry_ms: 0, reason } };
 }
 

@@ -73,7 +73,7 @@ export function fakeSource(options: FakeOptions): { source: LiveSource; world: F
       if (options.flags.has("lost")) {
         send({
           kind: "state",
-          state: { phase: "waiting", attempt: 4, retry_ms: Date.now() + 8_000, reason: "the server cannot be reached" },
+          state: { phase: "waiting", attempt: 4, retry_ms: Date.now() + 8_000, reason: "unreachable" },
         });
         return;
       }

@@ -1,5 +1,5 @@
 import { beforeEach, describe, expect, it } from "vitest";
-import { LiveConnection, OPEN_TIMEOUT_MS, retryDelay, type ConnectionEvent, type Socket } from "./connection";
+import { LiveConnection, OPEN_TIMEOUT_MS, SILENCE_MS, retryDelay, type ConnectionEvent, type Socket } from "./connection";
 import { ProtocolError, parseFrame } from "./protocol";
 
 class FakeSocket implements Socket {
@@ -70,7 +70,7 @@ describe("the live connection", () => {
     socket().say({ type: "snapshot", part: 2, of: 2 });
     socket().say({ type: "delta", seq: 8, t_ms: 9 });
     socket().onclose?.(1006, "");
-    expect(state()).toMatchObject({ phase: "waiting", reason: "the server cannot be reached" });
+    expect(state()).toMatchObject({ phase: "waiting", reason: "unreachable" });
     advance(1_000);
     expect(sockets).toHaveLength(2);
     expect(socket().since).toBe("e1:8");
@@ -105,7 +105,29 @@ describe("the live connection", () => {
   it("gives up a socket that never says hello", () => {
     advance(OPEN_TIMEOUT_MS);
     expect(sockets[0]?.closed).toBe(true);
-    expect(state()).toMatchObject({ phase: "waiting", reason: "the server did not answer in time" });
+    expect(state()).toMatchObject({ phase: "waiting", reason: "unanswered" });
+  });
+
+  it("gives up an open socket on which nothing comes any more, and resumes", () => {
+    socket().say(hello(7, false));
+    socket().say({ type: "snapshot", part: 1, of: 1 });
+    for (let seq = 8; seq < 20; seq++) {
+      advance(SILENCE_MS - 1);
+      socket().say({ type: "delta", seq, t_ms: now });
+    }
+    expect(sockets).toHaveLength(1);
+    advance(SILENCE_MS);
+    expect(sockets[0]?.closed).toBe(true);
+    expect(state()).toMatchObject({ phase: "waiting", reason: "silent" });
+    advance(1_000);
+    expect(socket().since).toBe("e1:19");
+  });
+
+  it("gives up a socket that falls silent in the middle of a snapshot", () => {
+    socket().say(hello(7, false));
+    socket().say({ type: "snapshot", part: 1, of: 2 });
+    advance(SILENCE_MS);
+    expect(state()).toMatchObject({ phase: "waiting", reason: "silent" });
   });
 
   it("says when it fell behind, so that verdicts are fetched, and when it is signed out, so that nobody waits", () => {

@@ -1,11 +1,14 @@
 import type { TrackColumns } from "./columns";
 import { ProtocolError, parseFrame, type LiveFrame } from "./protocol";
 
+/** Why there is no connection: what this end saw, or what was said. */
+export type Loss = "unreachable" | "unanswered" | "silent" | { said: string };
+
 /** How the connection stands, for the banner. */
 export type ConnectionState =
   | { phase: "connecting"; attempt: number }
   | { phase: "open"; since_ms: number }
-  | { phase: "waiting"; attempt: number; retry_ms: number; reason: string }
+  | { phase: "waiting"; attempt: number; retry_ms: number; reason: Loss }
   | { phase: "signed-out" };
 
 export type ConnectionEvent =
@@ -39,6 +42,8 @@ export const FIRST_RETRY_MS = 500;
 export const LAST_RETRY_MS = 30_000;
 /** A socket that neither opens nor fails in this time is given up. */
 export const OPEN_TIMEOUT_MS = 10_000;
+/** The server sends something every two seconds; an open socket without three of these and their way here is dead. */
+export const SILENCE_MS = 7_000;
 
 /** Waits double from half a second to thirty, each spread over its upper half so that clients do not come in step. */
 export function retryDelay(attempt: number, random: number): number {
@@ -53,6 +58,7 @@ export function retryDelay(attempt: number, random: number): number {
  */
 export class LiveConnection {
   private socket: Socket | undefined;
+  /** Ends the one timer: for an answer, the next frame, or the next try. */
   private cancel: (() => void) | undefined;
   private attempt = 0;
   private epoch: string | undefined;
@@ -105,7 +111,7 @@ export class LiveConnection {
     environment.emit({ kind: "state", state: { phase: "connecting", attempt: this.attempt } });
     const socket = environment.open(this.since);
     this.socket = socket;
-    this.cancel = environment.after(OPEN_TIMEOUT_MS, () => this.lost("the server did not answer in time"));
+    this.cancel = environment.after(OPEN_TIMEOUT_MS, () => this.lost("unanswered"));
     socket.onmessage = (text) => this.received(text);
     socket.onclose = (code, reason) => this.closed(code, reason);
   }
@@ -117,13 +123,13 @@ export class LiveConnection {
     } catch (error) {
       if (!(error instanceof ProtocolError)) throw error;
       this.complete = false;
-      this.lost(error.message);
+      this.lost({ said: error.message });
       return;
     }
     const received_ms = this.environment.now();
+    this.cancel?.();
+    this.cancel = this.environment.after(SILENCE_MS, () => this.lost("silent"));
     if (frame.type === "hello") {
-      this.cancel?.();
-      this.cancel = undefined;
       this.attempt = 0;
       if (!frame.resumed) this.complete = false;
       this.parts = 0;
@@ -146,10 +152,11 @@ export class LiveConnection {
       this.environment.emit({ kind: "state", state: { phase: "signed-out" } });
       return;
     }
-    this.lost(reason || (code === 1006 ? "the server cannot be reached" : `the server closed it (${code})`));
+    if (reason === "" && code === 1006) this.lost("unreachable");
+    else this.lost({ said: reason || `WebSocket ${code}` });
   }
 
-  private lost(reason: string): void {
+  private lost(reason: Loss): void {
     this.drop();
     const attempt = Math.max(1, this.attempt);
     const delay = retryDelay(attempt, this.environment.random());

@@ -9,6 +9,8 @@ export type Topic = "tracks" | "estimates" | "sessions" | "verdicts" | "pads" | 
 
 /** A drone unheard for this long is no longer kept; the server's snapshot goes as far back. */
 export const TRACK_AGE_MS = 10 * 60_000;
+/** A hiccup shorter than this is not worth a word. */
+const PATIENCE_MS = 1_500;
 const FORGET_EVERY_MS = 30_000;
 export const MAX_VERDICTS = 5_000;
 export const MAX_SESSIONS = 2_000;
@@ -63,6 +65,14 @@ export class LiveStore {
   /** The server's clock, as well as the frames allow to know it. */
   serverNow_ms(local_ms: number = Date.now()): number {
     return this.pictureNow_ms?.() ?? local_ms + (this.clockOffset_ms ?? 0);
+  }
+
+  /** Whether the picture is old because there is no connection: neither a first try nor a hiccup. */
+  isCutOff(local_ms: number = Date.now()): boolean {
+    const { connection, lastFrame_ms } = this;
+    if (connection.phase !== "waiting" && connection.phase !== "connecting") return false;
+    if (lastFrame_ms === undefined) return connection.phase === "waiting" || connection.attempt > 1;
+    return local_ms - lastFrame_ms > PATIENCE_MS;
   }
 
   /** Newest first. */
