@@ -100,20 +100,28 @@ def serve_command(
 @backend.command("link")
 @_database
 @click.option("--name", help="Which administrator; not needed where there is only one.")
+@click.option("--display", metavar="NAME", help="For a screen that nobody operates: it may look, nothing else.")
 @_json
-def link_command(name: str | None, *, as_json: bool, **options: Any) -> None:
-    """Print a one-time token for an administrator who has lost every other way in.
+def link_command(name: str | None, display: str | None, *, as_json: bool, **options: Any) -> None:
+    """Print a one-time token for an administrator who has lost every other way in, or for a display.
 
     On a server that nobody has set up: for the first administrator, to set it up with a passkey or by single sign-on;
     with --name the first administrator has that name and is signed in at once.
+
+    With --display it signs a wall display in as a viewer of this name, for 30 days and however long nobody touches it.
     """
+    if name is not None and display is not None:
+        raise click.UsageError("--name is for an administrator, --display for a screen: give one of them")
 
     async def run(settings: Settings) -> None:
         database = Database(settings.database)
         try:
             await _require_tables(database)
             sign_ins = SignIns(database, settings, now_ms, secrets.token_bytes)
-            token = await links.for_administrator(database, sign_ins, name, now_ms())
+            if display is not None:
+                token = await links.for_display(database, sign_ins, display, now_ms())
+            else:
+                token = await links.for_administrator(database, sign_ins, name, now_ms())
         finally:
             await database.close()
         if as_json:

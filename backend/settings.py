@@ -48,6 +48,7 @@ class Settings(BaseSettings):
     sign_in_attempts: int = Field(default=60, ge=5, description="Attempts to sign in a minute, from one address")
     sign_in_ttl_s: int = Field(default=12 * 3600, ge=60, le=30 * 86_400, description="How long a sign-in lasts")
     sign_in_idle_s: int = Field(default=4 * 3600, ge=60, le=30 * 86_400, description="Unused, it ends after this")
+    display_ttl_s: int = Field(default=30 * 86_400, ge=60, le=366 * 86_400, description="How long a display's lasts")
     metrics_token: str | None = Field(default=None, min_length=16, description="Bearer token for /metrics")
     metrics_token_file: Path | None = Field(default=None, description="A file with it, read when it is asked for")
 

@@ -34,6 +34,13 @@ async def who_am_i(request: Request, person: SignedInPerson) -> Response:
     return Json(_described(context_of(request), person), headers=NO_STORE)
 
 
+@router.post("/session/use", status_code=204, responses=documented())
+async def use(request: Request, person: SignedInPerson) -> Response:
+    """Somebody is at the keys. Only this keeps a sign-in from ending unused; requests and open connections do not."""
+    await context_of(request).sign_ins.use(person)
+    return Response(status_code=204)
+
+
 @router.delete("/session", status_code=204, responses=documented())
 async def sign_out(request: Request, person: SignedInPerson) -> Response:
     """End the sign-in; open live connections of it are closed, too."""
@@ -50,16 +57,16 @@ async def sign_out(request: Request, person: SignedInPerson) -> Response:
 def signed_in(context: Context, cookie: str, person: Person) -> Response:
     """The answer to whoever has just signed in: who they are, and their cookie."""
     response = Json(_described(context, person), headers=NO_STORE)
-    set_cookie(context, response, cookie)
+    set_cookie(context, response, cookie, person)
     return response
 
 
-def set_cookie(context: Context, response: Response, cookie: str) -> None:
+def set_cookie(context: Context, response: Response, cookie: str, person: Person) -> None:
     """Give the browser its cookie."""
     response.set_cookie(
         context.cookie_name,
         cookie,
-        max_age=context.settings.sign_in_ttl_s,
+        max_age=(person.expires_ms - person.signed_in_ms) // 1000,
         httponly=True,
         samesite="strict",
         secure=context.settings.is_https,

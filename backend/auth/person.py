@@ -60,7 +60,7 @@ class Person:
     msp_id: str
     """The organisation on the ledger whose pads or drones are theirs; empty: none."""
     method: str
-    """How they signed in: ``passkey``, ``oidc`` or ``link``."""
+    """How they signed in: ``passkey``, ``oidc``, ``link`` or ``display``."""
     signed_in_ms: int
     expires_ms: int
     cookie_sha256: str

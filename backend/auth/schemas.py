@@ -25,7 +25,7 @@ class SignedIn(ApiModel):
     name: str
     roles: list[Role]
     msp_id: str | None = Field(default=None, description="The organisation whose pads or drones are theirs")
-    method: Literal["link", "passkey", "oidc"]
+    method: Literal["link", "passkey", "oidc", "display"]
     signed_in_ms: int
     expires_ms: int = Field(description="When the sign-in ends in any case")
-    idle_s: int = Field(description="Unused for so long, it ends earlier")
+    idle_s: int = Field(description="Unused by a person for so long, it ends earlier; not so a display's")

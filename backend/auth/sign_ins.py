@@ -18,6 +18,8 @@ from backend.settings import Settings
 
 ACTIVE: Final = "active"
 SIGN_IN: Final = "sign_in"
+DISPLAY: Final = "display"
+"""A link, and a sign-in by it, for a screen that nobody operates: it only shows, and is never unused."""
 _TOUCH_MS: Final = 60_000
 """`last_seen` is written at most this often."""
 _WHO: Final = (
@@ -42,7 +44,9 @@ class SignIns:
         self._randomness = randomness
         self._set_up = False
 
-    async def new_token(self, name: str, roles: Sequence[Role], *, msp_id: str = "", ttl_s: int | None = None) -> str:
+    async def new_token(
+        self, name: str, roles: Sequence[Role], *, msp_id: str = "", ttl_s: int | None = None, kind: str = SIGN_IN
+    ) -> str:
         """A link's token that signs one browser in at once, as a visitor of this name: for the demo and for tests."""
         now = self._clock()
         visitor = {
@@ -59,7 +63,7 @@ class SignIns:
             known = select(PersonRow.person_id).where(PersonRow.person_id == visitor["person_id"])
             if (await connection.execute(known)).first() is None:
                 await connection.execute(insert(PersonRow), [visitor])
-            return await self.new_link(connection, SIGN_IN, str(visitor["person_id"]), ttl_s=ttl_s)
+            return await self.new_link(connection, kind, str(visitor["person_id"]), ttl_s=ttl_s)
 
     async def new_link(
         self, connection: AsyncConnection, kind: str, person_id: str | None, *, ttl_s: int | None = None
@@ -109,8 +113,9 @@ class SignIns:
     async def redeem(self, token: str, browser: str = "") -> tuple[str, Person]:
         """The cookie for a link that signs in at once. Raises `SignInRequired` for any other text."""
         async with self._database.write() as connection:
-            link = await self.spend(connection, sha256(token), SIGN_IN)
-            return await self.begin(connection, link.person_id, "link", browser)
+            link = await self.spend(connection, sha256(token), SIGN_IN, DISPLAY)
+            method = DISPLAY if link.kind == DISPLAY else "link"
+            return await self.begin(connection, link.person_id, method, browser)
 
     async def begin(
         self, connection: AsyncConnection, person_id: str, method: str, browser: str = ""
@@ -121,6 +126,7 @@ class SignIns:
         """
         cookie = new_secret(self._randomness)
         now = self._clock()
+        ttl_s = self._settings.display_ttl_s if method == DISPLAY else self._settings.sign_in_ttl_s
         row = {
             "cookie_sha256": sha256(cookie),
             "sign_in_id": new_id(self._randomness),
@@ -128,7 +134,7 @@ class SignIns:
             "method": method,
             "browser": browser[:256],
             "created_ms": now,
-            "expires_ms": now + self._settings.sign_in_ttl_s * 1000,
+            "expires_ms": now + ttl_s * 1000,
             "last_seen_ms": now,
         }
         await connection.execute(delete(SignInRow).where(SignInRow.expires_ms < now))
@@ -156,20 +162,33 @@ class SignIns:
         return await self.find_by_hash(sha256(cookie))
 
     async def find_by_hash(self, cookie_sha256: str) -> Person | None:
-        """The same by the cookie's hash: for connections that last."""
+        """The same by the cookie's hash: for connections that last.
+
+        Asking is no use of a sign-in: pages ask by themselves for as long as they stand open.
+        """
         now = self._clock()
         async with self._database.read() as session:
             row = (await session.execute(_of_cookie(cookie_sha256))).first()
         if row is None or row.state != ACTIVE:
             return None
-        if row.expires_ms <= now or row.last_seen_ms + self._settings.sign_in_idle_s * 1000 <= now:
+        if row.expires_ms <= now:
             return None
-        if row.last_seen_ms + _TOUCH_MS < now:
-            async with self._database.write() as connection:
-                await connection.execute(
-                    update(SignInRow).where(SignInRow.cookie_sha256 == cookie_sha256).values(last_seen_ms=now)
-                )
-        return _person(row)
+        person = _person(row)
+        # Whoever may do more than look is somebody, also on a screen that was signed in as a display.
+        is_display = person.method == DISPLAY and person.roles == ("viewer",)
+        if not is_display and row.last_seen_ms + self._settings.sign_in_idle_s * 1000 <= now:
+            return None
+        return person
+
+    async def use(self, person: Person) -> None:
+        """Somebody did something: the idle time begins anew."""
+        now = self._clock()
+        async with self._database.write() as connection:
+            await connection.execute(
+                update(SignInRow)
+                .where(SignInRow.cookie_sha256 == person.cookie_sha256, SignInRow.last_seen_ms < now - _TOUCH_MS)
+                .values(last_seen_ms=now)
+            )
 
     async def end(self, person: Person) -> None:
         """Sign out."""

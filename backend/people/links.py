@@ -8,7 +8,7 @@ from sqlalchemy import select
 
 from backend import audit
 from backend.auth.person import roles_of
-from backend.auth.sign_ins import ACTIVE, SIGN_IN, SignIns
+from backend.auth.sign_ins import ACTIVE, DISPLAY, SIGN_IN, SignIns
 from backend.db.engine import Database
 from backend.db.tables.people import PersonRow
 from backend.errors import BackendError
@@ -52,4 +52,14 @@ async def for_administrator(database: Database, sign_ins: SignIns, name: str | N
             raise BackendError(f"--name: say which administrator; there are: {names}")
         token = await sign_ins.new_link(connection, SIGN_IN, chosen[0].person_id)
         await audit.record(connection, SHELL, "sign_in_link_made", subject(chosen[0].person_id), t_ms=now_ms)
+    return token
+
+
+async def for_display(database: Database, sign_ins: SignIns, name: str, now_ms: int) -> str:
+    """A link that signs a screen in which nobody operates: as a viewer, for long. Raises `BackendError`."""
+    if not await sign_ins.is_set_up():
+        raise BackendError("--display: set the server up first; `wonderland backend link` prints the link for that")
+    token = await sign_ins.new_token(name, ("viewer",), kind=DISPLAY)
+    async with database.write() as connection:
+        await audit.record(connection, SHELL, "display_link_made", "", {"name": name}, t_ms=now_ms)
     return token

@@ -18,7 +18,7 @@ from backend.auth import ceremonies
 from backend.auth.endpoints import set_cookie
 from backend.auth.limits import address_of, counted
 from backend.auth.oidc import Identity, OidcError, Provider
-from backend.auth.person import Account
+from backend.auth.person import Account, Person
 from backend.auth.secret import sha256
 from backend.auth.site import site_of
 from backend.context import Context, context_of
@@ -109,9 +109,9 @@ async def finish_oidc(request: Request) -> Response:
     """The way back from the provider: to the console, signed in or with a word why not."""
     context = context_of(request)
     try:
-        cookie = await _finish(context, request)
+        cookie, person = await _finish(context, request)
         response = RedirectResponse("/", status_code=303)
-        set_cookie(context, response, cookie)
+        set_cookie(context, response, cookie, person)
     except (_RefusedError, OidcError, Problem) as refused:
         why = str(refused) if isinstance(refused, _RefusedError) else "failed"
         logger.warning("sign-in by the OpenID provider was refused: %s", refused)
@@ -126,7 +126,7 @@ async def finish_oidc(request: Request) -> Response:
     return response
 
 
-async def _finish(context: Context, request: Request) -> str:
+async def _finish(context: Context, request: Request) -> tuple[str, Person]:
     async with context.database.write() as connection:
         secret = request.cookies.get(_cookie_name(context), "")
         kept = await ceremonies.finish(connection, OIDC, secret, context.clock())
@@ -144,8 +144,7 @@ async def _finish(context: Context, request: Request) -> str:
                 raise _RefusedError("no_role")
             await store.set_roles(connection, account, roles, context.clock())
         browser = request.headers.get("user-agent", "")
-        cookie, _ = await context.sign_ins.begin(connection, account.person_id, OIDC, browser)
-        return cookie
+        return await context.sign_ins.begin(connection, account.person_id, OIDC, browser)
 
 
 async def _account(context: Context, connection: AsyncConnection, kept: dict[str, Any], identity: Identity) -> Account:

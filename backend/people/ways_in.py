@@ -60,7 +60,7 @@ class LinkQuestion(_Body):
 class LinkShown(ApiModel):
     """What a link is good for."""
 
-    kind: Literal["set_up", "invitation", "recovery", "sign_in"]
+    kind: Literal["set_up", "invitation", "recovery", "sign_in", "display"]
     name: str | None = Field(default=None, description="Whose it is; the first administrator has no name yet")
     roles: list[Role]
     expires_ms: int

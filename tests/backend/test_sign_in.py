@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import httpx
 import pytest
-from sqlalchemy import select
+import websockets
+from sqlalchemy import select, update
 
-from backend.db.tables.people import LinkRow, SignInRow
+from backend import app
+from backend.db.tables.people import LinkRow, PersonRow, SignInRow
 from backend.errors import SignInRequired
+from backend.people import links
 
 
 def stranger(running, **options):
@@ -50,16 +55,74 @@ async def test_tokens_expire(running, clock):
         await running.context.sign_ins.redeem(token)
 
 
+HOUR_MS = 3_600_000
+
+
+async def use(running):
+    answer = await running.http.post("/api/v1/session/use")
+    assert answer.status_code == 204, answer.text
+
+
 async def test_sign_ins_end(running, clock):
+    for _ in range(3):
+        clock.now_ms += 3 * HOUR_MS
+        await use(running)
+    clock.now_ms += 2 * HOUR_MS
     assert (await running.get("/session")).status_code == 200
-    clock.now_ms += 3 * 3_600_000
-    assert (await running.get("/session")).status_code == 200
-    clock.now_ms += 3 * 3_600_000
-    assert (await running.get("/session")).status_code == 200, "used within the idle time"
-    clock.now_ms += 4 * 3_600_000 + 1
-    assert (await running.get("/session")).status_code == 401
+    clock.now_ms += HOUR_MS
+    assert (await running.get("/session")).status_code == 401, "however much it is used"
     await running.sign_in()
-    clock.now_ms += 12 * 3_600_000
+    clock.now_ms += 4 * HOUR_MS
+    assert (await running.get("/session")).status_code == 401, "nobody used it"
+    assert (await running.http.post("/api/v1/session/use")).status_code == 401
+
+
+@pytest.fixture
+async def checking(monkeypatch, new_backend, serving):
+    """A server that looks often whether those with live connections are still signed in."""
+    monkeypatch.setattr(app, "CHECK_EVERY_S", 0.01)
+    async with serving(new_backend()) as running:
+        yield running
+
+
+async def test_a_page_that_stands_open_is_no_use(checking, clock):
+    async with checking.live() as socket:
+        for _ in range(8):
+            clock.now_ms += HOUR_MS // 2 - 1
+            assert (await checking.get("/status")).status_code == 200
+            await asyncio.sleep(0.05)  # some checks of the live connection
+        clock.now_ms += HOUR_MS // 2
+        async with asyncio.timeout(5):
+            with pytest.raises(websockets.ConnectionClosed) as closed:
+                while True:
+                    await socket.recv()
+        assert closed.value.rcvd.code == 4401
+    assert (await checking.get("/status")).status_code == 401
+
+
+async def test_a_display_stays_signed_in_through_the_night(checking, clock):
+    sign_ins = checking.context.sign_ins
+    token = await links.for_display(checking.context.database, sign_ins, "Control room", clock())
+    assert (await checking.http.post("/api/v1/session", json={"token": token})).json()["roles"] == ["viewer"]
+    async with checking.live() as socket:
+        clock.now_ms += 29 * 24 * HOUR_MS
+        await asyncio.sleep(0.05)  # some checks of the live connection
+        assert (await checking.get("/session")).json()["method"] == "display"
+        assert (await checking.get("/people")).status_code == 403
+        await socket.ping()
+        clock.now_ms += 24 * HOUR_MS
+        async with asyncio.timeout(5):
+            await socket.wait_closed()
+    assert (await checking.get("/session")).status_code == 401
+
+
+async def test_a_display_that_was_given_rights_is_a_person(running, clock):
+    sign_ins = running.context.sign_ins
+    token = await links.for_display(running.context.database, sign_ins, "Control room", clock())
+    await running.http.post("/api/v1/session", json={"token": token})
+    async with running.context.database.write() as connection:
+        await connection.execute(update(PersonRow).values(roles="admin viewer"))
+    clock.now_ms += 4 * HOUR_MS
     assert (await running.get("/session")).status_code == 401
 
 

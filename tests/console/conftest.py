@@ -298,9 +298,9 @@ class RealBackend:
         ending.set()
         await task
 
-    def link(self, name="M. Inspector", role="inspector"):
+    def link(self, name="M. Inspector", role="inspector", **options):
         """A link with a fresh one-time token."""
-        token = self._run(self.backend.context.sign_ins.new_token(name, (role,)))
+        token = self._run(self.backend.context.sign_ins.new_token(name, (role,), **options))
         return f"{self.url}/#token={token}"
 
     def add(self, *transactions):

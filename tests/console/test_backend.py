@@ -58,6 +58,28 @@ def test_signing_out_ends_it(signed_in):
     expect(signed_in.get_by_text("Is it where it says?")).to_be_visible()
 
 
+def test_a_page_tells_when_somebody_is_at_the_keys_and_only_then(signed_in):
+    told = []
+    signed_in.on("request", lambda request: told.append(request.method) if request.url.endswith("/session/use") else None)
+    with signed_in.expect_request("**/api/v1/status"):
+        pass  # what the page asks by itself
+    assert told == []
+    with signed_in.expect_response("**/api/v1/session/use") as answer:
+        rows(signed_in).first.click()
+    assert answer.value.status == 204
+    rows(signed_in).last.click()
+    signed_in.keyboard.press("v")
+    expect(signed_in.get_by_role("table")).to_be_visible()
+    assert told == ["POST"], "once a minute is enough"
+
+
+def test_a_display_is_signed_in_by_its_link(real, open_page):
+    page = open_page(real.link("Control room", "viewer", kind="display"))
+    expect(page.get_by_role("link", name="Control room")).to_be_visible()
+    page.keyboard.press("w")
+    expect(page.get_by_role("region", name="Wall display")).to_be_visible()
+
+
 def test_what_needs_the_officer_comes_first_and_is_told_in_words(signed_in):
     first = rows(signed_in).first
     expect(first).to_contain_text("uav-2")

@@ -72,6 +72,8 @@ async def test_the_first_start_prints_one_link_and_later_ones_none(ledger, at):
             assert spent.status_code == 401, "a later link takes the place of the first"
             shown = await http.post("/api/v1/sign-in/link", json={"token": token})
             assert shown.json()["kind"] == "set_up"
+        code, _, err = await run("link", *database, "--display", "Control room")
+        assert (code, "set the server up first" in err) == (1, True)
         code, out, _ = await run("link", *database, "--json", "--name", "Ada")
         async with httpx.AsyncClient(base_url=told["url"], trust_env=False) as http:
             answer = await http.post("/api/v1/session", json={"token": json.loads(out)["token"]})
@@ -94,6 +96,14 @@ async def test_the_first_start_prints_one_link_and_later_ones_none(ledger, at):
                 ("sign_in", "Ada"),
                 ("sign_in_link_made", "the server's command line"),
             ]
+        code, out, _ = await run("link", *database, "--json", "--display", "Control room")
+        async with httpx.AsyncClient(base_url=told["url"], trust_env=False) as http:
+            answer = await http.post("/api/v1/session", json={"token": json.loads(out)["token"]})
+            display = answer.json()
+            assert (display["name"], display["roles"], display["method"]) == ("Control room", ["viewer"], "display")
+            assert display["expires_ms"] - display["signed_in_ms"] == 30 * 86_400_000
+            assert "Max-Age=2592000" in answer.headers["set-cookie"]
+        assert (await run("link", *database, "--name", "Ada", "--display", "Control room"))[0] == 2
     finally:
         await stop(process)
 

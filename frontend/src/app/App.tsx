@@ -7,6 +7,7 @@ import type { LiveSource } from "../shared/live/source";
 import { fillHistory } from "../shared/live/history";
 import { useReading } from "../shared/i18n/locale";
 import { sharedTexts } from "../shared/texts";
+import { useActivity } from "../shared/ui/useActivity";
 import { useKeys } from "../shared/ui/useKeys";
 import { Herald } from "../alerts/Herald";
 import { Banner } from "./Banner";
@@ -43,7 +44,7 @@ export function App({ source }: { source: LiveSource }): ReactElement | null {
   const [{ token, refused }, setArrival] = useState(takeArrival);
   const retry = (failures: number, error: Error): boolean => failures < 3 && error instanceof ApiError && error.status === 0;
   const link = useQuery({ queryKey: ["link"], queryFn: () => people.link(token ?? ""), enabled: token !== undefined, retry, staleTime: Infinity });
-  const atOnce = link.data?.kind === "sign_in";
+  const atOnce = link.data?.kind === "sign_in" || link.data?.kind === "display";
   const who = useQuery({
     queryKey: ["who"],
     queryFn: () =>
@@ -95,6 +96,14 @@ async function afterToken(problem: unknown, whoAmI: () => Promise<SignedIn>): Pr
   return whoAmI();
 }
 
+/** What to do where word of activity does not arrive: another one follows, unless the sign-in has ended. */
+function endedOr(onSignedOut: () => void): (problem: unknown) => void {
+  return (problem) => {
+    if (!(problem instanceof ApiError)) throw problem;
+    if (problem.status === 401) onSignedOut();
+  };
+}
+
 type RoomsProperties = { person: SignedIn; source: LiveSource; onSignOut: () => void; onSignedOut: () => void };
 
 function Rooms({ person, source, onSignOut, onSignedOut }: RoomsProperties): ReactElement {
@@ -126,6 +135,8 @@ function Rooms({ person, source, onSignOut, onSignedOut }: RoomsProperties): Rea
   useEffect(() => {
     if (status.error instanceof ApiError && status.error.status === 401) onSignedOut();
   }, [status.error, onSignedOut]);
+
+  useActivity(useCallback(() => void api.use().catch(endedOr(onSignedOut)), [api, onSignedOut]));
 
   useKeys({
     "?": () => setHelp(true),

@@ -65,6 +65,11 @@ export class Api {
     await answered<unknown>((signal) => this.client.DELETE("/api/v1/session", { signal }));
   }
 
+  /** Somebody is at the keys: only this keeps the sign-in from ending unused. */
+  async use(): Promise<void> {
+    await answered<unknown>((signal) => this.client.POST("/api/v1/session/use", { signal }));
+  }
+
   status(): Promise<Status> {
     return answered((signal) => this.client.GET("/api/v1/status", { signal }));
   }

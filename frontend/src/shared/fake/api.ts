@@ -152,6 +152,7 @@ export function fakeFetch(store: LiveStore, flags: ReadonlySet<string>): (reques
           : json({ detail: "Sign in first." }, 401),
       );
     }
+    if (path === "/session/use") return Promise.resolve(new Response(null, { status: 204 }));
     if (path === "/sign-in") return Promise.resolve(json(FAKE_WAYS_IN));
     if (!signedIn) return Promise.resolve(json({ detail: "Sign in first." }, 401));
     if (path === "/me") return Promise.resolve(json(FAKE_ME));
