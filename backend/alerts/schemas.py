@@ -46,7 +46,7 @@ class Alert(ApiModel):
     session_id: str | None = None
     tx_id: str | None = None
     facts: dict[str, Any] = Field(
-        description="What its text needs: error_mm, action, why, since_ms, who, until_ms, finding, distance_mm, "
+        description="What its text needs: error_mm, action, why, since_ms, who, until_ms, serial, finding, distance_mm, "
         "interval_ms, other_uav_id, drones"
     )
     text: str | None = Field(

@@ -13,20 +13,17 @@ from datetime import UTC, datetime
 from typing import Any, Final
 
 import orjson
-from cryptography import x509
 from sqlalchemy import select
 
-from backend.alerts import oddities, store
+from backend.alerts import certificates, oddities, store
 from backend.alerts.conditions import Condition
 from backend.alerts.deliver import enqueue
 from backend.alerts.kinds import Alert
 from backend.context import Context
 from backend.db.tables.alerts import AlertRow
-from backend.db.tables.ledger import ClosuresRow, OrganisationRow, PadRow, VerdictRow
+from backend.db.tables.ledger import ClosuresRow, PadRow, VerdictRow
 from backend.db.tables.reported import HealthRow, TrackRow
 from backend.zones.differing import Differing
-from wonderland.ledger.errors import IdentityError
-from wonderland.ledger.identity import Identity
 
 logger = logging.getLogger(__name__)
 
@@ -34,7 +31,6 @@ EVERY_S: Final = 5.0
 SILENT_MS: Final = 60_000
 """Pads report every few seconds; a minute is more than a restart takes."""
 AWAY_MS: Final = 30_000
-EXPIRING_MS: Final = 14 * 86_400_000
 CLOSURES_MS: Final = 3 * 86_400_000
 """So long before they run out the closures of a pad should be published anew."""
 MATCH_AFTER_MS: Final = 60_000
@@ -110,17 +106,6 @@ def differing_conditions(pads: Iterable[tuple[str, str]], now_ms: int) -> Iterab
         yield Condition("closures_differ", pad_id, now_ms, pad_id, {"state": state, "why": why})
 
 
-def certificate_conditions(certificates: Iterable[tuple[str, x509.Certificate]], now_ms: int) -> Iterable[Condition]:
-    """`certificates`: whose, and the certificate."""
-    for who, certificate in certificates:
-        until = certificate.not_valid_after_utc
-        until_ms = int(until.timestamp() * 1000)
-        if until_ms - now_ms < EXPIRING_MS:
-            key = f"{who}/{certificate.serial_number:x}"
-            facts = {"who": who, "until_ms": until_ms, "until": until.strftime("%Y-%m-%d")}
-            yield Condition("certificate_expiring", key, now_ms, None, facts)
-
-
 class Watch:
     """Looks every few seconds; `look` once by itself for tests."""
 
@@ -151,17 +136,19 @@ class Watch:
                 .join(PadRow, PadRow.pad_id == ClosuresRow.pad_id)
                 .where(PadRow.status != "retired")
             )
+            lasting = (
+                await session.scalars(
+                    select(AlertRow).where(AlertRow.state != store.OVER, AlertRow.kind.in_(CONDITIONS))
+                )
+            ).all()
             found = [
                 *closure_conditions(((each[0], each[1]) for each in closures), now),
                 *pad_conditions(((each[0], each[1], each[2]) for each in pads), self._context.agents.is_connected, now),
                 *ledger_conditions(self._context, now),
-                *certificate_conditions(await self._certificates(session), now),
+                *await certificates.conditions(session, self._context.agents, lasting, now),
                 *differing_conditions(await self._differing.look(session, now), now),
                 *oddities.conditions(await oddities.recent(session, now)),
             ]
-            lasting = await session.scalars(
-                select(AlertRow).where(AlertRow.state != store.OVER, AlertRow.kind.in_(CONDITIONS))
-            )
             known = {(row.kind, row.source.rpartition("@")[0]): row.alert_id for row in lasting}
             unmatched = await self._unmatched(session, now)
         holds = {(each.kind, each.key) for each in found}
@@ -176,22 +163,6 @@ class Watch:
         async with self._context.database.read() as session:
             for row in await store.by_ids(session, [*raised, *ended]):
                 self._context.board.alert(store.shown(row))
-
-    async def _certificates(self, session: Any) -> list[tuple[str, x509.Certificate]]:
-        found: list[tuple[str, x509.Certificate]] = []
-        for row in await session.scalars(select(OrganisationRow)):
-            definition = orjson.loads(row.definition)
-            for pem in (*definition.get("root_certs", ()), *definition.get("intermediate_certs", ())):
-                try:
-                    found.append((f"{row.msp_id} CA", x509.load_pem_x509_certificate(pem.encode())))
-                except ValueError:
-                    continue  # The channel's peers judge what an MSP holds; here only dates are read.
-        for agent in self._context.agents:
-            try:
-                found.append((f"{agent.kind} {agent.id}", Identity.from_creator(agent.creator).certificate))
-            except IdentityError:
-                continue
-        return found
 
     async def _unmatched(self, session: Any, now: int) -> list[Alert]:
         """Permissions that no broadcast followed, at pads that hear broadcasts."""

@@ -8,20 +8,25 @@ import contextlib
 import hashlib
 import hmac
 import json
+from types import SimpleNamespace
 
 import pytest
 from aiosmtpd.controller import Controller
 from aiosmtpd.handlers import Message
+from cryptography import x509
 from jsonschema import Draft202012Validator
+from sqlalchemy import insert, select, update
 
 from backend.alerts import finnish, oddities, watch
 from backend.alerts.deliver import Delivery
 from backend.alerts.derive import alerts_of
 from backend.alerts.kinds import KINDS, Alert, plain_text
 from backend.alerts.schemas import KindName
+from backend.db.tables.ledger import CertificateRow, OrganisationRow
 from backend.db.tables.reported import FindingRow
 from backend.description import openapi
 from backend.errors import SettingsError
+from backend.mirror.certificates import note_signers
 from backend.routes import new_app
 from backend.settings import Settings, load
 from backend.tracks.schemas import Finding
@@ -188,6 +193,85 @@ async def test_a_halted_mirror_and_certificates_that_expire(running, clock):
     kinds = {each["kind"] for each in await alerts(running, state="open", limit=100)}
     assert {"ledger_halted", "certificate_expiring"} <= kinds
     running.context.mirror.halted = None
+
+
+async def expiring(running, state="open"):
+    """Alerts of certificates that end soon, by the serial number."""
+    await running.backend.watch.look()
+    found = await alerts(running, kind="certificate_expiring", state=state, limit=100)
+    return {each["facts"]["serial"]: each for each in found}
+
+
+@pytest.fixture
+def certificate_row(database):
+    """Puts a certificate into the table of those that signed, as the mirror does."""
+
+    async def put(enrolment, **change):
+        transaction = SimpleNamespace(creator=enrolment.identity, endorsers=(), index=0)
+        rows = {}
+        note_signers(rows, 1, transaction)
+        (row,) = rows.values()
+        async with database.write() as connection:
+            await connection.execute(insert(CertificateRow), [row | change])
+        return row
+
+    return put
+
+
+async def test_a_certificate_that_ends_is_told_of_whoever_holds_it(
+    running, clock, authorities, certificate_row, database
+):
+    officer = await certificate_row(authorities.enrol("officer", role="inspector"))
+    assert await expiring(running) == {}
+    clock.now_ms = officer["not_after_ms"] - 10 * 86_400_000
+    await running.sign_in()
+    first = await expiring(running)
+    alert = first[officer["serial"]]
+    assert alert["facts"]["who"] == f"{officer['name']} (PadMSP)"
+    assert alert["facts"]["until_ms"] == officer["not_after_ms"]
+    # It was replaced; it is over.
+    later = {"certificate_sha256": "f" * 64, "serial": "abc", "not_after_ms": officer["not_after_ms"] + 10**11}
+    await certificate_row(authorities.enrol("officer", role="inspector"), **later)
+    assert officer["serial"] not in await expiring(running)
+    # Others, that signed the blocks, go on with the alerts that they have; revoked ones do not.
+    left = await expiring(running)
+    serial, pad = next((serial, each) for serial, each in left.items() if "pad-1" in each["facts"]["who"])
+    assert pad["alert_id"] == first[serial]["alert_id"]
+    stolen = await certificate_row(authorities.enrol("stolen"))
+    assert stolen["serial"] in await expiring(running)
+    authorities.cas["PadMSP"].revoke(name=stolen["name"])
+    async with database.write() as connection:
+        where = OrganisationRow.msp_id == "PadMSP"
+        definition = json.loads(
+            (await connection.execute(select(OrganisationRow.definition).where(where))).scalar_one()
+        )
+        definition["revocation_lists"] = [authorities.cas["PadMSP"].revocation_list_pem().decode()]
+        await connection.execute(update(OrganisationRow).where(where).values(definition=json.dumps(definition)))
+    assert stolen["serial"] not in await expiring(running)
+    # Long expired and never replaced: nobody uses it any more. CAs are always needed.
+    clock.now_ms = officer["not_after_ms"] + 15 * 86_400_000
+    await running.sign_in()
+    assert await expiring(running) == {}
+
+
+async def test_an_agent_that_comes_and_goes_has_one_alert(running, clock, agent_client):
+    certificate = None
+
+    async def connected():
+        nonlocal certificate
+        async with running.connect("/ingest") as socket:
+            agent = agent_client(socket, agent_id="pad-2")  # it never signed a block
+            assert (await agent.hello())["type"] == "welcome"
+            certificate = x509.load_pem_x509_certificate(agent.enrolment.certificate_pem)
+            return await expiring(running)
+
+    await connected()
+    clock.now_ms = int(certificate.not_valid_after_utc.timestamp() * 1000) - 5 * 86_400_000
+    await running.sign_in()
+    serial = f"{certificate.serial_number:x}"
+    alert_ids = {found[serial]["alert_id"] for found in [await connected(), await expiring(running), await connected()]}
+    assert len(alert_ids) == 1
+    assert serial not in await expiring(running, "over")
 
 
 async def test_a_permission_that_no_broadcast_follows(running, database, clock):

@@ -60,7 +60,9 @@ def test_signing_out_ends_it(signed_in):
 
 def test_a_page_tells_when_somebody_is_at_the_keys_and_only_then(signed_in):
     told = []
-    signed_in.on("request", lambda request: told.append(request.method) if request.url.endswith("/session/use") else None)
+    signed_in.on(
+        "request", lambda request: told.append(request.method) if request.url.endswith("/session/use") else None
+    )
     with signed_in.expect_request("**/api/v1/status"):
         pass  # what the page asks by itself
     assert told == []
