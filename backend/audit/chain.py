@@ -15,6 +15,7 @@ from wonderland.proofs import encoding
 
 START: Final = "0" * 64
 """What the first row has for the hash of the row before."""
+READ_AGAIN_MS: Final = 60_000
 _LOCK: Final = 0x415544  # "AUD"
 _HASHED: Final = ("seq", "t_ms", "person_id", "person", "act", "subject", "detail", "previous_sha256")
 
@@ -65,6 +66,27 @@ async def record(
     }
     row["sha256"] = hash_of(row)
     await connection.execute(insert(AuditRow), [row])
+
+
+async def record_read(
+    connection: AsyncConnection,
+    who: Actor,
+    subject: str,
+    detail: Mapping[str, Any] | None = None,
+    *,
+    act: str = "read_personal_data",
+    t_ms: int,
+) -> None:
+    """The same for a read, which pages repeat by themselves: one row a minute for what one person reads."""
+    await take_turns(connection)
+    known = select(AuditRow.seq).where(
+        AuditRow.subject == subject,
+        AuditRow.act == act,
+        AuditRow.person_id == who.person_id,
+        AuditRow.t_ms.between(t_ms - READ_AGAIN_MS, t_ms),
+    )
+    if (await connection.execute(known.limit(1))).first() is None:
+        await record(connection, who, act, subject, detail, t_ms=t_ms)
 
 
 async def take_turns(connection: AsyncConnection) -> None:

@@ -34,10 +34,12 @@ NO_STORE = {"Cache-Control": "no-store"}
 
 
 @router.get("/people", response_model=PeopleList, responses=documented(Forbidden))
-async def list_people(request: Request, _: Administrator) -> Response:
-    """All people, by name."""
-    async with context_of(request).database.read() as database:
-        found = await store.listing(database)
+async def list_people(request: Request, who: Administrator) -> Response:
+    """All people, by name. Audited: it has their e-mail addresses."""
+    context = context_of(request)
+    async with context.database.write() as connection:
+        found = await store.listing(connection)
+        await audit.record_read(connection, who, "people", t_ms=context.clock())
     return Json({"items": found}, headers=NO_STORE)
 
 
@@ -67,8 +69,13 @@ async def _invite(context: Context, who: Person, body: Invitation) -> Response:
 
 @router.get("/people/{person_id}", response_model=PersonDetail, responses=documented(Forbidden, _NOT_FOUND, etag=True))
 async def read_person(request: Request, who: Administrator, person_id: PersonIdPath) -> Response:
-    """A person, with how and where they sign in."""
-    return resource(request, await detail_of(context_of(request), who, person_id), headers=NO_STORE)
+    """A person, with how and where they sign in. Audited, unless it is oneself."""
+    context = context_of(request)
+    found = await detail_of(context, who, person_id)
+    if person_id != who.person_id:
+        async with context.database.write() as connection:
+            await audit.record_read(connection, who, store.subject(person_id), t_ms=context.clock())
+    return resource(request, found, headers=NO_STORE)
 
 
 @router.patch(

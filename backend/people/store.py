@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final
 
-from sqlalchemy import delete, func, insert, select, update
+from sqlalchemy import delete, func, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from backend import audit
 from backend.audit.chain import take_turns
 from backend.auth.person import Account, Person, Role, roles_of
+from backend.auth.sign_ins import DISPLAY
 from backend.db.tables.people import LinkRow, PasskeyRow, PersonRow, SignInRow
 from backend.errors import Conflict, NotFound
 from backend.people.schemas import OF_AN_ORGANISATION, Invitation, PersonChange
@@ -54,7 +55,8 @@ async def sign_ins(database: AsyncSession, person_id: str, *, current: str, aliv
     names = ("sign_in_id", "method", "browser", "created_ms", "last_seen_ms", "expires_ms")
     query = (
         select(*(getattr(SignInRow, name) for name in names), (SignInRow.cookie_sha256 == current).label("current"))
-        .where(SignInRow.person_id == person_id, SignInRow.expires_ms > now, SignInRow.last_seen_ms > alive_since_ms)
+        .where(SignInRow.person_id == person_id, SignInRow.expires_ms > now)
+        .where(or_(SignInRow.last_seen_ms > alive_since_ms, SignInRow.method == DISPLAY))
         .order_by(SignInRow.last_seen_ms.desc())
     )
     return [dict(row) | {"current": bool(row["current"])} for row in (await database.execute(query)).mappings()]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
+from backend import audit
 from backend.auth.access import SIGNED_IN, SignedInPerson
 from backend.context import context_of
 from backend.errors import documented
@@ -17,7 +18,19 @@ router = APIRouter(tags=["search"], dependencies=SIGNED_IN)
 
 @router.get("/search", response_model=Hits, responses=documented())
 async def search(request: Request, person: SignedInPerson, wanted: SearchFor) -> Response:
-    """Pads and drones by any part of a name, sessions and transactions by the beginning of their ids, blocks."""
-    async with context_of(request).database.read() as database:
+    """Pads and drones by any part of a name, sessions and transactions by the beginning of their ids, blocks.
+
+    An operator's number that is masked is found by the whole of it only; that is audited as showing it is.
+    """
+    context = context_of(request)
+    async with context.database.read() as database:
         items = await queries.search(database, person, wanted.q, wanted.limit)
+    revealed = [hit["id"] for hit in items if hit.pop(queries.REVEALED, False)]
+    if revealed:
+        async with context.database.write() as connection:
+            for uav_id in revealed:
+                detail = {"field": "registration", "reason": "found by the whole number"}
+                await audit.record_read(
+                    connection, person, f"drone/{uav_id}", detail, act="unmask", t_ms=context.clock()
+                )
     return Json({"items": items}, headers={"Cache-Control": "private, no-store"})

@@ -16,11 +16,11 @@ from backend.people.masking import shown_uav
 
 HASH_FROM: Final = 6
 """Fewer digits of a hash fit too much."""
-NUMBER_FROM: Final = 5
-"""Country and two digits of a registration number."""
 _HEX: Final = frozenset("0123456789abcdef")
 
 Row = dict[str, Any]
+REVEALED: Final = "revealed"
+"""In a hit that was found by a number which its finder sees in part: to be audited, not to be told."""
 
 
 async def search(database: AsyncSession, person: Person, text: str, limit: int) -> list[Row]:
@@ -55,15 +55,16 @@ async def _drones(database: AsyncSession, person: Person, text: str, limit: int)
     inside = orjson.dumps(text).decode()[1:-1]
     query = select(DroneRow).where(or_(_contains(DroneRow.uav_id, text), _contains(DroneRow.record, inside)))
     query = person.scope.narrow(query, drone=DroneRow.uav_id)
-    officer = person.has(*AUTHORITY) and len(text) >= NUMBER_FROM
     for row in await database.scalars(query.order_by(DroneRow.uav_id).limit(5 * limit)):
-        # Officers find a drone by the beginning of the number that they were told; its rest stays hidden.
+        # Officers find a drone by the whole number that they were told. By a part of it they could guess the rest.
         known, record = orjson.loads(row.record), orjson.loads(shown_uav(row.record, person))
         values = (row.uav_id, record.get("registration", ""), record.get("operator_id", ""), record.get("model", ""))
-        told = officer and known.get("registration", "").lower().startswith(text.lower())
-        if told or any(text.lower() in value.lower() for value in values):
+        shown = any(text.lower() in value.lower() for value in values)
+        told = person.has(*AUTHORITY) and known.get("registration", "").lower() == text.lower()
+        if shown or told:
             detail = " · ".join(value for value in values[1:3] if value)
-            yield {"kind": "drone", "id": row.uav_id, "name": row.uav_id, "detail": detail}
+            hit = {"kind": "drone", "id": row.uav_id, "name": row.uav_id, "detail": detail}
+            yield hit if shown else hit | {REVEALED: True}
 
 
 async def _hashes(database: AsyncSession, person: Person, text: str, limit: int) -> AsyncIterator[Row]:

@@ -17,7 +17,7 @@ def test_a_drone_by_its_registration_with_the_keyboard_alone(page):
     page.keyboard.press("/")
     box = page.get_by_role("combobox", name="Search")
     expect(box).to_be_focused()
-    box.press_sequentially("fin87")
+    box.press_sequentially("fin87astrdge12k8")
     hits = page.get_by_role("search").get_by_role("option")
     expect(hits).to_have_count(2)
     page.keyboard.press("ArrowDown")

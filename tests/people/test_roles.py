@@ -169,6 +169,41 @@ async def test_to_see_a_number_is_an_act_with_a_reason(world):
         assert entry["detail"] == {"field": "registration", "reason": "call the pilot"}
 
 
+async def test_a_masked_number_is_found_by_the_whole_of_it_which_is_audited(world):
+    async def found(http, text):
+        return [each["id"] for each in (await http.get("/api/v1/search", params={"q": text})).json()["items"]]
+
+    whole = "FIN87astrdge12k8"
+    async with signed_in(world, "inspector") as http:
+        for length in range(4, len(whole)):
+            assert await found(http, whole[:length]) == await found(http, whole[-length:]) == []
+        assert await found(http, "fin") == await found(http, "K8") == ["uav-1", "uav-2"], "what is shown"
+        async with signed_in(world, "admin") as admin:
+            assert (await admin.get("/api/v1/audit", params={"act": "unmask"})).json()["items"] == []
+        for _ in range(2):
+            assert await found(http, whole.upper()) == ["uav-1", "uav-2"]
+    async with signed_in(world, "admin") as http:
+        entries = (await http.get("/api/v1/audit", params={"act": "unmask"})).json()["items"]
+        assert [each["subject"] for each in entries] == ["drone/uav-2", "drone/uav-1"], "once a minute"
+        assert entries[0]["detail"] == {"field": "registration", "reason": "found by the whole number"}
+    async with signed_in(world, "viewer") as http:
+        assert await found(http, whole) == []
+
+
+async def test_who_reads_addresses_of_staff_is_audited(world, clock):
+    async with signed_in(world, "admin") as http:
+        people = (await http.get("/api/v1/people")).json()["items"]
+        assert (await http.get("/api/v1/people")).status_code == 200
+        me = (await http.get("/api/v1/session")).json()["person_id"]
+        other = next(each["person_id"] for each in people if each["person_id"] != me)
+        for person_id in (me, other):
+            assert (await http.get(f"/api/v1/people/{person_id}")).status_code == 200
+        clock.now_ms += 61_000
+        assert (await http.get("/api/v1/people")).status_code == 200
+        entries = (await http.get("/api/v1/audit", params={"act": "read_personal_data"})).json()["items"]
+        assert [each["subject"] for each in entries] == ["people", f"person/{other}", "people"]
+
+
 async def test_the_number_that_a_drone_broadcasts_is_kept_apart_from_where_it_was(world, agent_client):
     track = {"uav_id": "uav-1", "lat_e7": 1, "lon_e7": 2, "transport": "wifi", "operator_id": "FIN87astrdge12k8"}
     async with world.connect("/ingest") as socket:

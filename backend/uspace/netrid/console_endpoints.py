@@ -97,7 +97,7 @@ async def read_networked_flight(request: Request, flight_id: FlightId, person: O
     }
     async with context.database.write() as connection:
         subject = f"networked-flight/{flight_id}"
-        await audit.record(connection, person, "read_personal_data", subject, t_ms=context.clock())
+        await audit.record_read(connection, person, subject, t_ms=context.clock())
     return Json({name: value for name, value in content.items() if value is not None}, headers=PRIVATE)
 
 
