@@ -11,6 +11,7 @@ from sqlalchemy.ext.asyncio import AsyncSession
 
 from backend.auth.person import AUTHORITY, Person
 from backend.db.tables.ledger import BlockRow, DroneRow, PadRow, SessionRow, TransactionRow
+from backend.db.tables.reported import LatestTrackRow
 from backend.ledger.queries import own_transactions
 from backend.people.masking import shown_uav
 
@@ -24,10 +25,10 @@ REVEALED: Final = "revealed"
 
 
 async def search(database: AsyncSession, person: Person, text: str, limit: int) -> list[Row]:
-    """At most `limit` hits: pads, drones, then sessions, transactions and blocks."""
+    """At most `limit` hits: pads, drones, what is only heard, then sessions, transactions and blocks."""
     wanted = text.strip()
     found: list[Row] = []
-    for source in (_pads, _drones, _hashes, _blocks):
+    for source in (_pads, _drones, _broadcasts, _hashes, _blocks):
         if len(found) >= limit or not wanted:
             break
         found += [hit async for hit in source(database, person, wanted, limit - len(found))]
@@ -65,6 +66,23 @@ async def _drones(database: AsyncSession, person: Person, text: str, limit: int)
             detail = " · ".join(value for value in values[1:3] if value)
             hit = {"kind": "drone", "id": row.uav_id, "name": row.uav_id, "detail": detail}
             yield hit if shown else hit | {REVEALED: True}
+
+
+async def _broadcasts(database: AsyncSession, person: Person, text: str, limit: int) -> AsyncIterator[Row]:
+    """Serial numbers that were heard on the air and are no drone's in the registry, the last heard first."""
+    registered = person.scope.narrow(select(DroneRow.uav_id), drone=DroneRow.uav_id)
+    query = select(LatestTrackRow).where(
+        _contains(LatestTrackRow.uav_id, text), LatestTrackRow.uav_id.not_in(registered)
+    )
+    query = person.scope.narrow(query, pad=LatestTrackRow.pad_id, drone=LatestTrackRow.uav_id)
+    for row in await database.scalars(query.order_by(LatestTrackRow.t_ms.desc()).limit(limit)):
+        yield {
+            "kind": "broadcast",
+            "id": row.uav_id,
+            "name": row.uav_id,
+            "detail": row.pad_id,
+            "heard_ms": row.t_ms,
+        }
 
 
 async def _hashes(database: AsyncSession, person: Person, text: str, limit: int) -> AsyncIterator[Row]:

@@ -22,10 +22,11 @@ class SearchQuery(BaseModel):
 class Hit(ApiModel):
     """Something that fits."""
 
-    kind: Literal["pad", "drone", "session", "transaction", "block"]
+    kind: Literal["pad", "drone", "broadcast", "session", "transaction", "block"]
     id: str = Field(description="By which it is found: pad_id, uav_id, session_id, tx_id, number")
     name: str = Field(description="What people call it")
     detail: str | None = Field(default=None, description="What tells it apart: registration, operator, function, pad")
+    heard_ms: int | None = Field(default=None, description="When what is not registered was heard last")
 
 
 class Hits(ApiModel):

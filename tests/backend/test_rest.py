@@ -10,7 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
+from sqlalchemy import insert
 
+from backend.db.tables.reported import LatestTrackRow
 from backend.description import openapi
 from backend.pagination import decode_cursor
 from backend.routes import new_app
@@ -368,6 +370,16 @@ def test_any_cursor_is_a_position_or_a_bad_request(text):
         assert [type(part) for part in position] == list(kinds)
 
 
+async def heard(running, *latest):
+    """Positions as the ingest keeps the last of each drone."""
+    rows = [
+        {"uav_id": uav_id, "pad_id": pad_id, "t_ms": t_ms, "body": f'{{"uav_id":"{uav_id}"}}'}
+        for uav_id, pad_id, t_ms in latest
+    ]
+    async with running.context.database.write() as connection:
+        await connection.execute(insert(LatestTrackRow), rows)
+
+
 @both
 async def test_one_box_finds_everything_that_has_a_name(running, number):
     async def found(text):
@@ -384,6 +396,11 @@ async def test_one_box_finds_everything_that_has_a_name(running, number):
     tx_id = block["items"][1]["tx_id"]
     assert ("transaction", tx_id) in await found(tx_id)
     assert (await found("3"))[-1] == ("block", "3")
+    await heard(running, ("1581F5FK-GHOST", "pad-2", START_MS), ("uav-1", "pad-1", START_MS))
+    assert await found("ghost") == [("broadcast", "1581F5FK-GHOST")]
+    (hit,) = (await running.json("/search", q="ghost"))["items"]
+    assert (hit["detail"], hit["heard_ms"]) == ("pad-2", START_MS)
+    assert await found("uav-1") == [("drone", "uav-1")], "what is registered is found once"
     for nothing in ("%", "_", "record", "lat_e7", "'; DROP TABLE pads; --", "zzzzzz", "999999999"):
         assert await found(nothing) == []
     assert (await running.get("/search", params={"q": ""})).status_code == 422

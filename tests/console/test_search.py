@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import pytest
 from playwright.sync_api import expect
+from sqlalchemy import insert
+
+from backend.db.tables.reported import LatestTrackRow, TrackMinuteRow, TrackRow
 
 
 @pytest.fixture
@@ -40,3 +43,44 @@ def test_what_does_not_exist_is_said_as_text(page):
     expect(page.get_by_role("search").get_by_role("status")).to_contain_text("Nothing fits “<img")
     box.press("Escape")
     expect(box).to_have_value("")
+
+
+async def heard(database, uav_id, t_ms, place):
+    """A position as the ingest keeps it."""
+    body = (
+        f'{{"uav_id":"{uav_id}","lat_e7":{place["lat_e7"] + 900},"lon_e7":{place["lon_e7"]},"t_ms":{t_ms},'
+        '"pad_id":"pad-1","transport":"wifi","verified":false}'
+    )
+    row = {"uav_id": uav_id, "pad_id": "pad-1", "t_ms": t_ms, "body": body}
+    async with database.write() as connection:
+        await connection.execute(insert(TrackRow), [row | {"received_ms": t_ms}])
+        await connection.execute(insert(LatestTrackRow), [row])
+        await connection.execute(insert(TrackMinuteRow), [{"minute_ms": t_ms - t_ms % 60_000, "positions": 1}])
+
+
+@pytest.mark.parametrize("minutes_ago", [0, 90])
+def test_what_only_broadcasts_is_found_where_it_is_or_was(real, page, minutes_ago):
+    place = real.tools.FRAME
+    ghost = "1581F5FKGHOST"
+    real._run(heard(real.backend.database, ghost, real.now_ms() - minutes_ago * 60_000, place))
+    if minutes_ago == 0:
+        real.hear(ghost, place["lat_e7"] + 900, place["lon_e7"])
+        expect(page.get_by_role("option").filter(has_text=ghost)).to_be_visible()
+    page.get_by_role("combobox", name="Search").fill("ghost")
+    hit = page.get_by_role("search").get_by_role("option").filter(has_text=ghost)
+    expect(hit).to_contain_text("Not registered")
+    hit.click()
+    if minutes_ago == 0:
+        page.wait_for_url(f"**/#/live?drone={ghost}**")
+        expect(page.get_by_role("region", name="Proof")).to_contain_text(ghost)
+    else:
+        page.wait_for_url(f"**/#/replay?*drone={ghost}**")
+        expect(page.get_by_role("region", name="Replay")).to_contain_text(ghost)
+
+
+def test_a_pad_is_found_on_the_map(real, page):
+    page.get_by_role("combobox", name="Search").fill("aurajoki")
+    page.get_by_role("search").get_by_role("option").filter(has_text="Aurajoki 2").click()
+    place = real.tools.FRAME
+    page.wait_for_url(f"**/#/live?list=pads&at={place['lat_e7'] / 1e7:.7f},**")
+    expect(page.get_by_role("list", name="Pads").get_by_text("Aurajoki 2")).to_be_visible()

@@ -9,6 +9,9 @@ import json
 import httpx
 import pytest
 import websockets
+from sqlalchemy import insert
+
+from backend.db.tables.reported import LatestTrackRow
 
 from backend.auth.person import Person
 from backend.people.masking import shown_uav
@@ -90,6 +93,14 @@ async def test_what_is_not_ones_own_is_not_there(world, number):
         assert hits == []
         hits = (await http.get("/api/v1/search", params={"q": "pad"})).json()["items"]
         assert [each["id"] for each in hits] == ["pad-1"]
+        rows = [
+            {"uav_id": f"ghost-{pad_id}", "pad_id": pad_id, "t_ms": START_MS, "body": "{}"}
+            for pad_id in ("pad-1", "pad-2")
+        ]
+        async with world.context.database.write() as connection:
+            await connection.execute(insert(LatestTrackRow), rows)
+        hits = (await http.get("/api/v1/search", params={"q": "ghost"})).json()["items"]
+        assert [each["id"] for each in hits] == ["ghost-pad-1"]
         query = {"since_ms": START_MS - 1, "until_ms": START_MS + 60_000, "bin_ms": 60_000}
         total = (await http.get("/api/v1/statistics", params=query)).json()
         assert (total["total"]["verified"], total["total"]["refuted"]) == (1, 0)

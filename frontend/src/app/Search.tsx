@@ -6,6 +6,7 @@ import type { Hit } from "../shared/api/records";
 import { replayHash } from "../replay/place";
 import { typedTime } from "../replay/typedTime";
 import { day, shortHash, timeOfDay } from "../shared/format";
+import type { LiveStore } from "../shared/live/store";
 import { useLiveStore } from "../shared/live/useLive";
 import { useKeys } from "../shared/ui/useKeys";
 import { placeHash } from "./location";
@@ -24,14 +25,22 @@ function momentOf(text: string, now_ms: number): Found | undefined {
 /** No serial number and no id has a colon or a blank in it. */
 const PLAINLY_A_MOMENT = /[:\s]/;
 
-function hrefOf(hit: Found): string {
+/** Close enough to see a pad's marks and its grid. */
+const PAD_ZOOM = 19;
+/** What was heard in a moment is known a little later. */
+const KNOWN_MS = 2_000;
+
+function hrefOf(hit: Found, store: LiveStore): string {
   switch (hit.kind) {
     case "moment":
       return replayHash(Number(hit.id));
     case "pad":
-      return placeHash({ room: "verdicts", filters: { pad: hit.id } });
+      return padHref(hit.id, store);
     case "drone":
       return placeHash({ room: "live", drone: hit.id });
+    case "broadcast":
+      // Gone from the live map: where and when it was heard last.
+      return store.tracks.has(hit.id) ? placeHash({ room: "live", drone: hit.id }) : replayHash((hit.heard_ms ?? 0) + KNOWN_MS, { drone: hit.id });
     case "session":
       return placeHash({ room: "sessions", session: hit.id });
     case "transaction":
@@ -39,6 +48,12 @@ function hrefOf(hit: Found): string {
     case "block":
       return blockHref(Number(hit.id));
   }
+}
+
+function padHref(pad_id: string, store: LiveStore): string {
+  const pad = store.pads.get(pad_id);
+  if (pad === undefined) return placeHash({ room: "registry", path: ["pads", pad_id], query: {} });
+  return placeHash({ room: "live", list: "pads", camera: { lat: pad.lat_e7 / 1e7, lon: pad.lon_e7 / 1e7, zoom: PAD_ZOOM } });
 }
 
 /** One box for everything that has a name; `/` leads here. A combobox (ARIA APG): arrows choose, Enter opens. */
@@ -69,7 +84,7 @@ export function Search(): ReactElement {
     setActive(0);
   };
   const follow = (hit: Found): void => {
-    location.hash = hrefOf(hit);
+    location.hash = hrefOf(hit, store);
     setText("");
     close();
     input.current?.blur();
