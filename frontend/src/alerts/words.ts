@@ -50,7 +50,12 @@ export function lookOf(alert: Alert): Look {
   return alert.severity === "critical" ? "refuted" : "inconclusive";
 }
 
+/** Open, and somebody has put it off. */
+export function isAsleep(alert: Alert, now_ms: number): boolean {
+  return alert.state === "open" && (alert.snoozed_until_ms ?? 0) > now_ms;
+}
+
 /** Open, and not asleep. */
 export function isWaiting(alert: Alert, now_ms: number): boolean {
-  return alert.state === "open" && (alert.snoozed_until_ms ?? 0) <= now_ms;
+  return alert.state === "open" && !isAsleep(alert, now_ms);
 }
