@@ -11,7 +11,7 @@ from sqlalchemy import select
 
 from backend.alerts import store
 from backend.alerts.kinds import plain_text
-from backend.alerts.schemas import Act, Alert, AlertDetail, AlertFilters, AlertPage
+from backend.alerts.schemas import Act, Alert, AlertCount, AlertDetail, AlertFilters, AlertPage
 from backend.auth.access import SIGNED_IN, SignedInPerson, require
 from backend.auth.person import AUTHORITY, Person
 from backend.context import context_of
@@ -42,6 +42,15 @@ async def list_alerts(request: Request, person: SignedInPerson, filters: AlertFi
         filters.limit,
         cursor_of=lambda row: (row.t_ms, row.alert_id),
     )
+
+
+@router.get("/alerts/count", response_model=AlertCount, responses=documented())
+async def count_alerts(request: Request, person: SignedInPerson) -> Response:
+    """How many wait in the inbox; the live interface holds the newest 500."""
+    context = context_of(request)
+    async with context.database.read() as database:
+        size = await store.inbox_size(database, person.scope, context.clock())
+    return Json({"inbox": size}, headers={"Cache-Control": "private, no-store"})
 
 
 @router.get(

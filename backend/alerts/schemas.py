@@ -61,6 +61,12 @@ class Alert(ApiModel):
     over_ms: int | None = Field(default=None, description="When its cause ended by itself")
 
 
+class AlertCount(ApiModel):
+    """How many there are."""
+
+    inbox: int = Field(description="Open and not asleep")
+
+
 class AlertAct(ApiModel):
     """What somebody did about an alert."""
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import orjson
-from sqlalchemy import and_, insert, or_, select, tuple_, update
+from sqlalchemy import ColumnElement, and_, func, insert, or_, select, tuple_, update
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
@@ -183,6 +183,18 @@ async def current(database: AsyncSession) -> list[AlertRow]:
     return list(reversed((await database.scalars(query)).all()))
 
 
+def _in_inbox(now_ms: int) -> ColumnElement[bool]:
+    awake = or_(AlertRow.snoozed_until_ms.is_(None), AlertRow.snoozed_until_ms <= now_ms)
+    return and_(AlertRow.state == OPEN, awake)
+
+
+async def inbox_size(database: AsyncSession, scope: Scope, now_ms: int) -> int:
+    """How many wait for somebody."""
+    query = select(func.count()).select_from(AlertRow).where(_in_inbox(now_ms))
+    query = scope.narrow(query, pad=AlertRow.pad_id, drone=AlertRow.uav_id)
+    return (await database.execute(query)).scalar_one()
+
+
 async def listing(
     database: AsyncSession, filters: AlertQuery, scope: Scope, *, position: tuple[int, str] | None, now_ms: int
 ) -> Sequence[AlertRow]:
@@ -194,7 +206,7 @@ async def listing(
     query = await narrowed(database, query, filters, pad=AlertRow.pad_id, drone=AlertRow.uav_id)
     asleep = and_(AlertRow.snoozed_until_ms.is_not(None), AlertRow.snoozed_until_ms > now_ms)
     if filters.state == "inbox":
-        query = query.where(AlertRow.state == OPEN, or_(AlertRow.snoozed_until_ms.is_(None), ~asleep))
+        query = query.where(_in_inbox(now_ms))
     elif filters.state == "snoozed":
         query = query.where(AlertRow.state == OPEN, asleep)
     elif filters.state is not None:

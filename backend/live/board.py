@@ -84,6 +84,8 @@ class Board:
         self._new_verdicts: list[Any] = []
         self._alerts: OrderedDict[str, dict[str, Any]] = OrderedDict()
         self._changed_alerts: list[dict[str, Any]] = []
+        self.has_more_alerts = False
+        """Whether more are open than are here."""
         self._shown_status: dict[str, Any] | None = None
 
     async def load(self, database: AsyncSession) -> None:
@@ -112,6 +114,7 @@ class Board:
         self._verdicts.extend(contents.verdicts)
         for alert in contents.alerts:
             self._alerts[alert["alert_id"]] = alert
+        self.has_more_alerts = len(self._alerts) >= alerts.MAX_OPEN
         self._counts.update(contents.counts)
 
     def commit(self, changes: Changes) -> None:
@@ -147,6 +150,7 @@ class Board:
             self._alerts[shown["alert_id"]] = shown
             while len(self._alerts) > alerts.MAX_OPEN:
                 self._alerts.popitem(last=False)
+                self.has_more_alerts = True
         else:
             self._alerts.pop(shown["alert_id"], None)
 

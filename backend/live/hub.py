@@ -269,6 +269,8 @@ class Hub:
             content[kind] = [orjson.Fragment(item) for item in items]
         if index == 1:
             content["status"] = self._board.status()
+            if self._board.has_more_alerts:
+                content["alerts_more"] = True
         return orjson.dumps(content).decode()
 
 

@@ -17,7 +17,7 @@ from cryptography import x509
 from jsonschema import Draft202012Validator
 from sqlalchemy import insert, select, update
 
-from backend.alerts import finnish, oddities, watch
+from backend.alerts import finnish, oddities, store, watch
 from backend.alerts.deliver import Delivery
 from backend.alerts.derive import alerts_of
 from backend.alerts.kinds import KINDS, Alert, plain_text
@@ -146,6 +146,30 @@ async def test_each_is_told_live_and_none_is_coalesced(running, chain, facts):
             while len(told) < 3:
                 told += json.loads(await socket.recv()).get("alerts", [])
     assert len({each["alert_id"] for each in told}) == 3
+
+
+async def test_more_than_the_live_interface_holds_are_counted(
+    running, chain, facts, monkeypatch, new_backend, serving, source_of
+):
+    monkeypatch.setattr(store, "MAX_OPEN", 2)
+    names = [f"more-{index}" for index in range(3)]
+    chain.add(*(facts.request(name, uav_id="uav-2", t_ms=START_MS + 40_000) for name in names))
+    chain.add(*(facts.decide(name, uav_id="uav-2", t_ms=START_MS + 40_000, outcome="refuted") for name in names))
+    await running.mirrored(chain.height)
+
+    async def shown(client):
+        async with client.live() as socket:
+            _, snapshot = [json.loads(await asyncio.wait_for(socket.recv(), 5)) for _ in range(2)]
+        conforms("AlertCount", found := await client.json("/alerts/count"))
+        return len(snapshot["alerts"]), snapshot.get("alerts_more"), found["inbox"]
+
+    assert await shown(running) == (2, True, 4)
+    async with serving(new_backend(source_of(chain))) as again:
+        await again.mirrored(chain.height)
+        assert await shown(again) == (2, True, 4)
+        alert, *_ = await alerts(again)
+        await act(again, alert, "acknowledge")
+        assert (await again.json("/alerts/count"))["inbox"] == 3
 
 
 async def test_an_old_ledger_brings_history_not_news(new_backend, serving, source_of, chain, facts, clock):

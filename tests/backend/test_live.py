@@ -287,6 +287,7 @@ class FakeBoard:
         self.changes = []
         self.viewers = None
         self.taken = 0
+        self.has_more_alerts = False
 
     def take(self, *, with_status):
         self.taken += 1

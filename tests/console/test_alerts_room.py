@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import expect
 
+from backend.alerts import store
+
 
 @pytest.fixture
 def inbox(real, open_page):
@@ -28,6 +30,19 @@ def test_from_the_header_to_why(inbox):
     expect(inbox.get_by_role("heading", level=2).first).to_have_text("Refuted")
     inbox.go_back()
     expect(panel.locator(".told")).to_be_visible()
+
+
+def test_all_are_counted_also_those_that_the_page_was_not_sent(real, open_page, monkeypatch):
+    monkeypatch.setattr(store, "MAX_OPEN", 2)
+    facts, now_ms = real.facts, real.now_ms()
+    names = [f"more-{index}" for index in range(3)]
+    real.add(*(facts.request(name, uav_id="uav-2", t_ms=now_ms) for name in names))
+    real.add(*(facts.decide(name, uav_id="uav-2", t_ms=now_ms, outcome="refuted") for name in names))
+    page = open_page(real.link(), room="alerts")
+    chip = page.get_by_test_id("alerts-chip")
+    expect(chip).to_contain_text("4 alerts")
+    page.get_by_role("button", name="Acknowledge", exact=True).click()
+    expect(chip).to_contain_text("3 alerts")
 
 
 def test_an_acknowledgement_has_a_name_and_a_note_and_stays(inbox):

@@ -52,7 +52,7 @@ export const alertTexts = texts({
 export const inboxTexts = texts({
   en: {
     alerts: "Alerts",
-    count: "{count, plural, one {# alert} other {# alerts}}",
+    count: "{count, plural, one {# alert} other {#{more, select, yes {+} other {}} alerts}}",
     tab: "{state, select, inbox {Inbox} snoozed {Snoozed} acknowledged {Acknowledged} over {Over} other {All}}",
     empty: "{state, select, inbox {Nothing needs you.} snoozed {Nothing is asleep.} acknowledged {Nothing was acknowledged yet.} over {Nothing has ended by itself yet.} other {No alert yet.}}",
     which: "Which alerts to list",
@@ -93,7 +93,7 @@ export const inboxTexts = texts({
   },
   fi: {
     alerts: "Hälytykset",
-    count: "{count, plural, one {# hälytys} other {# hälytystä}}",
+    count: "{count, plural, one {# hälytys} other {#{more, select, yes {+} other {}} hälytystä}}",
     tab: "{state, select, inbox {Saapuneet} snoozed {Torkutetut} acknowledged {Kuitatut} over {Ohi} other {Kaikki}}",
     empty: "{state, select, inbox {Mikään ei odota sinua.} snoozed {Mitään ei ole torkutettu.} acknowledged {Mitään ei ole vielä kuitattu.} over {Mikään ei ole vielä mennyt ohi.} other {Ei vielä hälytyksiä.}}",
     which: "Mitkä hälytykset luetellaan",

@@ -1,7 +1,9 @@
+import { useQuery } from "@tanstack/react-query";
 import type { ReactElement } from "react";
 import "../alerts/alerts.css";
 import { inboxTexts } from "../alerts/texts";
 import { isWaiting } from "../alerts/words";
+import { useApi } from "../shared/api/api";
 import type { SignedIn, Status } from "../shared/api/records";
 import { count, duration } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
@@ -14,6 +16,7 @@ import { appTexts as t } from "./texts";
 import { setThemeChoice, useTheme, type Choice } from "./theme";
 import { TourOffer } from "./Tour";
 
+const COUNT_MS = 10_000;
 const TOPICS: readonly Topic[] = ["status", "pads", "alerts", "connection"];
 /** Up to here the mirror keeps up. */
 export const LAG_MS = 5_000;
@@ -108,16 +111,22 @@ type Properties = { person: SignedIn; onHelp: () => void; onSignOut: () => void 
 
 /** The ledger is always in sight: which one, how many organisations, height, lag. */
 export function Header({ person, onHelp, onSignOut }: Properties): ReactElement {
-  const { status, pads, silent, waiting } = useLive(TOPICS, (store) => {
+  const { status, pads, silent, here, more } = useLive(TOPICS, (store) => {
     const now_ms = store.serverNow_ms();
     const all = [...store.pads.values()].filter((pad) => pad.status !== "retired");
     return {
       status: store.status,
       pads: all.length,
-      waiting: [...store.alerts.values()].filter((alert) => isWaiting(alert, now_ms)).length,
+      here: [...store.alerts.values()].filter((alert) => isWaiting(alert, now_ms)).length,
+      more: store.moreAlerts,
       silent: all.filter((pad) => pad.health?.connected === false).length,
     };
   });
+  // Where the live connection does not have all of them, the server counts.
+  const api = useApi();
+  const counted = useQuery({ queryKey: ["alerts", "count"], queryFn: () => api.alertCount(), enabled: more, refetchInterval: COUNT_MS });
+  const waiting = more ? (counted.data ?? here) : here;
+  const atLeast = more && counted.data === undefined;
   return (
     <header className="header">
       <span className="mark">
@@ -136,7 +145,7 @@ export function Header({ person, onHelp, onSignOut }: Properties): ReactElement 
         {waiting > 0 && (
           <a className="chip chip-alerts num" href={placeHash({ room: "alerts", path: [], query: {} })} data-testid="alerts-chip">
             <Symbol look="refuted" size={14} />
-            {inboxTexts("count", { count: waiting })}
+            {inboxTexts("count", { count: waiting, more: atLeast ? "yes" : "no" })}
           </a>
         )}
         {status?.server.demo === true && <TourOffer />}

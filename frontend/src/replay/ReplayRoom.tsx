@@ -34,6 +34,8 @@ const SAME_MS = 1_500;
 const BUCKETS = 240;
 const MARKS_MS = 15_000;
 const NO_FILTER: Filter = {};
+/** So many of a moment the server tells, the newest. */
+const MOST_ALERTS = 500;
 const ALERTS: readonly Topic[] = ["alerts"];
 const TIME_TOPICS: readonly Topic[] = ["tracks", "sessions", "verdicts", "pads"];
 
@@ -262,7 +264,7 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
           <div className="tabs replay-tabs" role="group" aria-label={t("list")}>
             {(["drones", "alerts"] as const).map((each) => (
               <button key={each} type="button" className="tab" aria-pressed={tab === each} onClick={() => setTab(each)}>
-                {each === "drones" ? t("drones") : t("alertsTab", { count: openAlerts })}
+                {each === "drones" ? t("drones") : t("alertsTab", { count: openAlerts, more: openAlerts >= MOST_ALERTS ? "yes" : "no" })}
               </button>
             ))}
           </div>

@@ -102,6 +102,11 @@ export class Api {
     return answered((signal) => this.client.GET("/api/v1/alerts", { params: { query }, signal }));
   }
 
+  /** How many wait in the inbox. */
+  async alertCount(): Promise<number> {
+    return (await answered((signal) => this.client.GET("/api/v1/alerts/count", { signal }))).inbox;
+  }
+
   alert(alert_id: string): Promise<AlertDetail> {
     return answered((signal) => this.client.GET("/api/v1/alerts/{alert_id}", { params: { path: { alert_id } }, signal }));
   }

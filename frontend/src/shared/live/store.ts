@@ -32,6 +32,8 @@ export class LiveStore {
   readonly pads = new Map<string, Pad>();
   /** Those that are open, by id; what is acknowledged or over is in REST. */
   readonly alerts = new Map<string, Alert>();
+  /** More are open than the server sends. */
+  moreAlerts = false;
   status: Status | undefined;
   connection: ConnectionState = { phase: "connecting", attempt: 1 };
   /** When the last frame came, by this machine's clock; undefined before the first. */
@@ -139,6 +141,7 @@ export class LiveStore {
         this.estimates.clear();
         // The snapshot has every open alert; one that was dealt with meanwhile must not stand here for ever.
         this.alerts.clear();
+        this.moreAlerts = false;
         changed.add("estimates").add("alerts");
       }
       changed.add("connection");
@@ -155,6 +158,7 @@ export class LiveStore {
     this.take(frame, changed);
     if (frame.type === "snapshot") {
       this.snapshotParts += 1;
+      if (frame.alerts_more === true) this.moreAlerts = true;
       for (const track of frame.tracks ?? []) this.seen.add(track.uav_id);
       // The numbering begins anew with the snapshot: until it is complete, every name in it is new.
       for (const name of columns?.names ?? []) this.seen.add(name);
