@@ -52,7 +52,9 @@ class Alert(ApiModel):
     text: str | None = Field(
         default=None, description="The same in one sentence, in the language asked for; not in live frames"
     )
-    state: Literal["open", "acknowledged", "over"]
+    state: Literal["open", "acknowledged", "returned", "over"] = Field(
+        description="returned: its cause ended before anybody acknowledged it; over: nobody needs to"
+    )
     revision: int = Field(description="Rises with each change; name it when you act")
     changed_ms: int
     acknowledged_by: str | None = None
@@ -64,7 +66,7 @@ class Alert(ApiModel):
 class AlertCount(ApiModel):
     """How many there are."""
 
-    inbox: int = Field(description="Open and not asleep")
+    inbox: int = Field(description="Open or returned, and not asleep")
 
 
 class AlertAct(ApiModel):
@@ -120,8 +122,8 @@ class Act(BaseModel):
 class AlertQuery(AboutQuery):
     """Which alerts."""
 
-    state: Literal["inbox", "snoozed", "open", "acknowledged", "over"] | None = Field(
-        default=None, description="inbox: open and not asleep"
+    state: Literal["inbox", "snoozed", "open", "acknowledged", "returned", "over"] | None = Field(
+        default=None, description="inbox: open or returned, and not asleep"
     )
     severity: Literal["critical", "warning", "notice"] | None = None
     kind: KindName | None = None

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import orjson
-from sqlalchemy import ColumnElement, and_, func, insert, or_, select, tuple_, update
+from sqlalchemy import ColumnElement, and_, case, func, insert, or_, select, tuple_, update
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
@@ -21,7 +21,13 @@ from backend.errors import Conflict, NotFound
 
 OPEN: Final = "open"
 ACKNOWLEDGED: Final = "acknowledged"
+RETURNED: Final = "returned"
+"""Its cause ended by itself before anybody had acknowledged it; it stays until somebody does."""
 OVER: Final = "over"
+WAITING: Final = (OPEN, RETURNED)
+"""These want somebody; what is asleep does so later."""
+LASTING: Final = (OPEN, ACKNOWLEDGED)
+"""Their cause goes on."""
 MAX_OPEN: Final = 500
 """Open alerts that a snapshot holds; REST has the rest."""
 
@@ -69,13 +75,17 @@ async def raise_all(connection: AsyncConnection, alerts: Iterable[Alert], now_ms
 
 
 async def end(connection: AsyncConnection, alert_ids: Sequence[str], now_ms: int) -> list[str]:
-    """The cause of these has ended by itself. Returns the ids of those that were not over yet."""
+    """The cause of these has ended by itself. Returns the ids of those whose cause went on until now.
+
+    What was more than a notice and nobody has acknowledged stays visible (ISA-18.2: returned, unacknowledged).
+    """
+    unseen = and_(AlertRow.state == OPEN, AlertRow.severity != "notice")
     ended = []
     for alert_id in alert_ids:
         done = await connection.execute(
             update(AlertRow)
-            .where(AlertRow.alert_id == alert_id, AlertRow.state != OVER)
-            .values(state=OVER, over_ms=now_ms, changed_ms=now_ms, revision=AlertRow.revision + 1)
+            .where(AlertRow.alert_id == alert_id, AlertRow.state.in_(LASTING))
+            .values(state=case((unseen, RETURNED), else_=OVER), over_ms=now_ms, changed_ms=now_ms, revision=AlertRow.revision + 1)
         )
         if done.rowcount:
             ended.append(alert_id)
@@ -101,7 +111,8 @@ async def act(database: Database, alert_id: str, who: Person, wanted: Act, now_m
     detail: str | None = None
     match wanted.act:
         case "acknowledge":
-            values |= {"state": ACKNOWLEDGED, "acknowledged_by": by, "snoozed_until_ms": None}
+            ended = AlertRow.state.in_((RETURNED, OVER))
+            values |= {"state": case((ended, OVER), else_=ACKNOWLEDGED), "acknowledged_by": by, "snoozed_until_ms": None}
         case "reopen":
             values |= {"state": OPEN, "acknowledged_by": None, "snoozed_until_ms": None}
         case "assign":
@@ -178,14 +189,14 @@ async def acts_of(database: AsyncSession, alert_id: str) -> list[Row]:
 
 
 async def current(database: AsyncSession) -> list[AlertRow]:
-    """The newest of those that are open, oldest first."""
-    query = select(AlertRow).where(AlertRow.state == OPEN).order_by(AlertRow.t_ms.desc()).limit(MAX_OPEN)
+    """The newest of those that want somebody, oldest first."""
+    query = select(AlertRow).where(AlertRow.state.in_(WAITING)).order_by(AlertRow.t_ms.desc()).limit(MAX_OPEN)
     return list(reversed((await database.scalars(query)).all()))
 
 
 def _in_inbox(now_ms: int) -> ColumnElement[bool]:
     awake = or_(AlertRow.snoozed_until_ms.is_(None), AlertRow.snoozed_until_ms <= now_ms)
-    return and_(AlertRow.state == OPEN, awake)
+    return and_(AlertRow.state.in_(WAITING), awake)
 
 
 async def inbox_size(database: AsyncSession, scope: Scope, now_ms: int) -> int:
@@ -208,7 +219,7 @@ async def listing(
     if filters.state == "inbox":
         query = query.where(_in_inbox(now_ms))
     elif filters.state == "snoozed":
-        query = query.where(AlertRow.state == OPEN, asleep)
+        query = query.where(AlertRow.state.in_(WAITING), asleep)
     elif filters.state is not None:
         query = query.where(AlertRow.state == filters.state)
     for column, value in (

@@ -138,7 +138,7 @@ class Watch:
             )
             lasting = (
                 await session.scalars(
-                    select(AlertRow).where(AlertRow.state != store.OVER, AlertRow.kind.in_(CONDITIONS))
+                    select(AlertRow).where(AlertRow.state.in_(store.LASTING), AlertRow.kind.in_(CONDITIONS))
                 )
             ).all()
             found = [

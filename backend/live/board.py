@@ -146,7 +146,7 @@ class Board:
     def alert(self, shown: dict[str, Any]) -> None:
         """An alert that is new, or has changed."""
         self._changed_alerts.append(shown)
-        if shown["state"] == alerts.OPEN:
+        if shown["state"] in alerts.WAITING:
             self._alerts[shown["alert_id"]] = shown
             while len(self._alerts) > alerts.MAX_OPEN:
                 self._alerts.popitem(last=False)

@@ -36,7 +36,7 @@ class LiveSnapshot(ApiModel):
     estimates: list[Estimate] | None = None
     sessions: list[SessionState] | None = None
     verdicts: list[VerdictSummary] | None = Field(default=None, description="Oldest first")  # type: ignore[valid-type]
-    alerts: list[Alert] | None = Field(default=None, description="Those that are open, oldest first")
+    alerts: list[Alert] | None = Field(default=None, description="Those that are open or returned, oldest first")
     alerts_more: bool | None = Field(default=None, description="More are open than these: GET /alerts/count counts")
     status: Status | None = None
 

@@ -126,14 +126,14 @@ async def open_alerts(database: AsyncSession, when: Moment, scope: Scope) -> lis
     """The newest of the alerts that were open, oldest first."""
     query = (
         select(AlertRow)
-        .where(AlertRow.raised_ms <= when.t_ms, or_(AlertRow.state == alerts.OPEN, AlertRow.changed_ms > when.t_ms))
+        .where(AlertRow.raised_ms <= when.t_ms, or_(AlertRow.state.in_(alerts.WAITING), AlertRow.changed_ms > when.t_ms))
         .order_by(AlertRow.t_ms.desc())
         .limit(MAX_ALERTS)
     )
     query = scope.narrow(query, pad=AlertRow.pad_id, drone=AlertRow.uav_id)
     rows = (await database.scalars(query)).all()
     shown = await alerts_at(database, rows, when.t_ms)
-    opened = [each for each in shown if each["state"] == alerts.OPEN]
+    opened = [each for each in shown if each["state"] in alerts.WAITING]
     return list(reversed(opened[: alerts.MAX_OPEN]))
 
 
@@ -164,8 +164,14 @@ def alert_at(row: AlertRow, acts: Iterable[AlertActRow], t_ms: int) -> dict[str,
             case "snooze":
                 now["snoozed_until_ms"] = int(act.detail or 0)
     if row.over_ms is not None and row.over_ms <= t_ms:
-        now |= {"state": alerts.OVER, "over_ms": row.over_ms, "changed_ms": max(now["changed_ms"], row.over_ms)}
-        now["revision"] = row.revision if row.changed_ms <= t_ms else now["revision"] + 1
+        if row.changed_ms <= t_ms:
+            now["revision"] = row.revision
+        elif now["changed_ms"] < row.over_ms:
+            now["revision"] += 1
+        # What is over now without an acknowledgement never had to wait for one.
+        waits = now["acknowledged_by"] is None and (row.state != alerts.OVER or row.acknowledged_by is not None)
+        state = alerts.RETURNED if waits and row.severity != "notice" else alerts.OVER
+        now |= {"state": state, "over_ms": row.over_ms, "changed_ms": max(now["changed_ms"], row.over_ms)}
     past = {column.name: getattr(row, column.name) for column in AlertRow.__table__.columns}
     return alerts.shown(AlertRow(**(past | now)))
 

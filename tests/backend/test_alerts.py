@@ -202,11 +202,28 @@ async def test_a_pad_that_falls_silent_and_comes_back(running, database, clock):
     async with database.write() as connection:
         await connection.execute(update(HealthRow).values(t_ms=clock.now_ms))
     await running.backend.watch.look()
-    (over,) = await alerts(running, kind="pad_silent")
-    assert (over["state"], over["over_ms"]) == ("over", clock.now_ms)
+    (returned,) = await alerts(running, kind="pad_silent", state="inbox")
+    assert (returned["state"], returned["over_ms"]) == ("returned", clock.now_ms)
+    # Nobody had seen it: it stays until somebody has, also in the live interface and after a restart.
+    async with running.live() as socket:
+        shown = [json.loads(await asyncio.wait_for(socket.recv(), 5)) for _ in range(2)][1]["alerts"]
+        assert {each["state"] for each in shown if each["kind"] == "pad_silent"} == {"returned"}
+        assert (await act(running, silent, "acknowledge")).status_code == 409, "it has changed since"
+        assert (await act(running, returned, "acknowledge")).json()["state"] == "over"
+        told = []
+        while not told:
+            told = json.loads(await asyncio.wait_for(socket.recv(), 5)).get("alerts", [])
+        assert [each["state"] for each in told] == ["over"]
+    assert await alerts(running, kind="pad_silent", state="inbox") == []
     clock.now_ms += watch.SILENT_MS + 1
     await running.backend.watch.look()
-    assert len(await alerts(running, kind="pad_silent")) == 2
+    (again, _) = await alerts(running, kind="pad_silent")
+    # One that was seen while it lasted is over when it ends.
+    await act(running, again, "acknowledge")
+    async with database.write() as connection:
+        await connection.execute(update(HealthRow).values(t_ms=clock.now_ms))
+    await running.backend.watch.look()
+    assert [each["state"] for each in await alerts(running, kind="pad_silent")] == ["over", "over"]
 
 
 async def test_a_halted_mirror_and_certificates_that_expire(running, clock):
@@ -539,7 +556,7 @@ async def test_what_a_receiver_finds_odd_is_an_alert_until_it_is_odd_no_more(run
     assert (rate["severity"], rate["facts"]["finding"]) == ("notice", "rate_high")
     clock.now_ms += oddities.LASTS_MS
     await running.backend.watch.look()
-    assert {each["state"] for each in await alerts(running, kind="identity_odd")} == {"over"}
+    assert {each["state"] for each in await alerts(running, kind="identity_odd")} == {"returned"}
 
 
 @both

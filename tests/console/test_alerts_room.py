@@ -6,6 +6,8 @@ import pytest
 from playwright.sync_api import expect
 
 from backend.alerts import store
+from backend.db import bulk
+from backend.db.tables.reported import HealthRow
 
 
 @pytest.fixture
@@ -84,6 +86,33 @@ def test_a_new_alert_is_said_to_screen_readers_and_counted(real, inbox):
     expect(inbox.get_by_test_id("alerts-chip")).to_contain_text("2 alerts")
     expect(inbox.get_by_role("log")).to_contain_text("uav-2 is not where it says")
     expect(row(inbox)).to_have_count(2)
+
+
+async def report_health(database, t_ms):
+    row = {"agent": "pad", "agent_id": "pad-1", "t_ms": t_ms, "body": "{}"}
+    async with database.write() as connection:
+        await bulk.upsert(connection, HealthRow, [row])
+
+
+def test_what_ended_by_itself_stays_until_somebody_has_seen_it(real, inbox):
+    database, watch = real.backend.database, real.backend.watch
+    real._run(report_health(database, real.now_ms() - 120_000))
+    real._run(watch.look())
+    silent = inbox.get_by_role("link", name="Pad silent")
+    expect(silent).to_be_visible()
+    expect(silent).not_to_contain_text("over since")
+    real._run(report_health(database, real.now_ms()))
+    real._run(watch.look())
+    expect(silent).to_contain_text("over since")
+    expect(inbox.get_by_test_id("alerts-chip")).to_contain_text("2 alerts")
+    inbox.reload()
+    silent.click()
+    expect(inbox.get_by_text("not acknowledged")).to_be_visible()
+    inbox.get_by_role("button", name="Acknowledge", exact=True).click()
+    expect(inbox.get_by_test_id("alerts-chip")).to_contain_text("1 alert")
+    expect(silent).to_have_count(0)
+    inbox.get_by_role("button", name="Over", exact=True).click()
+    expect(silent).to_be_visible()
 
 
 def test_what_sleeps_leaves_the_inbox(inbox):

@@ -38,8 +38,9 @@ class Shown:
         for kind, key in KEYS.items():
             for item in frame.get(kind, []):
                 self.items[kind][item[key]] = item
-        for alert_id in [each for each, alert in self.items["alerts"].items() if alert["state"] != "open"]:
-            del self.items["alerts"][alert_id]
+        alerts = self.items["alerts"]
+        for alert_id in [each for each in alerts if alerts[each]["state"] not in {"open", "returned"}]:
+            del alerts[alert_id]
         for session in frame.get("sessions", []):
             known = self.items["estimates"].get(session["uav_id"])
             if session["state"] != "requested" and known and known["session_id"] == session["session_id"]:

@@ -70,8 +70,9 @@ async def proof(story, running, chain, facts, number, agent_client):
         chain.add(*transactions)
         await running.mirrored(chain.height)
 
-    async def acts(act, **more):
-        (alert,) = (await running.json("/alerts", session=session_id, kind="refuted"))["items"]
+    async def acts(act, which=None, **more):
+        which = which or {"session": session_id, "kind": "refuted"}
+        (alert,) = (await running.json("/alerts", **which))["items"]
         body = {"act": act, "revision": alert["revision"]} | more
         answer = await running.http.post(f"/api/v1/alerts/{alert['alert_id']}/acts", json=body)
         assert answer.status_code == 200, answer.text
@@ -104,6 +105,20 @@ async def proof(story, running, chain, facts, number, agent_client):
     await story.then(after_ms=1)
     await story.then(mirrored(facts.put_uav("uav-9"), facts.put_pad("pad-3")))
     await story.then(running.backend.watch.look(), after_ms=61_000)
+    async with running.connect("/ingest") as socket:
+        agent = agent_client(socket)
+
+        async def come_back():
+            agent.seq = (await agent.hello())["acknowledged"]
+
+        await story.then(come_back())
+        await story.then(agent.report(("health", HEALTH), t_ms=clock.now_ms))
+        # The alert's cause has ended before anybody acknowledged it: it stays until somebody does.
+        await story.then(running.backend.watch.look())
+        await story.then(acts("acknowledge", {"kind": "pad_silent", "state": "returned"}))
+        await story.then(acts("note", {"kind": "pad_silent", "state": "over"}, note="power cut"))
+        clock.now_ms += 999
+    await story.then(after_ms=1)
     return session_id
 
 

@@ -281,8 +281,8 @@ def test_a_pad_whose_closures_run_out_is_an_alert(house, admin):
     done = admin.change("SetClosures", {"pad_id": PAD, "closures": [], "valid_until_ms": house.now_ms() + 10**10})
     house.wait_mirrored(done["block"] + 1)
     house.run(house.backend.watch.look())
-    over = admin.get("/alerts", params={"state": "over"}).json()["items"]
-    assert [each["kind"] for each in over] == ["closures_ending"]
+    returned = admin.get("/alerts", params={"state": "returned"}).json()["items"]
+    assert [each["kind"] for each in returned] == ["closures_ending"]
 
 
 def test_closures_that_are_not_what_the_zones_say_are_an_alert(house, admin):
@@ -302,10 +302,10 @@ def test_closures_that_are_not_what_the_zones_say_are_an_alert(house, admin):
         assert look() == [(PAD, "open", "missing")]
         done = admin.change("SetClosures", admin.get(f"/zones/pads/{PAD}/plan", params={"days": 30}).json())
         house.wait_mirrored(done["block"] + 1)
-        assert look() == [(PAD, "over", "missing")]
+        assert look() == [(PAD, "returned", "missing")]
         done = admin.change("SetClosures", {"pad_id": PAD, "closures": [], "valid_until_ms": house.now_ms() + 10**9})
         house.wait_mirrored(done["block"] + 1)
-        assert sorted(look()) == [(PAD, "open", "differs"), (PAD, "over", "missing")]
+        assert sorted(look()) == [(PAD, "open", "differs"), (PAD, "returned", "missing")]
         last, first, *_ = admin.get("/registry/history", params={"kind": "pad", "id": PAD}).json()["items"]
         assert [each["kind"] for each in (last, first)] == ["closures", "closures"]
         assert (last["before"], last["record"]["closures"]) == (first["record"], [])

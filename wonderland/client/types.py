@@ -36,7 +36,7 @@ class Alert(TypedDict):
     tx_id: NotRequired[str]
     facts: dict[str, Any]
     text: NotRequired[str]
-    state: Literal["open", "acknowledged", "over"]
+    state: Literal["open", "acknowledged", "returned", "over"]
     revision: int
     changed_ms: int
     acknowledged_by: NotRequired[str]

@@ -13,7 +13,7 @@ import { Sentence } from "../shared/ui/Sentence";
 import { Symbol } from "../shared/ui/Symbol";
 import { zonesHref } from "../zones/links";
 import { alertTexts, inboxTexts as t } from "./texts";
-import { lookOf, sentence } from "./words";
+import { lookOf, sentence, wantsSomebody } from "./words";
 
 const SNOOZE_MIN = [15, 60, 480, 1440] as const;
 
@@ -149,7 +149,7 @@ export function AlertPanel({ alert_id, back, now_ms }: { alert_id: string; back:
       <div className="alert-body">
         <p className="quiet num">
           {t("severity", { severity: alert.severity })} · {t("happened")} {dayAndTime(alert.t_ms, now_ms)} ·{" "}
-          {t("state", { state: alert.state, who: dotted(alert.acknowledged_by ?? "") })}
+          {t("state", { state: alert.state, who: dotted(alert.acknowledged_by ?? ""), when: dayAndTime(alert.over_ms ?? 0, now_ms) })}
           {alert.assigned_to !== undefined && ` · ${t("assigned", { who: dotted(alert.assigned_to) })}`}
           {(alert.snoozed_until_ms ?? 0) > now_ms && ` · ${t("asleep", { until: dayAndTime(alert.snoozed_until_ms ?? 0, now_ms) })}`}
         </p>
@@ -166,7 +166,7 @@ export function AlertPanel({ alert_id, back, now_ms }: { alert_id: string; back:
           <textarea rows={2} maxLength={2000} value={note} placeholder={t("noteHint")} onChange={(event) => setNote(event.target.value)} />
         </label>
         <div className="alert-actions">
-          {alert.state === "open" ? (
+          {wantsSomebody(alert) ? (
             <button type="button" className="button primary" disabled={act.isPending} onClick={() => act.mutate({ act: "acknowledge" })}>
               {t("acknowledge")}
             </button>
@@ -181,7 +181,7 @@ export function AlertPanel({ alert_id, back, now_ms }: { alert_id: string; back:
           <button type="button" className="button" disabled={act.isPending} onClick={() => act.mutate({ act: "assign" })}>
             {t("assignMe")}
           </button>
-          {alert.state === "open" && (
+          {wantsSomebody(alert) && (
             <label className="inline-field">
               {t("snooze")}
               <select

@@ -3,7 +3,7 @@ import { go, placeHash, type Place, type PlainRoom } from "../app/location";
 import { useApi, type AlertFilters } from "../shared/api/api";
 import type { Alert } from "../shared/api/records";
 import { usePages } from "../shared/api/usePages";
-import { age, dotted } from "../shared/format";
+import { age, dayAndTime, dotted } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { LiveStore, Topic } from "../shared/live/store";
 import { usePhone } from "../shared/ui/useBox";
@@ -63,6 +63,9 @@ function Row({ alert, selected, href, now_ms }: { alert: Alert; selected: boolea
         <span className="quiet num">{age(now_ms - alert.t_ms)}</span>
         <small>
           <Phrases phrases={sentence(alert, store.pads, now_ms)} />
+          {alert.state === "returned" && (
+            <em className="look-verified"> · {t("returned", { when: dayAndTime(alert.over_ms ?? alert.changed_ms, now_ms) })}</em>
+          )}
           {alert.assigned_to !== undefined && <em> · {t("assigned", { who: dotted(alert.assigned_to) })}</em>}
         </small>
       </a>

@@ -50,12 +50,17 @@ export function lookOf(alert: Alert): Look {
   return alert.severity === "critical" ? "refuted" : "inconclusive";
 }
 
-/** Open, and somebody has put it off. */
-export function isAsleep(alert: Alert, now_ms: number): boolean {
-  return alert.state === "open" && (alert.snoozed_until_ms ?? 0) > now_ms;
+/** Nobody has acknowledged it, whether or not its cause goes on. */
+export function wantsSomebody({ state }: Alert): boolean {
+  return state === "open" || state === "returned";
 }
 
-/** Open, and not asleep. */
+/** Somebody has put it off. */
+export function isAsleep(alert: Alert, now_ms: number): boolean {
+  return wantsSomebody(alert) && (alert.snoozed_until_ms ?? 0) > now_ms;
+}
+
+/** In the inbox. */
 export function isWaiting(alert: Alert, now_ms: number): boolean {
-  return alert.state === "open" && !isAsleep(alert, now_ms);
+  return wantsSomebody(alert) && !isAsleep(alert, now_ms);
 }

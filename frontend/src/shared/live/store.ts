@@ -30,7 +30,7 @@ export class LiveStore {
   /** By session. */
   readonly verdicts = new Map<string, VerdictSummary>();
   readonly pads = new Map<string, Pad>();
-  /** Those that are open, by id; what is acknowledged or over is in REST. */
+  /** Those that are open or returned, by id; what is acknowledged or over is in REST. */
   readonly alerts = new Map<string, Alert>();
   /** More are open than the server sends. */
   moreAlerts = false;
@@ -205,7 +205,7 @@ export class LiveStore {
       changed.add("verdicts");
     }
     for (const alert of changes.alerts ?? []) {
-      if (alert.state === "open") this.alerts.set(alert.alert_id, alert);
+      if (alert.state === "open" || alert.state === "returned") this.alerts.set(alert.alert_id, alert);
       else this.alerts.delete(alert.alert_id);
       changed.add("alerts");
     }
