@@ -10,6 +10,7 @@ from typing import Any, Final, Protocol
 from sqlalchemy import func, insert, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from backend.audit.acts import ACTS
 from backend.db.tables.audit import AuditRow
 from wonderland.proofs import encoding
 
@@ -44,10 +45,12 @@ async def record(
 ) -> None:
     """Append a row within the caller's database transaction; do it last, since others wait until that ends.
 
-    `who` is a text where no person acts: the server itself, or somebody who could not sign in. `act` is a short name
-    (``acknowledge``), `subject` what it was done to (``alert/…``), `detail` what is worth to be known besides: texts,
-    integers, booleans, lists and objects of these. `t_ms` defaults to now.
+    `who` is a text where no person acts: the server itself, or somebody who could not sign in. `act` is one of
+    `backend.audit.acts`, `subject` what it was done to (``alert/…``), `detail` what is worth to be known besides: texts,
+    integers, booleans, lists and objects of these. `t_ms` defaults to now. Raises `ValueError` for an unknown act.
     """
+    if act not in ACTS:
+        raise ValueError(f"{act} is no act that the log knows; add it to backend.audit.acts, and name it in the console")
     await take_turns(connection)
     last = (
         await connection.execute(select(AuditRow.seq, AuditRow.sha256).order_by(AuditRow.seq.desc()).limit(1))
@@ -58,7 +61,7 @@ async def record(
         "t_ms": time.time_ns() // 1_000_000 if t_ms is None else t_ms,
         "person_id": "" if isinstance(who, str) else who.person_id,
         "person": (who if isinstance(who, str) else who.name)[:128],
-        "act": act[:48],
+        "act": act,
         "subject": subject[:256],
         "detail": encoding.encode(dict(detail or {})).decode(),
         "tx_id": tx_id,

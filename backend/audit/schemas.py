@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field
 
+from backend.audit.acts import Act
 from backend.filters import TimeQuery
 from backend.schemas import ApiModel, page_of
 
@@ -45,7 +46,7 @@ class AuditQuery(TimeQuery):
     """Which entries."""
 
     person: str | None = Field(default=None, pattern="^[0-9a-f]{32}$", description="person_id")
-    act: str | None = Field(default=None, pattern="^[a-z_]{1,48}$")
+    act: Act | None = None
     subject: str | None = Field(default=None, max_length=256, description="kind/id, or its beginning")
 
 

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import ast
+from pathlib import Path
+from typing import get_args
+
 import pytest
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError
 
 from backend import audit
+from backend.alerts.schemas import ActName
+from backend.audit.acts import ACTS
 from backend.audit.anchors import Anchoring, Anchors
 from backend.audit.verify import verify
 from backend.auth.person import Account
+from backend.transactions.functions import CHANGES
 from wonderland.ledger.embedded.contracts import load_contract
 from wonderland.ledger.embedded.node import EmbeddedLedger
 from wonderland.ledger.gateway import Gateway
@@ -142,3 +149,42 @@ async def test_what_is_done_and_refused_is_in_the_log(fresh):
         assert (found["ok"], found["rows"], found["ledger"]) == (True, 5, "off")
         for method in ("PUT", "PATCH", "DELETE", "POST"):
             await ada.call(method, "/audit", status=405)
+
+
+def written():
+    """Acts that the backend's source names where it writes to the log, and those that it puts together there."""
+    for path in Path(audit.__file__).parents[1].rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if not isinstance(node, ast.Call) or ast.unparse(node.func) not in {"audit.record", "audit.record_read"}:
+                continue
+            place = node.args[2] if ast.unparse(node.func) == "audit.record" else None
+            place = next((each.value for each in node.keywords if each.arg == "act"), place)
+            if isinstance(place, ast.Constant):
+                yield place.value
+            elif isinstance(place, ast.JoinedStr):
+                rest = "".join(each.value for each in place.values if isinstance(each, ast.Constant))
+                yield from {
+                    "person_": ("person_active", "person_invited"),
+                    "_link_made": ("invitation_link_made", "recovery_link_made"),
+                    "_subscription": ("active_subscription", "paused_subscription"),
+                }[rest]
+    yield from ("read_personal_data", "audit_anchored", "person_changed", "person_suspended", "person_restored")
+    yield from get_args(ActName)
+    yield from CHANGES
+
+
+def test_the_list_of_acts_is_what_the_backend_can_write():
+    assert set(written()) == ACTS
+
+
+async def test_an_act_that_is_not_in_the_list_is_refused(database):
+    async with database.write() as connection:
+        with pytest.raises(ValueError, match=r"backend\.audit\.acts"):
+            await audit.record(connection, ADA, "drop_table", "alert/1", t_ms=NOW_MS)
+
+
+async def test_the_log_is_filtered_by_acts_that_exist(fresh):
+    async with fresh.administrator() as ada:
+        assert await ada.call("GET", "/audit?act=RegisterPad") == {"items": []}
+        assert (await ada.call("GET", "/audit?act=person_active"))["items"] != []
+        await ada.call("GET", "/audit?act=drop_table", status=422)

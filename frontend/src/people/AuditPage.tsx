@@ -8,17 +8,12 @@ import { shortHash } from "../shared/format";
 import { More } from "../shared/ui/More";
 import { usePages } from "../shared/api/usePages";
 import { usePeopleApi, type AuditCheck, type AuditEntry, type AuditFilters } from "./api";
+import { actOf, actsByName, nameOf } from "./acts";
 import { Problem } from "./parts";
 import { personHref } from "./PeoplePage";
 import { auditTexts as t } from "./texts";
 
 const PAGE = 100;
-const ACTS = [
-  "sign_in", "sign_in_failed", "sign_out", "sign_in_ended", "person_invited", "person_changed", "person_suspended", "person_restored",
-  "account_recovered", "passkey_added", "passkey_removed", "oidc_linked", "unmask", "read_contents", "acknowledge", "export",
-  "audit_verified", "audit_anchored",
-] as const; // prettier-ignore
-
 function Verdict({ found, now_ms }: { found: AuditCheck; now_ms: number }): ReactElement {
   if (!found.ok) {
     return (
@@ -90,7 +85,7 @@ function Row({ entry, now_ms }: { entry: AuditEntry; now_ms: number }): ReactEle
       <td>{count(entry.seq)}</td>
       <td>{dayAndTime(entry.t_ms, now_ms)}</td>
       <td>{typeof entry.person_id === "string" ? <a href={personHref(entry.person_id)}>{person}</a> : <span className="quiet">{person}</span>}</td>
-      <td className={entry.act === "sign_in_failed" ? "look-refuted" : undefined}>{t("name", { act: entry.act, plain: entry.act.replaceAll("_", " ") })}</td>
+      <td className={entry.act === "sign_in_failed" ? "look-refuted" : undefined}>{nameOf(entry.act)}</td>
       <td>
         <Subject subject={entry.subject} />
       </td>
@@ -113,10 +108,11 @@ function startOf(day: string | undefined): number | undefined {
 
 function asked(filters: Readonly<Record<string, string>>): AuditFilters {
   const since_ms = startOf(filters["since"]);
+  const act = actOf(filters["act"]);
   const until_ms = startOf(filters["until"]);
   return {
     ...(filters["person"] !== undefined && { person: filters["person"] }),
-    ...(filters["act"] !== undefined && { act: filters["act"] }),
+    ...(act !== undefined && { act }),
     ...(filters["subject"] !== undefined && { subject: filters["subject"] }),
     ...(since_ms !== undefined && { since_ms }),
     ...(until_ms !== undefined && { until_ms: until_ms + 86_400_000 - 1 }),
@@ -143,9 +139,9 @@ function Filters({ filters }: { filters: Readonly<Record<string, string>> }): Re
         {t("act")}
         <select value={filters["act"] ?? ""} onChange={(event) => change(filters, { act: event.target.value })}>
           <option value="">{t("everything")}</option>
-          {ACTS.map((act) => (
+          {actsByName().map(({ act, name }) => (
             <option key={act} value={act}>
-              {t("name", { act, plain: act })}
+              {name}
             </option>
           ))}
         </select>
