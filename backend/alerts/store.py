@@ -85,7 +85,12 @@ async def end(connection: AsyncConnection, alert_ids: Sequence[str], now_ms: int
         done = await connection.execute(
             update(AlertRow)
             .where(AlertRow.alert_id == alert_id, AlertRow.state.in_(LASTING))
-            .values(state=case((unseen, RETURNED), else_=OVER), over_ms=now_ms, changed_ms=now_ms, revision=AlertRow.revision + 1)
+            .values(
+                state=case((unseen, RETURNED), else_=OVER),
+                over_ms=now_ms,
+                changed_ms=now_ms,
+                revision=AlertRow.revision + 1,
+            )
         )
         if done.rowcount:
             ended.append(alert_id)
@@ -112,7 +117,11 @@ async def act(database: Database, alert_id: str, who: Person, wanted: Act, now_m
     match wanted.act:
         case "acknowledge":
             ended = AlertRow.state.in_((RETURNED, OVER))
-            values |= {"state": case((ended, OVER), else_=ACKNOWLEDGED), "acknowledged_by": by, "snoozed_until_ms": None}
+            values |= {
+                "state": case((ended, OVER), else_=ACKNOWLEDGED),
+                "acknowledged_by": by,
+                "snoozed_until_ms": None,
+            }
         case "reopen":
             values |= {"state": OPEN, "acknowledged_by": None, "snoozed_until_ms": None}
         case "assign":
@@ -203,7 +212,7 @@ async def inbox_size(database: AsyncSession, scope: Scope, now_ms: int) -> int:
     """How many wait for somebody."""
     query = select(func.count()).select_from(AlertRow).where(_in_inbox(now_ms))
     query = scope.narrow(query, pad=AlertRow.pad_id, drone=AlertRow.uav_id)
-    return (await database.execute(query)).scalar_one()
+    return int((await database.execute(query)).scalar_one())
 
 
 async def listing(

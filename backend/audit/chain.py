@@ -46,11 +46,13 @@ async def record(
     """Append a row within the caller's database transaction; do it last, since others wait until that ends.
 
     `who` is a text where no person acts: the server itself, or somebody who could not sign in. `act` is one of
-    `backend.audit.acts`, `subject` what it was done to (``alert/…``), `detail` what is worth to be known besides: texts,
-    integers, booleans, lists and objects of these. `t_ms` defaults to now. Raises `ValueError` for an unknown act.
+    `backend.audit.acts`, `subject` what it was done to (``alert/…``), `detail` what is worth to be known besides:
+    texts, integers, booleans, lists and objects of these. `t_ms` defaults to now. Raises `ValueError` for another act.
     """
     if act not in ACTS:
-        raise ValueError(f"{act} is no act that the log knows; add it to backend.audit.acts, and name it in the console")
+        raise ValueError(
+            f"{act} is no act that the log knows; add it to backend.audit.acts, and name it in the console"
+        )
     await take_turns(connection)
     last = (
         await connection.execute(select(AuditRow.seq, AuditRow.sha256).order_by(AuditRow.seq.desc()).limit(1))

@@ -126,7 +126,8 @@ async def open_alerts(database: AsyncSession, when: Moment, scope: Scope) -> lis
     """The newest of the alerts that were open, oldest first."""
     query = (
         select(AlertRow)
-        .where(AlertRow.raised_ms <= when.t_ms, or_(AlertRow.state.in_(alerts.WAITING), AlertRow.changed_ms > when.t_ms))
+        .where(AlertRow.raised_ms <= when.t_ms)
+        .where(or_(AlertRow.state.in_(alerts.WAITING), AlertRow.changed_ms > when.t_ms))
         .order_by(AlertRow.t_ms.desc())
         .limit(MAX_ALERTS)
     )

@@ -18,7 +18,7 @@ router = APIRouter(tags=["search"], dependencies=SIGNED_IN)
 
 @router.get("/search", response_model=Hits, responses=documented())
 async def search(request: Request, person: SignedInPerson, wanted: SearchFor) -> Response:
-    """Pads, drones and broadcasts by any part of a name, sessions and transactions by the beginning of their ids, blocks.
+    """Pads, drones, broadcasts by any part of a name, sessions and transactions by the beginning of their ids, blocks.
 
     An operator's number that is masked is found by the whole of it only; that is audited as showing it is.
     """

@@ -33,7 +33,7 @@ class AlertRow(Base):
     facts: Mapped[str]
     """JSON object: what its text needs."""
     state: Mapped[str] = mapped_column(String(16))
-    """``open``, ``acknowledged``, ``over`` (its cause has ended by itself), ``returned`` (so, and nobody had seen it)."""
+    """``open``, ``acknowledged``, ``over`` (its cause ended by itself), ``returned`` (so, and nobody had seen it)."""
     revision: Mapped[int]
     """Rises with each change; who acts names the one that he has seen."""
     changed_ms: Mapped[int] = mapped_column(index=True)
