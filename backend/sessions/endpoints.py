@@ -18,6 +18,7 @@ from backend.pagination import decode_cursor
 from backend.responses import page, record, resource
 from backend.sessions import queries
 from backend.sessions.course import course_of
+from backend.sessions.residuals import residuals
 from backend.sessions.schemas import Course, SessionDetail, SessionPage
 from backend.tracks import queries as tracks
 from backend.verdicts import queries as verdicts
@@ -89,7 +90,7 @@ async def read_session(request: Request, person: SignedInPerson, session_id: Ses
 
 @router.get("/sessions/{session_id}/course", response_model=Course, responses=documented(_NOT_FOUND, etag=True))
 async def read_course(request: Request, person: SignedInPerson, session_id: SessionIdPath) -> Response:
-    """How the likelihood of each claim went with the rounds, against both thresholds."""
+    """How the likelihood of each claim went with the rounds, and what each range says against claim and estimate."""
     async with context_of(request).database.read() as database:
         view = await queries.view(database, session_id, person.scope)
         row = await queries.row(database, session_id)
@@ -103,4 +104,10 @@ async def read_course(request: Request, person: SignedInPerson, session_id: Sess
     # Some twenty decisions of a millisecond each: not on the event loop.
     points = await asyncio.to_thread(course_of, session, survey, evidence, verdict)
     policy = session.policy
-    return resource(request, {"verify_ppm": policy.verify_ppm, "refute_ppm": policy.refute_ppm, "points": points})
+    content = {
+        "verify_ppm": policy.verify_ppm,
+        "refute_ppm": policy.refute_ppm,
+        "points": points,
+        "residuals": [] if survey is None else residuals(session, survey, evidence, verdict),
+    }
+    return resource(request, content)

@@ -97,12 +97,23 @@ class CoursePoint(ApiModel):
     broadcast: CourseClaim | None = None
 
 
+class AnchorResiduals(ApiModel):
+    """One anchor's ranges, corrected by its bias, against where the drone would have been: positive is too far."""
+
+    anchor_id: str
+    t_ms: list[int] = Field(description="Of the usable rounds in which it measured")
+    claim_mm: list[int] = Field(description="Measured minus what the signed claim of that moment would give")
+    estimate_mm: list[int] | None = Field(default=None, description="The same for the estimate")
+    sigma_mm: int = Field(description="Standard deviation of one range as the pad was commissioned")
+
+
 class Course(ApiModel):
     """How a session's decision came about, recomputed from its evidence with the contract's own function."""
 
     verify_ppm: int = Field(description="From this likelihood on a claim is verified")
     refute_ppm: int = Field(description="Up to this one it can be refuted")
     points: list[CoursePoint] = Field(description="By rounds; the last one is the verdict")
+    residuals: list[AnchorResiduals] = Field(description="By anchor; empty where the pad's survey is not known")
 
 
 SessionPage = page_of("SessionPage", SessionState)

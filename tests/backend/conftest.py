@@ -11,7 +11,7 @@ import os
 import pwd
 import shutil
 import subprocess
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import httpx
@@ -479,6 +479,24 @@ class Facts:
             keys.composite(keys.VERDICT, session_id): verdict.encode(),
         }
         return Tx("SubmitProof", argument, writes, event, t_ms=t_ms + 2_000)
+
+    @staticmethod
+    def judged(session, evidence=None, verdict=None):
+        """The request of this very session; with evidence and verdict, what decided it."""
+        if verdict is None:
+            kind, record, argument, t_ms = "ProofRequested", session, {"pad_id": session.pad_id}, session.requested_ms
+            writes = {keys.composite(keys.SESSION, session.session_id): session.encode()}
+        else:
+            kind, record, t_ms = "ProofDecided", verdict, verdict.decided_ms
+            argument = {"session_id": session.session_id, "evidence": evidence.to_json()}
+            ended = replace(session, state="decided", decided_ms=t_ms)
+            writes = {
+                keys.composite(keys.SESSION, session.session_id): ended.encode(),
+                keys.composite(keys.VERDICT, session.session_id): verdict.encode(),
+            }
+        event = (kind, encoding.encode({"kind": kind, "record": record.to_json()}))
+        function, tx_id = ("RequestProof", session.session_id) if verdict is None else ("SubmitProof", "")
+        return Tx(function, argument, writes, event, t_ms=t_ms, tx_id=tx_id)
 
     def complete(self, name, pad_id="pad-1", uav_id="uav-1", t_ms=START_MS, state="completed"):
         session_id = number("session", name)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import math
+import statistics
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from backend.sessions.course import course_of
+from backend.sessions.residuals import residuals
+from wonderland.proofs.records.sessions import NO_RANGE
 from wonderland.proofs.verdict import decide
 
 _path = Path(__file__).parents[1] / "support" / "tests_world.py"
@@ -74,6 +78,32 @@ def test_a_session_without_a_range_has_no_course():
     assert course_of(session, commissioning, evidence, verdict) == []
 
 
+@pytest.mark.parametrize("claimed", [THERE, (6_000, 4_000, 3_000)])
+def test_residuals_show_a_lie_against_the_claim_and_none_against_the_estimate(claimed):
+    session, commissioning, evidence, verdict = decided(THERE, claimed)
+    rows = residuals(session, commissioning, evidence, verdict)
+    assert [row["anchor_id"] for row in rows] == ["A0", "A1", "A2", "A3"]
+    for row, anchor in zip(rows, commissioning.anchors, strict=True):
+        assert row["t_ms"] == list(evidence.ranges.t_ms)
+        place = (anchor.east_mm, anchor.north_mm, anchor.up_mm)
+        lie_mm = math.dist(THERE, place) - math.dist(claimed, place)
+        assert statistics.mean(row["claim_mm"]) == pytest.approx(lie_mm, abs=20)
+        assert statistics.mean(row["estimate_mm"]) == pytest.approx(0, abs=20)
+        assert statistics.stdev(row["estimate_mm"]) < 1.5 * row["sigma_mm"] < 60
+
+
+def test_a_range_that_is_missing_or_obstructed_has_no_residual():
+    session, commissioning, evidence, verdict = decided(THERE, THERE)
+    first, *others = evidence.ranges.anchors
+    holed = replace(first, range_mm=(NO_RANGE, *first.range_mm[1:]), nlos=(7,))
+    with_holes = replace(evidence, ranges=replace(evidence.ranges, anchors=(holed, *others)))
+    (row, *whole) = residuals(session, commissioning, with_holes, verdict)
+    times = evidence.ranges.t_ms
+    assert row["t_ms"] == [t_ms for t_ms in times if t_ms not in (times[0], times[7])]
+    assert len(row["claim_mm"]) == len(row["estimate_mm"]) == len(times) - 2
+    assert all(len(each["claim_mm"]) == len(times) for each in whole)
+
+
 async def test_only_decided_sessions_have_one(running, number):
     assert (await running.get(f"/sessions/{number('nobody')}/course")).status_code == 404
     listed = await running.json("/sessions")
@@ -84,3 +114,4 @@ async def test_only_decided_sessions_have_one(running, number):
     course = await running.json(f"/sessions/{decided_id}/course")
     assert (course["verify_ppm"], course["refute_ppm"]) == (990_000, 10_000)
     assert [point["outcome"] for point in course["points"]] == ["verified"]
+    assert course["residuals"] == []

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -22,6 +23,8 @@ from backend.db.engine import Database
 from backend.db.migrate import migrate
 from backend.serve import Listen, new_server
 from backend.settings import Settings
+from wonderland.proofs import encoding
+from wonderland.proofs.verdict import decide
 
 ROOT = Path(__file__).resolve().parents[2]
 FRONTEND = ROOT / "frontend"
@@ -187,10 +190,8 @@ def scripted(tmp_path_factory):
     thread.join()
 
 
-def _load_backend_tools():
-    """The makers of blocks and records that the backend's own tests use."""
-    path = ROOT / "tests" / "backend" / "conftest.py"
-    specification = importlib.util.spec_from_file_location("wonderland_backend_tools", path)
+def _load(name, *path):
+    specification = importlib.util.spec_from_file_location(name, ROOT.joinpath("tests", *path))
     module = importlib.util.module_from_spec(specification)
     sys.modules[specification.name] = module
     specification.loader.exec_module(module)
@@ -199,7 +200,8 @@ def _load_backend_tools():
 
 @pytest.fixture(scope="session")
 def tools():
-    return _load_backend_tools()
+    """The makers of blocks and records that the backend's own tests use."""
+    return _load("wonderland_backend_tools", "backend", "conftest.py")
 
 
 @pytest.fixture(scope="session")
@@ -339,6 +341,34 @@ def real(tools, authorities, tmp_path, built_console):
         yield running
     finally:
         running.close()
+
+
+@pytest.fixture
+def measured(real):
+    """The id of a session on that backend whose ranges were measured and judged: a drone that lies by three metres."""
+    made = _load("wonderland_console_world", "support", "tests_world.py")
+    made.START_MS = start_ms = real.now_ms() - 20_000
+    world = made.World(seed=5)
+    truth, claimed = (3_000, 4_000, 3_000), (6_000, 4_000, 3_000)
+    commissioning = world.commissioning.to_json()
+    digest = encoding.digest(commissioning).hex()
+    real.add(real.facts.put_pad(commissioning=commissioning, commissioning_sha256=digest))
+    session_id = real.tools.number("session", "measured")
+    asked = replace(world.session(world.claim(claimed, start_ms)), session_id=session_id, commissioning_sha256=digest)
+    evidence = world.evidence(lambda _: truth, lambda _: claimed, rounds=40, uav_signature="A" * 86)
+    verdict = decide(
+        asked,
+        world.commissioning,
+        evidence,
+        confirmed=True,
+        signature_valid=True,
+        authorisation=(),
+        now_ms=start_ms + 3_000,
+        evidence_sha256=encoding.digest(evidence.to_json()).hex(),
+    )
+    assert verdict.outcome == "refuted"
+    real.add(real.facts.judged(asked), real.facts.judged(asked, evidence, verdict))
+    return session_id
 
 
 def pytest_collection_modifyitems(items):

@@ -95,7 +95,7 @@ def decide(
         added = metres(float(evidence.drift_sigma_mm))
         reasons.add("pad_drifts", f"The pad has drifted since it was commissioned: {added} are added to each anchor.")
     clock = drone_clock(evidence.clock)
-    claims = _shifted((session.claim, *evidence.claims), clock)
+    claims = on_the_pads_clock((session.claim, *evidence.claims), clock)
     blocked = not fresh(session, evidence, now_ms, reasons)  # 1
     blocked = not confirmed_by_both(evidence, confirmed, signature_valid, reasons) or blocked  # 2
     rounds = usable_rounds(evidence, commissioning, policy.min_rounds, reasons)  # 3
@@ -223,8 +223,8 @@ def preview(
     )
 
 
-def _shifted(claims: Sequence[Claim], clock: Clock) -> tuple[Claim, ...]:
-    """The claims on the pad's clock."""
+def on_the_pads_clock(claims: Sequence[Claim], clock: Clock) -> tuple[Claim, ...]:
+    """The claims with the times that they have by the pad's clock."""
     offset_ms = rounded(clock.offset_ms)
     if offset_ms == 0:
         return tuple(claims)

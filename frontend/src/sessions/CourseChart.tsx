@@ -1,6 +1,4 @@
-import { useQuery } from "@tanstack/react-query";
 import type { ReactElement } from "react";
-import { useApi } from "../shared/api/api";
 import type { Course } from "../shared/api/records";
 import { AsTable } from "../shared/charts/AsTable";
 import { Fitted } from "../shared/charts/Fitted";
@@ -8,6 +6,7 @@ import { count, decimal, length } from "../shared/format";
 import { heightOf, roundsForAxis } from "./course";
 import { courseTexts as t } from "./courseTexts";
 import { lookTexts } from "../shared/texts";
+import { useCourse } from "./useCourse";
 
 const HEIGHT = 190;
 const LEFT = 44;
@@ -85,9 +84,7 @@ function Plot({ course, width }: { course: Course; width: number }): ReactElemen
 
 /** How the likelihood of each claim went with the rounds, against both thresholds, on a scale of log-odds. */
 export function CourseChart({ session_id }: { session_id: string }): ReactElement | null {
-  const api = useApi();
-  const query = useQuery({ queryKey: ["course", session_id], queryFn: () => api.course(session_id), staleTime: Infinity, retry: false });
-  const course = query.data;
+  const course = useCourse(session_id).data;
   if (course === undefined || course.points.length < 2) return null;
   return (
     <section className="float card">

@@ -20,6 +20,7 @@ import { EvidenceButton } from "./EvidenceButton";
 import { CourseChart } from "./CourseChart";
 import { courseTexts } from "./courseTexts";
 import { Ranges } from "./Ranges";
+import { Residuals } from "./Residuals";
 import { Sequence } from "./Sequence";
 import { SessionPanel } from "./SessionPanel";
 import { sessionTexts as t } from "./texts";
@@ -195,6 +196,7 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
         <div className="session-rest">
           <Sequence session={session} />
           {verdict !== undefined && <CourseChart session_id={session_id} />}
+          {verdict !== undefined && <Residuals session_id={session_id} />}
           {query.data?.evidence && <Ranges evidence={query.data.evidence} />}
           {verdict !== undefined && <Bearing level={verdict.assurance} />}
           {query.data !== undefined && <Broadcasts detail={query.data} track={drone?.track} />}

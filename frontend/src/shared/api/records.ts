@@ -11,6 +11,7 @@ export type Alert = Schemas["Alert"];
 export type AlertAct = Schemas["AlertAct"];
 export type AlertDetail = Schemas["AlertDetail"];
 export type Anchor = Schemas["Anchor"];
+export type AnchorResiduals = Schemas["AnchorResiduals"];
 export type Course = Schemas["Course"];
 export type Covariance = Schemas["Covariance"];
 export type Estimate = Schemas["Estimate"];
