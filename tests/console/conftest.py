@@ -24,6 +24,7 @@ from backend.db.migrate import migrate
 from backend.serve import Listen, new_server
 from backend.settings import Settings
 from wonderland.proofs import encoding
+from wonderland.proofs.records.sessions import StepTime
 from wonderland.proofs.verdict import decide
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -355,7 +356,11 @@ def measured(real):
     real.add(real.facts.put_pad(commissioning=commissioning, commissioning_sha256=digest))
     session_id = real.tools.number("session", "measured")
     asked = replace(world.session(world.claim(claimed, start_ms)), session_id=session_id, commissioning_sha256=digest)
-    evidence = world.evidence(lambda _: truth, lambda _: claimed, rounds=40, uav_signature="A" * 86)
+    steps = [
+        StepTime(step=step, t_ms=start_ms + after_ms)
+        for step, after_ms in (("poll", 90), ("match", 130), ("reply", 180), ("range", 2_450), ("confirm", 2_600))
+    ]
+    evidence = world.evidence(lambda _: truth, lambda _: claimed, rounds=40, uav_signature="A" * 86, steps=tuple(steps))
     verdict = decide(
         asked,
         world.commissioning,

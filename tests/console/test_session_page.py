@@ -21,6 +21,23 @@ def test_residuals_lie_off_the_claim_and_on_the_estimate(page):
     for plot in plots.all():
         found = re.match(pattern, plot.get_attribute("aria-label").replace("−", "-"))
         claimed, estimated = (abs(float(figure)) for figure in found.groups())
-        assert claimed > 1 > 0.1 > estimated
+        assert claimed > 1
+        assert estimated < 0.1
     card.get_by_text("The same as a table").click()
     expect(card.get_by_role("row")).to_have_count(5)
+
+
+def test_the_sequence_says_who_signed_what_and_where_it_stands_on_the_ledger(measured, page):
+    sequence = page.get_by_role("group", name="Step by step")
+    expect(sequence.get_by_text("signed: pad-1-0")).to_have_count(2)  # the tests' chain has one creator
+    expect(sequence.get_by_text("over transcript 0000…00")).to_have_count(2)
+    expect(sequence.get_by_text("signature AAAA…AA")).to_be_visible()
+    expect(sequence.get_by_text("signed: 0000…00")).to_be_visible()  # no certificate that the ledger has shown
+    expect(sequence.get_by_text("AuthorityMSP")).to_have_count(2)
+    expect(sequence.get_by_text(re.compile("^evidence [0-9a-f]{4}…"))).to_be_visible()
+    links = sequence.locator("a")
+    request = links.filter(has_text=f"{measured[:4]}…{measured[-2:]} · block 7")
+    expect(links).to_have_count(3)  # request, verdict, and the permission that the verdict is
+    request.click()
+    expect(page).to_have_url(re.compile(f"#/ledger/transaction/{measured}"))
+    expect(page.get_by_text("RequestProof").first).to_be_visible()

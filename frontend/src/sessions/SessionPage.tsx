@@ -194,7 +194,7 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
           <SessionPanel drone={drone} session={session} verdict={verdict} pad={pad} now_ms={now_ms} tools={null} place="page" />
         </section>
         <div className="session-rest">
-          <Sequence session={session} />
+          <Sequence session={session} detail={query.data} />
           {verdict !== undefined && <CourseChart session_id={session_id} />}
           {verdict !== undefined && <Residuals session_id={session_id} />}
           {query.data?.evidence && <Ranges evidence={query.data.evidence} />}

@@ -392,6 +392,11 @@ export const stepTexts = texts({
     party: "{party, select, Drone {Drone} Pad {Pad} Ledger {Ledger} other {Authority}}",
     says: "{step, select, request {claim, one-time key, action} poll {poll with the session’s code} match {derives the keys, checks the code} reply {its own code} range {ranging, sealed claims} confirm {signs ranges and claims} verdict {evidence} other {committed verdict}}",
     endorses: "{step, select, verdict {decides, endorses} other {endorses}}",
+    signedBy: "signed: {name}",
+    transcript: "over transcript {digest}",
+    signature: "signature {digest}",
+    evidence: "evidence {digest}",
+    inBlock: "{tx} · block {block}",
   },
   fi: {
     title: "Kahdeksan vaihetta",
@@ -407,5 +412,10 @@ export const stepTexts = texts({
     party: "{party, select, Drone {Drooni} Pad {Alusta} Ledger {Tilikirja} other {Viranomainen}}",
     says: "{step, select, request {ilmoitus, kertaavain, toimi} poll {kysely istunnon koodilla} match {johtaa avaimet, tarkistaa koodin} reply {oma koodinsa} range {mittaus, suljetut ilmoitukset} confirm {allekirjoittaa mittaukset} verdict {näyttö} other {vahvistettu päätös}}",
     endorses: "{step, select, verdict {päättää, vahvistaa} other {vahvistaa}}",
+    signedBy: "allekirj. {name}",
+    transcript: "pöytäkirja {digest}",
+    signature: "allekirjoitus {digest}",
+    evidence: "näyttö {digest}",
+    inBlock: "{tx} · lohko {block}",
   },
 });
