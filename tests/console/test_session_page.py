@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
@@ -41,3 +43,27 @@ def test_the_sequence_says_who_signed_what_and_where_it_stands_on_the_ledger(mea
     request.click()
     expect(page).to_have_url(re.compile(f"#/ledger/transaction/{measured}"))
     expect(page.get_by_text("RequestProof").first).to_be_visible()
+
+
+def saved_by(page, place):
+    with page.expect_download() as waiting:
+        place.get_by_role("button", name="Evidence", exact=True).click()
+    return json.loads(Path(waiting.value.path()).read_text())
+
+
+def reason_to_suspend(page, place):
+    place.get_by_role("link", name="Suspend…").click()
+    return page.get_by_label("Reason")
+
+
+def test_evidence_and_suspension_from_the_sessions_page(measured, page):
+    assert saved_by(page, page)["session"]["session"]["session_id"] == measured
+    expect(reason_to_suspend(page, page)).to_have_value(f"Refuted at Aurajoki 2: session {measured[:12]}")
+
+
+def test_evidence_and_suspension_from_an_alert(real, measured, open_page):
+    page = open_page(real.link(), room="alerts")
+    page.get_by_role("link", name="Refuted").filter(has_text="uav-1").click()
+    panel = page.get_by_role("region", name="Alerts", exact=True)
+    assert saved_by(page, panel)["session"]["session"]["session_id"] == measured
+    expect(reason_to_suspend(page, panel)).to_have_value(f"Refuted at Aurajoki 2: session {measured[:12]}")

@@ -4,6 +4,7 @@ import { placeHash } from "../app/location";
 import { transactionHref } from "../ledger/links";
 import { registryHref } from "../registry/links";
 import { ReplayLink } from "../replay/ReplayLink";
+import { ProofActions } from "../sessions/ProofActions";
 import { ApiError, useApi, type AlertAction } from "../shared/api/api";
 import type { Alert, AlertAct, AlertDetail } from "../shared/api/records";
 import { dayAndTime, dotted } from "../shared/format";
@@ -58,7 +59,10 @@ function History({ detail, now_ms }: { detail: AlertDetail; now_ms: number }): R
   );
 }
 
-function Links({ alert }: { alert: Alert }): ReactElement {
+/** Of these the contract has refuted the drone's place. */
+const REFUTED: readonly Alert["kind"][] = ["refuted", "broadcast_contradicts", "stamps_contradict", "leaving"];
+
+function Links({ alert, padName }: { alert: Alert; padName: string | undefined }): ReactElement {
   return (
     <>
       {alert.session_id !== undefined && (
@@ -95,6 +99,7 @@ function Links({ alert }: { alert: Alert }): ReactElement {
           {t("showTransaction")}
         </a>
       )}
+      <ProofActions session_id={alert.session_id} uav_id={alert.uav_id} refutedAt={REFUTED.includes(alert.kind) ? padName : undefined} />
     </>
   );
 }
@@ -154,7 +159,7 @@ export function AlertPanel({ alert_id, back, now_ms }: { alert_id: string; back:
           {(alert.snoozed_until_ms ?? 0) > now_ms && ` · ${t("asleep", { until: dayAndTime(alert.snoozed_until_ms ?? 0, now_ms) })}`}
         </p>
         <div className="alert-actions">
-          <Links alert={alert} />
+          <Links alert={alert} padName={alert.pad_id === undefined ? undefined : (store.pads.get(alert.pad_id)?.name ?? alert.pad_id)} />
         </div>
         {act.isError && (
           <p role="alert" className="alert-problem">

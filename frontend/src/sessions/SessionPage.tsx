@@ -16,14 +16,15 @@ import { Hash } from "../shared/ui/Hash";
 import { Scroll } from "../shared/ui/Scroll";
 import { Bearing } from "./Bearing";
 import { Broadcasts } from "./Broadcasts";
-import { EvidenceButton } from "./EvidenceButton";
 import { CourseChart } from "./CourseChart";
 import { courseTexts } from "./courseTexts";
+import { ProofActions } from "./ProofActions";
 import { Ranges } from "./Ranges";
 import { Residuals } from "./Residuals";
 import { Sequence } from "./Sequence";
 import { SessionPanel } from "./SessionPanel";
 import { sessionTexts as t } from "./texts";
+import { refutedAt } from "./words";
 
 const TOPICS: readonly Topic[] = ["sessions", "verdicts", "estimates", "tracks", "pads"];
 
@@ -182,11 +183,11 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
           <a className="button" href={placeHash({ room: "live", session: session_id })}>
             {t("showOnMap")}
           </a>
-          {verdict !== undefined && <EvidenceButton session_id={session_id} />}
           <ReplayLink t_ms={session.requested_ms} session={session_id} />
           <button type="button" className="button" onClick={() => print()}>
             {courseTexts("print")}
           </button>
+          <ProofActions session_id={verdict?.session_id} uav_id={session.uav_id} refutedAt={refutedAt(verdict, pad)} />
         </div>
       </div>
       <div className="session-page">

@@ -2,7 +2,6 @@ import { useQuery } from "@tanstack/react-query";
 import type { ReactElement, ReactNode } from "react";
 import { placeHash } from "../app/location";
 import { ReplayLink } from "../replay/ReplayLink";
-import { suspendHref } from "../registry/links";
 import { useApi } from "../shared/api/api";
 import type { Judgement, Pad, SessionState, VerdictSummary } from "../shared/api/records";
 import { TONE_OF } from "../shared/design/symbols";
@@ -14,12 +13,12 @@ import { lookTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
 import { Sentence } from "../shared/ui/Sentence";
 import { Symbol } from "../shared/ui/Symbol";
-import { EvidenceButton } from "./EvidenceButton";
 import { PadPlot, type PlotClaim, type PlotEstimate } from "./PadPlot";
+import { ProofActions } from "./ProofActions";
 import { reasonText } from "./reasons";
 import { Steps } from "./Steps";
 import { sessionTexts as t } from "./texts";
-import { account, differing, progress, unproved, type Account } from "./words";
+import { account, differing, progress, refutedAt, unproved, type Account } from "./words";
 
 function Head({ told, tools }: { told: Account; tools: ReactNode }): ReactElement {
   const { look } = told;
@@ -225,22 +224,13 @@ export function SessionPanel({ drone, session, verdict, pad, now_ms, tools, plac
         )}
         {place === "map" && (
           <>
-            {verdict !== undefined && <EvidenceButton session_id={session.session_id} />}
             {!running && <ReplayLink t_ms={session.requested_ms} session={session.session_id} />}
-            <a className="button danger" href={suspendHref(session.uav_id, suspicion(verdict, pad))}>
-              {t("suspend")}
-            </a>
+            <ProofActions session_id={verdict?.session_id} uav_id={session.uav_id} refutedAt={refutedAt(verdict, pad)} />
           </>
         )}
       </footer>
     </>
   );
-}
-
-/** What a suspension would be for; nothing where nothing was refuted. */
-function suspicion(verdict: VerdictSummary | undefined, pad: Pad | undefined): string | undefined {
-  if (verdict === undefined || refutedBy(verdict) === undefined) return undefined;
-  return t("reasonRefuted", { pad: pad?.name ?? verdict.pad_id, session: verdict.session_id.slice(0, 12) });
 }
 
 function hint(look: Look): string {

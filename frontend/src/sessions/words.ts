@@ -94,6 +94,11 @@ function refutation(verdict: VerdictSummary, pad: Pad | undefined): Phrase[] | u
   return t.rich("saysMeasuredAway", { who, place, measurer: measurer(pad), error: length(signed.error_mm, true) });
 }
 
+/** The pad that refuted it, by name; undefined where nothing was refuted. */
+export function refutedAt(verdict: VerdictSummary | undefined, pad: Pad | undefined): string | undefined {
+  return verdict === undefined || refutedBy(verdict) === undefined ? undefined : (pad?.name ?? verdict.pad_id);
+}
+
 /** The verdict in words, before any figure. */
 export function account(verdict: VerdictSummary, pad: Pad | undefined): Account {
   const name = pad?.name ?? verdict.pad_id;
