@@ -199,10 +199,14 @@ def _load(name, *path):
     return module
 
 
-@pytest.fixture(scope="session")
-def tools():
+def _load_backend_tools():
     """The makers of blocks and records that the backend's own tests use."""
     return _load("wonderland_backend_tools", "backend", "conftest.py")
+
+
+@pytest.fixture(scope="session")
+def tools():
+    return _load_backend_tools()
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,5 @@
 import { useMutation, useQuery, useQueryClient } from "@tanstack/react-query";
-import { useState, type ReactElement } from "react";
+import type { ReactElement } from "react";
 import { placeHash } from "../app/location";
 import { transactionHref } from "../ledger/links";
 import { registryHref } from "../registry/links";
@@ -12,6 +12,7 @@ import { useLiveStore } from "../shared/live/useLive";
 import { sharedTexts } from "../shared/texts";
 import { Sentence } from "../shared/ui/Sentence";
 import { Symbol } from "../shared/ui/Symbol";
+import { useDraft } from "../shared/useDraft";
 import { zonesHref } from "../zones/links";
 import { alertTexts, inboxTexts as t } from "./texts";
 import { lookOf, sentence, wantsSomebody } from "./words";
@@ -109,15 +110,15 @@ export function AlertPanel({ alert_id, back, now_ms }: { alert_id: string; back:
   const api = useApi();
   const client = useQueryClient();
   const store = useLiveStore();
-  const [note, setNote] = useState("");
-  const [assignee, setAssignee] = useState("");
+  const [note, setNote, clearNote] = useDraft(`alert/${alert_id}/note`, "");
+  const [assignee, setAssignee, clearAssignee] = useDraft(`alert/${alert_id}/assignee`, "");
   const query = useQuery({ queryKey: ["alert", alert_id], queryFn: () => api.alert(alert_id) });
   const act = useMutation({
     mutationFn: (wanted: Omit<AlertAction, "revision">) =>
       api.act(alert_id, { ...wanted, revision: query.data?.alert.revision ?? 0, ...(note.trim() !== "" && { note: note.trim() }) }),
     onSuccess: () => {
-      setNote("");
-      setAssignee("");
+      clearNote();
+      clearAssignee();
     },
     onSettled: async () => {
       await client.invalidateQueries({ queryKey: ["alert", alert_id] });

@@ -2,6 +2,7 @@ import { useMutation, useQuery, useQueryClient } from "@tanstack/react-query";
 import { Suspense, useCallback, useEffect, useState, type ReactElement } from "react";
 import { ApiError, useApi } from "../shared/api/api";
 import type { SignedIn } from "../shared/api/records";
+import { keepDraftsOf } from "../shared/drafts";
 import { useLiveStore } from "../shared/live/useLive";
 import type { LiveSource } from "../shared/live/source";
 import { fillHistory } from "../shared/live/history";
@@ -56,16 +57,17 @@ export function App({ source }: { source: LiveSource }): ReactElement | null {
   const signOut = useMutation({
     mutationFn: () => api.signOut(),
     onSettled: () => {
+      keepDraftsOf(undefined);
       source.stop();
       client.clear();
       location.reload();
     },
   });
-  // Another language, or other units: everything is said anew.
-  const { locale, lengths, coordinates } = useReading();
+  // Another language, or other units: everything is drawn anew, and nothing that was typed is lost.
+  const { locale } = useReading();
   const signedOut = useCallback(() => void client.resetQueries({ queryKey: ["who"] }), [client]);
   if (who.data !== undefined) {
-    return <Rooms key={`${locale} ${lengths} ${coordinates}`} person={who.data} source={source} onSignOut={() => signOut.mutate()} onSignedOut={signedOut} />;
+    return <Rooms person={who.data} source={source} onSignOut={() => signOut.mutate()} onSignedOut={signedOut} />;
   }
   const accepting = token !== undefined && link.data !== undefined && !atOnce ? { token, link: link.data } : undefined;
   if (who.isPending && accepting === undefined) return null;
@@ -112,6 +114,8 @@ function Rooms({ person, source, onSignOut, onSignedOut }: RoomsProperties): Rea
   const place = usePlace();
   const { choice } = useTheme();
   const [help, setHelp] = useState(false);
+  // Before any form is drawn.
+  useState(() => keepDraftsOf(person.person_id));
 
   useEffect(() => {
     source.start((event) => {

@@ -4,6 +4,7 @@ import type { Drone, Look } from "../shared/drones";
 import type { Fleet, Tab } from "../shared/fleet";
 import { age } from "../shared/format";
 import { Symbol } from "../shared/ui/Symbol";
+import { reading } from "../shared/i18n/locale";
 import { rowText } from "../sessions/words";
 import { liveTexts as t } from "./texts";
 
@@ -119,7 +120,7 @@ export function DroneList({ fleet, tab, pads, now_ms, selected, ready, onSelect 
     const { right, second } = rowText(drone, (pad_id) => pads.get(pad_id)?.name ?? pad_id);
     return (
       <Row
-        key={drone.uav_id}
+        key={`${reading().locale} ${drone.uav_id}`}
         uav_id={drone.uav_id}
         look={drone.look}
         tone={toneOf(drone)}

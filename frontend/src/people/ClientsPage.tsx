@@ -1,10 +1,12 @@
 import { useMutation, useQuery, useQueryClient } from "@tanstack/react-query";
 import { useState, type ReactElement, type SyntheticEvent } from "react";
 import { usePages } from "../shared/api/usePages";
+import { readDraft } from "../shared/drafts";
 import { dayAndTime } from "../shared/format";
 import { useServerNow } from "../shared/live/useLive";
 import { More } from "../shared/ui/More";
 import { Scroll } from "../shared/ui/Scroll";
+import { useDraft } from "../shared/useDraft";
 import { usePeopleApi, type ClientShown, type NewClient } from "./api";
 import { clientTexts as t, scopeWord } from "./clientTexts";
 import { useOrganisations } from "./InvitePage";
@@ -41,10 +43,15 @@ function Register({ start, of, onDone }: { start: Draft; of: string | undefined;
   const api = usePeopleApi();
   const client = useQueryClient();
   const organisations = useOrganisations();
-  const [draft, setDraft] = useState(start);
+  const [draft, setDraft, clear] = useDraft("client", start);
+  const leave = (): void => {
+    clear();
+    onDone();
+  };
   const known = useQuery({ queryKey: ["client-scopes"], queryFn: () => api.clientScopes(), staleTime: Infinity });
   const add = useMutation({
     mutationFn: () => api.addClient(draft),
+    onSuccess: clear,
     onSettled: () => client.invalidateQueries({ queryKey: ["clients"] }),
   });
   if (add.data?.client_secret !== undefined) return <Secret client={add.data.client} secret={add.data.client_secret} onDone={onDone} />;
@@ -92,7 +99,7 @@ function Register({ start, of, onDone }: { start: Draft; of: string | undefined;
           <button type="submit" className="button primary" disabled={add.isPending || draft.scopes.length === 0 || (own && draft.msp_id === "")}>
             {t("register")}
           </button>
-          <button type="button" className="button" onClick={onDone}>
+          <button type="button" className="button" onClick={leave}>
             {t("back")}
           </button>
         </div>
@@ -171,7 +178,8 @@ function asDraft({ name, scopes, role, msp_id }: ClientShown): Draft {
 export function ClientsPage(): ReactElement {
   const api = usePeopleApi();
   const now_ms = useServerNow(10_000);
-  const [form, setForm] = useState<{ start: Draft; of: string | undefined }>();
+  // One that was begun before the session ended is open again.
+  const [form, setForm] = useState<{ start: Draft; of: string | undefined } | undefined>(() => (readDraft("client") === undefined ? undefined : { start: EMPTY, of: undefined }));
   const { query, rows } = usePages(["clients"], (cursor) => api.clients({ limit: PAGE, ...(cursor !== undefined && { cursor }) }));
   if (form !== undefined) {
     return (

@@ -2,6 +2,7 @@ import { useMutation } from "@tanstack/react-query";
 import { useEffect, useState, type SyntheticEvent, type ReactElement } from "react";
 import { useOfficer } from "../shared/api/who";
 import { dotted } from "../shared/format";
+import { useDraft } from "../shared/useDraft";
 import { usePeopleApi, type MaskedField } from "./api";
 import "./people.css";
 import { auditTexts as t } from "./texts";
@@ -10,9 +11,13 @@ import { auditTexts as t } from "./texts";
 export function Masked({ value, uav_id, field }: { value: string; uav_id: string; field: MaskedField }): ReactElement {
   const api = usePeopleApi();
   const officer = useOfficer();
-  const [asking, setAsking] = useState(false);
-  const [reason, setReason] = useState("");
-  const show = useMutation({ mutationFn: () => api.unmask(uav_id, field, reason), onSuccess: () => setAsking(false) });
+  const [reason, setReason, clearReason] = useDraft(`unmask/${uav_id}/${field}`, "");
+  const [asking, setAsking] = useState(reason !== "");
+  const leave = (): void => {
+    clearReason();
+    setAsking(false);
+  };
+  const show = useMutation({ mutationFn: () => api.unmask(uav_id, field, reason), onSuccess: leave });
   const { data, reset } = show;
   useEffect(() => {
     if (data === undefined) return undefined;
@@ -45,7 +50,7 @@ export function Masked({ value, uav_id, field }: { value: string; uav_id: string
           <button type="submit" className="button primary" disabled={show.isPending}>
             {t("show")}
           </button>
-          <button type="button" className="button" onClick={() => setAsking(false)}>
+          <button type="button" className="button" onClick={leave}>
             {t("cancel")}
           </button>
         </form>

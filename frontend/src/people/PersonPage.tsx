@@ -1,8 +1,10 @@
 import { useMutation, useQuery, useQueryClient } from "@tanstack/react-query";
-import { useState, type SyntheticEvent, type ReactElement } from "react";
+import type { SyntheticEvent, ReactElement } from "react";
 import { go, placeHash } from "../app/location";
 import { ApiError } from "../shared/api/api";
+import { keepDraft } from "../shared/drafts";
 import { useServerNow } from "../shared/live/useLive";
+import { useDraft } from "../shared/useDraft";
 import { usePeopleApi, type PersonChange, type PersonDetail, type PersonShown, type Role } from "./api";
 import { useOrganisations } from "./InvitePage";
 import { Card, Fetching, MadeLink, needsOrganisation, OrganisationField, passkeyTimes, Problem, RoleBoxes, SignIns } from "./parts";
@@ -32,7 +34,7 @@ type FormProperties = { person: PersonShown; onChange: (change: Omit<PersonChang
 
 function PersonForm({ person, onChange, busy }: FormProperties): ReactElement {
   const organisations = useOrganisations();
-  const [draft, setDraft] = useState(() => draftOf(person));
+  const [draft, setDraft] = useDraft(`person/${person.person_id}`, draftOf(person));
   const change = (part: Partial<Draft>): void => setDraft({ ...draft, ...part });
   const wanted = changes(person, draft);
   const submit = (event: SyntheticEvent): void => {
@@ -74,7 +76,10 @@ export function PersonPage({ person_id }: { person_id: string }): ReactElement {
   };
   const work = useMutation({
     mutationFn: (wanted: () => Promise<PersonDetail>) => wanted(),
-    onSuccess: put,
+    onSuccess: (found) => {
+      keepDraft(`person/${person_id}`, undefined);
+      put(found);
+    },
     // What somebody else has changed is shown; what was entered stays.
     onError: (error) => error instanceof ApiError && error.status === 409 && void query.refetch(),
   });

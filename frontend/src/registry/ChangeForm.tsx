@@ -1,6 +1,7 @@
 import { useQuery } from "@tanstack/react-query";
 import { useEffect, useId, useRef, useState, type ReactElement } from "react";
 import { useApi } from "../shared/api/api";
+import { keepDraft, readDraft } from "../shared/drafts";
 import { actionNoun } from "../shared/format";
 import { useLive, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
@@ -11,11 +12,10 @@ import { roleName } from "../shared/signing/texts";
 import { sharedTexts } from "../shared/texts";
 import { forms as fetchForms, type Form } from "./calls";
 import { Conflict } from "./Conflict";
-import { keepDraft, readDraft, type Draft } from "./drafts";
 import { FORMS, fixedPart, formKey, initial, type FieldSpec, type FormName } from "./forms";
 import { faults, schemaAt, type Fault, type Schema } from "./schema";
 import { registryTexts as t } from "./texts";
-import { keepable, parsed, put, typedOf, type Typed } from "./values";
+import { keepable, parsed, put, typedOf, type Draft, type Typed } from "./values";
 import { fieldName, valueWord } from "./words";
 
 const PADS: readonly Topic[] = ["pads"];
@@ -257,7 +257,7 @@ function Typing({ name, about, before, suggested, onReload, onDone, onCancel, fo
   useEffect(() => {
     if (suggested !== undefined) check.current?.focus();
   }, [suggested]);
-  const [kept, setKept] = useState(() => readDraft(place));
+  const [kept, setKept] = useState(() => readDraft(place) as Draft | undefined);
   const [draft, setDraft] = useState<Draft>(kept ?? start);
   const [file, setFile] = useState<JsonObject | "broken">();
   const [tried, setTried] = useState(false);

@@ -5,6 +5,8 @@ import { publicPart, readRegistration } from "./registration";
 export type Kind = "text" | "note" | "choice" | "time" | "metres" | "share" | "seconds" | "integer" | "flag" | "actions" | "pad" | "degrees" | "registration";
 /** What stands in a form's field. */
 export type Typed = string | boolean | readonly string[];
+/** A form's fields by path. */
+export type Draft = Readonly<Record<string, Typed>>;
 
 /** How many of the record's units one of the typed ones has. */
 const SCALES: Partial<Record<Kind, number>> = { metres: 1_000, share: 10_000, seconds: 1_000, integer: 1, degrees: 1e7 };

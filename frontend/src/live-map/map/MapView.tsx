@@ -1,6 +1,7 @@
 import { useEffect, useImperativeHandle, useRef, useState, type ReactElement, type Ref } from "react";
 import "maplibre-gl/dist/maplibre-gl.css";
 import type { Camera } from "../../app/location";
+import { useReading } from "../../shared/i18n/locale";
 import { useTheme } from "../../app/theme";
 import type { Fleet } from "../../shared/fleet";
 import type { LonLat } from "../../shared/geo/frame";
@@ -48,6 +49,12 @@ const nothing = (): void => undefined;
 
 /** MapLibre in React: made once; everything that moves goes past React, from the store in `LiveContext`. */
 export function MapView(properties: Properties): ReactElement {
+  const { locale, lengths, coordinates } = useReading();
+  // Its labels are MapLibre's: in another language, or with other units, it is made anew.
+  return <Made key={`${locale} ${lengths} ${coordinates}`} {...properties} />;
+}
+
+function Made(properties: Properties): ReactElement {
   const { ref, fleet, selection, padding, follow, measure, overlays = NONE } = properties;
   const container = useRef<HTMLDivElement>(null);
   const controller = useRef<MapController | undefined>(undefined);
