@@ -69,10 +69,10 @@ export function WallPage({ place }: { place: LivePlace }): ReactElement {
       <section className="wall-side" aria-label={t("wall")}>
         <p className="wall-time num">{timeOfDay(now_ms)}</p>
         <ul className="wall-counts num">
-          {(["refuted", "proving", "verified"] as const).map((look) => (
+          {(["refuted", "inconclusive", "proving", "verified"] as const).map((look) => (
             <li key={look} className={`look-${look}`}>
               <Symbol look={look} size={40} named />
-              {count(look === "refuted" ? fleet.counts["needs-you"] : fleet.counts[look])}
+              {count(fleet.looking(look))}
             </li>
           ))}
         </ul>

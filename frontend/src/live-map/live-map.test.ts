@@ -24,6 +24,17 @@ const all = fleet.judged;
 const kinds = (features: { properties: unknown }[]): string[] =>
   features.map(({ properties }) => (properties as { kind: string }).kind);
 
+describe("the counts of the wall", () => {
+  it("count under each symbol only what has it", () => {
+    const refuted = all.filter(({ look }) => look === "refuted").length;
+    expect(fleet.looking("refuted")).toBe(refuted);
+    expect(refuted).toBeGreaterThan(0);
+    // What is undecided needs the officer as well, and is not refuted.
+    expect(fleet.looking("inconclusive")).toBeGreaterThan(0);
+    expect(fleet.counts["needs-you"]).toBeGreaterThan(refuted);
+  });
+});
+
 describe("what the map draws", () => {
   it("draws a refuted claim as ring, buffer, line, diamond and ellipse, in its colour", () => {
     const of = all.filter(({ uav_id }) => uav_id === "OH-DRN-0417");

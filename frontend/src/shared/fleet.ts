@@ -100,6 +100,11 @@ export class Fleet {
     };
   }
 
+  /** How many of the judged have this symbol: what needs the officer is more than what was refuted. */
+  looking(look: Drone["look"]): number {
+    return this.judged.filter((drone) => drone.look === look).length;
+  }
+
   /** A drone that is about, within the filter or not. */
   find(uav_id: string | undefined): Drone | undefined {
     if (uav_id === undefined) return undefined;
