@@ -45,7 +45,7 @@ async def statistics(database: AsyncSession, wanted: StatisticsQuery, person: Pe
         "actions": await _groups(database, wanted, scope, VerdictRow.action),
         "likelihood": await _likelihood(database, wanted, scope),
         "error": await _error(database, wanted, scope),
-        "steps": await _step_times(database, wanted, scope),
+        **await _step_times(database, wanted, scope),
         "proofs_per_hour": round(count / span_h, 3),
         "busiest_hour": max((sum(each[name] for name in _OUTCOMES) for each in hours), default=0),
     }
@@ -155,8 +155,8 @@ async def _error(database: AsyncSession, wanted: StatisticsQuery, scope: Scope) 
     return [*shown, {"count": counts[-1]}]
 
 
-async def _step_times(database: AsyncSession, wanted: StatisticsQuery, scope: Scope) -> list[Row]:
-    """The median and the 95th percentile of each step's time after the one before it, by bin."""
+async def _step_times(database: AsyncSession, wanted: StatisticsQuery, scope: Scope) -> Row:
+    """The median and the 95th percentile of each step's time after the one before it: by bin, and of all the span."""
     query = _chosen(
         select(SessionRow.requested_ms, VerdictRow.decided_ms, EvidenceRow.steps).select_from(VerdictRow), wanted, scope
     )
@@ -167,20 +167,21 @@ async def _step_times(database: AsyncSession, wanted: StatisticsQuery, scope: Sc
         .limit(MAX_SESSIONS)
     )
     times: dict[tuple[int, str], list[int]] = defaultdict(list)
+    overall: dict[str, list[int]] = defaultdict(list)
     for requested_ms, decided_ms, steps in await database.execute(query):
         start = decided_ms - decided_ms % wanted.bin_ms
         for step, took_ms in step_times(requested_ms, decided_ms, orjson.loads(steps)):
             bisect.insort(times[start, step], took_ms)
-    return [
-        {
-            "start_ms": start,
-            "step": step,
-            "p50_ms": percentile(found, 50),
-            "p95_ms": percentile(found, 95),
-            "count": len(found),
-        }
-        for (start, step), found in sorted(times.items(), key=lambda each: (each[0][0], STEPS.index(each[0][1])))
-    ]
+            overall[step].append(took_ms)
+    by_bin = sorted(times.items(), key=lambda each: (each[0][0], STEPS.index(each[0][1])))
+    return {
+        "steps": [{"start_ms": start, **_took(step, found)} for (start, step), found in by_bin],
+        "step_totals": [_took(step, sorted(overall[step])) for step in STEPS if step in overall],
+    }
+
+
+def _took(step: str, found: Sequence[int]) -> Row:
+    return {"step": step, "p50_ms": percentile(found, 50), "p95_ms": percentile(found, 95), "count": len(found)}
 
 
 def step_times(requested_ms: int, decided_ms: int, steps: Sequence[Row]) -> list[tuple[str, int]]:

@@ -58,14 +58,19 @@ class Group(Counted):
     id: str
 
 
-class StepTime(ApiModel):
-    """How long a step took after the one before it, in a bin."""
+class StepTotal(ApiModel):
+    """How long a step took after the one before it."""
 
-    start_ms: int
     step: str
     p50_ms: int
     p95_ms: int
     count: int
+
+
+class StepTime(StepTotal):
+    """The same, in a bin."""
+
+    start_ms: int
 
 
 class ErrorBin(ApiModel):
@@ -86,6 +91,7 @@ class Statistics(ApiModel):
     likelihood: list[int] = Field(description="Counts in 20 bins from 0 to 1; only verdicts with a signed claim")
     error: list[ErrorBin]
     steps: list[StepTime]
+    step_totals: list[StepTotal] = Field(description="Of all the span, which no average of its bins would give")
     proofs_per_hour: float
     busiest_hour: int = Field(description="Most proofs within one hour of the clock")
 

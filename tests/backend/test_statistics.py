@@ -32,6 +32,11 @@ async def test_verdicts_by_time_pad_operator_and_action(running):
     assert steps[0] == "poll"
     assert steps[-1] == "verdict"
     assert all(0 <= each["p50_ms"] <= each["p95_ms"] for each in found["steps"])
+    for total in found["step_totals"]:
+        own = [each for each in found["steps"] if each["step"] == total["step"]]
+        assert total["count"] == sum(each["count"] for each in own) > 0
+        assert min(each["p95_ms"] for each in own) <= total["p95_ms"] <= max(each["p95_ms"] for each in own)
+    assert {each["step"] for each in found["step_totals"]} == set(steps)
 
 
 @both

@@ -146,9 +146,25 @@ function Distributions({ found }: { found: Statistics }): ReactElement {
   );
 }
 
-function PadHealth({ pads }: { pads: readonly Pad[] }): ReactElement {
+/** How the pads are; of a day that is reported, how they were when it ended (or are by now, where it has not). */
+function PadHealth({ live, until_ms }: { live: readonly Pad[]; until_ms: number | undefined }): ReactElement {
+  const api = useApi();
+  const now_ms = useServerNow(REFRESH_MS);
+  const past = until_ms !== undefined && until_ms <= now_ms ? until_ms - 1 : undefined;
+  const query = useQuery({ queryKey: ["pads-then", past], queryFn: () => api.padsAt(past ?? 0), enabled: past !== undefined, staleTime: Infinity });
+  const title = t(past === undefined ? "padHealth" : "padHealthThen");
+  if (past !== undefined && query.data === undefined) {
+    return (
+      <Card title={title}>
+        <p className="quiet" role={query.isError ? "alert" : "status"}>
+          {query.isError ? query.error.message : sharedTexts("fetching")}
+        </p>
+      </Card>
+    );
+  }
+  const pads = past === undefined ? live : (query.data ?? []);
   return (
-    <Card title={t("padHealth")}>
+    <Card title={title} {...(past !== undefined && { note: t("asOf", { when: dayAndTime(past, now_ms) }) })}>
       <table className="table num">
         <tbody>
           {pads.map((pad) => {
@@ -277,9 +293,9 @@ export function StatisticsRoom({ place }: { place: Place & { room: PlainRoom } }
               <Card title={t("byAction")}>
                 <Groups groups={found.actions} nameOf={(id) => formatTexts("noun", { action: id })} onChoose={(each) => set({ action: each })} />
               </Card>
-              <PadHealth pads={pads} />
+              <PadHealth live={pads} until_ms={oneDay?.until_ms} />
               <Card title={t("steps")} note={t("stepsAre")} wide>
-                <StepTimes times={found.steps} bin_ms={span.bin_ms} />
+                <StepTimes totals={found.step_totals} times={found.steps} bin_ms={span.bin_ms} />
               </Card>
             </>
           )}

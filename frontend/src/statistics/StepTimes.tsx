@@ -7,21 +7,10 @@ import { binLabel } from "./spans";
 import { statisticsTexts as t } from "./texts";
 
 type StepTime = Statistics["steps"][number];
+type StepTotal = Statistics["step_totals"][number];
 
 const WIDTH = 220;
 const HEIGHT = 34;
-
-/** Weighted by the proofs of each bin: what a typical proof of the span took. */
-function overall(times: readonly StepTime[], field: "p50_ms" | "p95_ms"): number {
-  const sorted = [...times].sort((a, b) => a[field] - b[field]);
-  const total = sorted.reduce((sum, each) => sum + each.count, 0);
-  let seen = 0;
-  for (const each of sorted) {
-    seen += each.count;
-    if (seen >= total / 2) return each[field];
-  }
-  return 0;
-}
 
 function Sparkline({ times, bin_ms, label }: { times: readonly StepTime[]; bin_ms: number; label: string }): ReactElement {
   const first = times[0]?.start_ms ?? 0;
@@ -45,8 +34,7 @@ function Sparkline({ times, bin_ms, label }: { times: readonly StepTime[]; bin_m
 }
 
 /** Each step's time, and how it changed. */
-export function StepTimes({ times, bin_ms }: { times: readonly StepTime[]; bin_ms: number }): ReactElement {
-  const steps = [...new Set(times.map(({ step }) => step))];
+export function StepTimes({ totals, times, bin_ms }: { totals: readonly StepTotal[]; times: readonly StepTime[]; bin_ms: number }): ReactElement {
   return (
     <Scroll label={t("steps")}>
       <table className="table num">
@@ -66,17 +54,16 @@ export function StepTimes({ times, bin_ms }: { times: readonly StepTime[]; bin_m
           </tr>
         </thead>
         <tbody>
-          {steps.map((step) => {
-            const own = times.filter((each) => each.step === step);
+          {totals.map(({ step, p50_ms, p95_ms, count: proofs }) => {
             const name = stepTexts("name", { step });
             return (
               <tr key={step}>
                 <th scope="row">{name}</th>
-                <td className="right">{duration(overall(own, "p50_ms"))}</td>
-                <td className="right">{duration(overall(own, "p95_ms"))}</td>
-                <td className="right">{count(own.reduce((sum, each) => sum + each.count, 0))}</td>
+                <td className="right">{duration(p50_ms)}</td>
+                <td className="right">{duration(p95_ms)}</td>
+                <td className="right">{count(proofs)}</td>
                 <td>
-                  <Sparkline times={own} bin_ms={bin_ms} label={`${name}: ${t("p50OverTime")}`} />
+                  <Sparkline times={times.filter((each) => each.step === step)} bin_ms={bin_ms} label={`${name}: ${t("p50OverTime")}`} />
                 </td>
               </tr>
             );

@@ -8,6 +8,7 @@ import type {
   LedgerBlock,
   LedgerBlockDetail,
   LedgerTransactionDetail,
+  Pad,
   SessionDetail,
   SessionState,
   SignedIn,
@@ -92,6 +93,12 @@ export class Api {
 
   statistics(query: StatisticsFilters): Promise<Statistics> {
     return answered((signal) => this.client.GET("/api/v1/statistics", { params: { query }, signal }));
+  }
+
+  /** The pads as they were known at a moment of the past. */
+  async padsAt(at_ms: number): Promise<Pad[]> {
+    const { pads } = await answered((signal) => this.client.GET("/api/v1/replay/state", { params: { query: { at_ms } }, signal }));
+    return pads;
   }
 
   search(q: string): Promise<{ items: Hit[] }> {
