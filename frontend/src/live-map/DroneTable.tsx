@@ -2,7 +2,7 @@ import { useState, type ReactElement } from "react";
 import { placeHash, type LivePlace } from "../app/location";
 import { rowText } from "../sessions/words";
 import type { Fleet } from "../shared/fleet";
-import { age, coordinates, count, decimal, length } from "../shared/format";
+import { age, coordinates, count, length, speed } from "../shared/format";
 import { useLiveStore } from "../shared/live/useLive";
 import { lookTexts } from "../shared/texts";
 import { Symbol } from "../shared/ui/Symbol";
@@ -56,7 +56,7 @@ export function DroneTable({ fleet, place, now_ms }: { fleet: Fleet; place: Live
                 <td>{track === undefined ? "–" : coordinates(track.lat_e7, track.lon_e7)}</td>
                 <td>{track?.height_mm === undefined ? "–" : length(track.height_mm, true)}</td>
                 <td>{track?.accuracy_mm === undefined ? "–" : length(track.accuracy_mm, true)}</td>
-                <td>{track?.speed_mm_s === undefined ? "–" : `${decimal(track.speed_mm_s / 1000, 1)} m/s`}</td>
+                <td>{track?.speed_mm_s === undefined ? "–" : speed(track.speed_mm_s)}</td>
                 <td>{track === undefined ? "–" : padName(track.pad_id)}</td>
                 <td>{track === undefined ? "–" : age(now_ms - track.t_ms)}</td>
               </tr>

@@ -4,7 +4,7 @@ import { MapCard } from "../live-map/MapCard";
 import type { Overlay } from "../live-map/map/overlays";
 import { useApi, type ApiError } from "../shared/api/api";
 import { useOfficer } from "../shared/api/who";
-import { ago, coordinates, decimal, dotted, length } from "../shared/format";
+import { ago, coordinates, dotted, length, speed } from "../shared/format";
 import { Fact } from "../shared/ui/Fact";
 import { flightDetails, networkedFlights, viewOf, type Bounds, type Flight, type FlightDetails, type Flights } from "./calls";
 import "./networked.css";
@@ -87,7 +87,7 @@ function FlightFacts({ flight, now_ms }: { flight: Flight; now_ms: number }): Re
             {above_mm !== undefined ? t("above", { height: length(above_mm, true) }) : t("ellipsoid", { height: length(height_mm ?? 0, true) })}
           </Fact>
         )}
-        {speed_mm_s !== undefined && <Fact name={t("speed")}>{t("perSecond", { speed: decimal(speed_mm_s / 1000, 1), track: Math.round((track_cdeg ?? 0) / 100) })}</Fact>}
+        {speed_mm_s !== undefined && <Fact name={t("speed")}>{t("perSecond", { speed: speed(speed_mm_s), track: Math.round((track_cdeg ?? 0) / 100) })}</Fact>}
       </dl>
       {who.data !== undefined && <Who details={who.data} />}
       {who.data === undefined && officer && (

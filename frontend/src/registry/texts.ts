@@ -88,6 +88,7 @@ export const registryTexts = texts({
     reach: "Buffer",
     health: "Health",
     healthIs: "{connected, select, true {The agent is connected} other {The agent is not connected}}; last word {ago}.",
+    anchorState: "{state, select, up {up} down {down} silent {silent} other {{state}}}",
     noHealth: "The pad’s agent has never reported here.",
     prekeys: "One-time keys left",
     version: "Agent",
@@ -114,6 +115,7 @@ export const registryTexts = texts({
     fault:
       "{rule, select, required {This is needed.} low {At least {limit}.} high {At most {limit}.} short {At least {limit} characters.} long {At most {limit} characters.} pattern {Not in the form that the ledger takes.} choice {None of the choices.} few {Choose at least one.} many {Too many.} unknown {The ledger knows no such field.} order {Must be after the field before.} file {No commissioning could be read from the file.} room {The two thresholds must leave room between them.} registration {The check character does not fit. Copy the whole number, or leave out the dash and what follows it.} other {Not a value of this kind.}}",
     commissionFile: "Commissioning (JSON)",
+    conflictHidden: "Somebody else has signed a change that touches none of these fields. You have the newest version now.",
     conflictHint: "On the left what you had before you, on the right what is on the ledger now.",
     youSaw: "You saw",
     nowIs: "It is now",
@@ -214,6 +216,7 @@ export const registryTexts = texts({
     reach: "Säde",
     health: "Kunto",
     healthIs: "{connected, select, true {Agentti on yhteydessä} other {Agentti ei ole yhteydessä}}; viimeksi kuultu {ago}.",
+    anchorState: "{state, select, up {toimii} down {ei toimi} silent {vaiti} other {{state}}}",
     noHealth: "Alustan agentti ei ole koskaan raportoinut tänne.",
     prekeys: "Kertakäyttöavaimia jäljellä",
     version: "Agentti",
@@ -240,6 +243,7 @@ export const registryTexts = texts({
     fault:
       "{rule, select, required {Tämä tarvitaan.} low {Vähintään {limit}.} high {Enintään {limit}.} short {Vähintään {limit} merkkiä.} long {Enintään {limit} merkkiä.} pattern {Ei tilikirjan hyväksymää muotoa.} choice {Ei mikään vaihtoehdoista.} few {Valitse ainakin yksi.} many {Liian monta.} unknown {Tilikirja ei tunne tällaista kenttää.} order {On oltava edellisen kentän jälkeen.} file {Tiedostosta ei voitu lukea käyttöönottoa.} room {Kynnysten väliin on jäätävä tilaa.} registration {Tarkistusmerkki ei täsmää. Kopioi koko numero tai jätä pois viiva ja sen jälkeinen osa.} other {Ei tällainen arvo.}}",
     commissionFile: "Käyttöönotto (JSON)",
+    conflictHidden: "Joku muu on allekirjoittanut muutoksen, joka ei koske näitä kenttiä. Sinulla on nyt uusin versio.",
     conflictHint: "Vasemmalla se, mitä sinulla oli edessäsi, oikealla se, mitä tilikirjalla nyt on.",
     youSaw: "Näit",
     nowIs: "Nyt on",

@@ -6,7 +6,7 @@ import { useApi } from "../shared/api/api";
 import type { Judgement, Pad, SessionState, VerdictSummary } from "../shared/api/records";
 import { TONE_OF } from "../shared/design/symbols";
 import type { Drone, Look } from "../shared/drones";
-import { ago, coordinates, count, decimal, length, likelihood } from "../shared/format";
+import { ago, coordinates, count, length, likelihood, speed } from "../shared/format";
 import { frameOf, toLocal } from "../shared/geo/frame";
 import { refutedBy } from "../shared/refuted";
 import { lookTexts } from "../shared/texts";
@@ -293,7 +293,7 @@ function Unproved({ drone, now_ms }: { drone: Drone; now_ms: number }): ReactEle
           {track.speed_mm_s !== undefined && (
             <div>
               <dt>{t("speed")}</dt>
-              <dd>{decimal(track.speed_mm_s / 1000, 1)} m/s</dd>
+              <dd>{speed(track.speed_mm_s)}</dd>
             </div>
           )}
         </dl>

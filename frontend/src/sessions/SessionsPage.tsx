@@ -12,6 +12,7 @@ import { Hash } from "../shared/ui/Hash";
 import { More } from "../shared/ui/More";
 import { Symbol } from "../shared/ui/Symbol";
 import { Scroll } from "../shared/ui/Scroll";
+import { endText } from "./ends";
 import { proofTexts, rowTexts, sessionTexts as t } from "./texts";
 import { stepNumber } from "./words";
 
@@ -29,7 +30,7 @@ function state(session: SessionState): string {
     case "requested":
       return rowTexts("step", { step: stepNumber(session) });
     case "cancelled":
-      return t("cancelled", { why: session.end ? `: ${session.end.replaceAll("_", " ")}` : "" });
+      return t("cancelled", { why: session.end ? `: ${endText(session.end)}` : "" });
     case "decided":
       return session.permission === "granted" ? t("permitted") : t("refused");
     case "completed":

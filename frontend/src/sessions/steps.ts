@@ -1,5 +1,6 @@
 import { STEP_NAMES, type SessionState, type Step, type StepName } from "../shared/api/records";
 import { actionVerb, count } from "../shared/format";
+import { detailText } from "./ends";
 import { stepTexts as t } from "./texts";
 
 export type StepRow = {
@@ -24,11 +25,6 @@ function transaction(session: SessionState, step: StepName): string | undefined 
   if (step === "request") return session.request_tx;
   if (step === "verdict") return session.verdict_tx;
   return step === "permission" ? session.complete_tx : undefined;
-}
-
-/** "no_reply: the drone did not answer" → "the drone did not answer"; a code alone loses its underscores. */
-function plain(detail: string): string {
-  return detail.replace(/^[a-z0-9_]+: /, "").replace(/^[a-z0-9_]+$/, (code) => code.replaceAll("_", " "));
 }
 
 /**
@@ -63,7 +59,7 @@ export function stepRows(session: SessionState): StepRow[] {
     row.state = report.ok ? "done" : step === "permission" ? "refused" : "failed";
     // The name says how many rounds there were, and the panel's head what the verdict is.
     const said = (step === "range" && session.rounds !== undefined && report.ok) || step === "verdict";
-    if (report.detail !== undefined && !said) row.detail = plain(report.detail);
+    if (report.detail !== undefined && !said) row.detail = detailText(report.detail);
     if (step === "permission") {
       if (session.permission !== undefined) row.detail = t("permission", { permission: session.permission });
       if (session.permission === "refused") row.state = "refused";

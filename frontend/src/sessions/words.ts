@@ -4,6 +4,7 @@ import { actionNoun, actionVerb, count, countWord, length, likelihood } from "..
 import { direction, type Local } from "../shared/geo/frame";
 import type { Phrase } from "../shared/i18n/texts";
 import { refutedBy } from "../shared/refuted";
+import { endText } from "./ends";
 import { reasonText } from "./reasons";
 import { proofTexts as t, rowTexts as row } from "./texts";
 
@@ -130,7 +131,7 @@ export function account(verdict: VerdictSummary, pad: Pad | undefined): Account 
 
 /** Why a session ended, for a sentence that goes on with it. */
 function because(session: SessionState, separator: string): string {
-  return session.end === undefined ? "" : separator + session.end.replaceAll("_", " ");
+  return session.end === undefined ? "" : separator + endText(session.end);
 }
 
 /** What a session that is not decided is doing. */

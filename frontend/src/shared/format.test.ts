@@ -1,6 +1,6 @@
 // @vitest-environment happy-dom
 import { afterEach, describe, expect, it } from "vitest";
-import { age, bytes, coordinates, count, countWord, decimal, duration, length, likelihood, shortHash } from "./format";
+import { age, bytes, coordinates, count, countWord, decimal, duration, length, likelihood, shortHash, speed } from "./format";
 import { setReading } from "./i18n/locale";
 
 afterEach(() => setReading({ locale: "en", lengths: "metric", coordinates: "degrees" }));
@@ -66,7 +66,9 @@ describe("format", () => {
   });
 
   it("says lengths in feet and nautical miles where the user reads those", () => {
+    expect(speed(10_000)).toBe("10.0\u00a0m/s");
     setReading({ lengths: "feet" });
+    expect(speed(10_000)).toBe("19.4\u00a0kt");
     expect([length(304.8), length(1_000), length(100_000), length(1_852_000 * 1.5), length(1_852_000 * 20)].map(plain)).toEqual(
       ["1.00 ft", "3.28 ft", "328 ft", "1.5 NM", "20 NM"],
     );

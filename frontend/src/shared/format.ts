@@ -40,6 +40,13 @@ export function length(mm: number, coarse = false): string {
   return `${sign}${miles < 9.95 ? trimmed(decimal(miles, 1), coarse) : grouped(Math.round(miles))}${NBSP}${far}`;
 }
 
+const MM_S_PER_KNOT = 514.444;
+
+/** A speed: "12.4 m/s"; in knots where the user reads feet and nautical miles. */
+export function speed(mm_s: number): string {
+  return reading().lengths === "feet" ? `${decimal(mm_s / MM_S_PER_KNOT, 1)}${NBSP}kt` : `${decimal(mm_s / 1000, 1)}${NBSP}m/s`;
+}
+
 /** "1.0" → "1" in words; figures in columns keep their decimals. */
 function trimmed(text: string, coarse: boolean): string {
   return coarse ? text.replace(/[.,]0+$/, "") : text;
