@@ -67,3 +67,14 @@ def test_evidence_and_suspension_from_an_alert(real, measured, open_page):
     panel = page.get_by_role("region", name="Alerts", exact=True)
     assert saved_by(page, panel)["session"]["session"]["session_id"] == measured
     expect(reason_to_suspend(page, panel)).to_have_value(f"Refuted at Aurajoki 2: session {measured[:12]}")
+
+
+def test_a_course_that_cannot_be_recomputed_or_fetched_says_so(real, open_page):
+    """The survey that this session names is not on the ledger; then the server fails."""
+    page = open_page(real.link(), room=f"sessions/{real.tools.number('session', 'two')}")
+    card = page.locator("section").filter(has=page.get_by_role("heading", name="How it was decided"))
+    expect(card.get_by_role("status")).to_contain_text("There is the verdict alone")
+    page.watched.expected = ("500",)
+    page.route("**/course", lambda route: route.fulfill(status=500, json={"detail": "Out of order."}))
+    page.reload()
+    expect(card.get_by_role("alert")).to_have_text("Out of order.")

@@ -8,12 +8,12 @@ type Fields = Readonly<Record<string, unknown>>;
 
 /** Somebody else was quicker: both versions side by side. Nothing is overwritten until the user says so. */
 export function Conflict({ seen, current, reload, onGoOn }: { seen: Fields; current: Fields | undefined; reload: () => Promise<unknown>; onGoOn: () => void }): ReactElement {
-  const { mutate, isPending } = useMutation({ mutationFn: reload });
+  const { mutate, isPending, isSuccess } = useMutation({ mutationFn: reload });
   useEffect(() => mutate(), [mutate]);
   const rows = differences(seen, current).filter(({ path }) => !path.endsWith("updated_ms"));
   return (
     <div className="conflict" aria-busy={isPending}>
-      <p className="quiet">{t("conflictHint")}</p>
+      <p className="quiet">{t(isSuccess && rows.length === 0 ? "conflictHidden" : "conflictHint")}</p>
       <table className="table change-table num">
         <thead>
           <tr>
@@ -32,7 +32,7 @@ export function Conflict({ seen, current, reload, onGoOn }: { seen: Fields; curr
           ))}
         </tbody>
       </table>
-      <button type="button" className="button primary" disabled={isPending || rows.length === 0} onClick={onGoOn}>
+      <button type="button" className="button primary" disabled={!isSuccess} onClick={onGoOn}>
         {t("goOn")}
       </button>
     </div>

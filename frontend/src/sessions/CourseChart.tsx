@@ -5,7 +5,7 @@ import { Fitted } from "../shared/charts/Fitted";
 import { count, decimal, length } from "../shared/format";
 import { heightOf, roundsForAxis } from "./course";
 import { courseTexts as t } from "./courseTexts";
-import { lookTexts } from "../shared/texts";
+import { lookTexts, sharedTexts } from "../shared/texts";
 import { useCourse } from "./useCourse";
 
 const HEIGHT = 190;
@@ -83,9 +83,19 @@ function Plot({ course, width }: { course: Course; width: number }): ReactElemen
 }
 
 /** How the likelihood of each claim went with the rounds, against both thresholds, on a scale of log-odds. */
-export function CourseChart({ session_id }: { session_id: string }): ReactElement | null {
-  const course = useCourse(session_id).data;
-  if (course === undefined || course.points.length < 2) return null;
+export function CourseChart({ session_id }: { session_id: string }): ReactElement {
+  const query = useCourse(session_id);
+  const course = query.data;
+  if (course === undefined || course.points.length < 2) {
+    return (
+      <section className="float card">
+        <h2>{t("title")}</h2>
+        <p className="quiet" role={query.isError ? "alert" : "status"}>
+          {query.isError ? query.error.message : course === undefined ? sharedTexts("fetching") : t(course.points.length === 0 ? "noRound" : "oneRound")}
+        </p>
+      </section>
+    );
+  }
   return (
     <section className="float card">
       <h2>{t("title")}</h2>

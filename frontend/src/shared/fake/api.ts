@@ -1,5 +1,5 @@
 import type { Page } from "../api/api";
-import type { SessionDetail, SessionState, VerdictSummary } from "../api/records";
+import type { Course, SessionDetail, SessionState, VerdictSummary } from "../api/records";
 import type { LiveStore } from "../live/store";
 import { sessionOf } from "../drones";
 import { FAKE_ME, FAKE_PERSON, FAKE_WAYS_IN } from "../../people/fake";
@@ -128,6 +128,12 @@ function detail(session: SessionState, verdict: VerdictSummary | undefined, stor
   };
 }
 
+/** The verdict alone, as where the survey that it rests on is not known. */
+function course({ rounds, decided_ms, outcome, signed, broadcast }: VerdictSummary): Course {
+  const points = rounds === 0 ? [] : [{ rounds, t_ms: decided_ms, outcome, ...(signed && { signed }), ...(broadcast && { broadcast }) }];
+  return { verify_ppm: POLICY.verify_ppm, refute_ppm: POLICY.refute_ppm, points, residuals: [] };
+}
+
 /** Answers the REST calls of the console from what the scripted world has told the live store. */
 export function fakeFetch(store: LiveStore, flags: ReadonlySet<string>): (request: Request) => Promise<Response> {
   let signedIn = !flags.has("signed-out");
@@ -163,6 +169,8 @@ export function fakeFetch(store: LiveStore, flags: ReadonlySet<string>): (reques
       if (!store.sessions.has(verdict.session_id)) known.push(sessionOf(verdict));
     }
     if (path === "/sessions") return Promise.resolve(json(page(known, query, match)));
+    const decided = store.verdicts.get(/^\/sessions\/([^/]+)\/course$/.exec(path)?.[1] ?? "");
+    if (decided !== undefined) return Promise.resolve(json(course(decided)));
     const id = /^\/sessions\/([^/]+)$/.exec(path)?.[1];
     const session = known.find(({ session_id }) => session_id === id);
     if (session !== undefined) {
