@@ -11,9 +11,8 @@ import pytest
 import websockets
 from sqlalchemy import insert
 
-from backend.db.tables.reported import LatestTrackRow
-
 from backend.auth.person import Person
+from backend.db.tables.reported import LatestTrackRow
 from backend.people.masking import shown_uav
 
 START_MS = 1_800_000_000_000
