@@ -18,6 +18,10 @@ from typing import ClassVar
 import pytest
 from playwright.sync_api import expect, sync_playwright
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
+
+from houses import console_house, house, ledger_template, with_liar
+
 from backend.app import Backend
 from backend.db.engine import Database
 from backend.db.migrate import migrate
@@ -26,6 +30,9 @@ from backend.settings import Settings
 from wonderland.proofs import encoding
 from wonderland.proofs.records.sessions import StepTime
 from wonderland.proofs.verdict import decide
+
+# A real ledger beside the backend, where a test signs something.
+__all__ = ["console_house", "house", "ledger_template", "with_liar"]
 
 ROOT = Path(__file__).resolve().parents[2]
 FRONTEND = ROOT / "frontend"

@@ -193,19 +193,6 @@ def test_panels_can_be_made_wider_and_stay_so(scripted, open_page):
     assert round(region.bounding_box()["width"]) == 316 + 32
 
 
-def test_every_control_has_a_name_and_every_page_one_heading_order(scripted, open_page):
-    page = open_page(f"{scripted}?fake=58,frozen#/live?drone=OH-DRN-0417")
-    for room in ("l", "s", "v"):
-        page.keyboard.press(room)
-        page.wait_for_timeout(500)
-        unnamed = page.evaluate(
-            """() => [...document.querySelectorAll('button, a, input, select, [role=img], [tabindex="0"]')]
-                 .filter((e) => !(e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length))
-                 .map((e) => e.outerHTML.slice(0, 120))"""
-        )
-        assert unnamed == []
-
-
 def test_older_pages_come_when_asked_for(scripted, open_page):
     page = open_page(f"{scripted}?fake=58,frozen#/verdicts")
     body = page.get_by_role("table").locator("tbody tr")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -13,6 +15,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from other_conftest import fixtures_of, tools_of
+
+from backend.auth.settings import OidcSettings
+from tests.people.openid_provider import SECRET, command
 
 _backend = tools_of("backend")
 _authenticator = tools_of("people", "people_authenticator", file="authenticator.py")
@@ -85,6 +90,27 @@ def server(authorities, tmp_path, built_console):
         yield running
     finally:
         running.close()
+
+
+@pytest.fixture
+def oidc_server(authorities, tmp_path, built_console, free_port):
+    """A server that knows a real OpenID provider."""
+    url = f"http://localhost:{free_port}/api/v1/sign-in/oidc/callback"
+    with subprocess.Popen(command(url), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as provider:
+        oidc = OidcSettings(
+            issuer=json.loads(provider.stdout.readline())["issuer"],
+            client_id="wonderland",
+            client_secret=SECRET,
+            name="Example",
+        )
+        running = Server(_backend, authorities, tmp_path, built_console, oidc=oidc)
+        running.port = free_port
+        try:
+            running.start()
+            yield running
+        finally:
+            running.close()
+            provider.terminate()
 
 
 class Visitor:

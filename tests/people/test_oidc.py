@@ -5,15 +5,11 @@ from __future__ import annotations
 import asyncio
 import base64
 import contextlib
-import hashlib
 import hmac
 import html
 import json
 import re
-import shutil
-import subprocess
 import time
-from pathlib import Path
 from urllib.parse import parse_qs, urljoin, urlsplit
 
 import httpx
@@ -23,44 +19,14 @@ from joserfc.jwk import ECKey, RSAKey
 
 from backend.auth.oidc import OidcError, Provider
 from backend.auth.settings import OidcSettings
-
-HERE = Path(__file__).with_name("provider")
-SECRET = "a secret of tests, with : and %"
-ACCOUNTS = {
-    "ada": {"email": "ada@example.org", "email_verified": True, "name": "Ada", "groups": ["officers"]},
-    "grace": {"email": "Grace@Example.org", "email_verified": True, "name": "Grace", "groups": ["guests", "officers"]},
-    "mallory": {"email": "grace@example.org", "email_verified": False, "name": "Mallory"},
-    "nobody": {"name": "Nobody"},
-}
-
-
-def _install():
-    npm = shutil.which("npm")
-    if npm is None or shutil.which("node") is None:
-        pytest.skip("Node.js and npm are not installed; the OpenID provider cannot be run")
-    wanted = hashlib.sha256((HERE / "package-lock.json").read_bytes()).hexdigest()
-    stamp = HERE / "node_modules" / ".installed"
-    if stamp.is_file() and stamp.read_text() == wanted:
-        return
-    try:
-        command = [npm, "ci", "--ignore-scripts"]
-        done = subprocess.run(command, cwd=HERE, capture_output=True, text=True, timeout=240, check=False)
-    except subprocess.TimeoutExpired:
-        pytest.skip("npm ci did not finish within 240 s; is there a registry?")
-    if done.returncode:
-        pytest.skip(f"npm ci could not install the OpenID provider: {done.stderr.strip()[-300:]}")
-    stamp.write_text(wanted)
+from tests.people.openid_provider import SECRET, command
 
 
 @contextlib.asynccontextmanager
 async def provider(redirect_uri):
     """A real provider; its issuer."""
-    _install()
     process = await asyncio.create_subprocess_exec(
-        "node",
-        str(HERE / "provider.mjs"),
-        redirect_uri,
-        json.dumps(ACCOUNTS),
+        *command(redirect_uri),
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.DEVNULL,
     )

@@ -11,7 +11,6 @@ import hashlib
 import json
 import re
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -19,39 +18,10 @@ from playwright.sync_api import expect
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 
-from proof_actors import HERE, ROUNDS, Actors
-from tests_world import World
+from houses import LIAR
+from proof_actors import ROUNDS
 
 from tests.console.officer import Officer, seen
-from wonderland.ledger.connection import Connection
-
-AWAY_MM = 4_200
-HONEST, LIAR = "uav-0", "uav-1"
-
-
-@pytest.fixture
-def with_liar(console_house):
-    """An honest drone was verified, and one that is 4.2 m from where it says was refuted."""
-    house = console_house
-    for name, role in (("pad-0", "pad"), (HONEST, "uav"), (LIAR, "uav")):
-        house.administration.enrol(name, role=role, pol_id=name)
-    known = Connection.load(house.directory / "ledger" / "connection.json")
-    actors = Actors(replace(house.connection, identities=known.identities), house.channel)
-    world = World(seed=5)
-    elsewhere = (HERE[0] + AWAY_MM, HERE[1], HERE[2])
-    lie = world.evidence(lambda _: elsewhere, lambda _: HERE, rounds=ROUNDS, broadcast=lambda _: HERE)
-
-    async def prove():
-        await actors.register(house.now_ms(), pads=1, drones=2)
-        first, second = await actors.prepare(2, pads=1, drones=2)
-        await actors.prove(first, 0)
-        actors.evidence = [lie]
-        return await actors.prove(second, 0)
-
-    _, verdict = house.run(prove(), 60)
-    assert verdict["outcome"] == "refuted"
-    house.wait_mirrored()
-    return house
 
 
 @pytest.mark.timeout(300)

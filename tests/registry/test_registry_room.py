@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-
-import barriers
 
 DRONE = "OH-DRN-0417"
 
@@ -229,35 +224,6 @@ def test_a_list_with_errors(console_house, officer, tmp_path):
     assert re.search(r"3,NEW-1,valid,[0-9a-f]{64},VALID", report)
     place(officer, "drones?q=NEW-2")
     expect(officer.get_by_role("row").filter(has_text="NEW-2")).to_contain_text("Räven")
-
-
-@pytest.mark.parametrize("width", [390, 1280])
-@pytest.mark.parametrize("theme", ["light", "dark"])
-def test_pages_fit_and_are_free_of_barriers(console_house, open_page, width, theme):
-    page = open_page(console_house.link(), width=width, theme=theme, room="registry")
-    expect(page.get_by_role("link", name="Registry")).to_be_visible()
-    for path in (
-        "drones",
-        f"drones/{DRONE}/suspend",
-        "pads",
-        "pads/aurajoki-2",
-        "operators",
-        "certificates",
-        "import",
-        "key",
-        "drones/new",
-    ):
-        place(page, path)
-        expect(page.get_by_role("heading", name="Registry")).to_be_visible()
-        expect(page.locator(".registry .empty").filter(has_text="Fetching")).to_have_count(0)
-        wide = page.locator(".page").evaluate("each => each.scrollWidth - each.clientWidth")
-        assert wide <= 0, path
-        unnamed = page.evaluate(
-            """() => [...document.querySelectorAll('.registry input, .registry select, .registry textarea')]
-                .filter((each) => each.labels.length === 0 && !each.ariaLabel).length"""
-        )
-        assert unnamed == 0, path
-        assert barriers.on(page) == [], path
 
 
 def test_bringing_a_certificate_and_its_key(console_house, open_page, tmp_path):

@@ -18,10 +18,6 @@ from backend.db.tables.audit import AuditRow
 
 console_tests = tools_of("console")
 PATIENCE_MS = console_tests.PATIENCE_MS
-AXE = Path(__file__).resolve().parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
-BARRIERS = (
-    """async () => (await axe.run("main.room", { resultTypes: ["violations"] })).violations.map((each) => each.id)"""
-)
 pytestmark = pytest.mark.browser
 
 
@@ -101,7 +97,7 @@ async def look_at(page, us, them, axe):
     await expect(card.get_by_role("heading", name="Helicopter")).to_be_visible()
     await expect(card).to_contain_text("Airborne")
     await page.evaluate(axe)
-    assert await page.evaluate(barriers.FIND) == []
+    assert await page.evaluate(barriers.FIND, barriers.TAGS) == []
     await card.get_by_role("button", name="Who flies?").click()
     await expect(card.get_by_test_id("networked-who")).to_contain_text("1581F5FKD229400A1234")
     await expect(card.get_by_test_id("networked-who")).to_contain_text("FIN87astrdge12k8")

@@ -140,6 +140,7 @@ export function TransactionPage({ tx_id }: { tx_id: string }): ReactElement {
   if (transaction === undefined) {
     return (
       <div className="page">
+        <h1 className="visually-hidden">{t("ledger")}</h1>
         <p className="empty" role={query.isError ? "alert" : "status"}>
           {query.isError ? query.error.message : sharedTexts("fetching")} <a href={ledgerHref}>{t("ledger")}</a>
         </p>

@@ -237,6 +237,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
 
   return (
     <div className="live">
+      <h1 className="visually-hidden">{roomTexts("live")}</h1>
       {table ? (
         <DroneTable fleet={fleet} place={place} now_ms={now_ms} />
       ) : (

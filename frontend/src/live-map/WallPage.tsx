@@ -65,6 +65,7 @@ export function WallPage({ place }: { place: LivePlace }): ReactElement {
   const troubled = padsByNeed(store.pads.values(), now_ms).filter(({ state }) => state.tone !== "ok");
   return (
     <div className="live wall">
+      <h1 className="visually-hidden">{t("wall")}</h1>
       <MapView ref={map} fleet={fleet} camera={undefined} selection={selection} padding={padding} onSelect={() => undefined} onCamera={() => undefined} />
       <section className="wall-side" aria-label={t("wall")}>
         <p className="wall-time num">{timeOfDay(now_ms)}</p>

@@ -237,6 +237,7 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
 
   return (
     <div className="live replay">
+      <h1 className="visually-hidden">{t("replay")}</h1>
       <MapView
         ref={map}
         fleet={fleet}

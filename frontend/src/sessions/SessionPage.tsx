@@ -162,6 +162,7 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
   if (known === undefined) {
     return (
       <div className="page">
+        <h1 className="visually-hidden">{t("sessions")}</h1>
         <p className="empty" role={query.isError ? "alert" : "status"}>
           {query.isError ? query.error.message : sharedTexts("fetching")} <a href={placeHash({ room: "sessions" })}>{t("all")}</a>
         </p>

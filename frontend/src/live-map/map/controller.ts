@@ -247,12 +247,15 @@ export class MapController {
   private fit(places: readonly LonLat[], maxZoom: number, still: boolean, margin = 64): void {
     const bounds = new LngLatBounds();
     for (const place of places) bounds.extend(place);
-    const { clientWidth, clientHeight } = this.map.getContainer();
+    const { clientWidth, clientHeight } = this.map.getCanvas();
     // A phone has no room for generous margins.
     const padding = Math.min(margin, Math.min(clientWidth, clientHeight) / 8);
+    this.flight = { since_ms: performance.now(), again: () => this.fit(places, maxZoom, still, margin) };
+    // In a window that has just become small the panels are still as wide as they were: their padding comes in a moment.
+    const { left = 0, right = 0, top = 0, bottom = 0 } = this.map.getPadding();
+    if (left + right + 2 * padding >= clientWidth || top + bottom + 2 * padding >= clientHeight) return;
     const camera = this.map.cameraForBounds(bounds, { padding, maxZoom });
     if (camera === undefined) return;
-    this.flight = { since_ms: performance.now(), again: () => this.fit(places, maxZoom, still, margin) };
     this.map.easeTo({ ...camera, ...this.motion(still ? 0 : FLIGHT_MS) });
   }
 
