@@ -6,6 +6,7 @@ import asyncio
 import functools
 import http.server
 import importlib.util
+import json
 import shutil
 import subprocess
 import sys
@@ -225,6 +226,8 @@ class RealBackend:
     """A real backend that mirrors a chain of real blocks, in a thread with an event loop of its own."""
 
     HOSTS = frozenset({"127.0.0.1"})
+    off_ms = 0
+    """How far the server's clock is ahead of the browser's."""
 
     def __init__(self, tools, authorities, directory, console, **settings):
         self.tools = tools
@@ -252,7 +255,7 @@ class RealBackend:
         return f"http://127.0.0.1:{self.port}"
 
     def now_ms(self):
-        return time.time_ns() // 1_000_000
+        return time.time_ns() // 1_000_000 + self.off_ms
 
     def start(self):
         """Begin to serve; after a stop again at the same address, with another epoch."""
@@ -276,6 +279,7 @@ class RealBackend:
             Settings(console=self.console, **self.settings),
             database=database,
             source=self.tools.Source(self.chain),
+            clock=self.now_ms,
             channel="wonderland",
             chaincode="pol",
             ledger_kind="embedded",
@@ -325,20 +329,22 @@ class RealBackend:
         """A block whose previous hash is another's."""
         self._run(self._make(lambda: self.chain.append([b""], b"\x00", previous=b"\x07" * 32)))
 
-    def hear(self, uav_id, lat_e7, lon_e7, pad_id="pad-1"):
+    def hear(self, uav_id, lat_e7, lon_e7, pad_id="pad-1", **more):
         """A pad reports a broadcast position."""
         t_ms = self.now_ms()
-        body = (
-            f'{{"uav_id":"{uav_id}","lat_e7":{lat_e7},"lon_e7":{lon_e7},"t_ms":{t_ms},"pad_id":"{pad_id}",'
-            '"transport":"wifi","verified":false}'
-        )
+        told = {"uav_id": uav_id, "lat_e7": lat_e7, "lon_e7": lon_e7, "t_ms": t_ms, "pad_id": pad_id}
+        body = json.dumps(told | {"transport": "wifi", "verified": False} | more, separators=(",", ":"))
         self.loop.call_soon_threadsafe(self.backend.context.board.hear, uav_id, t_ms, body)
 
 
 @pytest.fixture
-def real(tools, authorities, tmp_path, built_console):
-    """A backend that serves the built console: one pad, two drones, one proof verified and one refuted."""
+def real(request, tools, authorities, tmp_path, built_console):
+    """A backend that serves the built console: one pad, two drones, one proof verified and one refuted.
+
+    Its parameter, where a test gives one: how many milliseconds its clock is ahead.
+    """
     running = RealBackend(tools, authorities, tmp_path, built_console)
+    running.off_ms = getattr(request, "param", 0)
     try:
         facts, now_ms = running.facts, running.now_ms()
         running.add(facts.put_pad(), facts.put_uav(), facts.put_uav("uav-2"))

@@ -122,3 +122,53 @@ def test_what_sleeps_leaves_the_inbox(inbox):
     expect(inbox.get_by_test_id("alerts-chip")).to_have_count(0)
     inbox.get_by_role("button", name="Snoozed").click()
     expect(row(inbox)).to_have_count(1)
+
+
+def test_an_alert_is_given_to_another(inbox):
+    row(inbox).click()
+    inbox.get_by_label("Assign to").fill("Grace <b>Hopper</b>")
+    inbox.get_by_role("button", name="Assign", exact=True).click()
+    expect(inbox.get_by_text("assigned to Grace <b>Hopper</b>").first).to_be_visible()
+    expect(inbox.locator(".acts").first).to_contain_text("M. Inspector assigned to Grace <b>Hopper</b>")
+    expect(row(inbox)).to_contain_text("assigned to Grace <b>Hopper</b>")
+
+
+# What the page gives to the loudspeaker and to the desktop, and goes on to.
+LISTEN = """
+window.told = [];
+const heard = (name, say) => {
+    window[name] = new Proxy(window[name], {
+        construct(target, args) { window.told.push(say(...args)); return Reflect.construct(target, args); },
+    });
+};
+heard("OscillatorNode", (_, { frequency }) => frequency);
+heard("Notification", (title, { body }) => `${title}: ${body}`);
+"""
+
+
+def test_sound_and_desktop_notifications_come_when_asked_for(real, browser, open_page):
+    context = browser.new_context(permissions=["notifications"])
+    context.add_init_script(LISTEN)
+    page = open_page(real.link(), context=context, room="alerts")
+    expect(row(page)).to_have_count(1)
+
+    def refute(name):
+        facts, now_ms = real.facts, real.now_ms()
+        real.add(facts.request(name, uav_id="uav-2", t_ms=now_ms))
+        real.add(facts.decide(name, uav_id="uav-2", t_ms=now_ms, outcome="refuted"))
+
+    refute("silent")
+    expect(row(page)).to_have_count(2)
+    assert page.evaluate("told") == [], "nobody has asked for it"
+    page.get_by_label("Sound").check()
+    page.get_by_label("Desktop").click()
+    expect(page.get_by_label("Desktop")).to_be_checked()
+    assert page.evaluate("told.splice(0)") == [660, 880], "one hears at once what it will be like"
+    page.reload()
+    expect(row(page)).to_have_count(2)
+    refute("loud")
+    expect(page.get_by_role("log")).to_contain_text("uav-2 is not where it says")
+    first, second, said = page.evaluate("told")
+    assert (first, second) == (660, 880)
+    assert said.startswith("Refuted: uav-2 is not where it says: measured")
+    context.close()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import re
 import zipfile
@@ -173,21 +175,37 @@ def test_a_time_that_cannot_be_read_is_said_and_nothing_moves(room):
 def test_a_window_goes_out_as_files(room, tmp_path):
     go(room, "yesterday 14:00")
     expect(row(room)).to_be_visible()
-    room.get_by_role("button", name="Export…").click()
-    room.get_by_role("button", name="Prepare").click()
-    with room.expect_download() as download:
-        room.get_by_role("link", name="Download").click()
-    path = tmp_path / "window.zip"
-    download.value.save_as(path)
-    with zipfile.ZipFile(path) as packed:
-        manifest = json.loads(packed.read("manifest.json"))
-        features = json.loads(packed.read("window.geojson"))["features"]
-    assert manifest["counts"]["claimed"] == 15 * 60
-    assert manifest["counts"]["verdict"] == 2
+
+    def export(label):
+        """The files of the archive by name."""
+        room.get_by_role("button", name="Export…").click()
+        room.get_by_label(label).check()
+        room.get_by_role("button", name="Prepare").click()
+        with room.expect_download() as download:
+            room.get_by_role("link", name="Download").click()
+        path = tmp_path / f"{label}.zip"
+        download.value.save_as(path)
+        expect(room.get_by_text("SHA-256")).to_be_visible()
+        room.keyboard.press("Escape")
+        expect(room.get_by_role("button", name="Prepare")).to_have_count(0)
+        with zipfile.ZipFile(path) as packed:
+            files = {name: packed.read(name) for name in packed.namelist()}
+        counts = json.loads(files.pop("manifest.json"))["counts"]
+        assert (counts["claimed"], counts["verdict"]) == (15 * 60, 2)
+        return files
+
+    features = json.loads(export("GeoJSON")["window.geojson"])["features"]
     assert {each["properties"]["kind"] for each in features} == {"claimed", "verdict"}
-    expect(room.get_by_text("SHA-256")).to_be_visible()
-    room.keyboard.press("Escape")
-    expect(room.get_by_role("button", name="Prepare")).to_have_count(0)
+    tables = export("CSV")
+    claimed = list(csv.DictReader(io.StringIO(tables["claimed.csv"].decode("utf-8-sig"))))
+    assert len(claimed) == 15 * 60
+    assert (claimed[0]["uav_id"], claimed[0]["lat_e7"]) == ("uav-2", "604518000")
+    verdicts = csv.DictReader(io.StringIO(tables["verdict.csv"].decode("utf-8-sig")))
+    assert [each["outcome"] for each in verdicts] == ["verified", "refuted"]
+    moving = json.loads(export("OGC Moving Features")["window.mf.json"])
+    (path,) = (each for each in moving["features"] if each["properties"]["kind"] == "claimed")
+    (point,) = path["temporalGeometry"]["prisms"]
+    assert (point["type"], len(point["datetimes"]), len(point["coordinates"])) == ("MovingPoint", 15 * 60, 15 * 60)
 
 
 def test_links_lead_to_the_moment(past, open_page):

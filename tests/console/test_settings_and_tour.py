@@ -42,3 +42,21 @@ def test_the_tour_goes_through_the_rooms_and_ends_where_one_wants(scripted, open
     expect(card).to_contain_text("6 of 7")
     page.keyboard.press("Escape")
     expect(card).to_have_count(0)
+
+
+def test_a_demo_offers_the_tour_until_it_was_taken_or_declined(console_house, open_page):
+    page = open_page(console_house.link(), room="settings")
+    page.get_by_role("button", name="New here? Take the tour").click()
+    card = page.locator(".tour")
+    expect(card).to_contain_text("1 of 7")
+    card.get_by_role("button", name="End the tour").click()
+    expect(card).to_have_count(0)
+    page.reload()
+    expect(page.get_by_test_id("ledger-notice")).to_be_visible()
+    expect(page.get_by_role("button", name="New here? Take the tour")).to_have_count(0)
+
+
+def test_a_server_that_is_no_demo_offers_no_tour(real, open_page):
+    page = open_page(real.link(), room="settings")
+    expect(page.get_by_test_id("ledger-notice")).to_be_visible()
+    expect(page.get_by_role("button", name="New here? Take the tour")).to_have_count(0)

@@ -15,6 +15,20 @@ AWAY_MM = 4_200
 HONEST, LIAR = "uav-0", "uav-1"
 
 
+class Place:
+    """The house's ledger as the scenarios' people see it."""
+
+    def __init__(self, house):
+        self.house = house
+        self.connection_file = house.directory / "ledger" / "connection.json"
+
+    def gateways(self):
+        return [Connection.load(self.connection_file)]
+
+    async def enrol(self, name, role, pol_id, msp_id=None):
+        self.house.administration.enrol(name, role=role, pol_id=pol_id, msp_id=msp_id)
+
+
 @pytest.fixture(scope="session")
 def ledger_template(tmp_path_factory):
     """A ledger that has been started once and furnished: certificates and blocks are made a single time."""

@@ -11,25 +11,10 @@ from playwright.sync_api import expect
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 import barriers
+from houses import Place
 from scenario_world import Site, people_at
 
-from wonderland.ledger.connection import Connection
-
 FILES = Path(__file__).parent / "files"
-
-
-class Place:
-    """The house's ledger as the scenarios' people see it."""
-
-    def __init__(self, house):
-        self.house = house
-        self.connection_file = house.directory / "ledger" / "connection.json"
-
-    def gateways(self):
-        return [Connection.load(self.connection_file)]
-
-    async def enrol(self, name, role, pol_id, msp_id=None):
-        self.house.administration.enrol(name, role=role, pol_id=pol_id, msp_id=msp_id)
 
 
 def go(page, path):
@@ -126,3 +111,22 @@ def test_a_zone_in_finnish(console_house, officer):
     page.get_by_role("button", name="Language: English").click()
     page.get_by_role("row").filter(has_text="NIGHT 1").get_by_role("link").click()
     expect(page.locator(".zone-facts")).to_contain_text("Joka päivä: auringonlasku – auringonnousu")
+
+
+def test_a_landing_that_the_policy_refuses_says_so(console_house, open_page):
+    """The place is right, and nobody has authorised the drone: verified, refused, and the reason in words."""
+    house = console_house
+
+    async def landing():
+        async with people_at(Place(house)) as people:
+            its = await Site(people, "bare", "PadMSP").ready(authorised=False)
+            session = await its.request("k0")
+            return session["session_id"], await its.judge(session)
+
+    session_id, verdict = house.run(landing(), 60)
+    assert (verdict["outcome"], verdict["permission"]) == ("verified", "refused")
+    house.wait_mirrored()
+    page = open_page(house.link(), room=f"sessions/{session_id}")
+    expect(page.get_by_text("authoris").first).to_be_visible()
+    go(page, "alerts")
+    expect(page.get_by_text("without being authorised").first).to_be_visible()

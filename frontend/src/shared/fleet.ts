@@ -191,7 +191,7 @@ export class Fleet {
       (pad === undefined || drone.session?.pad_id === pad) &&
       (operator === undefined || drone.track?.operator_id === operator) &&
       (action === undefined || drone.session?.action === action) &&
-      (minutes === undefined || this.now_ms - drone.t_ms <= minutes * 60_000)
+      (minutes === undefined || this.now_ms - Math.max(drone.t_ms, drone.track?.t_ms ?? 0) <= minutes * 60_000)
     );
   }
 }

@@ -1,0 +1,23 @@
+"""Why a transaction did nothing, from its validation code: what a page says of it."""
+
+from __future__ import annotations
+
+import pytest
+
+from backend.transactions.problems import of_outcome
+from wonderland.ledger.gateway import CommitStatus
+from wonderland.ledger.transactions import ValidationCode
+
+
+@pytest.mark.parametrize(
+    ("code", "kind"),
+    [
+        (ValidationCode.ENDORSEMENT_POLICY_FAILURE, "policy"),
+        (ValidationCode.MVCC_READ_CONFLICT, "changed"),
+        (ValidationCode.PHANTOM_READ_CONFLICT, "changed"),
+        (ValidationCode.BAD_PAYLOAD, "invalid"),
+    ],
+)
+def test_validation_codes(code, kind):
+    problem = of_outcome(CommitStatus("0" * 64, code, 7))
+    assert problem == {"kind": kind, "text": f"{code.name} in block 7"}
