@@ -1,7 +1,8 @@
 """Takes the pictures of the documentation from a running demo: ``make screenshots`` (needs Chromium).
 
 One demo for all of them: the link signs in one browser, and its session serves both themes. Pictures are WebP, so that
-a checkout stays small; one that is larger than `LARGEST` bytes ends the run.
+a checkout stays small; one that is larger than `LARGEST` bytes ends the run. Names of pictures as
+arguments take only those.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 from PIL import Image
@@ -43,6 +46,32 @@ SETTLE_S = 2.5
 LIAR = "OH-DRN-0417"
 
 
+DRONES_CSV = b"uav_id;model;operator_id;registration\nOH-DRN-0900;Falcon 4;arctic-air;\nOH DRN 0901;;arctic-air;\n"
+
+
+def _sign_out(page: Page) -> None:
+    page.context.clear_cookies()
+    page.reload()
+    page.get_by_role("heading", name="Wonderland").wait_for()
+
+
+def _sign(page: Page) -> None:
+    """The last look before signing, with the demo's own key."""
+    page.get_by_label("Reason").fill("Refuted at Aurajoki 2")
+    page.get_by_role("button", name="Check and sign").click()
+    demo_key = page.get_by_role("button", name="Use the demo’s administrator key")
+    demo_key.or_(page.get_by_role("button", name="Sign and send")).wait_for()
+    if demo_key.is_visible():
+        demo_key.click()
+    page.get_by_role("button", name="Sign and send").wait_for()
+
+
+def _check_file(page: Page) -> None:
+    page.get_by_label("CSV file").set_input_files({"name": "drones.csv", "mimeType": "text/csv", "buffer": DRONES_CSV})
+    page.get_by_role("button", name="Check the file").click()
+    page.get_by_role("button", name="Go on with 1 line").wait_for()
+
+
 @dataclass(frozen=True)
 class Shot:
     """One picture: its name, the fragment of the address that it is of, and how it is looked at."""
@@ -51,24 +80,47 @@ class Shot:
     place: str
     theme: str = "light"
     size: tuple[int, int] = SIZE
+    prepare: Callable[[Page], None] | None = None
+    """What is done there first."""
 
 
 SHOTS = (
     Shot("live-dark", f"live?drone={LIAR}", "dark"),
     Shot("live-light", f"live?drone={LIAR}"),
     Shot("live-phone", f"live?drone={LIAR}", size=PHONE),
+    Shot("table-light", "live?table"),
+    Shot("wall-dark", "live?wall", "dark"),
+    Shot("sessions-light", "sessions"),
     Shot("session-light", "sessions/{session}"),
     Shot("session-dark", "sessions/{session}", "dark"),
     Shot("verdicts-light", "verdicts"),
     Shot("alerts-light", "alerts"),
-    Shot("replay-light", "replay"),
-    Shot("pad-light", "registry/pads/aurajoki-2"),
+    Shot("alerts-dark", "alerts", "dark"),
+    Shot("replay-light", "replay?t={decided}&session={session}"),
+    Shot("drones-light", "registry/drones"),
     Shot("drone-light", f"registry/drones/{LIAR}"),
+    Shot("signing-light", f"registry/drones/{LIAR}/suspend", prepare=_sign),
+    Shot("pads-light", "registry/pads"),
+    Shot("pad-light", "registry/pads/aurajoki-2"),
+    Shot("pad-dark", "registry/pads/aurajoki-2", "dark"),
+    Shot("operators-light", "registry/operators"),
+    Shot("certificates-light", "registry/certificates"),
+    Shot("import-light", "registry/import", prepare=_check_file),
+    Shot("key-light", "registry/key"),
     Shot("ledger-light", "ledger"),
+    Shot("block-light", "ledger/block/{block}"),
+    Shot("transaction-light", "ledger/transaction/{tx}"),
     Shot("statistics-light", "statistics"),
+    Shot("statistics-dark", "statistics", "dark"),
+    Shot("people-light", "people"),
+    Shot("invite-light", "people/invite"),
+    Shot("machines-light", "people/clients"),
+    Shot("account-light", "people/me"),
     Shot("audit-light", "people/audit"),
     Shot("zones-light", "zones"),
     Shot("settings-light", "settings"),
+    # The last of its theme and size: it ends the session of its browser.
+    Shot("sign-in-light", "settings", prepare=_sign_out),
 )
 
 
@@ -89,9 +141,9 @@ def main() -> int:
         link = _link(demo)
         with sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path=browser_path(), args=list(FLAGS))
-            state, session = _signed_in(browser, link, demo)
+            state, names = _signed_in(browser, link, demo)
             for theme in ("light", "dark"):
-                _take(browser, link.partition("#")[0], state, theme, session)
+                _take(browser, link.partition("#")[0], state, theme, names)
             browser.close()
     finally:
         demo.send_signal(signal.SIGINT)
@@ -110,8 +162,8 @@ def _link(demo: subprocess.Popen[str]) -> str:
     raise SystemExit("the demo printed no link")
 
 
-def _signed_in(browser: Browser, link: str, demo: subprocess.Popen[str]) -> tuple[StorageState, str]:
-    """The session's cookies, and the id of the liar's session."""
+def _signed_in(browser: Browser, link: str, demo: subprocess.Popen[str]) -> tuple[StorageState, dict[str, str]]:
+    """The session's cookies, and what the addresses name: the liar's proof."""
     context = browser.new_context()
     page = context.new_page()
     page.set_default_timeout(PATIENCE_MS)
@@ -122,7 +174,14 @@ def _signed_in(browser: Browser, link: str, demo: subprocess.Popen[str]) -> tupl
     found = page.evaluate(f"fetch('/api/v1/verdicts?drone={LIAR}').then((answer) => answer.json())")
     state = context.storage_state()
     context.close()
-    return state, found["items"][0]["session_id"]
+    verdict = found["items"][0]
+    decided = datetime.fromtimestamp(verdict["decided_ms"] / 1000 + 2, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return state, {
+        "session": verdict["session_id"],
+        "tx": verdict["tx_id"],
+        "block": str(verdict["block"]),
+        "decided": decided,
+    }
 
 
 def _wait_for_verdicts(demo: subprocess.Popen[str]) -> None:
@@ -136,10 +195,10 @@ def _wait_for_verdicts(demo: subprocess.Popen[str]) -> None:
     threading.Thread(target=demo.stdout.read, daemon=True).start()
 
 
-def _take(browser: Browser, url: str, state: StorageState, theme: str, session: str) -> None:
+def _take(browser: Browser, url: str, state: StorageState, theme: str, names: dict[str, str]) -> None:
     pages: dict[tuple[int, int], Page] = {}
     for shot in SHOTS:
-        if shot.theme != theme:
+        if shot.theme != theme or (sys.argv[1:] and shot.name not in sys.argv[1:]):
             continue
         if shot.size not in pages:
             width, height = shot.size
@@ -155,9 +214,11 @@ def _take(browser: Browser, url: str, state: StorageState, theme: str, session: 
             page.wait_for_selector("main.room")
             pages[shot.size] = page
         page = pages[shot.size]
-        page.evaluate("(hash) => { location.hash = hash; }", f"#/{shot.place.format(session=session)}")
+        page.evaluate("(hash) => { location.hash = hash; }", f"#/{shot.place.format(**names)}")
         page.wait_for_load_state("networkidle")
-        page.wait_for_selector("main.room :is(h1, h2)")
+        page.wait_for_selector("main.room :is(h1, h2, table)")
+        if shot.prepare is not None:
+            shot.prepare(page)
         time.sleep(SETTLE_S)
         _keep(shot.name, page.screenshot())
     for page in pages.values():

@@ -212,7 +212,7 @@ def test_a_list_with_errors(console_house, officer, tmp_path):
     place(officer, "import")
     officer.get_by_label("CSV file").set_input_files(file)
     officer.get_by_role("button", name="Check the file").click()
-    expect(officer.get_by_text("2 lines can be signed, 1 are on the ledger already")).to_contain_text("Windows-1252")
+    expect(officer.get_by_text("2 lines can be signed, 1 is on the ledger already")).to_contain_text("Windows-1252")
     expect(officer.get_by_role("row").filter(has_text="model")).to_contain_text("4")
     officer.get_by_role("button", name="Go on with 2 lines").click()
     officer.reload()

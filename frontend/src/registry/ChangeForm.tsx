@@ -212,6 +212,10 @@ function CommissionFile({ onRead, fault }: { onRead: (value: JsonObject | undefi
       <input
         type="file"
         accept=".json,application/json"
+        // The same file, mended meanwhile, may be chosen again.
+        onClick={(event) => {
+          event.currentTarget.value = "";
+        }}
         onChange={(event) => {
           const [file] = event.target.files ?? [];
           void file

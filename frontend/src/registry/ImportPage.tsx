@@ -219,6 +219,10 @@ export function ImportPage(): ReactElement {
           <input
             type="file"
             accept=".csv,text/csv,text/plain"
+            // The same file, mended meanwhile, may be chosen again.
+            onClick={(event) => {
+              event.currentTarget.value = "";
+            }}
             onChange={(event) => {
               setFile(event.target.files?.[0]);
               check.reset();
@@ -246,7 +250,7 @@ export function ImportPage(): ReactElement {
       )}
       {found !== undefined && (
         <div className="import-found" role="status">
-          <p className="num">{t("found", { fresh: count(fresh), exists: count(found.rows.length - fresh), encoding: found.encoding })}</p>
+          <p className="num">{t("found", { fresh, exists: found.rows.length - fresh, encoding: found.encoding })}</p>
           <Errors check={found} />
           {fresh > 0 && (
             <div className="form-actions">
