@@ -17,7 +17,7 @@ ROOMS = {
     "invitation": ("people/invite", None, "Name"),
     "person": ("people", NAME, "E-mail"),
     "machine": ("people/clients", "Register", "Name"),
-    "unmask": ("registry/drones/uav-1", "Show", "Why"),
+    "unmask": ("registry/drones/uav-1", "^Show$", "Why"),
 }
 
 
