@@ -10,7 +10,7 @@ export type Filter = {
   /** As the drone broadcasts it. */
   operator?: string;
   action?: Action;
-  /** Only what was heard, asked or decided in the last so many minutes. */
+  /** Only what was decided in the last so many minutes; where nothing was, what was asked, or else heard. */
   minutes?: number;
 };
 
@@ -191,7 +191,7 @@ export class Fleet {
       (pad === undefined || drone.session?.pad_id === pad) &&
       (operator === undefined || drone.track?.operator_id === operator) &&
       (action === undefined || drone.session?.action === action) &&
-      (minutes === undefined || this.now_ms - Math.max(drone.t_ms, drone.track?.t_ms ?? 0) <= minutes * 60_000)
+      (minutes === undefined || this.now_ms - drone.t_ms <= minutes * 60_000)
     );
   }
 }
