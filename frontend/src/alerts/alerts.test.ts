@@ -33,6 +33,12 @@ describe("an alert in words", () => {
     expect(say(alert("closures_differ", { state: "differs" }))).toContain("they have changed since. Publish anew.");
   });
 
+  it("says how long a pad was silent, also hours after it came back", () => {
+    const silent = alert("pad_silent", { since_ms: NOW_MS - 8 * 3_600_000 });
+    expect(say(silent)).toContain("for 8 h");
+    expect(say({ ...silent, state: "returned", over_ms: NOW_MS - 8 * 3_600_000 + 120_000 })).toContain("for 2 min");
+  });
+
   it("has no distance for a drone that was leaving", () => {
     expect(say(alert("leaving", { action: "land" }, "critical"))).toBe("uav-1 was leaving the place that it claims at Aurajoki 2 while it was ranged.");
     expect(lookOf(alert("leaving", {}, "critical"))).toBe("refuted");

@@ -17,6 +17,11 @@ function number(alert: Alert, name: string): number | undefined {
   return typeof value === "number" ? value : undefined;
 }
 
+/** Until when what it tells of went on. */
+function until({ state, over_ms }: Alert, now_ms: number): number {
+  return state === "returned" || state === "over" ? (over_ms ?? now_ms) : now_ms;
+}
+
 /** The alert in one sentence, in the user's language and units. What it does not know it calls unknown. */
 export function sentence(alert: Alert, pads: ReadonlyMap<string, Pad>, now_ms: number): Phrase[] {
   const error_mm = fact(alert, "error_mm");
@@ -29,7 +34,7 @@ export function sentence(alert: Alert, pads: ReadonlyMap<string, Pad>, now_ms: n
     pad: alert.pad_id === undefined ? unknown : (pads.get(alert.pad_id)?.name ?? alert.pad_id),
     distance: typeof error_mm === "number" ? length(error_mm, true) : unknown,
     action: action === undefined ? unknown : actionVerb(action),
-    since: typeof since_ms === "number" ? age(now_ms - since_ms) : unknown,
+    since: typeof since_ms === "number" ? age(until(alert, now_ms) - since_ms) : unknown,
     until: typeof until_ms === "number" ? day(until_ms) : unknown,
     who: fact(alert, "who") ?? unknown,
     why: fact(alert, "why") ?? unknown,
