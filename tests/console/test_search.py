@@ -37,14 +37,6 @@ def test_a_transaction_by_its_first_digits(page):
     expect(page.get_by_text("Valid: its writes count.")).to_be_visible()
 
 
-def test_a_pad_by_its_name(page):
-    page.get_by_role("combobox", name="Search").fill("auraj")
-    page.get_by_role("search").get_by_role("option").filter(has_text="Aurajoki 2").click()
-    expect(page.get_by_role("heading", name="Verdicts")).to_be_visible()
-    expect(page.get_by_role("row").filter(has_text="Aurajoki 2")).to_have_count(2)
-    assert "pad=pad-1" in page.url
-
-
 def test_what_does_not_exist_is_said_as_text(page):
     box = page.get_by_role("combobox", name="Search")
     box.fill("<img src=x onerror=alert(1)>")
