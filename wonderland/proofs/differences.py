@@ -2,9 +2,10 @@
 
 A drone that lies about its own time stamps makes two-way ranges fit any claim, exactly. It cannot lie to four anchors
 that time-stamp the *same* frame on the pad's clock: one antenna gives no anchor a delay of its own. So assurance 3 is
-given only where these differences **alone** prove the drone within the buffer of its claim, by the same sequential
-proof as the ranges (``stopping``), and where one place explains both. What the differences cannot exclude at a place
-(far from a small pad: another distance on the same bearing) is then not proved, and the verdict says so.
+given only where these differences **alone** prove the drone within the buffer of its claim, whatever its height
+(``heights``), by the same sequential proof as the ranges (``stopping``), and where one place explains both. What the
+differences cannot exclude at a place (far from a small pad: another distance on the same bearing) is then not proved,
+and the verdict says so.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Final
 
 from wonderland.proofs.claims import ClaimedPath, Track
 from wonderland.proofs.estimate import Offset
+from wonderland.proofs.heights import UNKNOWN_HEIGHT_MM, Heights
 from wonderland.proofs.hyperbolic import CLEARLY_WORSE, Heard, Place, TimeFix, pull_of
 from wonderland.proofs.likelihood import Matrix2, inside_disc
 from wonderland.proofs.records.pads import Commissioning
@@ -25,7 +27,16 @@ from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import NO_TICK, TICKS_PER_SECOND, TimeStamps
 from wonderland.proofs.reduction import HEIGHT_SIGMA_FLOOR_MM, correlation_of, distance, mean
 from wonderland.proofs.special import CHI2_LIMITS
-from wonderland.proofs.stopping import INSIDE, more_rounds, proved, proved_outside, rounds_needed, sides, step_of
+from wonderland.proofs.stopping import (
+    INSIDE,
+    MAX_MORE_ROUNDS,
+    more_rounds,
+    proved,
+    proved_outside,
+    rounds_needed,
+    sides,
+    step_of,
+)
 
 MIN_ANCHORS: Final = 4
 """Three anchors give two differences, which fit some place whatever they are: nothing would be checked."""
@@ -116,7 +127,9 @@ def judge_times(
     limit = CHI2_LIMITS[min(len(fix.heard) - 3, len(CHI2_LIMITS)) - 1]
     best = fix.best(stamped.east, stamped.north, limit)
     east, north = best.east - stamped.east, best.north - stamped.north
-    found = fix.covariance(best.east, best.north)
+    # To exclude the claim its own height is believed; to prove it, no height is.
+    free = fix.with_height_sigma(UNKNOWN_HEIGHT_MM)
+    found = free.covariance(best.east, best.north)
     consistent = best.chi2 <= limit
     more = -1
     inside = outside = False
@@ -134,6 +147,7 @@ def judge_times(
             sides(east, north, total, policy, step).inside
             and int(likelihood * 1e6) >= policy.verify_ppm
             and _profile_inside(stamped, best, policy, s1, step)
+            and _inside_at_any_height(stamped, policy)
         )
         floor = found[1] + Matrix2(x * x, x * y, y * y)
         offset = Offset(east, north, total, floor, best.chi2, 0.0, len(fix.heard) - 3)
@@ -174,8 +188,6 @@ def frames_needed(
     east: float,
     north: float,
     up: float,
-    *,
-    height_sigma_mm: float = HEIGHT_SIGMA_FLOOR_MM,
 ) -> int:
     """Frames with which the differences alone prove an honest drone at a place (mm) within the buffer.
 
@@ -189,14 +201,20 @@ def frames_needed(
     for index, anchor in anchors:
         away = distance(east - anchor.east_mm, north - anchor.north_mm, up - anchor.up_mm)
         heard.append(_heard(index, commissioning, away, float(sigma * sigma)))
-    fix = TimeFix(heard, up, max(height_sigma_mm, HEIGHT_SIGMA_FLOOR_MM))
-    found = fix.covariance(east, north)
+    found = TimeFix(heard, up, UNKNOWN_HEIGHT_MM).covariance(east, north)
     if found is None:
         return -1
     axes = found[0].ellipse()
     floor = found[1].along(axes.east, axes.north)
     white = max(found[0].along(axes.east, axes.north) - floor, 0.0)
-    return rounds_needed(0.0, white, floor, policy)
+    frames = rounds_needed(0.0, white, floor, policy)
+    while 0 < frames <= MAX_MORE_ROUNDS:
+        # The ellipse knows nothing of bent valleys and of second places that fit: the proof itself is asked.
+        after = tuple(replace(one, white=one.white / frames) for one in heard)
+        if _proved_at_any_height(after, east, north, up, policy):
+            return frames
+        frames *= 2
+    return -1
 
 
 def _columns(stamps: TimeStamps, commissioning: Commissioning) -> list[tuple[int, Sequence[int]]]:
@@ -316,6 +334,20 @@ def _profile_inside(stamped: Stamped, best: Place, policy: Policy, s1: float, st
     other = fix.mirrored(best)
     apart = distance(other.east - stamped.east, other.north - stamped.north, 0.0)
     return apart <= radius or other.chi2 - best.chi2 > CLEARLY_WORSE
+
+
+def _inside_at_any_height(stamped: Stamped, policy: Policy) -> bool:
+    """Whether the differences exclude every place beyond the buffer whatever height the drone has."""
+    return _proved_at_any_height(stamped.fix.heard, stamped.east, stamped.north, stamped.fix.up, policy)
+
+
+def _proved_at_any_height(heard: tuple[Heard, ...], east: float, north: float, up: float, policy: Policy) -> bool:
+    radius = float(policy.buffer_mm)
+    found = Heights(heard, east, north, radius).margin(up)
+    if found.sigmas <= 0.0:
+        return False
+    known = max(found.away_mm, 1.0) / found.sigmas
+    return proved(INSIDE, (1_000_000 - policy.verify_ppm) / 1_000_000.0, radius, known, found.sigmas, 0.0)
 
 
 def _one_place(fix: TimeFix, best: Place, ranged: tuple[float, float, Matrix2]) -> bool:

@@ -88,6 +88,10 @@ class TimeFix:
         """The same without one anchor, by its position in ``heard``."""
         return TimeFix(self.heard[:position] + self.heard[position + 1 :], self.up, self._height_sigma)
 
+    def with_height_sigma(self, height_sigma_mm: float) -> TimeFix:
+        """The same with another standard deviation of its height."""
+        return TimeFix(self.heard, self.up, height_sigma_mm)
+
     @property
     def middle(self) -> tuple[float, float]:
         """The anchors' middle (east, north)."""

@@ -128,22 +128,3 @@ def anchors_in_a_plane(commissioning: Commissioning) -> bool:
     if largest <= 0.0:
         return True
     return all(abs(x * best[0] + y * best[1] + z * best[2]) <= tolerance * largest for x, y, z in arms)
-
-
-def within_hull(commissioning: Commissioning, east: float, north: float) -> bool:
-    """Whether a place is surrounded by the anchors: there, to seem farther from one is to seem nearer to another.
-
-    A place is outside of the hull exactly where a line through it and an anchor has all the others on one side.
-    """
-    points = [(anchor.east_mm - east, anchor.north_mm - north) for anchor in commissioning.anchors]
-    for x, y in points:
-        left = right = False
-        for other_x, other_y in points:
-            cross = x * other_y - y * other_x
-            left = left or cross > 0.0
-            right = right or cross < 0.0
-        if not left and not right:
-            return False  # all in a line with the place: no area to be within
-        if not (left and right):
-            return False
-    return True

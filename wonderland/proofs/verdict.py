@@ -53,7 +53,7 @@ from wonderland.proofs.judgement import (
 )
 from wonderland.proofs.leaving import judge_newest
 from wonderland.proofs.likelihood import Matrix2
-from wonderland.proofs.prospects import anchors_in_a_plane, within_hull
+from wonderland.proofs.prospects import anchors_in_a_plane
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import Claim, Evidence, Session
 from wonderland.proofs.records.verdicts import Covariance, DroneClock, Judgement, Position, Reason, Verdict
@@ -64,6 +64,8 @@ from wonderland.proofs.testimony import WitnessBrought, judge_testimony, judge_t
 
 BOUND_Z: Final = 2.83
 """Standard deviations with which ``within_mm`` holds."""
+CHECKED_ANCHORS: Final = 4
+"""Three anchors agree with some place whatever they measure."""
 KEYED: Final = 2
 """Assurance of two-way ranges that the pad measured with a keyed time-stamp sequence."""
 TIME_DIFFERENCES: Final = 3
@@ -130,14 +132,14 @@ def decide(
     public: PublicClaim | None = None
     more = -1
     if measured is not None and path is not None:
-        open_geometry = measured.offset.mirror is not None
+        checked = _checked(commissioning, measured, reasons)
         judged = shared if timed.may_refute else policy
         signed = judge(
             judged,
             commissioning,
             measured,
             (0.0, 0.0),
-            may_verify=not blocked and missing == 0 and measured.agreement.usable and enough and not open_geometry,
+            may_verify=not blocked and missing == 0 and measured.agreement.usable and enough and checked,
             may_refute=enough,
         )  # 9, 10
         if rounds is not None:
@@ -283,6 +285,17 @@ def _measure(
     return measured
 
 
+def _checked(commissioning: Commissioning, measured: Measured, reasons: Reasons) -> bool:
+    """Whether nothing about the geometry forbids to verify."""
+    if measured.offset.mirror is not None:
+        return False
+    anchors = measured.reduced.anchors
+    if len(anchors) < CHECKED_ANCHORS <= len(commissioning.anchors):
+        reasons.add("unchecked", "Of more anchors only three measured it: nothing checks these against one another.")
+        return False
+    return True
+
+
 def _limits(
     outcome: str, assurance: int, commissioning: Commissioning, measured: Measured, more: int, reasons: Reasons
 ) -> None:
@@ -294,19 +307,19 @@ def _limits(
         )
     if outcome != "verified":
         return
-    reduced, offset = measured.reduced, measured.offset
-    if anchors_in_a_plane(commissioning):
-        reasons.add(
-            "height_claimed", "The height is the drone's word: anchors in one plane cannot tell above from below."
-        )
-    if assurance < TIME_DIFFERENCES and not within_hull(
-        commissioning, reduced.east + offset.east, reduced.north + offset.north
-    ):
+    flat = anchors_in_a_plane(commissioning)
+    reasons.add(
+        "height_claimed",
+        "The height is the drone's word"
+        + (": anchors in one plane cannot tell above from below." if flat else "; where it is, is proved on the map."),
+    )
+    if assurance < TIME_DIFFERENCES:
+        # Nor do anchors all around it help: with another height, one delay of all answers fits another place.
         bound = metres(float(_within(measured, commissioning)))
         reasons.add(
             "upper_bound",
-            f"Two-way ranges from one side prove no more than: within {bound} of the pad, if its radio tells its times "
-            "truly; a drone that delays its answers could stand nearer than it says.",
+            f"Two-way ranges prove no more than: within {bound} of the pad, if its radio tells its times truly; a "
+            "drone that delays its answers could stand nearer than it says.",
         )
 
 
@@ -330,7 +343,9 @@ def _outcome(signed: Judgement | None, public: PublicClaim | None, reasons: Reas
 
 
 def _within(measured: Measured, commissioning: Commissioning) -> int:
-    """A bound that holds whatever the drone does with its clock: within this distance of the pad's origin.
+    """A bound that holds however much a drone delays its answers: within this distance of the pad's origin.
+
+    A drone that falsifies its time stamps can shorten ranges as well; against that there are time differences.
 
     The least of the anchors' bounds; the second least where one anchor may be bad.
     """
