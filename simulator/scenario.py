@@ -150,14 +150,24 @@ class DroneSpec:
 
 
 def square(
-    first_mac: int, half_m: float, biases: tuple[float, ...], clocks: tuple[float, ...] = (0.0,) * 4
+    first_mac: int, half_m: float, biases: tuple[float, ...], clocks: tuple[float, ...] = (0.0,) * 4, raised: int = 0
 ) -> tuple[AnchorSite, ...]:
-    """Four anchors at the corners of a square: first address, half a side, range errors, clock errors."""
+    """Four anchors at the corners of a square: first address, half a side, range errors, clock errors.
+
+    ``raised``: which corner is higher, from north-east counter-clockwise. Time differences alone prove a place in the
+    quarters beside it; towards it, and away from it, four anchors leave a second place that fits.
+    """
     corners = ((half_m, half_m), (-half_m, half_m), (-half_m, -half_m), (half_m, -half_m))
     # One raised anchor: four in a plane could not tell above from below.
     return tuple(
         AnchorSite(
-            f"A{index + 1}", first_mac + index, east, north, 1.6 if index == 0 else 0.25, biases[index], clocks[index]
+            f"A{index + 1}",
+            first_mac + index,
+            east,
+            north,
+            1.6 if index == raised else 0.25,
+            biases[index],
+            clocks[index],
         )
         for index, (east, north) in enumerate(corners)
     )
@@ -173,7 +183,7 @@ PADS: Final = (
         604_360_800,
         222_308_900,
         24_000,
-        square(0xA010, 1.6, (-0.02, 0.01, 0.02, 0.0), (0.003, -0.004, 0.001, 0.0)),
+        square(0xA010, 4.0, (-0.02, 0.01, 0.02, 0.0), (0.003, -0.004, 0.001, 0.0)),
         clock_sigma_mm=4,
         dock_assurance=3,
     ),
@@ -214,7 +224,7 @@ DRONES: Final = (
         13.0,
     ),
     DroneSpec(
-        "OH-DRN-0102", "Heavylift X8", "satama-1", "dock", Behaviour.HONEST, (-5.0, -7.0, 6.0), (-150, -260, 70), 13.5
+        "OH-DRN-0102", "Heavylift X8", "satama-1", "dock", Behaviour.HONEST, (5.0, -7.0, 6.0), (150, -260, 70), 13.5
     ),
     DroneSpec(
         "OH-DRN-0559",

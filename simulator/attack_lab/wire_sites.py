@@ -49,14 +49,16 @@ TURNED_RAD: Final = math.radians(30.0)
 _APART_MM: Final = 12_000
 _CLOCK_MM: Final = 4
 _HOVERS: Final = ((5.5, -6.5, 6.0), (-7.0, 4.0, 5.0), (6.0, 6.0, 6.0), (-6.5, -5.0, 5.5), (4.0, 8.0, 6.0))
-_BETWEEN: Final = ((6.0, -3.0, 5.0), (6.0, 3.0, 5.0), (5.0, 0.0, 5.0), (7.0, 2.0, 5.5), (6.5, -1.0, 6.0))
-"""Where both pads of the site reach: halfway."""
+_TIMED_HOVERS: Final = ((5.5, -6.5, 6.0), (-7.0, 4.0, 5.0), (6.0, -4.0, 5.0), (-5.0, 4.0, 5.0), (-4.0, 6.5, 5.0))
+"""Beside the raised corner: there time differences alone prove a place."""
+_BETWEEN: Final = ((6.0, -3.0, 5.0), (6.0, -4.0, 5.0), (5.5, -2.5, 4.5), (6.5, -3.5, 5.5), (6.0, -2.5, 6.0))
+"""Where both pads of the site reach: halfway, beside the raised corner of each."""
 _TURNED_HOVER: Final = (-6.0, -4.5, 5.0)
 """On the witness's side of the turned pad."""
 _FAR: Final = 12.0
 
 
-def _site(pad_id: str, name: str, east_mm: int, first_mac: int, clocks: tuple[float, ...]) -> PadSite:
+def _site(pad_id: str, name: str, east_mm: int, first_mac: int, clocks: tuple[float, ...], raised: int = 0) -> PadSite:
     lat_e7, lon_e7, height_mm = to_wgs84(PADS[1].frame, 400_000 + east_mm, 300_000, 0)
     return PadSite(
         pad_id,
@@ -64,12 +66,12 @@ def _site(pad_id: str, name: str, east_mm: int, first_mac: int, clocks: tuple[fl
         lat_e7,
         lon_e7,
         height_mm,
-        square(first_mac, 1.6, (0.01, -0.02, 0.0, 0.015), clocks),
+        square(first_mac, 4.0, (0.01, -0.02, 0.0, 0.015), clocks, raised),
         clock_sigma_mm=_CLOCK_MM,
     )
 
 
-_WITNESS: Final = _site("lab-witness", "Lab, witness", _APART_MM, 0xA040, (0.002, 0.003, -0.004, -0.001))
+_WITNESS: Final = _site("lab-witness", "Lab, witness", _APART_MM, 0xA040, (0.002, 0.003, -0.004, -0.001), raised=1)
 _WATCHED: Final = replace(
     _site("lab-watched", "Lab, watched", 0, 0xA030, (0.003, -0.004, 0.001, 0.0)),
     dock_assurance=WITNESSED_LEVEL,
@@ -151,7 +153,7 @@ def drones(
     result = {}
     for number, (name, level, pad_id, action) in enumerate(flights):
         behaviour, attack = known[name]
-        places = _BETWEEN if level == WITNESSED_LEVEL else _HOVERS
+        places = {TIMED_LEVEL: _TIMED_HOVERS, WITNESSED_LEVEL: _BETWEEN}.get(level, _HOVERS)
         hover = places[number % len(places)]
         if name == "anchors-turned" and attack is not None:
             # What the pad measures about its survey's frame is turned the other way: the drone claims just that.

@@ -317,8 +317,8 @@ def test_what_two_way_ranging_cannot_exclude_is_said(make_world, now_ms):
     assert f"{outside.within_mm / 1000:.2f} m" in next(r.text for r in outside.reasons if r.code == "upper_bound")
     above = judge(make_world(), now_ms, at(300, -200, 4000), at(300, -200, 4000))
     assert above.outcome == "verified"
-    assert "upper_bound" not in codes(above)
-    assert "height_claimed" not in codes(above)
+    # With another height one delay of all answers fits another place, among the anchors as well.
+    assert {"upper_bound", "height_claimed"} <= set(codes(above))
 
 
 def test_claims_that_run_back_or_jump(world, now_ms):

@@ -18,9 +18,6 @@ from wonderland.proofs.stopping import rounds_needed
 
 TIMED_ASSURANCE: Final = 3
 """From this assurance on the time stamps alone have to prove the claim."""
-PLANE_SIGMAS: Final = 3.0
-PLANE_FLOOR_MM: Final = 100.0
-"""Anchors nearer to a plane than this are in it, as far as ranging goes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,27 +101,3 @@ def hopeless(commissioning: Commissioning, policy: Policy, claim: Claim) -> str:
         if frames < 0:
             return f"the policy demands assurance {policy.min_assurance}, and time stamps prove too little there"
     return ""
-
-
-def anchors_in_a_plane(commissioning: Commissioning) -> bool:
-    """Whether all anchors lie in one plane, so that ranges have a mirror image on its other side."""
-    anchors = commissioning.anchors
-    points = [(float(anchor.east_mm), float(anchor.north_mm), float(anchor.up_mm)) for anchor in anchors]
-    tolerance = PLANE_FLOOR_MM + PLANE_SIGMAS * max(anchor.survey_sigma_mm for anchor in anchors)
-    origin = points[0]
-    arms = [(x - origin[0], y - origin[1], z - origin[2]) for x, y, z in points[1:]]
-    best = (0.0, 0.0, 0.0)
-    largest = 0.0
-    for index, first in enumerate(arms):
-        for second in arms[index + 1 :]:
-            normal = (
-                first[1] * second[2] - first[2] * second[1],
-                first[2] * second[0] - first[0] * second[2],
-                first[0] * second[1] - first[1] * second[0],
-            )
-            length = distance(*normal)
-            if length > largest:
-                largest, best = length, normal
-    if largest <= 0.0:
-        return True
-    return all(abs(x * best[0] + y * best[1] + z * best[2]) <= tolerance * largest for x, y, z in arms)

@@ -53,7 +53,6 @@ from wonderland.proofs.judgement import (
 )
 from wonderland.proofs.leaving import judge_newest
 from wonderland.proofs.likelihood import Matrix2
-from wonderland.proofs.prospects import anchors_in_a_plane
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import Claim, Evidence, Session
 from wonderland.proofs.records.verdicts import Covariance, DroneClock, Judgement, Position, Reason, Verdict
@@ -307,12 +306,7 @@ def _limits(
         )
     if outcome != "verified":
         return
-    flat = anchors_in_a_plane(commissioning)
-    reasons.add(
-        "height_claimed",
-        "The height is the drone's word"
-        + (": anchors in one plane cannot tell above from below." if flat else "; where it is, is proved on the map."),
-    )
+    reasons.add("height_claimed", "The height is the drone's word; what is proved is the place on the map.")
     if assurance < TIME_DIFFERENCES:
         # Nor do anchors all around it help: with another height, one delay of all answers fits another place.
         bound = metres(float(_within(measured, commissioning)))

@@ -10,7 +10,16 @@ from typing import Final
 
 import numpy as np
 
-from simulator.attack_lab.attacks.common import PAD_MEASURES, at_levels, lying, pad_at, radially, ranges_of_claim, still
+from simulator.attack_lab.attacks.common import (
+    NEAR_LIE,
+    PAD_MEASURES,
+    at_levels,
+    lying,
+    pad_at,
+    radially,
+    ranges_of_claim,
+    still,
+)
 from simulator.attack_lab.batch import Batch
 from simulator.attack_lab.model import Attack, Family, Variant
 from simulator.attack_lab.places import ROUNDS, SQUARE, WIDE, Floats, directions, distances
@@ -18,6 +27,9 @@ from simulator.attack_lab.places import ROUNDS, SQUARE, WIDE, Floats, directions
 SUCCESS: Final = 0.04
 """Share of ranges that a blind reduction shortens (arXiv 2111.05313: at most 4 %)."""
 DEEPEST_MM: Final = 12_000.0
+_LONGEST_DELAY_MM: Final = 40_000.0
+_HALVINGS: Final = 20
+_ITERATIONS: Final = 12
 
 
 def random_reduction(level: int, rng: np.random.Generator, count: int) -> Batch:
@@ -58,6 +70,35 @@ def delay(level: int, rng: np.random.Generator, count: int) -> Batch:
     pad = pad_at(level)
     claim, truth = radially(rng, count, pad=pad)
     return still(rng, level, claim, truth, pad=pad, extra=_common(ranges_of_claim(pad, claim, truth)))
+
+
+def delay_and_height(level: int, rng: np.random.Generator, count: int) -> Batch:
+    """One delay of all answers, and that place *and height* claimed which fit the ranges then best."""
+    pad = pad_at(level)
+    truth = pad.places(rng, count)
+    wanted = rng.uniform(NEAR_LIE, 4_000.0, count)
+    shortest, longest = np.zeros(count), np.full(count, _LONGEST_DELAY_MM)
+    for _ in range(_HALVINGS):
+        tried = 0.5 * (shortest + longest)
+        near = np.linalg.norm((_fitting(pad.anchors, truth, tried) - truth)[:, :2], axis=1) < wanted
+        shortest, longest = np.where(near, tried, shortest), np.where(near, longest, tried)
+    claim = np.rint(_fitting(pad.anchors, truth, longest))
+    return still(rng, level, claim, truth, pad=pad, extra=np.rint(longest)[:, None, None])
+
+
+def _fitting(anchors: Floats, truth: Floats, delay: Floats) -> Floats:
+    """The places (count, 3) that fit ranges from ``truth`` plus a delay (mm) best: Levenberg–Marquardt, all at once."""
+    ranges = distances(truth, anchors) + delay[:, None]
+    place = truth * (1.0 + delay / np.linalg.norm(truth, axis=1))[:, None]
+    for _ in range(_ITERATIONS):
+        arms = place[:, None, :] - anchors[None, :, :]
+        lengths = np.linalg.norm(arms, axis=2)
+        lines = arms / lengths[:, :, None]
+        normal = lines.transpose(0, 2, 1) @ lines + 1e-6 * np.eye(3)
+        place = (
+            place + np.linalg.solve(normal, (lines * (ranges - lengths)[:, :, None]).sum(axis=1)[:, :, None])[:, :, 0]
+        )
+    return np.asarray(place, dtype=np.float64)
 
 
 def delay_within(level: int, rng: np.random.Generator, count: int) -> Batch:
@@ -128,13 +169,24 @@ ATTACKS: Final = (
         wire="delay-line",
     ),
     Attack(
+        "delay-line-height",
+        Family.RADIO,
+        "The same with a false height that makes the ranges fit, lies of 3 to 4 m",
+        "The drone's antenna path, and the height in its claims.",
+        "A few metres of cable and a word.",
+        "A permission more than one buffer from the claim.",
+        "Level 3: the differences have to prove the place whatever the height.",
+        3,
+        at_levels(delay_and_height, *PAD_MEASURES),
+    ),
+    Attack(
         "delay-line-inside",
         Family.RADIO,
         "The same with a claim between the anchors",
         "As before; the anchors surround the drone.",
         "As before.",
         "A permission more than one buffer from the claim.",
-        "Geometry: to be farther from one anchor is to be nearer to another.",
+        "While the height is true, geometry: to be farther from one anchor is to be nearer to another.",
         0,
         (Variant((1, 2), make=partial(delay_within, 2)),),
     ),
