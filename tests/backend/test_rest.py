@@ -353,7 +353,8 @@ def test_every_reference_of_the_description_resolves():
             for item in value:
                 yield from references(item)
 
-    known = {f"#/components/schemas/{name}" for name in DOCUMENT["components"]["schemas"]}
+    components = DOCUMENT["components"]
+    known = {f"#/components/{kind}/{name}" for kind in ("schemas", "headers") for name in components[kind]}
     assert set(references(DOCUMENT)) <= known
 
 
