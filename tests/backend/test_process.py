@@ -171,7 +171,7 @@ async def test_links_for_more_people(tmp_path, ledger):
         (["serve", "--listen", "0.0.0.0:0", "--demo"], "loopback only"),
         (["serve", "--listen", "127.0.0.1:0", "--connection", "/nowhere/connection.json"], "/nowhere/connection.json"),
         (["serve", "--listen", "127.0.0.1:0", "--console", "/nowhere"], "no index.html"),
-        (["serve", "--database", "mysql://x/y", "--connection", "x"], "connection"),
+        (["serve", "--database", "mysql://x/y", "--connection", "x"], "not supported"),
         (["digest", "--database", "sqlite:////nowhere/none.db"], "there is no file"),
         (["migrate", "--database", "oracle://x"], "not supported"),
         (["serve", "--public-url", "ftp://x"], "public_url"),
