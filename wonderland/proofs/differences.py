@@ -208,13 +208,14 @@ def frames_needed(
     floor = found[1].along(axes.east, axes.north)
     white = max(found[0].along(axes.east, axes.north) - floor, 0.0)
     frames = rounds_needed(0.0, white, floor, policy)
-    while 0 < frames <= MAX_MORE_ROUNDS:
-        # The ellipse knows nothing of bent valleys and of second places that fit: the proof itself is asked.
-        after = tuple(replace(one, white=one.white / frames) for one in heard)
-        if _proved_at_any_height(after, east, north, up, policy):
-            return frames
+    # The ellipse knows nothing of bent valleys and of second places that fit: the proof itself is asked.
+    if frames < 0 or not _proved_after(MAX_MORE_ROUNDS, heard, (east, north, up), policy):
+        return -1
+    while not _proved_after(frames, heard, (east, north, up), policy):
         frames *= 2
-    return -1
+        if frames > MAX_MORE_ROUNDS:
+            return MAX_MORE_ROUNDS
+    return frames
 
 
 def _columns(stamps: TimeStamps, commissioning: Commissioning) -> list[tuple[int, Sequence[int]]]:
@@ -339,6 +340,12 @@ def _profile_inside(stamped: Stamped, best: Place, policy: Policy, s1: float, st
 def _inside_at_any_height(stamped: Stamped, policy: Policy) -> bool:
     """Whether the differences exclude every place beyond the buffer whatever height the drone has."""
     return _proved_at_any_height(stamped.fix.heard, stamped.east, stamped.north, stamped.fix.up, policy)
+
+
+def _proved_after(frames: int, heard: Sequence[Heard], place: tuple[float, float, float], policy: Policy) -> bool:
+    """Whether so many frames of an honest drone at a place (east, north, up) prove it, as they are on average."""
+    after = tuple(replace(one, white=one.white / frames) for one in heard)
+    return _proved_at_any_height(after, *place, policy)
 
 
 def _proved_at_any_height(heard: tuple[Heard, ...], east: float, north: float, up: float, policy: Policy) -> bool:

@@ -31,6 +31,8 @@ _FOUR: Final = 4
 _HALVINGS: Final = 5
 _NARROWINGS: Final = 3
 _SINGULAR: Final = 1e-12
+_FITS: Final = 1.0
+"""A second place whose χ² is larger by less fits as well: no need to look further."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +70,17 @@ class Heights:
     def margin(self, up: float) -> Margin:
         """How clearly every place outside of the buffer about the claim (at height ``up``, mm) is excluded."""
         start = self._rung(up, self._east, self._north)
+        seconds = [self._rung(at, east, north) for east, north, at in self._exact()]
+        for second in seconds:
+            if second.outside - start.place.chi2 < _FITS:
+                return self._between(start, second)
         rungs = [*reversed(self._walk(start, -1.0)), start, *self._walk(start, 1.0)]
         best = min(rungs, key=lambda rung: rung.place.chi2)
-        worst = self._least_outside(rungs)
-        for east, north, at in self._exact():
-            worst = min(worst, self._rung(at, east, north), key=_by_outside)
-        worse = worst.outside - best.place.chi2
-        away = distance(worst.place.east - best.place.east, worst.place.north - best.place.north, 0.0)
+        return self._between(best, min((self._least_outside(rungs), *seconds), key=_by_outside))
+
+    def _between(self, best: _Rung, other: _Rung) -> Margin:
+        worse = other.outside - best.place.chi2
+        away = distance(other.place.east - best.place.east, other.place.north - best.place.north, 0.0)
         return Margin(sqrt(worse) if worse > 0.0 else 0.0, max(away, self._radius - best.away))
 
     def _walk(self, start: _Rung, sign: float) -> list[_Rung]:
