@@ -25,7 +25,8 @@ from backend.db import passwords
 from backend.db.engine import Database
 from backend.description import openapi
 from backend.duty.lock import held
-from backend.errors import BackendError
+from backend.duty.standby import STANDBY
+from backend.errors import TYPE_BASE, BackendError
 from backend.mirror import rebuild as rebuilding
 from backend.mirror.rebuild import Digest
 from backend.people import links
@@ -35,7 +36,6 @@ from backend.settings import Settings, load
 from wonderland.ledger.errors import LedgerError
 
 HEALTH_TIMEOUT_S = 5
-STANDBY_TYPE = "urn:wonderland:problem:standby"
 
 _database = click.option(
     "--database", metavar="URL", help="sqlite:///file.db (the default: wonderland.db here) or postgresql://user@host/db"
@@ -175,7 +175,9 @@ def health_command(url: str) -> None:
         with opener.open(f"{url.rstrip('/')}/api/v1/health", timeout=HEALTH_TIMEOUT_S) as answer:
             click.echo(answer.read(4096).decode(errors="replace"))
     except urllib.error.HTTPError as refusal:
-        if refusal.code != HTTPStatus.SERVICE_UNAVAILABLE or STANDBY_TYPE not in (said := refusal.read(4096).decode()):
+        if refusal.code != HTTPStatus.SERVICE_UNAVAILABLE or TYPE_BASE + STANDBY not in (
+            said := refusal.read(4096).decode()
+        ):
             raise click.ClickException(f"the backend at {url} answers {refusal.code}; see its log") from None
         click.echo(said)
     except (OSError, ValueError) as error:

@@ -30,7 +30,7 @@ from backend.clients.certificates import EXTENSION, Peer
 from backend.db.engine import Database
 from backend.db.migrate import migrate
 from backend.duty.lock import Lock, lock_of
-from backend.duty.standby import stand_by, stay_on_duty
+from backend.duty.standby import DETAIL, stand_by, stay_on_duty
 from backend.errors import SettingsError
 from backend.ledger.access import LedgerAccess
 from backend.mirror.source import BlockSource, GatewaySource
@@ -48,7 +48,6 @@ LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})
 GRACE_S: Final = 5
 STUCK_PEER_MS: Final = 30_000
 BACKLOG: Final = 2048
-STANDBY: Final = "another backend is on duty for this database, and this one takes over when that one ends."
 
 
 @dataclass(frozen=True)
@@ -195,7 +194,7 @@ async def serve(settings: Settings, listen: Listen, *, token_file: Path | None, 
 async def _stood_by(lock: Lock, bound: socket.socket, url: str, settings: Settings, *, as_json: bool) -> bool:
     """Whether the lock of the database is ours at last; False where we are told to stop before."""
     with _told_to_stop() as told:
-        click.echo(json.dumps({"standby": True, "url": url}) if as_json else f"Stands by at {url}: {STANDBY}")
+        click.echo(json.dumps({"standby": True, "url": url}) if as_json else f"Stands by at {url}. {DETAIL}")
         waiting = asyncio.create_task(stand_by(lock, bound, lambda app: new_server(app, settings)))
         await asyncio.wait({waiting, told}, return_when=asyncio.FIRST_COMPLETED)
         if not waiting.done():

@@ -14,6 +14,8 @@ from backend.duty.lock import PROVE_EVERY_S, TRY_EVERY_S, Lock
 from backend.errors import DatabaseError, problem_response
 
 TRY_AGAIN_LATER: Final = 1013
+STANDBY: Final = "standby"
+"""Of the problem, and why a socket is closed."""
 DETAIL: Final = "Another backend is on duty for this database; this one stands by and takes over when that one ends."
 
 
@@ -48,7 +50,7 @@ async def _refuse(scope: Scope, receive: Receive, send: Send) -> None:
     """ASGI."""
     if scope["type"] == "websocket":
         await receive()
-        await send({"type": "websocket.close", "code": TRY_AGAIN_LATER, "reason": "standby"})
+        await send({"type": "websocket.close", "code": TRY_AGAIN_LATER, "reason": STANDBY})
     elif scope["type"] == "http":
         headers = {"Retry-After": "2", "Cache-Control": "no-store"}
-        await problem_response(scope["path"], 503, "standby", DETAIL, headers=headers)(scope, receive, send)
+        await problem_response(scope["path"], 503, STANDBY, DETAIL, headers=headers)(scope, receive, send)

@@ -26,6 +26,7 @@ DEFAULT_HEIGHT_M: Final = 3.0
 SHARE: Final = f"{SHARE_PPM // 10_000} % of honest drones"
 """Who is verified where it says go."""
 HARDLY_ANY: Final = 0.005
+MUCH_FARTHER: Final = 1.5
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,14 @@ class Reach:
             return f"±{self.buffer_m:g} m: not in every direction; at best out to {self.best_m:g} m."
         return (
             f"±{self.buffer_m:g} m: {self.span()} in every direction, there {SHARE} within "
-            f"{self.rounds_there} {unit if self.rounds_there == 1 else unit + 's'}."
+            f"{self.rounds_there} {unit if self.rounds_there == 1 else unit + 's'}{self._best()}."
         )
+
+    def _best(self) -> str:
+        """Where some directions reach much farther than the worst one, an operator may let drones come from there."""
+        if self.best_m is None or self.everywhere_m is None or self.best_m < MUCH_FARTHER * self.everywhere_m:
+            return ""
+        return f"; in the best direction out to {self.best_m:g} m"
 
     def span(self) -> str:
         """The distances, for people."""

@@ -43,8 +43,8 @@ def check_anchors(places: Mapping[str, Sequence[float]]) -> list[tuple[str, str]
         notes.append(("anchors_on_a_line", text))
     if _height(list(places.values())) < LINE_M and len(names) > MIN_ANCHORS:
         text = (
-            "All anchors are equally high: above and below look the same, and the height is the drone's word. Raising "
-            "one anchor by a metre cures that."
+            "All anchors are equally high: above and below look the same, and heights cannot be measured at all. Raise "
+            "one anchor by a metre; assurance 3 needs that."
         )
         notes.append(("anchors_in_a_plane", text))
     return notes

@@ -114,10 +114,11 @@ SMALL: Final = LabPad(
 )
 WITNESS_AT_MM: Final = (12_000.0, 0.0, 0.0)
 """Where the second pad's middle is, in the first one's frame."""
+TIMED: Final = LabPad("timed", "six anchors on a circle of 4.3 m, as level 3 wants them", ring(6, 4_250.0))
 BETWEEN: Final = LabPad(
     "between",
-    "the square pad with a second one 12 m to the east; drones between them",
-    ring(4, 2_263.0),
+    "the same with a second one 12 m to the east; drones between them",
+    ring(6, 4_250.0),
     near=4_000.0,
     far=8_000.0,
     bearing=0.5,

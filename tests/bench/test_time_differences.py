@@ -9,6 +9,7 @@ from __future__ import annotations
 import random
 import time
 from dataclasses import replace
+from math import cos, pi, radians, sin
 
 import pytest
 from bench_tools import show
@@ -27,7 +28,8 @@ pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]
 TRIES = 3_000
 STAMP_MM, CLOCK_MM, SURVEY_MM = 30.0, 5.0, 3.0
 UP = 3_000.0
-PLACES = {"4 m": (2_400.0, 3_200.0), "7 m": (4_200.0, 5_600.0), "10 m": (6_000.0, 8_000.0)}
+# Beside the raised anchor, where four of them leave no second place.
+PLACES = {"4 m": (2_400.0, -3_200.0), "7 m": (4_200.0, -5_600.0), "10 m": (6_000.0, -8_000.0)}
 
 
 def looks(rng, truth, claimed, corners=SQUARE, most=LOOKS[-1]):
@@ -103,27 +105,50 @@ def test_error_rates_of_time_stamps_alone(keep):
     )
 
 
+def around(count, side):
+    """So many anchors on the circle about a square of this side."""
+    radius, turns = side / 2**0.5, (2 * pi * index / count + 0.4 for index in range(count))
+    return tuple((round(radius * cos(turn)), round(radius * sin(turn))) for turn in turns)
+
+
+def reach_m(corners, clock_mm, bearings):
+    """Out to how many metres a buffer of 1 m can be proved in all these directions within 160 frames."""
+    world = World(1, anchors=corners)
+    world.share_a_clock(clock_sigma_mm=clock_mm)
+    for metres in range(1, 60):
+        for bearing in bearings:
+            place = (metres * 1000 * cos(radians(bearing)), metres * 1000 * sin(radians(bearing)), UP)
+            if not 0 < frames_needed(world.commissioning, Policy(), *place) <= LOOKS[-1]:
+                return metres - 1
+    return metres
+
+
+# The raised anchor is the one to the north-east: quarters beside it are to the south-east and north-west.
+BESIDE, EVERYWHERE = (-65, -45, -25, 115, 135, 155), tuple(range(0, 360, 30))
+
+
 def test_where_time_stamps_suffice(keep):
     rows = []
-    for side in (1000, 2000, 3000, 6000):
+    for side in (2000, 3000, 6000, 8000):
         half = side // 2
-        corners = ((half, half), (-half, half), (-half, -half), (half, -half))
-        for clock_mm in (2, 5, 10):
-            world = World(1, anchors=corners)
-            world.share_a_clock(clock_sigma_mm=clock_mm)
-            reach = 0
-            for metres in range(1, 60):
-                if not 0 < frames_needed(world.commissioning, Policy(), metres * 800.0, metres * 600.0, UP) <= 160:
-                    break
-                reach = metres
-            rows.append((f"{side / 1000:g} m", f"{clock_mm} mm", f"{reach} m"))
-            keep(side_mm=side, clock_sigma_mm=clock_mm, reach_m=reach)
-            assert reach > 0
-    show("How far ±1 m can be proved at assurance 3 (160 frames)", ("pad", "clocks", "out to"), rows)
+        square = ((half, half), (-half, half), (-half, -half), (half, -half))
+        for name, corners, bearings in (
+            ("four, beside the raised one", square, BESIDE),
+            ("six around it, everywhere", around(6, side), EVERYWHERE),
+        ):
+            reaches = [reach_m(corners, clock_mm, bearings) for clock_mm in (2, 5, 10)]
+            rows.append((f"{side / 1000:g} m", name, *(f"{reach} m" if reach else "-" for reach in reaches)))
+            keep(side_mm=side, anchors=name, reach_m=reaches)
+            assert reaches == sorted(reaches, reverse=True)
+    show(
+        "How far a buffer of 1 m can be proved at assurance 3 (160 frames), whatever the height",
+        ("square", "anchors", "clocks 2 mm", "5 mm", "10 mm"),
+        rows,
+    )
 
 
 def test_milliseconds_with_time_stamps(keep):
-    place = (3_000, 6_000, 4_000)
+    place = (4_000, -5_000, 4_000)
     world = World(3, bias_sigma_mm=5)
     world.share_a_clock()
     session = world.session(world.claim(place, START_MS), min_assurance=3)
@@ -150,10 +175,11 @@ def test_milliseconds_with_time_stamps(keep):
                 )
                 times.append((time.thread_time() - start) * 1e3)
             took[name] = min(times)
-        assert (verdict.outcome, verdict.assurance) == ("verified", 3)
+        assert verdict.outcome != "refuted"
         octets = len(brought.encode()) - len(evidence.encode())
         rows.append((frames, f"{took['ranges only']:.2f}", f"{took['with time stamps']:.2f}", octets))
         keep(frames=frames, octets=octets, **{name.replace(" ", "_"): value for name, value in took.items()})
+    assert (verdict.outcome, verdict.assurance) == ("verified", 3)
     show(
         "A verdict at 4 anchors; least ms of processor time, and octets of the time stamps",
         ("frames", "ranges", "both", "octets"),

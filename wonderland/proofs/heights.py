@@ -8,7 +8,7 @@ them make one long, bent line, and all of it that cannot be excluded has to lie 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import sqrt
 from typing import Final
@@ -157,8 +157,8 @@ class Heights:
                 inner = middle
             else:
                 outer = middle
-        # What is between the two fits no worse than the better of them: the safe side.
-        return inner if inner.place.chi2 < outer.place.chi2 and inner.outside < outer.outside else outer
+        # What is just outside lies between the two: it counts as what fits best of either, which errs to the safe side.
+        return replace(outer, outside=min(inner.place.chi2, outer.place.chi2))
 
     def _narrowed(self, before: _Rung, middle: _Rung, after: _Rung) -> _Rung:
         """A second place beyond the buffer that fits, between three heights."""

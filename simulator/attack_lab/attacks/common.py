@@ -12,7 +12,17 @@ import numpy as np
 from simulator.attack_lab.batch import Batch, measured, off, standing
 from simulator.attack_lab.blinks import heard
 from simulator.attack_lab.model import Variant
-from simulator.attack_lab.places import BETWEEN, POLICY, SQUARE, Floats, LabPad, directions, distances, witness_of
+from simulator.attack_lab.places import (
+    BETWEEN,
+    POLICY,
+    SQUARE,
+    TIMED,
+    Floats,
+    LabPad,
+    directions,
+    distances,
+    witness_of,
+)
 from wonderland.proofs.records.policies import Policy
 
 BUFFER_MM: Final = float(POLICY.buffer_mm)
@@ -25,8 +35,8 @@ ALL: Final = (0, 1, 2, 3, 4)
 
 
 def pad_at(level: int) -> LabPad:
-    """The square pad; from level 4 on drones come between it and a second one."""
-    return BETWEEN if level >= WITNESSED_LEVEL else SQUARE
+    """The square pad; where time stamps have to prove the place, six anchors wider apart; at level 4 two such pads."""
+    return {TIMED_LEVEL: TIMED, WITNESSED_LEVEL: BETWEEN}.get(level, SQUARE)
 
 
 DEAR: Final = 10

@@ -58,7 +58,7 @@ def per_anchor(level: int, rng: np.random.Generator, count: int) -> Batch:
 
 def per_anchor_far(level: int, rng: np.random.Generator, count: int) -> Batch:
     """The same where time differences tell least: far out, along the bearing, and no farther off than need be."""
-    pad = replace(SQUARE, near=11_000.0)
+    pad = replace(pad_at(level), near=11_000.0)
     truth, claim = radially(rng, count, far=4_000.0, pad=pad)
     outer = rng.random(count) < 0.5
     claim, truth = np.where(outer[:, None], np.rint(claim), truth), np.where(outer[:, None], truth, claim)

@@ -13,6 +13,7 @@ import numpy as np
 from simulator.attack_lab.attacks.common import (
     NEAR_LIE,
     PAD_MEASURES,
+    TIMED_LEVEL,
     at_levels,
     lying,
     pad_at,
@@ -73,8 +74,11 @@ def delay(level: int, rng: np.random.Generator, count: int) -> Batch:
 
 
 def delay_and_height(level: int, rng: np.random.Generator, count: int) -> Batch:
-    """One delay of all answers, and that place *and height* claimed which fit the ranges then best."""
-    pad = pad_at(level)
+    """One delay of all answers, and that place *and height* claimed which fit the ranges then best.
+
+    Four anchors are what it fits best: level 3 has to hold at the square pad, too.
+    """
+    pad = SQUARE if level == TIMED_LEVEL else pad_at(level)
     truth = pad.places(rng, count)
     wanted = rng.uniform(NEAR_LIE, 4_000.0, count)
     shortest, longest = np.zeros(count), np.full(count, _LONGEST_DELAY_MM)
@@ -175,7 +179,7 @@ ATTACKS: Final = (
         "The drone's antenna path, and the height in its claims.",
         "A few metres of cable and a word.",
         "A permission more than one buffer from the claim.",
-        "Level 3: the differences have to prove the place whatever the height.",
+        "Level 3, at four anchors (played there) as at six: differences have to prove the place whatever the height.",
         3,
         at_levels(delay_and_height, *PAD_MEASURES),
     ),

@@ -132,7 +132,10 @@ class Verdict(Record):
     chi2_milli: Annotated[int, Integer(0, 2**52, "χ² of the ranges about the estimate × 1000")] | None = None
     chi2_claim_milli: Annotated[int, Integer(0, 2**52, "χ² of the ranges about the claim × 1000")] | None = None
     within_mm: (
-        Annotated[int, Integer(0, 100_000_000, "The ranges prove at least: within this distance of the pad")] | None
+        Annotated[
+            int, Integer(0, 100_000_000, "With upper_bound: all that is proved is within this distance of the pad")
+        ]
+        | None
     ) = None
     time_differences: TimeDifferences | None = None
     witness: TimeDifferences | None = None
