@@ -38,13 +38,14 @@ class Quirks:
     """Manners and faults. ``update_ms``: a new round every so often.
 
     ``splice``: share of lines that are cut midway and go on with an anchor. ``nan``: share of rounds without an own
-    position. ``garbage``: share of lines or answers before which noise comes. ``busy``: share of questions answered by
-    status 4.
+    position. ``poor``: share of distances that are 2 m too long and that the board itself rates at 20 %. ``garbage``:
+    share of lines or answers before which noise comes. ``busy``: share of questions answered by status 4.
     """
 
     update_ms: int = 100
     splice: float = 0.0
     nan: float = 0.0
+    poor: float = 0.0
     garbage: float = 0.0
     busy: float = 0.0
 
@@ -130,7 +131,7 @@ class VirtualDwm1001:
         for anchor in self._anchors:
             measured = self._measure(self.name, anchor.name, t_s)
             if measured.range_mm is not None and len(distances) < MAX_ANCHORS:
-                distances.append(AnchorDistance(anchor.address, measured.range_mm, 100, anchor.position))
+                distances.append(self._distance(anchor, measured.range_mm))
         own = None
         if self._solve is not None and len(distances) >= 3 and self._rng.random() >= self.quirks.nan:
             own = self._solve(distances)
@@ -138,6 +139,11 @@ class VirtualDwm1001:
         self.rounds += 1
         if self.streaming:
             self._stream()
+
+    def _distance(self, anchor: VirtualAnchor, range_mm: int) -> AnchorDistance:
+        if self._rng.random() < self.quirks.poor:
+            return AnchorDistance(anchor.address, range_mm + 2_000, 20, anchor.position)
+        return AnchorDistance(anchor.address, range_mm, 100, anchor.position)
 
     def _stream(self) -> None:
         line = lines.WRITERS[self.streaming](self._report)

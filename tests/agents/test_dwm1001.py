@@ -120,6 +120,13 @@ async def test_spliced_lines_and_noise_cost_rounds_and_nothing_else(world, fast_
     assert result.verdict.outcome == "verified"
 
 
+async def test_distances_that_the_board_itself_rates_low_are_left_out(world, fast_timing):
+    await world.policy(min_assurance=0)
+    async with proofs(world, fast_timing, quirks=Quirks(update_ms=25, poor=0.6)) as (_, uav):
+        result = await uav.prove("pad-1", "land")
+    assert result.verdict.outcome == "verified"
+
+
 async def test_a_tag_that_is_away_ends_in_a_recorded_state(world, fast_timing, monkeypatch):
     monkeypatch.setattr("uav_agent.radio.tag.READY_GRACE_S", 0.2)
     async with proofs(world, fast_timing) as (_, uav):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 
 class Generation(Enum):
@@ -25,6 +25,10 @@ class BoardPosition(NamedTuple):
     quality_percent: int | None = None
 
 
+MIN_QUALITY_PERCENT: Final = 50
+"""The makers' examples have 95 and 100; what a board rates below half is left out: rounds cost less than doubt."""
+
+
 class AnchorDistance(NamedTuple):
     """One range of a tag. ``range_mm`` is None where the board gave none (``nan``, 0 or absurd).
 
@@ -36,6 +40,12 @@ class AnchorDistance(NamedTuple):
     range_mm: int | None
     quality_percent: int | None = None
     position: BoardPosition | None = None
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is a range, and the board itself thinks it worth something."""
+        rated = self.quality_percent
+        return self.range_mm is not None and (rated is None or rated >= MIN_QUALITY_PERCENT)
 
 
 @dataclass(frozen=True, slots=True)
