@@ -53,7 +53,9 @@ def main() -> int:
         texts = [json.dumps(measured.to_json())]
     result = result_from(([RESULTS.read_text()] if chosen.add else []) + texts)
     order = list(ATTACKS)
-    result = replace(result, attacks=tuple(sorted(result.attacks, key=lambda each: order.index(each.name))))
+    # What a class is, is said by the class as it stands, whichever run its numbers are from.
+    described = (replace(ATTACKS[each.name].described(), levels=each.levels) for each in result.attacks)
+    result = replace(result, attacks=tuple(sorted(described, key=lambda each: order.index(each.name))))
     RESULTS.write_text(json.dumps(result.to_json(), indent=1) + "\n")
     page.write_text(insert(page.read_text(), markdown(result), CORE))
     draw_permissions(result, DOCS / "images" / "attacks-permissions.svg")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from functools import lru_cache
 from typing import Any, Final
@@ -74,6 +74,20 @@ class Attack:
     def levels(self) -> tuple[int, ...]:
         """At which it was simulated."""
         return tuple(sorted({level for variant in self.variants for level in variant.levels}))
+
+    def described(self) -> AttackResult:
+        """What is known of it without playing it."""
+        return AttackResult(
+            self.name,
+            str(self.family),
+            self.title,
+            self.controls,
+            self.cost,
+            self.wins,
+            self.stops,
+            self.stopped_from,
+            (),
+        )
 
     def stopped_at(self, level: int) -> bool:
         """Whether it is documented to win nothing there."""
@@ -153,17 +167,7 @@ class LabResult:
 
 def result_of(attack: Attack, tallies: Sequence[tuple[int, Tally]]) -> AttackResult:
     """Counts with their intervals."""
-    return AttackResult(
-        attack.name,
-        str(attack.family),
-        attack.title,
-        attack.controls,
-        attack.cost,
-        attack.wins,
-        attack.stops,
-        attack.stopped_from,
-        tuple(_level(attack, level, tally) for level, tally in tallies),
-    )
+    return replace(attack.described(), levels=tuple(_level(attack, level, tally) for level, tally in tallies))
 
 
 def _level(attack: Attack, level: int, tally: Tally) -> LevelResult:
