@@ -62,7 +62,7 @@ async def unmask(request: Request, who: Officer, body: Unmask) -> Response:
             value = None if record is None else orjson.loads(record).get(body.field)
         if not value:
             raise NotFound("There is no such number of this drone.")
-        if body.field == "registration":
+        if body.field != "operator_id":
             value = without_secret(value)
         detail = {"field": body.field, "reason": body.reason.strip()}
         await audit.record(connection, who, "unmask", f"drone/{body.uav_id}", detail, t_ms=context.clock())

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from base64 import urlsafe_b64encode
+from collections.abc import Callable
 from typing import Any, Final
 
 from backend.errors import LedgerAway, NotFound
@@ -38,7 +39,11 @@ async def fetch_block(source: BlockSource | None, number: int) -> Block:
             await blocks.aclose()
 
 
-def transaction_contents(block: Block, tx_index: int) -> dict[str, Any]:
+Shown = Callable[[str], str]
+"""A text as whoever reads it may see it."""
+
+
+def transaction_contents(block: Block, tx_index: int, shown: Shown) -> dict[str, Any]:
     """The TransactionContents of one transaction of a block. Raises `NotFound` where there is none."""
     if tx_index >= len(block.transactions):
         raise NotFound(f"Block {block.number} has no transaction {tx_index} on the ledger.")
@@ -48,7 +53,7 @@ def transaction_contents(block: Block, tx_index: int) -> dict[str, Any]:
     if transaction.problem:
         contents["problem"] = transaction.problem
     if transaction.invocation is not None:
-        contents |= _invocation(transaction.invocation)
+        contents |= _invocation(transaction.invocation, shown)
     if transaction.config is not None:
         contents["config"] = {
             "sequence": transaction.config.sequence,
@@ -57,27 +62,27 @@ def transaction_contents(block: Block, tx_index: int) -> dict[str, Any]:
     return contents
 
 
-def _invocation(invocation: Invocation) -> dict[str, Any]:
+def _invocation(invocation: Invocation, shown: Shown) -> dict[str, Any]:
     return {
         "chaincode": invocation.chaincode,
         "chaincode_version": invocation.chaincode_version,
-        "arguments": [_value(each) for each in invocation.args],
+        "arguments": [_value(each, shown) for each in invocation.args],
         "response": {"status": invocation.response.status, "message": invocation.response.message},
-        "result": _value(invocation.response.payload),
+        "result": _value(invocation.response.payload, shown),
         "endorsements": [
             _signer(each.endorser) | {"signature": _base64(each.signature)} for each in invocation.endorsements
         ],
         "proposal_sha256": invocation.proposal_hash.hex(),
-        "accesses": [_access(each) for each in invocation.accesses],
-    } | ({"event": _event(invocation)} if invocation.event is not None else {})
+        "accesses": [_access(each, shown) for each in invocation.accesses],
+    } | ({"event": _event(invocation, shown)} if invocation.event is not None else {})
 
 
-def _event(invocation: Invocation) -> dict[str, Any]:
+def _event(invocation: Invocation, shown: Shown) -> dict[str, Any]:
     event = invocation.event
-    return {"name": event.name, "payload": _value(event.payload)} if event is not None else {}
+    return {"name": event.name, "payload": _value(event.payload, shown)} if event is not None else {}
 
 
-def _access(access: NamespaceAccess) -> dict[str, Any]:
+def _access(access: NamespaceAccess, shown: Shown) -> dict[str, Any]:
     return {
         "namespace": access.namespace,
         "reads": [
@@ -88,7 +93,7 @@ def _access(access: NamespaceAccess) -> dict[str, Any]:
         "writes": [
             {"key": _key(each.key), "deleted": True}
             if each.is_delete
-            else {"key": _key(each.key), "value": _value(each.value)}
+            else {"key": _key(each.key), "value": _value(each.value, shown)}
             for each in access.writes
         ],
         "range_queries": [{"start": _key(each.start_key), "end": _key(each.end_key)} for each in access.range_queries],
@@ -125,14 +130,15 @@ def _signer(identity: Identity) -> dict[str, Any]:
         return {"msp_id": identity.msp_id, "name": "", "certificate_sha256": "", "problem": str(error)}
 
 
-def _value(value: bytes) -> dict[str, Any]:
+def _value(value: bytes, shown: Shown) -> dict[str, Any]:
     """Text where it is text, else base64url; never more than a page can show."""
-    shown: dict[str, Any] = {"bytes": len(value)}
+    found: dict[str, Any] = {"bytes": len(value)}
     try:
-        text = value.decode()
+        whole = value.decode()
     except UnicodeDecodeError:
-        return shown | {"base64": _base64(value[:MAX_TEXT])}
-    return shown | {"text": text[:MAX_TEXT]}
+        return found | {"base64": _base64(value[:MAX_TEXT])}
+    text = shown(whole)
+    return found | {"text": text[:MAX_TEXT]} | ({"masked": True} if text != whole else {})
 
 
 def _base64(value: bytes) -> str:

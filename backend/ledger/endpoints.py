@@ -24,7 +24,7 @@ from backend.ledger.schemas import (
 )
 from backend.metrics import CONTENT_TYPE, exposition
 from backend.pagination import decode_cursor
-from backend.people.masking import shown_event
+from backend.people.masking import shown_json
 from backend.responses import Json, page, resource
 
 router = APIRouter(tags=["ledger"], dependencies=SIGNED_IN)
@@ -56,8 +56,10 @@ async def read_metrics(request: Request) -> Response:
 
 @router.get("/status", response_model=Status, responses=documented())
 async def read_status(request: Request, person: SignedInPerson) -> Response:
-    """Which ledger this is, how far its mirror has come, and how much there is."""
-    status = context_of(request).board.status()
+    """Which ledger this is, how far its mirror has come, how much there is, and which outputs are on."""
+    context = context_of(request)
+    status = context.board.status()
+    status["server"] = status["server"] | {"outputs": context.settings.outputs.switches()}
     if not person.scope.everything:
         del status["counts"]
     return Json(status, headers={"Cache-Control": "private, no-store"})
@@ -96,7 +98,10 @@ async def read_block(
 async def read_block_data(
     request: Request, person: Officer, number: Annotated[int, Path(ge=0, le=MAX_BLOCK)]
 ) -> Response:
-    """The block's transactions as bytes: their SHA-256 is the header's `data_hash`. Read from the ledger itself."""
+    """The block's transactions as bytes: their SHA-256 is the header's `data_hash`. Read from the ledger itself.
+
+    These are what was signed, to the last byte: nothing is masked, so that they are for officers only, and audited.
+    """
     context = context_of(request)
     async with context.database.read() as database:
         if await queries.block(database, number) is None:
@@ -118,7 +123,10 @@ async def read_transaction_contents(
     person: SignedInPerson,
     tx_id: Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="SHA-256, hexadecimal")],
 ) -> Response:
-    """Arguments, reads, writes and endorsements of a transaction, read from the ledger itself."""
+    """Arguments, reads, writes and endorsements of a transaction, read from the ledger itself.
+
+    Numbers of operators are masked in it as everywhere (`masked`); the bytes of the block have them.
+    """
     context = context_of(request)
     async with context.database.read() as database:
         found = await queries.transaction(database, tx_id, person)
@@ -131,7 +139,8 @@ async def read_transaction_contents(
     async with context.database.write() as connection:
         subject = f"transaction/{tx_id}"
         await audit.record(connection, person, "read_contents", subject, tx_id=tx_id, t_ms=context.clock())
-    return resource(request, contents.transaction_contents(block, row.tx_index))
+    shown = contents.transaction_contents(block, row.tx_index, lambda text: shown_json(text, person, row.creator_msp))
+    return resource(request, shown)
 
 
 @router.get("/transactions/{tx_id}", response_model=LedgerTransactionDetail, responses=documented(NotFound, etag=True))
@@ -148,5 +157,5 @@ async def read_transaction(
     row, event = found
     shown = queries.shown_transaction(row, event)
     if event is not None and queries.sees_contents(row, person):
-        shown["event_payload"] = shown_event(event.payload, person)
+        shown["event_payload"] = shown_json(event.payload, person, row.creator_msp)
     return resource(request, shown)

@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from backend.outputs.settings import Format
 from backend.schemas import ApiModel, page_of
 
 
@@ -46,6 +47,7 @@ class Value(ApiModel):
     bytes: int = Field(description="Length of the whole")
     text: str | None = None
     base64: str | None = None
+    masked: bool | None = Field(default=None, description="Operators' numbers are shown in part: it is not the bytes")
 
 
 class Signer(ApiModel):
@@ -181,12 +183,22 @@ class LedgerStatus(ApiModel):
     organisations: list[str] = Field(description="MSP ids of the channel's member organisations")
 
 
+class Outputs(ApiModel):
+    """What goes out to other systems: which switches are on."""
+
+    tak: bool = Field(description="Cursor-on-Target")
+    mqtt: bool
+    live_geojson: bool = Field(description="`GET /picture`")
+    exports: list[Format] = Field(description="Formats of exports; empty: none can be made")
+
+
 class ServerStatus(ApiModel):
     """This backend."""
 
     version: str
     epoch: str = Field(description="Changes with each start; see the live interface's resume")
     demo: bool
+    outputs: Outputs | None = Field(default=None, description="Left out in live frames")
 
 
 class Counts(ApiModel):

@@ -33,30 +33,44 @@ def sees_clearly(person: Person, msp_id: str) -> bool:
 def shown_uav(record: str, person: Person) -> str:
     """A drone's record (JSON text) as this person sees it."""
     document: dict[str, Any] = orjson.loads(record)
-    number = document.get("registration", "")
-    public = without_secret(number)
-    if public != number:
-        document["registration"] = public
-    if sees_clearly(person, document.get("msp_id", "")):
-        return record if public == number else orjson.dumps(document).decode()
-    if document.get("registration"):
-        document["registration"] = masked(document["registration"])
-    if not person.has("admin", "inspector") and document.get("operator_id"):
-        document["operator_id"] = masked(document["operator_id"])
-    return orjson.dumps(document).decode()
+    before = dict(document)
+    _mask(document, person, document.get("msp_id", ""))
+    return record if document == before else orjson.dumps(document).decode()
 
 
-def shown_event(payload: str, person: Person) -> str:
-    """The payload of a contract's event as this person sees it; what is not of a drone stays as it is."""
+def shown_json(text: str, person: Person, owner: str = "") -> str:
+    """What stands on the ledger (an argument, a record, an event) as this person sees it.
+
+    Drones' records may be anywhere in it; `owner` is whose those are that do not say it. All else stays as it is.
+    """
     try:
-        event = orjson.loads(payload)
+        document = orjson.loads(text)
     except orjson.JSONDecodeError:
-        return payload
-    record = event.get("record") if isinstance(event, dict) else None
-    if not isinstance(record, dict) or not isinstance(record.get("registration"), str):
-        return payload
-    event["record"] = orjson.loads(shown_uav(orjson.dumps(record).decode(), person))
-    return orjson.dumps(event).decode()
+        return text
+    changed, waiting = False, [document]
+    while waiting:
+        each = waiting.pop()
+        if isinstance(each, dict):
+            if isinstance(each.get("registration"), str):
+                before = dict(each)
+                _mask(each, person, each.get("msp_id", owner))
+                changed |= each != before
+            waiting += each.values()
+        elif isinstance(each, list):
+            waiting += each
+    return orjson.dumps(document).decode() if changed else text
+
+
+def _mask(uav: dict[str, Any], person: Person, owner: str) -> None:
+    """A drone's record, in place. The secret that an old block may hold is nobody's to see."""
+    if uav.get("registration"):
+        uav["registration"] = without_secret(uav["registration"])
+    if sees_clearly(person, owner):
+        return
+    if uav.get("registration"):
+        uav["registration"] = masked(uav["registration"])
+    if not person.has("admin", "inspector") and uav.get("operator_id"):
+        uav["operator_id"] = masked(uav["operator_id"])
 
 
 def shown_alert(alert: dict[str, Any], person: Person) -> dict[str, Any]:

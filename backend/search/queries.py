@@ -14,6 +14,7 @@ from backend.db.tables.ledger import BlockRow, DroneRow, PadRow, SessionRow, Tra
 from backend.db.tables.reported import LatestTrackRow
 from backend.ledger.queries import own_transactions
 from backend.people.masking import shown_uav
+from wonderland.proofs.records.uavs import without_secret
 
 HASH_FROM: Final = 6
 """Fewer digits of a hash fit too much."""
@@ -53,7 +54,8 @@ async def _pads(database: AsyncSession, person: Person, text: str, limit: int) -
 
 
 async def _drones(database: AsyncSession, person: Person, text: str, limit: int) -> AsyncIterator[Row]:
-    inside = orjson.dumps(text).decode()[1:-1]
+    public = without_secret(text)  # whoever tries secrets finds the drone by each of them, and learns nothing
+    inside = orjson.dumps(public).decode()[1:-1]
     query = select(DroneRow).where(or_(_contains(DroneRow.uav_id, text), _contains(DroneRow.record, inside)))
     query = person.scope.narrow(query, drone=DroneRow.uav_id)
     for row in await database.scalars(query.order_by(DroneRow.uav_id).limit(5 * limit)):
@@ -61,7 +63,7 @@ async def _drones(database: AsyncSession, person: Person, text: str, limit: int)
         known, record = orjson.loads(row.record), orjson.loads(shown_uav(row.record, person))
         values = (row.uav_id, record.get("registration", ""), record.get("operator_id", ""), record.get("model", ""))
         shown = any(text.lower() in value.lower() for value in values)
-        told = person.has(*AUTHORITY) and known.get("registration", "").lower() == text.lower()
+        told = person.has(*AUTHORITY) and without_secret(known.get("registration", "")).lower() == public.lower()
         if shown or told:
             detail = " · ".join(value for value in values[1:3] if value)
             hit = {"kind": "drone", "id": row.uav_id, "name": row.uav_id, "detail": detail}

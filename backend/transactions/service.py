@@ -31,6 +31,8 @@ from wonderland.ledger.signing import verify
 from wonderland.ledger.transactions import Invocation
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import ProofError
+from wonderland.proofs.records.transactions import RegisterUav
+from wonderland.proofs.records.uavs import without_secret
 
 logger = logging.getLogger(__name__)
 
@@ -259,10 +261,15 @@ def _argument(change: Change, value: dict[str, Any]) -> tuple[bytes, Any]:
     """The canonical bytes of what came in, as it came in, and the record that the contract will see in it."""
     try:
         record = change.argument.parse(value)
-        return encoding.encode(value), record
+        encoded = encoding.encode(value)
     except ProofError as error:
         path, _, message = str(error).partition(": ")
         raise BadRequest(f"{change.function}: {error}", (f"body.argument.{path}", message or str(error))) from None
+    if isinstance(record, RegisterUav) and without_secret(record.registration) != record.registration:
+        # The contract would refuse it, but by then it would stand in the database.
+        message = "ends with the operator's secret; give the first 16 characters alone"
+        raise BadRequest(f"RegisterUav: registration: {message}.", ("body.argument.registration", message))
+    return encoded, record
 
 
 def _require_signed(identity: Identity, message: bytes, signature: bytes) -> None:

@@ -161,6 +161,70 @@ def test_a_secret_that_an_old_block_holds_is_shown_to_nobody(role):
     assert shown == ("FIN87astrdge12k8" if role == "fleet_operator" else "FIN---k8")
 
 
+SECRET = "xyz"
+WITH_SECRET = f"FIN87astrdge12k8-{SECRET}"
+
+
+@pytest.fixture
+async def old_block(new_backend, chain, source_of, serving, facts):
+    """A drone that was registered with its operator's secret, before the contract refused that."""
+    drone = facts.put_uav("uav-old", registration=WITH_SECRET)
+    (record,) = drone.writes.values()
+    drone.argument = {"uav_id": "uav-old", "operator_id": "fleet", "registration": WITH_SECRET, "model": "M300"}
+    drone.event = ("UavRegistered", b'{"kind":"UavRegistered","record":%s}' % record)
+    chain.add(drone)
+    async with serving(new_backend(source_of(chain))) as running:
+        await running.mirrored(chain.height)
+        yield running
+
+
+@pytest.mark.parametrize("role", ROLES)
+async def test_no_way_out_shows_a_secret_of_an_old_block(old_block, role, chain):
+    number = chain.height - 1
+    msp_id = {"fleet_operator": "FleetMSP", "pad_operator": "PadMSP"}.get(role, "")
+    async with signed_in(old_block, role, msp_id=msp_id) as http:
+        block = (await http.get(f"/api/v1/blocks/{number}")).json()
+        tx_id = block["items"][0]["tx_id"] if block["items"] else "0" * 64
+        unmask = {"uav_id": "uav-old", "field": "registration", "reason": "call the pilot"}
+        answers = [
+            await http.get(f"/api/v1/{path}")
+            for path in (
+                f"blocks/{number}", f"transactions/{tx_id}", f"transactions/{tx_id}/contents",
+                "drones", "drones/uav-old", "registry/drones", "registry/drones/uav-old",
+                "registry/history?kind=drone&id=uav-old", "events?after=0.0",
+                f"search?q={SECRET}", f"search?q={WITH_SECRET}",
+            )
+        ] + [await http.post("/api/v1/unmask", json=unmask), await http.get("/api/v1/audit")]  # fmt: skip
+        for answer in answers:
+            assert SECRET not in answer.text, answer.request.url
+        read = {str(each.request.url.path).rpartition("/")[2]: each.status_code for each in answers}
+        assert read["contents"] == {"viewer": 403, "fleet_operator": 404}.get(role, 200)
+        if role == "admin":
+            assert set(read.values()) == {200}
+        raw = await http.get(f"/api/v1/blocks/{number}/data")
+        assert (raw.status_code, WITH_SECRET.encode() in raw.content) == (
+            (200, True) if role in {"admin", "inspector"} else (403, False)
+        ), "the bytes that were signed are for officers only"
+
+
+async def test_contents_say_that_they_are_masked(old_block, chain):
+    async with signed_in(old_block, "inspector") as http:
+        tx_id = (await http.get(f"/api/v1/blocks/{chain.height - 1}")).json()["items"][0]["tx_id"]
+        contents = (await http.get(f"/api/v1/transactions/{tx_id}/contents")).json()
+        written = contents["accesses"][0]["writes"][0]["value"]
+        for value in (contents["arguments"][1], written, contents["event"]["payload"]):
+            assert value["masked"] is True
+            assert '"registration":"FIN---k8"' in value["text"]
+        assert "masked" not in contents["arguments"][0]
+
+
+async def test_a_search_is_no_way_to_try_secrets(old_block):
+    async with signed_in(old_block, "inspector") as http:
+        for guess in ("", "-xyz", "-abc", "abc"):
+            found = await http.get("/api/v1/search", params={"q": f"FIN87astrdge12k8{guess}"})
+            assert [each["id"] for each in found.json()["items"]] == ["uav-old"], guess
+
+
 async def test_to_see_a_number_is_an_act_with_a_reason(world):
     wanted = {"uav_id": "uav-1", "field": "registration", "reason": "call the pilot"}
     for role, status in (("viewer", 403), ("pad_operator", 403), ("fleet_operator", 403), ("inspector", 200)):

@@ -52,6 +52,15 @@ def test_a_change_goes_from_the_form_to_a_valid_block(house, officer):
     assert [each["tx_id"] for each in officer.get("/transactions/proposals").json()["items"]] == [proposed["tx_id"]]
 
 
+def test_an_operators_secret_is_refused_before_anything_is_kept(house, officer):
+    argument = {"uav_id": "uav-s", "operator_id": "fleet", "registration": "FIN87astrdge12k8-xyz", "model": "M300"}
+    refused = officer.propose("RegisterUav", argument)
+    assert refused.status_code == 400
+    assert [each["path"] for each in refused.json()["errors"]] == ["body.argument.registration"]
+    assert "xyz" not in refused.text
+    assert "uav-s" not in officer.get("/transactions/proposals").text
+
+
 def test_what_was_done_is_in_the_audit_log(house, officer):
     done = officer.change("SetUavStatus", SUSPEND)
 

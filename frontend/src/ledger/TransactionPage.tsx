@@ -25,7 +25,7 @@ function readable(value: LedgerValue): string {
 
 function Value({ value }: { value: LedgerValue }): ReactElement {
   const shown = value.text ?? value.base64 ?? "";
-  const cut = value.text !== undefined && value.bytes > new TextEncoder().encode(shown).length;
+  const cut = value.masked !== true && value.text !== undefined && value.bytes > new TextEncoder().encode(shown).length;
   if (value.bytes === 0) return <p className="quiet">–</p>;
   return (
     <>
@@ -34,6 +34,7 @@ function Value({ value }: { value: LedgerValue }): ReactElement {
       <pre className="mono value" tabIndex={0}>
         {readable(value)}
       </pre>
+      {value.masked === true && <p className="note">{t("masked")}</p>}
       {cut && <p className="note">{t("cut", { count: count(value.bytes) })}</p>}
     </>
   );
