@@ -87,6 +87,13 @@ class NotFound(Problem):
     example = "There is no such thing here, or none that is yours to see."
 
 
+class SwitchedOff(Problem):
+    """This server's administrator has switched it off; `GET /status` says what is on."""
+
+    status, code = HTTPStatus.NOT_FOUND, "switched-off"
+    example = "Live GeoJSON is switched off on this server; its administrator can switch it on (outputs.live_geojson)."
+
+
 class BadRequest(Problem):
     """A cursor or a combination of parameters that means nothing."""
 

@@ -26,6 +26,7 @@ TITLES: Final[Mapping[str, str]] = {
     "not-the-owner": "Ei omistaja",
     "precondition-failed": "Muuttunut sillä välin",
     "provider-away": "Toinen palvelu ei vastaa",
+    "switched-off": "Pois käytöstä",
     "set-up-required": "Palvelinta ei ole otettu käyttöön",
     "sign-in-required": "Kirjautuminen vaaditaan",
     "test-conflict": "Ristiriita testien välillä",
@@ -42,6 +43,10 @@ DETAILS: Final[Mapping[str, str]] = {
         "Tämä on muuttunut sen jälkeen, kun luit sen (If-Match). Lue se uudelleen ja muuta sitten."
     ),
     "Sign in first.": "Kirjaudu ensin.",
+    "Live GeoJSON is switched off on this server; its administrator can switch it on (outputs.live_geojson).": (
+        "Reaaliaikainen GeoJSON ei ole käytössä tällä palvelimella; ylläpitäjä voi ottaa sen käyttöön "
+        "(outputs.live_geojson)."
+    ),
     "This account is suspended; an administrator can lift that.": (
         "Tili on jäädytetty; ylläpitäjä voi palauttaa sen käyttöön."
     ),

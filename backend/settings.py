@@ -91,6 +91,7 @@ class Settings(BaseSettings):
     max_event_streams: int = Field(default=1_000, ge=1, description="Most event streams (SSE) at a time")
     max_event_streams_each: int = Field(default=10, ge=1, description="Most of one person or machine")
     client_requests_per_min: int = Field(default=600, ge=1, description="Requests of one machine in a minute")
+    client_exports_per_min: int = Field(default=6, ge=1, description="Exports that one machine may prepare in a minute")
 
     track_retention_h: float = Field(
         default=24 * 7, gt=0, description="How long unverified positions are kept (PostgreSQL: and to that day's end)"
@@ -107,7 +108,9 @@ class Settings(BaseSettings):
     )
     audit_anchor_s: int = Field(default=300, ge=1, le=86_400, description="How often, where there is something new")
     oidc: OidcSettings = Field(default=OidcSettings(), description="OpenID provider; see docs/operate/people.md")
-    outputs: OutputSettings = Field(default=OutputSettings(), description="MQTT and TAK; see docs/outputs.md")
+    outputs: OutputSettings = Field(
+        default=OutputSettings(), description="TAK, MQTT, live GeoJSON, exports; see docs/outputs.md"
+    )
     uspace: USpaceSettings = Field(default=USpaceSettings(), description="U-space; see docs/uspace/settings.md")
 
     @model_validator(mode="after")

@@ -13,6 +13,7 @@ TRACKS: Final = "wonderland.tracks.read"
 ALERTS: Final = "wonderland.alerts.read"
 LEDGER: Final = "wonderland.ledger.read"
 ZONES: Final = "wonderland.zones.read"
+EXPORTS: Final = "wonderland.exports"
 SUBSCRIPTIONS: Final = "wonderland.subscriptions"
 TRAFFIC: Final = "wonderland.traffic."
 RID_DISPLAY: Final = "rid.display_provider"
@@ -27,6 +28,7 @@ SCOPES: Final[Mapping[str, str]] = {
     ALERTS: "Alerts",
     LEDGER: "Blocks, transactions, status",
     ZONES: "Zones (ED-318) and where they hold",
+    EXPORTS: "Windows of the past as files: GeoJSON, CSV, OGC Moving Features JSON",
     SUBSCRIPTIONS: "Webhooks of one's own",
     f"{TRAFFIC}authority": "Traffic (EU 2021/664) as the competent authority gets it",
     f"{TRAFFIC}ats": "Traffic as air traffic services get it",
@@ -54,10 +56,12 @@ _READ: Final[Mapping[str, frozenset[str]]] = {
     "ledger": frozenset({LEDGER}),
     "traffic": frozenset(f"{TRAFFIC}{recipient}" for recipient in ("authority", "ats", "ussp", "public")),
     "zones": frozenset({ZONES}),
+    "exports": frozenset({EXPORTS}),
     "geo-awareness": frozenset({ZONES}),
     "subscriptions": frozenset({SUBSCRIPTIONS}),
 }
 _WRITE: Final[Mapping[str, frozenset[str]]] = {
+    "exports": frozenset({EXPORTS}),
     "geo-awareness": frozenset({ZONES}),
     "proof requests": frozenset({REQUEST}),
     "subscriptions": frozenset({SUBSCRIPTIONS}),

@@ -8,11 +8,22 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response, StreamingResponse
 
-from backend.auth.access import SIGNED_IN, SignedInPerson, only
+from backend.auth.access import SIGNED_IN, SignedInPerson, require
 from backend.clients import idempotency
+from backend.clients.machines import METHOD
 from backend.context import context_of
 from backend.db.tables.exports import ExportRow
-from backend.errors import BINARY, BadRequest, Conflict, Forbidden, NotFound, TooManyRequests, Unprocessable, documented
+from backend.errors import (
+    BINARY,
+    BadRequest,
+    Conflict,
+    Forbidden,
+    NotFound,
+    SwitchedOff,
+    TooManyRequests,
+    Unprocessable,
+    documented,
+)
 from backend.exports import service
 from backend.exports.schemas import Export, ExportQuery
 from backend.responses import Json
@@ -24,6 +35,9 @@ _TOO_MUCH: Final = BadRequest(
     "About 4200000 rows are in this window, and an export has at most 1000000; take a shorter one.",
     ("body.until_ms", "too much in this window"),
 )
+_SWITCHED_OFF: Final = SwitchedOff(
+    "Exports as mfjson are switched off on this server; its administrator can switch them on (outputs.exports)."
+)
 NO_STORE = {"Cache-Control": "private, no-store"}
 
 
@@ -31,15 +45,23 @@ NO_STORE = {"Cache-Control": "private, no-store"}
     "",
     status_code=201,
     response_model=Export,
-    responses=documented(_TOO_MUCH, Forbidden, idempotency.BUSY, Unprocessable),
-    dependencies=[only("admin", "inspector", "pad_operator", "fleet_operator")],
+    responses=documented(_TOO_MUCH, Forbidden, _SWITCHED_OFF, idempotency.BUSY, Unprocessable, TooManyRequests),
     openapi_extra={"parameters": [idempotency.PARAMETER]},
 )
 async def prepare_export(request: Request, query: ExportQuery, person: SignedInPerson) -> Response:
-    """Ask for a window of the past as files; it is audited. Its file is then fetched once, within the hour."""
+    """Ask for a window of the past as files; it is audited. Its file is then fetched once, within the hour.
+
+    People need a role beyond that of a viewer; machines get in each file what their own role shows them.
+    """
+    context = context_of(request)
+    if person.method == METHOD:
+        caller, quota = f"export/{person.person_id}", context.settings.client_exports_per_min
+        context.machines.limits.admit(request.scope, caller, quota)
+    else:
+        require(person, "admin", "inspector", "pad_operator", "fleet_operator")
 
     async def write() -> Response:
-        row = await service.prepare(context_of(request), person, query)
+        row = await service.prepare(context, person, query)
         return Json(_shown(row), status_code=201, headers=NO_STORE)
 
     return await idempotency.once(request, person, write)
@@ -55,7 +77,7 @@ async def read_export(request: Request, export_id: ExportId, person: SignedInPer
     "/{export_id}/file",
     response_class=StreamingResponse,
     responses=documented(
-        _NOT_FOUND, Conflict("This export has been fetched already; prepare it again."), TooManyRequests
+        _NOT_FOUND, _SWITCHED_OFF, Conflict("This export has been fetched already; prepare it again."), TooManyRequests
     )
     | {200: {"content": {"application/zip": {"schema": BINARY}}}},
 )

@@ -105,7 +105,7 @@ def _feature(kind: str, record: Record) -> Record:
     return {
         "type": "Feature",
         "geometry": place,
-        "properties": {"kind": kind, "verified": kind == VERDICT, "time": _iso(record["t_ms"]), **properties},
+        "properties": {"kind": kind, "verified": _verified(record), "time": _iso(record["t_ms"]), **properties},
     }
 
 
@@ -199,7 +199,7 @@ def _whole(kind: str, moments: list[Record], identifier: str) -> Record:
     feature: Record = {
         "type": "Feature",
         "id": identifier,
-        "properties": {"kind": kind, "verified": kind == VERDICT, **same},
+        "properties": {"kind": kind, "verified": _verified(first), **same},
         "temporalGeometry": _point(moments),
     }
     changing = []
@@ -212,6 +212,11 @@ def _whole(kind: str, moments: list[Record], identifier: str) -> Record:
     if changing:
         feature["temporalProperties"] = changing
     return feature
+
+
+def _verified(record: Record) -> bool:
+    """Whether the ledger says that the drone is where it says: never so of a refutation."""
+    return bool(record.get("outcome") == "verified")
 
 
 def _coordinates(record: Record) -> list[float]:

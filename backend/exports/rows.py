@@ -44,12 +44,14 @@ class Rows:
         async with self._database.read() as database:
             if query.drone is not None:
                 counted = select(func.count()).select_from(TrackRow).where(*self._positions(query.drone))
+                counted = self._scope.narrow(counted, pad=TrackRow.pad_id, drone=TrackRow.uav_id)
             else:
                 minutes = TrackMinuteRow.minute_ms.between(query.from_ms - 60_000, query.until_ms)
                 counted = select(func.coalesce(func.sum(TrackMinuteRow.positions), 0)).where(minutes)
             positions = await database.scalar(counted)
+            decided = select(func.count()).select_from(VerdictRow).where(*self._verdict_conditions())
             verdicts = await database.scalar(
-                select(func.count()).select_from(VerdictRow).where(*self._verdict_conditions())
+                self._scope.narrow(decided, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
             )
         return int(positions or 0) + int(verdicts or 0)
 

@@ -6,14 +6,14 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from backend.outputs.settings import Format
 from backend.schemas import ApiModel
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
 
 _ID = f"^{ID_PATTERN}$"
-TimeMs = Annotated[int, Field(ge=0, le=MAX_TIME_MS, description="Unix, ms")]
-Latitude = Annotated[int, Field(ge=-900_000_000, le=900_000_000)]
-Longitude = Annotated[int, Field(ge=-1_800_000_000, le=1_800_000_000)]
-Format = Literal["geojson", "csv", "mfjson"]
+TimeMs = Annotated[int, Field(strict=True, ge=0, le=MAX_TIME_MS, description="Unix, ms")]
+Latitude = Annotated[int, Field(strict=True, ge=-900_000_000, le=900_000_000)]
+Longitude = Annotated[int, Field(strict=True, ge=-1_800_000_000, le=1_800_000_000)]
 
 
 class ExportArea(BaseModel):

@@ -8,21 +8,25 @@ from typing import Any, Final
 
 import anyio
 import orjson
-from sqlalchemy import delete, func, insert, select, update
+from sqlalchemy import delete, insert, select, update
 
 from backend import audit
 from backend.auth.person import Person
 from backend.context import Context
 from backend.db.tables.exports import ExportRow
-from backend.errors import BadRequest, Conflict, NotFound, TooManyRequests
+from backend.errors import BadRequest, Conflict, NotFound, SwitchedOff, TooManyRequests
 from backend.exports.archive import archive
 from backend.exports.formats import FORMATS, Counts
 from backend.exports.rows import Rows
 from backend.exports.schemas import ExportQuery
+from backend.outputs.settings import Format
 from backend.replay.moment import moment
 
 KEPT_MS: Final = 3_600_000
 MAX_AT_ONCE: Final = 4
+MAX_EACH: Final = 2
+"""Of one person or machine, so that it leaves room for others."""
+WAIT_S: Final = 10
 STALLED_MS: Final = 120_000
 """An export of which nothing was heard for so long has ended with its server."""
 PROGRESS_BYTES: Final = 1 << 20
@@ -33,8 +37,18 @@ class TooLarge(Exception):  # noqa: N818 - ends a stream whose beginning was sen
     """More rows than an export may have."""
 
 
+def require_on(context: Context, wanted: Format) -> None:
+    """Raises `SwitchedOff` for a format that this server does not give out."""
+    if wanted not in context.settings.outputs.exports:
+        raise SwitchedOff(
+            f"Exports as {wanted} are switched off on this server; its administrator can switch them on "
+            "(outputs.exports)."
+        )
+
+
 async def prepare(context: Context, person: Person, query: ExportQuery) -> ExportRow:
-    """Take a wish down. Raises `BadRequest` for a window that holds too much."""
+    """Take a wish down. Raises `BadRequest` for a window that holds too much, `SwitchedOff`."""
+    require_on(context, query.format)
     now = context.clock()
     expected = await Rows(context.database, person.scope, query).expected()
     most = context.settings.export_max_rows
@@ -73,14 +87,21 @@ async def find(context: Context, person: Person, export_id: str) -> ExportRow:
 
 
 async def begin(context: Context, row: ExportRow) -> ExportQuery:
-    """Claim it for one stream. Raises `NotFound`, `Conflict`, `TooManyRequests`."""
+    """Claim it for one stream. Raises `NotFound`, `SwitchedOff`, `Conflict`, `TooManyRequests`."""
     now = context.clock()
+    query = ExportQuery.model_validate_json(row.query)
+    require_on(context, query.format)
     if row.created_ms + KEPT_MS < now:
         raise NotFound("This export has expired; prepare it again.")
     async with context.database.write() as connection:
-        running = select(func.count()).where(ExportRow.state == "running", ExportRow.changed_ms > now - STALLED_MS)
-        if (await connection.execute(running)).scalar_one() >= MAX_AT_ONCE:
-            raise TooManyRequests("Several exports are being written; try again when one is done.")
+        running = select(ExportRow.person_id).where(
+            ExportRow.state == "running", ExportRow.changed_ms > now - STALLED_MS
+        )
+        of = (await connection.execute(running)).scalars().all()
+        if len(of) >= MAX_AT_ONCE or of.count(row.person_id) >= MAX_EACH:
+            raise TooManyRequests(
+                "Several exports are being written; try again when one is done.", headers={"Retry-After": str(WAIT_S)}
+            )
         claimed = await connection.execute(
             update(ExportRow)
             .where(ExportRow.export_id == row.export_id, ExportRow.state == "prepared")
@@ -88,7 +109,7 @@ async def begin(context: Context, row: ExportRow) -> ExportQuery:
         )
     if claimed.rowcount != 1:
         raise Conflict("This export has been fetched already; prepare it again.")
-    return ExportQuery.model_validate_json(row.query)
+    return query
 
 
 async def stream(context: Context, person: Person, row: ExportRow, query: ExportQuery) -> AsyncIterator[bytes]:

@@ -12,7 +12,7 @@ from backend import geojson
 from backend.auth.access import SignedInPerson
 from backend.clients.scopes import PROOFS, TRACKS
 from backend.context import context_of
-from backend.errors import documented
+from backend.errors import SwitchedOff, documented
 from backend.live.lens import Lens
 from backend.outputs.items import KINDS, Item, Kind, items_of
 from backend.responses import resource
@@ -25,7 +25,7 @@ _PROPERTIES: Final = {
     "required": ["kind", "verified", "uav_id"],
     "properties": {
         "kind": {"enum": list(KINDS)},
-        "verified": {"type": "boolean", "description": "Whether it is of the ledger: verdicts alone are"},
+        "verified": {"type": "boolean", "description": "Only of a verdict with that outcome"},
         "uav_id": {"type": "string"},
     },
     "description": "With the fields of a Track, of an estimate or of a Verdict",
@@ -41,15 +41,18 @@ Tell = Annotated[
 @router.get(
     "/picture",
     response_class=Response,
-    responses=documented(etag=True) | {200: {"content": _CONTENT}},
+    responses=documented(SwitchedOff, etag=True) | {200: {"content": _CONTENT}},
 )
 async def read_picture(request: Request, person: SignedInPerson, tell: Tell = None) -> Response:
     """What is known of each drone now: where it says it is, where a pad sees it, what the ledger decided last.
 
     Each is a feature of its own, and its properties say which (`kind`). `verified` is a verdict with that outcome only.
     """
+    context = context_of(request)
+    if not context.settings.outputs.live_geojson:
+        raise SwitchedOff(SwitchedOff.example)
     kinds = _allowed(getattr(request.state, "scopes", None), tell)
-    board = context_of(request).board
+    board = context.board
     text = orjson.dumps({"type": "snapshot", **board.snapshot()}).decode()
     lens = Lens.of(person, pad_owner=board.pad_owner, drone_owner=board.drone_owner)
     frame = orjson.loads(text if lens is None else lens.frame(text))

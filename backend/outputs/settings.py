@@ -1,14 +1,20 @@
-"""Settings of the outputs, in the environment as ``WONDERLAND_BACKEND_OUTPUTS__…``. What is not set sends nothing."""
+"""Settings of the outputs, in the environment as ``WONDERLAND_BACKEND_OUTPUTS__…``.
+
+What is sent (TAK, MQTT) is on where it is set; what is fetched (live GeoJSON, exports) is on until it is switched off.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final, Literal, Self
+from typing import Any, Final, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from backend.outputs.items import KINDS, Kind
 
+Format = Literal["geojson", "csv", "mfjson"]
+FORMATS: Final[tuple[Format, ...]] = get_args(Format)
+"""Of exports."""
 _HOST: Final = r"[^/\s@?#:]+|\[[0-9A-Fa-f:.]+\]"
 
 
@@ -67,3 +73,16 @@ class OutputSettings(BaseModel):
 
     tak: TakSettings | None = None
     mqtt: MqttSettings | None = None
+    live_geojson: bool = Field(default=True, description="Whether /api/v1/picture answers")
+    exports: frozenset[Format] = Field(
+        default=frozenset(FORMATS), description="Formats in which windows of the past can be had; [] for none"
+    )
+
+    def switches(self) -> dict[str, Any]:
+        """Which outputs are on, as the status tells it."""
+        return {
+            "tak": self.tak is not None,
+            "mqtt": self.mqtt is not None,
+            "live_geojson": self.live_geojson,
+            "exports": [each for each in FORMATS if each in self.exports],
+        }

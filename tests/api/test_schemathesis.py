@@ -14,7 +14,7 @@ BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
 TAGS = (
     "pads", "drones", "authorisations", "sessions", "verdicts", "proofs", "conformance", "events", "proof requests",
-    "tracks", "flights", "alerts", "ledger", "subscriptions", "zones", "geo-awareness",
+    "tracks", "flights", "alerts", "ledger", "subscriptions", "zones", "geo-awareness", "exports",
 )  # fmt: skip
 OF_MEMORY = ("traffic", "picture", "network remote id", "tokens")
 """Of these a database is asked nothing, or always the same."""
@@ -52,7 +52,8 @@ async def schemathesis(directory, url, *headers, tags, checks=CHECKS, phases="ex
 async def test_what_machines_may_do(new_backend, serving, chain, facts, source_of, machine_at, tmp_path):
     chain.add(facts.put_pad(), facts.put_uav(), facts.grant(), facts.request("one"))
     chain.add(facts.decide("one"))
-    async with serving(new_backend(source_of(chain), client_requests_per_min=10**9)) as client:
+    often = {"client_requests_per_min": 10**9, "client_exports_per_min": 10**9}
+    async with serving(new_backend(source_of(chain), **often)) as client:
         await client.mirrored(chain.height)
         async with machine_at(client, " ".join(SCOPES), role="inspector") as http:
             header = f"Authorization: {http.headers['Authorization']}"

@@ -143,6 +143,7 @@ def test_a_verdict_marks_the_place_where_the_drone_was_found():
         ("TAK__URL", "tls://example.test:8089", "tls_certificate"),
         ("MQTT__HOST", "mqtt://example.test", "mqtt.host"),
         ("MQTT__PREFIX", "a/#", "mqtt"),
+        ("EXPORTS", '["kml"]', "exports"),
     ],
 )
 def test_settings_that_cannot_work_are_refused_at_the_start(monkeypatch, setting, value, says):

@@ -307,3 +307,12 @@ async def test_a_machine_gets_of_the_picture_what_its_scopes_open(running, agent
     refused = await running.get("/picture", params={"tell": "verdict"}, headers=bearer)
     assert refused.status_code == 403
     assert "wonderland.proofs.read" in refused.text
+
+
+async def test_the_live_picture_can_be_switched_off(new_backend, serving):
+    async with serving(new_backend(outputs={"live_geojson": False})) as client:
+        answer = await client.get("/picture", headers={"Accept-Language": "fi"})
+        assert (answer.status_code, answer.json()["type"]) == (404, "urn:wonderland:problem:switched-off")
+        assert "Reaaliaikainen GeoJSON ei ole käytössä" in answer.json()["detail"]
+        told = (await client.json("/status"))["server"]["outputs"]
+        assert told == {"tak": False, "mqtt": False, "live_geojson": False, "exports": ["geojson", "csv", "mfjson"]}

@@ -12,9 +12,10 @@ from datetime import datetime
 
 import pytest
 from shapely.geometry import shape
-from sqlalchemy import func, select
+from sqlalchemy import func, select, update
 
 from backend.db.tables.audit import AuditRow
+from backend.db.tables.exports import ExportRow
 from backend.exports.formats import _cell
 from backend.exports.schemas import ExportArea
 
@@ -84,7 +85,7 @@ async def test_geojson_has_claims_estimates_and_verdicts_apart(stored):
         assert -180 <= point.x <= 180
         assert -90 <= point.y <= 90
         properties = feature["properties"]
-        assert properties["verified"] is (properties["kind"] == "verdict")
+        assert properties["verified"] is (properties.get("outcome") == "verified"), "a refutation verifies nothing"
         assert datetime.fromisoformat(properties["time"]).timestamp() * 1000 == properties["t_ms"]
         assert "operator_id" not in properties, "personal data stay behind"
     assert manifest["query"] == {"format": "geojson", **WINDOW}
@@ -126,6 +127,8 @@ def require_moving_point(geometry):
 async def test_moving_features_are_as_the_standard_says(stored):
     files, manifest, _ = await export(stored, format="mfjson")
     collection = json.loads(files["window.mf.json"])
+    verdicts = [each["properties"] for each in collection["features"] if each["properties"]["kind"] == "verdict"]
+    assert {each["outcome"]: each["verified"] for each in verdicts} == {"verified": True, "refuted": False}
     assert collection["type"] == "FeatureCollection"
     assert collection["crs"]["type"] == "Name"
     assert collection["trs"]["type"] in {"Name", "Link"}
@@ -230,3 +233,25 @@ async def test_more_than_an_export_may_hold_is_refused_before_it_begins(running)
         assert (
             await database.execute(select(func.count()).select_from(AuditRow).where(AuditRow.act == "export"))
         ).scalar_one() == 1
+
+
+async def test_one_alone_does_not_take_every_place(stored):
+    asked = (await stored.http.post("/api/v1/exports", json=WINDOW | {"format": "csv"})).json()
+    others = [(await stored.http.post("/api/v1/exports", json=WINDOW | {"format": "csv"})).json() for _ in range(2)]
+    under_way = ExportRow.export_id.in_([each["export_id"] for each in others])
+    async with stored.context.database.write() as connection:
+        await connection.execute(update(ExportRow).where(under_way).values(state="running"))
+    refused = await stored.get(f"/exports/{asked['export_id']}/file")
+    assert (refused.status_code, refused.headers["retry-after"]) == (429, "10")
+    async with stored.context.database.write() as connection:
+        await connection.execute(update(ExportRow).where(under_way).values(person_id="another"))
+    assert (await stored.get(f"/exports/{asked['export_id']}/file")).status_code == 200
+
+
+async def test_a_format_that_is_switched_off(new_backend, serving):
+    async with serving(new_backend(outputs={"exports": ["csv"]})) as client:
+        refused = await client.http.post("/api/v1/exports", json=WINDOW | {"format": "mfjson"})
+        assert (refused.status_code, refused.json()["type"]) == (404, "urn:wonderland:problem:switched-off")
+        assert "outputs.exports" in refused.json()["detail"]
+        assert (await client.http.post("/api/v1/exports", json=WINDOW | {"format": "csv"})).status_code == 201
+        assert (await client.json("/status"))["server"]["outputs"]["exports"] == ["csv"]

@@ -7,7 +7,7 @@ import time
 import uuid
 from collections.abc import Iterable, Iterator
 from types import TracebackType
-from typing import Any, Final, Self, TypeVar, cast
+from typing import Any, BinaryIO, Final, Literal, Self, TypeVar, cast
 
 import httpx
 
@@ -131,6 +131,18 @@ class Wonderland:
     def unsubscribe(self, subscription_id: str) -> None:
         """End a webhook."""
         self._transport.request("DELETE", f"/subscriptions/{subscription_id}")
+
+    def export(
+        self, into: BinaryIO, kind: Literal["geojson", "csv", "mfjson"], from_ms: int, until_ms: int, **filters: Any
+    ) -> types.Export:
+        """Write a window of the past into a file (zip with `manifest.json`); returns what it holds.
+
+        `filters`: `drone`, `pad`, `area`. `mfjson` is OGC Moving Features JSON.
+        """
+        body = {"format": kind, "from_ms": from_ms, "until_ms": until_ms, **filters}
+        export_id = self._post("/exports", body)["export_id"]
+        self._transport.download(f"/exports/{export_id}/file", into)
+        return cast("types.Export", self._get(f"/exports/{export_id}"))
 
     def events(self, after: str | None = None, **filters: Any) -> Iterator[types.LedgerEvent]:
         """What is committed to the ledger from `after` (an event's id) on, as it happens; without it what is new.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import httpx
 
@@ -67,6 +67,23 @@ class Transport:
                 yield answer.iter_lines()
         except httpx.HTTPError as error:
             raise Unreachable(f"{type(error).__name__}: {error}") from error
+
+    def download(self, path: str, into: BinaryIO) -> None:
+        """Write the bytes of an answer as they come. Raises as `request`."""
+        for attempt in range(1, ATTEMPTS + 1):
+            try:
+                with self._http.stream("GET", PREFIX + path, headers=self._bearer()) as answer:
+                    if answer.is_success:
+                        into.writelines(answer.iter_bytes())
+                        return
+                    answer.read()
+            except httpx.HTTPError as error:
+                raise Unreachable(f"{type(error).__name__}: {error}") from error
+            if attempt == ATTEMPTS or not self._may_try_again("GET", answer, {}):
+                raise _refused(answer)
+            self.forget_token()
+            if answer.status_code in WAIT:
+                self._sleep(_wait_s(answer))
 
     def forget_token(self) -> None:
         """The next request fetches a new one."""

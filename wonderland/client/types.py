@@ -228,6 +228,19 @@ class DroneClock(TypedDict):
     readings: int
 
 
+class Export(TypedDict):
+    """An export, and how far it has come."""
+
+    export_id: str
+    created_ms: int
+    expires_ms: int
+    expected: int
+    state: Literal["prepared", "running", "done", "broken"]
+    rows: int
+    bytes: int
+    sha256: NotRequired[str]
+
+
 class Extent(TypedDict):
     """The box that holds all of its positions."""
 

@@ -54,11 +54,15 @@ export function ExportDialog({ api, from_ms, until_ms, now_ms, drone, pad, area,
   const [onlyPad, setOnlyPad] = useState(false);
   const [onlyArea, setOnlyArea] = useState(false);
   useEffect(() => dialog.current?.showModal(), []);
+  const offered = useQuery({ queryKey: ["export-formats"], queryFn: () => api.exportFormats() });
+  const formats = offered.data ?? FORMATS;
+  const chosen = formats.includes(format) ? format : formats[0];
   const prepared = useMutation({
     mutationFn: () => {
+      if (chosen === undefined) throw new Error(t("exportsOff"));
       const shown = onlyArea ? area() : undefined;
       return api.prepareExport({
-        format,
+        format: chosen,
         from_ms: begin_ms,
         until_ms: end_ms,
         ...(onlyDrone && drone !== undefined && { drone }),
@@ -96,11 +100,12 @@ export function ExportDialog({ api, from_ms, until_ms, now_ms, drone, pad, area,
         </div>
         <fieldset>
           <legend>{t("exportFormat")}</legend>
-          {FORMATS.map((each) => (
+          {formats.map((each) => (
             <label key={each} className="export-check">
-              <input type="radio" name="format" checked={format === each} onChange={() => setFormat(each)} /> {t("formatOf", { format: each })}
+              <input type="radio" name="format" checked={chosen === each} onChange={() => setFormat(each)} /> {t("formatOf", { format: each })}
             </label>
           ))}
+          {chosen === undefined && <p className="look-inconclusive">{t("exportsOff")}</p>}
         </fieldset>
         {check(t("exportDrone"), drone, onlyDrone, setOnlyDrone)}
         {check(t("exportPad"), pad, onlyPad, setOnlyPad)}
@@ -124,7 +129,7 @@ export function ExportDialog({ api, from_ms, until_ms, now_ms, drone, pad, area,
               {t("download")}
             </a>
           ) : (
-            <button type="submit" className="button primary" disabled={prepared.isPending || now?.state === "running" || end_ms <= begin_ms}>
+            <button type="submit" className="button primary" disabled={prepared.isPending || chosen === undefined || now?.state === "running" || end_ms <= begin_ms}>
               {t("prepare")}
             </button>
           )}

@@ -28,6 +28,12 @@ export class ReplayApi {
     return answered((signal) => this.api.client.GET("/api/v1/replay/sessions/{session_id}", { params, signal }));
   }
 
+  /** The formats that this server's administrator has left on. */
+  async exportFormats(): Promise<ExportFormat[]> {
+    const { server } = await answered((signal) => this.api.client.GET("/api/v1/status", { signal }));
+    return server.outputs?.exports ?? [];
+  }
+
   prepareExport(body: ExportWish): Promise<Export> {
     return answered((signal) => this.api.client.POST("/api/v1/exports", { body, signal }));
   }

@@ -51,6 +51,7 @@ export const replayTexts = texts({
     exporting: "{rows} rows of about {total} are written.",
     exported: "{rows} rows, {size}. SHA-256 {sha256}",
     exportFailed: "It was broken off. Prepare it again.",
+    exportsOff: "Exports are switched off on this server. Its administrator can switch them on.",
     close: "Close",
   },
   fi: {
@@ -102,6 +103,7 @@ export const replayTexts = texts({
     exporting: "{rows} riviä noin {total} rivistä on kirjoitettu.",
     exported: "{rows} riviä, {size}. SHA-256 {sha256}",
     exportFailed: "Vienti keskeytyi. Valmistele se uudelleen.",
+    exportsOff: "Viennit eivät ole käytössä tällä palvelimella. Ylläpitäjä voi ottaa ne käyttöön.",
     close: "Sulje",
   },
 });
