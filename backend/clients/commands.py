@@ -136,12 +136,16 @@ def revoke(client_id: str, database: str | None) -> None:
     click.echo(f"{client_id} is revoked.")
 
 
-def _run(work: Callable[[Clients, Database], Awaitable[Result]], url: str | None) -> Result:
+def _run(work: Callable[[Clients, Database], Awaitable[Result]], address: str | None) -> Result:
     async def run() -> Result:
-        database = Database(load(database=url).database)
+        database = Database(load(database=address).database)
         try:
             if not database.exists() or await migrations.revision(database) != migrations.head():
-                raise BackendError("there is no database of this version there; `wonderland backend migrate` makes one")
+                url = database.url.set(drivername=database.url.get_backend_name()).render_as_string()
+                raise BackendError(
+                    f"there is no database of this version at {url}; name the server's own with "
+                    "--database (a new one is made by `wonderland backend migrate`)"
+                )
             return await work(Clients(database, lambda: time.time_ns() // 1_000_000, secrets.token_bytes), database)
         finally:
             await database.close()

@@ -21,10 +21,10 @@ class ExportArea(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    south_e7: Latitude
-    west_e7: Longitude
-    north_e7: Latitude
-    east_e7: Longitude
+    south_e7: Latitude = Field(examples=[604_400_000])
+    west_e7: Longitude = Field(examples=[222_500_000])
+    north_e7: Latitude = Field(examples=[604_600_000])
+    east_e7: Longitude = Field(examples=[222_800_000])
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -46,12 +46,12 @@ class ExportQuery(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    format: Format
-    from_ms: TimeMs
-    until_ms: TimeMs
-    drone: str | None = Field(default=None, pattern=_ID, max_length=40)
-    pad: str | None = Field(default=None, pattern=_ID, max_length=64)
-    area: ExportArea | None = None
+    format: Format = Field(description="`mfjson` is OGC Moving Features JSON (19-045r3)")
+    from_ms: TimeMs = Field(examples=[1_800_000_000_000])
+    until_ms: TimeMs = Field(examples=[1_800_000_600_000], description="Unix, ms; later than `from_ms`")
+    drone: str | None = Field(default=None, pattern=_ID, max_length=40, description="Only this serial number")
+    pad: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only what this pad told")
+    area: ExportArea | None = Field(default=None, description="Only what lies within it")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

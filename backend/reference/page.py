@@ -21,7 +21,8 @@ router = APIRouter()
 _CODE: Final = re.compile(r"`([^`]+)`")
 _GOOD: Final = "23"
 _MUST: Final = ' <span class="must">required</span>'
-TOKENS: Final = "tokens"
+FIRST: Final = ("tokens", "conformance", "proofs", "proof requests", "events", "subscriptions")
+"""What this page is read for, in this order; then what else machines may use, then what is for people alone."""
 DEPTH: Final = 3
 """So deep the fields of a body are listed."""
 _INTRODUCTION: Final = """\
@@ -29,7 +30,8 @@ _INTRODUCTION: Final = """\
 <p class="quiet">Version {version} · OpenAPI 3.1: <a href="openapi.json">openapi.json</a></p>
 {description}
 <h3>A token</h3>
-<p>An administrator registers a client (<code>wonderland backend client add</code>). It gets tokens for an hour:</p>
+<p>An administrator registers a client: in the console at <em>People → Machines</em>, or by
+<code>wonderland backend client add</code> on the server. It gets tokens for an hour:</p>
 <pre>curl -u "$CLIENT_ID:$CLIENT_SECRET" -d grant_type=client_credentials {server}/oauth/token</pre>
 <p>and sends them with each request:</p>
 <pre>curl -H "Authorization: Bearer $TOKEN" '{server}/api/v1/conformance?serial=OH-DRN-0417'</pre>
@@ -53,11 +55,10 @@ def rendered(document_json: str, server: str) -> str:
     by_tag: dict[str, list[tuple[str, str, dict[str, Any]]]] = {}
     for path, method, operation in operations(document):
         by_tag.setdefault(str((operation.get("tags") or ["other"])[0]), []).append((path, method, operation))
-    # Tokens and then what machines may use come first: they are whom this page is for.
-    by_tag = dict(
-        sorted(by_tag.items(), key=lambda each: (each[0] != TOKENS, not any(map(_open_to_machines, each[1]))))
-    )
-    links = "".join(f'<li><a href="#{_anchor(tag)}">{_title(tag)}</a></li>' for tag in by_tag)
+    of_machines = {tag for tag, found in by_tag.items() if tag in FIRST or any(map(_open_to_machines, found))}
+    by_tag = dict(sorted(by_tag.items(), key=lambda each: (_rank(each[0]), each[0] not in of_machines)))
+    links = _links("For machines", [tag for tag in by_tag if tag in of_machines])
+    links += _links("For people", [tag for tag in by_tag if tag not in of_machines])
     schemas = document["components"]["schemas"]
     sections = "".join(
         f'<section><h2 id="{_anchor(tag)}">{_title(tag)}</h2>'
@@ -76,9 +77,18 @@ def rendered(document_json: str, server: str) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1"><title>Wonderland API</title>'
         '<link rel="icon" href="data:,">'
         f"<style>{style}</style></head><body><div class='frame'>"
-        f"<nav aria-label='Parts'><strong>Wonderland API</strong><ul>{links}</ul></nav>"
+        f"<nav aria-label='Parts'><strong>Wonderland API</strong>{links}</nav>"
         f"<main>{introduction}{sections}</main></div></body></html>"
     )
+
+
+def _rank(tag: str) -> int:
+    return FIRST.index(tag) if tag in FIRST else len(FIRST)
+
+
+def _links(title: str, tags: Iterable[str]) -> str:
+    items = "".join(f'<li><a href="#{_anchor(tag)}">{_title(tag)}</a></li>' for tag in tags)
+    return f"<p class='part'>{title}</p><ul>{items}</ul>"
 
 
 def _open_to_machines(each: tuple[str, str, dict[str, Any]]) -> bool:

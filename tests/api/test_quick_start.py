@@ -21,7 +21,9 @@ ALL = "wonderland.proofs.read wonderland.pads.read wonderland.drones.read wonder
 ALL += " wonderland.proofs.request wonderland.subscriptions"
 
 
-async def test_the_quick_start_runs_as_it_is_printed(running, register, tmp_path):
+async def test_the_quick_start_runs_as_it_is_printed(running, register, chain, facts, tmp_path):
+    chain.add(facts.put_uav("OH-DRN-0417"))
+    await running.mirrored(chain.height)
     (program,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/api/README.md").read_text(), re.DOTALL)[:1]
     assert len([line for line in program.splitlines() if line.strip()]) <= 10
     row, secret = await register(running.context, "wonderland.proofs.read wonderland.pads.read")
@@ -36,7 +38,7 @@ async def test_the_quick_start_runs_as_it_is_printed(running, register, tmp_path
     lines = done.stdout.splitlines()
     assert lines[:2] == ["pad-1 Aurajoki 2 commissioned", "pad-2 Aurajoki 2 registered"]
     assert lines[2:4] == ["uav-2 refuted assurance 2 block 5", "uav-1 verified assurance 2 block 3"]
-    assert lines[4] == "unproven No proof tells whether the broadcast is true. ['never_heard']"
+    assert lines[4] == "unproven No proof tells whether the broadcast is true. ['never_heard', 'no_proof']"
 
 
 async def test_the_client_needs_nothing_of_the_server():

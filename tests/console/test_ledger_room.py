@@ -46,6 +46,17 @@ def test_from_a_block_to_its_transaction_in_full(ledger):
     expect(ledger.locator("pre").first).to_contain_text('"pad_id":"pad-1"')
 
 
+def test_numbers_of_operators_are_masked_and_it_is_said(ledger):
+    ledger.get_by_role("row").nth(5).get_by_role("link").first.click()
+    ledger.get_by_role("table").get_by_role("link", name="RegisterUav").first.click()
+    expect(ledger.get_by_text("Valid: its writes count.")).to_be_visible()
+    for write in ledger.locator("details").all():
+        write.click()
+    expect(ledger.get_by_text("Operators’ numbers are masked here.", exact=False)).to_be_visible()
+    expect(ledger.locator("main")).to_contain_text("FIN---k8")
+    expect(ledger.locator("main")).not_to_contain_text("Shown in part")
+
+
 def test_from_a_session_to_its_evidence_on_the_ledger_and_back(ledger):
     ledger.keyboard.press("s")
     ledger.get_by_role("link", name="Refuted").click()

@@ -14,6 +14,7 @@ from playwright.sync_api import expect
 from sqlalchemy import insert
 
 from backend.db.tables.reported import LatestTrackRow, TrackMinuteRow, TrackRow
+from backend.outputs.settings import OutputSettings
 
 SECOND = 1_000
 
@@ -206,6 +207,18 @@ def test_a_window_goes_out_as_files(room, tmp_path):
     (path,) = (each for each in moving["features"] if each["properties"]["kind"] == "claimed")
     (point,) = path["temporalGeometry"]["prisms"]
     assert (point["type"], len(point["datetimes"]), len(point["coordinates"])) == ("MovingPoint", 15 * 60, 15 * 60)
+
+
+@pytest.mark.parametrize(("on", "shown"), [(["csv"], "CSV tables"), ([], "Exports are switched off on this server.")])
+def test_what_is_switched_off_is_not_offered(past, room, on, shown):
+    past.backend.settings.__dict__["outputs"] = OutputSettings(exports=on)
+    room.get_by_role("button", name="Export…").click()
+    dialog = room.get_by_role("dialog")
+    expect(dialog).to_contain_text(shown)
+    expect(dialog.get_by_label("OGC Moving Features")).to_have_count(0)
+    expect(dialog.get_by_role("radio", checked=True)).to_have_count(len(on))
+    prepare = dialog.get_by_role("button", name="Prepare")
+    expect(prepare).to_be_enabled() if on else expect(prepare).to_be_disabled()
 
 
 def test_links_lead_to_the_moment(past, open_page):
