@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field
 
 from backend import areas
-from backend.pagination import MAX_CURSOR
+from backend.pagination import MAX_CURSOR, decode_cursor
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
 
 _ID = f"^{ID_PATTERN}$"
@@ -23,6 +23,15 @@ class PageQuery(BaseModel):
     cursor: str | None = Field(
         default=None, max_length=MAX_CURSOR, description="`next` of the page before; leave out for the first page"
     )
+
+    def after_place(self, *kinds: type) -> tuple[Any, ...] | None:
+        """The position after which the page begins, its parts of these types; None: the first. Raises `BadRequest`."""
+        return decode_cursor(self.cursor, *kinds) if self.cursor is not None else None
+
+    def after_key(self, kind: type) -> Any:
+        """The same where the position has one part."""
+        place = self.after_place(kind)
+        return None if place is None else place[0]
 
 
 class TimeQuery(PageQuery):

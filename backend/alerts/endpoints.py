@@ -18,7 +18,6 @@ from backend.context import context_of
 from backend.db.tables.alerts import AlertDeliveryRow, AlertRow
 from backend.errors import BadRequest, Conflict, Forbidden, NotFound, documented
 from backend.languages import HEADER, Language, language_of
-from backend.pagination import decode_cursor
 from backend.people.masking import shown_act, shown_alert
 from backend.responses import Json, page, resource
 
@@ -32,7 +31,7 @@ AlertId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 async def list_alerts(request: Request, person: SignedInPerson, filters: AlertFilters) -> Response:
     """Alerts, newest first."""
     context, language = context_of(request), language_of(request)
-    place = decode_cursor(filters.cursor, int, str) if filters.cursor is not None else None
+    place = filters.after_place(int, str)
     async with context.database.read() as database:
         position = (place[0], place[1]) if place else None
         rows = await store.listing(database, filters, person.scope, position=position, now_ms=context.clock())

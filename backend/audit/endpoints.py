@@ -19,7 +19,6 @@ from backend.db.tables.audit import AuditRow
 from backend.db.tables.ledger import DroneRow
 from backend.db.tables.reported import BroadcastOperatorRow
 from backend.errors import BadRequest, Forbidden, NotFound, documented
-from backend.pagination import decode_cursor
 from backend.responses import Json, page
 from wonderland.proofs.records.uavs import without_secret
 
@@ -31,7 +30,7 @@ SHOW_MS: Final = 60_000
 @router.get("/audit", response_model=AuditPage, responses=documented(BadRequest, Forbidden, etag=True))
 async def list_audit(request: Request, _: Administrator, filters: AuditFilters) -> Response:
     """What was done and read, newest first."""
-    before = decode_cursor(filters.cursor, int)[0] if filters.cursor is not None else None
+    before = filters.after_key(int)
     async with context_of(request).database.read() as database:
         rows = (await database.scalars(_listing(filters, before))).all()
     return page(request, ((row, _shown(row)) for row in rows), filters.limit, cursor_of=lambda row: (row.seq,))

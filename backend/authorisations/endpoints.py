@@ -16,7 +16,6 @@ from backend.db.tables.ledger import AuthorisationRow
 from backend.drones.schemas import Authorisation
 from backend.errors import BadRequest, documented
 from backend.filters import PageQuery
-from backend.pagination import decode_cursor
 from backend.responses import page, record
 from backend.schemas import page_of
 from wonderland.proofs.records.fields import ID_PATTERN
@@ -48,8 +47,7 @@ async def list_authorisations(
         .limit(filters.limit + 1)
     )
     query = person.scope.narrow(query, drone=AuthorisationRow.uav_id)
-    if filters.cursor is not None:
-        after = decode_cursor(filters.cursor, str, str)
+    if (after := filters.after_place(str, str)) is not None:
         query = query.where(tuple_(AuthorisationRow.uav_id, AuthorisationRow.authorisation_id) > after)
     if filters.drone is not None:
         query = query.where(AuthorisationRow.uav_id == filters.drone)

@@ -27,7 +27,6 @@ from backend.clients.tokens import ASSERTION_ALGORITHMS, ASSERTION_TYPE, TokenDe
 from backend.context import Context, context_of
 from backend.errors import BadRequest, Forbidden, NotFound, Unprocessable, documented
 from backend.filters import Paging
-from backend.pagination import decode_cursor
 from backend.responses import Json, page, resource
 
 oauth = APIRouter(tags=["tokens"])
@@ -125,7 +124,7 @@ async def read_authorization_server(request: Request) -> Response:
 @router.get("/clients", response_model=ClientPage, responses=documented(BadRequest, Forbidden, etag=True))
 async def list_clients(request: Request, paging: Paging, _person: Administrator) -> Response:
     """The machines that are registered, revoked ones included."""
-    after = decode_cursor(paging.cursor, str)[0] if paging.cursor is not None else None
+    after = paging.after_key(str)
     async with context_of(request).database.read() as database:
         rows = await store.listing(database, after=after, limit=paging.limit + 1)
     return page(

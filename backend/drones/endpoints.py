@@ -14,7 +14,6 @@ from backend.drones import queries
 from backend.drones.schemas import Drone, DronePage
 from backend.errors import BadRequest, NotFound, documented
 from backend.filters import DroneFilters
-from backend.pagination import decode_cursor
 from wonderland.proofs.records.fields import ID_PATTERN
 
 router = APIRouter(tags=["drones"], dependencies=SIGNED_IN)
@@ -24,7 +23,7 @@ _NOT_FOUND: Final = NotFound("No drone OH-DRN-0417 is registered.")
 @router.get("/drones", response_model=DronePage, responses=documented(BadRequest) | geojson.documented(DronePage))
 async def list_drones(request: Request, person: SignedInPerson, filters: DroneFilters) -> Response:
     """Drones by serial number. As GeoJSON each is where it broadcast last, unverified."""
-    after = decode_cursor(filters.cursor, str)[0] if filters.cursor is not None else None
+    after = filters.after_key(str)
     async with context_of(request).database.read() as database:
         rows = await queries.listing(database, person.scope, filters, after=after)
         items = await queries.details(database, person, rows)

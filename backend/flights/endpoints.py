@@ -17,7 +17,6 @@ from backend.errors import BadRequest, NotFound, documented
 from backend.flights import store
 from backend.flights.grouping import GAP_MS
 from backend.flights.schemas import Flight, FlightFilters, FlightPage
-from backend.pagination import decode_cursor
 
 router = APIRouter(tags=["flights"])
 _NOT_FOUND: Final = NotFound("There is no such flight; they are kept as long as positions are.")
@@ -29,7 +28,7 @@ FlightId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 async def list_flights(request: Request, filters: FlightFilters, person: SignedInPerson) -> Response:
     """Flights, newest first. As GeoJSON each is a line from its first to its last position."""
     context = context_of(request)
-    place = decode_cursor(filters.cursor, int, str) if filters.cursor is not None else None
+    place = filters.after_place(int, str)
     async with context.database.read() as database:
         rows = await store.listing(
             database, filters, person.scope, before=(place[0], place[1]) if place is not None else None

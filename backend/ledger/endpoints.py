@@ -23,7 +23,6 @@ from backend.ledger.schemas import (
     TransactionContents,
 )
 from backend.metrics import CONTENT_TYPE, exposition
-from backend.pagination import decode_cursor
 from backend.people.masking import shown_json
 from backend.responses import Json, page, resource
 
@@ -68,7 +67,7 @@ async def read_status(request: Request, person: SignedInPerson) -> Response:
 @router.get("/blocks", response_model=BlockPage, responses=documented(BadRequest, etag=True))
 async def list_blocks(request: Request, paging: Paging) -> Response:
     """Blocks, newest first."""
-    before = decode_cursor(paging.cursor, int)[0] if paging.cursor is not None else None
+    before = paging.after_key(int)
     async with context_of(request).database.read() as database:
         rows = await queries.blocks(database, before=before, limit=paging.limit + 1)
     return page(

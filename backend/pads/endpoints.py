@@ -15,7 +15,6 @@ from backend.errors import BadRequest, NotFound, documented
 from backend.filters import PadFilters
 from backend.pads import queries
 from backend.pads.schemas import Pad, PadPage
-from backend.pagination import decode_cursor
 from wonderland.proofs.records.fields import ID_PATTERN
 
 router = APIRouter(tags=["pads"], dependencies=SIGNED_IN)
@@ -26,7 +25,7 @@ _NOT_FOUND: Final = NotFound("No pad aurajoki-2 is registered.")
 async def list_pads(request: Request, person: SignedInPerson, filters: PadFilters) -> Response:
     """Pads by identifier."""
     context = context_of(request)
-    after = decode_cursor(filters.cursor, str)[0] if filters.cursor is not None else None
+    after = filters.after_key(str)
     async with context.database.read() as database:
         within = await pads_within(database, Box.parse(filters.bbox)) if filters.bbox is not None else None
         rows = await queries.listing(

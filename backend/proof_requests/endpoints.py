@@ -17,7 +17,6 @@ from backend.context import Context, context_of
 from backend.db.tables.ledger import DroneRow, PadRow
 from backend.db.tables.proof_requests import ProofRequestRow
 from backend.errors import BadRequest, Conflict, Forbidden, NotFound, Unprocessable, documented
-from backend.pagination import decode_cursor
 from backend.proof_requests import route, store
 from backend.proof_requests.schemas import NewProofRequest, ProofRequest, ProofRequestFilters, ProofRequestPage
 from backend.responses import Json, page, resource
@@ -105,7 +104,7 @@ async def _check_visible(database: Any, body: NewProofRequest, person: Person) -
 async def list_proof_requests(request: Request, filters: ProofRequestFilters, person: SignedInPerson) -> Response:
     """Requests for proofs, newest first."""
     context = context_of(request)
-    place = decode_cursor(filters.cursor, int, str) if filters.cursor is not None else None
+    place = filters.after_place(int, str)
     async with context.database.read() as database:
         rows = await store.listing(database, filters, person.scope, before=(place[0], place[1]) if place else None)
         items = [(row, await store.shown(database, row, context.clock())) for row in rows]

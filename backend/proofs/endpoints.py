@@ -12,7 +12,6 @@ from backend.auth.access import SignedInPerson
 from backend.context import context_of
 from backend.errors import BadRequest, NotFound, documented
 from backend.languages import HEADER, language_of
-from backend.pagination import decode_cursor
 from backend.proofs import queries
 from backend.proofs.schemas import Proof, ProofFilters, ProofPage
 
@@ -30,7 +29,7 @@ _LANGUAGES: dict[str, Any] = {"parameters": [HEADER]}
 )
 async def list_proofs(request: Request, filters: ProofFilters, person: SignedInPerson) -> Response:
     """Proofs, newest first. As GeoJSON each is a point: the measured place, else the place that was claimed."""
-    place = decode_cursor(filters.cursor, int, int) if filters.cursor is not None else None
+    place = filters.after_place(int, int)
     async with context_of(request).database.read() as database:
         rows = await queries.listing(
             database, filters, person.scope, before=(place[0], place[1]) if place is not None else None

@@ -11,7 +11,6 @@ from fastapi.responses import Response
 from backend.auth.access import SIGNED_IN, SignedInPerson
 from backend.context import context_of
 from backend.errors import BadRequest, NotFound, documented
-from backend.pagination import decode_cursor
 from backend.registry import imports, organisations, queries
 from backend.registry.reach import reach
 from backend.registry.schemas import (
@@ -41,10 +40,6 @@ UavId = Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=40)]
 PadId = Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)]
 
 
-def _place(cursor: str | None, *kinds: type) -> tuple[int | str, ...] | None:
-    return decode_cursor(cursor, *kinds) if cursor is not None else None
-
-
 @router.get("/forms", response_model=RegistryForms)
 async def list_forms() -> Response:
     """What people may send, with the bounds of every field: those that the contract checks."""
@@ -61,7 +56,7 @@ async def list_registry_drones(request: Request, filters: DroneFilters, person: 
     context = context_of(request)
     kinds = (int, int, str) if filters.sort == "changed" else (str,)
     async with context.database.read() as database:
-        rows = await queries.drones(database, person, filters, _place(filters.cursor, *kinds))
+        rows = await queries.drones(database, person, filters, filters.after_place(*kinds))
         counts = await queries.in_force(database, [row.uav_id for row in rows], context.clock())
     items = [(row, queries.shown_drone(row, person, counts[row.uav_id])) for row in rows]
     changed = filters.sort == "changed"
@@ -95,7 +90,7 @@ async def list_registry_pads(request: Request, filters: PadFilters, person: Sign
     """Pads, by identifier or the last changed first."""
     kinds = (int, int, str) if filters.sort == "changed" else (str,)
     async with context_of(request).database.read() as database:
-        rows = await queries.pads(database, person, filters, _place(filters.cursor, *kinds))
+        rows = await queries.pads(database, person, filters, filters.after_place(*kinds))
     items = [(row, {"record": record(row.record), "version": queries.version(row)}) for row in rows]
     changed = filters.sort == "changed"
     return page(
@@ -163,7 +158,7 @@ async def check_import(
 @router.get("/history", response_model=RegistryChangePage, responses=documented(BadRequest, NotFound, etag=True))
 async def list_history(request: Request, filters: HistoryFilters, person: SignedInPerson) -> Response:
     """Who changed what of a drone or pad, in which transaction; newest first."""
-    place = _place(filters.cursor, int, int, str, str)
+    place = filters.after_place(int, int, str, str)
     async with context_of(request).database.read() as database:
         find = queries.drone if filters.kind == "drone" else queries.pad
         if await find(database, person, filters.id) is None:
@@ -191,7 +186,7 @@ async def list_certificates(request: Request, filters: CertificateFilters, perso
     context = context_of(request)
     now = context.clock()
     async with context.database.read() as database:
-        place = _place(filters.cursor, int, str)
+        place = filters.after_place(int, str)
         rows = await organisations.certificates(database, person, filters, place, now)
         revoked = await organisations.revoked_serials(database)
     items = ((row, organisations.shown_certificate(row, revoked, now)) for row in rows)

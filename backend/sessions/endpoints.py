@@ -14,7 +14,6 @@ from backend.context import context_of
 from backend.errors import BadRequest, NotFound, documented
 from backend.filters import SessionFilters
 from backend.ledger.queries import with_events
-from backend.pagination import decode_cursor
 from backend.responses import page, record, resource
 from backend.sessions import queries
 from backend.sessions.course import course_of
@@ -36,7 +35,7 @@ SessionIdPath = Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="Tran
 @router.get("/sessions", response_model=SessionPage, responses=documented(BadRequest, etag=True))
 async def list_sessions(request: Request, person: SignedInPerson, filters: SessionFilters) -> Response:
     """Sessions, newest first."""
-    before = decode_cursor(filters.cursor, int, str) if filters.cursor is not None else None
+    before = filters.after_place(int, str)
     async with context_of(request).database.read() as database:
         found = await queries.listing(
             database, filters, person.scope, before=(before[0], before[1]) if before else None

@@ -13,7 +13,7 @@ from backend.auth.access import SIGNED_IN, SignedInPerson
 from backend.context import context_of
 from backend.errors import BadRequest, documented
 from backend.filters import FindingFilters, LatestFilters, Spanning
-from backend.pagination import decode_cursor, encode_cursor
+from backend.pagination import encode_cursor
 from backend.responses import Json, page
 from backend.tracks import queries
 from backend.tracks.schemas import FindingPage, TrackHistory, TrackPage
@@ -25,7 +25,7 @@ router = APIRouter(tags=["tracks"], dependencies=SIGNED_IN)
 @router.get("/tracks", response_model=TrackPage, responses=documented(BadRequest) | geojson.documented(TrackPage))
 async def list_tracks(request: Request, person: SignedInPerson, filters: LatestFilters) -> Response:
     """The last broadcast position of each drone. Unverified."""
-    after = decode_cursor(filters.cursor, str)[0] if filters.cursor is not None else None
+    after = filters.after_key(str)
     async with context_of(request).database.read() as database:
         rows = await queries.latest(
             database, person.scope, since_ms=filters.since_ms, after=after, limit=filters.limit + 1
@@ -42,7 +42,7 @@ async def list_tracks(request: Request, person: SignedInPerson, filters: LatestF
 @router.get("/findings", response_model=FindingPage, responses=documented(BadRequest, etag=True))
 async def list_findings(request: Request, person: SignedInPerson, filters: FindingFilters) -> Response:
     """What was odd about broadcasts (one serial from two places, time that stands still), newest first. Unverified."""
-    place = decode_cursor(filters.cursor, int, int) if filters.cursor is not None else None
+    place = filters.after_place(int, int)
     async with context_of(request).database.read() as database:
         rows = await queries.findings(
             database,
@@ -66,7 +66,7 @@ async def read_track(
     filters: Spanning,
 ) -> Response:
     """Broadcast positions of a drone, oldest first. Unverified; empty for a drone never heard."""
-    place = decode_cursor(filters.cursor, int, int) if filters.cursor is not None else None
+    place = filters.after_place(int, int)
     async with context_of(request).database.read() as database:
         rows = await queries.history(
             database,

@@ -9,7 +9,6 @@ from backend.auth.access import SIGNED_IN, SignedInPerson
 from backend.context import context_of
 from backend.errors import BadRequest, documented
 from backend.filters import VerdictFilters
-from backend.pagination import decode_cursor
 from backend.responses import page
 from backend.verdicts import queries
 from backend.verdicts.schemas import VerdictPage
@@ -20,7 +19,7 @@ router = APIRouter(tags=["verdicts"], dependencies=SIGNED_IN)
 @router.get("/verdicts", response_model=VerdictPage, responses=documented(BadRequest, etag=True))
 async def list_verdicts(request: Request, person: SignedInPerson, filters: VerdictFilters) -> Response:
     """Verdicts, newest first. A block's verdicts appear all at once."""
-    place = decode_cursor(filters.cursor, int, int) if filters.cursor is not None else None
+    place = filters.after_place(int, int)
     async with context_of(request).database.read() as database:
         rows = await queries.listing(database, filters, person.scope, position=(place[0], place[1]) if place else None)
     return page(

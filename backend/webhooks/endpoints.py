@@ -20,7 +20,6 @@ from backend.errors import BadRequest, Conflict, Forbidden, NotFound, Preconditi
 from backend.events import feed
 from backend.events.feed import Place
 from backend.filters import Paging
-from backend.pagination import decode_cursor
 from backend.responses import Json, etag_of, page, require_match, resource
 from backend.webhooks import signing, store
 from backend.webhooks.schemas import (
@@ -50,7 +49,7 @@ _ONCE: Final[dict[str, Any]] = {"parameters": [idempotency.PARAMETER]}
 @router.get("/subscriptions", response_model=SubscriptionPage, responses=documented(BadRequest, etag=True))
 async def list_subscriptions(request: Request, paging: Paging, person: SignedInPerson) -> Response:
     """One's own webhooks; an administrator sees all."""
-    after = decode_cursor(paging.cursor, str)[0] if paging.cursor is not None else None
+    after = paging.after_key(str)
     owner = None if person.has("admin") else person.person_id
     async with context_of(request).database.read() as database:
         rows = await store.listing(database, owner=owner, after=after, limit=paging.limit + 1)
@@ -169,7 +168,7 @@ async def list_deliveries(
     request: Request, subscription_id: SubscriptionIdPath, filters: DeliveryFilters, person: SignedInPerson
 ) -> Response:
     """What was sent, what waits, and what was given up (`state=dead`), newest first; kept for two weeks."""
-    place = decode_cursor(filters.cursor, int, str) if filters.cursor is not None else None
+    place = filters.after_place(int, str)
     before = (place[0], place[1]) if place is not None else None
     async with context_of(request).database.read() as database:
         await _theirs(database, subscription_id, person)

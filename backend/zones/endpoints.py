@@ -18,7 +18,6 @@ from backend.db.tables.zones import ZoneRow, ZoneSetRow
 from backend.errors import BadRequest, Conflict, Forbidden, NotFound, TooManyRequests, Unprocessable
 from backend.filters import Paging
 from backend.languages import HEADER, language_of
-from backend.pagination import decode_cursor
 from backend.responses import Json, page, resource
 from backend.zones import awareness, importing, pads, store
 from backend.zones.applicability import spans
@@ -108,7 +107,7 @@ async def list_zones(request: Request, filters: Annotated[ZoneQuery, Query()], _
     ):
         if value is not None:
             query = query.where(column == value)
-    after = None if filters.cursor is None else decode_cursor(filters.cursor, str)[0]
+    after = filters.after_key(str)
     found: list[Row] = []
     timed = filters.since_ms is not None
     many = max(_LOOKED_AT, filters.limit + 1) if timed else filters.limit + 1
@@ -169,8 +168,7 @@ async def list_zone_imports(request: Request, filters: Annotated[ImportsQuery, Q
     if filters.current is not None:
         column = ZoneSetRow.current
         query = query.where(column.is_not(None) if filters.current else column.is_(None))
-    if filters.cursor is not None:
-        before = decode_cursor(filters.cursor, int, str)
+    if (before := filters.after_place(int, str)) is not None:
         query = query.where(tuple_(ZoneSetRow.imported_ms, ZoneSetRow.import_id) < before)
     async with context_of(request).database.read() as database:
         rows = (await database.scalars(query)).all()
@@ -225,7 +223,7 @@ async def export_zones(request: Request, asked: Annotated[ExportQuery, Query()],
 async def list_pad_closures(request: Request, filters: Paging, person: SignedInPerson) -> Response:
     """Pads, the zones that come within their reach, and whether the ledger has the closures that follow."""
     context = context_of(request)
-    after = None if filters.cursor is None else decode_cursor(filters.cursor, str)[0]
+    after = filters.after_key(str)
     query = person.scope.narrow(pads.in_service(after, filters.limit + 1), pad=PadRow.pad_id)
     language, now = language_of(request), context.clock()
     async with context.database.read() as database:
