@@ -73,6 +73,7 @@ class SessionQuery(AboutQuery):
 
     state: Literal["requested", "decided", "completed", "cancelled"] | None = None
     outcome: Literal["verified", "refuted", "inconclusive"] | None = None
+    action: Literal["land", "takeoff", "dock"] | None = None
 
 
 class VerdictQuery(SessionQuery):

@@ -33,6 +33,8 @@ async def listing(
     query = await narrowed(database, query, filters, pad=SessionRow.pad_id, drone=SessionRow.uav_id)
     if filters.state is not None:
         query = query.where(SessionRow.state == filters.state)
+    if filters.action is not None:
+        query = query.where(SessionRow.action == filters.action)
     if filters.outcome is not None:
         query = query.where(VerdictRow.outcome == filters.outcome)
     if filters.since_ms is not None:

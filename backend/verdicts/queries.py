@@ -43,6 +43,8 @@ async def listing(
         if position is not None:
             query = query.where(place > position)
     query = await narrowed(database, query, filters, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
+    if filters.action is not None:
+        query = query.where(VerdictRow.action == filters.action)
     if filters.outcome is not None:
         query = query.where(VerdictRow.outcome == filters.outcome)
     if filters.state is not None:

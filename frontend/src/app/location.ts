@@ -30,38 +30,43 @@ export type LivePlace = {
   /** What other service providers tell of the view is shown, too. */
   networked?: true;
 };
+/** What a list is filtered by, under the names of its address. */
+export type Filters = Readonly<Record<string, string>>;
 export type Place =
   | LivePlace
-  | { room: "sessions"; session?: string }
-  | { room: "verdicts"; filters: Record<string, string> }
-  | { room: PlainRoom; path: readonly string[]; query: Readonly<Record<string, string>> };
+  | { room: "sessions"; session?: string; filters?: Filters }
+  | { room: "verdicts"; filters: Filters }
+  | { room: PlainRoom; path: readonly string[]; query: Filters };
 
 /** Rooms whose address is a path and a query, read by the room itself. */
 export const PLAIN_ROOMS = ["alerts", "replay", "registry", "zones", "ledger", "statistics", "people", "settings"] as const;
 export type PlainRoom = (typeof PLAIN_ROOMS)[number];
 
-const FILTERS = ["outcome", "pad", "drone"] as const;
+const VERDICT_FILTERS = ["outcome", "pad", "action", "drone", "operator", "since", "until"] as const;
+const SESSION_FILTERS = [...VERDICT_FILTERS, "state"] as const;
 
 /** The place that a fragment names; the live map where it names none. */
 export function parsePlace(hash: string): Place {
   const [path = "", query = ""] = hash.replace(/^#\/?/, "").split("?");
   const parameters = new URLSearchParams(query);
   const [room, id] = path.split("/");
-  if (room === "sessions") return id ? { room: "sessions", session: decode(id) } : { room: "sessions" };
-  if (room === "verdicts") {
-    const filters: Record<string, string> = {};
-    for (const name of FILTERS) {
-      const value = parameters.get(name);
-      if (value) filters[name] = value;
-    }
-    return { room: "verdicts", filters };
-  }
+  if (room === "sessions") return id ? { room: "sessions", session: decode(id) } : { room: "sessions", filters: filtersIn(parameters, SESSION_FILTERS) };
+  if (room === "verdicts") return { room: "verdicts", filters: filtersIn(parameters, VERDICT_FILTERS) };
   const plain = PLAIN_ROOMS.find((each) => each === room);
   if (plain !== undefined) {
     const rest = path.split("/").slice(1).filter((part) => part !== "");
     return { room: plain, path: rest.map(decode), query: Object.fromEntries(parameters) };
   }
   return livePlace(parameters);
+}
+
+function filtersIn(parameters: URLSearchParams, names: readonly string[]): Filters {
+  return withChange({}, Object.fromEntries(names.map((name) => [name, parameters.get(name) ?? ""])));
+}
+
+/** Filters with some of them changed; those set to nothing are gone. */
+export function withChange(filters: Filters, change: Filters): Filters {
+  return Object.fromEntries(Object.entries({ ...filters, ...change }).filter(([, value]) => value !== ""));
 }
 
 function decode(text: string): string {
@@ -77,11 +82,13 @@ export function placeHash(place: Place): string {
   let path: string = place.room;
   if (place.room === "live") {
     parameters = liveQuery(place);
-  } else if (place.room === "sessions") {
-    if (place.session !== undefined) path += `/${encodeURIComponent(place.session)}`;
   } else {
-    if (place.room !== "verdicts") path = [place.room, ...place.path.map(encodeURIComponent)].join("/");
-    const query = place.room === "verdicts" ? place.filters : place.query;
+    if (place.room === "sessions") {
+      if (place.session !== undefined) path += `/${encodeURIComponent(place.session)}`;
+    } else if (place.room !== "verdicts") {
+      path = [place.room, ...place.path.map(encodeURIComponent)].join("/");
+    }
+    const query = "query" in place ? place.query : (place.filters ?? {});
     for (const [name, value] of Object.entries(query)) parameters.set(name, value);
   }
   const query = parameters.toString().replaceAll("%2C", ",").replaceAll("%3B", ";").replace(/=(?=&|$)/g, "");

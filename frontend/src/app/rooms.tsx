@@ -54,7 +54,7 @@ export function RoomPage({ place }: { place: Place }): ReactElement | null {
     case "live":
       return <LivePage place={place} />;
     case "sessions":
-      return place.session === undefined ? <SessionsPage /> : <SessionPage session_id={place.session} />;
+      return place.session === undefined ? <SessionsPage filters={place.filters ?? {}} /> : <SessionPage session_id={place.session} />;
     case "verdicts":
       return <VerdictsPage filters={place.filters} />;
     case "ledger":

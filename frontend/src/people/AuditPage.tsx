@@ -1,10 +1,12 @@
 import { useMutation, useQuery } from "@tanstack/react-query";
-import type { ReactElement } from "react";
-import { go, placeHash } from "../app/location";
+import { useCallback, type ReactElement } from "react";
+import { go, placeHash, withChange, type Filters as Chosen } from "../app/location";
+import { between } from "../shared/days";
 import { count, dayAndTime } from "../shared/format";
 import { transactionHref } from "../ledger/links";
 import { useServerNow } from "../shared/live/useLive";
 import { shortHash } from "../shared/format";
+import { Bar, Choice, Days, SearchBox } from "../shared/ui/Filters";
 import { More } from "../shared/ui/More";
 import { usePages } from "../shared/api/usePages";
 import { usePeopleApi, type AuditCheck, type AuditEntry, type AuditFilters } from "./api";
@@ -95,75 +97,48 @@ function Row({ entry, now_ms }: { entry: AuditEntry; now_ms: number }): ReactEle
   );
 }
 
-function change(filters: Readonly<Record<string, string>>, part: Record<string, string>): void {
-  const query = Object.fromEntries(Object.entries({ ...filters, ...part }).filter(([, value]) => value !== ""));
-  go({ room: "people", path: ["audit"], query }, true);
+function change(filters: Chosen, part: Chosen): void {
+  go({ room: "people", path: ["audit"], query: withChange(filters, part) }, true);
 }
 
-/** A day in the address, as the time at which it begins here. */
-function startOf(day: string | undefined): number | undefined {
-  const t_ms = day === undefined ? Number.NaN : new Date(`${day}T00:00`).getTime();
-  return Number.isNaN(t_ms) ? undefined : t_ms;
-}
-
-function asked(filters: Readonly<Record<string, string>>): AuditFilters {
-  const since_ms = startOf(filters["since"]);
+function asked(filters: Chosen): AuditFilters {
   const act = actOf(filters["act"]);
-  const until_ms = startOf(filters["until"]);
   return {
     ...(filters["person"] !== undefined && { person: filters["person"] }),
     ...(act !== undefined && { act }),
     ...(filters["subject"] !== undefined && { subject: filters["subject"] }),
-    ...(since_ms !== undefined && { since_ms }),
-    ...(until_ms !== undefined && { until_ms: until_ms + 86_400_000 - 1 }),
+    ...between(filters["since"], filters["until"]),
   };
 }
 
-function Filters({ filters }: { filters: Readonly<Record<string, string>> }): ReactElement {
+function Filters({ filters }: { filters: Chosen }): ReactElement {
   const api = usePeopleApi();
   const people = useQuery({ queryKey: ["people"], queryFn: () => api.people() });
+  const subject = useCallback((named: string) => change(filters, { subject: named }), [filters]);
   return (
-    <div className="audit-filters">
-      <label className="people-field">
-        {t("person")}
-        <select value={filters["person"] ?? ""} onChange={(event) => change(filters, { person: event.target.value })}>
-          <option value="">{t("everybody")}</option>
-          {people.data?.items.map((each) => (
-            <option key={each.person_id} value={each.person_id}>
-              {each.name}
-            </option>
-          ))}
-        </select>
-      </label>
-      <label className="people-field">
-        {t("act")}
-        <select value={filters["act"] ?? ""} onChange={(event) => change(filters, { act: event.target.value })}>
-          <option value="">{t("everything")}</option>
-          {actsByName().map(({ act, name }) => (
-            <option key={act} value={act}>
-              {name}
-            </option>
-          ))}
-        </select>
-      </label>
-      <label className="people-field">
-        {t("subject")}
-        <input value={filters["subject"] ?? ""} placeholder="drone/…" onChange={(event) => change(filters, { subject: event.target.value })} />
-      </label>
-      <label className="people-field">
-        {t("since")}
-        <input type="date" value={filters["since"] ?? ""} onChange={(event) => change(filters, { since: event.target.value })} />
-      </label>
-      <label className="people-field">
-        {t("until")}
-        <input type="date" value={filters["until"] ?? ""} onChange={(event) => change(filters, { until: event.target.value })} />
-      </label>
-    </div>
+    <Bar onClear={Object.keys(filters).length === 0 ? undefined : () => go({ room: "people", path: ["audit"], query: {} }, true)}>
+      <Choice
+        label={t("person")}
+        any={t("everybody")}
+        value={filters["person"] ?? ""}
+        options={people.data?.items.map(({ person_id, name }) => ({ value: person_id, name })) ?? []}
+        onChange={(person) => change(filters, { person })}
+      />
+      <Choice
+        label={t("act")}
+        any={t("everything")}
+        value={filters["act"] ?? ""}
+        options={actsByName().map(({ act, name }) => ({ value: act, name }))}
+        onChange={(act) => change(filters, { act })}
+      />
+      <SearchBox label={t("subject")} value={filters["subject"] ?? ""} hint="drone/…" onSearch={subject} />
+      <Days since={filters["since"] ?? ""} until={filters["until"] ?? ""} onChange={(days) => change(filters, days)} />
+    </Bar>
   );
 }
 
 /** What was done and read, newest first; and whether the log is what it was. */
-export function AuditPage({ filters }: { filters: Readonly<Record<string, string>> }): ReactElement {
+export function AuditPage({ filters }: { filters: Chosen }): ReactElement {
   const api = usePeopleApi();
   const now_ms = useServerNow(10_000);
   const wanted = asked(filters);

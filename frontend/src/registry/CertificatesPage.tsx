@@ -1,14 +1,14 @@
 import { useCallback, type ReactElement } from "react";
-import type { Place, PlainRoom } from "../app/location";
+import { withChange, type Place, type PlainRoom } from "../app/location";
 import { blockHref } from "../ledger/links";
 import { useApi } from "../shared/api/api";
 import { count, day } from "../shared/format";
 import { roleName } from "../shared/signing/texts";
 import { Hash } from "../shared/ui/Hash";
+import { Bar, SearchBox } from "../shared/ui/Filters";
 import { More } from "../shared/ui/More";
 import { Scroll } from "../shared/ui/Scroll";
 import { certificates, type CertificateFilters } from "./calls";
-import { Bar, SearchBox } from "./Filters";
 import { toRegistry } from "./links";
 import { registryTexts as t } from "./texts";
 import { usePages } from "../shared/api/usePages";
@@ -24,14 +24,14 @@ export function CertificatesPage({ place }: { place: Place & { room: PlainRoom }
   const filters: CertificateFilters = { limit: PAGE, ...(chosen["q"] && { q: chosen["q"] }), ...(chosen["msp"] && { msp: chosen["msp"] }), ...(expiring && { expiring }) };
   const { query, rows } = usePages(["registry", "certificates", filters], (cursor) => certificates(api, { ...filters, ...(cursor !== undefined && { cursor }) }), { keep: true });
   const set = useCallback(
-    (change: Record<string, string>) => toRegistry(["certificates"], Object.fromEntries(Object.entries({ ...chosen, ...change }).filter(([, value]) => value !== "")), true),
+    (change: Record<string, string>) => toRegistry(["certificates"], withChange(chosen, change), true),
     [chosen],
   );
   const search = useCallback((q: string) => set({ q }), [set]);
   return (
     <>
       <Bar>
-        <SearchBox value={chosen["q"] ?? ""} hint={t("searchCertificates")} onSearch={search} />
+        <SearchBox label={t("search")} value={chosen["q"] ?? ""} hint={t("searchCertificates")} onSearch={search} />
         <label>
           <input type="checkbox" checked={expiring} onChange={(event) => set({ expiring: event.target.checked ? "1" : "" })} /> {t("expiringOnly")}
         </label>

@@ -1,12 +1,12 @@
 import { useCallback, type ReactElement } from "react";
-import type { Place, PlainRoom } from "../app/location";
+import { withChange, type Place, type PlainRoom } from "../app/location";
 import { useApi } from "../shared/api/api";
 import { day, dotted } from "../shared/format";
 import { useServerNow } from "../shared/live/useLive";
+import { Bar, Choice, SearchBox } from "../shared/ui/Filters";
 import { More } from "../shared/ui/More";
 import { Scroll } from "../shared/ui/Scroll";
 import { drones, type DroneFilters, type RegistryDrone } from "./calls";
-import { Bar, Choice, SearchBox } from "./Filters";
 import { registryHref, toRegistry } from "./links";
 import { Status } from "./Status";
 import { registryTexts as t } from "./texts";
@@ -32,7 +32,7 @@ export function DronesPage({ place }: { place: Place & { room: PlainRoom } }): R
   const filters: DroneFilters = { limit: PAGE, sort, ...(chosen["q"] && { q: chosen["q"] }), ...(status && { status }) };
   const { query, rows } = usePages(["registry", "drones", filters], (cursor) => drones(api, { ...filters, ...(cursor !== undefined && { cursor }) }), { keep: true });
   const set = useCallback(
-    (change: Record<string, string>) => toRegistry(["drones"], Object.fromEntries(Object.entries({ ...chosen, ...change }).filter(([, value]) => value !== "")), true),
+    (change: Record<string, string>) => toRegistry(["drones"], withChange(chosen, change), true),
     [chosen],
   );
   const search = useCallback((q: string) => set({ q }), [set]);
@@ -45,11 +45,11 @@ export function DronesPage({ place }: { place: Place & { room: PlainRoom } }): R
           </a>
         }
       >
-        <SearchBox value={chosen["q"] ?? ""} hint={t("searchDrones")} onSearch={search} />
+        <SearchBox label={t("search")} value={chosen["q"] ?? ""} hint={t("searchDrones")} onSearch={search} />
         <Choice label={t("status")} value={status ?? ""} options={STATUSES.map((each) => ({ value: each, name: statusWord(each) }))} onChange={(value) => set({ status: value })} />
         <Choice
           label={t("sort")}
-          every={false}
+          any={null}
           value={sort}
           options={(["id", "changed"] as const).map((each) => ({ value: each, name: t("sortBy", { sort: each }) }))}
           onChange={(value) => set({ sort: value === "id" ? "" : value })}

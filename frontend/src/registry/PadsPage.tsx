@@ -1,12 +1,12 @@
 import { useQuery } from "@tanstack/react-query";
 import { useCallback, type ReactElement } from "react";
-import type { Place, PlainRoom } from "../app/location";
+import { withChange, type Place, type PlainRoom } from "../app/location";
 import { useApi } from "../shared/api/api";
 import { day } from "../shared/format";
+import { Bar, Choice, SearchBox } from "../shared/ui/Filters";
 import { More } from "../shared/ui/More";
 import { commonPolicies, pads, type PadFilters } from "./calls";
 import { ChangeForm } from "./ChangeForm";
-import { Bar, Choice, SearchBox } from "./Filters";
 import { registryHref, toRegistry } from "./links";
 import { isAction, Policies, policyBefore } from "./Policies";
 import { Status } from "./Status";
@@ -51,7 +51,7 @@ export function PadsPage({ place }: { place: Place & { room: PlainRoom } }): Rea
   const filters: PadFilters = { limit: PAGE, ...(chosen["q"] && { q: chosen["q"] }), ...(status && { status }) };
   const { query, rows } = usePages(["registry", "pads", filters], (cursor) => pads(api, { ...filters, ...(cursor !== undefined && { cursor }) }), { keep: true });
   const set = useCallback(
-    (change: Record<string, string>) => toRegistry(["pads"], Object.fromEntries(Object.entries({ ...chosen, ...change }).filter(([, value]) => value !== "")), true),
+    (change: Record<string, string>) => toRegistry(["pads"], withChange(chosen, change), true),
     [chosen],
   );
   const search = useCallback((q: string) => set({ q }), [set]);
@@ -64,7 +64,7 @@ export function PadsPage({ place }: { place: Place & { room: PlainRoom } }): Rea
           </a>
         }
       >
-        <SearchBox value={chosen["q"] ?? ""} hint={t("searchPads")} onSearch={search} />
+        <SearchBox label={t("search")} value={chosen["q"] ?? ""} hint={t("searchPads")} onSearch={search} />
         <Choice label={t("status")} value={status ?? ""} options={STATUSES.map((each) => ({ value: each, name: statusWord(each) }))} onChange={(value) => set({ status: value })} />
       </Bar>
       <div className="float table-frame" aria-busy={query.isPlaceholderData}>

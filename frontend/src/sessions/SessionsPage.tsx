@@ -1,5 +1,5 @@
 import type { ReactElement } from "react";
-import { placeHash } from "../app/location";
+import { go, placeHash, type Filters as Chosen } from "../app/location";
 import { useApi } from "../shared/api/api";
 import { usePages } from "../shared/api/usePages";
 import type { SessionState } from "../shared/api/records";
@@ -13,6 +13,7 @@ import { More } from "../shared/ui/More";
 import { Symbol } from "../shared/ui/Symbol";
 import { Scroll } from "../shared/ui/Scroll";
 import { endText } from "./ends";
+import { asked, Filters } from "./Filters";
 import { proofTexts, rowTexts, sessionTexts as t } from "./texts";
 import { stepNumber } from "./words";
 
@@ -48,17 +49,21 @@ function newestSession(store: LiveStore): string {
   return store.sessionsByTime()[0]?.session_id ?? "";
 }
 
-/** All sessions, the newest first. */
-export function SessionsPage(): ReactElement {
+function show(filters: Chosen): void {
+  go({ room: "sessions", filters }, true);
+}
+
+/** All sessions, or those that are asked for; the newest first. */
+export function SessionsPage({ filters }: { filters: Chosen }): ReactElement {
   const api = useApi();
   const now_ms = useServerNow(10_000);
   const pads = useLive(PADS, (store) => new Map([...store.pads.values()].map((pad) => [pad.pad_id, pad.name])));
   const store = useLiveStore();
   const mark = useLive(SESSIONS, newestSession);
   const { query, rows: listed } = usePages(
-    ["sessions"],
-    (cursor) => api.sessions({ limit: PAGE, ...(cursor !== undefined && { cursor }) }),
-    { fresh: { mark: mark, newest: () => newestSession(store) } },
+    ["sessions", filters],
+    (cursor) => api.sessions({ ...asked(filters), limit: PAGE, ...(cursor !== undefined && { cursor }) }),
+    { keep: true, fresh: { mark: mark, newest: () => newestSession(store) } },
   );
   const rows = listed.map(
     // What is under way moves faster than the table is fetched.
@@ -69,7 +74,8 @@ export function SessionsPage(): ReactElement {
       <div className="page-head">
         <h1>{t("sessions")}</h1>
       </div>
-      <Scroll label={t("sessions")} className="table-frame float">
+      <Filters filters={filters} onFilters={show} states />
+      <Scroll label={t("sessions")} className="table-frame float" busy={query.isPlaceholderData}>
         <table className="table num">
           <thead>
             <tr>
@@ -112,7 +118,7 @@ export function SessionsPage(): ReactElement {
             })}
           </tbody>
         </table>
-        <More query={query} empty={t("none")} count={rows.length} />
+        <More query={query} empty={t(Object.keys(filters).length === 0 ? "none" : "noneFits")} count={rows.length} />
       </Scroll>
     </div>
   );

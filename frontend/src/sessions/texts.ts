@@ -161,6 +161,7 @@ export const sessionTexts = texts({
     all: "All sessions",
     session: "session",
     none: "No session yet.",
+    noneFits: "No session fits these filters.",
     open: "Explain",
     evidence: "Evidence",
     evidenceHint: "The session with its ranges and the ledger’s blocks, as one file to check without this console",
@@ -270,6 +271,7 @@ export const sessionTexts = texts({
     all: "Kaikki istunnot",
     session: "istunto",
     none: "Ei vielä istuntoja.",
+    noneFits: "Mikään istunto ei vastaa rajauksia.",
     open: "Selitä",
     evidence: "Näyttö",
     evidenceHint: "Istunto etäisyyksineen ja tilikirjan lohkoineen yhtenä tiedostona, jonka voi tarkistaa ilman tätä konsolia",
@@ -417,5 +419,31 @@ export const stepTexts = texts({
     signature: "allekirjoitus {digest}",
     evidence: "näyttö {digest}",
     inBlock: "{tx} · lohko {block}",
+  },
+});
+
+/** What lists of sessions and verdicts are filtered by. */
+export const filterTexts = texts({
+  en: {
+    outcome: "Outcome",
+    state: "State",
+    stateIs: "{state, select, requested {under way} decided {decided} completed {completed} other {cancelled}}",
+    pad: "Pad",
+    action: "Action",
+    drone: "Drone",
+    serial: "its serial number",
+    operator: "Operator",
+    identifier: "its identifier",
+  },
+  fi: {
+    outcome: "Tulos",
+    state: "Tila",
+    stateIs: "{state, select, requested {meneillään} decided {päätetty} completed {valmis} other {peruttu}}",
+    pad: "Alusta",
+    action: "Toiminto",
+    drone: "Drooni",
+    serial: "sen sarjanumero",
+    operator: "Toimija",
+    identifier: "sen tunnus",
   },
 });

@@ -56,6 +56,10 @@ export const sharedTexts = texts({
     older: "Older",
     close: "Close",
     all: "all",
+    filters: "Filters",
+    clearFilters: "Clear filters",
+    fromDay: "From",
+    untilDay: "Until",
     asTable: "The same as a table",
   },
   fi: {
@@ -68,6 +72,10 @@ export const sharedTexts = texts({
     older: "Vanhemmat",
     close: "Sulje",
     all: "kaikki",
+    filters: "Rajaukset",
+    clearFilters: "Poista rajaukset",
+    fromDay: "Alkaen",
+    untilDay: "Asti",
     asTable: "Sama taulukkona",
   },
 });

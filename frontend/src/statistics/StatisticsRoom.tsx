@@ -5,13 +5,14 @@ import { useApi } from "../shared/api/api";
 import type { Pad, Statistics } from "../shared/api/records";
 import { AsTable } from "../shared/charts/AsTable";
 import { StackedBars } from "../shared/charts/StackedBars";
+import { dateInput, dayOf } from "../shared/days";
 import { count, day, dayAndTime, decimal, length } from "../shared/format";
 import { useLive, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
 import { formatTexts, lookTexts, sharedTexts } from "../shared/texts";
 import { Symbol } from "../shared/ui/Symbol";
 import { Groups } from "./Groups";
-import { binLabel, dateInput, dayOf, recent, SPANS } from "./spans";
+import { binLabel, DAY_BIN_MS, recent, SPANS } from "./spans";
 import "./statistics.css";
 import { StepTimes } from "./StepTimes";
 import { statisticsTexts as t } from "./texts";
@@ -195,7 +196,7 @@ export function StatisticsRoom({ place }: { place: Place & { room: PlainRoom } }
   const { query: chosen } = place;
   const oneDay = dayOf(chosen["day"] ?? "");
   const name = SPANS.find((each) => each === chosen["span"]) ?? "day";
-  const span = oneDay ?? recent(name, now_ms);
+  const span = oneDay === undefined ? recent(name, now_ms) : { ...oneDay, bin_ms: DAY_BIN_MS };
   const action = ACTIONS.find((each) => each === chosen["action"]);
   const filters = {
     ...span,

@@ -1,5 +1,5 @@
 import type { ReactElement } from "react";
-import { go, placeHash } from "../app/location";
+import { go, placeHash, type Filters as Chosen } from "../app/location";
 import { roomTexts } from "../app/texts";
 import { useApi } from "../shared/api/api";
 import { usePages } from "../shared/api/usePages";
@@ -8,6 +8,7 @@ import { actionNoun, count, dayAndTime, length, likelihood } from "../shared/for
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { LiveStore, Topic } from "../shared/live/store";
 import { refutedBy } from "../shared/refuted";
+import { asked, Filters } from "../sessions/Filters";
 import { differing } from "../sessions/words";
 import { lookTexts, sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
@@ -62,8 +63,12 @@ function newestVerdict(store: LiveStore): string {
   return store.verdictsByTime()[0]?.tx_id ?? "";
 }
 
+function show(filters: Chosen): void {
+  go({ room: "verdicts", filters }, true);
+}
+
 /** All verdicts as a table, the newest first: what the map shows, in words and figures. */
-export function VerdictsPage({ filters }: { filters: Record<string, string> }): ReactElement {
+export function VerdictsPage({ filters }: { filters: Chosen }): ReactElement {
   const api = useApi();
   const now_ms = useServerNow(10_000);
   const pads = useLive(PADS, (store) => [...store.pads.values()]);
@@ -71,55 +76,16 @@ export function VerdictsPage({ filters }: { filters: Record<string, string> }): 
   const mark = useLive(VERDICTS, newestVerdict);
   const { query, rows } = usePages(
     ["verdicts", filters],
-    (cursor) => api.verdicts({ ...filters, limit: PAGE, ...(cursor !== undefined && { cursor }) }),
-    { fresh: { mark: mark, newest: () => newestVerdict(store) } },
+    (cursor) => api.verdicts({ ...asked(filters), limit: PAGE, ...(cursor !== undefined && { cursor }) }),
+    { keep: true, fresh: { mark: mark, newest: () => newestVerdict(store) } },
   );
-  const set = (name: string, value: string): void => {
-    const next = Object.fromEntries(Object.entries({ ...filters, [name]: value }).filter(([, each]) => each !== ""));
-    go({ room: "verdicts", filters: next }, true);
-  };
   return (
     <div className="page">
       <div className="page-head">
         <h1>{t("verdicts")}</h1>
-        <div className="filters">
-          <label>
-            {t("outcome")}
-            <select value={filters["outcome"] ?? ""} onChange={(event) => set("outcome", event.target.value)}>
-              <option value="">{sharedTexts("all")}</option>
-              <option value="verified">{lookTexts("verified").toLowerCase()}</option>
-              <option value="refuted">{lookTexts("refuted").toLowerCase()}</option>
-              <option value="inconclusive">{lookTexts("inconclusive").toLowerCase()}</option>
-            </select>
-          </label>
-          <label>
-            {t("pad")}
-            <select value={filters["pad"] ?? ""} onChange={(event) => set("pad", event.target.value)}>
-              <option value="">{sharedTexts("all")}</option>
-              {pads.map((pad) => (
-                <option key={pad.pad_id} value={pad.pad_id}>
-                  {pad.name}
-                </option>
-              ))}
-            </select>
-          </label>
-          <label>
-            {t("drone")}
-            <input
-              type="search"
-              placeholder={t("serial")}
-              defaultValue={filters["drone"] ?? ""}
-              key={filters["drone"] ?? ""}
-              maxLength={40}
-              onKeyDown={(event) => {
-                if (event.key === "Enter") set("drone", event.currentTarget.value.trim());
-              }}
-              onBlur={(event) => set("drone", event.currentTarget.value.trim())}
-            />
-          </label>
-        </div>
       </div>
-      <Scroll label={roomTexts("verdicts")} className="table-frame float">
+      <Filters filters={filters} onFilters={show} />
+      <Scroll label={roomTexts("verdicts")} className="table-frame float" busy={query.isPlaceholderData}>
         <table className="table num">
           <thead>
             <tr>
@@ -157,7 +123,7 @@ export function VerdictsPage({ filters }: { filters: Record<string, string> }): 
             ))}
           </tbody>
         </table>
-        <More query={query} empty={t("none")} count={rows.length} />
+        <More query={query} empty={t(Object.keys(filters).length === 0 ? "none" : "noneFits")} count={rows.length} />
       </Scroll>
     </div>
   );

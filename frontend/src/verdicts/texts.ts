@@ -3,10 +3,8 @@ import { texts } from "../shared/i18n/texts";
 export const verdictTexts = texts({
   en: {
     verdicts: "Verdicts",
-    outcome: "Outcome",
     pad: "Pad",
     drone: "Drone",
-    serial: "serial number",
     verdict: "Verdict",
     permission: "Permission",
     permissionIs: "{deed} {permission, select, granted {permitted} other {refused}}",
@@ -17,14 +15,13 @@ export const verdictTexts = texts({
     decided: "Decided",
     block: "Block",
     transaction: "Transaction",
-    none: "No verdict fits.",
+    none: "No verdict yet.",
+    noneFits: "No verdict fits these filters.",
   },
   fi: {
     verdicts: "Päätökset",
-    outcome: "Tulos",
     pad: "Alusta",
     drone: "Drooni",
-    serial: "sarjanumero",
     verdict: "Päätös",
     permission: "Lupa",
     permissionIs: "{deed} {permission, select, granted {sallittu} other {evätty}}",
@@ -35,6 +32,7 @@ export const verdictTexts = texts({
     decided: "Päätetty",
     block: "Lohko",
     transaction: "Tapahtuma",
-    none: "Mikään päätös ei täsmää.",
+    none: "Ei vielä päätöksiä.",
+    noneFits: "Mikään päätös ei vastaa rajauksia.",
   },
 });

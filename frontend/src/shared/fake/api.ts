@@ -141,9 +141,10 @@ export function fakeFetch(store: LiveStore, flags: ReadonlySet<string>): (reques
     const url = new URL(request.url);
     const path = url.pathname.replace(/^.*\/api\/v1/, "");
     const query = url.searchParams;
-    const match = (item: { pad_id: string; uav_id: string; outcome?: string; state?: string }): boolean =>
+    const match = (item: { pad_id: string; uav_id: string; action: string; outcome?: string; state?: string }): boolean =>
       (query.get("pad") ?? item.pad_id) === item.pad_id &&
       (query.get("drone") ?? item.uav_id) === item.uav_id &&
+      (query.get("action") ?? item.action) === item.action &&
       (query.get("outcome") ?? item.outcome) === item.outcome &&
       (query.get("state") ?? item.state) === item.state;
     if (path === "/session") {
