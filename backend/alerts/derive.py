@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
@@ -31,13 +32,20 @@ def _refutation(record: dict[str, Any]) -> tuple[str, int | None]:
 
 _BY_ZONES: Final = frozenset({"zone_active", "closures_outdated"})
 _BY_PAPERS: Final = ("uav_", "maintenance_", "not_authorised")
+_ZONE: Final = re.compile("^Zone (.+) forbids the action ")
+"""The contract's reason has the zone's name in its sentence only."""
 
 
-def _against(record: dict[str, Any]) -> tuple[str, bool]:
-    """Why it may not do what it asked: by which zones (empty: none), and whether by its papers, too."""
+def _against(record: dict[str, Any]) -> tuple[dict[str, str], bool]:
+    """Why it may not do what it asked: what closes it (empty: nothing), and whether by its papers, too."""
     reasons = [(str(each["code"]), str(each["text"])) for each in record["reasons"]]
-    zones = [text.rstrip(".") for code, text in reasons if code in _BY_ZONES]
-    return (zones[0] if zones else ""), any(code.startswith(_BY_PAPERS) for code, _ in reasons)
+    closed: dict[str, str] = {}
+    for code, text in reasons:
+        if code in _BY_ZONES and not closed:
+            closed = {"why": text.rstrip("."), "code": code}
+            if named := _ZONE.match(text):
+                closed["zone"] = named[1]
+    return closed, any(code.startswith(_BY_PAPERS) for code, _ in reasons)
 
 
 def alerts_of(verdicts: Iterable[dict[str, Any]]) -> Iterator[Alert]:
@@ -59,7 +67,7 @@ def alerts_of(verdicts: Iterable[dict[str, Any]]) -> Iterator[Alert]:
         if record.get("authorised") is False:
             closed, others = _against(record)
             if closed:
-                yield Alert("zone_closed", row["session_id"], row["decided_ms"], **place, facts=facts | {"why": closed})
+                yield Alert("zone_closed", row["session_id"], row["decided_ms"], **place, facts=facts | closed)
             if others or not closed:
                 facts = {"action": row["action"]}
                 yield Alert("unauthorised", row["session_id"], row["decided_ms"], **place, facts=facts)

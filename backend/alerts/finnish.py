@@ -17,9 +17,9 @@ TEXTS: Final[Mapping[str, str]] = {
     ),
     "leaving": "{uav_id} oli lähdössä ilmoittamastaan paikasta alustalla {pad_id}, kun sitä mitattiin: kumottu.",
     "permission_unmatched": ("{uav_id} sai luvan alustalla {pad_id}; sen jälkeen sen lähetystä ei ole kuultu siellä."),
-    "ledger_halted": "Tilikirjan peilaus on pysähtynyt: {why}.",
+    "ledger_halted": "Tilikirjan peilaus on pysähtynyt; se sanoi: ”{why}”.",
     "unauthorised": "{uav_id} pyysi toimintoa {action} alustalla {pad_id} ilman lupaa.",
-    "zone_closed": "{uav_id} pyysi toimintoa {action} alustalla {pad_id}, jonka vyöhyke sulkee.",
+    "zone_closed": "{uav_id} pyysi toimintoa {action} alustalla {pad_id}, jonka {closed}.",
     "closures_ending": (
         "Alustan {pad_id} sulkuajat vyöhykkeiden vuoksi on julkaistu vain {until} asti; sen jälkeen siellä ei sallita "
         "mitään."
@@ -34,9 +34,9 @@ TEXTS: Final[Mapping[str, str]] = {
         "{pad_id} kuulee outoja lähetyksiä yhtä aikaa {drones} nimellä; vain ensimmäisistä on oma hälytyksensä."
     ),
     "pad_silent": "Alusta {pad_id} ei ole raportoinut {since} jälkeen.",
-    "pad_drifting": "Alusta {pad_id} ei enää mittaa kuten käyttöönotossa.",
+    "pad_drifting": "Alusta {pad_id} ei enää mittaa kuten käyttöönotossa: {drift}.",
     "certificate_expiring": "Varmenne {who} vanhenee {until}.",
-    "ledger_away": "Tilikirjaan ei saada yhteyttä: {why}.",
+    "ledger_away": "Tilikirjaan ei saada yhteyttä: {answer}.",
 }
 FINDINGS: Final[Mapping[str, str]] = {
     "two_places": "sama tunnus kahdesta paikasta, välimatka {away}",
@@ -68,10 +68,27 @@ def text(kind: str, facts: Mapping[str, Any]) -> str:
     for name in ("since", "until"):
         if isinstance(facts.get(f"{name}_ms"), int):
             shown[name] = _time(facts[f"{name}_ms"])
+    shown["closed"] = _closed(facts)
+    shown["drift"] = _drift(facts)
+    shown["answer"] = "ei vastausta" if facts.get("state") == "no_answer" else f"”{shown['why']}”"
     shown["state"] = _STATES.get(str(facts.get("state")), _CHANGED)
     if "finding" in facts:
         shown["finding"] = _finding(facts)
     return TEXTS[kind].format_map(shown)
+
+
+def _closed(facts: Mapping[str, Any]) -> str:
+    if facts.get("code") == "closures_outdated":
+        return "sulkuajat ovat vanhentuneet"
+    return f"vyöhyke {facts['zone']} sulkee" if "zone" in facts else "vyöhyke sulkee"
+
+
+def _drift(facts: Mapping[str, Any]) -> str:
+    anchor, off_mm = facts.get("anchor_id"), facts.get("off_mm")
+    if facts.get("state") == "moved" and anchor is not None and off_mm is not None:
+        return f"ankkuri {anchor} on noin {off_mm / 10:.0f} cm paikaltaan, siellä ei todisteta mitään"
+    added = f", epävarmuutta lisätään {facts['extra_sigma_mm']} mm" if facts.get("extra_sigma_mm") else ""
+    return f"{f'ankkuri {anchor}' if anchor is not None else 'sen ankkurit yhdessä'}{added}"
 
 
 def _finding(facts: Mapping[str, Any]) -> str:

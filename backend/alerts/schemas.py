@@ -46,8 +46,9 @@ class Alert(ApiModel):
     session_id: str | None = None
     tx_id: str | None = None
     facts: dict[str, Any] = Field(
-        description="What its text needs: error_mm, action, why, since_ms, who, until_ms, serial, finding, "
-        "distance_mm, interval_ms, other_uav_id, drones"
+        description="What its text needs: error_mm, action, why (in English, or as somebody else said it), code and "
+        "zone (zone_closed), state, anchor_id, off_mm and extra_sigma_mm (pad_drifting), since_ms, who, until_ms, "
+        "serial, finding, distance_mm, interval_ms, other_uav_id, drones"
     )
     text: str | None = Field(
         default=None, description="The same in one sentence, in the language asked for; not in live frames"

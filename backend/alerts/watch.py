@@ -63,16 +63,14 @@ def pad_conditions(
             since = datetime.fromtimestamp(t_ms / 1000, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
             yield Condition("pad_silent", pad_id, t_ms, pad_id, {"since_ms": t_ms, "since": since})
             continue
-        why = _drift(body)
-        if why is not None:
-            yield Condition("pad_drifting", pad_id, t_ms, pad_id, {"why": why})
+        drift = orjson.loads(body).get("drift")
+        if isinstance(drift, dict) and drift.get("state", "ok") != "ok":
+            told = {name: drift[name] for name in ("state", "anchor_id", "off_mm", "extra_sigma_mm") if name in drift}
+            yield Condition("pad_drifting", pad_id, t_ms, pad_id, {"why": _drift(drift), **told})
 
 
-def _drift(body: str) -> str | None:
+def _drift(drift: dict[str, Any]) -> str:
     """What a pad's health says of anchors that no longer measure as commissioned (docs/seams.md, "health")."""
-    drift = orjson.loads(body).get("drift")
-    if not isinstance(drift, dict) or drift.get("state", "ok") == "ok":
-        return None
     anchor, off_mm = drift.get("anchor_id"), drift.get("off_mm")
     if drift["state"] == "moved" and anchor is not None and off_mm is not None:
         return f"anchor {anchor} stands about {off_mm / 10:.0f} cm from its place, nothing is proved there"
@@ -86,8 +84,8 @@ def ledger_conditions(context: Context, now_ms: int) -> Iterable[Condition]:
     if mirror.halted is not None:
         yield Condition("ledger_halted", mirror.channel, now_ms, None, {"why": mirror.halted[:500]})
     elif not mirror.connected and mirror.lag_ms(now_ms) > AWAY_MS:
-        why = (mirror.problem or "no answer")[:500]
-        yield Condition("ledger_away", mirror.channel, now_ms - mirror.lag_ms(now_ms), None, {"why": why})
+        facts = {"why": mirror.problem[:500]} if mirror.problem else {"why": "no answer", "state": "no_answer"}
+        yield Condition("ledger_away", mirror.channel, now_ms - mirror.lag_ms(now_ms), None, facts)
 
 
 def closure_conditions(closures: Iterable[tuple[str, int]], now_ms: int) -> Iterable[Condition]:

@@ -596,6 +596,30 @@ def test_everything_is_said_in_finnish_too():
     assert "laskeutuminen" in plain_text("unauthorised", "pad-1", "uav-1", {"action": "land"}, "fi")
 
 
+@pytest.mark.parametrize(
+    ("reason", "facts", "said"),
+    [
+        (
+            {"code": "zone_active", "text": "Zone FIN:P20 a forbids the action land at pad pad-1."},
+            {"code": "zone_active", "zone": "FIN:P20 a"},
+            "jonka vyöhyke FIN:P20 a sulkee.",
+        ),
+        (
+            {"code": "closures_outdated", "text": "The closures end too early."},
+            {"code": "closures_outdated"},
+            "jonka sulkuajat ovat vanhentuneet.",
+        ),
+    ],
+)
+def test_what_closes_a_pad_is_told_by_its_code(reason, facts, said):
+    record = json.dumps({"authorised": False, "reasons": [reason]})
+    row = {"pad_id": "pad-1", "uav_id": "uav-1", "session_id": "0" * 64, "tx_id": "1" * 64, "action": "land"}
+    (alert,) = alerts_of([{**row, "outcome": "verified", "decided_ms": START_MS, "record": record}])
+    assert alert.kind == "zone_closed"
+    assert alert.facts == {"action": "land", "why": reason["text"].rstrip("."), **facts}
+    assert plain_text(alert.kind, alert.pad_id, alert.uav_id, alert.facts, "fi").endswith(said)
+
+
 async def test_alerts_say_what_they_are_in_the_language_asked_for(running):
     (alert,) = await alerts(running, kind="refuted")
     assert alert["text"].startswith("uav-2 is not where it says")

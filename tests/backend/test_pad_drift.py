@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from backend.alerts.kinds import plain_text
 from backend.alerts.watch import pad_conditions
 from backend.ingest.messages import BODIES
 from backend.pads.schemas import DriftHealth
@@ -39,4 +40,17 @@ def test_the_alert_says_which_anchor_and_what_follows(state, why):
     found = list(pad_conditions(pads, lambda _: True, NOW_MS))
     assert [(each.kind, each.pad_id, each.facts["why"]) for each in found] == (
         [("pad_drifting", "roof", why)] if why else []
+    )
+
+
+def test_what_the_alert_says_can_be_said_in_any_language():
+    (moved, drifting) = (
+        next(iter(pad_conditions([("roof", NOW_MS, json.dumps({"drift": state.health()}))], lambda _: True, NOW_MS)))
+        for state in STATES[:2]
+    )
+    assert (moved.facts["state"], moved.facts["anchor_id"], moved.facts["off_mm"]) == ("moved", "A3", 114)
+    said = plain_text("pad_drifting", "roof", None, moved.facts, "fi")
+    assert "ankkuri A3 on noin 11 cm paikaltaan" in said
+    assert "ankkurit yhdessä, epävarmuutta lisätään 180 mm" in plain_text(
+        "pad_drifting", "roof", None, drifting.facts, "fi"
     )

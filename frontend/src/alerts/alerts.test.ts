@@ -33,6 +33,35 @@ describe("an alert in words", () => {
     expect(say(alert("closures_differ", { state: "differs" }))).toContain("they have changed since. Publish anew.");
   });
 
+  it("says what closes a pad, and quotes the contract where no code does", () => {
+    const why = "Zone FIN:P20 forbids the action land at pad pad-1";
+    const closed = alert("zone_closed", { action: "land", why, code: "zone_active", zone: "FIN:P20" });
+    expect(say(closed)).toBe("uav-1 asked to land at Aurajoki 2, which the zone FIN:P20 closes.");
+    setReading({ locale: "fi" });
+    expect(say(closed)).toBe("uav-1 pyysi saada laskeutua alustalla Aurajoki 2, jonka vyöhyke FIN:P20 sulkee.");
+    expect(say(alert("zone_closed", { action: "land", why, code: "closures_outdated" }))).toContain("sulkuajat vyöhykkeiden vuoksi ovat vanhentuneet");
+    expect(say(alert("zone_closed", { action: "land", why }))).toContain(`sopimus sanoi: ”${why}”`);
+    setReading({ locale: "en" });
+  });
+
+  it("says how a pad drifts, in the user's language and units", () => {
+    const moved = alert("pad_drifting", { why: "in English", state: "moved", anchor_id: "A3", off_mm: 114 });
+    const all = alert("pad_drifting", { why: "in English", state: "drifting", extra_sigma_mm: 180 });
+    expect(say(moved)).toContain("anchor A3 stands about 0.11 m from its place");
+    expect(say(all)).toContain("its anchors together; 0.18 m of uncertainty are added.");
+    setReading({ locale: "fi" });
+    expect(say(moved)).toContain("ankkuri A3 on noin 0,11 m päässä paikaltaan");
+    expect(say(all)).toContain("sen ankkurit yhdessä; epävarmuutta lisätään 0,18 m.");
+    expect(say(alert("pad_drifting", { why: "anchor A3" }))).toContain("se sanoi: ”anchor A3”");
+    setReading({ locale: "en" });
+  });
+
+  it("quotes what only another said", () => {
+    expect(say(alert("ledger_away", { why: "connection refused" }))).toContain("ended with: “connection refused”");
+    expect(say(alert("ledger_away", { why: "no answer", state: "no_answer" }))).toBe("The ledger cannot be reached; it does not answer.");
+    expect(say(alert("ledger_halted", { why: "a gap" }, "critical"))).toContain("it said: “a gap”");
+  });
+
   it("says how long a pad was silent, also hours after it came back", () => {
     const silent = alert("pad_silent", { since_ms: NOW_MS - 8 * 3_600_000 });
     expect(say(silent)).toContain("for 8 h");

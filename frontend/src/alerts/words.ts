@@ -3,7 +3,7 @@ import type { Look } from "../shared/drones";
 import { oddity } from "../sessions/broadcastTexts";
 import { actionVerb, age, count, day, length } from "../shared/format";
 import type { Phrase } from "../shared/i18n/texts";
-import { alertTexts as t } from "./texts";
+import { alertTexts as t, driftTexts } from "./texts";
 
 const ACTIONS = ["land", "takeoff", "dock"] as const;
 
@@ -22,6 +22,18 @@ function until({ state, over_ms }: Alert, now_ms: number): number {
   return state === "returned" || state === "over" ? (over_ms ?? now_ms) : now_ms;
 }
 
+/** What a pad's anchors found when they ranged each other. */
+function drift(alert: Alert): string {
+  const state = fact(alert, "state");
+  const anchor = fact(alert, "anchor_id");
+  const off_mm = number(alert, "off_mm");
+  const extra_mm = number(alert, "extra_sigma_mm") ?? 0;
+  // Alerts of former versions have the English sentence only.
+  if (state === undefined) return driftTexts("said", { why: fact(alert, "why") ?? t("unknown") });
+  if (state === "moved" && anchor !== undefined && off_mm !== undefined) return driftTexts("moved", { anchor, off: length(off_mm, true) });
+  return driftTexts("drifting", { anchor: anchor ?? "all", more: extra_mm === 0 ? "none" : length(extra_mm, true) });
+}
+
 /** The alert in one sentence, in the user's language and units. What it does not know it calls unknown. */
 export function sentence(alert: Alert, pads: ReadonlyMap<string, Pad>, now_ms: number): Phrase[] {
   const error_mm = fact(alert, "error_mm");
@@ -38,6 +50,9 @@ export function sentence(alert: Alert, pads: ReadonlyMap<string, Pad>, now_ms: n
     until: typeof until_ms === "number" ? day(until_ms) : unknown,
     who: fact(alert, "who") ?? unknown,
     why: fact(alert, "why") ?? unknown,
+    code: fact(alert, "zone") === undefined && fact(alert, "code") === "zone_active" ? "" : (fact(alert, "code") ?? ""),
+    zone: fact(alert, "zone") ?? "",
+    drift: drift(alert),
     state: fact(alert, "state") ?? "",
     drones: count(number(alert, "drones") ?? 0),
     what: oddity({
