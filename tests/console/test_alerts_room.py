@@ -115,6 +115,64 @@ def test_what_ended_by_itself_stays_until_somebody_has_seen_it(real, inbox):
     expect(silent).to_be_visible()
 
 
+@pytest.fixture
+def flapping(real, inbox):
+    """The inbox, with three alerts of a pad that went and came back."""
+    database, watch = real.backend.database, real.backend.watch
+    for _ in range(3):
+        real._run(report_health(database, real.now_ms() - 120_000))
+        real._run(watch.look())
+        real._run(report_health(database, real.now_ms()))
+        real._run(watch.look())
+    expect(inbox.get_by_role("link", name="Pad silent")).to_have_count(3)
+    return inbox
+
+
+def several(page):
+    return page.get_by_role("group", name="Several at once")
+
+
+def test_what_a_pad_went_through_is_acknowledged_at_once_and_recorded_one_by_one(flapping):
+    # What still goes on has to be looked at by itself.
+    expect(flapping.get_by_role("checkbox", name="Choose Pad silent")).to_have_count(3)
+    expect(flapping.get_by_role("checkbox", name="Choose Refuted")).to_have_count(0)
+    several(flapping).get_by_role("button", name="All of Aurajoki 2 that are over").click()
+    several(flapping).get_by_label("Note").fill("Its cable was loose.")
+    several(flapping).get_by_role("button", name="Acknowledge these 3").click()
+    expect(several(flapping)).to_contain_text("3 were acknowledged.")
+    expect(flapping.get_by_role("link", name="Pad silent")).to_have_count(0)
+    expect(flapping.get_by_test_id("alerts-chip")).to_contain_text("1 alert")
+    flapping.get_by_role("button", name="Over", exact=True).click()
+    silent = flapping.get_by_role("link", name="Pad silent")
+    expect(silent).to_have_count(3)
+    for index in range(3):
+        silent.nth(index).click()
+        expect(silent.nth(index)).to_have_attribute("aria-current", "true")
+        expect(flapping.locator(".acts li")).to_have_count(1)
+        expect(flapping.locator(".acts")).to_contain_text("M. Inspector acknowledged")
+        expect(flapping.locator(".act-note")).to_have_text("Its cable was loose.")
+
+
+def test_another_officer_who_was_first_is_told_of_and_nothing_is_overwritten(real, open_page, flapping):
+    choices = flapping.get_by_role("checkbox", name="Choose Pad silent")
+    for index in (0, 1):
+        choices.nth(index).check()
+    other = open_page(real.link(name="A. Nother"), room="alerts")
+    other.get_by_role("link", name="Pad silent").first.click()
+    other.get_by_label("Note").fill("I look into it.")
+    other.get_by_role("button", name="Add note").click()
+    expect(other.locator(".act-note")).to_be_visible()
+    flapping.watched.expected = ("409",)
+    several(flapping).get_by_role("button", name="Acknowledge these 2").click()
+    expect(several(flapping)).to_contain_text("One was acknowledged.")
+    told = several(flapping).get_by_role("alert")
+    expect(told).to_contain_text("Somebody else has acted on this one meanwhile")
+    told.get_by_role("link").click()
+    expect(flapping.locator(".act-note")).to_have_text("I look into it.")
+    expect(flapping.get_by_role("link", name="Pad silent", exact=False)).not_to_have_count(0)
+    expect(flapping.get_by_role("button", name="Acknowledge", exact=True)).to_be_visible()
+
+
 def test_what_sleeps_leaves_the_inbox(inbox):
     row(inbox).click()
     inbox.get_by_label("Snooze").select_option("60")

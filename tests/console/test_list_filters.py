@@ -51,7 +51,7 @@ def test_filters_combine_stay_in_the_address_and_are_cleared_at_once(real, open_
 def test_days_are_those_of_this_browser(real, open_page, room):
     page = open_page(real.link(), room=room)
     # The proofs are half a minute and a minute old: of today, or just before midnight.
-    first, last = ((datetime.now() + timedelta(days=days)).date().isoformat() for days in (-1, 1))
+    first, last = ((datetime.now().astimezone() + timedelta(days=days)).date().isoformat() for days in (-1, 1))
     bar = filters(page)
     bar.get_by_label("From").fill(first)
     expect(page).to_have_url(re.compile(f"since={first}"))

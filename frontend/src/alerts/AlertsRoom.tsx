@@ -13,7 +13,8 @@ import { Symbol } from "../shared/ui/Symbol";
 import { AlertPanel } from "./AlertPanel";
 import "./alerts.css";
 import { useWishes, wishNotify, wishSound } from "./notice";
-import { alertTexts, inboxTexts as t } from "./texts";
+import { Several, useName, type Chosen } from "./Several";
+import { alertTexts, inboxTexts as t, severalTexts } from "./texts";
 import { lookOf, sentence } from "./words";
 
 const TOPICS: readonly Topic[] = ["alerts", "pads"];
@@ -53,10 +54,16 @@ function Wishes(): ReactElement {
   );
 }
 
-function Row({ alert, selected, href, now_ms }: { alert: Alert; selected: boolean; href: string; now_ms: number }): ReactElement {
+type RowProperties = { alert: Alert; selected: boolean; href: string; now_ms: number; chosen: boolean; onChoose: (chosen: boolean) => void };
+
+function Row({ alert, selected, href, now_ms, chosen, onChoose }: RowProperties): ReactElement {
   const store = useLiveStore();
+  const nameOf = useName(now_ms);
   return (
-    <li>
+    <li className="alert-line">
+      {(alert.state === "returned" || chosen) && (
+        <input type="checkbox" checked={chosen} aria-label={severalTexts("choose", { what: nameOf(alert) })} onChange={(event) => onChoose(event.target.checked)} />
+      )}
       <a className="alert-row" href={href} aria-current={selected ? "true" : undefined}>
         <Symbol look={lookOf(alert)} />
         <b>{alertTexts("title", { kind: alert.kind })}</b>
@@ -80,6 +87,11 @@ export function AlertsRoom({ place }: { place: Place & { room: PlainRoom } }): R
   const now_ms = useServerNow(5_000);
   const tab: Tab = TABS.find((each) => each === place.query["state"]) ?? "inbox";
   const [selected] = place.path;
+  const [chosen, setChosen] = useState<Chosen>(new Map());
+  const choose = (alert: Alert, on: boolean): void => {
+    const others = [...chosen].filter(([alert_id]) => alert_id !== alert.alert_id);
+    setChosen(new Map(on ? [...others, [alert.alert_id, alert]] : others));
+  };
   const fresh = useLive(TOPICS, mark);
   const filters: AlertFilters = tab === "all" ? {} : { state: tab };
   const { query, rows } = usePages(
@@ -116,9 +128,18 @@ export function AlertsRoom({ place }: { place: Place & { room: PlainRoom } }): R
               </button>
             ))}
           </div>
+          <Several rows={rows} chosen={chosen} onChoose={setChosen} hrefOf={(alert_id) => hrefOf([alert_id])} now_ms={now_ms} />
           <ul>
             {rows.map((alert) => (
-              <Row key={alert.alert_id} alert={alert} selected={alert.alert_id === selected} href={hrefOf([alert.alert_id])} now_ms={now_ms} />
+              <Row
+                key={alert.alert_id}
+                alert={alert}
+                selected={alert.alert_id === selected}
+                href={hrefOf([alert.alert_id])}
+                now_ms={now_ms}
+                chosen={chosen.has(alert.alert_id)}
+                onChoose={(on) => choose(alert, on)}
+              />
             ))}
           </ul>
           <More query={query} empty={t("empty", { state: tab })} count={rows.length} />

@@ -149,3 +149,31 @@ export const inboxTexts = texts({
     happened: "Tapahtui",
   },
 });
+
+/** Several alerts at once. */
+export const severalTexts = texts({
+  en: {
+    several: "Several at once",
+    hint: "These are over by themselves. Tick several, or take all of a pad, to acknowledge them at once; each is recorded by itself, with your name.",
+    choose: "Choose {what}",
+    allOf: "All of {pad} that are over",
+    chooseNone: "Choose none",
+    note: "Note, {count, plural, one {kept with the one that is chosen} other {kept with each of the # that are chosen}}",
+    acknowledge: "Acknowledge {count, plural, one {the chosen one} other {these #}}",
+    doing: "Acknowledging: {done} of {all} done…",
+    done: "{count, plural, =0 {None was acknowledged.} one {One was acknowledged.} other {# were acknowledged.}}",
+    conflicts: "Somebody else has acted on {count, plural, one {this one} other {these}} meanwhile; nothing was done about {count, plural, one {it} other {them}} here:",
+  },
+  fi: {
+    several: "Useita kerralla",
+    hint: "Nämä ovat ohi itsestään. Merkitse useita tai ota alustan kaikki, niin voit kuitata ne kerralla; kukin kirjataan erikseen nimelläsi.",
+    choose: "Valitse {what}",
+    allOf: "Kaikki ohi menneet: {pad}",
+    chooseNone: "Poista valinnat",
+    note: "Merkintä, {count, plural, one {säilyy valitun mukana} other {säilyy jokaisen valitun (# kpl) mukana}}",
+    acknowledge: "Kuittaa {count, plural, one {valittu} other {nämä #}}",
+    doing: "Kuitataan: {done}/{all} tehty…",
+    done: "{count, plural, =0 {Yhtään ei kuitattu.} one {Yksi kuitattiin.} other {# kuitattiin.}}",
+    conflicts: "Joku muu on toiminut välillä {count, plural, one {tässä} other {näissä}}; {count, plural, one {sille} other {niille}} ei tehty täällä mitään:",
+  },
+});
