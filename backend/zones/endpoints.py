@@ -96,8 +96,8 @@ ZoneId = Annotated[str, Path(pattern=f"^{ZONE_ID_PATTERN}$", max_length=11)]
 async def list_zones(request: Request, filters: Annotated[ZoneQuery, Query()], _: SignedInPerson) -> Response:
     """The zones of all data sets that hold, by identifier; as JSON with their ED-318 features, or as plain GeoJSON."""
     context = context_of(request)
-    now = context.clock()
-    query = store.holding()
+    now = context.clock() if filters.at_ms is None else filters.at_ms
+    query = store.holding(filters.at_ms)
     if filters.bbox is not None:
         query = store.within(query, Box.parse(filters.bbox))
     for column, value in (

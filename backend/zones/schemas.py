@@ -84,6 +84,9 @@ class ZoneQuery(PageQuery):
     source: str | None = Field(default=None, pattern=SOURCE, description="Only of this source's data set")
     since_ms: int | None = Field(default=None, ge=0, le=MAX_TIME_MS, description="Only those that hold after this")
     until_ms: int | None = Field(default=None, ge=0, le=MAX_TIME_MS, description="Only those that hold before this")
+    at_ms: int | None = Field(
+        default=None, ge=0, le=MAX_TIME_MS, description="As they were known at this time of the past; `active` is then"
+    )
 
     @model_validator(mode="after")
     def _both_ends(self) -> Self:

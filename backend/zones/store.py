@@ -101,12 +101,17 @@ async def elsewhere(database: AsyncSession, source: str, zone_ids: Iterable[str]
     return {zone_id: held[zone_id] for zone_id in zone_ids if zone_id in held}
 
 
-def holding() -> Select[ZoneRow, ZoneSetRow]:
-    """The zones of the data sets that hold, by zone."""
+def holding(at_ms: int | None = None) -> Select[ZoneRow, ZoneSetRow]:
+    """The zones of the data sets that hold, or that held at a time of the past, by zone."""
+    replaced = ZoneSetRow.replaced_ms
     return (
         select(ZoneRow, ZoneSetRow)
         .join(ZoneSetRow, ZoneSetRow.import_id == ZoneRow.import_id)
-        .where(ZoneSetRow.current.is_not(None))
+        .where(
+            ZoneSetRow.current.is_not(None)
+            if at_ms is None
+            else and_(ZoneSetRow.imported_ms <= at_ms, or_(replaced.is_(None), replaced > at_ms))
+        )
         .order_by(ZoneRow.zone_id)
     )
 

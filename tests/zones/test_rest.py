@@ -57,6 +57,22 @@ def test_a_dry_run_lists_every_error_and_imports_nothing(admin):
     assert admin.get("/zones/imports").json()["items"] == []
 
 
+def test_zones_are_told_as_they_were_known_at_a_time(admin):
+    first = imported(admin)
+    second = imported(admin, edited(lambda features: features.pop(0)))
+    sets = {each["import_id"]: each for each in admin.get("/zones/imports").json()["items"]}
+    began_ms, replaced_ms = sets[first["import_id"]]["imported_ms"], sets[second["import_id"]]["imported_ms"]
+    assert began_ms < replaced_ms
+    then = {"at_ms": replaced_ms - 1}
+    assert ids(admin.get("/zones", params={"at_ms": began_ms - 1})) == []
+    assert ids(admin.get("/zones", params=then)) == ["FIN:NIGHT 1", "FIN:P20", "FIN:R1"]
+    assert ids(admin.get("/zones", params={"at_ms": replaced_ms})) == ids(admin.get("/zones"))
+    imported_zone = next(each for each in admin.get("/zones", params=then).json()["items"] if each["limited"])
+    assert imported_zone["changes_ms"] > then["at_ms"]
+    page = admin.get("/zones", params={**then, "limit": 2}).json()
+    assert ids(admin.get("/zones", params={**then, "limit": 2, "cursor": page["next"]})) == ["FIN:R1"]
+
+
 def test_an_import_replaces_its_sources_data_set_and_keeps_the_history(house, admin):
     first = imported(admin)
     assert (first["added"], first["removed"], first["changed"]) == (3, 0, 0)

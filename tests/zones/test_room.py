@@ -97,7 +97,7 @@ def test_from_a_broken_file_to_a_landing_that_is_refused(console_house, officer)
     go(page, f"sessions/{session_id}")
     expect(page.get_by_text(f"Zone FIN:P20 forbids the action land at pad {pad_id}.").first).to_be_visible()
     go(page, "alerts")
-    expect(page.get_by_text("which a zone closes").first).to_be_visible()
+    expect(page.get_by_text("which the zone FIN:P20 closes").first).to_be_visible()
 
 
 def test_a_zone_in_finnish(console_house, officer):
