@@ -8,6 +8,7 @@ import json
 import re
 import zipfile
 from datetime import datetime, timedelta
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
@@ -15,8 +16,10 @@ from sqlalchemy import insert
 
 from backend.db.tables.reported import LatestTrackRow, TrackMinuteRow, TrackRow
 from backend.outputs.settings import OutputSettings
+from backend.zones import importing
 
 SECOND = 1_000
+TURKU = Path(__file__).parents[1] / "zones" / "files" / "turku.ed318.json"
 
 
 def yesterday_ms(hours, minutes=0, seconds=0):
@@ -171,6 +174,56 @@ def test_a_time_that_cannot_be_read_is_said_and_nothing_moves(room):
     go(room, "half past <b>never</b>")
     expect(room.get_by_role("alert")).to_contain_text("No time that can be read")
     expect(time(room)).to_have_text("14:00:00")
+
+
+def test_the_map_shows_the_zones_that_held_then(past, room):
+    def at(t_ms, coroutine):
+        past.off_ms = 0
+        past.off_ms = t_ms - past.now_ms()
+        past._run(coroutine)
+        past.off_ms = 0
+
+    context = past.backend.context
+    at(yesterday_ms(13, 40), importing.import_data(context, "Anna", TURKU.read_bytes(), "turku"))
+    at(yesterday_ms(14, 3), importing.end(context, "Anna", "turku"))
+    prohibited = room.locator(".zones-legend").get_by_text("Prohibited")
+    for typed, there in (("yesterday 13:39:30", 0), ("yesterday 14:00", 1), ("yesterday 14:03:30", 0), ("yesterday 14:01", 1)):
+        go(room, typed)
+        expect(prohibited).to_have_count(there)
+    room.get_by_role("button", name="Hide zones").click()
+    expect(prohibited).to_have_count(0)
+    assert "zones=off" in room.url
+
+
+def test_measure_follow_and_the_same_as_a_table(room):
+    go(room, "yesterday 14:00")
+    row(room).click()
+    panel = room.get_by_role("region", name="Replay")
+    panel.get_by_role("button", name="Follow").click()
+    expect(panel.get_by_role("button", name="Follow")).to_have_attribute("aria-pressed", "true")
+    expect(room).to_have_url(re.compile("follow"))
+    before = re.search(r"at=([0-9.]+)", room.url)[1]
+    go(room, "yesterday 14:04")
+    # It flew north for four minutes, and the camera with it.
+    expect(time(room)).to_have_text("14:04:00")
+    room.wait_for_function("before => Number(/at=([0-9.]+)/.exec(location.hash)[1]) > Number(before) + 0.0001", arg=before)
+    room.keyboard.press("m")
+    room.keyboard.press("Enter")
+    room.keyboard.press("ArrowRight")
+    bar = room.get_by_role("region", name="Measure")
+    expect(bar).to_be_visible()
+    assert "measure=" in room.url
+    room.keyboard.press("Escape")
+    expect(bar).to_have_count(0)
+    room.keyboard.press("x")
+    table = room.get_by_role("table")
+    expect(table.locator("caption")).to_contain_text("1 drone")
+    expect(table).to_contain_text("uav-2")
+    expect(room).to_have_url(re.compile("#/replay.*table"))
+    table.get_by_role("link", name="uav-2").click()
+    expect(table).to_have_count(0)
+    expect(time(room)).to_have_text("14:04:10")
+    expect(room).to_have_url(re.compile("#/replay.*drone=uav-2"))
 
 
 def test_a_window_goes_out_as_files(room, tmp_path):

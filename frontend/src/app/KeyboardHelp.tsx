@@ -33,6 +33,9 @@ const replayKeys = (): readonly Key[] => [
   [["f"], keyTexts("show")],
   [["0"], keyTexts("all")],
   [["+", "−"], keyTexts("zoom")],
+  [["c"], keyTexts("follow")],
+  [["m"], keyTexts("measure")],
+  [["x"], keyTexts("table")],
   [["Esc"], replayKeyTexts("close")],
 ];
 

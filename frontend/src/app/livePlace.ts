@@ -89,3 +89,10 @@ export function liveQuery(place: LivePlace): URLSearchParams {
   }
   return parameters;
 }
+
+export type Change = { [Name in keyof LivePlace]?: LivePlace[Name] | undefined };
+
+/** The place with some of it changed; what becomes undefined is gone from the address. */
+export function changed(place: LivePlace, change: Change): LivePlace {
+  return Object.fromEntries(Object.entries({ ...place, ...change }).filter(([, value]) => value !== undefined)) as LivePlace;
+}

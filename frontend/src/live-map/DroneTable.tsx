@@ -1,5 +1,4 @@
 import { useState, type ReactElement } from "react";
-import { placeHash, type LivePlace } from "../app/location";
 import { rowText } from "../sessions/words";
 import type { Fleet } from "../shared/fleet";
 import { age, coordinates, count, length, speed } from "../shared/format";
@@ -11,12 +10,11 @@ import { liveTexts as t } from "./texts";
 const PAGE = 200;
 
 /** All that the map shows, in words and figures, in the order of need. */
-export function DroneTable({ fleet, place, now_ms }: { fleet: Fleet; place: LivePlace; now_ms: number }): ReactElement {
+export function DroneTable({ fleet, hrefOf, now_ms }: { fleet: Fleet; hrefOf: (uav_id: string) => string; now_ms: number }): ReactElement {
   const store = useLiveStore();
   const [most, setMost] = useState(PAGE);
   const rows = fleet.rows("all");
   const padName = (pad_id: string): string => store.pads.get(pad_id)?.name ?? pad_id;
-  const { as: _as, ...onMap } = place;
   const shown = Array.from({ length: Math.min(most, rows.length) }, (_, i) => rows.at(i)).filter((drone) => drone !== undefined);
   return (
     <div className="map-table">
@@ -42,7 +40,7 @@ export function DroneTable({ fleet, place, now_ms }: { fleet: Fleet; place: Live
             return (
               <tr key={drone.uav_id}>
                 <th scope="row">
-                  <a href={placeHash({ ...onMap, drone: drone.uav_id })}>{drone.uav_id}</a>
+                  <a href={hrefOf(drone.uav_id)}>{drone.uav_id}</a>
                 </th>
                 <td>
                   <span className={`with-symbol look-${drone.look}`}>

@@ -1,5 +1,6 @@
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState, type ReactElement } from "react";
 import { roomTexts } from "../app/texts";
+import { changed, type Change } from "../app/livePlace";
 import { currentPlace, go, placeHash, type Camera, type LivePlace } from "../app/location";
 import { asOf, sessionOf } from "../shared/drones";
 import type { Filter } from "../shared/fleet";
@@ -23,6 +24,7 @@ import { PanelTools, SheetHandle } from "./PanelTools";
 import { Resizer } from "./Resizer";
 import { liveTexts as t } from "./texts";
 import { Timeline } from "./Timeline";
+import { useMeasure } from "./useMeasure";
 import { useBox, usePhone } from "../shared/ui/useBox";
 import { WallPage } from "./WallPage";
 import { ZoomControls } from "./ZoomControls";
@@ -39,13 +41,6 @@ function sameView(one: Camera, other: Camera): boolean {
 function useFilter(filter: Filter | undefined): Filter {
   const key = JSON.stringify(filter ?? {});
   return useMemo(() => (key === "{}" ? NO_FILTER : (JSON.parse(key) as Filter)), [key]);
-}
-
-type Change = { [Name in keyof LivePlace]?: LivePlace[Name] | undefined };
-
-/** The place with some of it changed; what becomes undefined is gone from the address. */
-function changed(place: LivePlace, change: Change): LivePlace {
-  return Object.fromEntries(Object.entries({ ...place, ...change }).filter(([, value]) => value !== undefined)) as LivePlace;
 }
 
 /** The main page: who is in the air, the map, and the proof of what is selected. */
@@ -148,15 +143,9 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
   }, []);
 
   const { measure } = place;
-  // An address holds places as they were written; the map wants the same list as long as they are.
-  const measureKey = measure === undefined ? "" : JSON.stringify(measure);
-  const points = useMemo(() => (measureKey === "" ? undefined : (JSON.parse(measureKey) as LonLat[])), [measureKey]);
-  const addPoint = useCallback((at: LonLat) => change({ measure: [...(latest.current.measure ?? []), at] }, true), [change]);
-  const toggleMeasure = (): void => {
-    change({ measure: measure === undefined ? [] : undefined });
-    if (measure === undefined) map.current?.focus();
-  };
-  const undo = (): void => change({ measure: (measure ?? []).slice(0, -1) }, true);
+  const setMeasure = useCallback((next: LivePlace["measure"], replace: boolean) => change({ measure: next }, replace), [change]);
+  const measuring = useMeasure(measure, setMeasure, map);
+  const { points } = measuring;
 
   const { zones, overlays: zoneOverlays } = useMapZones(place.zones !== "off");
   const networkedOn = place.networked === true && place.as === undefined;
@@ -188,7 +177,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
     if (uav_id !== undefined) change({ drone: uav_id, session: undefined, follow: place.follow === true ? undefined : true });
   };
   useKeys({
-    Escape: () => (measure === undefined ? selectDrone(undefined) : toggleMeasure()),
+    Escape: () => (measure === undefined ? selectDrone(undefined) : measuring.toggle()),
     f: () => map.current?.fitSelection(),
     c: follow,
     0: () => map.current?.fitAll(),
@@ -196,17 +185,11 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
     "-": () => map.current?.zoomBy(-1),
     j: () => step(1),
     k: () => step(-1),
-    m: toggleMeasure,
+    m: measuring.toggle,
     n: toggleNetworked,
     x: () => change({ as: place.as === "table" ? undefined : "table" }),
     w: () => change({ as: "wall" }),
-    ...(measure !== undefined && {
-      Enter: () => {
-        const centre = map.current?.centre();
-        if (centre !== undefined) addPoint(centre);
-      },
-      Backspace: undo,
-    }),
+    ...measuring.keys,
   });
 
   const padding = useMemo(() => {
@@ -239,7 +222,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
     <div className="live">
       <h1 className="visually-hidden">{roomTexts("live")}</h1>
       {table ? (
-        <DroneTable fleet={fleet} place={place} now_ms={now_ms} />
+        <DroneTable fleet={fleet} hrefOf={(id) => placeHash(changed(place, { as: undefined, drone: id }))} now_ms={now_ms} />
       ) : (
         <MapView
           ref={map}
@@ -254,7 +237,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
           onSelect={selectDrone}
           onCamera={onCamera}
           onRelease={() => change({ follow: undefined }, true)}
-          onMeasure={addPoint}
+          onMeasure={measuring.add}
         />
       )}
       {(!phone || !open) && (
@@ -294,7 +277,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
           <ZoneCard zones={opened} now_ms={now_ms} onClose={() => change({ zone: undefined })} />
         </div>
       )}
-      {points !== undefined && !table && <MeasureBar points={points} onUndo={undo} onEnd={toggleMeasure} />}
+      {points !== undefined && !table && <MeasureBar points={points} onUndo={measuring.undo} onEnd={measuring.toggle} />}
       <div className="map-tools" data-panel={open && !phone}>
         {!table && <ZoneLegend zones={zones} shown={place.zones !== "off"} onToggle={() => change({ zones: place.zones === "off" ? undefined : "off", zone: undefined })} />}
         {table && (
@@ -307,7 +290,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
           table={table}
           measuring={measure !== undefined}
           networked={networkedOn}
-          onMeasure={toggleMeasure}
+          onMeasure={measuring.toggle}
           onNetworked={toggleNetworked}
           onTable={() => change({ as: table ? undefined : "table" })}
           onWall={() => change({ as: "wall" })}

@@ -6,13 +6,14 @@ type Properties = {
   /** The table stands in the map's place: nothing to zoom or measure. */
   table: boolean;
   measuring: boolean;
-  networked: boolean;
+  /** Missing where there is none: in the past. */
+  networked?: boolean;
   onZoom: (levels: number) => void;
   onAll: () => void;
   onMeasure: () => void;
-  onNetworked: () => void;
+  onNetworked?: () => void;
   onTable: () => void;
-  onWall: () => void;
+  onWall?: () => void;
 };
 
 type Tool = { name: string; key: string; path: string; pressed?: boolean; stays?: true; act: () => void };
@@ -23,12 +24,14 @@ function tools({ table, measuring, networked, onZoom, onAll, onMeasure, onNetwor
     { name: t("further"), key: "−", path: "M4 10h12", act: () => onZoom(-1) },
     { name: t("allPads"), key: "0", path: "M3 7V3h4M13 3h4v4M17 13v4h-4M7 17H3v-4", stays: true, act: onAll },
     { name: t("measure"), key: "m", path: "M2.5 13.5l11-11 4 4-11 11zM6 10l2 2M9 7l2 2M12 4l2 2", pressed: measuring, stays: true, act: onMeasure },
-    { name: networkedTexts("show"), key: "n", path: "M10 12.2a2.2 2.2 0 1 0 0-4.4 2.2 2.2 0 0 0 0 4.4M6 14a5.6 5.6 0 0 1 0-8M14 6a5.6 5.6 0 0 1 0 8M3.6 16.4a9 9 0 0 1 0-12.8M16.4 3.6a9 9 0 0 1 0 12.8", pressed: networked, stays: true, act: onNetworked },
+    ...(onNetworked === undefined
+      ? []
+      : [{ name: networkedTexts("show"), key: "n", path: "M10 12.2a2.2 2.2 0 1 0 0-4.4 2.2 2.2 0 0 0 0 4.4M6 14a5.6 5.6 0 0 1 0-8M14 6a5.6 5.6 0 0 1 0 8M3.6 16.4a9 9 0 0 1 0-12.8M16.4 3.6a9 9 0 0 1 0 12.8", pressed: networked === true, stays: true as const, act: onNetworked }]),
   ];
   return [
     ...(table ? [] : map),
     { name: t(table ? "asMap" : "asTable"), key: "x", path: "M3 4.5h14v11H3zM3 8.2h14M3 11.8h14M8 8.2v7.3", pressed: table, stays: true, act: onTable },
-    { name: t("wall"), key: "w", path: "M2.5 4h15v9.5h-15zM10 13.5V17M6.5 17h7", act: onWall },
+    ...(onWall === undefined ? [] : [{ name: t("wall"), key: "w", path: "M2.5 4h15v9.5h-15zM10 13.5V17M6.5 17h7", act: onWall }]),
   ];
 }
 

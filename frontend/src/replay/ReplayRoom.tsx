@@ -1,10 +1,15 @@
 import { QueryClient, QueryClientProvider, useQuery } from "@tanstack/react-query";
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState, useSyncExternalStore, type ReactElement } from "react";
+import { changed, type Change } from "../app/livePlace";
 import { go, placeHash, type Camera, type LivePlace, type Place, type PlainRoom } from "../app/location";
-import { ListPanel } from "../live-map/ListPanel";
+import { DroneTable } from "../live-map/DroneTable";
 import { Legend } from "../live-map/Legend";
+import { ListPanel } from "../live-map/ListPanel";
 import { MapView, type MapHandle } from "../live-map/map/MapView";
+import { MeasureBar } from "../live-map/Measure";
 import { PanelTools, SheetHandle } from "../live-map/PanelTools";
+import { useMeasure } from "../live-map/useMeasure";
+import { ZoomControls } from "../live-map/ZoomControls";
 import { useBox, usePhone } from "../shared/ui/useBox";
 import { SessionPanel } from "../sessions/SessionPanel";
 import { ApiContext, useApi } from "../shared/api/api";
@@ -13,8 +18,11 @@ import type { Filter } from "../shared/fleet";
 import { day, timeOfDay } from "../shared/format";
 import { LiveStore } from "../shared/live/store";
 import { useFleet } from "../shared/live/useFleet";
+import type { LonLat } from "../shared/geo/frame";
 import { LiveContext, useLive, useLiveStore } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
+import { useMapZones, ZoneCard, ZoneLegend } from "../zones/MapZones";
+import { zonesAt } from "../zones/overlay";
 import { PastApi, ReplayApi, type Area } from "./api";
 import { Controls } from "./Controls";
 import { ExportDialog } from "./ExportDialog";
@@ -144,10 +152,9 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
     latest.current = place;
   });
   const change = useCallback(
-    (next: Partial<ReplayPlace>, liveNext: { [Name in keyof LivePlace]?: LivePlace[Name] | undefined } = {}, replace = false) => {
+    (next: Partial<ReplayPlace>, liveNext: Change = {}, replace = false) => {
       const at = camera.current ?? latest.current.live.camera;
-      const entries = Object.entries({ ...latest.current.live, ...(at !== undefined && { camera: at }), ...liveNext });
-      const kept = Object.fromEntries(entries.filter(([, value]) => value !== undefined)) as LivePlace;
+      const kept = changed(latest.current.live, { ...(at !== undefined && { camera: at }), ...liveNext });
       go(replayAddress({ ...latest.current, t_ms: player.read().t_ms, ...next, live: kept }), replace);
     },
     [player],
@@ -160,7 +167,20 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
     },
     [player, change],
   );
-  const select = useCallback((next: { drone?: string; session?: string }) => change({}, { drone: undefined, session: undefined, ...next }), [change]);
+  const select = useCallback((next: { drone?: string; session?: string }) => change({}, { drone: undefined, session: undefined, follow: undefined, ...next }), [change]);
+  const follow = (): void => {
+    if (uav_id !== undefined) change({}, { drone: uav_id, session: undefined, follow: live.follow === true ? undefined : true });
+  };
+  const setMeasure = useCallback((measure: LivePlace["measure"], replace: boolean) => change({}, { measure }, replace), [change]);
+  const measuring = useMeasure(live.measure, setMeasure, map);
+  const table = live.as === "table";
+  const toggleTable = (): void => change({}, { as: table ? undefined : "table" });
+  const { zones, overlays } = useMapZones(live.zones !== "off", t_ms);
+  const opened = (live.zone ?? []).flatMap((id) => zones.find(({ properties }) => properties.zone_id === id) ?? []);
+  const onGround = (at: LonLat): void => {
+    const found = zonesAt(zones, at).map(({ properties }) => properties.zone_id);
+    if (found.length > 0 || live.zone !== undefined) change({}, { drone: undefined, session: undefined, follow: undefined, zone: found.length > 0 ? found : undefined });
+  };
 
   // The address follows the time; and where the back button, or somebody's typing, has changed it, the time follows.
   const addressed = place.t_ms;
@@ -216,10 +236,14 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
     p: () => refusal("previous"),
     n: () => refusal("next"),
     f: () => map.current?.fitSelection(),
+    c: follow,
+    m: measuring.toggle,
+    x: toggleTable,
+    ...measuring.keys,
     0: () => map.current?.fitAll(),
     "+": () => map.current?.zoomBy(1),
     "-": () => map.current?.zoomBy(-1),
-    Escape: () => select({}),
+    Escape: () => (live.measure === undefined ? select({}) : measuring.toggle()),
   });
 
   const padding = useMemo(() => {
@@ -238,18 +262,28 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
   return (
     <div className="live replay">
       <h1 className="visually-hidden">{t("replay")}</h1>
-      <MapView
-        ref={map}
-        fleet={fleet}
-        camera={live.camera}
-        selection={selection}
-        padding={padding}
-        onSelect={(id) => select(id === undefined ? {} : { drone: id })}
-        onCamera={(at, grid) => {
-          camera.current = at;
-          setGrid(grid);
-        }}
-      />
+      {table ? (
+        <DroneTable fleet={fleet} hrefOf={(id) => placeHash(replayAddress({ ...place, live: changed(live, { as: undefined, drone: id }) }))} now_ms={t_ms} />
+      ) : (
+        <MapView
+          ref={map}
+          fleet={fleet}
+          camera={live.camera}
+          selection={selection}
+          padding={padding}
+          follow={live.follow === true ? uav_id : undefined}
+          measure={measuring.points}
+          overlays={overlays}
+          onGround={onGround}
+          onSelect={(id) => select(id === undefined ? {} : { drone: id })}
+          onCamera={(at, grid) => {
+            camera.current = at;
+            setGrid(grid);
+          }}
+          onRelease={() => change({}, { follow: undefined }, true)}
+          onMeasure={measuring.add}
+        />
+      )}
       <p className="replay-badge" role="note">
         <b>{t("notLive")}</b>
         <span className="num">
@@ -296,7 +330,7 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
             pad={pad}
             now_ms={t_ms}
             place="past"
-            tools={<PanelTools following={false} onFollow={undefined} onShow={() => map.current?.fitSelection()} onClose={() => select({})} />}
+            tools={<PanelTools following={live.follow === true} onFollow={drone === undefined || table ? undefined : follow} onShow={() => map.current?.fitSelection()} onClose={() => select({})} />}
           />
         </section>
       )}
@@ -305,8 +339,23 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
           <p className="empty">{t("nothing")}</p>
         </section>
       )}
+      {!table && (
+        <div className="map-cards">
+          <ZoneCard zones={opened} now_ms={t_ms} past onClose={() => change({}, { zone: undefined })} />
+        </div>
+      )}
+      {measuring.points !== undefined && !table && <MeasureBar points={measuring.points} onUndo={measuring.undo} onEnd={measuring.toggle} />}
       <div className="map-tools replay-tools" data-panel={open && !phone}>
-        <Legend grid_m={grid_m} />
+        {!table && <ZoneLegend zones={zones} shown={live.zones !== "off"} onToggle={() => change({}, { zones: live.zones === "off" ? undefined : "off", zone: undefined })} />}
+        {!table && <Legend grid_m={grid_m} />}
+        <ZoomControls
+          table={table}
+          measuring={live.measure !== undefined}
+          onMeasure={measuring.toggle}
+          onTable={toggleTable}
+          onZoom={(levels) => map.current?.zoomBy(levels)}
+          onAll={() => map.current?.fitAll()}
+        />
       </div>
       <section className="float replay-bar" aria-label={t("time")} ref={barRef}>
         <Controls

@@ -8,7 +8,7 @@ describe("the replay's address", () => {
       t_ms: 1_795_338_320_123,
       speed: 10,
       span: "day",
-      live: { room: "live", drone: "FIN 1/2", session: "a".repeat(64), camera: { lat: 60.45, lon: 22.26, zoom: 12 }, list: "pads" },
+      live: { room: "live", drone: "FIN 1/2", session: "a".repeat(64), camera: { lat: 60.45, lon: 22.26, zoom: 12 }, list: "pads", follow: true, measure: [[22.25, 60.5]], zone: ["FIN:P20"], zones: "off", as: "table" },
     } as const;
     const parsed = parsePlace(placeHash(replayAddress(place)));
     expect(parsed.room).toBe("replay");

@@ -16,7 +16,7 @@ export type ReplayPlace = {
 
 /** What of the live map's address means something here. */
 function kept(place: LivePlace): LivePlace {
-  const { drone, session, camera, filter, list } = place;
+  const { drone, session, camera, filter, list, follow, measure, zone, zones } = place;
   return {
     room: "live",
     ...(drone !== undefined && { drone }),
@@ -24,6 +24,11 @@ function kept(place: LivePlace): LivePlace {
     ...(camera !== undefined && { camera }),
     ...(filter !== undefined && { filter }),
     ...(list !== undefined && { list }),
+    ...(follow !== undefined && { follow }),
+    ...(measure !== undefined && { measure }),
+    ...(zone !== undefined && { zone }),
+    ...(zones !== undefined && { zones }),
+    ...(place.as === "table" && { as: "table" as const }),
   };
 }
 

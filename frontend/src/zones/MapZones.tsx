@@ -1,4 +1,4 @@
-import { useQuery } from "@tanstack/react-query";
+import { keepPreviousData, useQuery } from "@tanstack/react-query";
 import { useMemo, type ReactElement } from "react";
 import { MapCard } from "../live-map/MapCard";
 import type { Overlay } from "../live-map/map/overlays";
@@ -12,15 +12,22 @@ import { nameOf } from "./words";
 import { ZoneFacts } from "./ZonePage";
 import "./zones.css";
 
-const REFRESH_MS = 60_000;
+const MINUTE_MS = 60_000;
 const NONE: readonly ZoneFeature[] = [];
 const NO_OVERLAYS: readonly Overlay[] = [];
 
-/** The zones of the live map, and their layer; none while they are hidden. */
-export function useMapZones(shown: boolean): { zones: readonly ZoneFeature[]; overlays: readonly Overlay[] } {
+/** The zones of the map, now or (`at_ms`) at a minute of the past, and their layer; none while they are hidden. */
+export function useMapZones(shown: boolean, at_ms?: number): { zones: readonly ZoneFeature[]; overlays: readonly Overlay[] } {
   const api = useApi();
-  // Some come into force and others end while the map is looked at.
-  const query = useQuery({ queryKey: ["zones", "map"], queryFn: () => zonesForMap(api), enabled: shown, refetchInterval: REFRESH_MS });
+  const minute_ms = at_ms === undefined ? undefined : Math.floor(at_ms / MINUTE_MS) * MINUTE_MS;
+  const query = useQuery({
+    queryKey: ["zones", "map", minute_ms],
+    queryFn: () => zonesForMap(api, minute_ms),
+    enabled: shown,
+    // Some come into force and others end while the map is looked at.
+    refetchInterval: at_ms === undefined && MINUTE_MS,
+    placeholderData: keepPreviousData,
+  });
   const zones = shown ? (query.data ?? NONE) : NONE;
   const overlays = useMemo(() => (zones.length === 0 ? NO_OVERLAYS : [zoneOverlay(zones)]), [zones]);
   return { zones, overlays };
@@ -47,8 +54,16 @@ export function ZoneLegend({ zones, shown, onToggle }: { zones: readonly ZoneFea
   );
 }
 
+type CardProperties = {
+  zones: readonly ZoneFeature[];
+  now_ms: number;
+  /** They are as they were: their own pages tell how they are now. */
+  past?: boolean;
+  onClose: () => void;
+};
+
 /** What holds where the map was clicked, the most restrictive first. */
-export function ZoneCard({ zones, now_ms, onClose }: { zones: readonly ZoneFeature[]; now_ms: number; onClose: () => void }): ReactElement | null {
+export function ZoneCard({ zones, now_ms, past = false, onClose }: CardProperties): ReactElement | null {
   if (zones.length === 0) return null;
   return (
     <MapCard title={t("there", { count: zones.length })} kind="zone-card" onClose={onClose}>
@@ -58,9 +73,11 @@ export function ZoneCard({ zones, now_ms, onClose }: { zones: readonly ZoneFeatu
             <Swatch type={properties.type} active={properties.active} /> <b>{nameOf(properties)}</b> <span className="quiet">{properties.zone_id}</span>
           </summary>
           <ZoneFacts zone={properties} now_ms={now_ms} />
-          <p>
-            <a href={zonesHref(["list", properties.zone_id])}>{t("details")}</a>
-          </p>
+          {!past && (
+            <p>
+              <a href={zonesHref(["list", properties.zone_id])}>{t("details")}</a>
+            </p>
+          )}
         </details>
       ))}
     </MapCard>

@@ -28,12 +28,12 @@ export function zone(api: Api, zone_id: string): Promise<Zone> {
   return answered<unknown>((signal) => api.client.GET("/api/v1/zones/{zone_id}", { params: { path: { zone_id } }, signal })) as Promise<Zone>;
 }
 
-/** All that the map can bear, as plain GeoJSON. */
-export async function zonesForMap(api: Api): Promise<ZoneFeature[]> {
+/** All that the map can bear, as plain GeoJSON; those of now, or as they were known at a time of the past. */
+export async function zonesForMap(api: Api, at_ms: number | undefined): Promise<ZoneFeature[]> {
   const found: ZoneFeature[] = [];
   let cursor: string | undefined;
   do {
-    const query = { limit: MAP_PAGE, ...(cursor !== undefined && { cursor }) };
+    const query = { limit: MAP_PAGE, ...(at_ms !== undefined && { at_ms }), ...(cursor !== undefined && { cursor }) };
     const headers = { Accept: "application/geo+json" };
     const page = await answered<unknown>((signal) => api.client.GET("/api/v1/zones", { params: { query }, headers, signal }));
     const { features, next } = page as { features: ZoneFeature[]; next?: string };
