@@ -187,7 +187,12 @@ def test_the_map_shows_the_zones_that_held_then(past, room):
     at(yesterday_ms(13, 40), importing.import_data(context, "Anna", TURKU.read_bytes(), "turku"))
     at(yesterday_ms(14, 3), importing.end(context, "Anna", "turku"))
     prohibited = room.locator(".zones-legend").get_by_text("Prohibited")
-    for typed, there in (("yesterday 13:39:30", 0), ("yesterday 14:00", 1), ("yesterday 14:03:30", 0), ("yesterday 14:01", 1)):
+    for typed, there in (
+        ("yesterday 13:39:30", 0),
+        ("yesterday 14:00", 1),
+        ("yesterday 14:03:30", 0),
+        ("yesterday 14:01", 1),
+    ):
         go(room, typed)
         expect(prohibited).to_have_count(there)
     room.get_by_role("button", name="Hide zones").click()
@@ -206,7 +211,9 @@ def test_measure_follow_and_the_same_as_a_table(room):
     go(room, "yesterday 14:04")
     # It flew north for four minutes, and the camera with it.
     expect(time(room)).to_have_text("14:04:00")
-    room.wait_for_function("before => Number(/at=([0-9.]+)/.exec(location.hash)[1]) > Number(before) + 0.0001", arg=before)
+    room.wait_for_function(
+        "before => Number(/at=([0-9.]+)/.exec(location.hash)[1]) > Number(before) + 0.0001", arg=before
+    )
     room.keyboard.press("m")
     room.keyboard.press("Enter")
     room.keyboard.press("ArrowRight")
