@@ -46,6 +46,13 @@ def test_a_pad_needs_no_web_stack_and_no_numbers():
     assert done.stdout.strip() == "[]"
 
 
+def test_modules_of_the_console_differ_by_more_than_case():
+    """Where a disk ignores case (macOS, Windows), an import of one of them would find the other."""
+    found = [path.with_suffix("") for path in (ROOT / "frontend/src").rglob("*.ts*")]
+    names = [str(path).lower() for path in found]
+    assert not sorted(str(path) for path in found if names.count(str(path).lower()) > 1)
+
+
 def test_no_lock_names_where_packages_come_from():
     for lock in [*ROOT.glob("requirements/*.txt"), ROOT / "frontend" / "package-lock.json"]:
         text = lock.read_text()

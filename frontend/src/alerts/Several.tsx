@@ -5,7 +5,7 @@ import type { Alert } from "../shared/api/records";
 import { count, dayAndTime } from "../shared/format";
 import { useLiveStore } from "../shared/live/useLive";
 import { useDraft } from "../shared/useDraft";
-import { acknowledgeEach, type Outcome } from "./several";
+import { acknowledgeEach, type Outcome } from "./acknowledgeEach";
 import { alertTexts, severalTexts as t } from "./texts";
 import { isWaiting } from "./words";
 

@@ -4,7 +4,7 @@ import { count, timeOfDay } from "../shared/format";
 import { useLive } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
 import { liveTexts as t } from "./texts";
-import { BINS, bins, type Bin } from "./timeline";
+import { BINS, bins, type Bin } from "./timelineBins";
 
 const TOPICS: readonly Topic[] = ["verdicts"];
 const HEIGHT = 48;

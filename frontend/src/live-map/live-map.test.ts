@@ -11,7 +11,7 @@ import { clusters } from "./map/clusters";
 import { accuracyFeatures, evidenceFeatures, gridFeatures, gridSpacing_m, hull, measureFeatures, metresPerPixel, padFeatures, siteFeatures, trailFeatures } from "./map/features";
 import { Occupied, place, type Label } from "./map/placing";
 import { padsByNeed, padState } from "./padState";
-import { BIN_MS, BINS, bins } from "./timeline";
+import { BIN_MS, BINS, bins } from "./timelineBins";
 
 const START_MS = 1_700_000_000_000;
 const store = new LiveStore();

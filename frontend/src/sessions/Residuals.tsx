@@ -4,7 +4,7 @@ import { AsTable } from "../shared/charts/AsTable";
 import { Fitted } from "../shared/charts/Fitted";
 import { count, length } from "../shared/format";
 import { courseTexts as t } from "./courseTexts";
-import { band_mm, mean, reach_mm } from "./residuals";
+import { band_mm, mean, reach_mm } from "./residualRows";
 import { useCourse } from "./useCourse";
 
 const HEIGHT = 58;

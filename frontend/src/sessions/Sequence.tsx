@@ -4,7 +4,7 @@ import type { SessionDetail, SessionState, StepName } from "../shared/api/record
 import { count, duration, shortHash, timeOfDay } from "../shared/format";
 import { Scroll } from "../shared/ui/Scroll";
 import { signed, type Signed } from "./signed";
-import { stepRows, type StepRow } from "./steps";
+import { stepRows, type StepRow } from "./stepRows";
 import { stepTexts as t } from "./texts";
 
 const PARTIES = ["Drone", "Pad", "Ledger", "Authority"] as const;

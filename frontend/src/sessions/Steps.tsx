@@ -3,7 +3,7 @@ import type { SessionState } from "../shared/api/records";
 import { duration, timeOfDay } from "../shared/format";
 import { Hash } from "../shared/ui/Hash";
 import { sharedTexts } from "../shared/texts";
-import { stepRows, type StepRow } from "./steps";
+import { stepRows, type StepRow } from "./stepRows";
 import { stepTexts as t } from "./texts";
 
 function Dot({ row, session }: { row: StepRow; session: SessionState }): ReactElement {

@@ -6,7 +6,7 @@ import { seeded } from "../shared/fake/random";
 import { FakeWorld } from "../shared/fake/world";
 import { refutedBy } from "../shared/refuted";
 import { signature } from "./broadcastTexts";
-import { stepRows } from "./steps";
+import { stepRows } from "./stepRows";
 import { account, whereabouts } from "./words";
 
 const world = new FakeWorld(1_700_000_000_000, seeded(3));

@@ -1,6 +1,6 @@
 import { useId, useState, type ReactElement, type ReactNode } from "react";
 import { setThemeChoice, useTheme, type Choice } from "../app/theme";
-import { startTour } from "../app/tour";
+import { startTour } from "../app/tourStops";
 import { useWishes, wishNotify, wishSound } from "../alerts/notice";
 import { coordinates, dayAndTime, length } from "../shared/format";
 import { COORDINATE_FORMS, LENGTH_UNITS, LOCALES, setReading, useReading } from "../shared/i18n/locale";

@@ -1,5 +1,5 @@
 import { expect, it } from "vitest";
-import { band_mm, mean, reach_mm } from "./residuals";
+import { band_mm, mean, reach_mm } from "./residualRows";
 
 const row = (claim_mm: number[], estimate_mm?: number[]) => ({ anchor_id: "A0", t_ms: claim_mm.map((_, i) => i), claim_mm, sigma_mm: 30, ...(estimate_mm && { estimate_mm }) });
 

@@ -1,5 +1,5 @@
 import { afterEach, describe, expect, it } from "vitest";
-import { goToStop, STOPS } from "./tour";
+import { goToStop, STOPS } from "./tourStops";
 import { tourTexts } from "./tourTexts";
 
 afterEach(() => goToStop(-1));

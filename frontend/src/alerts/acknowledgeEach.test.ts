@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { ApiError } from "../shared/api/api";
 import type { Alert } from "../shared/api/records";
-import { acknowledgeEach } from "./several";
+import { acknowledgeEach } from "./acknowledgeEach";
 
 const ALERTS = ["a", "b", "c", "d"].map((alert_id) => ({ alert_id, revision: 3 }) as Alert);
 
