@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Protocol
 
 from edge_agent.radios import RadiosError
@@ -22,7 +21,7 @@ from wonderland.proofs.differences import MIN_FRAMES, frames_needed, halved
 from wonderland.proofs.encoding import from_base64url
 from wonderland.proofs.errors import GeometryError, ProofError
 from wonderland.proofs.frame import to_local
-from wonderland.proofs.honest import narrower
+from wonderland.proofs.honest import narrowed
 from wonderland.proofs.keys import SessionKeys
 from wonderland.proofs.records.pads import Commissioning, Pad
 from wonderland.proofs.records.sessions import Radio, Session, Testimony, TimeStamps
@@ -98,8 +97,7 @@ def frames_wanted(session: Session, commissioning: Commissioning) -> int:
         east, north, up = to_local(commissioning.frame, claim.lat_e7, claim.lon_e7, claim.height_mm)
     except GeometryError:
         return FEWEST
-    policy = halved(session.policy)
-    policy = replace(policy, buffer_mm=round(policy.buffer_mm * narrower(policy)))
+    policy = narrowed(halved(session.policy))
     needed = frames_needed(commissioning, policy, float(east), float(north), float(up))
     return MOST if needed < 0 else max(FEWEST, min(MARGIN * needed, MOST))
 

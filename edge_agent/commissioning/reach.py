@@ -11,7 +11,7 @@ import numpy as np
 
 from edge_agent.commissioning.run import Floats
 from wonderland.proofs.differences import frames_needed
-from wonderland.proofs.honest import SHARE_PPM, looks_of, narrower, rounds_for, share_by
+from wonderland.proofs.honest import SHARE_PPM, looks_of, narrowed, rounds_for, share_by
 from wonderland.proofs.prospects import Prospect, prospect
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
@@ -152,7 +152,7 @@ class TimedProspects(Prospects):
     def rounds(self, east_m: float, north_m: float) -> tuple[int, ...]:
         """Frames for each policy; -1 where none, or more than the policy allows, settle it."""
         place = (east_m * 1000, north_m * 1000, self._up_mm)
-        asked = [replace(policy, buffer_mm=round(policy.buffer_mm * narrower(policy))) for policy in self.policies]
+        asked = [narrowed(policy) for policy in self.policies]
         found = [frames_needed(self._commissioning, policy, *place) for policy in asked]
         return tuple(
             _allowed(frames if frames > 0 else -1, policy) for frames, policy in zip(found, self.policies, strict=True)

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import math
+import random
 from dataclasses import replace
 
 import pytest
+from tests_world import START_MS
+from tests_world import World as Proofs
 
 from edge_agent.session import actions as pad_do
 from edge_agent.session import events as pad_on
+from edge_agent.witness import frames_wanted
 from wonderland.ledger.connection import Connection
 from wonderland.ledger.embedded.administration import DirectoryAdministration
+from wonderland.proofs.differences import Stamped, halved, judge_times
+from wonderland.proofs.hyperbolic import Heard, TimeFix
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Party, Witness
 
@@ -54,6 +61,30 @@ def witness_at(world):
         spool="spool-2",
         anchors=[{"anchor_id": name, "port": str(world.directory / f"tty-{name}")} for name in OTHERS],
     )
+
+
+def test_a_witness_listens_until_nine_honest_drones_in_ten_are_settled():
+    """It testifies once; what it heard too little of ends open, however long the other pad would have gone on."""
+    proofs, rng, place = (
+        Proofs(anchors=[at[:2] for at in OTHERS.values()]),
+        random.Random(1),
+        (4_000.0, 3_000.0, 6_000.0),
+    )
+    proofs.share_a_clock()
+    session = proofs.session(proofs.claim(place, START_MS), min_assurance=4)
+    frames = frames_wanted(session, proofs.commissioning)
+    settled = 0
+    for _ in range(300):
+        heard = []
+        for index, anchor in enumerate(proofs.commissioning.anchors):
+            at = (float(anchor.east_mm), float(anchor.north_mm), float(anchor.up_mm))
+            white, floor = 30.0**2 / frames, float(anchor.clock_sigma_mm**2 + anchor.survey_sigma_mm**2)
+            length = math.dist(place, at) + rng.gauss(0, math.sqrt(white + floor))
+            heard.append(Heard(index, *at, length, white, floor))
+        claimed = (place[0] + rng.gauss(0, 100), place[1] + rng.gauss(0, 100))
+        stamped = Stamped(TimeFix(tuple(heard), place[2], 200.0), *claimed, frames, float(frames), 0, 0.0, 0.0)
+        settled += judge_times(stamped, halved(session.policy), None, 0.0).finding == "inside"
+    assert settled >= 270
 
 
 async def test_a_second_pad_witnesses_and_the_verdict_has_assurance_4(world):

@@ -146,7 +146,7 @@ class TagRadio(asyncio.DatagramProtocol):
                 continue
             if not isinstance(report, LocationReport) or report.damaged:
                 continue  # rounds are plenty; one in doubt is not worth having
-            rows = [(row.address, row.range_mm) for row in report.distances if row.range_mm is not None and row.usable]
+            rows = [(row.address, row.usable_mm) for row in report.distances if row.usable_mm is not None]
             rows = [row for row in rows if row[0] in self._macs]
             if not rows:
                 continue

@@ -8,6 +8,7 @@ whom this one would not. Against the contract's own decision: ``tests/proofs/tes
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from math import sqrt
 from typing import Final
@@ -62,6 +63,11 @@ def share_verified(covariance: Matrix2, policy: Policy, step: float = 0.0) -> fl
         else:
             high = middle
     return inside_disc(0.0, 0.0, covariance, low) if low > 0.0 else 0.0
+
+
+def narrowed(policy: Policy) -> Policy:
+    """The policy by which an exact claim is as hard to verify as that of ``SHARE_PPM`` of honest drones by this one."""
+    return replace(policy, buffer_mm=round(policy.buffer_mm * narrower(policy)))
 
 
 @lru_cache(maxsize=64)

@@ -10,6 +10,7 @@ import { count, day, dayAndTime, decimal, length } from "../shared/format";
 import { useLive, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
 import { formatTexts, lookTexts, sharedTexts } from "../shared/texts";
+import { Choice } from "../shared/ui/Filters";
 import { Symbol } from "../shared/ui/Symbol";
 import { Groups } from "./Groups";
 import { binLabel, DAY_BIN_MS, recent, SPANS } from "./spans";
@@ -238,28 +239,8 @@ export function StatisticsRoom({ place }: { place: Place & { room: PlainRoom } }
               <input type="date" value={chosen["day"]} max={dateInput(now_ms)} onChange={(event) => event.target.value !== "" && set({ day: event.target.value })} />
             </label>
           )}
-          <label>
-            {t("pad")}
-            <select value={chosen["pad"] ?? ""} onChange={(event) => set({ pad: event.target.value })}>
-              <option value="">{sharedTexts("all")}</option>
-              {pads.map((pad) => (
-                <option key={pad.pad_id} value={pad.pad_id}>
-                  {pad.name}
-                </option>
-              ))}
-            </select>
-          </label>
-          <label>
-            {t("action")}
-            <select value={action ?? ""} onChange={(event) => set({ action: event.target.value })}>
-              <option value="">{sharedTexts("all")}</option>
-              {ACTIONS.map((each) => (
-                <option key={each} value={each}>
-                  {formatTexts("noun", { action: each })}
-                </option>
-              ))}
-            </select>
-          </label>
+          <Choice label={t("pad")} value={chosen["pad"] ?? ""} options={pads.map((pad) => ({ value: pad.pad_id, name: pad.name }))} onChange={(pad) => set({ pad })} />
+          <Choice label={t("action")} value={action ?? ""} options={ACTIONS.map((value) => ({ value, name: formatTexts("noun", { action: value }) }))} onChange={(value) => set({ action: value })} />
           {chosen["operator"] !== undefined && (
             <button type="button" className="button" onClick={() => set({ operator: "" })}>
               {t("operator")}: {chosen["operator"]} ×

@@ -42,10 +42,10 @@ class AnchorDistance(NamedTuple):
     position: BoardPosition | None = None
 
     @property
-    def usable(self) -> bool:
-        """Whether there is a range, and the board itself thinks it worth something."""
+    def usable_mm(self) -> int | None:
+        """The range, where there is one and the board itself thinks it worth something."""
         rated = self.quality_percent
-        return self.range_mm is not None and (rated is None or rated >= MIN_QUALITY_PERCENT)
+        return self.range_mm if rated is None or rated >= MIN_QUALITY_PERCENT else None
 
 
 @dataclass(frozen=True, slots=True)
