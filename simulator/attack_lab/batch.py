@@ -51,9 +51,9 @@ def round_times() -> Integers:
     return FIRST_ROUND_MS + ROUND_MS * np.arange(ROUNDS, dtype=np.int64)
 
 
-def claim_times() -> Integers:
+def claim_times(claim_ms: int = CLAIM_MS) -> Integers:
     """Times of the claims, ms since the request; they reach beyond the last round."""
-    return CLAIM_MS * np.arange(2 + (FIRST_ROUND_MS + ROUND_MS * ROUNDS) // CLAIM_MS, dtype=np.int64)
+    return claim_ms * np.arange(2 + (FIRST_ROUND_MS + ROUND_MS * ROUNDS) // claim_ms, dtype=np.int64)
 
 
 @dataclass
@@ -86,6 +86,10 @@ class Batch:
     """Nothing changes from round to round but the noise, so that what contradicts itself goes on doing so."""
     attempts: int | None = 1
     """Rounds that the pad attempted for each one that came about; None where it did not count them."""
+    claim_ms: int = CLAIM_MS
+    """Time from one claim to the next."""
+    truth_mm: Floats | None = None
+    """Where the drone was in each round, (B, ROUNDS, 3), where an attack's success is about single moments."""
     won_mm: float | None = None
     """From this distance on a permission is the attacker's success; the policy's buffer where nothing else is said."""
     t_ms: Integers = field(default_factory=round_times)
@@ -100,7 +104,7 @@ class Batch:
     @property
     def may_be_screened(self) -> bool:
         """Whether arrays tell enough: a second claim that is judged apart is left to the decision itself."""
-        return self.broadcast is None and self.heard_mm is None
+        return self.broadcast is None and self.heard_mm is None and self.truth_mm is None
 
     def session(self, index: int) -> Session:
         """The request of one try."""
@@ -128,8 +132,8 @@ class Batch:
         """What the pad would bring before the contract after so many rounds."""
         table = self.range_mm[index, :rounds]
         anchors = self.commissioning.anchors
-        until = int(self.t_ms[rounds - 1]) + CLAIM_MS
-        told = [number for number, t_ms in enumerate(claim_times()) if 0 < t_ms <= until]
+        until = int(self.t_ms[rounds - 1]) + self.claim_ms
+        told = [number for number, t_ms in enumerate(claim_times(self.claim_ms)) if 0 < t_ms <= until]
         heard: tuple[BroadcastClaim, ...] = ()
         if self.broadcast is not None:
             said = self.broadcast
@@ -139,7 +143,7 @@ class Batch:
                     lon_e7=int(said[index, number, 0]),
                     height_mm=int(said[index, number, 2]),
                     accuracy_mm=self.broadcast_accuracy_mm,
-                    t_ms=START_MS + number * CLAIM_MS,
+                    t_ms=START_MS + number * self.claim_ms,
                 )
                 for number in told
             )
@@ -183,7 +187,7 @@ class Batch:
             height_mm=up,
             accuracy_mm=self.accuracy_mm,
             height_accuracy_mm=self.height_accuracy_mm,
-            t_ms=START_MS + number * CLAIM_MS,
+            t_ms=START_MS + number * self.claim_ms,
         )
 
 
@@ -199,11 +203,11 @@ def moving(place: Floats, velocity: Floats) -> Integers:
     return np.rint(place[:, None, :] + velocity[:, None, :] * times).astype(np.int64)
 
 
-def path_at_rounds(claims: Integers) -> Floats:
+def path_at_rounds(claims: Integers, claim_ms: int = CLAIM_MS) -> Floats:
     """Claimed places at the times of the rounds: (B, ROUNDS, 3)."""
     times = round_times()
-    before = times // CLAIM_MS
-    share = ((times % CLAIM_MS) / CLAIM_MS)[None, :, None]
+    before = times // claim_ms
+    share = ((times % claim_ms) / claim_ms)[None, :, None]
     return np.asarray(claims[:, before] + (claims[:, before + 1] - claims[:, before]) * share, dtype=np.float64)
 
 

@@ -17,6 +17,7 @@ from wonderland.proofs.verdict import decide, preview
 
 VECTORS = Path(__file__).parent.parent / "vectors" / "verdicts.json"
 HERE = (3000.0, 6000.0, 4000.0)
+FIVE = ((1500, 1500), (-1500, 1500), (-1500, -1500), (1500, -1500), (0, 2200))
 
 
 def at(*position):
@@ -199,18 +200,67 @@ def test_a_lie_is_refuted_however_many_rounds_are_missing(world, now_ms):
     assert judge(world, now_ms, at(*HERE), at(9000, 9000, 4000), rounds=20, **counted(800)).outcome == "refuted"
 
 
-def test_obstructed_ranges_are_not_missing_rounds(world, now_ms):
-    evidence = world.evidence(at(*HERE), at(*HERE), rounds=60, **counted(80))
-    flagged = tuple(range(0, 60, 2))
+def without(world, rounds, attempted, silent, **more):
+    """Evidence of an honest drone in which ``silent(round)`` names the anchors (positions) that measured nothing."""
+    evidence = world.evidence(at(*HERE), at(*HERE), rounds=rounds, **counted(attempted), **more)
     columns = tuple(
-        dataclasses.replace(column, nlos=flagged if index < 2 else ())
+        dataclasses.replace(
+            column,
+            range_mm=tuple(-1 if index in silent(number) else value for number, value in enumerate(column.range_mm)),
+        )
         for index, column in enumerate(evidence.ranges.anchors)
     )
     evidence = dataclasses.replace(evidence, ranges=dataclasses.replace(evidence.ranges, anchors=columns))
-    session = world.session(world.claim(HERE, 1_800_000_000_000))
+    return world.session(world.claim(HERE, 1_800_000_000_000)), evidence
+
+
+@pytest.mark.parametrize(
+    ("attempted", "silent", "outcome"),
+    [
+        (60, lambda number: (), "verified"),
+        (60, lambda number: (number % 4,) if number % 2 else (), "verified"),  # 30 of 60 whole
+        (60, lambda number: (number % 4,), "inconclusive"),  # none whole
+        (62, lambda number: (number % 4,) if number % 2 else (), "inconclusive"),
+        (80, lambda number: (3,) if number % 3 else (), "inconclusive"),  # one anchor only when it suits
+    ],
+)
+def test_silence_that_varies_counts_whichever_anchors_keep_it(world, now_ms, attempted, silent, outcome):
+    session, evidence = without(world, 60, attempted, silent)
     verdict = preview(session, world.commissioning, evidence, now_ms)
-    assert (verdict.outcome, verdict.rounds) == ("verified", 30)
-    assert "rounds_missing" not in codes(verdict)
+    assert verdict.outcome == outcome
+    assert ("rounds_missing" in codes(verdict)) == (outcome == "inconclusive")
+
+
+def test_an_anchor_that_is_silent_throughout_selects_nothing(make_world, now_ms):
+    world = make_world(anchors=FIVE)
+    session, evidence = without(world, 60, 60, lambda number: (4,))
+    verdict = preview(session, world.commissioning, evidence, now_ms)
+    assert verdict.outcome == "verified"
+    assert "anchor_silent" in codes(verdict)
+
+
+def test_an_anchor_that_is_rarely_heard_is_left_out_by_name(make_world, now_ms):
+    world = make_world(anchors=FIVE)
+    session, evidence = without(world, 60, 60, lambda number: (4,) if number % 3 else ())
+    verdict = preview(session, world.commissioning, evidence, now_ms)
+    assert verdict.outcome == "verified"
+    assert next(reason.text for reason in verdict.reasons if reason.code == "anchor_rarely").startswith("A4 ")
+
+
+def test_obstructed_ranges_are_silence_too(world, now_ms):
+    """An anchor's flag rests on what the drone's antenna sends: who can raise it at will chooses by it."""
+    outcomes = []
+    for attempted in (60, 80):
+        evidence = world.evidence(at(*HERE), at(*HERE), rounds=60, **counted(attempted))
+        flagged = tuple(range(0, 60, 2))
+        columns = tuple(
+            dataclasses.replace(column, nlos=flagged if index < 2 else ())
+            for index, column in enumerate(evidence.ranges.anchors)
+        )
+        evidence = dataclasses.replace(evidence, ranges=dataclasses.replace(evidence.ranges, anchors=columns))
+        session = world.session(world.claim(HERE, 1_800_000_000_000))
+        outcomes.append(preview(session, world.commissioning, evidence, now_ms).outcome)
+    assert outcomes == ["verified", "inconclusive"]
 
 
 def test_an_honest_channel_that_loses_a_third_of_its_rounds_is_verified_as_soon(make_world, now_ms):

@@ -51,6 +51,11 @@ class Track(NamedTuple):
             return 0.0, 0.0
         return (self.east[-1] - self.east[0]) / span, (self.north[-1] - self.north[0]) / span
 
+    def mean_ms(self) -> int:
+        """The middle of these moments: that of the mean place."""
+        first = self.t_ms[0]
+        return first + sum([t_ms - first for t_ms in self.t_ms]) // len(self.t_ms)
+
     def only(self, positions: Sequence[int]) -> Track:
         """Some of them, by their position in the columns."""
         return Track(

@@ -128,6 +128,8 @@ class Verdict(Record):
     signed: Judgement | None = None
     broadcast: Judgement | None = None
     estimate: Position | None = None
+    estimate_ms: TimeMs | None = None
+    """The moment at which the drone was at the estimate: the mean time of the rounds that it rests on."""
     covariance: Covariance | None = None
     chi2_milli: Annotated[int, Integer(0, 2**52, "χ² of the ranges about the estimate × 1000")] | None = None
     chi2_claim_milli: Annotated[int, Integer(0, 2**52, "χ² of the ranges about the claim × 1000")] | None = None
