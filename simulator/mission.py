@@ -109,7 +109,9 @@ class Mission:
     def fix(self, t_s: float, t_ms: int) -> Fix:
         """The drone's own word on where it is: what it signs."""
         x, y, z = self.gnss.fix(self.flight.position, t_s)
-        lie = self.spec.attack.lie_m if self.spec.attack is not None else (0.0, 0.0, 0.0)
+        attack = self.spec.attack
+        lies = attack is not None and (attack.lie_share >= 1.0 or self.rng.random() < attack.lie_share)
+        lie = attack.lie_m if attack is not None and lies else (0.0, 0.0, 0.0)
         self.claimed_m = (x + lie[0], y + lie[1], z + lie[2])
         return self._fix(self.claimed_m, t_ms)
 

@@ -35,6 +35,7 @@ from wonderland.proofs.records.sessions import (
     Session,
     TimeStamps,
 )
+from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.testimony import WitnessBrought
 
 CLAIM_MS: Final = 1_000
@@ -43,6 +44,8 @@ LEAST_ROUNDS: Final = 10
 """Fewer decide nothing under the default policy."""
 MAX_RANGE_MM: Final = 655_340
 ACCURACY_MM: Final = 100
+LIE_BUFFERS: Final = 2.0
+LIE_SHARE: Final = 0.25
 _PARTY: Final = Party(msp_id="LabMSP", certificate_sha256="0" * 64)
 
 
@@ -90,6 +93,8 @@ class Batch:
     """Time from one claim to the next."""
     truth_mm: Floats | None = None
     """Where the drone was in each round, (B, ROUNDS, 3), where an attack's success is about single moments."""
+    won_if_refuted: bool = False
+    """The drone is honest: to refute it is what must not happen."""
     won_mm: float | None = None
     """From this distance on a permission is the attacker's success; the policy's buffer where nothing else is said."""
     t_ms: Integers = field(default_factory=round_times)
@@ -246,9 +251,9 @@ def rounded_cm(range_mm: Floats) -> Integers:
     return np.where(lost, NO_RANGE, whole)
 
 
-def off(truth: Floats, claims: Integers) -> Floats:
+def off(truth: Floats, claims: Integers, claim_ms: int = CLAIM_MS) -> Floats:
     """Horizontal distance (mm) between truth (B, 1 or ROUNDS, 3) and claim in each round: (B, ROUNDS)."""
-    difference = path_at_rounds(claims)[..., :2] - truth[..., :2]
+    difference = path_at_rounds(claims, claim_ms)[..., :2] - truth[..., :2]
     return np.asarray(np.linalg.norm(difference, axis=-1), dtype=np.float64)
 
 
@@ -258,3 +263,22 @@ def wrongful(batch: Batch) -> Booleans:
         return np.zeros_like(batch.off_mm, dtype=bool)
     least = float(batch.policy.buffer_mm) if batch.won_mm is None else batch.won_mm
     return np.asarray(batch.off_mm >= least)
+
+
+def won_at_moments(batch: Batch, row: int, rounds: int, verdict: Verdict) -> tuple[bool, int]:
+    """Whether a permission is wrong for single moments, and how far off (mm) the certified place is.
+
+    It is where that place is more than a buffer from the drone at its moment, or where a quarter of the claims during
+    the rounds are two buffers off or more.
+    """
+    if batch.truth_mm is None or verdict.estimate is None or verdict.estimate_ms is None:
+        raise ValueError("a permission without a place, or an attack without the truth")
+    truth, times = batch.truth_mm[row], batch.t_ms
+    east, north = (float(np.interp(verdict.estimate_ms - START_MS, times, truth[:, axis])) for axis in (0, 1))
+    away = float(np.hypot(verdict.estimate.east_mm - east, verdict.estimate.north_mm - north))
+    told = claim_times(batch.claim_ms)
+    during = (told >= times[0]) & (told <= times[rounds - 1])
+    there = np.stack([np.interp(told[during], times, truth[:, axis]) for axis in (0, 1)], axis=1)
+    lies = np.linalg.norm(batch.claims[row][during, :2] - there, axis=1)
+    buffer_mm = float(batch.policy.buffer_mm)
+    return away > buffer_mm or float(np.mean(lies >= LIE_BUFFERS * buffer_mm)) >= LIE_SHARE, round(away)
