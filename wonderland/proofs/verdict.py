@@ -13,10 +13,10 @@
 
 Steps 1 to 3 are in ``admission``, 4 and 7 in ``reduction``, that 7 holds at every moment in ``moments``, 5 in
 ``agreement``, 6 in ``differences`` and ``testimony``, 8 in ``estimate``, 9 and 10 for one claim in ``judgement``, for
-the newest rounds alone in ``leaving``, for the public one in ``broadcast``, what holds under repeated looks in
-``stopping``, what can be reached at all in ``prospects``, the drone's clock in ``drone_clock``. Two claims are judged:
-the one that the drone signed for this session and the one that it broadcast. Integers and exactly rounded operations
-only (``special``).
+the newest rounds alone in ``leaving``, for what was heard on Remote ID in ``broadcast``, what holds under repeated
+looks in ``stopping``, what can be reached at all in ``prospects``, the drone's clock in ``drone_clock``. The verdict is
+about what the drone *signed*; what is broadcast under its serial number is a finding of its own. Integers and exactly
+rounded operations only (``special``).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from wonderland.proofs.admission import (
     usable_rounds,
 )
 from wonderland.proofs.agreement import agreement
-from wonderland.proofs.broadcast import PublicClaim, judge_broadcast
+from wonderland.proofs.broadcast import Broadcast, judge_broadcast, outcome_with
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.differences import halved
 from wonderland.proofs.drift import widened
@@ -60,6 +60,7 @@ from wonderland.proofs.leaving import judge_newest
 from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.moments import moments_of
 from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim, Evidence, Session
 from wonderland.proofs.records.verdicts import Covariance, DroneClock, Judgement, Position, Reason, Verdict
 from wonderland.proofs.reduction import reduce
@@ -135,7 +136,7 @@ def decide(
         blocked = True
 
     signed: Judgement | None = None
-    public: PublicClaim | None = None
+    public: Broadcast | None = None
     more = -1
     if measured is not None and path is not None:
         checked = _checked(commissioning, measured, reasons)
@@ -165,12 +166,20 @@ def decide(
                 may_refute=enough,
             )
         signed = timed.overrule(signed, may_refute=may_refute)
-        public = judge_broadcast(session, commissioning, evidence, measured, requested or path, may_refute=enough)
-    outcome = _outcome(signed, public, reasons)
+        public = judge_broadcast(
+            session,
+            commissioning,
+            evidence,
+            measured,
+            requested or path,
+            clock_offset_ms=rounded(clock.offset_ms),
+            attested=evidence.attested if signature_valid else (),
+            may_refute=may_refute,
+        )
+    outcome = _outcome(signed, public, policy, reasons)
     if outcome == "inconclusive" and measured is not None and signed is not None:
         only_public = public is not None and signed.outcome == "verified"
-        offset, asked = (public.offset, public.policy) if public and only_public else (measured.offset, policy)
-        more = more_rounds(offset, measured.reduced.rounds, asked)
+        more = public.more if public and only_public else more_rounds(measured.offset, measured.reduced.rounds, policy)
     if measured is not None:
         _limits(outcome, assurance, commissioning, measured, more, reasons)
     if more_frames > 0 and more >= 0:
@@ -197,7 +206,7 @@ def decide(
         reasons=tuple(reasons.items),
         more_rounds=-1 if outcome != "inconclusive" or blocked else more,
         signed=signed,
-        broadcast=public.judgement if public is not None else None,
+        broadcast=public.finding if public is not None else None,
         estimate=estimate,
         estimate_ms=measured.reduced.t_ms if measured is not None else None,
         covariance=_covariance(measured.offset.covariance) if measured is not None else None,
@@ -330,23 +339,12 @@ def _limits(
         )
 
 
-def _outcome(signed: Judgement | None, public: PublicClaim | None, reasons: Reasons) -> str:
-    """Step 10: the signed claim decides, and what the public was told has to hold as well (decision 0003)."""
+def _outcome(signed: Judgement | None, public: Broadcast | None, policy: Policy, reasons: Reasons) -> str:
+    """Step 10: the signed claim decides; what was heard on Remote ID bears on it as the policy says."""
     if signed is None:
         return "inconclusive"
     reasons.items.extend(signed.reasons)
-    if public is None:
-        return signed.outcome
-    broadcast = public.judgement
-    off = f"Its broadcast puts it {metres(broadcast.error_mm)} from where it was measured"
-    if broadcast.outcome == "refuted":
-        reasons.add("broadcast_contradicts", f"{off}.")
-        return "refuted"
-    if broadcast.outcome == "inconclusive" and signed.outcome == "verified":
-        can_mean = metres(float(broadcast.tolerance_mm or 0))
-        reasons.add("broadcast_undecided", f"{off}; whether within the {can_mean} that it can mean is not settled.")
-        return "inconclusive"
-    return signed.outcome
+    return signed.outcome if public is None else outcome_with(signed.outcome, public, policy, reasons)
 
 
 def _within(measured: Measured, commissioning: Commissioning) -> int:
