@@ -71,23 +71,34 @@ _Segment = tuple[int, float, float, float, int, float, float, float]
 """A straight line between two claims: when and where it starts, how long it takes, how far it leads."""
 
 
+def _moment(point: LocalClaim) -> int:
+    return point.t_ms
+
+
 class ClaimedPath:
     """The claimed positions in the pad's frame as a function of time."""
 
-    def __init__(self, frame: Frame, claims: Sequence[Claim]) -> None:
-        """``claims`` must not be empty; raises GeometryError where one is not near the pad."""
+    def __init__(self, frame: Frame, claims: Sequence[Claim], rest: ClaimedPath | None = None) -> None:
+        """``claims`` must not be empty; raises GeometryError where one is not near the pad.
+
+        ``rest``: a path of other claims that belong to it as well.
+        """
         if not claims:
             raise GeometryError("there is no claim")
-        ordered = sorted(claims, key=lambda claim: claim.t_ms)
-        points = []
-        for claim in ordered:
+        points = [] if rest is None else list(rest.points)
+        for claim in claims:
             east, north, up = to_local(frame, claim.lat_e7, claim.lon_e7, claim.height_mm)
             points.append(LocalClaim(claim.t_ms, float(east), float(north), float(up)))
+        points.sort(key=_moment)
         self.points: Final = tuple(points)
-        self._times: Final = [point.t_ms for point in points]
+        self._times: Final[list[int]] = [point.t_ms for point in points]
         self._segments: Final[dict[int, _Segment | None]] = {}
-        self.accuracy_mm: Final = max([claim.accuracy_mm for claim in ordered])
-        self.height_accuracy_mm: Final = max([claim.height_accuracy_mm for claim in ordered])
+        accuracies, heights = [claim.accuracy_mm for claim in claims], [claim.height_accuracy_mm for claim in claims]
+        if rest is not None:
+            accuracies.append(rest.accuracy_mm)
+            heights.append(rest.height_accuracy_mm)
+        self.accuracy_mm: Final[int] = max(accuracies)
+        self.height_accuracy_mm: Final[int] = max(heights)
         self.height_sigma_mm: Final = self.height_accuracy_mm * _PER_95_HEIGHT
 
     def jump_mm(self) -> float:

@@ -86,6 +86,11 @@ def moments_of(reduced: Reduced, offset: Offset, claims: Sequence[LocalClaim], b
     seen = reduced.residuals
     if seen is None:  # nothing was ranged: a prospect
         return Moments(0.0, 0.0, 0.0, 0.0)
+    quiet_mm = QUIET_SHARE * buffer_mm
+    most = _extent_mm(seen.claimed, claims)
+    slow = _stretches(reduced, offset, seen)
+    if most <= quiet_mm:  # whatever the claims hide, it is less than could win
+        return Moments(seen.torn_share, 0.0, sqrt(most * most + slow), most)
     left = set(seen.track.kept) if seen.torn else None
     unseen = torn = 0
     held = []
@@ -96,8 +101,7 @@ def moments_of(reduced: Reduced, offset: Offset, claims: Sequence[LocalClaim], b
             torn += 1
         elif seen.claimed.t_ms[0] <= claim.t_ms <= seen.claimed.t_ms[-1]:
             held.append(claim)
-    whole, rough = _motion(reduced, offset, seen, held, QUIET_SHARE * buffer_mm)
-    slow = _stretches(reduced, offset, seen)
+    whole, rough = _motion(reduced, offset, seen, held, quiet_mm)
     moved = max(whole, rough)
     return Moments(
         off_share=max(seen.torn_share, (unseen + torn) / len(claims)),
@@ -183,11 +187,9 @@ def _motion(
     left = _left_rounds(seen)
     whole = _Motion(flown, left, said)
     rough = _Motion(flown.less_line(left), left, said.less_line(range(len(claims))))
-    if max(whole.spread, rough.spread) <= quiet_mm:
-        return whole.spread, rough.spread
+    stirred = [motion for motion in (whole, rough) if motion.spread > quiet_mm]
     ux, uy = sight
-    for column, _ in seen.series:
-        anchor = next(each for each in reduced.anchors if each.index == column.anchor)
+    for (column, _), anchor in zip(seen.series if stirred else (), reduced.anchors, strict=False):
         # Half-way between claim and mean the direction times the motion is what the range would change by.
         middle_east, middle_north = 0.5 * reduced.east - anchor.east, 0.5 * reduced.north - anchor.north
         sights = []
@@ -195,9 +197,16 @@ def _motion(
             x, y = middle_east + 0.5 * track.east[position], middle_north + 0.5 * track.north[position]
             away = distance(x, y, track.up[position] - anchor.up)
             sights.append(((x * ux + y * uy) / away, (y * ux - x * uy) / away) if away >= 1.0 else (0.0, 0.0))
-        whole.add(column, sights, anchor.white * anchor.count)
-        rough.add(column, sights, anchor.white * anchor.count)
+        for motion in stirred:
+            motion.add(column, sights, anchor.white * anchor.count)
     return whole.bound_mm(), rough.bound_mm()
+
+
+def _extent_mm(track: Track, claims: Sequence[LocalClaim]) -> float:
+    """How far apart any two of the claimed places can be."""
+    east = [*track.east, *[claim.east for claim in claims]]
+    north = [*track.north, *[claim.north for claim in claims]]
+    return distance(max(east) - min(east), max(north) - min(north), 0.0)
 
 
 def _left_rounds(seen: Residuals) -> Sequence[int]:
@@ -278,9 +287,10 @@ class _Motion:
     def add(self, column: Series, sights: Sequence[tuple[float, float]], variance: float) -> None:
         """The residuals of one anchor about their mean; ``variance`` (mm²) of one of them."""
         count = len(column.rounds)
+        along, across = self._along, self._across
         aa = ab = bb = ar = br = sum_a = sum_b = sum_r = 0.0
         for position, residual, (on_along, on_across) in zip(column.rounds, column.values, sights, strict=True):
-            a, b = -on_along * self._along[position], -on_across * self._across[position]
+            a, b = -on_along * along[position], -on_across * across[position]
             sum_a += a
             sum_b += b
             sum_r += residual

@@ -109,9 +109,10 @@ def decide(
     path: ClaimedPath | None = None
     requested: ClaimedPath | None = None
     try:
-        requested = ClaimedPath(commissioning.frame, claims)
         # What the request claims was before any ranging; where there are claims of the session it takes no part.
-        path = ClaimedPath(commissioning.frame, claims[1:]) if evidence.claims else requested
+        rest = ClaimedPath(commissioning.frame, claims[1:]) if evidence.claims else None
+        requested = ClaimedPath(commissioning.frame, claims[:1], rest)
+        path = rest or requested
     except GeometryError:
         reasons.add("claim_far_away", "The claimed position is nowhere near this pad.")
     if path is not None and requested is not None:
