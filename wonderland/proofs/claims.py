@@ -90,7 +90,7 @@ class ClaimedPath:
             east, north, up = to_local(frame, claim.lat_e7, claim.lon_e7, claim.height_mm)
             points.append(LocalClaim(claim.t_ms, float(east), float(north), float(up)))
         points.sort(key=_moment)
-        self.points: Final = tuple(points)
+        self.points: Final[tuple[LocalClaim, ...]] = tuple(points)
         self._times: Final[list[int]] = [point.t_ms for point in points]
         self._segments: Final[dict[int, _Segment | None]] = {}
         accuracies, heights = [claim.accuracy_mm for claim in claims], [claim.height_accuracy_mm for claim in claims]
