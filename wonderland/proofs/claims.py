@@ -17,6 +17,8 @@ MAX_GAP_MS: Final = 2_000
 """A moment further than this from every claim has no claimed position of its own."""
 MAX_SPEED_MM_MS: Final = 120.0
 """No drone that lands on a pad flies faster (mm/ms = m/s); a claim that does so has jumped."""
+MAX_ACCELERATION_MM_MS2: Final = 0.01
+"""What a drone that lands on a pad may turn or brake with: 10 m/s²."""
 JUMP_TOLERANCE_MM: Final = 2_000.0
 """A filter that settles may move a claim by so much at once."""
 _NEVER_MS: Final = 2**63
@@ -55,6 +57,20 @@ class Track(NamedTuple):
         """The middle of these moments: that of the mean place."""
         first = self.t_ms[0]
         return first + sum([t_ms - first for t_ms in self.t_ms]) // len(self.t_ms)
+
+    def jumps(self, tolerance_mm: float) -> bool:
+        """Whether the claim leaves its flight from one moment to the next as no drone can, give or take so much."""
+        for after in range(2, len(self.t_ms)):
+            before, gap = self.t_ms[after - 1] - self.t_ms[after - 2], self.t_ms[after] - self.t_ms[after - 1]
+            if before <= 0:
+                continue
+            share = gap / before
+            east = self.east[after] - self.east[after - 1] - (self.east[after - 1] - self.east[after - 2]) * share
+            north = self.north[after] - self.north[after - 1] - (self.north[after - 1] - self.north[after - 2]) * share
+            turned = MAX_ACCELERATION_MM_MS2 * gap * (gap + before) / 2.0
+            if sqrt(east * east + north * north) > tolerance_mm + turned:
+                return True
+        return False
 
     def only(self, positions: Sequence[int]) -> Track:
         """Some of them, by their position in the columns."""

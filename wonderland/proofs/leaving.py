@@ -14,10 +14,11 @@ from wonderland.proofs.agreement import agreement
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.estimate import solve
 from wonderland.proofs.judgement import Measured, judge, metres
+from wonderland.proofs.moments import JUMP_BUFFERS
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.verdicts import Judgement, Reason
-from wonderland.proofs.reduction import Reduced, Residuals, distance, newest_of, reduce, residuals_of
+from wonderland.proofs.reduction import Reduced, Residuals, newest_of, reduce, residuals_of
 from wonderland.proofs.rounds import UsableRounds
 from wonderland.proofs.special import CHI2_LIMITS
 
@@ -28,8 +29,6 @@ CLEAR_BUFFERS: Final = 0.2
 for a drift, and a third of a second is no reason to refute anybody."""
 JUMP_ROUNDS: Final = 10
 """Half a second."""
-JUMP_BUFFERS: Final = 0.25
-"""A claim that moves by more than this from one round to the next, beside its flight, has jumped."""
 ERROR_SHARE: Final = 10
 """The newest rounds refute with one part in so many of the policy's error, so that the whole keeps its limit."""
 
@@ -85,15 +84,7 @@ def _just_jumped(path: ClaimedPath, rounds: UsableRounds, policy: Policy) -> boo
 
     A drag moves by centimetres from round to round; what jumped and stays is refuted when the jump is past.
     """
-    track = path.along(rounds.t_ms[-JUMP_ROUNDS:])
-    velocity_east, velocity_north = path.along(rounds.t_ms).velocity()
-    for before in range(len(track.kept) - 1):
-        gap = track.t_ms[before + 1] - track.t_ms[before]
-        east = track.east[before + 1] - track.east[before] - velocity_east * gap
-        north = track.north[before + 1] - track.north[before] - velocity_north * gap
-        if distance(east, north, 0.0) > JUMP_BUFFERS * policy.buffer_mm:
-            return True
-    return False
+    return path.along(rounds.t_ms[-JUMP_ROUNDS:]).jumps(JUMP_BUFFERS * policy.buffer_mm)
 
 
 def _white(last: Reduced, commissioning: Commissioning) -> Reduced:

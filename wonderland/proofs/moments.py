@@ -10,8 +10,9 @@ lie that changes is found in one of these:
 - *unseen claims*: between the rounds, before the first or after the last, off the flight that the rounds' claims show;
 - *stretches*: means over stretches of time, which lies that come and go slowly, and a drone that flies while it
   claims to hover, move;
-- *motion*: the share of the claimed motion that the ranges do not follow, along the line of sight and across it, of
-  the whole and of what no straight flight explains. That has to be *proved* small, since a far pad measures little.
+- *motion*: the share of the claimed motion that the ranges do not follow, along the line of sight and across it. Of
+  the whole motion it counts where it is clear. Of what no straight flight explains it has to be *proved* small: only
+  there can claims hide lies that no mean over a stretch shows, and a far pad measures little of a single one.
 """
 
 from __future__ import annotations
@@ -20,11 +21,12 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
-from typing import Final, NamedTuple
+from typing import Final
 
-from wonderland.proofs.claims import LocalClaim, Track
+from wonderland.proofs.claims import MAX_ACCELERATION_MM_MS2, LocalClaim, Track
 from wonderland.proofs.estimate import Offset
-from wonderland.proofs.reduction import Reduced, Residuals, Series, distance
+from wonderland.proofs.motion import extent_mm, unfollowed_motion
+from wonderland.proofs.reduction import Reduced, Residuals, distance
 from wonderland.proofs.special import CHI2_LIMITS
 
 LIE_SHARE: Final = 0.2
@@ -38,10 +40,10 @@ ROUGH_BUFFERS: Final = 0.5
 """Claims that may jump to and fro by more than this (root mean square) have no mean that could refute."""
 QUIET_SHARE: Final = 0.25
 """Claims that spread by less than this share of the buffer hide nothing that could win."""
-PROVED_SIGMAS: Final = 4.0
-"""Standard deviations with which motion that the ranges do not follow is bounded."""
-MAX_ACCELERATION_MM_MS2: Final = 0.01
-"""What a drone that lands on a pad may turn or brake with between two rounds: 10 m/s²."""
+OFF_BUFFERS: Final = 0.5
+"""A torn round is off where what its ranges say lies farther than this from the others."""
+JUMP_BUFFERS: Final = 0.25
+"""A claim that leaves its flight by more than this from one round to the next, and by more than a drone can, jumps."""
 EDGE_MS: Final = 500
 """Over so long the velocity at the first and at the last round is taken."""
 _STRETCHES: Final = ((80, 8), (20, 4), (0, 2))
@@ -60,14 +62,16 @@ class Moments:
     waver_mm: float
     """Bound on the root mean square distance of the claims from where the drone was, about their mean."""
     rough_mm: float
-    """The part of it that lies in motion which no straight flight explains: claims that jump to and fro."""
+    """The part of it that lies in motion which no straight flight explains: claims that go to and fro."""
+    jumping: bool
+    """Whether the claims jump as no drone can."""
 
     def have_a_mean(self, buffer_mm: float) -> bool:
         """Whether the claims agree so far that their mean may speak against the drone.
 
-        Where they contradict one another, or jump as the ranges do not, some are wrong and some may be right.
+        Where they jump, and contradict one another or move as the ranges do not, some are wrong and some may be right.
         """
-        return self.off_share < MIXED_SHARE and self.rough_mm <= ROUGH_BUFFERS * buffer_mm
+        return not self.jumping or (self.off_share < MIXED_SHARE and self.rough_mm <= ROUGH_BUFFERS * buffer_mm)
 
     def reach_mm(self, buffer_mm: float) -> float:
         """How far the mean may be off for a verified claim; the buffer, but where the claims waver; ≤ 0: nothing may.
@@ -85,29 +89,32 @@ def moments_of(reduced: Reduced, offset: Offset, claims: Sequence[LocalClaim], b
     """Of a session's kept rounds and all of its claims (pad's frame, mm)."""
     seen = reduced.residuals
     if seen is None:  # nothing was ranged: a prospect
-        return Moments(0.0, 0.0, 0.0, 0.0)
+        return Moments(0.0, 0.0, 0.0, 0.0, jumping=False)
     quiet_mm = QUIET_SHARE * buffer_mm
-    most = _extent_mm(seen.claimed, claims)
-    slow = _stretches(reduced, offset, seen)
+    most = extent_mm(seen.claimed, claims)
+    fan = _Fan(reduced, offset)
+    slow = _stretches(reduced, fan, seen)
+    off = _off_rounds(reduced, fan, seen, OFF_BUFFERS * buffer_mm) if seen.torn else frozenset()
+    off_share = len(off) / len(seen.claimed.kept)
     if most <= quiet_mm:  # whatever the claims hide, it is less than could win
-        return Moments(seen.torn_share, 0.0, sqrt(most * most + slow), most)
-    left = set(seen.track.kept) if seen.torn else None
+        return Moments(off_share, 0.0, sqrt(most * most + slow), most, jumping=False)
     unseen = torn = 0
     held = []
     for claim in claims:
         if not _explained(seen.claimed, claim, buffer_mm):
             unseen += 1
-        elif left is not None and seen.claimed.kept[_nearest(seen.claimed, claim.t_ms)] not in left:
+        elif off and _nearest(seen.claimed, claim.t_ms) in off:
             torn += 1
         elif seen.claimed.t_ms[0] <= claim.t_ms <= seen.claimed.t_ms[-1]:
             held.append(claim)
-    whole, rough = _motion(reduced, offset, seen, held, quiet_mm)
+    whole, rough = unfollowed_motion(reduced, offset, seen, held, quiet_mm)
     moved = max(whole, rough)
     return Moments(
-        off_share=max(seen.torn_share, (unseen + torn) / len(claims)),
+        off_share=max(off_share, (unseen + torn) / len(claims)),
         unseen_share=unseen / len(claims),
         waver_mm=sqrt(moved * moved + slow),
         rough_mm=rough,
+        jumping=seen.claimed.jumps(JUMP_BUFFERS * buffer_mm),
     )
 
 
@@ -155,224 +162,95 @@ def _edge_velocity(track: Track, edge: int) -> tuple[float, float]:
     return (track.east[other] - track.east[edge]) / span, (track.north[other] - track.north[edge]) / span
 
 
-def _line_of_sight(reduced: Reduced, offset: Offset) -> tuple[float, float]:
-    """Unit vector from the anchors' middle to the estimate."""
-    x, y = reduced.east + offset.east, reduced.north + offset.north
-    count = len(reduced.anchors)
-    for anchor in reduced.anchors:
-        x -= anchor.east / count
-        y -= anchor.north / count
-    away = distance(x, y, 0.0)
-    return (x / away, y / away) if away > 0.0 else (1.0, 0.0)
+class _Fan:
+    """The directions from the anchors to the estimate, and the offset that residuals along them come to."""
 
+    def __init__(self, reduced: Reduced, offset: Offset) -> None:
+        self.sights: Final[list[tuple[float, float]]] = []
+        for anchor in reduced.anchors:
+            x = reduced.east + offset.east - anchor.east
+            y = reduced.north + offset.north - anchor.north
+            away = max(distance(x, y, reduced.up - anchor.up), 1.0)
+            self.sights.append((x / away, y / away))
 
-def _motion(
-    reduced: Reduced, offset: Offset, seen: Residuals, claims: Sequence[LocalClaim], quiet_mm: float
-) -> tuple[float, float]:
-    """Bounds (root mean square, mm) on claimed motion that did not take place: of all, and of what is not straight.
+    def offset(self, residuals: Sequence[float | None]) -> tuple[float, float, float] | None:
+        """Offset (east, north, mm) that fits one residual for each anchor best, and its χ² for 1 mm; None without one.
 
-    How much of it did not take place is for the rounds to say; how much there is, for the rounds or the claims,
-    whichever say more: a claim between two rounds is a peak that the rounds see the slopes of.
-    """
-    track = seen.claimed
-    sight = _line_of_sight(reduced, offset)
-    flown = _turned(track.t_ms, track.east, track.north, reduced, sight)
-    said = _turned(
-        [claim.t_ms for claim in claims],
-        [claim.east for claim in claims],
-        [claim.north for claim in claims],
-        reduced,
-        sight,
-    )
-    left = _left_rounds(seen)
-    whole = _Motion(flown, left, said)
-    rough = _Motion(flown.less_line(left), left, said.less_line(range(len(claims))))
-    stirred = [motion for motion in (whole, rough) if motion.spread > quiet_mm]
-    ux, uy = sight
-    for (column, _), anchor in zip(seen.series if stirred else (), reduced.anchors, strict=False):
-        # Half-way between claim and mean the direction times the motion is what the range would change by.
-        middle_east, middle_north = 0.5 * reduced.east - anchor.east, 0.5 * reduced.north - anchor.north
-        sights = []
-        for position in column.rounds:
-            x, y = middle_east + 0.5 * track.east[position], middle_north + 0.5 * track.north[position]
-            away = distance(x, y, track.up[position] - anchor.up)
-            sights.append(((x * ux + y * uy) / away, (y * ux - x * uy) / away) if away >= 1.0 else (0.0, 0.0))
-        for motion in stirred:
-            motion.add(column, sights, anchor.white * anchor.count)
-    return whole.bound_mm(), rough.bound_mm()
-
-
-def _extent_mm(track: Track, claims: Sequence[LocalClaim]) -> float:
-    """How far apart any two of the claimed places can be."""
-    east = [*track.east, *[claim.east for claim in claims]]
-    north = [*track.north, *[claim.north for claim in claims]]
-    return distance(max(east) - min(east), max(north) - min(north), 0.0)
-
-
-def _left_rounds(seen: Residuals) -> Sequence[int]:
-    """Which of the claimed moments are not torn."""
-    if seen.torn == 0:
-        return range(len(seen.claimed.kept))
-    kept = set(seen.track.kept)
-    return [position for position, moment in enumerate(seen.claimed.kept) if moment in kept]
-
-
-class _Turned(NamedTuple):
-    """Claimed places at some moments about the mean of the kept ones: along the line of sight and across it, mm."""
-
-    t_ms: Sequence[int]
-    along: Sequence[float]
-    across: Sequence[float]
-
-    def less_line(self, left: Sequence[int]) -> _Turned:
-        """The same without the straight flight that fits those that are left best."""
-        return _Turned(self.t_ms, _less_line(self.along, self.t_ms, left), _less_line(self.across, self.t_ms, left))
-
-    def energy(self, left: Sequence[int]) -> tuple[float, float]:
-        """Mean squares of those that are left."""
-        along = across = 0.0
-        for position in left:
-            along += self.along[position] * self.along[position]
-            across += self.across[position] * self.across[position]
-        count = max(len(left), 1)
-        return along / count, across / count
-
-
-def _turned(
-    t_ms: Sequence[int],
-    east: Sequence[float],
-    north: Sequence[float],
-    reduced: Reduced,
-    sight: tuple[float, float],
-) -> _Turned:
-    ux, uy = sight
-    along, across = [], []
-    for at_east, at_north in zip(east, north, strict=True):
-        x, y = at_east - reduced.east, at_north - reduced.north
-        along.append(x * ux + y * uy)
-        across.append(y * ux - x * uy)
-    return _Turned(t_ms, along, across)
-
-
-def _less_line(values: Sequence[float], times: Sequence[int], left: Sequence[int]) -> list[float]:
-    """The values without the straight line that fits those that are left best."""
-    count = len(left)
-    middle_ms = mean = 0.0
-    for position in left:
-        middle_ms += (times[position] - times[0]) / count
-        mean += values[position] / count
-    square = slope = 0.0
-    for position in left:
-        t_ms = times[position] - times[0] - middle_ms
-        square += t_ms * t_ms
-        slope += t_ms * values[position]
-    slope = slope / square if square > 0.0 else 0.0
-    return [value - mean - slope * (t_ms - times[0] - middle_ms) for value, t_ms in zip(values, times, strict=True)]
-
-
-class _Motion:
-    """Which share of a claimed motion the residuals contradict, along the line of sight and across it.
-
-    Did the motion not take place, each residual would be minus its projection on the way from the anchor.
-    """
-
-    def __init__(self, flown: _Turned, left: Sequence[int], said: _Turned) -> None:
-        self._along: Final = flown.along
-        self._across: Final = flown.across
-        rounds, claims = flown.energy(left), said.energy(range(len(said.t_ms)))
-        self._energy: Final = (max(rounds[0], claims[0]), max(rounds[1], claims[1]))
-        self.spread: Final = sqrt(self._energy[0] + self._energy[1])
-        self._aa = self._ab = self._bb = self._ar = self._br = 0.0
-
-    def add(self, column: Series, sights: Sequence[tuple[float, float]], variance: float) -> None:
-        """The residuals of one anchor about their mean; ``variance`` (mm²) of one of them."""
-        count = len(column.rounds)
-        along, across = self._along, self._across
-        aa = ab = bb = ar = br = sum_a = sum_b = sum_r = 0.0
-        for position, residual, (on_along, on_across) in zip(column.rounds, column.values, sights, strict=True):
-            a, b = -on_along * along[position], -on_across * across[position]
-            sum_a += a
-            sum_b += b
-            sum_r += residual
-            aa += a * a
-            ab += a * b
-            bb += b * b
-            ar += a * residual
-            br += b * residual
-        self._aa += (aa - sum_a * sum_a / count) / variance
-        self._ab += (ab - sum_a * sum_b / count) / variance
-        self._bb += (bb - sum_b * sum_b / count) / variance
-        self._ar += (ar - sum_a * sum_r / count) / variance
-        self._br += (br - sum_b * sum_r / count) / variance
-
-    def bound_mm(self) -> float:
-        """Root mean square of the motion that may not have taken place; never more than all of it or what was found."""
-        determinant = self._aa * self._bb - self._ab * self._ab
-        total = self._aa + self._bb
-        if total <= 0.0:
-            return self.spread
-        if determinant <= _SINGULAR * total * total:
-            return self._along_one_axis()
-        a = (self._bb * self._ar - self._ab * self._br) / determinant
-        b = (self._aa * self._br - self._ab * self._ar) / determinant
-        along, across = self._energy
-        found = sqrt(a * a * along + b * b * across)
-        known = sqrt((self._bb * along + self._aa * across) / determinant)
-        return min(found + PROVED_SIGMAS * known, max(self.spread, found))
-
-    def _along_one_axis(self) -> float:
-        """Where one axis hardly matters, or both are one to these anchors: each by itself, the worse one counts."""
-        bound = 0.0
-        for energy, square, product in zip(self._energy, (self._aa, self._bb), (self._ar, self._br), strict=True):
-            length = sqrt(energy)
-            if square <= 0.0:
-                bound = max(bound, length)
+        None among the residuals: that anchor has none.
+        """
+        ee = en = nn = be = bn = 0.0
+        for (x, y), residual in zip(self.sights, residuals, strict=True):
+            if residual is None:
                 continue
-            found = length * abs(product) / square
-            bound = max(bound, min(found + PROVED_SIGMAS * length / sqrt(square), max(length, found)))
-        return bound
+            ee += x * x
+            en += x * y
+            nn += y * y
+            be += x * residual
+            bn += y * residual
+        determinant = ee * nn - en * en
+        if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
+            return None
+        east, north = (nn * be - en * bn) / determinant, (ee * bn - en * be) / determinant
+        return east, north, be * east + bn * north
+
+    def spread(self) -> float:
+        """Mean square of the offset that 1 mm of noise in each residual makes; 0 where none can be told."""
+        ee = en = nn = 0.0
+        for x, y in self.sights:
+            ee += x * x
+            en += x * y
+            nn += y * y
+        determinant = ee * nn - en * en
+        return (ee + nn) / determinant if determinant > _SINGULAR * (ee + nn) * (ee + nn) else 0.0
 
 
-def _stretches(reduced: Reduced, offset: Offset, seen: Residuals) -> float:
+def _off_rounds(reduced: Reduced, fan: _Fan, seen: Residuals, least_mm: float) -> frozenset[int]:
+    """Torn rounds (positions in the claimed track) whose residuals come to an offset that is worth the name.
+
+    Biases that change along a flight tear rounds, too; they come to decimetres.
+    """
+    means = {column.anchor: mean for column, mean in seen.series}
+    order = [anchor.index for anchor in reduced.anchors]
+    left = frozenset(seen.track.kept)
+    torn = {position: dict[int, float]() for position, moment in enumerate(seen.claimed.kept) if moment not in left}
+    for column in seen.raw:
+        if column.anchor not in means:
+            continue
+        for position, value in zip(column.rounds, column.values, strict=True):
+            if position in torn:
+                torn[position][column.anchor] = value - means[column.anchor]
+    off = []
+    for position, residuals in torn.items():
+        found = fan.offset([residuals.get(anchor) for anchor in order])
+        if found is None or distance(found[0], found[1], 0.0) > least_mm:
+            off.append(position)
+    return frozenset(off)
+
+
+def _stretches(reduced: Reduced, fan: _Fan, seen: Residuals) -> float:
     """Mean square (mm²) of the offsets of stretches of time about the whole, where more than noise; else 0."""
     count = len(seen.claimed.kept)
     parts = next(parts for least, parts in _STRETCHES if count >= least)
-    ee = en = nn = 0.0
-    sights = []
-    for anchor in reduced.anchors:
-        x = reduced.east + offset.east - anchor.east
-        y = reduced.north + offset.north - anchor.north
-        away = max(distance(x, y, reduced.up - anchor.up), 1.0)
-        sights.append((x / away, y / away))
-        ee += x * x / (away * away)
-        en += x * y / (away * away)
-        nn += y * y / (away * away)
-    determinant = ee * nn - en * en
-    if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
-        return 0.0
-    east, north = [0.0] * parts, [0.0] * parts
+    away: list[list[float | None]] = [[] for _ in range(parts)]
     noise = 0.0
-    for (column, mean), (x, y), anchor in zip(seen.series, sights, reduced.anchors, strict=True):
+    for (column, mean), anchor in zip(seen.series, reduced.anchors, strict=True):
         sums, counts = [0.0] * parts, [0] * parts
         for position, value in zip(column.rounds, column.values, strict=True):
             part = position * parts // count
             sums[part] += value
             counts[part] += 1
         for part in range(parts):
-            if counts[part]:
-                away = sums[part] / counts[part] - mean
-                east[part] += x * away
-                north[part] += y * away
+            away[part].append(sums[part] / counts[part] - mean if counts[part] else None)
         noise += anchor.white * anchor.count
     variance = noise / len(reduced.anchors) * parts / count
     chi2 = square = 0.0
-    for part in range(parts):
-        be, bn = east[part], north[part]
-        at_east, at_north = (nn * be - en * bn) / determinant, (ee * bn - en * be) / determinant
-        chi2 += (be * at_east + bn * at_north) / variance
-        square += (at_east * at_east + at_north * at_north) / parts
+    for residuals in away:
+        found = fan.offset(residuals)
+        if found is not None:
+            east, north, explained = found
+            chi2 += explained / variance
+            square += (east * east + north * north) / parts
     freedom = 2 * (parts - 1)
     if chi2 <= CHI2_LIMITS[min(freedom, len(CHI2_LIMITS)) - 1]:
         return 0.0
-    expected = variance * (ee + nn) / determinant * (parts - 1) / parts
-    return max(square - expected, 0.0)
+    return max(square - variance * fan.spread() * (parts - 1) / parts, 0.0)

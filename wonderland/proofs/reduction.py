@@ -82,11 +82,6 @@ class Residuals:
     claimed: Track
     """The moments of all rounds that have a claim."""
 
-    @property
-    def torn_share(self) -> float:
-        """Share of the rounds whose claims contradict those of the others."""
-        return self.torn / len(self.claimed.kept)
-
 
 @dataclass(frozen=True, slots=True)
 class Reduced:
