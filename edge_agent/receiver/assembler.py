@@ -12,7 +12,7 @@ from collections import OrderedDict, deque
 from typing import TYPE_CHECKING, Any, Final
 
 from edge_agent.receiver.findings import RATE_HIGH, SEVERAL_IDENTITIES, SIGNATURE_BAD, Finding, FindingGate, Position
-from edge_agent.receiver.heard import MAX_ACCURACY_MM, Heard, ReceiverCounts
+from edge_agent.receiver.heard import Heard, ReceiverCounts
 from edge_agent.receiver.limits import ReceiverLimits, TokenBucket
 from edge_agent.receiver.tracks import DroneTrack
 from wonderland.proofs.records.fields import ID_PATTERN
@@ -34,6 +34,7 @@ from wonderland.remote_id import (
     public_operator_id,
     resolve_time,
 )
+from wonderland.remote_id.attested import stated_accuracy_mm
 
 if TYPE_CHECKING:
     from wonderland.remote_id import Message
@@ -301,7 +302,6 @@ def _heard(
 ) -> Heard:
     assert location.lat_e7 is not None
     assert location.lon_e7 is not None
-    accuracy_mm = location.horizontal_accuracy.mm
     claim_t_ms = resolve_time(location, now_ms)
     if claim_t_ms is not None:
         drone.latency_ms = now_ms - claim_t_ms
@@ -312,7 +312,7 @@ def _heard(
         lon_e7=location.lon_e7,
         transport=transport,
         height_mm=location.altitude_mm,
-        accuracy_mm=accuracy_mm if accuracy_mm is None or accuracy_mm <= MAX_ACCURACY_MM else None,
+        accuracy_mm=stated_accuracy_mm(location),
         height_accuracy_mm=location.vertical_accuracy.mm,
         speed_mm_s=location.speed_mm_s,
         track_cdeg=location.track_cdeg,

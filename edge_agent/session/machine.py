@@ -260,6 +260,9 @@ class PadSession:
                     self._times.pop("identity", None)
                 case Word.ECHO:
                     self._echoed(heard.octets, heard.t_ms, now_ms, actions)
+                case Word.ATTESTED:
+                    if not self._gathered.attest(heard.digests):
+                        self._fail("out_of_turn", "a second list of broadcasts", now_ms, actions)
                 case Word.SIGNATURE:
                     self._signed(heard.octets, now_ms, actions)
                 case Word.ABORT:
