@@ -152,7 +152,7 @@ class GatheredEvidence:
         return Evidence(
             ranges=self.table(),
             claims=self.claims,
-            broadcast=tuple(broadcast)[-MAX_CLAIMS:],
+            broadcast=tuple(broadcast),
             matched="both" if matched else "none",
             radio=radio,
             steps=tuple(StepTime(step=step, t_ms=t_ms) for step, t_ms in self._steps.items()),
