@@ -4,11 +4,22 @@ from __future__ import annotations
 
 from typing import Final
 
-from simulator.attack_lab.attacks import baseline, claim, collusion, insider, moments, pad, position, protocol, radio
+from simulator.attack_lab.attacks import (
+    baseline,
+    claim,
+    collusion,
+    insider,
+    moments,
+    outsider,
+    pad,
+    position,
+    protocol,
+    radio,
+)
 from simulator.attack_lab.model import Attack
 
 ATTACKS: Final[dict[str, Attack]] = {
     attack.name: attack
-    for family in (baseline, position, claim, moments, radio, insider, pad, protocol, collusion)
+    for family in (baseline, position, claim, moments, outsider, radio, insider, pad, protocol, collusion)
     for attack in family.ATTACKS
 }
