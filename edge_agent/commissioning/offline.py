@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from edge_agent.commissioning.clocks import Clocks, fit_clocks
+from edge_agent.commissioning.coverage import Note
 from edge_agent.commissioning.errors import CalibrationError, CommissioningError, RecordingError
-from edge_agent.commissioning.fit import Fit, FitSettings, Note, find_shift, fit_runs
+from edge_agent.commissioning.fit import Fit, FitSettings, fit_runs
 from edge_agent.commissioning.reach import AtDistance, Reach, ReachMap, by_distance, reach, reach_map
 from edge_agent.commissioning.recording import Recording
 from edge_agent.commissioning.reference import load_track
 from edge_agent.commissioning.run import Run
+from edge_agent.commissioning.shift import find_shift
 from edge_agent.commissioning.stamps import StampedRun
 from edge_agent.commissioning.survey_files import Origin, Survey, load_survey
 from wonderland.ledger.errors import FileWriteError

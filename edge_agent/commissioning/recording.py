@@ -19,6 +19,8 @@ from edge_agent.commissioning.errors import RecordingError
 
 ROUND_GAP_S: Final = 0.03
 """Ranges of one round come within milliseconds, rounds apart by tens."""
+FLAGGED_DB: Final = 10.0
+"""Where a node only says that it is obstructed: the first path of a DW1000 that is so is 6 to 12 dB weaker."""
 MAX_ROWS: Final = 5_000_000
 MIN_ANCHORS: Final = 3
 
@@ -33,6 +35,8 @@ class RecordedRound:
     t_s: float
     ranges_m: dict[str, float]
     truth_m: Point
+    first_path_db: dict[str, float] = field(default_factory=dict)
+    """By how much each anchor's first path is weaker than all that it received, where the radio tells."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,7 @@ class Recording:
         times: list[float] = []
         truths: list[Point] = []
         rows: list[tuple[float, str, float]] = []
+        weaker: dict[tuple[float, str], float] = {}
         latest: dict[str, float] = {}
         columns = "t anchor range gt_x gt_y gt_z" if reference is None else "t anchor range"
         for line, row in csv_rows(ranges, columns):
@@ -101,6 +106,8 @@ class Recording:
                 )
             latest[name] = t_s
             rows.append((t_s, name, number(row, "range", ranges, line)))
+            if (decibels := _first_path_db(row, ranges, line)) is not None:
+                weaker[t_s, name] = decibels
             times.append(t_s)
             if reference is None:
                 truths.append(vector(row, ("gt_x", "gt_y", "gt_z"), ranges, line))
@@ -108,8 +115,13 @@ class Recording:
             raise RecordingError(f"{ranges}: no ranges in it")
         track = reference or Track(tuple(times), tuple(truths))
         grouped = tuple(
-            RecordedRound(t_s, values, raised(track.at(t_s + truth_shift_s), truth_raise_m))
-            for t_s, values in _rounds(rows)
+            RecordedRound(
+                t_s,
+                {name: range_m for _, name, range_m in of_round},
+                raised(track.at(t_s + truth_shift_s), truth_raise_m),
+                {name: weaker[at_s, name] for at_s, name, _ in of_round if (at_s, name) in weaker},
+            )
+            for t_s, of_round in _rounds(rows)
         )
         return cls(grouped, dict(places), track, truth_shift_s, truth_raise_m)
 
@@ -167,18 +179,31 @@ def raised(point: Point, metres: float) -> Point:
     return (point[0], point[1], point[2] + metres)
 
 
-def _rounds(rows: Sequence[tuple[float, str, float]]) -> Iterator[tuple[float, dict[str, float]]]:
+def _first_path_db(row: dict[str, str], path: Path, line: int) -> float | None:
+    """From ``rssi`` and ``rssi_fp`` (dBm), or the node's own flag ``nlos``; None where there is neither."""
+    if row.get("rssi") and row.get("rssi_fp"):
+        return number(row, "rssi", path, line) - number(row, "rssi_fp", path, line)
+    if row.get("nlos"):
+        return FLAGGED_DB if number(row, "nlos", path, line) else 0.0
+    return None
+
+
+Row = tuple[float, str, float]
+"""t (s), anchor, range (m)."""
+
+
+def _rounds(rows: Sequence[Row]) -> Iterator[tuple[float, list[Row]]]:
     """Rows gathered into rounds: a new one begins after a gap, or when an anchor speaks again."""
-    start, values = rows[0][0], dict[str, float]()
-    for t_s, anchor, range_m in rows:
-        if values and (t_s - start > ROUND_GAP_S or anchor in values):
-            yield start, values
-            start, values = t_s, {}
-        elif not values:
-            start = t_s
-        values[anchor] = range_m
+    values: list[Row] = []
+    anchors: set[str] = set()
+    for row in rows:
+        if values and (row[0] - values[0][0] > ROUND_GAP_S or row[1] in anchors):
+            yield values[0][0], values
+            values, anchors = [], set()
+        values.append(row)
+        anchors.add(row[1])
     if values:
-        yield start, values
+        yield values[0][0], values
 
 
 def _at(times: Sequence[float], points: Sequence[Point], t_s: float) -> Point:
