@@ -10,41 +10,23 @@ import bisect
 import csv
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
 
+from edge_agent.commissioning.judging import START_MS, Prepared
+from edge_agent.commissioning.judging import prepare as prepare_window
 from simulator.flight import Vector
 from simulator.recording import RecordedRound, Recording, RecordingError, dw1000_commissioning
 from simulator.simulate import MIN_ROUNDS, parse_claim
-from wonderland.proofs import frame as frames
-from wonderland.proofs.errors import GeometryError, ProofError
+from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.records.sessions import (
-    MAX_CLAIMS,
-    NO_RANGE,
-    AnchorRanges,
-    Claim,
-    Evidence,
-    Party,
-    Radio,
-    RangeTable,
-    Session,
-)
 from wonderland.proofs.records.verdicts import OUTCOMES, Verdict
-from wonderland.proofs.verdict import preview
 
-START_MS: Final = 1_800_000_000_000
-"""A recording has no date; a fixed one makes its verdicts repeatable."""
-SESSION_MS: Final = 3_600_000
-CLAIM_ACCURACY_MM: Final = 100
-CLAIM_HEIGHT_ACCURACY_MM: Final = 200
-FARTHEST_CLAIM_M: Final = 1e8
-LONGEST_RANGE_MM: Final = 1_000_000
 NO_ESTIMATE: Final = 3
 """Exit code where windows were judged, and none had an estimate."""
 SAME_PLACE_M: Final = 0.05
@@ -144,56 +126,21 @@ def evaluate(settings: EvaluateSettings) -> Iterator[Window]:
         yield judge(rounds[first : first + settings.rounds], commissioning, policy, said)
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """What the contract would be given about a window, were the drone to countersign."""
-
-    session: Session
-    commissioning: Commissioning
-    evidence: Evidence
-
-    def verdict(self) -> Verdict:
-        """The contract's own function on it."""
-        return preview(self.session, self.commissioning, self.evidence, self.evidence.ranges.t_ms[-1])
-
-
 def judge(rounds: tuple[RecordedRound, ...], commissioning: Commissioning, policy: Policy, said: Claimed) -> Window:
     """The verdict on consecutive rounds, were the drone to countersign them."""
     verdict = prepare(rounds, commissioning, policy, said).verdict()
     return Window(rounds[0].t_s, rounds[-1].t_s, rounds[len(rounds) // 2].truth_m, verdict)
 
 
-def prepare(rounds: tuple[RecordedRound, ...], commissioning: Commissioning, policy: Policy, said: Claimed) -> Prepared:
-    """Session and evidence of consecutive rounds; times are relative to the first. Raises RecordingError."""
-    origin_s = rounds[0].t_s
-    times = [START_MS + round((item.t_s - origin_s) * 1000) for item in rounds]
-    try:
-        claims = [
-            _claim(commissioning, t_ms, said(item.t_s, item.truth_m)) for t_ms, item in zip(times, rounds, strict=True)
-        ]
-        table = RangeTable(
-            t_ms=tuple(times),
-            anchors=tuple(
-                AnchorRanges(
-                    anchor_id=anchor.anchor_id,
-                    range_mm=tuple(_range_mm(item.ranges_m.get(anchor.anchor_id)) for item in rounds),
-                )
-                for anchor in commissioning.anchors
-            ),
-        )
-    except ProofError as error:
-        raise RecordingError(f"at {origin_s:.3f} s: {error}") from error
-    every = -(-len(claims) // (MAX_CLAIMS - 1))
-    chosen = claims[::every] if (len(claims) - 1) % every == 0 else [*claims[::every], claims[-1]]
-    evidence = Evidence(
-        ranges=table,
-        claims=tuple(chosen),
-        broadcast=(),
-        matched="both",
-        radio=Radio(measured_by="pad", sts="provisioned"),
-        steps=(),
+def prepare(rounds: Sequence[RecordedRound], commissioning: Commissioning, policy: Policy, said: Claimed) -> Prepared:
+    """What the contract would be given of consecutive rounds; times are relative to the first."""
+    return prepare_window(
+        [item.t_s for item in rounds],
+        [item.ranges_m for item in rounds],
+        [said(item.t_s, item.truth_m) for item in rounds],
+        commissioning,
+        policy,
     )
-    return Prepared(_session(claims[0], policy), commissioning, evidence)
 
 
 def claims_of(text: str) -> Claimed:
@@ -270,58 +217,6 @@ def _commissioning(path: Path | None, recording: Recording) -> Commissioning:
                 "anchors has it; a bias table holds for the anchors that it was fitted to"
             )
     return record
-
-
-def _claim(commissioning: Commissioning, t_ms: int, place_m: Vector) -> Claim:
-    if not all(abs(value) <= FARTHEST_CLAIM_M for value in place_m):
-        raise GeometryError(
-            f"a claim at {place_m[0]:g}, {place_m[1]:g}, {place_m[2]:g} m is nowhere on Earth (--claim, --truth-raise)"
-        )
-    east, north, up = (round(value * 1000) for value in place_m)
-    frame = commissioning.frame
-    try:
-        lat_e7, lon_e7, height_mm = frames.to_wgs84(frame, east, north, up)
-    except GeometryError:
-        # Beyond the frame's reach one place is as far as another: the other side of the planet stands for all.
-        lat_e7, lon_e7, height_mm = -frame.lat_e7, frame.lon_e7, frame.height_mm
-    return Claim(
-        lat_e7=lat_e7,
-        lon_e7=lon_e7,
-        height_mm=height_mm,
-        accuracy_mm=CLAIM_ACCURACY_MM,
-        height_accuracy_mm=CLAIM_HEIGHT_ACCURACY_MM,
-        t_ms=t_ms,
-    )
-
-
-def _range_mm(range_m: float | None) -> int:
-    """As UCI reports it, in whole centimetres; what is no range a node could report counts as none."""
-    if range_m is None or not 0.0 < range_m * 1000 < LONGEST_RANGE_MM:
-        return NO_RANGE
-    return round(range_m * 100) * 10
-
-
-def _session(claim: Claim, policy: Policy) -> Session:
-    party = Party(msp_id="PadMSP", certificate_sha256="0" * 64)
-    return Session(
-        session_id="0" * 64,
-        state="requested",
-        pad_id="recording",
-        uav_id="RECORDED",
-        action="land",
-        claim=claim,
-        prekey_id="none",
-        pad_key="A" * 87,
-        uav_key="A" * 87,
-        pad=party,
-        uav=party,
-        commissioning_sha256="0" * 64,
-        contract_version="0",
-        transcript_sha256="0" * 64,
-        policy=policy,
-        requested_ms=START_MS,
-        expires_ms=START_MS + SESSION_MS,
-    )
 
 
 def _between(times: list[float], places: list[Vector], t_s: float) -> Vector:

@@ -56,22 +56,13 @@ def coverage_of(data: Windows, anchors_m: Floats) -> Coverage:
     )
 
 
-def notes_of(
-    runs: tuple[Run, ...], data: Windows, coverage: Coverage, outliers: Mapping[str, float], shift: float, gain: float
-) -> list[Note]:
+def notes_of(runs: tuple[Run, ...], data: Windows, coverage: Coverage, outliers: Mapping[str, float]) -> list[Note]:
     """What is worth knowing, and refused by nobody."""
     notes: list[Note] = []
 
     def note(code: str, text: str) -> None:
         notes.append(Note(code, text))
 
-    if abs(shift) >= MIN_SHIFT_S and gain > SHIFT_GAIN:
-        older, way = ("late", "higher") if shift > 0 else ("early", "lower")
-        note(
-            "truth_delayed",
-            f"The truth seems {abs(shift):.2f} s {older}: errors would spread {gain:.0%} less with a --truth-shift "
-            f"{way} by that (auto finds it).",
-        )
     for low, high in coverage.gaps_m:
         note("gap", f"No data between {low:.1f} and {high:.1f} m; there the table is interpolated and vaguer.")
     if coverage.furthest_m - coverage.nearest_m < 3.0:
@@ -102,3 +93,15 @@ def notes_of(
     if data.run.max() == 0:
         note("one_run", "One run cannot show what another day changes; 15 mm are allowed for it. Add a second run.")
     return notes
+
+
+def notes_of_shift(shift: float, gain: float) -> list[Note]:
+    """Of a truth that is late or early by less than is refused."""
+    if abs(shift) < MIN_SHIFT_S or gain <= SHIFT_GAIN:
+        return []
+    older, way = ("late", "higher") if shift > 0 else ("early", "lower")
+    text = (
+        f"The truth seems {abs(shift):.2f} s {older}: errors would spread {gain:.0%} less with a --truth-shift {way} "
+        "by that (auto finds it)."
+    )
+    return [Note("truth_delayed", text)]

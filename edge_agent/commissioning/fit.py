@@ -8,12 +8,13 @@ record = fit.commissioning(frame, valid_from_ms=…, valid_until_ms=…)
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
 
-from edge_agent.commissioning.coverage import OFTEN_OBSTRUCTED, Coverage, Note, coverage_of, notes_of
+from edge_agent.commissioning import prior
+from edge_agent.commissioning.coverage import OFTEN_OBSTRUCTED, Coverage, Note, coverage_of, notes_of, notes_of_shift
 from edge_agent.commissioning.curves import Curves, chip_bias_m, fit_curves
 from edge_agent.commissioning.errors import CalibrationError
 from edge_agent.commissioning.plausibility import check_plausible
@@ -32,6 +33,7 @@ EDGE_M: Final = 0.5
 """Beyond the furthest distance that was driven, the table still holds for this much."""
 DEFAULT_SURVEY_SIGMA_M: Final = 0.010
 MAC_BASE: Final = 0xA000
+BASES: Final = ("fitted", "halfway", "prior")
 
 
 @dataclass(frozen=True)
@@ -66,16 +68,37 @@ class Fit:
     """By how much more the truth should be shifted (``--truth-shift``); positive where it is old."""
     truth: Truth
     settings: FitSettings = field(default_factory=FitSettings)
+    basis: str = "fitted"
+    """``fitted``; ``prior`` where the chip's serves better (``choice``); ``halfway`` between both."""
 
     @property
     def installation_m(self) -> float:
         """Standard deviation of the bias that all anchors share."""
+        if self.basis == "prior":
+            return max(PRIOR_COMMON_M, self.settings.installation_floor_m)
         return max(self.spread.installation_m, self.settings.installation_floor_m)
 
     @property
     def max_range_m(self) -> float:
         """Beyond this distance nothing was learnt."""
         return self.coverage.furthest_m + EDGE_M
+
+    def on_basis(self, basis: str) -> Fit:
+        """The same with the chip's prior instead of what was fitted, or with what lies halfway between."""
+        if basis == self.basis:
+            return self
+        weight = {"halfway": 0.5, "prior": 1.0}[basis]
+        chip = chip_bias_m(self.curves.knots_m)
+        bias = (1.0 - weight) * self.curves.bias_m + weight * chip
+        sigma = self.spread.bias_sigma_m ** (1.0 - weight) * PRIOR_OWN_M**weight
+        installation = self.spread.installation_m ** (1.0 - weight) * PRIOR_COMMON_M**weight
+        noise = self.spread.range_sigma_m ** (1.0 - weight) * (prior.SIGMA_MM / 1000) ** weight
+        return replace(
+            self,
+            basis=basis,
+            curves=replace(self.curves, bias_m=bias),
+            spread=replace(self.spread, bias_sigma_m=sigma, installation_m=installation, range_sigma_m=noise),
+        )
 
     def table(self, anchor: int) -> tuple[BiasPoint, ...]:
         """The bias table of an anchor, by its position in ``anchor_ids``."""
@@ -134,13 +157,15 @@ class Fit:
                 valid_from_ms=valid_from_ms,
                 valid_until_ms=valid_until_ms,
                 method=(method or self.method())[:500],
-                correlation_ppm=round(self.spread.correlation * 1_000_000),
+                correlation_ppm=None if self.basis == "prior" else round(self.spread.correlation * 1_000_000),
             )
         except RecordError as error:
             raise CalibrationError(f"what was fitted is no commissioning: {error}") from error
 
     def method(self) -> str:
         """How it was found, for the record."""
+        if self.basis == "prior":
+            return f"{prior.METHOD}; a run of {self.coverage.seconds} s taught nothing better"
         return (
             f"Fitted to {self.coverage.seconds} s of ranges with truth, {self.coverage.nearest_m:.1f} to "
             f"{self.coverage.furthest_m:.1f} m, a round every {self.interval_s * 1000:.0f} ms; uncertainty from "
@@ -150,6 +175,7 @@ class Fit:
     def document(self) -> dict[str, Any]:
         """Everything for machines, in metres and seconds."""
         return {
+            "basis": self.basis,
             "seconds": self.coverage.seconds,
             "nearest_m": round(self.coverage.nearest_m, 3),
             "furthest_m": round(self.coverage.furthest_m, 3),
@@ -210,6 +236,23 @@ def fit_runs(runs: Sequence[Run], settings: FitSettings | None = None) -> Fit:
     check_plausible(runs, data)
     truth = find_truth(runs)
     truth.check(runs[0].name if len(runs) == 1 else "the runs")
+    notes += notes_of_shift(shift, gain)
+    notes += [Note(code, text) for code, text in truth.notes()]
+    return _fitted(runs, data, settings, shift, truth, notes)
+
+
+def refit(runs: Sequence[Run], like: Fit) -> Fit:
+    """The same from some of the runs that ``like`` was fitted to: neither truth nor anchors are examined again."""
+    runs = tuple(runs)
+    data = windows(runs)
+    _check_amount(data, runs[0])
+    return _fitted(runs, data, like.settings, like.shift_s, like.truth, [])
+
+
+def _fitted(
+    runs: tuple[Run, ...], data: Windows, settings: FitSettings, shift: float, truth: Truth, notes: list[Note]
+) -> Fit:
+    first = runs[0]
     curves, held = fit_curves(data)
     interval = float(np.median([run.interval_s for run in runs]))
     spread = find_spread(data, curves, held, reference_sigma_m=settings.reference_sigma_m)
@@ -217,8 +260,7 @@ def fit_runs(runs: Sequence[Run], settings: FitSettings | None = None) -> Fit:
     outliers = {
         name: float(data.bursts[index] / max(int(data.ranges[index]), 1)) for index, name in enumerate(first.anchor_ids)
     }
-    notes += notes_of(runs, data, coverage, outliers, shift, gain)
-    notes += [Note(code, text) for code, text in truth.notes()]
+    notes = [*notes, *notes_of(runs, data, coverage, outliers)]
     notes += _obstructed(first.anchor_ids, spread)
     return Fit(
         anchor_ids=first.anchor_ids,

@@ -10,9 +10,9 @@ import pytest
 from edge_agent.commissioning.curves import Curves
 from edge_agent.commissioning.errors import CalibrationError, SurveyError
 from edge_agent.commissioning.fit import FitSettings, fit_runs
-from edge_agent.commissioning.offline import NOWHERE
 from edge_agent.commissioning.run import make_run, windows
 from edge_agent.commissioning.spread import shrunk, wandered
+from edge_agent.commissioning.survey_files import NOWHERE
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.reduction import bias_at
 
