@@ -23,6 +23,7 @@ FLAGGED_DB: Final = 10.0
 """Where a node only says that it is obstructed: the first path of a DW1000 that is so is 6 to 12 dB weaker."""
 MAX_ROWS: Final = 5_000_000
 MIN_ANCHORS: Final = 3
+TRUTH_COLUMNS: Final = "gt_x gt_y gt_z"
 
 Point = tuple[float, float, float]
 """x (east), y (north), z (up) in metres, in the anchors' frame."""
@@ -63,14 +64,34 @@ class Recording:
     truth_raise_m: float = 0.0
 
     @classmethod
-    def load(cls, ranges: Path, anchors: Path, *, truth_shift_s: float = 0.0, truth_raise_m: float = 0.0) -> Self:
+    def load(
+        cls,
+        ranges: Path,
+        anchors: Path,
+        *,
+        truth_shift_s: float = 0.0,
+        truth_raise_m: float = 0.0,
+        truthless: bool = False,
+    ) -> Self:
         """Read both files. The truth that belongs to a range at t is the one at t + ``truth_shift_s``.
 
-        Raises RecordingError.
+        ``truthless``: it may be missing, and is NaN then (``has_truth``). Raises RecordingError.
         """
+        nowhere = Track((0.0,), ((math.nan, math.nan, math.nan),))
+        without = truthless and not _has_columns(ranges, TRUTH_COLUMNS)
         return cls.of_rows(
-            ranges, read_anchors(anchors), anchors.name, truth_shift_s=truth_shift_s, truth_raise_m=truth_raise_m
+            ranges,
+            read_anchors(anchors),
+            anchors.name,
+            truth_shift_s=truth_shift_s,
+            truth_raise_m=truth_raise_m,
+            reference=nowhere if without else None,
         )
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether anybody knew where the drone was."""
+        return any(math.isfinite(value) for value in self.track.points_m[0]) if self.track.points_m else True
 
     @classmethod
     def of_rows(
@@ -92,7 +113,7 @@ class Recording:
         rows: list[tuple[float, str, float]] = []
         weaker: dict[tuple[float, str], float] = {}
         latest: dict[str, float] = {}
-        columns = "t anchor range gt_x gt_y gt_z" if reference is None else "t anchor range"
+        columns = f"t anchor range {TRUTH_COLUMNS}" if reference is None else "t anchor range"
         for line, row in csv_rows(ranges, columns):
             t_s = number(row, "t", ranges, line)
             name = row["anchor"]
@@ -145,16 +166,37 @@ def csv_rows(path: Path, columns: str) -> Iterator[tuple[int, dict[str, str]]]:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
             missing = [name for name in wanted if name not in (reader.fieldnames or ())]
+            if not reader.fieldnames:
+                raise RecordingError(f"{path}: the file is empty; it needs {', '.join(wanted)}")
             if missing:
-                raise RecordingError(f"{path}: no column {', '.join(missing)}; it needs {', '.join(wanted)}")
+                raise RecordingError(
+                    f"{path}: no column {', '.join(missing)}; it needs {', '.join(wanted)}{_instead(reader.fieldnames)}"
+                )
             for index, row in enumerate(reader):
                 if index >= MAX_ROWS:
                     raise RecordingError(f"{path}: more than {MAX_ROWS} rows")
                 if any(row[name] is None for name in wanted):
                     raise RecordingError(f"{path}, line {reader.line_num}: too few columns")
                 yield reader.line_num, row
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path}: is no text; it needs the columns {', '.join(wanted)}, in UTF-8") from error
+    except (OSError, csv.Error) as error:
         raise RecordingError(f"{path}: cannot be read ({error})") from error
+
+
+def _instead(names: Sequence[str]) -> str:
+    """What a file without the columns has, and what that looks like."""
+    if len(names) == 1 and any(mark in names[0] for mark in ";\t"):
+        return "; separate them by commas"
+    return f"; it has {', '.join(name[:20] for name in names[:8])}"
+
+
+def _has_columns(path: Path, columns: str) -> bool:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            return set(columns.split()) <= set(csv.DictReader(file).fieldnames or ())
+    except (OSError, UnicodeDecodeError, csv.Error):
+        return True  # reading it says what is wrong
 
 
 def number(row: dict[str, str], name: str, path: Path, line: int) -> float:
