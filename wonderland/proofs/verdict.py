@@ -160,7 +160,8 @@ def decide(
             evidence,
             measured,
             path,
-            clock_offset_ms=rounded(clock.offset_ms),
+            rounds=rounds,
+            clock=clock,
             attested=evidence.attested if signature_valid else (),
             may_refute=enough,
         )
