@@ -345,6 +345,32 @@ def test_attested_messages_are_judged_on_the_pads_clock(world):
     assert verdict.broadcast.error_mm < 1_000
 
 
+@pytest.mark.parametrize("attest", [True, False])
+@pytest.mark.parametrize("off_mm", [4_000, 8_000])
+@pytest.mark.parametrize("half_ms", [200, 800, 1_500])
+def test_a_true_broadcast_is_not_blamed_for_a_claim_that_is_off_for_a_while(world, attest, off_mm, half_ms):
+    air = Air(world, rounds=160)
+    claims = [
+        world.claim((HERE[0] + off_mm, HERE[1], HERE[2]), one.t_ms)
+        if abs(one.t_ms - START_MS - 4_000) <= half_ms
+        else one
+        for one in air.evidence.claims
+    ]
+    air.say(4_000, attest=attest)
+    finding = air.verdict(claims=tuple(claims)).broadcast
+    assert finding is None or not finding.outcome.endswith("contradicted")
+
+
+def test_a_lie_is_a_lie_beside_claims_that_are_off_for_a_while(world):
+    air = Air(world, rounds=160)
+    claims = [
+        world.claim((HERE[0] + 8_000, HERE[1], HERE[2]), one.t_ms) if abs(one.t_ms - START_MS - 4_000) <= 800 else one
+        for one in air.evidence.claims
+    ]
+    air.say(4_000, -9_000, attest=True)
+    assert air.verdict(claims=tuple(claims)).broadcast.outcome == "own_contradicted"
+
+
 def test_the_pads_look_counts_every_message_as_somebodys(air):
     """While it ranges the drone has signed nothing yet."""
     air.say(700, 31_000, attest=True)

@@ -13,22 +13,25 @@ leaves more room than the signed claim does; so it costs an honest drone no roun
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Iterable, Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Final
 
 from wonderland.proofs.attestation import digest_of
 from wonderland.proofs.claims import MAX_GAP_MS, ClaimedPath, LocalClaim
+from wonderland.proofs.drone_clock import Clock
 from wonderland.proofs.errors import GeometryError
+from wonderland.proofs.estimate import Offset, solve
 from wonderland.proofs.frame import to_local
-from wonderland.proofs.judgement import Measured, Reasons, judge, metres
+from wonderland.proofs.judgement import Measured, Reasons, judge, metres, rounded
 from wonderland.proofs.records.pads import Commissioning, Frame
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import BroadcastClaim, Evidence, Session
 from wonderland.proofs.records.verdicts import BroadcastFinding, Judgement
-from wonderland.proofs.reduction import distance
+from wonderland.proofs.reduction import distance, reduce
+from wonderland.proofs.rounds import UsableRounds
 from wonderland.proofs.stopping import more_rounds
 
 NEAR_CLAIM_MS: Final = 3_000
@@ -48,6 +51,8 @@ CLEAR_SIGMAS: Final = 8.0
 CLEAR_SHARE: Final = 0.1
 """An estimate known to a tenth of what a message can mean, and inside it by eight standard deviations, needs no
 judgement beside that of the farthest message."""
+ABOUT_MS: Final = 300
+"""Rounds so near to a message's moment tell where the drone was then, whatever it claimed."""
 _HALF_SECOND_MS: Final = 500
 _FARTHEST_MM: Final = 50_000_000.0
 
@@ -63,6 +68,8 @@ class Said:
     """How far (mm) from it the drone can be if the message is honest."""
     gap_ms: int
     """How far its moment is from the signed claims."""
+    t_ms: int
+    """Its moment: when it was heard, or the drone's own when it says that it was."""
 
     def beyond(self, east: float = 0.0, north: float = 0.0) -> float:
         """How much farther than it can mean a place is from it; ``east``, ``north``: that place from the claim, mm."""
@@ -85,13 +92,18 @@ def judge_broadcast(
     measured: Measured,
     path: ClaimedPath,
     *,
-    clock_offset_ms: int = 0,
+    rounds: UsableRounds | None,
+    clock: Clock,
     attested: Sequence[str] = (),
     may_refute: bool,
 ) -> Broadcast:
     """The finding. ``attested``: the list in the evidence, where the drone's countersignature holds."""
-    bench = _Bench(session, commissioning, measured, may_refute=may_refute)
-    own, others = messages(session, commissioning, evidence.broadcast, path, attested, clock_offset_ms)
+
+    def place_then(t_ms: int) -> Offset | None:
+        return None if rounds is None else _measured_then(rounds, commissioning, path, clock, t_ms)
+
+    bench = _Bench(session, commissioning, measured, place_then, may_refute=may_refute)
+    own, others = messages(session, commissioning, evidence.broadcast, path, attested, rounded(clock.offset_ms))
     mine = _own(bench, own)
     theirs = _others(bench, others)
     supported = mine.supported if own else theirs.supported
@@ -219,6 +231,7 @@ def place_said(session: Session, frame: Frame, message: BroadcastClaim, path: Cl
         max(-_FARTHEST_MM, min(_FARTHEST_MM, north - claimed.north)),
         tolerance_mm(session.policy, message.accuracy_mm, speed, gap_ms),
         gap_ms,
+        t_ms,
     )
 
 
@@ -239,13 +252,39 @@ def _nearest(said: list[Said]) -> list[Said]:
     return [each for each in said if each.gap_ms <= reach_ms]
 
 
-class _Bench:
-    """Judges single messages by one measurement."""
+def _measured_then(
+    rounds: UsableRounds, commissioning: Commissioning, path: ClaimedPath, clock: Clock, t_ms: int
+) -> Offset | None:
+    """The estimate of the rounds about a moment alone, minus the claims of that moment; None where they give none."""
+    first = bisect_left(rounds.t_ms, t_ms - ABOUT_MS)
+    last = bisect_right(rounds.t_ms, t_ms + ABOUT_MS)
+    near = replace(
+        rounds, t_ms=rounds.t_ms[first:last], range_mm=tuple(column[first:last] for column in rounds.range_mm)
+    )
+    reduced = reduce(near, commissioning, path, clock.sigma_ms) if near.t_ms else None
+    return None if reduced is None else solve(reduced)
 
-    def __init__(self, session: Session, commissioning: Commissioning, measured: Measured, *, may_refute: bool) -> None:
+
+class _Bench:
+    """Judges single messages by one measurement.
+
+    ``place_then``: what the rounds about a moment say alone. The judgement takes the claim of a message's moment to be
+    as far off as all of them are; where claims are off for a while, the message would be blamed for it.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        commissioning: Commissioning,
+        measured: Measured,
+        place_then: Callable[[int], Offset | None],
+        *,
+        may_refute: bool,
+    ) -> None:
         self._policy = session.policy
         self._commissioning = commissioning
         self._measured = measured
+        self._place_then = place_then
         self._may_refute = may_refute
         self._judged: dict[Said, Judgement] = {}
 
@@ -264,7 +303,7 @@ class _Bench:
         return True
 
     def _judge(self, said: Said) -> Judgement:
-        return judge(
+        judgement = judge(
             self._held_to(said),
             self._commissioning,
             self._measured,
@@ -272,6 +311,12 @@ class _Bench:
             may_verify=self._measured.agreement.usable,
             may_refute=self._may_refute,
         )
+        if judgement.outcome != "refuted":
+            return judgement
+        then = self._place_then(said.t_ms)
+        if then is None or said.beyond(then.east, then.north) > 0.0:
+            return judgement
+        return replace(judgement, outcome="inconclusive")
 
     def beyond(self, said: Said) -> float:
         """How far beyond what it can mean the estimate is (mm); where it is not, nothing can contradict it."""

@@ -173,9 +173,10 @@ def decide(
             evidence,
             measured,
             requested or path,
-            clock_offset_ms=rounded(clock.offset_ms),
+            rounds=rounds,
+            clock=clock,
             attested=evidence.attested if signature_valid else (),
-            may_refute=may_refute,
+            may_refute=enough,
         )
     outcome = _outcome(signed, public, policy, reasons)
     if outcome == "inconclusive" and measured is not None and signed is not None:
