@@ -15,6 +15,7 @@ import numpy as np
 
 from edge_agent.commissioning.curves import Curves, fit_curves
 from edge_agent.commissioning.errors import CalibrationError
+from edge_agent.commissioning.places import Places, find_places
 from edge_agent.commissioning.plausibility import check_plausible, standing_out
 from edge_agent.commissioning.run import Floats, Run, Windows, distances, windows
 from edge_agent.commissioning.spread import SLOPE_M_PER_M, Spread, find_spread
@@ -95,6 +96,8 @@ class Fit:
     shift_s: float
     """By how much more the truth should be shifted (``--truth-shift``); positive where it is old."""
     settings: FitSettings = field(default_factory=FitSettings)
+    places: Places | None = None
+    """How biases change over place, where the runs went far enough to tell."""
 
     @property
     def installation_m(self) -> float:
@@ -165,6 +168,8 @@ class Fit:
                 valid_until_ms=valid_until_ms,
                 method=(method or self.method())[:500],
                 correlation_ppm=round(self.spread.correlation * 1_000_000),
+                bias_length_mm=None if self.places is None else round(self.places.length_m * 1000),
+                bias_fixed_ppm=None if self.places is None else round(self.places.fixed * 1_000_000),
             )
         except RecordError as error:
             raise CalibrationError(f"what was fitted is no commissioning: {error}") from error
@@ -190,6 +195,8 @@ class Fit:
             "range_sigma_m": round(self.spread.range_sigma_m, 4),
             "correlation": round(self.spread.correlation, 3),
             "installation_sigma_m": round(self.installation_m, 4),
+            "bias_length_m": None if self.places is None else round(self.places.length_m, 1),
+            "bias_fixed": None if self.places is None else round(self.places.fixed, 3),
             "held_out_error_m": round(float(np.nanmedian(np.abs(self.held_m))), 4),
             "uncalibrated_error_m": round(float(np.nanmedian(np.abs(self.windows.error_m))), 4),
             "truth_shift_left_s": round(self.shift_s, 3),
@@ -257,6 +264,7 @@ def fit_runs(runs: Sequence[Run], settings: FitSettings | None = None) -> Fit:
         interval_s=interval,
         shift_s=shift,
         settings=settings,
+        places=find_places(data, spread.own_m, remounted=settings.installation_floor_m > 0.0),
     )
 
 

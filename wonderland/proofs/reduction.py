@@ -17,6 +17,7 @@ from wonderland.proofs.claims import ClaimedPath, Track
 from wonderland.proofs.records.pads import Anchor, Commissioning
 from wonderland.proofs.records.sessions import NO_RANGE
 from wonderland.proofs.rounds import UsableRounds
+from wonderland.proofs.travel import bias_left
 
 OUTLIER_SIGMAS: Final = 6.0
 """A residual this far from its anchor's median is a burst, not noise."""
@@ -85,6 +86,8 @@ class Reduced:
     clock_sigma_ms: float = CLAIM_CLOCK_SIGMA_MS
     residuals: Residuals | None = None
     """What the means were taken of."""
+    bias_left: float = 1.0
+    """Share of the biases' variance that the drone's way leaves, of the anchor where most is left (``travel``)."""
 
 
 def bias_at(anchor: Anchor, range_mm: float) -> tuple[float, float]:
@@ -121,12 +124,21 @@ def reduce(
     correlation = correlation_of(series, means, commissioning.correlation_ppm)
     worth = (1.0 - correlation) / (1.0 + correlation)
     sigma2 = float(commissioning.range_sigma_mm * commissioning.range_sigma_mm)
+    left = _bias_left(rounds, seen, commissioning)
     anchors = []
     for index, values, residual in seen.series:
         anchor = commissioning.anchors[index]
         expected = distance(east - anchor.east_mm, north - anchor.north_mm, up - anchor.up_mm)
         anchors.append(
-            anchor_mean(index, anchor, expected, residual, count=len(values), white=sigma2 / (len(values) * worth))
+            anchor_mean(
+                index,
+                anchor,
+                expected,
+                residual,
+                count=len(values),
+                white=sigma2 / (len(values) * worth),
+                left=left.get(index, 1.0),
+            )
         )
     velocity_east, velocity_north = track.velocity()
     return Reduced(
@@ -144,13 +156,17 @@ def reduce(
         velocity_north=velocity_north,
         clock_sigma_ms=clock_sigma_ms,
         residuals=seen,
+        bias_left=max(left.values(), default=1.0),
     )
 
 
 def anchor_mean(
-    index: int, anchor: Anchor, expected: float, residual: float, *, count: int, white: float
+    index: int, anchor: Anchor, expected: float, residual: float, *, count: int, white: float, left: float = 1.0
 ) -> AnchorMean:
-    """One anchor's virtual range (mm), with what is known of its errors at that distance."""
+    """One anchor's virtual range (mm), with what is known of its errors at that distance.
+
+    ``left``: share of the bias's variance that the way which the drone went leaves (``travel``).
+    """
     _, bias_sigma = bias_at(anchor, expected + residual)
     return AnchorMean(
         index=index,
@@ -161,7 +177,7 @@ def anchor_mean(
         residual_mm=residual,
         count=count,
         white=white,
-        floor=bias_sigma * bias_sigma + float(anchor.survey_sigma_mm * anchor.survey_sigma_mm),
+        floor=bias_sigma * bias_sigma * left + float(anchor.survey_sigma_mm * anchor.survey_sigma_mm),
     )
 
 
@@ -228,6 +244,25 @@ def without_bursts(values: list[float], sigma: float) -> list[float]:
         return values
     median = sorted(values)[len(values) // 2]
     return [value for value in values if -limit <= value - median <= limit]
+
+
+def _bias_left(rounds: UsableRounds, seen: Residuals, commissioning: Commissioning) -> dict[int, float]:
+    """By anchor, where not 1: the share of its bias's variance that the drone's way leaves in its mean.
+
+    From the raw ranges that are in the means, and no others.
+    """
+    if commissioning.bias_length_mm is None:
+        return {}
+    means = {index: values for index, values, _ in seen.series}
+    columns: list[Sequence[int]] = []
+    for (index, residuals), column in zip(seen.raw, rounds.range_mm, strict=True):
+        ranges = column if len(seen.track.kept) == len(column) else [column[position] for position in seen.track.kept]
+        if len(means.get(index, ())) < len(residuals):
+            kept = set(means.get(index, ()))
+            each = iter(residuals)
+            ranges = [value if value != NO_RANGE and next(each) in kept else NO_RANGE for value in ranges]
+        columns.append(ranges)
+    return dict(zip(rounds.anchor_indices, bias_left(columns, commissioning), strict=True))
 
 
 def correlation_of(series: Sequence[Sequence[float]], means: Sequence[float], commissioned_ppm: int | None) -> float:

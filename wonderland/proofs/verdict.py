@@ -60,6 +60,7 @@ from wonderland.proofs.reduction import reduce
 from wonderland.proofs.rounds import UsableRounds
 from wonderland.proofs.stopping import more_rounds
 from wonderland.proofs.testimony import WitnessBrought, judge_testimony, judge_time_stamps
+from wonderland.proofs.travel import hope
 
 BOUND_Z: Final = 2.83
 """Standard deviations with which ``within_mm`` holds."""
@@ -158,7 +159,7 @@ def decide(
     if outcome == "inconclusive" and measured is not None and signed is not None:
         only_public = public is not None and signed.outcome == "verified"
         offset, asked = (public.offset, public.policy) if public and only_public else (measured.offset, policy)
-        more = more_rounds(offset, measured.reduced.rounds, asked)
+        more = more_rounds(offset, measured.reduced.rounds, asked, hope(measured.reduced.bias_left, commissioning))
     if measured is not None:
         _limits(outcome, assurance, commissioning, measured, more, reasons)
     if more_frames > 0 and more >= 0:
