@@ -37,6 +37,8 @@ AGREEING: Final = 3
 ALLOWANCE_MM: Final = 300
 """Hovering, what an obstruction or a reflection that comes and goes adds to ranges; never taken for a way."""
 ALLOWANCE_SIGMAS: Final = 6
+PATIENCE_ROUNDS: Final = 40
+"""At 20 Hz two seconds, in which a drone at 0.5 m/s has gone more than the allowance."""
 _PARTS: Final = 1_000_000.0
 
 
@@ -64,14 +66,15 @@ def bias_left(columns: Sequence[Sequence[int]], commissioning: Commissioning) ->
     return tuple([left if values else 1.0 for values in medians])
 
 
-def hope(left: float, commissioning: Commissioning) -> float:
-    """The least share of a moving drone's floor that may be left in the end: for the advice how many rounds would help.
+def hope(left: float, rounds: int, commissioning: Commissioning) -> float:
+    """The least share of the floor that may be left in the end: for the advice how many more rounds would help.
 
-    1 where nothing shows that the drone moves.
+    1 where ``rounds`` are enough to show that a drone moves, and nothing shows it.
     """
-    if left >= 1.0 or commissioning.bias_fixed_ppm is None:
+    fixed = commissioning.bias_fixed_ppm
+    if fixed is None or (left >= 1.0 and rounds >= PATIENCE_ROUNDS):
         return 1.0
-    return commissioning.bias_fixed_ppm / _PARTS / left
+    return fixed / _PARTS / left
 
 
 def _medians(column: Sequence[int], bounds: Sequence[int]) -> list[int]:

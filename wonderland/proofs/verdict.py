@@ -159,7 +159,8 @@ def decide(
     if outcome == "inconclusive" and measured is not None and signed is not None:
         only_public = public is not None and signed.outcome == "verified"
         offset, asked = (public.offset, public.policy) if public and only_public else (measured.offset, policy)
-        more = more_rounds(offset, measured.reduced.rounds, asked, hope(measured.reduced.bias_left, commissioning))
+        known = measured.reduced
+        more = more_rounds(offset, known.rounds, asked, hope(known.bias_left, known.rounds, commissioning))
     if measured is not None:
         _limits(outcome, assurance, commissioning, measured, more, reasons)
     if more_frames > 0 and more >= 0:
