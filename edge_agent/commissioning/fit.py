@@ -264,7 +264,12 @@ def fit_runs(runs: Sequence[Run], settings: FitSettings | None = None) -> Fit:
         interval_s=interval,
         shift_s=shift,
         settings=settings,
-        places=find_places(data, spread.own_m, remounted=settings.installation_floor_m > 0.0),
+        places=find_places(
+            data,
+            spread,
+            reference_sigma_m=settings.reference_sigma_m,
+            remounted=settings.installation_floor_m > 0.0,
+        ),
     )
 
 

@@ -11,7 +11,6 @@ the same mounting, 0.40 to 0.45 mounted anew (of the variance about the stated b
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -19,6 +18,7 @@ from typing import Final
 import numpy as np
 
 from edge_agent.commissioning.run import WINDOW_S, Floats, Windows
+from edge_agent.commissioning.spread import Spread
 
 PRIOR_FIXED: Final = 0.25
 REMOUNTED_FIXED: Final = 0.5
@@ -50,11 +50,13 @@ class Places:
     way_m: float
 
 
-def find_places(data: Windows, own_m: Floats, *, remounted: bool) -> Places | None:
-    """From held-out errors without what all anchors share (w, a); None where the drone went too short a way.
+def find_places(data: Windows, spread: Spread, *, reference_sigma_m: float, remounted: bool) -> Places | None:
+    """From held-out errors without what all anchors share; None where the drone went too short a way.
 
+    What the reference itself may be wrong by is part of the stated biases, and counts as the same all over.
     ``remounted``: the anchors are mounted anew between these runs and their use.
     """
+    own_m = spread.own_m
     way = _way(data)
     if way < MIN_WAY_M:
         return None
@@ -63,7 +65,9 @@ def find_places(data: Windows, own_m: Floats, *, remounted: bool) -> Places | No
         return None
     z = np.clip(own_m / scale, -_CLIP, _CLIP)
     fixed = max(_fixed(data, z), REMOUNTED_FIXED if remounted else LEAST_FIXED)
-    return Places(_length(data, z, way, fixed), min(fixed, 1.0), way)
+    length = _length(data, z, way)
+    fixed += (1.0 - fixed) * min(reference_sigma_m**2 / float(np.median(spread.bias_sigma_m**2)), 1.0)
+    return Places(length, min(fixed, 1.0), way)
 
 
 def _way(data: Windows) -> float:
@@ -84,20 +88,23 @@ def _fixed(data: Windows, z: Floats) -> float:
     return max(seen, (PRIOR_WEIGHT * PRIOR_FIXED + count * seen) / (PRIOR_WEIGHT + count))
 
 
-def _length(data: Windows, z: Floats, way: float, fixed: float) -> float:
-    """L of the curve that fits the correlations, each taken for larger by its standard error."""
+def _length(data: Windows, z: Floats, way: float) -> float:
+    """L of the exp(−d/L) that fits the correlations about each run's means, each taken for larger by its error."""
+    z = z.copy()
+    for index in range(int(data.run.max()) + 1):
+        z[data.run == index] -= np.nanmean(z[data.run == index], axis=0)
     rows = np.arange(0, len(z), -(-len(z) // _MOST_WINDOWS))
     z, place, t_s, run = z[rows], data.truth_m[rows], data.t_s[rows], data.run[rows]
     first, second = np.triu_indices(len(z), 1)
     apart_s = t_s[second] - t_s[first]
     chosen = (run[first] == run[second]) & (apart_s > 1.5 * WINDOW_S) & (apart_s < _TOGETHER_S)
     first, second = first[chosen], second[chosen]
-    apart = np.linalg.norm(place[first] - place[second], axis=1)
+    away = np.linalg.norm(place[first] - place[second], axis=1)
     product = np.nanmean(z[first] * z[second], axis=1) / np.nanmean(z**2)
     middles: list[float] = []
     seen: list[float] = []
     for near, far in pairwise(_EDGES_M):
-        inside = (apart >= near) & (apart < far) & np.isfinite(product)
+        inside = (away >= near) & (away < far) & np.isfinite(product)
         if inside.sum() >= 30:
             middle = 0.5 * (near + far)
             error = np.sqrt(2.0 * middle / (way * z.shape[1]))
@@ -105,10 +112,6 @@ def _length(data: Windows, z: Floats, way: float, fixed: float) -> float:
             seen.append(float(product[inside].mean()) + CAUTION * error)
     if len(middles) < 4:
         return PRIOR_LENGTH_M
-    return _least_squares(np.array(middles), np.array(seen), fixed)
-
-
-def _least_squares(apart: Floats, seen: Floats, fixed: float) -> float:
-    lengths: Sequence[float] = np.arange(LEAST_LENGTH_M, MOST_LENGTH_M + 0.05, 0.1).tolist()
-    curves = [fixed + (1.0 - fixed) * np.exp(-apart / length) for length in lengths]
-    return lengths[int(np.argmin([float(np.sum((curve - seen) ** 2)) for curve in curves]))]
+    apart, correlation = np.array(middles), np.array(seen)
+    lengths: list[float] = np.arange(LEAST_LENGTH_M, MOST_LENGTH_M + 0.05, 0.1).tolist()
+    return min(lengths, key=lambda length: float(np.sum((np.exp(-apart / length) - correlation) ** 2)))
