@@ -100,7 +100,10 @@ def _length(data: Windows, z: Floats, way: float) -> float:
     chosen = (run[first] == run[second]) & (apart_s > 1.5 * WINDOW_S) & (apart_s < _TOGETHER_S)
     first, second = first[chosen], second[chosen]
     away = np.linalg.norm(place[first] - place[second], axis=1)
-    product = np.nanmean(z[first] * z[second], axis=1) / np.nanmean(z**2)
+    products = z[first] * z[second]
+    there = np.isfinite(products)
+    product = np.where(there, products, 0.0).sum(axis=1) / np.maximum(there.sum(axis=1), 1) / np.nanmean(z**2)
+    product[~there.any(axis=1)] = np.nan
     middles: list[float] = []
     seen: list[float] = []
     for near, far in pairwise(_EDGES_M):
