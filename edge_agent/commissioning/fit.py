@@ -17,6 +17,7 @@ from edge_agent.commissioning import prior
 from edge_agent.commissioning.coverage import OFTEN_OBSTRUCTED, Coverage, Note, coverage_of, notes_of, notes_of_shift
 from edge_agent.commissioning.curves import Curves, chip_bias_m, fit_curves
 from edge_agent.commissioning.errors import CalibrationError
+from edge_agent.commissioning.places import Places, find_places
 from edge_agent.commissioning.plausibility import check_plausible
 from edge_agent.commissioning.run import Floats, Run, Windows, windows
 from edge_agent.commissioning.shift import NEAR_SHIFT_S, find_shift
@@ -70,6 +71,13 @@ class Fit:
     settings: FitSettings = field(default_factory=FitSettings)
     basis: str = "fitted"
     """``fitted``; ``prior`` where the chip's serves better (``choice``); ``halfway`` between both."""
+    places: Places | None = None
+    """How biases change over place, where the runs went far enough to tell."""
+
+    @property
+    def _places(self) -> Places | None:
+        """What was learnt of biases over place, where the record is what was fitted."""
+        return self.places if self.basis == "fitted" else None
 
     @property
     def installation_m(self) -> float:
@@ -158,6 +166,8 @@ class Fit:
                 valid_until_ms=valid_until_ms,
                 method=(method or self.method())[:500],
                 correlation_ppm=None if self.basis == "prior" else round(self.spread.correlation * 1_000_000),
+                bias_length_mm=None if self._places is None else round(self._places.length_m * 1000),
+                bias_fixed_ppm=None if self._places is None else round(self._places.fixed * 1_000_000),
             )
         except RecordError as error:
             raise CalibrationError(f"what was fitted is no commissioning: {error}") from error
@@ -186,6 +196,8 @@ class Fit:
             "range_sigma_m": round(self.spread.range_sigma_m, 4),
             "correlation": round(self.spread.correlation, 3),
             "installation_sigma_m": round(self.installation_m, 4),
+            "bias_length_m": None if self.places is None else round(self.places.length_m, 1),
+            "bias_fixed": None if self.places is None else round(self.places.fixed, 3),
             "held_out_error_m": round(float(np.nanmedian(np.abs(self.held_m))), 4),
             "uncalibrated_error_m": round(float(np.nanmedian(np.abs(self.windows.error_m))), 4),
             "truth_shift_left_s": round(self.shift_s, 3),
@@ -276,6 +288,12 @@ def _fitted(
         shift_s=shift,
         truth=truth,
         settings=settings,
+        places=find_places(
+            data,
+            spread,
+            reference_sigma_m=settings.reference_sigma_m,
+            remounted=settings.installation_floor_m > 0.0,
+        ),
     )
 
 

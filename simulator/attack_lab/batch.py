@@ -108,8 +108,12 @@ class Batch:
 
     @property
     def may_be_screened(self) -> bool:
-        """Whether arrays tell enough: a second claim that is judged apart is left to the decision itself."""
-        return self.broadcast is None and self.heard_mm is None and self.truth_mm is None
+        """Whether arrays tell enough: a second claim that is judged apart is left to the decision itself.
+
+        So are single moments, and a bias that a moving drone averages out.
+        """
+        plain = self.broadcast is None and self.heard_mm is None and self.truth_mm is None
+        return plain and self.pad.bias_length is None
 
     def session(self, index: int) -> Session:
         """The request of one try."""
@@ -224,11 +228,13 @@ def measured(
     extra: Floats | None = None,
     anchors: Floats | None = None,
     noise: float | None = None,
+    bias: Floats | None = None,
 ) -> Integers:
     """Whole centimetres that the pad's anchors measure, in mm: (B, ROUNDS, A).
 
     ``truth``: (B, 1 or ROUNDS, 3). ``extra``: an attacker's errors in mm, broadcast to the result. ``anchors``: where
-    they truly stand, (A, 3) or (B, 1, A, 3), if not where the survey says.
+    they truly stand, (A, 3) or (B, 1, A, 3), if not where the survey says. ``bias``: the commissioning's errors, where
+    they change through the session.
     """
     places = pad.anchors if anchors is None else anchors
     away = (
@@ -238,7 +244,7 @@ def measured(
     )
     count, per_round = len(truth), len(pad.anchors)
     error = rng.normal(0.0, pad.range_sigma if noise is None else noise, (count, ROUNDS, per_round))
-    total = away + systematic(rng, count, per_round) + error
+    total = away + (systematic(rng, count, per_round) if bias is None else bias) + error
     if extra is not None:
         total = total + extra
     return rounded_cm(total)

@@ -49,6 +49,10 @@ class LabPad:
     range_sigma: int = RANGE_SIGMA_MM
     bearing: float = np.pi
     """Drones hover within this angle (rad) of east."""
+    bias_sigma: int = BIAS_SIGMA_MM
+    bias_length: int | None = None
+    bias_fixed: int | None = None
+    """How biases change over place, as ``Commissioning`` has it (mm, ppm); None: they are the same everywhere."""
 
     @property
     def commissioning(self) -> Commissioning:
@@ -63,7 +67,7 @@ class LabPad:
                     north_mm=round(north),
                     up_mm=round(up),
                     survey_sigma_mm=SURVEY_SIGMA_MM,
-                    bias=(BiasPoint(range_mm=0, bias_mm=0, sigma_mm=BIAS_SIGMA_MM),),
+                    bias=(BiasPoint(range_mm=0, bias_mm=0, sigma_mm=self.bias_sigma),),
                 )
                 for index, (east, north, up) in enumerate(self.anchors)
             ),
@@ -73,6 +77,8 @@ class LabPad:
             valid_from_ms=0,
             valid_until_ms=START_MS * 2,
             method="The attack lab: as after a good commissioning",
+            bias_length_mm=self.bias_length,
+            bias_fixed_ppm=self.bias_fixed,
         )
 
     def places(self, rng: np.random.Generator, count: int) -> Floats:
@@ -101,6 +107,14 @@ FIVE: Final = LabPad("five", "five anchors on a circle of 2.3 m", ring(5, 2_263.
 SIX: Final = LabPad("six", "six anchors on a circle of 2.3 m", ring(6, 2_263.0))
 WIDE: Final = LabPad(
     "wide", "four anchors, 20 m square, drones between them", ring(4, 14_142.0), near=0.0, far=7_000.0, low=2_000.0
+)
+FLOWN: Final = LabPad(
+    "flown",
+    "the square with biases of 100 mm, a quarter of whose variance stays over place and the rest changes over 2 m",
+    SQUARE.anchors,
+    bias_sigma=100,
+    bias_length=2_000,
+    bias_fixed=250_000,
 )
 SMALL: Final = LabPad(
     "small",
@@ -149,3 +163,25 @@ def systematic(rng: np.random.Generator, count: int, anchors: int) -> Floats:
     """Errors of a commissioning that stay the same through a session: (count, 1, anchors)."""
     own = rng.normal(0.0, np.hypot(BIAS_SIGMA_MM, SURVEY_SIGMA_MM), (count, 1, anchors))
     return np.asarray(own + rng.normal(0.0, INSTALLATION_SIGMA_MM, (count, 1, 1)), dtype=np.float64)
+
+
+def systematic_along(rng: np.random.Generator, pad: LabPad, truth: Floats) -> Floats:
+    """The same of drones that fly straight on, or hover: (count, rounds, anchors) for places (count, rounds, 3).
+
+    Each anchor's bias changes along the way, with correlation exp(−way/L), about a part that stays.
+    """
+    count, rounds = truth.shape[:2]
+    anchors = len(pad.anchors)
+    fixed = 1.0 if pad.bias_fixed is None else pad.bias_fixed / 1e6
+    length = float(pad.bias_length or 1)
+    stays = rng.normal(0.0, np.sqrt(fixed) * pad.bias_sigma, (count, 1, anchors))
+    steps = np.linalg.norm(np.diff(truth, axis=1), axis=2)
+    alike = np.exp(-steps / length)[:, :, None]
+    changes = np.empty((count, rounds, anchors))
+    changes[:, 0] = rng.normal(0.0, 1.0, (count, anchors))
+    anew = rng.normal(0.0, 1.0, (count, rounds - 1, anchors)) * np.sqrt(1.0 - alike**2)
+    for number in range(1, rounds):
+        changes[:, number] = changes[:, number - 1] * alike[:, number - 1] + anew[:, number - 1]
+    own = stays + np.sqrt(1.0 - fixed) * pad.bias_sigma * changes
+    survey = rng.normal(0.0, SURVEY_SIGMA_MM, (count, 1, anchors))
+    return np.asarray(own + survey + rng.normal(0.0, INSTALLATION_SIGMA_MM, (count, 1, 1)), dtype=np.float64)

@@ -126,6 +126,8 @@ class Commissioning(TypedDict):
     method: str
     correlation_ppm: NotRequired[int]
     timestamp_sigma_mm: NotRequired[int]
+    bias_length_mm: NotRequired[int]
+    bias_fixed_ppm: NotRequired[int]
 
 
 class Conformance(TypedDict):

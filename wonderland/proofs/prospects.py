@@ -40,8 +40,11 @@ def prospect(
     up: float,
     *,
     height_sigma_mm: float = HEIGHT_SIGMA_FLOOR_MM,
+    bias_left: float = 1.0,
 ) -> Prospect | None:
     """What this pad can settle about a drone at a place of its frame (mm); None where its geometry gives no position.
+
+    ``bias_left``: what the drone's way leaves of the biases' variance (``travel``); 1 for a drone that hovers.
 
     The number of rounds is that of a claim that is exactly right and of a sample that falls as it should; real
     sessions need half as many again.
@@ -54,7 +57,7 @@ def prospect(
         expected = distance(east - anchor.east_mm, north - anchor.north_mm, up - anchor.up_mm)
         if expected > commissioning.max_range_mm:
             continue
-        anchors.append(anchor_mean(index, anchor, expected, 0.0, count=1, white=white))
+        anchors.append(anchor_mean(index, anchor, expected, 0.0, count=1, white=white, left=bias_left))
     if len(anchors) < 3:
         return None
     reduced = Reduced(
@@ -87,7 +90,11 @@ def hopeless(commissioning: Commissioning, policy: Policy, claim: Claim) -> str:
         )
     except GeometryError:
         return "the claimed position is nowhere near this pad"
-    expected = prospect(commissioning, policy, east, north, up)
+    fixed = commissioning.bias_fixed_ppm
+    left = (
+        1.0 if fixed is None else fixed / 1_000_000.0
+    )  # it may fly about: nothing less can be left than what is fixed
+    expected = prospect(commissioning, policy, east, north, up, bias_left=left)
     if expected is None:
         return "the claimed position is out of the pad's reach, or its geometry gives none there"
     if expected.rounds < 0:

@@ -17,6 +17,7 @@ from wonderland.proofs.claims import ClaimedPath, Track
 from wonderland.proofs.records.pads import Anchor, Commissioning
 from wonderland.proofs.records.sessions import NO_RANGE
 from wonderland.proofs.rounds import UsableRounds
+from wonderland.proofs.travel import bias_left
 
 OUTLIER_SIGMAS: Final = 6.0
 """A residual this far from its anchor's median is a burst, not noise."""
@@ -104,6 +105,8 @@ class Reduced:
     clock_sigma_ms: float = CLAIM_CLOCK_SIGMA_MS
     residuals: Residuals | None = None
     """What the means were taken of."""
+    bias_left: float = 1.0
+    """Share of the biases' variance that the drone's way leaves, of the anchor where most is left (``travel``)."""
 
 
 def bias_at(anchor: Anchor, range_mm: float) -> tuple[float, float]:
@@ -140,13 +143,22 @@ def reduce(
     correlation = correlation_of(series, means, commissioning.correlation_ppm)
     worth = (1.0 - correlation) / (1.0 + correlation)
     sigma2 = float(commissioning.range_sigma_mm * commissioning.range_sigma_mm)
+    left = _bias_left(rounds, seen, commissioning)
     anchors = []
     for column, residual in seen.series:
         anchor = commissioning.anchors[column.anchor]
         expected = distance(east - anchor.east_mm, north - anchor.north_mm, up - anchor.up_mm)
         heard = len(column.values)
         anchors.append(
-            anchor_mean(column.anchor, anchor, expected, residual, count=heard, white=sigma2 / (heard * worth))
+            anchor_mean(
+                column.anchor,
+                anchor,
+                expected,
+                residual,
+                count=heard,
+                white=sigma2 / (heard * worth),
+                left=left.get(column.anchor, 1.0),
+            )
         )
     velocity_east, velocity_north = track.velocity()
     return Reduced(
@@ -164,13 +176,17 @@ def reduce(
         velocity_north=velocity_north,
         clock_sigma_ms=clock_sigma_ms,
         residuals=seen,
+        bias_left=max(left.values(), default=1.0),
     )
 
 
 def anchor_mean(
-    index: int, anchor: Anchor, expected: float, residual: float, *, count: int, white: float
+    index: int, anchor: Anchor, expected: float, residual: float, *, count: int, white: float, left: float = 1.0
 ) -> AnchorMean:
-    """One anchor's virtual range (mm), with what is known of its errors at that distance."""
+    """One anchor's virtual range (mm), with what is known of its errors at that distance.
+
+    ``left``: share of the bias's variance that the way which the drone went leaves (``travel``).
+    """
     _, bias_sigma = bias_at(anchor, expected + residual)
     return AnchorMean(
         index=index,
@@ -181,7 +197,7 @@ def anchor_mean(
         residual_mm=residual,
         count=count,
         white=white,
-        floor=bias_sigma * bias_sigma + float(anchor.survey_sigma_mm * anchor.survey_sigma_mm),
+        floor=bias_sigma * bias_sigma * left + float(anchor.survey_sigma_mm * anchor.survey_sigma_mm),
     )
 
 
@@ -280,6 +296,25 @@ def _bursts(values: list[float], sigma: float) -> Sequence[int]:
         return ()
     median = sorted(values)[len(values) // 2]
     return [position for position, value in enumerate(values) if not -limit <= value - median <= limit]
+
+
+def _bias_left(rounds: UsableRounds, seen: Residuals, commissioning: Commissioning) -> dict[int, float]:
+    """By anchor, where not 1: the share of its bias's variance that the drone's way leaves in its mean.
+
+    From the raw ranges that are in the means, and no others.
+    """
+    if commissioning.bias_length_mm is None:
+        return {}
+    ranges = dict(zip(rounds.anchor_indices, rounds.range_mm, strict=True))
+    kept = seen.claimed.kept
+    columns = []
+    for column, _ in seen.series:
+        heard = [NO_RANGE] * len(kept)
+        for position in column.rounds:
+            heard[position] = ranges[column.anchor][kept[position]]
+        columns.append(heard)
+    anchors = [column.anchor for column, _ in seen.series]
+    return dict(zip(anchors, bias_left(columns, commissioning), strict=True))
 
 
 def correlation_of(series: Sequence[Sequence[float]], means: Sequence[float], commissioned_ppm: int | None) -> float:

@@ -117,15 +117,25 @@ def proved(alternatives: Alternatives, alpha: float, radius: float, s1: float, a
     return total >= 1.0
 
 
-def more_rounds(offset: Offset, rounds: int, policy: Policy) -> int:
+def more_rounds(offset: Offset, rounds: int, policy: Policy, hope: float = 1.0) -> int:
     """Further rounds expected to settle it; −1 where the part that does not shrink forbids any outcome.
 
-    None can settle it only if none could from anywhere that the estimate may still move to.
+    None can settle it only if none could from anywhere that the estimate may still move to. ``hope``: the share of the
+    part that does not shrink with rounds that may be left if the drone flies on as it does (``travel.hope``).
     """
     axes = offset.covariance.ellipse()
     floor = offset.floor.along(axes.east, axes.north)
     white = max(offset.covariance.along(axes.east, axes.north) - floor, 0.0)
     distance = sqrt(offset.east * offset.east + offset.north * offset.north)
+    more = _more(distance, white, floor, rounds, policy)
+    if more < 0 and hope < 1.0:
+        more = _more(distance, white, floor * hope, rounds, policy)
+        return max(more, rounds) if more > 0 else more
+    return more
+
+
+def _more(distance: float, white: float, floor: float, rounds: int, policy: Policy) -> int:
+    """Further rounds for an estimate ``distance`` from its claim with these variances by now; −1 where none help."""
     total = rounds_needed(distance, white * rounds, floor, policy)
     if total < 0:
         reach = _HOPE_SIGMAS * sqrt(white)

@@ -67,6 +67,7 @@ from wonderland.proofs.reduction import reduce
 from wonderland.proofs.rounds import UsableRounds
 from wonderland.proofs.stopping import more_rounds
 from wonderland.proofs.testimony import WitnessBrought, judge_testimony, judge_time_stamps
+from wonderland.proofs.travel import hope
 
 BOUND_Z: Final = 2.83
 """Standard deviations with which ``within_mm`` holds."""
@@ -181,7 +182,7 @@ def decide(
     outcome = _outcome(signed, public, policy, reasons)
     if outcome == "inconclusive" and measured is not None and signed is not None:
         only_public = public is not None and signed.outcome == "verified"
-        more = public.more if public and only_public else more_rounds(measured.offset, measured.reduced.rounds, policy)
+        more = public.more if public and only_public else _more(measured, commissioning, policy)
     if measured is not None:
         _limits(outcome, assurance, commissioning, measured, more, reasons)
     if more_frames > 0 and more >= 0:
@@ -317,6 +318,12 @@ def _checked(commissioning: Commissioning, measured: Measured, reasons: Reasons)
         reasons.add("unchecked", "Of more anchors only three measured it: nothing checks these against one another.")
         return False
     return True
+
+
+def _more(measured: Measured, commissioning: Commissioning, policy: Policy) -> int:
+    """Rounds after which it may be settled, if the drone flies on as it does."""
+    known = measured.reduced
+    return more_rounds(measured.offset, known.rounds, policy, hope(known.bias_left, known.rounds, commissioning))
 
 
 def _limits(

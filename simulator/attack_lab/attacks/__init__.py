@@ -10,6 +10,7 @@ from simulator.attack_lab.attacks import (
     collusion,
     insider,
     moments,
+    motion,
     outsider,
     pad,
     position,
@@ -20,6 +21,6 @@ from simulator.attack_lab.model import Attack
 
 ATTACKS: Final[dict[str, Attack]] = {
     attack.name: attack
-    for family in (baseline, position, claim, moments, outsider, radio, insider, pad, protocol, collusion)
+    for family in (baseline, position, claim, moments, motion, outsider, radio, insider, pad, protocol, collusion)
     for attack in family.ATTACKS
 }

@@ -108,15 +108,32 @@ class Commissioning(Record):
         Annotated[int, Integer(1, 10_000, "Standard deviation of one time stamp of a frame, white part, as a length")]
         | None
     ) = None
+    bias_length_mm: (
+        Annotated[
+            int,
+            Integer(
+                500, 20_000, "Way over which an anchor's bias changes (exp(−d/L)); without it, it is the same all over"
+            ),
+        ]
+        | None
+    ) = None
+    bias_fixed_ppm: (
+        Annotated[
+            int, Integer(100_000, 1_000_000, "Share of the bias's variance that is the same wherever the drone is")
+        ]
+        | None
+    ) = None
 
     def validate(self, path: str) -> None:
-        """Anchors must be distinct in name and address; the validity must not be empty."""
+        """Anchors distinct in name and address, a validity that is not empty, both of the bias's fields over place."""
         prefix = f"{path}." if path else ""
         for field in ("anchor_id", "mac"):
             if len({getattr(anchor, field) for anchor in self.anchors}) != len(self.anchors):
                 raise RecordError(f"{prefix}anchors", f"two anchors have the same {field}")
         if self.valid_until_ms <= self.valid_from_ms:
             raise RecordError(f"{prefix}valid_until_ms", "must be after valid_from_ms")
+        if (self.bias_length_mm is None) != (self.bias_fixed_ppm is None):
+            raise RecordError(f"{prefix}bias_length_mm", "stands with bias_fixed_ppm, or neither does")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
