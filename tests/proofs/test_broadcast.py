@@ -151,6 +151,28 @@ def test_a_broadcast_from_before_the_claims_is_judged_with_what_the_drone_may_ha
     assert air.verdict().broadcast.outcome == finding
 
 
+@pytest.mark.parametrize(("policy", "outcome"), [("if_contradicted", "verified"), ("always", "inconclusive")])
+@pytest.mark.parametrize("attest", [True, False])
+def test_what_was_heard_before_the_claims_is_no_support(world, policy, outcome, attest):
+    """A drone may have flown 60 m in the meantime: nearly any lie would support it."""
+    air = Air(world, broadcast_required=policy)
+    air.say(-1_500, 6_000, attest=attest)
+    verdict = air.verdict()
+    assert found(verdict) == (outcome, "supported", False)
+    assert (verdict.more_rounds > 0) == (outcome == "inconclusive")
+    air.say(700, 36_000)
+    assert found(air.verdict()) == ("inconclusive", "contradicted", False)
+    air.say(1_700, attest=attest)
+    assert air.verdict().outcome == "verified"
+
+
+def test_what_the_drone_signed_for_has_to_hold_even_where_no_broadcast_is_required(world):
+    air = Air(world, broadcast_required="never")
+    air.say(700, 2_000, accuracy_mm=1_000, attest=True)
+    air.say(1_700, 36_000)
+    assert found(air.verdict()) == ("inconclusive", "contradicted", False)
+
+
 def test_what_was_heard_long_before_the_claims_is_not_judged(world):
     air = Air(world)
     air.say(0, 60_000, heard=-5_000)
