@@ -393,6 +393,21 @@ def test_a_lie_is_a_lie_beside_claims_that_are_off_for_a_while(world):
     assert air.verdict(claims=tuple(claims)).broadcast.outcome == "own_contradicted"
 
 
+def test_a_lie_is_found_behind_a_message_that_is_farther_off_and_excused(world):
+    """The farthest one is not blamed, for the claims of its moment are off; the other is a lie all the same."""
+    air = Air(world, rounds=160)
+    claims = [
+        world.claim((HERE[0] + 8_000, HERE[1], HERE[2]), one.t_ms) if abs(one.t_ms - START_MS - 4_000) <= 800 else one
+        for one in air.evidence.claims
+    ]
+    air.say(4_000, attest=True)
+    assert air.verdict(claims=tuple(claims)).broadcast.outcome == "undecided"
+    air.say(1_000, 5_000, attest=True)
+    verdict = air.verdict(claims=tuple(claims))
+    assert found(verdict) == ("refuted", "own_contradicted", False)
+    assert verdict.broadcast.error_mm == pytest.approx(5_000, abs=100)
+
+
 def test_the_pads_look_counts_every_message_as_somebodys(air):
     """While it ranges the drone has signed nothing yet."""
     air.say(700, 31_000, attest=True)
