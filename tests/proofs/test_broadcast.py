@@ -151,6 +151,28 @@ def test_a_broadcast_from_before_the_claims_is_judged_with_what_the_drone_may_ha
     assert air.verdict().broadcast.outcome == finding
 
 
+@pytest.mark.parametrize(("policy", "outcome"), [("if_contradicted", "verified"), ("always", "inconclusive")])
+@pytest.mark.parametrize("attest", [True, False])
+def test_what_was_heard_before_the_claims_is_no_support(world, policy, outcome, attest):
+    """A drone may have flown 60 m in the meantime: nearly any lie would support it."""
+    air = Air(world, broadcast_required=policy)
+    air.say(-1_500, 6_000, attest=attest)
+    verdict = air.verdict()
+    assert found(verdict) == (outcome, "supported", False)
+    assert (verdict.more_rounds > 0) == (outcome == "inconclusive")
+    air.say(700, 36_000)
+    assert found(air.verdict()) == ("inconclusive", "contradicted", False)
+    air.say(1_700, attest=attest)
+    assert air.verdict().outcome == "verified"
+
+
+def test_what_the_drone_signed_for_has_to_hold_even_where_no_broadcast_is_required(world):
+    air = Air(world, broadcast_required="never")
+    air.say(700, 2_000, accuracy_mm=1_000, attest=True)
+    air.say(1_700, 36_000)
+    assert found(air.verdict()) == ("inconclusive", "contradicted", False)
+
+
 def test_what_was_heard_long_before_the_claims_is_not_judged(world):
     air = Air(world)
     air.say(0, 60_000, heard=-5_000)
@@ -369,6 +391,21 @@ def test_a_lie_is_a_lie_beside_claims_that_are_off_for_a_while(world):
     ]
     air.say(4_000, -9_000, attest=True)
     assert air.verdict(claims=tuple(claims)).broadcast.outcome == "own_contradicted"
+
+
+def test_a_lie_is_found_behind_a_message_that_is_farther_off_and_excused(world):
+    """The farthest one is not blamed, for the claims of its moment are off; the other is a lie all the same."""
+    air = Air(world, rounds=160)
+    claims = [
+        world.claim((HERE[0] + 8_000, HERE[1], HERE[2]), one.t_ms) if abs(one.t_ms - START_MS - 4_000) <= 800 else one
+        for one in air.evidence.claims
+    ]
+    air.say(4_000, attest=True)
+    assert air.verdict(claims=tuple(claims)).broadcast.outcome == "undecided"
+    air.say(1_000, 5_000, attest=True)
+    verdict = air.verdict(claims=tuple(claims))
+    assert found(verdict) == ("refuted", "own_contradicted", False)
+    assert verdict.broadcast.error_mm == pytest.approx(5_000, abs=100)
 
 
 def test_the_pads_look_counts_every_message_as_somebodys(air):

@@ -71,6 +71,11 @@ class Said:
     t_ms: int
     """Its moment: when it was heard, or the drone's own when it says that it was."""
 
+    @property
+    def beside_claims(self) -> bool:
+        """Whether it belongs to a signed claim; else the drone may have flown, and nearly any place supports it."""
+        return self.gap_ms <= SAME_TIME_MS
+
     def beyond(self, east: float = 0.0, north: float = 0.0) -> float:
         """How much farther than it can mean a place is from it; ``east``, ``north``: that place from the claim, mm."""
         return distance(self.east - east, self.north - north, 0.0) - self.tolerance
@@ -83,6 +88,8 @@ class Broadcast:
     finding: BroadcastFinding
     more: int
     """Rounds after which it may have changed."""
+    own_open: bool
+    """What the drone signed for is not settled: it has to hold, whatever else was heard."""
 
 
 def judge_broadcast(
@@ -124,7 +131,7 @@ def judge_broadcast(
             likelihood_ppm=decides.judgement.likelihood_ppm,
             tolerance_mm=int(decides.said.tolerance),
         )
-    return Broadcast(finding, more)
+    return Broadcast(finding, more, own_open=mine.outcome == "undecided")
 
 
 def outcome_with(outcome: str, broadcast: Broadcast, policy: Policy, reasons: Reasons) -> str:
@@ -142,7 +149,7 @@ def outcome_with(outcome: str, broadcast: Broadcast, policy: Policy, reasons: Re
             "broadcast_contradicts",
             f"Somebody broadcasts its serial number {off} from where it was measured; by whom is not known.",
         )
-    if outcome != "verified" or not _lacking(finding, policy):
+    if outcome != "verified" or not (broadcast.own_open or _lacking(finding, policy)):
         return outcome
     if finding.outcome == "undecided":
         can_mean = metres(float(finding.tolerance_mm or 0))
@@ -164,9 +171,7 @@ def _lacking(finding: BroadcastFinding, policy: Policy) -> bool:
     """Whether a permission lacks the broadcast that its policy demands."""
     if finding.supported:
         return False
-    if finding.attributed:  # the drone signed for it: until it holds, its word does not
-        return True
-    if finding.outcome == "not_heard":
+    if finding.outcome in {"not_heard", "supported"}:
         return policy.broadcast_required == "always"
     return policy.broadcast_required != "never"
 
@@ -358,7 +363,7 @@ def _own(bench: _Bench, said: list[Said]) -> _Group:
             return _Group("own_contradicted", supported=False, said=each, judgement=judgement)
         outcome = "supported" if judgement.outcome == "verified" else "undecided"
         if found.said is None or (outcome == "undecided" and found.outcome != "undecided"):
-            found = _Group(outcome, supported=outcome == "supported", said=each, judgement=judgement)
+            found = _Group(outcome, outcome == "supported" and each.beside_claims, each, judgement)
     return found
 
 
@@ -369,9 +374,9 @@ def _others(bench: _Bench, said: list[Said]) -> _Group:
     # An estimate that is within what a message can mean cannot contradict it.
     contradiction = _first(bench, [each for each in reversed(nearest_first) if bench.beyond(each) > 0.0], "refuted")
     if contradiction is not None:
-        return _Group("contradicted", support is not None, *contradiction)
+        return _Group("contradicted", support is not None and support[0].beside_claims, *contradiction)
     if support is not None:
-        return _Group("supported", True, *support)
+        return _Group("supported", support[0].beside_claims, *support)
     if nearest_first:
         return _Group("undecided", supported=False, said=nearest_first[0], judgement=bench.judge(nearest_first[0]))
     return _NOTHING

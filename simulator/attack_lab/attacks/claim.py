@@ -68,8 +68,8 @@ ATTACKS: Final = (
         "What the drone broadcasts.",
         "A changed Remote ID module.",
         "Any permission.",
-        "The pad hears the broadcast itself, and the contract judges it beside the signed claim: while it is neither "
-        "supported nor contradicted, nothing is verified.",
+        "The pad hears the broadcast itself, and the contract holds it against the measurement: while none that was "
+        "heard is supported, nothing is verified.",
         0,
         (Variant(TWO_WAY, make=partial(broadcast, 2, 3_000.0, 30_000.0, None)),),
         wire="remote-id-lie",

@@ -90,7 +90,7 @@ class BroadcastFinding(Record):
     messages: Annotated[int, Integer(0, MAX_CLAIMS, "Heard near the session's claims, and judged")]
     attributed: Annotated[int, Integer(0, MAX_CLAIMS, "Of these, attested by the drone's countersignature")]
     supported: bool
-    """Whether what was heard supports the drone: all that it attested, or any message where none of it is attested."""
+    """Whether what was heard beside its claims supports the drone: all that it attested, or any where none is."""
     claim: Position | None = None
     error_mm: Mm | None = None
     likelihood_ppm: Ppm | None = None
