@@ -140,7 +140,7 @@ def summary(found: Sequence[Crossed]) -> list[tuple[str, ...]]:
     nothing = [one for one in whole if one.learnt_from == "none"]
     learnt = [one for one in whole if one.learnt_from != "none"]
     groups.append(("nothing", [other for one in learnt for other in nothing if other.judged == one.judged]))
-    groups.append(("another recording, whole", learnt))
+    groups.append(("another recording", learnt))
     groups += [(f"  mounted {how}", [one for one in learnt if one.mounted == how]) for how in ("same", "anew")]
     for seconds in PIECES_S:
         pieces = [one for one in found if one.piece.startswith(f"{seconds:g} s")]
@@ -150,7 +150,7 @@ def summary(found: Sequence[Crossed]) -> list[tuple[str, ...]]:
     return [_summed(name, group, beside) for name, group in groups if group]
 
 
-HEADER: Final = ("known", "windows", "verified", "open", "refuted", *(f"lies {size:g} m" for size in LIES_M), "worse")
+HEADER: Final = ("known", "n", "verif.", "open", "ref.", *(f"{size:g} m" for size in LIES_M), "worse")
 
 
 def run(data: Path, *, rounds: int, quick: bool, as_json: bool) -> int:
@@ -167,7 +167,9 @@ def run(data: Path, *, rounds: int, quick: bool, as_json: bool) -> int:
     for row in summary(found):
         table.add_row(*row)
     console.print(table)
-    console.print(f"Lies: verified of all. Worse: commissionings that verified fewer than none by more than {SLACK}.")
+    console.print(
+        f"By metres: lies verified, of all. Worse: commissionings that verified fewer than none by more than {SLACK}."
+    )
     return 0
 
 
@@ -228,9 +230,9 @@ def _summed(name: str, group: Sequence[Crossed], beside: Mapping[tuple[str, str]
     lies = []
     for size in LIES_M:
         counts = sum((one.lies[size] for one in group), Counter[str]())
-        lies.append(f"{counts['verified']} of {counts.total()}")
+        lies.append(f"{counts['verified']}/{counts.total()}")
     fewer = sum(one.verified < beside[one.judged, one.piece].verified - SLACK for one in group)
-    worse = "" if group[0].learnt_from == "none" else f"{fewer} of {len(group)}"
+    worse = "" if group[0].learnt_from == "none" else f"{fewer}/{len(group)}"
     return (
         name,
         str(honest.total()),
