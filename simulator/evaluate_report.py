@@ -54,7 +54,8 @@ def write(directory: Path, found: Sequence[Judged]) -> Path:
     )
     first = commission_first(found)
     if first:
-        document.text(first.replace("\n", " "))
+        why, command, then = first.split("\n")
+        document.text(why, f"`{command.strip()}`", f"{then.strip().capitalize()}.")
     try:
         directory.mkdir(parents=True, exist_ok=True)
         for one in found:

@@ -102,12 +102,10 @@ def fit_best(runs: Sequence[Run], fit: Fit, buffer_m: float = 1.0) -> Choice:
     judged = tuple(_judge(tuple(runs), fit, buffer_m))
     if not judged or len(judged[0].honest) < LEAST_WINDOWS:
         return Choice(fit)
-    best = judged[0]
-    for other in judged[1:]:
-        if _better(other, best):
-            best = other
-    if best.basis == "fitted":
+    better = [other for other in judged[1:] if _better(other, judged[0])]
+    if not better:
         return Choice(fit, judged)
+    best = max(better, key=lambda one: (-one.wrong, one.verified))
     chosen = fit.on_basis(best.basis)
     text = (
         f"On parts that the fit did not see, {NAMES[best.basis]} verifies {best.verified} of {len(best.honest)} honest "

@@ -94,8 +94,11 @@ def folds(data: Windows) -> NDArray[np.int_]:
     return np.asarray(np.floor((data.t_s - data.t_s[0]) / block).astype(int) % FOLDS)
 
 
-def fit_curves(data: Windows) -> tuple[Curves, Floats]:
-    """The curves, and every window's error with curves that never saw it (w, a): what a later session will see."""
+def fit_curves(data: Windows, like: Curves | None = None) -> tuple[Curves, Floats]:
+    """The curves, and every window's error with curves that never saw it (w, a): what a later session will see.
+
+    ``like``: curves of much the same data, whose penalties are taken over instead of being found again.
+    """
     knots = choose_knots(data.distance_m)
     fold = folds(data)
     if len(np.unique(fold)) < 2:
@@ -107,6 +110,11 @@ def fit_curves(data: Windows) -> tuple[Curves, Floats]:
             held = _held_out(data, fold, knots, smoothness, sharing)
             tried[smoothness, sharing] = (float(np.nanmean(np.minimum(np.abs(held), WORST_M))), held)
         return tried[smoothness, sharing][0]
+
+    if like is not None:
+        bias = _solve(data, np.ones(len(fold), dtype=bool), knots, like.smoothness, like.sharing)
+        held = _held_out(data, fold, knots, like.smoothness, like.sharing)
+        return Curves(knots, bias, like.smoothness, like.sharing), held
 
     # One penalty after the other, and the first once more: the two hardly depend on each other.
     sharing = SHARING[len(SHARING) // 2]

@@ -258,14 +258,20 @@ def refit(runs: Sequence[Run], like: Fit) -> Fit:
     runs = tuple(runs)
     data = windows(runs)
     _check_amount(data, runs[0])
-    return _fitted(runs, data, like.settings, like.shift_s, like.truth, [])
+    return _fitted(runs, data, like.settings, like.shift_s, like.truth, [], like.curves)
 
 
 def _fitted(
-    runs: tuple[Run, ...], data: Windows, settings: FitSettings, shift: float, truth: Truth, notes: list[Note]
+    runs: tuple[Run, ...],
+    data: Windows,
+    settings: FitSettings,
+    shift: float,
+    truth: Truth,
+    notes: list[Note],
+    like: Curves | None = None,
 ) -> Fit:
     first = runs[0]
-    curves, held = fit_curves(data)
+    curves, held = fit_curves(data, like)
     interval = float(np.median([run.interval_s for run in runs]))
     spread = find_spread(data, curves, held, reference_sigma_m=settings.reference_sigma_m)
     coverage = coverage_of(data, first.anchors_m)

@@ -54,15 +54,21 @@ def paper(*, seed: int, plot: Path | None, sequence: Path | None, as_json: bool)
 @_SEED
 @click.option("--rounds", type=click.IntRange(5, 160), default=20, show_default=True, help="Rounds of a window.")
 @click.option("--quick", is_flag=True, help="Every twelfth window only.")
+@click.option("--crossed", is_flag=True, help="Commission on each recording and judge the others, beside none.")
 @click.option("--out", type=_FILE, metavar="FILE", help="Write a report with drawings (.html).")
 @click.option("--json", "as_json", is_flag=True, help="One line of JSON for each row on standard output.")
-def hyu(*, data: Path, seed: int, rounds: int, quick: bool, out: Path | None, as_json: bool) -> None:
+def hyu(*, data: Path, seed: int, rounds: int, quick: bool, crossed: bool, out: Path | None, as_json: bool) -> None:
     """Real ranges with truth: how often the verdict is right, near and far, in sight and obstructed.
 
     Four DW1000 anchors on a car, a tag out to 50 m, RTK truth (cucudasluv/UWB-dataset, Apache-2.0). Anchors that nobody
     calibrated, anchors calibrated on one part and judged on the other, and a calibration used for another mounting; the
-    paper's rule beside each.
+    paper's rule beside each. With --crossed: what a commissioning from another recording, or from a short piece of one,
+    is worth beside none.
     """
+    if crossed:
+        from simulator.reproduction import hyu_crossed  # noqa: PLC0415
+
+        _checked(lambda: hyu_crossed.run(data, rounds=rounds, quick=quick, as_json=as_json))
     from simulator.reproduction.hyu_command import run  # noqa: PLC0415
 
     _checked(lambda: run(data, seed=seed, rounds=rounds, quick=quick, out=out, as_json=as_json))

@@ -154,7 +154,7 @@ def test_the_error_is_that_at_the_estimates_time(tmp_path, files):
     (window,) = evaluate(EvaluateSettings(ranges, anchors, commissioned(tmp_path, files), rounds=20))
     assert window.at_s == pytest.approx(4.5, abs=0.05)
     assert window.truth_m[0] == pytest.approx(-3.0 + window.at_s, abs=0.01)
-    assert window.truth_error_m < 0.2
+    assert window.truth_error_m < 0.4  # 4 m from the truth of the middle round
 
 
 def test_commission_first_is_said_with_the_command(tmp_path, files):

@@ -19,6 +19,7 @@ from simulator.reproduction import (
     goals,
     hyu,
     hyu_command,
+    hyu_crossed,
     hyu_figures,
     method_figures,
     paper_figures,
@@ -128,6 +129,24 @@ def test_no_part_is_judged_by_a_table_that_saw_it(data):
     assert len(first.rounds) + len(second.rounds) == len(recording.rounds)
     for window in hyu.windows(second.rounds, 20):
         assert window[-1].t_s - window[0].t_s < 20 * 0.1 + 2.0
+
+
+def test_one_recording_commissions_and_another_is_judged(data, monkeypatch):
+    monkeypatch.setattr(hyu_crossed, "PIECES_S", (60.0,))
+    found = list(hyu_crossed.measure(data, quick=True))
+    whole = {(one.learnt_from, one.judged): one for one in found if one.piece == "whole"}
+    assert set(whole) == {("none", "los a"), ("none", "nlos a"), ("nlos a", "los a"), ("los a", "nlos a")}
+    assert {one.learnt_from for one in found if one.judged == "los a"} == {"none", "nlos a"}
+    assert all(one.honest.count("refuted") == 0 for one in found)
+    assert all(one.lies[size]["verified"] == 0 for one in found for size in (2.0, 3.0))
+    for judged, source in (("los a", "nlos a"), ("nlos a", "los a")):
+        assert whole[source, judged].verified >= whole["none", judged].verified
+        assert whole[source, judged].mounted == "same"
+    table = hyu_crossed.summary(found)
+    assert [row[0] for row in table][:2] == ["nothing", "another recording"]
+    assert table[1][-1].startswith("0/2")
+    pieces = {one.piece for one in found} - {"whole"}
+    assert pieces == {"60 s, piece 1", "60 s, piece 2"}
 
 
 def test_claims_are_as_far_off_as_they_say():
