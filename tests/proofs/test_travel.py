@@ -79,6 +79,10 @@ def test_two_anchors_that_move_make_no_motion():
     ranges[0] = ranges[1] = columns(np.arange(60) * 200.0)[0]
     assert set(travel.bias_left(ranges, PAD)) == {1.0}
     assert set(travel.bias_left(columns(np.arange(60) * 200.0, anchors=2), PAD)) == {1.0}
+    ranges = columns(np.arange(60) * 200.0, anchors=3)
+    assert travel.bias_left(ranges, PAD)[0] < 0.6
+    ranges[2] = columns(np.zeros(60))[0]
+    assert set(travel.bias_left(ranges, PAD)) == {1.0}
 
 
 def test_no_flight_is_believed_to_average_out_more_than_it_does():

@@ -13,7 +13,8 @@ two ranges of one anchor is at most the way between their places (triangle inequ
 blocks; two blocks are as far apart as *all anchors but one* say, by the medians of their ranges, less an allowance for
 noise, reflections and obstructions that drift. So a drone that hovers has left = 1 exactly, one bad anchor or a burst
 changes nothing, flying to and fro counts for no more than the places it visits, and flying around the pad for little.
-A lower bound of distances is an upper bound of ``left``: the verdict can only be vaguer than it might be.
+A lower bound of distances is an upper bound of ``left``: the verdict can only be vaguer than it might be. Whoever
+falsifies time stamps makes ranges say anything, a way as well; what that wins, and where it ends, is as it was.
 
 Ranges and their medians are integers here; floats begin with ``exp_negative``.
 """
@@ -33,7 +34,7 @@ BLOCKS: Final = 6
 BLOCK_ROUNDS: Final = 5
 """The least for a median; two blocks are the least for a way."""
 AGREEING: Final = 3
-"""Anchors that have to say that the drone moved, besides the one that may say what it likes."""
+"""So many anchors at least have to say that the drone moved; of four or more, all but one."""
 ALLOWANCE_MM: Final = 300
 """Hovering, what an obstruction or a reflection that comes and goes adds to ranges; never taken for a way."""
 ALLOWANCE_SIGMAS: Final = 6
@@ -92,12 +93,12 @@ def _medians(column: Sequence[int], bounds: Sequence[int]) -> list[int]:
 def _alike(heard: Sequence[Sequence[int]], allowance: int, length: float) -> float:
     """g: mean correlation of all pairs of blocks, each with itself among them, at distances no longer than they are."""
     blocks = len(heard[0])
+    least = 1 if len(heard) > AGREEING else 0
     total = 0.0
     moved = False
     for later in range(1, blocks):
         for earlier in range(later):
-            # The second least: all anchors but one say that the way was at least so long.
-            way = sorted([abs(values[later] - values[earlier]) for values in heard])[1] - allowance
+            way = sorted([abs(values[later] - values[earlier]) for values in heard])[least] - allowance
             if way > 0:
                 moved = True
                 total += exp_negative(-way / length)
