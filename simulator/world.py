@@ -33,7 +33,8 @@ from wonderland.proofs.records.sessions import TICKS_PER_SECOND, Claim
 TICK_S: Final = 0.05
 POSITION_EVERY: Final = 2
 BROADCAST_EVERY: Final = 10
-IMPOSTOR_EVERY: Final = 20
+IMPOSTOR_REACH_M: Final = 70.0
+"""How near to its hover a drone is when its impostor sends."""
 EARSHOT_M: Final = 1_500.0
 BLINK_REACH_M: Final = 90.0
 BLINK_LOSS: Final = 0.01
@@ -165,7 +166,11 @@ class World:
                 if (tick + index * 2) % BROADCAST_EVERY == 0 and mission.mode is not Mode.WAITING:
                     self._broadcast(out, uav_id, mission, mission.broadcast(fix), fix)
                 impostor = self._impostors.get(uav_id)
-                if impostor is not None and tick % IMPOSTOR_EVERY == 0 and mission.mode is not Mode.WAITING:
+                if (
+                    impostor is not None
+                    and tick % BROADCAST_EVERY == BROADCAST_EVERY // 2 - 1
+                    and impostor.wakes(mission)
+                ):
                     said = impostor.says(mission, fix)
                     self._broadcast(impostor.out, uav_id, mission, said, said)
 
@@ -260,6 +265,11 @@ class _Impostor:
         self.out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         """Its own socket: receivers tell transmitters apart by their addresses."""
         self.out.setblocking(False)
+
+    def wakes(self, mission: Mission) -> bool:
+        """Whether he sends now: while the drone is near, as somebody would who sees it."""
+        near = math.dist(mission.flight.position, mission.spec.hover_m) < IMPOSTOR_REACH_M
+        return near and mission.mode is not Mode.WAITING
 
     def says(self, mission: Mission, fix: Fix) -> Fix:
         """That the drone hovers there, as well known as the drone's own fix."""

@@ -56,7 +56,10 @@ def _point(rounds: int, t_ms: int, verdict: Verdict) -> dict[str, Any]:
     point: dict[str, Any] = {"rounds": rounds, "t_ms": t_ms, "outcome": verdict.outcome}
     for name in ("signed", "broadcast"):
         judgement: Judgement | BroadcastFinding | None = getattr(verdict, name)
-        if judgement is not None and judgement.likelihood_ppm is not None:
+        # What somebody else may have sent says nothing of how likely the drone is where it says.
+        if judgement is None or judgement.outcome == "contradicted":
+            continue
+        if judgement.likelihood_ppm is not None:
             point[name] = {"likelihood_ppm": judgement.likelihood_ppm, "error_mm": judgement.error_mm}
     return point
 

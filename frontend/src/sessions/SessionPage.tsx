@@ -76,7 +76,7 @@ function Transactions({ transactions }: { transactions: readonly LedgerTransacti
 function Request({ session, verdict, now_ms }: { session: SessionDetail["session"]; verdict: VerdictSummary | undefined; now_ms: number }): ReactElement {
   const unjudged = verdict?.reasons.some(({ code }) => code === "request_unjudged") === true;
   return (
-    <>
+    <section className="float card">
       <h2>{t("theRequest")}</h2>
       <p className="quiet">{t("requestHint")}</p>
       <dl className="facts num">
@@ -91,7 +91,7 @@ function Request({ session, verdict, now_ms }: { session: SessionDetail["session
           <dd>{dayAndTime(session.claim.t_ms, now_ms)}</dd>
         </div>
       </dl>
-    </>
+    </section>
   );
 }
 
@@ -160,7 +160,6 @@ function Facts({ detail, verdict, now_ms }: { detail: SessionDetail; verdict: Ve
           </dd>
         </div>
       </dl>
-      <Request session={session} verdict={verdict} now_ms={now_ms} />
     </section>
   );
 }
@@ -235,8 +234,9 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
           {verdict !== undefined && <Residuals session_id={session_id} />}
           {query.data?.evidence && <Ranges evidence={query.data.evidence} />}
           {verdict !== undefined && <Bearing level={verdict.assurance} />}
-          {query.data !== undefined && <Broadcasts detail={query.data} track={drone?.track} />}
+          {query.data !== undefined && <Broadcasts detail={query.data} verdict={verdict} track={drone?.track} />}
           {query.data !== undefined && <Facts detail={query.data} verdict={verdict} now_ms={now_ms} />}
+          {query.data !== undefined && <Request session={query.data.session} verdict={verdict} now_ms={now_ms} />}
           {query.data !== undefined && <Transactions transactions={query.data.transactions} />}
         </div>
       </div>

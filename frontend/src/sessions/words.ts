@@ -196,6 +196,8 @@ function refutedRow(verdict: VerdictSummary, pad: string, deed: string): RowText
   return { right: row("off", { distance: length(error_mm, true) }), second: row("refutedAt", { pad, deed }) };
 }
 
+const LIKELY_PPM = 990_000;
+
 type RowText = { right: string; second: string };
 
 /** The two short texts of a list row: what is known, and where. */
@@ -228,7 +230,8 @@ export function rowText(drone: Drone, padName: (pad_id: string) => string): RowT
         };
       case "inconclusive":
         return {
-          right: verdict.signed === undefined ? row("rounds", { rounds: count(verdict.rounds) }) : likelihood(verdict.signed.likelihood_ppm),
+          // Where it is likely enough, something else keeps it open: its likelihood would say the contrary.
+          right: verdict.signed === undefined || verdict.signed.likelihood_ppm > LIKELY_PPM ? row("rounds", { rounds: count(verdict.rounds) }) : likelihood(verdict.signed.likelihood_ppm),
           second: row("inconclusiveAt", { pad, deed }),
         };
       case "not-authorised":

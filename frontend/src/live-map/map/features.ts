@@ -132,7 +132,7 @@ function toneOf(verdict: VerdictSummary, signed: Judgement): Tone {
   return TONE_OF[signed.outcome === "verified" ? "verified" : verdict.outcome];
 }
 
-type Claimed = { claim: Place; tone: Tone; words: string; radius_mm: number };
+type Claimed = { claim: Place; tone: Tone; words: string; radius_mm: number; foreign?: true };
 
 function claimsOf(verdict: VerdictSummary): Claimed[] {
   const { signed, broadcast, buffer_mm } = verdict;
@@ -141,7 +141,7 @@ function claimsOf(verdict: VerdictSummary): Claimed[] {
   if (apart === undefined || broadcast?.claim === undefined) return told;
   // Both are shown where they differ; where they agree, one ring says it.
   const words = t(apart === "own" ? "tellsPublic" : "somebodyTells");
-  return [...told, { claim: broadcast.claim, tone: apart === "own" ? "bad" : "none", words, radius_mm: broadcast.tolerance_mm ?? buffer_mm }];
+  return [...told, { claim: broadcast.claim, tone: apart === "own" ? "bad" : "none", words, radius_mm: broadcast.tolerance_mm ?? buffer_mm, ...(apart === "somebody" && { foreign: true as const }) }];
 }
 
 /** Two labels of one drone are told apart from here. */
@@ -156,10 +156,15 @@ function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, t
   const measuredAt = toGlobe(frame, estimate);
   const tone = TONE_OF[verdict.outcome];
   const features: Feature[] = [];
-  for (const { claim, tone: claimTone, words, radius_mm } of claimsOf(verdict)) {
+  for (const { claim, tone: claimTone, words, radius_mm, foreign } of claimsOf(verdict)) {
     const claimAt = toGlobe(frame, claim);
     features.push(area(frame, circle(radius_mm, claim), { kind: "buffer", tone: claimTone }));
     features.push(line([claimAt, measuredAt], { kind: "difference", tone: claimTone }));
+    if (foreign) {
+      // Not the drone's: no name of its own, and its own symbol does not stand for it.
+      features.push(point(claimAt, { kind: "claim", tone: claimTone, label: selected ? words : "" }));
+      continue;
+    }
     // The drone's own label says who it is while it is still there.
     const left = track === undefined || distance_mm(track, claim) > LABEL_APART_MM;
     const label = [...(left ? [verdict.uav_id] : []), ...(selected ? [words] : [])].join("\n");
