@@ -42,7 +42,7 @@ def shown(row: VerdictRow, language: Language) -> dict[str, Any]:
     if "signed" in record:
         proof["signed"] = _judged(record["signed"], language)
     if "broadcast" in record:
-        proof["broadcast"] = _heard(record["broadcast"])
+        proof["broadcast"] = heard(record["broadcast"])
     proof["reasons"] = reasons_in(language, record["reasons"])
     return proof | {"tx_id": row.tx_id, "block": row.block, "tx_index": row.tx_index}
 
@@ -85,12 +85,13 @@ def _judged(record: dict[str, Any], language: Language) -> dict[str, Any]:
     }
 
 
-def _heard(record: dict[str, Any]) -> dict[str, Any]:
+def heard(record: dict[str, Any]) -> dict[str, Any]:
+    """The BroadcastHeard of a verdict's finding."""
     former = _FORMER.get(record["outcome"])
     if former is not None:
         record = record | former | {"messages": 1, "attributed": 0}
-    heard = {name: record[name] for name in _HEARD if name in record}
-    return heard | ({"place": _place(record["claim"])} if "claim" in record else {})
+    known = {name: record[name] for name in _HEARD if name in record}
+    return known | ({"place": _place(record["claim"])} if "claim" in record else {})
 
 
 def _place(record: dict[str, Any]) -> dict[str, Any]:
