@@ -73,7 +73,7 @@ function Transactions({ transactions }: { transactions: readonly LedgerTransacti
 }
 
 /** Where the drone said it was when it asked: apart from what was judged. */
-function Request({ session, verdict, now_ms }: { session: SessionDetail["session"]; verdict: VerdictSummary | undefined; now_ms: number }): ReactElement {
+export function Request({ session, verdict, now_ms }: { session: Pick<SessionDetail["session"], "claim">; verdict: VerdictSummary | undefined; now_ms: number }): ReactElement {
   const unjudged = verdict?.reasons.some(({ code }) => code === "request_unjudged") === true;
   return (
     <section className="float card">
