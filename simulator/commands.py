@@ -38,9 +38,9 @@ def demo(
     """Three landing pads, honest drones and liars, a ledger and a live map, all on this machine.
 
     Everything is real but the air: drones fly in a simulator, which speaks UCI on pseudo-terminals and broadcasts
-    Remote ID on UDP. Among nine drones five are not to land: one whose GNSS is dragged away, one that broadcasts
-    another place than it flies, one that replays an old session, one whose radio falsifies its time stamps, and one
-    whose maintenance lapsed.
+    Remote ID on UDP. Of eleven drones six are not to land: one whose GNSS is dragged away, one that broadcasts another
+    place than it flies, one that replays an old session, one whose radio falsifies its time stamps, one that lies in
+    two of five claims, and one whose maintenance lapsed. One of the five that land is being impersonated.
 
     \b
     wonderland demo                              the map in your browser

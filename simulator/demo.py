@@ -1,4 +1,4 @@
-"""The demo: everything on this machine, three pads, nine drones, a ledger and a live map."""
+"""The demo: everything on this machine, three pads, eleven drones, a ledger and a live map."""
 
 from __future__ import annotations
 

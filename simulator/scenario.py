@@ -143,6 +143,8 @@ class DroneSpec:
     """When it first sets out."""
     gnss_sigma_m: float = 0.02
     attack: AttackSpec | None = None
+    impostor_m: tuple[float, float] | None = None
+    """How far from its hover (east, north) somebody else broadcasts its serial number while it is about."""
 
     @property
     def honest(self) -> bool:
@@ -237,6 +239,28 @@ DRONES: Final = (
         (-200, 210, 60),
         16.5,
         attack=AttackSpec("time stamps falsified for each anchor", lie_m=(3.5, -1.0, 0.0), ranges="per-anchor"),
+    ),
+    DroneSpec(
+        "OH-DRN-0736",
+        "Survey S2",
+        "aurajoki-2",
+        "land",
+        Behaviour.ATTACK,
+        (-0.5, -9.5, 6.0),
+        (-60, -300, 55),
+        19.0,
+        attack=AttackSpec("a lie in two of five claims", lie_m=(7.5, 0.0, 0.0), lie_share=0.4),
+    ),
+    DroneSpec(
+        "OH-DRN-0281",
+        "Heavylift X8",
+        "aurajoki-2",
+        "land",
+        Behaviour.HONEST,
+        (-5.5, 6.5, 6.0),
+        (-170, 240, 60),
+        13.0,
+        impostor_m=(-30.0, 20.0),
     ),
 )
 FALSE_BROADCAST_M: Final = (22.0, 21.0)

@@ -14,7 +14,7 @@ import random
 import socket
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,6 +33,8 @@ from wonderland.proofs.records.sessions import TICKS_PER_SECOND, Claim
 TICK_S: Final = 0.05
 POSITION_EVERY: Final = 2
 BROADCAST_EVERY: Final = 10
+IMPOSTOR_REACH_M: Final = 70.0
+"""How near to its hover a drone is when its impostor sends."""
 EARSHOT_M: Final = 1_500.0
 BLINK_REACH_M: Final = 90.0
 BLINK_LOSS: Final = 0.01
@@ -113,6 +115,7 @@ class World:
             intercept=attack.intercept,
             stamp=self._stamp,
         )
+        self._impostors = {drone.uav_id: _Impostor(drone) for drone in drones if drone.impostor_m is not None}
         self._serial = []
         for name, (pad_id, site) in self._sites.items():
             node = VirtualNode(name, self._air)
@@ -145,6 +148,8 @@ class World:
         finally:
             ear.close()
             out.close()
+            for impostor in self._impostors.values():
+                impostor.out.close()
             self._air.close()
             for port in self._serial:
                 port.close()
@@ -159,10 +164,18 @@ class World:
                 send_position(out, self._ports.position[uav_id], _claim(fix))
                 _send(out, self._ports.modes, {"uav_id": uav_id, "mode": mission.mode.value, "proofs": mission.proofs})
                 if (tick + index * 2) % BROADCAST_EVERY == 0 and mission.mode is not Mode.WAITING:
-                    self._broadcast(out, uav_id, mission, fix)
+                    self._broadcast(out, uav_id, mission, mission.broadcast(fix), fix)
+                impostor = self._impostors.get(uav_id)
+                if (
+                    impostor is not None
+                    and tick % BROADCAST_EVERY == BROADCAST_EVERY // 2 - 1
+                    and impostor.wakes(mission)
+                ):
+                    said = impostor.says(mission, fix)
+                    self._broadcast(impostor.out, uav_id, mission, said, said)
 
-    def _broadcast(self, out: socket.socket, uav_id: str, mission: Mission, fix: Fix) -> None:
-        said = mission.broadcast(fix)
+    def _broadcast(self, out: socket.socket, uav_id: str, mission: Mission, said: Fix, fix: Fix) -> None:
+        """``said`` is what a transmitter says that is at ``fix``."""
         home = self._pads[mission.spec.pad_id]
         data = frame(uav_id, OPERATOR_ID, (home.lat_e7, home.lon_e7), said)
         for pad_id, port in self._ports.rid.items():
@@ -241,6 +254,27 @@ class World:
         except GeometryError:
             return None
         return (east / 1000, north / 1000, up / 1000)
+
+
+class _Impostor:
+    """Somebody on the ground with a transmitter of his own, who sends a drone's serial number from where he stands."""
+
+    def __init__(self, drone: DroneSpec) -> None:
+        east_m, north_m = drone.impostor_m or (0.0, 0.0)
+        self._place_m = (drone.hover_m[0] + east_m, drone.hover_m[1] + north_m, drone.hover_m[2])
+        self.out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        """Its own socket: receivers tell transmitters apart by their addresses."""
+        self.out.setblocking(False)
+
+    def wakes(self, mission: Mission) -> bool:
+        """Whether he sends now: while the drone is near, as somebody would who sees it."""
+        near = math.dist(mission.flight.position, mission.spec.hover_m) < IMPOSTOR_REACH_M
+        return near and mission.mode is not Mode.WAITING
+
+    def says(self, mission: Mission, fix: Fix) -> Fix:
+        """That the drone hovers there, as well known as the drone's own fix."""
+        lat_e7, lon_e7, height_mm = to_wgs84(mission.frame, *(round(value * 1000) for value in self._place_m))
+        return replace(fix, lat_e7=lat_e7, lon_e7=lon_e7, height_mm=height_mm, speed_mm_s=0, vertical_mm_s=0)
 
 
 def _radio_at(mission: Mission) -> Vector:

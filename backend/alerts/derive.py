@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator
 from typing import Any, Final
@@ -24,12 +25,14 @@ def _refutation(record: dict[str, Any]) -> tuple[str, int | None]:
             if "leaving" in codes:
                 return "leaving", None
         return "refuted", signed.get("error_mm")
-    if broadcast.get("outcome") == "refuted":
+    if broadcast.get("outcome") in _OWN_LIE:
         return "broadcast_contradicts", broadcast.get("error_mm")
     # The two-way ranges agree with the claim, and what needs no word of the drone's clock does not: it bent its own.
     return "stamps_contradict", differences.get("error_mm")
 
 
+_OWN_LIE: Final = frozenset({"own_contradicted", "refuted"})
+"""What the drone signed for; "refuted" in verdicts of former contracts, which took every broadcast for the drone's."""
 _BY_ZONES: Final = frozenset({"zone_active", "closures_outdated"})
 _BY_PAPERS: Final = ("uav_", "maintenance_", "not_authorised")
 _ZONE: Final = re.compile("^Zone (.+) forbids the action ")
@@ -48,6 +51,18 @@ def _against(record: dict[str, Any]) -> tuple[dict[str, str], bool]:
     return closed, any(code.startswith(_BY_PAPERS) for code, _ in reasons)
 
 
+def _elsewhere(record: dict[str, Any]) -> bool:
+    """Whether the contradicted broadcast says another place than what the drone signed and was refuted for.
+
+    A drone that is led astray broadcasts what it signs: one alert says both.
+    """
+    signed, claim = record.get("signed") or {}, record["broadcast"].get("claim")
+    if signed.get("outcome") != "refuted" or claim is None:
+        return True
+    east, north = (claim[axis] - signed["claim"][axis] for axis in ("east_mm", "north_mm"))
+    return bool(math.hypot(east, north) > record["broadcast"].get("tolerance_mm", 0))
+
+
 def alerts_of(verdicts: Iterable[dict[str, Any]]) -> Iterator[Alert]:
     """The alerts of verdict rows (of `backend.mirror.derive`), in their order."""
     for row in verdicts:
@@ -64,6 +79,10 @@ def alerts_of(verdicts: Iterable[dict[str, Any]]) -> Iterator[Alert]:
             if error_mm is not None:
                 facts["error_mm"] = error_mm
             yield Alert(kind, row["session_id"], row["decided_ms"], **place, facts=facts)
+        broadcast = record.get("broadcast") or {}
+        if broadcast.get("outcome") == "contradicted" and _elsewhere(record):
+            facts = {"action": row["action"], "error_mm": broadcast["error_mm"], "supported": broadcast["supported"]}
+            yield Alert("broadcast_unattributed", row["session_id"], row["decided_ms"], **place, facts=facts)
         if record.get("authorised") is False:
             closed, others = _against(record)
             if closed:

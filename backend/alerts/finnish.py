@@ -9,7 +9,12 @@ from typing import Any, Final
 TEXTS: Final[Mapping[str, str]] = {
     "refuted": "{uav_id} ei ole siellä missä sanoo: mitattu {distance} päähän ilmoituksestaan alustalla {pad_id}.",
     "broadcast_contradicts": (
-        "{uav_id} ilmoittaa julkisesti muun paikan kuin alustalle {pad_id}: mitattu {distance} päähän siitä."
+        "{uav_id} on allekirjoittanut lähetyksen muusta paikasta kuin alustalle {pad_id}: mitattu {distance} päähän "
+        "siitä."
+    ),
+    "broadcast_unattributed": (
+        "Joku lähettää tunnuksella {uav_id} {distance} päässä paikasta, johon {pad_id} sen mittasi: toisena esiintyjä "
+        "tai droonin oma valhe."
     ),
     "stamps_contradict": (
         "{uav_id} vääristää kelloaan alustalla {pad_id}: siitä riippumattomat aikaleimat asettavat sen {distance} "

@@ -27,7 +27,12 @@ class Kind:
 KINDS: Final[Mapping[str, Kind]] = {
     "refuted": Kind("critical", "{uav_id} is not where it says: measured {distance} from its claim at {pad_id}."),
     "broadcast_contradicts": Kind(
-        "critical", "{uav_id} tells the public another place than it told {pad_id}: measured {distance} from there."
+        "critical",
+        "{uav_id} signed for a broadcast of another place than it told {pad_id}: measured {distance} from there.",
+    ),
+    "broadcast_unattributed": Kind(
+        "warning",
+        "Somebody broadcasts under {uav_id} {distance} from where {pad_id} measured it: an impostor, or its own lie.",
     ),
     "stamps_contradict": Kind(
         "critical",

@@ -15,6 +15,7 @@ _ID = f"^{ID_PATTERN}$"
 KindName = Literal[
     "refuted",
     "broadcast_contradicts",
+    "broadcast_unattributed",
     "stamps_contradict",
     "leaving",
     "permission_unmatched",
@@ -46,9 +47,10 @@ class Alert(ApiModel):
     session_id: str | None = None
     tx_id: str | None = None
     facts: dict[str, Any] = Field(
-        description="What its text needs: error_mm, action, why (in English, or as somebody else said it), code and "
-        "zone (zone_closed), state, anchor_id, off_mm and extra_sigma_mm (pad_drifting), since_ms, who, until_ms, "
-        "serial, finding, distance_mm, interval_ms, other_uav_id, drones"
+        description="What its text needs: error_mm, action, supported (broadcast_unattributed: whether "
+        "another broadcast under that name is where the drone was measured), why (in English, or as somebody else "
+        "said it), code and zone (zone_closed), state, anchor_id, off_mm and extra_sigma_mm (pad_drifting), since_ms, "
+        "who, until_ms, serial, finding, distance_mm, interval_ms, other_uav_id, drones"
     )
     text: str | None = Field(
         default=None, description="The same in one sentence, in the language asked for; not in live frames"

@@ -41,13 +41,13 @@ async def newest(database: AsyncSession, uav_id: str) -> tuple[VerdictRow, Verdi
 
 
 async def measured(database: AsyncSession, row: VerdictRow) -> Measured:
-    """What a verdict says, dated by its last round of ranging."""
+    """What a verdict says, at the moment of its estimate; in verdicts of former contracts at the last round."""
     record = orjson.loads(row.record)
     estimate, covariance = record.get("estimate"), record.get("covariance", {})
     evidence = await database.get(EvidenceRow, row.session_id)
     times = orjson.loads(evidence.record).get("ranges", {}).get("t_ms", []) if evidence is not None else []
     return Measured(
-        t_ms=times[-1] if times else row.decided_ms,
+        t_ms=record.get("estimate_ms") or (times[-1] if times else row.decided_ms),
         outcome=row.outcome,
         assurance=record["assurance"],
         broadcast_outcome=record.get("broadcast", {}).get("outcome"),

@@ -30,6 +30,7 @@ Limit = Literal[
     "last_proof_refuted",
     "last_proof_inconclusive",
     "broadcast_refuted",
+    "broadcast_unattributed",
     "speed_impossible",
 ]
 
@@ -41,6 +42,8 @@ CONFIDENCE_99: Final = 9.21
 """χ² with two degrees of freedom, 99 %."""
 STALE_MS: Final = 60_000
 """ASTM F3411's near-real-time window: what is older is no present broadcast."""
+OWN_LIE: Final = frozenset({"own_contradicted", "refuted"})
+"""Broadcasts that the drone signed for; "refuted" in verdicts of former contracts."""
 SAME_STAY_MS: Final = 120_000
 """So long after a verdict about the broadcast itself, a broadcast of the same place is taken for the same lie."""
 
@@ -104,6 +107,8 @@ class Finding:
 def judge(broadcast: Broadcast | None, proof: Measured | None, question: Question, now_ms: int) -> Finding:
     """What a proof says about a broadcast of a drone that is known."""
     limits: list[Limit] = []
+    if proof is not None and proof.broadcast_outcome == "contradicted":
+        limits.append("broadcast_unattributed")
     if broadcast is None:
         limits.append("never_heard")
     elif now_ms - broadcast.t_ms > STALE_MS:
@@ -137,7 +142,7 @@ def _compared(
     facts = {"distance_mm": apart_mm, "within_mm": within_mm, "beyond_mm": beyond_mm, "age_ms": age_ms}
     if trusted and beyond_mm > 0:
         return Finding("contradicted", (*limits, "speed_impossible"), **facts)
-    if trusted and proof.broadcast_outcome == "refuted" and abs(age_ms) <= SAME_STAY_MS:
+    if trusted and proof.broadcast_outcome in OWN_LIE and abs(age_ms) <= SAME_STAY_MS:
         return Finding("contradicted", (*limits, "broadcast_refuted"), **facts)
     near = within_mm <= question.within_mm
     if trusted and near and proof.outcome == "verified" and "broadcast_stale" not in limits:

@@ -64,8 +64,12 @@ LIMITS: Final[Mapping[Limit, Mapping[Language, str]]] = {
         "fi": "Sen viimeisin todistus ei ratkaissut asiaa.",
     },
     "broadcast_refuted": {
-        "en": "The verdict refuted what it broadcast at the pad.",
-        "fi": "Päätös kumosi sen, mitä drooni lähetti alustan luona.",
+        "en": "The verdict refuted what it broadcast at the pad and signed for.",
+        "fi": "Päätös kumosi sen, mitä drooni lähetti alustan luona ja allekirjoitti.",
+    },
+    "broadcast_unattributed": {
+        "en": "At the pad somebody broadcast its serial number from elsewhere: an impostor, or its own lie.",
+        "fi": "Alustan luona joku lähetti sen sarjanumeroa muualta: toisena esiintyjä tai droonin oma valhe.",
     },
     "speed_impossible": {
         "en": "From the measured place no drone could have come so far in that time.",

@@ -200,6 +200,7 @@ def verdict_of(row: VerdictRow) -> Record:
         "authorised": record.get("authorised"),
         "lat_e7": place.get("lat_e7"),
         "lon_e7": place.get("lon_e7"),
+        "estimate_ms": record.get("estimate_ms"),
         "place": "estimate" if record.get("estimate") else "claim" if place else None,
         "claim_lat_e7": signed.get("claim", {}).get("lat_e7"),
         "claim_lon_e7": signed.get("claim", {}).get("lon_e7"),
@@ -220,7 +221,7 @@ def verdict_of(row: VerdictRow) -> Record:
 
 VERDICT_FIELDS: Final = (
     "uav_id", "t_ms", "pad_id", "session_id", "action", "outcome", "permission", "rounds", "assurance", "authorised",
-    "lat_e7", "lon_e7", "place", "claim_lat_e7", "claim_lon_e7", "signed_outcome", "signed_error_mm",
+    "lat_e7", "lon_e7", "estimate_ms", "place", "claim_lat_e7", "claim_lon_e7", "signed_outcome", "signed_error_mm",
     "signed_likelihood_ppm", "broadcast_outcome", "broadcast_error_mm", "buffer_mm", "reasons", "evidence_sha256",
     "tx_id", "block", "tx_index",
 )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import orjson
@@ -20,6 +20,15 @@ _SAME: Final = (
     "uav_id", "pad_id", "action", "decided_ms", "outcome", "permission", "authorised", "assurance", "rounds",
     "buffer_mm", "covariance", "evidence_sha256",
 )  # fmt: skip
+_HEARD: Final = (
+    "outcome", "messages", "attributed", "supported", "error_mm", "likelihood_ppm", "tolerance_mm",
+)  # fmt: skip
+_FORMER: Final[Mapping[str, dict[str, Any]]] = {
+    "verified": {"outcome": "supported", "supported": True},
+    "refuted": {"outcome": "contradicted", "supported": False},
+    "inconclusive": {"outcome": "undecided", "supported": False},
+}
+"""What former contracts said of the one broadcast that they judged."""
 _PLACE: Final = ("lat_e7", "lon_e7", "height_mm")
 
 
@@ -30,9 +39,10 @@ def shown(row: VerdictRow, language: Language) -> dict[str, Any]:
     proof |= {name: record[name] for name in _SAME if name in record}
     if "estimate" in record:
         proof["measured"] = _place(record["estimate"])
-    for name in ("signed", "broadcast"):
-        if name in record:
-            proof[name] = _judged(record[name], language)
+    if "signed" in record:
+        proof["signed"] = _judged(record["signed"], language)
+    if "broadcast" in record:
+        proof["broadcast"] = heard(record["broadcast"])
     proof["reasons"] = reasons_in(language, record["reasons"])
     return proof | {"tx_id": row.tx_id, "block": row.block, "tx_index": row.tx_index}
 
@@ -73,6 +83,15 @@ def _judged(record: dict[str, Any], language: Language) -> dict[str, Any]:
         "likelihood_ppm": record["likelihood_ppm"],
         "reasons": reasons_in(language, record["reasons"]),
     }
+
+
+def heard(record: dict[str, Any]) -> dict[str, Any]:
+    """The BroadcastHeard of a verdict's finding."""
+    former = _FORMER.get(record["outcome"])
+    if former is not None:
+        record = record | former | {"messages": 1, "attributed": 0}
+    known = {name: record[name] for name in _HEARD if name in record}
+    return known | ({"place": _place(record["claim"])} if "claim" in record else {})
 
 
 def _place(record: dict[str, Any]) -> dict[str, Any]:

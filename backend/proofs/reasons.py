@@ -27,7 +27,15 @@ FINNISH: Final[Mapping[str, str]] = {
     "countersignature_invalid": "Droonin allekirjoitus ei sovi näihin etäisyyksiin ja ilmoituksiin.",
     "session_stopped": "Alusta lopetti ennen aikojaan.",
     "too_few_rounds": "Käyttökelpoisia kierroksia on liian vähän.",
-    "rounds_missing": "Liian moni yritetty kierros jäi toteutumatta: näin näyttää drooni, joka valitsee kierroksensa.",
+    "rounds_missing": (
+        "Liian moni yritetty kierros jäi vajaaksi: näin näyttää drooni, joka valitsee kierroksensa tai vaientaa "
+        "yksittäisiä ankkureita."
+    ),
+    "anchor_rarely": "Ankkuri jätettiin pois: se mittasi liian harvassa kierroksessa.",
+    "claims_torn": "Osassa kierroksista ankkurit kumoavat sen, mitä muissa ilmoitettiin: ilmoitukset hyppivät.",
+    "claims_unseen": "Osa ilmoituksista poikkeaa lennosta, jonka kierrosten ilmoitukset näyttävät.",
+    "claims_waver": "Ilmoitukset voivat heilua droonin paikan ympärillä: todistettu on keskiarvo, ei jokainen niistä.",
+    "request_unjudged": "Pyyntö tehtiin muualta ennen mittausta: sitä paikkaa mikään ei mitannut.",
     "obstructed": "Etäisyyksiä jätettiin pois: ankkurit näkivät esteen.",
     "anchor_silent": "Osa ankkureista ei mitannut mitään käyttökelpoista.",
     "no_estimate": "Näistä etäisyyksistä ei saada paikkaa.",
@@ -57,7 +65,12 @@ FINNISH: Final[Mapping[str, str]] = {
     "clock_off": "Droonin kello on väärässä enemmän kuin sen nopeus sallii.",
     "clock_contradicts": "Mikään kello ei anna droonin ilmoittamia aikoja.",
     "anchors_unknown": "Osa ankkureista ei kuulu käyttöönotettuun alustaan.",
-    "broadcast_contradicts": "Lähetys on ristiriidassa mitatun paikan kanssa.",
+    "broadcast_own_contradicts": "Droonin itse allekirjoittama lähetys on ristiriidassa mitatun paikan kanssa.",
+    "broadcast_contradicts": (
+        "Joku lähettää droonin sarjanumeroa muualla kuin missä se mitattiin; kuka, sitä ei tiedetä."
+    ),
+    "broadcast_not_heard": "Droonin etätunnistusta ei kuultu, ja säännöt vaativat sen.",
+    "broadcast_unsupported": "Droonin sarjanumerolla ei kuultu yhtään lähetystä, jota mittaus tukisi.",
     "broadcast_undecided": "Lähetys ei vielä täsmää eikä ole ristiriidassa mitatun paikan kanssa.",
     "leaving": "Uusimmat kierrokset sulkevat ilmoitetun paikan pois: drooni on lähtenyt siitä.",
     "drifting": "Uusimmat kierrokset loittonevat ilmoitetusta paikasta.",

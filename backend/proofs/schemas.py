@@ -48,6 +48,24 @@ class JudgedClaim(ApiModel):
     reasons: list[ProofReason]
 
 
+class BroadcastHeard(ApiModel):
+    """What was heard under the drone's serial number on Remote ID.
+
+    Anybody can send that: it convicts no drone unless the drone signed for it (`own_contradicted`).
+    """
+
+    outcome: Literal["supported", "contradicted", "own_contradicted", "undecided", "not_heard"]
+    messages: int = Field(description="Heard near the session's claims, and judged")
+    attributed: int = Field(description="Of these, signed for by the drone")
+    supported: bool = Field(
+        description="Whether a message was heard that the measurement supports; all the drone's own"
+    )
+    place: Place | None = Field(default=None, description="Where the message that decides puts the drone")
+    error_mm: int | None = Field(default=None, description="From there to the measured place")
+    likelihood_ppm: int | None = Field(default=None, description="That the drone was where that message can mean")
+    tolerance_mm: int | None = Field(default=None, description="How far the drone can be from an honest one")
+
+
 class Proof(ApiModel):
     """What the contract decided about a drone's place. It is on the ledger, and can be checked there by anybody."""
 
@@ -70,7 +88,7 @@ class Proof(ApiModel):
     measured: Place | None = Field(default=None, description="The measured place; none where it could not be told")
     covariance: Uncertainty | None = None
     signed: JudgedClaim | None = Field(default=None, description="The place that the drone signed for this proof")
-    broadcast: JudgedClaim | None = Field(default=None, description="The place that it told the public meanwhile")
+    broadcast: BroadcastHeard | None = Field(default=None, description="What the public was told meanwhile")
     reasons: list[ProofReason]
     evidence_sha256: str
     tx_id: str

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import AnchorTicks, Evidence, RangeTable, Session, TimeStamps
-from wonderland.proofs.records.verdicts import Judgement, Verdict
+from wonderland.proofs.records.verdicts import BroadcastFinding, Judgement, Verdict
 from wonderland.proofs.stopping import LOOKS
 from wonderland.proofs.verdict import decide
 
@@ -55,8 +55,11 @@ def course_of(
 def _point(rounds: int, t_ms: int, verdict: Verdict) -> dict[str, Any]:
     point: dict[str, Any] = {"rounds": rounds, "t_ms": t_ms, "outcome": verdict.outcome}
     for name in ("signed", "broadcast"):
-        judgement: Judgement | None = getattr(verdict, name)
-        if judgement is not None:
+        judgement: Judgement | BroadcastFinding | None = getattr(verdict, name)
+        # What somebody else may have sent says nothing of how likely the drone is where it says.
+        if judgement is None or judgement.outcome == "contradicted":
+            continue
+        if judgement.likelihood_ppm is not None:
             point[name] = {"likelihood_ppm": judgement.likelihood_ppm, "error_mm": judgement.error_mm}
     return point
 

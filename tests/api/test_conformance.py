@@ -88,7 +88,8 @@ def test_what_a_broadcast_says_of_its_own_accuracy_counts_for_it():
         (Measured(START_MS, "refuted", 2, None, PLACE, 1, 0, 1), "unproven", "last_proof_refuted"),
         (Measured(START_MS, "verified", 0, None, PLACE, 1, 0, 1), "unproven", "assurance_too_low"),
         (Measured(START_MS, "refuted", 2, None, None), "unproven", "no_measured_place"),
-        (Measured(START_MS, "refuted", 2, "refuted", PLACE, 1, 0, 1), "contradicted", "broadcast_refuted"),
+        (Measured(START_MS, "refuted", 2, "own_contradicted", PLACE, 1, 0, 1), "contradicted", "broadcast_refuted"),
+        (Measured(START_MS, "verified", 2, "contradicted", PLACE, 1, 0, 1), "supported", "broadcast_unattributed"),
         (Measured(START_MS - 200_000, "refuted", 2, "refuted", PLACE, 1, 0, 1), "unproven", "last_proof_refuted"),
     ],
 )

@@ -12,6 +12,7 @@ from backend.areas import Box, field
 from backend.description import openapi
 from backend.errors import BadRequest
 from backend.languages import language_of
+from backend.proofs import queries
 from backend.proofs.reasons import FINNISH
 from backend.routes import new_app
 from backend.settings import Settings
@@ -49,6 +50,29 @@ async def test_proofs_newest_first_and_each_by_itself(running, machine, number):
         assert (await http.get(f"/api/v1/proofs/{'0' * 64}")).status_code == 404
         whole = await http.get("/api/v1/proofs")
         assert (await http.get("/api/v1/proofs", headers={"If-None-Match": whole.headers["etag"]})).status_code == 304
+
+
+PLACE = {"lat_e7": 604_518_900, "lon_e7": 222_700_000, "height_mm": 42_000}
+HEARD = {"outcome": "contradicted", "messages": 3, "attributed": 0, "supported": True}
+FAR = {"error_mm": 36_060, "likelihood_ppm": 0, "tolerance_mm": 2_000}
+
+
+@pytest.mark.parametrize(
+    ("record", "shown"),
+    [
+        (HEARD | FAR | {"claim": PLACE | {"east_mm": 1}}, HEARD | FAR | {"place": PLACE}),
+        (HEARD | {"outcome": "not_heard", "messages": 0}, HEARD | {"outcome": "not_heard", "messages": 0}),
+        # What former contracts wrote convicts nobody here, either.
+        (
+            {"outcome": "refuted", "claim": PLACE, "error_mm": 9, "likelihood_ppm": 1, "reasons": []},
+            HEARD | {"messages": 1, "supported": False, "place": PLACE, "error_mm": 9, "likelihood_ppm": 1},
+        ),
+    ],
+)
+def test_what_was_broadcast_is_a_finding_of_its_own(record, shown):
+    found = queries.heard(record)
+    assert found == shown
+    conforms("BroadcastHeard", found)
 
 
 @both

@@ -472,14 +472,17 @@ def test_settings_that_could_not_tell_anybody_are_refused(options, said):
     [
         ({"signed": {"outcome": "refuted", "error_mm": 4_200}}, "refuted", 4_200),
         (
-            {"signed": {"outcome": "verified", "error_mm": 9}, "broadcast": {"outcome": "refuted", "error_mm": 30_000}},
+            {
+                "signed": {"outcome": "verified", "error_mm": 9},
+                "broadcast": {"outcome": "own_contradicted", "error_mm": 30_000},
+            },
             "broadcast_contradicts",
             30_000,
         ),
         (
             {
                 "signed": {"outcome": "inconclusive", "error_mm": 50},
-                "broadcast": {"outcome": "inconclusive", "error_mm": 60},
+                "broadcast": {"outcome": "undecided", "error_mm": 60},
                 "time_differences": {"error_mm": 3_100},
             },
             "stamps_contradict",
@@ -516,6 +519,43 @@ def test_what_refuted_is_what_the_alert_says(record, kind, error_mm):
     (alert,) = alerts_of([row | {"outcome": "refuted", "record": json.dumps(record)}])
     assert (alert.kind, alert.facts["error_mm"]) == (kind, error_mm)
     assert f"{error_mm / 1000:.1f} m" in plain_text(alert.kind, alert.pad_id, alert.uav_id, alert.facts)
+
+
+def at(east_mm, north_mm=0):
+    return {"east_mm": east_mm, "north_mm": north_mm}
+
+
+@pytest.mark.parametrize(
+    ("outcome", "signed_at", "supported", "kinds"),
+    [
+        ("verified", 0, True, ["broadcast_unattributed"]),  # beside an impostor it lands
+        ("inconclusive", 0, False, ["broadcast_unattributed"]),  # nothing true is broadcast
+        ("refuted", 30_000, False, ["refuted"]),  # it broadcasts what it signs: one alert says both
+        ("refuted", 5_000, False, ["refuted", "broadcast_unattributed"]),
+    ],
+)
+def test_a_broadcast_of_unknown_origin_convicts_nobody_and_is_told(outcome, signed_at, supported, kinds):
+    row = {"pad_id": "p", "uav_id": "u", "session_id": "s", "tx_id": "t", "action": "land", "decided_ms": 1}
+    heard = {
+        "outcome": "contradicted",
+        "supported": supported,
+        "error_mm": 30_000,
+        "claim": at(30_000),
+        "tolerance_mm": 2_000,
+    }
+    signed = {
+        "outcome": outcome,
+        "error_mm": signed_at,
+        "claim": at(signed_at),
+        "reasons": [{"code": "outside_buffer"}],
+    }
+    record = json.dumps({"signed": signed, "broadcast": heard})
+    found = list(alerts_of([row | {"outcome": outcome, "record": record}]))
+    assert [alert.kind for alert in found] == kinds
+    if found[-1].kind == "broadcast_unattributed":
+        assert found[-1].severity == "warning"
+        assert found[-1].facts == {"action": "land", "error_mm": 30_000, "supported": supported}
+        assert "an impostor, or its own lie" in plain_text(found[-1].kind, "p", "u", found[-1].facts)
 
 
 def test_a_drone_that_was_leaving_is_not_said_to_be_off_by_the_error_of_all_its_rounds():

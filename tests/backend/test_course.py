@@ -14,6 +14,7 @@ import pytest
 from backend.sessions.course import course_of
 from backend.sessions.residuals import residuals
 from wonderland.proofs.records.sessions import NO_RANGE
+from wonderland.proofs.records.verdicts import BroadcastFinding
 from wonderland.proofs.verdict import decide
 
 _path = Path(__file__).parents[1] / "support" / "tests_world.py"
@@ -71,6 +72,18 @@ def test_what_came_later_changes_nothing_that_was_known_before():
     early = course_of(session, commissioning, shorter, verdict)[:-1]
     assert early[-1]["rounds"] == 29
     assert course_of(session, commissioning, evidence, verdict)[: len(early)] == early
+
+
+@pytest.mark.parametrize(
+    ("outcome", "told"), [("own_contradicted", True), ("supported", True), ("contradicted", False)]
+)
+def test_what_somebody_else_may_have_sent_has_no_course(outcome, told):
+    session, _, evidence, verdict = decided(THERE, THERE)
+    heard = BroadcastFinding(
+        outcome=outcome, messages=2, attributed=0, supported=True, error_mm=36_000, likelihood_ppm=0, tolerance_mm=2_000
+    )
+    (point,) = course_of(session, None, evidence, replace(verdict, broadcast=heard))
+    assert ("broadcast" in point) == told
 
 
 def test_a_session_without_a_range_has_no_course():

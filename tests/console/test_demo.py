@@ -41,7 +41,7 @@ def test_the_officer_sees_who_lies(demo, open_page):
     rows = page.get_by_role("option")
     liar = rows.filter(has_text="OH-DRN-0417")
     expect(liar).to_contain_text("Refuted at Aurajoki 2", timeout=VERDICT_MS)
-    expect(rows.filter(has_text="OH-DRN-0640")).to_contain_text("Broadcast differs", timeout=VERDICT_MS)
+    expect(rows.filter(has_text="OH-DRN-0640")).to_contain_text("Impersonation or lie", timeout=VERDICT_MS)
     expect(rows.filter(has_text="OH-DRN-0233")).to_contain_text("Verified at Aurajoki 2", timeout=VERDICT_MS)
     liar.click()
     expect(page.get_by_role("heading", name="Refuted")).to_be_visible()

@@ -55,8 +55,8 @@ def test_the_list_is_gone_through_by_keys_and_the_address_holds_the_choice(scrip
     page.keyboard.press("ArrowDown")
     page.keyboard.press("ArrowDown")
     panel = page.get_by_role("region", name="Proof")
-    expect(panel).to_contain_text("OH-DRN-0640 tells the public that it is 23.6 m north-east of Kupittaa.")
-    expect(panel).to_contain_text("What it told Kupittaa holds.")
+    expect(panel).to_contain_text("OH-DRN-0640 says it is 7.4 m south-west of Kupittaa")
+    expect(panel).to_contain_text("Somebody broadcasts its serial number 31 m from where it was measured")
     page.wait_for_url(re.compile(r"#/live\?drone=OH-DRN-0640&at="))
     # Close enough to tell square metres.
     page.wait_for_function("Number(location.hash.split(',').at(-1)) > 18")
@@ -94,8 +94,10 @@ def test_both_claims_steps_and_reasons_are_there(scripted, open_page):
     expect(panel.get_by_text("Signed for the pad:")).to_be_visible()
     claims = panel.get_by_role("listitem")
     expect(claims.filter(has_text="Signed for the pad:")).to_contain_text("verified")
-    expect(claims.filter(has_text="Broadcast to the public:")).to_contain_text("refuted, 31.0 m off")
-    expect(panel.get_by_text("Its broadcast puts it 31.04 m from where it was measured.")).to_be_attached()
+    expect(claims.filter(has_text="Impersonation or lie.")).to_contain_text("31.0 m from where it was measured")
+    expect(
+        panel.get_by_text("Somebody broadcasts its serial number 31.04 m from where it was measured")
+    ).to_be_attached()
     for number in range(1, 9):
         expect(panel.get_by_role("listitem").filter(has_text=re.compile(rf"^{number} "))).to_have_count(1)
     plot = panel.get_by_role("img", name=re.compile("Plot of the pad"))

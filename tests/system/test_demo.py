@@ -9,17 +9,22 @@ import time
 import httpx
 import pytest
 
-HONEST = {"OH-DRN-0233", "OH-DRN-0377", "OH-DRN-0118", "OH-DRN-0102"}
+HONEST = {"OH-DRN-0233", "OH-DRN-0377", "OH-DRN-0118", "OH-DRN-0102", "OH-DRN-0281"}
+IMPERSONATED = "OH-DRN-0281"
 EXPECTED = {
     "OH-DRN-0417": ("refuted", "outside_buffer"),
-    "OH-DRN-0640": ("refuted", "broadcast_contradicts"),
+    "OH-DRN-0640": ("inconclusive", "broadcast_unsupported"),
     "OH-DRN-0871": ("inconclusive", "codes_not_matched"),
     "OH-DRN-0925": ("unauthorised", "maintenance_lapsed"),
 }
 
 
 TIMED = "OH-DRN-0559"
-"""It sets out last; its ranges fit its claim, its frames' time stamps do not."""
+"""It sets out late; its ranges fit its claim, its frames' time stamps do not."""
+MIXED = "OH-DRN-0736"
+"""It sets out last; two of five of its signed claims are false."""
+LATE = {TIMED, MIXED}
+TORN = {"claims_torn", "claims_unseen", "claims_waver", "no_estimate"}
 
 
 def judge(lines):
@@ -39,15 +44,23 @@ def judge(lines):
         assert reason in line["reasons"]
     assert by_drone["OH-DRN-0417"]["error_m"] == pytest.approx(4.2, abs=0.5)
     assert by_drone["OH-DRN-0640"]["broadcast_error_m"] == pytest.approx(30.4, abs=1.5)
+    assert by_drone["OH-DRN-0640"]["likelihood"] >= 0.99
+    assert {line["broadcast"] for line in lines if line["drone"] in HONEST - {IMPERSONATED}} == {"supported"}
+    impersonated = by_drone[IMPERSONATED]
+    assert impersonated["broadcast"] == "contradicted"
+    assert impersonated["broadcast_error_m"] == pytest.approx(36.1, abs=0.5)
+    assert "broadcast_contradicts" in impersonated["reasons"]
 
 
 @pytest.mark.timeout(240)
 def test_honest_drones_are_verified_and_each_liar_not(wonderland):
-    code, lines, errors = wonderland("demo", "--headless", "--json", "--until", "10", timeout_s=200)
+    code, lines, errors = wonderland("demo", "--headless", "--json", "--until", "14", timeout_s=200)
     assert code == 0, errors
     first = {line["drone"]: line for line in reversed(lines)}
-    timed = first.pop(TIMED)
+    timed, mixed = first.pop(TIMED), first.pop(MIXED)
     judge(list(first.values()))
+    assert (mixed["outcome"], mixed["permission"]) == ("inconclusive", "refused"), mixed
+    assert TORN & set(mixed["reasons"])
     assert (timed["outcome"], timed["permission"]) == ("refuted", "refused"), timed
     assert "time_differences_contradict" in timed["reasons"]
     assert first["OH-DRN-0102"]["assurance"] == 3
@@ -58,11 +71,11 @@ def test_honest_drones_are_verified_and_each_liar_not(wonderland):
 @pytest.mark.timeout(300)
 def test_the_same_demo_on_a_real_fabric_network(wonderland, fabric_servers):
     code, lines, errors = wonderland(
-        "demo", "--ledger", "fabric", "--headless", "--json", "--until", "8", timeout_s=240
+        "demo", "--ledger", "fabric", "--headless", "--json", "--until", "11", timeout_s=240
     )
     assert code == 0, errors
-    assert len(lines) == 8
-    judge([line for line in lines if line["drone"] != TIMED])
+    assert len(lines) == 11
+    judge([line for line in lines if line["drone"] not in LATE])
     assert "no multi-party trust" not in " ".join(errors.split())
 
 

@@ -12,6 +12,7 @@ class Alert(TypedDict):
     kind: Literal[
         "refuted",
         "broadcast_contradicts",
+        "broadcast_unattributed",
         "stamps_contradict",
         "leaving",
         "permission_unmatched",
@@ -102,6 +103,32 @@ class BiasPoint(TypedDict):
     sigma_mm: int
 
 
+class BroadcastFinding(TypedDict):
+    """What was heard under the drone's serial number on Remote ID, against what was measured."""
+
+    outcome: Literal["supported", "contradicted", "own_contradicted", "undecided", "not_heard"]
+    messages: int
+    attributed: int
+    supported: bool
+    claim: NotRequired[Position]
+    error_mm: NotRequired[int]
+    likelihood_ppm: NotRequired[int]
+    tolerance_mm: NotRequired[int]
+
+
+class BroadcastHeard(TypedDict):
+    """What was heard under the drone's serial number on Remote ID."""
+
+    outcome: Literal["supported", "contradicted", "own_contradicted", "undecided", "not_heard"]
+    messages: int
+    attributed: int
+    supported: bool
+    place: NotRequired[Place]
+    error_mm: NotRequired[int]
+    likelihood_ppm: NotRequired[int]
+    tolerance_mm: NotRequired[int]
+
+
 class BroadcastUsed(TypedDict):
     """The broadcast that was judged."""
 
@@ -164,6 +191,7 @@ class ConformanceLimit(TypedDict):
         "last_proof_refuted",
         "last_proof_inconclusive",
         "broadcast_refuted",
+        "broadcast_unattributed",
         "speed_impossible",
     ]
     text: str
@@ -318,7 +346,6 @@ class Judgement(TypedDict):
     likelihood_ppm: int
     paper_rule: bool
     reasons: list[Reason]
-    tolerance_mm: NotRequired[int]
 
 
 class LedgerEvent(TypedDict):
@@ -398,7 +425,7 @@ class Proof(TypedDict):
     measured: NotRequired[Place]
     covariance: NotRequired[Uncertainty]
     signed: NotRequired[JudgedClaim]
-    broadcast: NotRequired[JudgedClaim]
+    broadcast: NotRequired[BroadcastHeard]
     reasons: list[ProofReason]
     evidence_sha256: str
     tx_id: str
@@ -605,8 +632,9 @@ class VerdictSummary(TypedDict):
     reasons: list[Reason]
     more_rounds: int
     signed: NotRequired[Judgement]
-    broadcast: NotRequired[Judgement]
+    broadcast: NotRequired[BroadcastFinding]
     estimate: NotRequired[Position]
+    estimate_ms: NotRequired[int]
     covariance: NotRequired[Covariance]
     chi2_milli: NotRequired[int]
     chi2_claim_milli: NotRequired[int]

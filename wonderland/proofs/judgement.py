@@ -16,7 +16,7 @@ from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim
 from wonderland.proofs.records.verdicts import Judgement, Position, Reason
-from wonderland.proofs.reduction import Reduced, distance
+from wonderland.proofs.reduction import Reduced, Residuals, distance
 from wonderland.proofs.stopping import proved_outside, sides, step_of
 
 VAGUE_BUFFERS: Final = 0.5
@@ -98,15 +98,19 @@ def judge(
     )
 
 
-def say_contradictions(moments: Moments, measured: Measured, reasons: Reasons) -> None:
-    """Claimed moments that contradict one another, said where they matter."""
-    seen = measured.reduced.residuals
+def say_torn(seen: Residuals | None, reasons: Reasons) -> None:
+    """Rounds that contradict what was claimed in the others, if there are any."""
     if seen is not None and seen.torn:
         reasons.add(
             "claims_torn",
             f"In {seen.torn} of {len(seen.claimed.kept)} rounds half of the anchors or more contradict what was "
             "claimed in the others.",
         )
+
+
+def say_contradictions(moments: Moments, measured: Measured, reasons: Reasons) -> None:
+    """Claimed moments that contradict one another, said where they matter."""
+    say_torn(measured.reduced.residuals, reasons)
     if moments.unseen_share > 0.0:
         share = int(moments.unseen_share * 100.0 + 0.5)
         reasons.add("claims_unseen", f"{share} % of its claims lie off the flight that its claims in the rounds show.")

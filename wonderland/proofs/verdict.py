@@ -54,6 +54,7 @@ from wonderland.proofs.judgement import (
     place,
     rounded,
     say_contradictions,
+    say_torn,
     say_unjudged,
 )
 from wonderland.proofs.leaving import judge_newest
@@ -63,7 +64,7 @@ from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim, Evidence, Session
 from wonderland.proofs.records.verdicts import Covariance, DroneClock, Judgement, Position, Reason, Verdict
-from wonderland.proofs.reduction import reduce
+from wonderland.proofs.reduction import reduce, residuals_of
 from wonderland.proofs.rounds import UsableRounds
 from wonderland.proofs.stopping import more_rounds
 from wonderland.proofs.testimony import WitnessBrought, judge_testimony, judge_time_stamps
@@ -278,6 +279,7 @@ def _measure(
     """Steps 4 to 8: estimate, covariance, and whether the ranges agree with one another."""
     reduced = reduce(rounds, commissioning, path, clock.sigma_ms)
     if reduced is None:
+        say_torn(residuals_of(rounds, commissioning, path), reasons)
         reasons.add("no_estimate", "Too few anchors with ranges at the times of the claims.")
         return None
     offset = solve(reduced)

@@ -21,6 +21,11 @@ describe("an alert in words", () => {
   it("says what a receiver found odd, in both languages", () => {
     const odd = alert("identity_odd", { finding: "two_places", distance_mm: 412_000, interval_ms: 300, what: "in English" });
     expect(say(odd)).toBe("Aurajoki 2 hears something odd under the name uav-1. The same identity from two places, 412 m apart.");
+    const unattributed = alert("broadcast_unattributed", { error_mm: 36_060, supported: true }, "warning");
+    expect(say(unattributed)).toBe(
+      "Somebody broadcasts under uav-1 36 m from where Aurajoki 2 measured it: an impostor, or its own lie. Another broadcast under this number is where it was measured.",
+    );
+    expect(lookOf(unattributed)).toBe("inconclusive");
     expect(say(alert("broadcast_odd", { finding: "rate_high" }, "notice"))).toBe("Aurajoki 2 hears something odd of uav-1. More positions than a drone sends.");
     expect(say(alert("broadcasts_flooded", { drones: 1_204 }))).toContain("under 1 204 names at once");
     setReading({ locale: "fi" });

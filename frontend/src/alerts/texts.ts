@@ -4,7 +4,8 @@ import { texts } from "../shared/i18n/texts";
 export const alertTexts = texts({
   en: {
     refuted: "<b>{uav}</b> is not where it says: measured {distance} from its claim at {pad}.",
-    broadcast_contradicts: "<b>{uav}</b> tells the public another place than it told {pad}: measured {distance} from there.",
+    broadcast_contradicts: "<b>{uav}</b> signed for a broadcast of another place than it told {pad}: measured {distance} from there.",
+    broadcast_unattributed: "Somebody broadcasts under <b>{uav}</b> {distance} from where {pad} measured it: an impostor, or its own lie.{supported, select, yes { Another broadcast under this number is where it was measured.} other {}}",
     stamps_contradict: "<b>{uav}</b> bends its own clock at {pad}: time stamps that need none put it {distance} from its claim.",
     leaving: "<b>{uav}</b> was leaving the place that it claims at {pad} while it was ranged.",
     permission_unmatched: "<b>{uav}</b> was given permission at {pad}; since then no broadcast of it was heard there.",
@@ -21,12 +22,13 @@ export const alertTexts = texts({
     certificate_expiring: "The certificate of <b>{who}</b> expires on {until}.",
     ledger_away: "The ledger <b>cannot be reached</b>{state, select, no_answer {; it does not answer.} other {; the last attempt ended with: “{why}”}}",
     title:
-      "{kind, select, refuted {Refuted} broadcast_contradicts {Broadcast contradicts the pad} stamps_contradict {Time stamps contradict} permission_unmatched {Permission without telemetry} ledger_halted {Ledger mirror halted} unauthorised {Not authorised} zone_closed {Closed by a zone} leaving {Refuted while leaving} closures_ending {Closures run out} closures_differ {Closures differ from the zones} identity_odd {Odd identity} broadcast_odd {Odd broadcasts} broadcasts_flooded {Many odd broadcasts} pad_silent {Pad silent} pad_drifting {Pad drifting} certificate_expiring {Certificate expiring} other {Ledger away}}",
+      "{kind, select, refuted {Refuted} broadcast_contradicts {Broadcast contradicts the pad} broadcast_unattributed {Impersonation or lie} stamps_contradict {Time stamps contradict} permission_unmatched {Permission without telemetry} ledger_halted {Ledger mirror halted} unauthorised {Not authorised} zone_closed {Closed by a zone} leaving {Refuted while leaving} closures_ending {Closures run out} closures_differ {Closures differ from the zones} identity_odd {Odd identity} broadcast_odd {Odd broadcasts} broadcasts_flooded {Many odd broadcasts} pad_silent {Pad silent} pad_drifting {Pad drifting} certificate_expiring {Certificate expiring} other {Ledger away}}",
     unknown: "unknown",
   },
   fi: {
     refuted: "<b>{uav}</b> ei ole siellä missä sanoo: mitattu {distance} päähän ilmoituksestaan alustalla {pad}.",
-    broadcast_contradicts: "<b>{uav}</b> ilmoittaa julkisesti muun paikan kuin alustalle {pad}: mitattu {distance} päähän siitä.",
+    broadcast_contradicts: "<b>{uav}</b> on allekirjoittanut lähetyksen muusta paikasta kuin alustalle {pad}: mitattu {distance} päähän siitä.",
+    broadcast_unattributed: "Joku lähettää tunnuksella <b>{uav}</b> {distance} päässä paikasta, johon {pad} sen mittasi: toisena esiintyjä tai droonin oma valhe.{supported, select, yes { Toinen lähetys pitää paikkansa.} other {}}",
     stamps_contradict: "<b>{uav}</b> vääristää kelloaan alustalla {pad}: siitä riippumattomat aikaleimat asettavat sen {distance} päähän ilmoituksestaan.",
     leaving: "<b>{uav}</b> oli lähdössä ilmoittamastaan paikasta alustalla {pad}, kun sitä mitattiin.",
     permission_unmatched: "<b>{uav}</b> sai luvan alustalla {pad}; sen jälkeen sen lähetystä ei ole kuultu siellä.",
@@ -43,7 +45,7 @@ export const alertTexts = texts({
     certificate_expiring: "Varmenne <b>{who}</b> vanhenee {until}.",
     ledger_away: "Tilikirjaan <b>ei saada yhteyttä</b>{state, select, no_answer {; se ei vastaa.} other {; viime yritys päättyi: ”{why}”}}",
     title:
-      "{kind, select, refuted {Kumottu} broadcast_contradicts {Lähetys ristiriidassa alustan kanssa} stamps_contradict {Aikaleimat ristiriidassa} permission_unmatched {Lupa ilman seurantaa} ledger_halted {Tilikirjan peilaus pysähtynyt} unauthorised {Ei lupaa} zone_closed {Vyöhykkeen sulkema} leaving {Kumottu lähtiessään} closures_ending {Sulkuajat loppumassa} closures_differ {Sulkuajat poikkeavat vyöhykkeistä} identity_odd {Outo tunnus} broadcast_odd {Outoja lähetyksiä} broadcasts_flooded {Paljon outoja lähetyksiä} pad_silent {Alusta vaiti} pad_drifting {Alusta ajautuu} certificate_expiring {Varmenne vanhenee} other {Tilikirja poissa}}",
+      "{kind, select, refuted {Kumottu} broadcast_contradicts {Lähetys ristiriidassa alustan kanssa} broadcast_unattributed {Toisena esiintyjä tai valhe} stamps_contradict {Aikaleimat ristiriidassa} permission_unmatched {Lupa ilman seurantaa} ledger_halted {Tilikirjan peilaus pysähtynyt} unauthorised {Ei lupaa} zone_closed {Vyöhykkeen sulkema} leaving {Kumottu lähtiessään} closures_ending {Sulkuajat loppumassa} closures_differ {Sulkuajat poikkeavat vyöhykkeistä} identity_odd {Outo tunnus} broadcast_odd {Outoja lähetyksiä} broadcasts_flooded {Paljon outoja lähetyksiä} pad_silent {Alusta vaiti} pad_drifting {Alusta ajautuu} certificate_expiring {Varmenne vanhenee} other {Tilikirja poissa}}",
     unknown: "tuntematon",
   },
 });

@@ -53,6 +53,7 @@ export function sentence(alert: Alert, pads: ReadonlyMap<string, Pad>, now_ms: n
     code: fact(alert, "zone") === undefined && fact(alert, "code") === "zone_active" ? "" : (fact(alert, "code") ?? ""),
     zone: fact(alert, "zone") ?? "",
     drift: drift(alert),
+    supported: alert.facts["supported"] === true ? "yes" : "no",
     state: fact(alert, "state") ?? "",
     drones: count(number(alert, "drones") ?? 0),
     what: oddity({

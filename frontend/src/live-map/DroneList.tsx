@@ -164,6 +164,8 @@ export function DroneList({ fleet, tab, pads, now_ms, selected, ready, onSelect 
 }
 
 function toneOf(drone: Drone): Look {
+  // The colours of verdicts are for verdicts: who broadcasts its number is not known.
+  if (drone.need === "impersonation") return "unproved";
   return drone.need === "not-authorised" ? "proving" : drone.look;
 }
 

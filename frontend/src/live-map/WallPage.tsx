@@ -21,8 +21,7 @@ const EMPTY_FILTER = {};
 
 /** The refusals that the wall goes through, the newest first. */
 export function refusals(verdicts: readonly VerdictSummary[], now_ms: number): VerdictSummary[] {
-  const refused = (verdict: VerdictSummary): boolean => verdict.outcome === "refuted" || verdict.broadcast?.outcome === "refuted";
-  return verdicts.filter((verdict) => now_ms - verdict.decided_ms < RECENT_MS && refused(verdict));
+  return verdicts.filter((verdict) => now_ms - verdict.decided_ms < RECENT_MS && verdict.outcome === "refuted");
 }
 
 /** For a wall that nobody operates: the map, the time, how many of what, and each of the newest refusals in turn. */

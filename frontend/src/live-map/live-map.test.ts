@@ -45,10 +45,13 @@ describe("what the map draws", () => {
     }
   });
 
-  it("draws both claims where they differ, the told one green, the broadcast one red", () => {
+  it("draws what was told and what is broadcast where they differ; whose the broadcast is not known has no verdict's colour", () => {
     const of = all.filter(({ uav_id }) => uav_id === "OH-DRN-0640").map(({ track: _track, ...rest }) => rest);
     const rings = evidenceFeatures(of, store.pads, "OH-DRN-0640", undefined, NOW_MS).filter(({ properties }) => properties?.["kind"] === "claim");
-    expect(rings.map(({ properties }) => properties?.["tone"] as string)).toEqual(["ok", "bad"]);
+    expect(rings.map(({ properties }) => properties?.["tone"] as string)).toEqual(["ok", "none"]);
+    const own = of.map(({ verdict, ...rest }) => ({ ...rest, ...(verdict?.broadcast && { verdict: { ...verdict, outcome: "refuted" as const, broadcast: { ...verdict.broadcast, outcome: "own_contradicted" as const } } }) }));
+    const signed = evidenceFeatures(own, store.pads, "OH-DRN-0640", undefined, NOW_MS).filter(({ properties }) => properties?.["kind"] === "claim");
+    expect(signed.map(({ properties }) => properties?.["tone"] as string)).toEqual(["ok", "bad"]);
   });
 
   it("draws a running estimate hollow and unverified, with the line to the broadcast", () => {

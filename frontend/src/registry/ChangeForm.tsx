@@ -98,6 +98,17 @@ function Input({ spec, schema, typed, id, describedBy, invalid, onChange }: Fiel
       </select>
     );
   }
+  if (spec.kind === "choice") {
+    return (
+      <select {...shared} value={text} onChange={(event) => onChange(event.target.value)}>
+        {(schema?.enum ?? []).map((each) => (
+          <option key={each} value={each}>
+            {valueWord(spec.path, each)}
+          </option>
+        ))}
+      </select>
+    );
+  }
   const type = spec.kind === "time" ? "datetime-local" : "text";
   const numeric = ["metres", "share", "seconds", "integer", "degrees"].includes(spec.kind);
   return (

@@ -88,6 +88,7 @@ export const FORMS: Readonly<Record<FormName, FormSpec>> = {
       { path: "policy.max_clock_skew_ms", kind: "seconds" },
       { path: "policy.session_ttl_ms", kind: "seconds" },
       { path: "policy.min_request_gap_ms", kind: "seconds" },
+      { path: "policy.broadcast_required", kind: "choice" },
       { path: "policy.witness_pad_id", kind: "text", optional: true },
       { path: "policy.require_authorisation", kind: "flag" },
       { path: "policy.require_maintenance", kind: "flag" },

@@ -3,6 +3,7 @@ import { describe, expect, it } from "vitest";
 import { FORMS, initial, type FormName } from "./forms";
 import { faults, schemaAt, type Schema } from "./schema";
 import { differences, keepable, parsed, put, typedOf, typedTime, type Kind } from "./values";
+import { valueWord } from "./words";
 
 const SCHEMA: Schema = {
   type: "object",
@@ -14,6 +15,14 @@ const SCHEMA: Schema = {
     sure: { type: "boolean" },
   },
 };
+
+describe("when a policy needs a true broadcast", () => {
+  it("is a choice of the form, in words", () => {
+    expect(FORMS.policy.fields.find(({ path }) => path === "policy.broadcast_required")?.kind).toBe("choice");
+    expect(["never", "if_contradicted", "always"].map((each) => valueWord("policy.broadcast_required", each))).toEqual(["never", "where contradicted", "always"]);
+    expect(parsed("choice", typedOf("choice", "if_contradicted"))).toEqual({ value: "if_contradicted" });
+  });
+});
 
 describe("a form's argument", () => {
   it("is checked by the contract's bounds", () => {

@@ -46,6 +46,7 @@ export function valueWord(path: string, value: unknown): string {
   if (Array.isArray(value)) return name === "actions" ? actionList(value.map(String)) : `[${value.length}]`;
   if (typeof value === "string") {
     if (name === "status") return statusWord(value);
+    if (name === "broadcast_required") return t("broadcastRequired", { when: value });
     return name === "pad_id" && value === "*" ? t("anyPad") : dotted(value);
   }
   // A whole commissioning is told by its method; anything else of many parts is for the ledger view.

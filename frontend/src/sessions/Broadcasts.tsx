@@ -1,11 +1,12 @@
 import type { ReactElement } from "react";
-import type { SessionDetail, Track } from "../shared/api/records";
+import type { SessionDetail, Track, VerdictSummary } from "../shared/api/records";
 import { count, timeOfDay } from "../shared/format";
+import { isContradicted } from "../shared/refuted";
 import { Scroll } from "../shared/ui/Scroll";
 import { broadcastTexts as t, oddity, signature } from "./broadcastTexts";
 
 /** Who signed the broadcasts during the session (not whether they are true), and what was odd about them. */
-export function Broadcasts({ detail, track }: { detail: SessionDetail; track?: Track | undefined }): ReactElement {
+export function Broadcasts({ detail, verdict, track }: { detail: SessionDetail; verdict: VerdictSummary | undefined; track?: Track | undefined }): ReactElement {
   const { findings, summary } = detail;
   const running = summary.ended_ms === undefined && (track?.drip?.t_ms ?? 0) >= summary.requested_ms;
   const drip = detail.signature ?? (running ? track?.drip : undefined);
@@ -26,7 +27,7 @@ export function Broadcasts({ detail, track }: { detail: SessionDetail; track?: T
         </dl>
       )}
       {findings.length === 0 ? (
-        <p>{t("nothing")}</p>
+        <p>{t(verdict !== undefined && isContradicted(verdict) ? "contradicted" : "nothing")}</p>
       ) : (
         <Scroll label={t("title")}>
           <table className="table num">

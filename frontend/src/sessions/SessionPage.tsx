@@ -5,7 +5,7 @@ import { transactionHref } from "../ledger/links";
 import { ReplayLink } from "../replay/ReplayLink";
 import { useApi } from "../shared/api/api";
 import { useFresh } from "../shared/api/useFresh";
-import type { Evidence, LedgerTransaction, SessionDetail, SessionState } from "../shared/api/records";
+import type { Evidence, LedgerTransaction, SessionDetail, SessionState, VerdictSummary } from "../shared/api/records";
 import { asOf } from "../shared/drones";
 import { droneOf } from "../shared/fleet";
 import { coordinates, count, dayAndTime, decimal, length, timeOfDay } from "../shared/format";
@@ -72,15 +72,16 @@ function Transactions({ transactions }: { transactions: readonly LedgerTransacti
   );
 }
 
-function Facts({ detail, now_ms }: { detail: SessionDetail; now_ms: number }): ReactElement {
-  const { session } = detail;
-  const evidence: Evidence | undefined = detail.evidence ?? undefined;
+/** Where the drone said it was when it asked: apart from what was judged. */
+export function Request({ session, verdict, now_ms }: { session: Pick<SessionDetail["session"], "claim">; verdict: VerdictSummary | undefined; now_ms: number }): ReactElement {
+  const unjudged = verdict?.reasons.some(({ code }) => code === "request_unjudged") === true;
   return (
     <section className="float card">
-      <h2>{t("restsOn")}</h2>
+      <h2>{t("theRequest")}</h2>
+      <p className="quiet">{t("requestHint")}</p>
       <dl className="facts num">
         <div>
-          <dt>{t("claimInRequest")}</dt>
+          <dt>{t("askedFrom", { unjudged: unjudged ? "yes" : "no" })}</dt>
           <dd>
             {coordinates(session.claim.lat_e7, session.claim.lon_e7)} ± {length(session.claim.accuracy_mm, true)}
           </dd>
@@ -89,6 +90,38 @@ function Facts({ detail, now_ms }: { detail: SessionDetail; now_ms: number }): R
           <dt>{t("claimedAt")}</dt>
           <dd>{dayAndTime(session.claim.t_ms, now_ms)}</dd>
         </div>
+      </dl>
+    </section>
+  );
+}
+
+function Measured({ verdict, now_ms }: { verdict: VerdictSummary; now_ms: number }): ReactElement | null {
+  const { estimate, estimate_ms } = verdict;
+  if (estimate === undefined) return null;
+  return (
+    <>
+      <div>
+        <dt>{t("measuredPlace")}</dt>
+        <dd>{coordinates(estimate.lat_e7, estimate.lon_e7)}</dd>
+      </div>
+      {estimate_ms !== undefined && (
+        <div>
+          <dt>{t("measuredFor")}</dt>
+          <dd>{dayAndTime(estimate_ms, now_ms)}</dd>
+        </div>
+      )}
+    </>
+  );
+}
+
+function Facts({ detail, verdict, now_ms }: { detail: SessionDetail; verdict: VerdictSummary | undefined; now_ms: number }): ReactElement {
+  const { session } = detail;
+  const evidence: Evidence | undefined = detail.evidence ?? undefined;
+  return (
+    <section className="float card">
+      <h2>{t("restsOn")}</h2>
+      <dl className="facts num">
+        {verdict !== undefined && <Measured verdict={verdict} now_ms={now_ms} />}
         <div>
           <dt>{t("policy")}</dt>
           <dd>
@@ -201,8 +234,9 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
           {verdict !== undefined && <Residuals session_id={session_id} />}
           {query.data?.evidence && <Ranges evidence={query.data.evidence} />}
           {verdict !== undefined && <Bearing level={verdict.assurance} />}
-          {query.data !== undefined && <Broadcasts detail={query.data} track={drone?.track} />}
-          {query.data !== undefined && <Facts detail={query.data} now_ms={now_ms} />}
+          {query.data !== undefined && <Broadcasts detail={query.data} verdict={verdict} track={drone?.track} />}
+          {query.data !== undefined && <Facts detail={query.data} verdict={verdict} now_ms={now_ms} />}
+          {query.data !== undefined && <Request session={query.data.session} verdict={verdict} now_ms={now_ms} />}
           {query.data !== undefined && <Transactions transactions={query.data.transactions} />}
         </div>
       </div>

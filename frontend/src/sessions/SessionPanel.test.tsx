@@ -2,7 +2,8 @@
 import { cleanup, render, screen } from "@testing-library/react";
 import { afterEach, expect, it } from "vitest";
 import type { Track } from "../shared/api/records";
-import { Says } from "./SessionPanel";
+import type { BroadcastFinding } from "../shared/api/records";
+import { Heard, Says } from "./SessionPanel";
 
 const TRACK: Track = { uav_id: "X", lat_e7: 1, lon_e7: 2, t_ms: 3, pad_id: "p", transport: "ble5", verified: false };
 
@@ -20,4 +21,21 @@ it("says of how many, and nothing where nothing was said", () => {
   expect(container.textContent.replaceAll("\u00a0", " ")).toMatch(/3 drones under this number, within 120/);
   rerender(<Says track={TRACK} />);
   expect(container.textContent).toBe("");
+});
+
+it("shows what was broadcast as a finding of its own, in no verdict's colour where nobody knows whose it is", () => {
+  const finding: BroadcastFinding = { outcome: "contradicted", messages: 3, attributed: 0, supported: true, error_mm: 36_060, likelihood_ppm: 0, tolerance_mm: 2_000 };
+  const { container, rerender } = render(<Heard finding={finding} />);
+  const said = (): string => container.textContent.replaceAll("\u00a0", " ");
+  expect(said()).toContain("Impersonation or lie.");
+  expect(said()).toContain("Another broadcast under this number is where the drone was measured.");
+  expect(said()).toContain("3 messages heard, none signed for by the drone.");
+  expect(container.innerHTML).not.toContain("--bad");
+  rerender(<Heard finding={{ ...finding, supported: false }} />);
+  expect(said()).toContain("No broadcast under this number is where the drone was measured.");
+  rerender(<Heard finding={{ ...finding, outcome: "own_contradicted", attributed: 3, supported: false }} />);
+  expect(said()).toContain("3 messages heard, 3 signed for by the drone.");
+  expect(container.innerHTML).toContain("--bad");
+  rerender(<Heard finding={{ outcome: "not_heard", messages: 0, attributed: 0, supported: false }} />);
+  expect(said()).toContain("Nothing was heard during the session.");
 });

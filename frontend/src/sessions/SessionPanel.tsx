@@ -3,12 +3,12 @@ import type { ReactElement, ReactNode } from "react";
 import { placeHash } from "../app/location";
 import { ReplayLink } from "../replay/ReplayLink";
 import { useApi } from "../shared/api/api";
-import type { Judgement, Pad, SessionState, VerdictSummary } from "../shared/api/records";
+import type { BroadcastFinding, Judgement, Pad, SessionState, VerdictSummary } from "../shared/api/records";
 import { TONE_OF } from "../shared/design/symbols";
 import type { Drone, Look } from "../shared/drones";
 import { ago, coordinates, count, length, likelihood, speed } from "../shared/format";
 import { frameOf, toLocal } from "../shared/geo/frame";
-import { refutedBy } from "../shared/refuted";
+import { broadcastApart, refutedBy } from "../shared/refuted";
 import { lookTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
 import { Sentence } from "../shared/ui/Sentence";
@@ -53,11 +53,10 @@ function Judged({ title, judgement, despite = false }: { title: string; judgemen
       <Symbol look={judgement.outcome} size={16} />
       <span>
         <b>{title}</b>{" "}
-        {t(despite ? "byRanges" : judgement.tolerance_mm === undefined ? "judged" : "judgedWithin", {
+        {t(despite ? "byRanges" : "judged", {
           outcome: lookTexts(judgement.outcome).toLowerCase(),
           error: length(judgement.error_mm),
           likelihood: likelihood(judgement.likelihood_ppm),
-          tolerance: length(judgement.tolerance_mm ?? 0, true),
         })}
         <span className="quiet">{t("paperRule", { accepts: judgement.paper_rule ? "yes" : "no" })}</span>
       </span>
@@ -65,19 +64,43 @@ function Judged({ title, judgement, despite = false }: { title: string; judgemen
   );
 }
 
-/** Why: both claims apart, then the reasons of the contract, word for word. */
+const HEARD_LOOK: Readonly<Record<BroadcastFinding["outcome"], Look>> = {
+  supported: "verified",
+  own_contradicted: "refuted",
+  // Nobody knows whose it is: no verdict, and none of the colours of verdicts.
+  contradicted: "unproved",
+  undecided: "unproved",
+  not_heard: "unproved",
+};
+
+/** What was broadcast under the drone's number: a finding of its own, beside the verdict on what the drone signed. */
+export function Heard({ finding }: { finding: BroadcastFinding }): ReactElement {
+  const { outcome, messages, attributed, supported, error_mm, tolerance_mm } = finding;
+  return (
+    <ul className="judged num">
+      <li>
+        <Symbol look={HEARD_LOOK[outcome]} size={16} />
+        <span>
+          <b>{t("heardIs", { outcome })}</b>{" "}
+          {error_mm !== undefined && tolerance_mm !== undefined && t("heardFrom", { error: length(error_mm), tolerance: length(tolerance_mm, true) })}{" "}
+          {outcome === "contradicted" && t("heardBeside", { supported: supported ? "yes" : "no" })}
+          {messages > 0 && <span className="quiet"> {t("heardCount", { messages, attributed })}</span>}
+        </span>
+      </li>
+    </ul>
+  );
+}
+
+/** Why: what it signed and what was broadcast apart, then the reasons of the contract, word for word. */
 function Why({ verdict }: { verdict: VerdictSummary }): ReactElement {
   return (
     <section className="why">
       <h3>{t("claims")}</h3>
       <ul className="judged num">
         {verdict.signed ? <Judged title={t("signedFor")} judgement={verdict.signed} despite={despiteRanges(verdict)} /> : <li>{t("noSigned")}</li>}
-        {verdict.broadcast ? (
-          <Judged title={t("broadcastTo")} judgement={verdict.broadcast} />
-        ) : (
-          <li className="quiet">{t("noBroadcast")}</li>
-        )}
       </ul>
+      <h3>{t("publicTold")}</h3>
+      {verdict.broadcast ? <Heard finding={verdict.broadcast} /> : <p className="quiet">{t("noBroadcast")}</p>}
       <h3>{t("why")}</h3>
       <ul className="reasons">
         {verdict.reasons.map((reason) => {
@@ -102,6 +125,10 @@ function despiteRanges(verdict: VerdictSummary): boolean {
   return by === "stamps" || by === "leaving";
 }
 
+function shown(value_mm: number | undefined): string {
+  return value_mm === undefined ? "–" : length(value_mm);
+}
+
 function figures(verdict: VerdictSummary): ReactElement {
   const by = refutedBy(verdict);
   const worst = by === "broadcast" ? verdict.broadcast : verdict.signed;
@@ -109,14 +136,14 @@ function figures(verdict: VerdictSummary): ReactElement {
   return (
     <dl className="figures num">
       {stamps_mm === undefined ? (
-        <Figure name={t("likelihood")} value={worst && !despiteRanges(verdict) ? likelihood(worst.likelihood_ppm) : "–"} hint={t("likelihoodHint")} />
+        <Figure name={t("likelihood")} value={worst?.likelihood_ppm !== undefined && !despiteRanges(verdict) ? likelihood(worst.likelihood_ppm) : "–"} hint={t("likelihoodHint")} />
       ) : (
         <Figure name={t("stampsError")} value={length(stamps_mm, true)} hint={t("stampsErrorHint")} />
       )}
       {despiteRanges(verdict) ? (
-        <Figure name={t("rangesError")} value={worst ? length(worst.error_mm) : "–"} hint={t("rangesErrorHint")} />
+        <Figure name={t("rangesError")} value={shown(worst?.error_mm)} hint={t("rangesErrorHint")} />
       ) : (
-        <Figure name={t("error")} value={worst ? length(worst.error_mm) : "–"} hint={t("errorHint")} />
+        <Figure name={t("error")} value={shown(worst?.error_mm)} hint={t("errorHint")} />
       )}
       <Figure name={t("rounds")} value={count(verdict.rounds)} hint={t("roundsHint")} />
       <Figure name={t("assurance")} value={t("assuranceOf", { level: verdict.assurance })} hint={t("assuranceHint")} />
@@ -127,15 +154,15 @@ function figures(verdict: VerdictSummary): ReactElement {
 function verdictPlot(verdict: VerdictSummary, pad: Pad): ReactElement {
   const { signed, broadcast, estimate, covariance, buffer_mm } = verdict;
   const claims: PlotClaim[] = [];
-  const differ = refutedBy(verdict) === "broadcast";
+  const apart = broadcastApart(verdict);
   if (signed) {
     const tone = TONE_OF[signed.outcome === "verified" ? "verified" : verdict.outcome];
-    const words = differ ? t("signedClaim") : t("claimBuffer", { buffer: length(buffer_mm, true) });
+    const words = apart !== undefined ? t("signedClaim") : t("claimBuffer", { buffer: length(buffer_mm, true) });
     claims.push({ at: signed.claim, tone, words, radius_mm: buffer_mm });
   }
-  if (broadcast && differ) {
+  if (broadcast?.claim !== undefined && apart !== undefined) {
     const radius_mm = broadcast.tolerance_mm ?? buffer_mm;
-    claims.push({ at: broadcast.claim, tone: "bad", words: t("broadcastBuffer", { buffer: length(radius_mm, true) }), radius_mm });
+    claims.push({ at: broadcast.claim, tone: apart === "own" ? "bad" : "none", words: t("broadcastBuffer", { buffer: length(radius_mm, true) }), radius_mm });
   }
   const measured: PlotEstimate | undefined = estimate
     ? { at: estimate, covariance: covariance ?? undefined, tone: TONE_OF[verdict.outcome], verified: true }

@@ -37,10 +37,30 @@ describe("the verdict in words", () => {
     );
   });
 
-  it("tells a lie to the public from a lie to the pad", () => {
-    expect(say(verdict("OH-DRN-0640"))).toMatch(
-      /^Refuted\. OH-DRN-0640 tells the public that it is 23\.\d m north-east of Kupittaa\. Four anchors measured it 31 m from there\. With its stated accuracy and its age that can mean no more than 2 m\. What it told Kupittaa holds\.$/,
+  it("tells a lie to the public that the drone signed from a lie to the pad", () => {
+    const liar = verdict("OH-DRN-0640");
+    const broadcast = { ...(liar.broadcast ?? expect.fail("nothing was heard")), outcome: "own_contradicted" as const, attributed: 4 };
+    const own = { ...liar, outcome: "refuted" as const, broadcast };
+    expect(refutedBy(own)).toBe("broadcast");
+    expect(say(own)).toMatch(
+      /^Refuted\. OH-DRN-0640 tells the public that it is 23\.\d m north-east of Kupittaa, and signed for that\. Four anchors measured it 31 m from there\. With its stated accuracy and its age that can mean no more than 2 m\. What it told Kupittaa holds\.$/,
     );
+  });
+
+  it("convicts nobody by what anybody can broadcast", () => {
+    const open = verdict("OH-DRN-0640");
+    expect(refutedBy(open)).toBeUndefined();
+    const somebody = / Somebody broadcasts its serial number 31 m from where it was measured: an impostor, or its own lie\./;
+    expect(say(open)).toMatch(/^Inconclusive\. OH-DRN-0640 says it is .* its ranges fit that to within .* it is within 14 m of the pad\./);
+    expect(say(open)).toMatch(somebody);
+    expect(say(open)).toMatch(/ Not verified: No broadcast under its serial number was heard that the measurement supports\.$/);
+    const honest = { ...open, outcome: "verified" as const, permission: "granted" as const };
+    expect(say(honest)).toMatch(/^Verified\. OH-DRN-0640 says it is .* Four anchors measured it there/);
+    expect(say(honest)).toMatch(somebody);
+    expect(say(honest)).not.toContain("Not verified");
+    // One that was led astray broadcasts what it signs: its own refutation says it.
+    const astray = { ...verdict("OH-DRN-0417"), broadcast: open.broadcast ?? expect.fail("nothing was heard") };
+    expect(say(astray)).not.toMatch(somebody);
   });
 
   it("says why a drone is refuted whose ranges fit", () => {

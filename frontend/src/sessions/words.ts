@@ -1,9 +1,9 @@
-import type { Pad, Position, SessionState, VerdictSummary } from "../shared/api/records";
+import type { Judgement, Pad, Position, SessionState, VerdictSummary } from "../shared/api/records";
 import type { Drone, Look } from "../shared/drones";
 import { actionNoun, actionVerb, count, countWord, length, likelihood } from "../shared/format";
 import { direction, type Local } from "../shared/geo/frame";
 import type { Phrase } from "../shared/i18n/texts";
-import { refutedBy } from "../shared/refuted";
+import { isContradicted, refutedBy } from "../shared/refuted";
 import { endText } from "./ends";
 import { reasonText } from "./reasons";
 import { proofTexts as t, rowTexts as row } from "./texts";
@@ -47,10 +47,17 @@ const BLOCKING = new Set([
   "ranges_inconsistent",
   "no_estimate",
   "cannot_refute",
+  "rounds_missing",
+  "claims_torn",
+  "claims_unseen",
+  "claims_waver",
+  "broadcast_unsupported",
+  "broadcast_undecided",
+  "broadcast_not_heard",
 ]);
 
 function undecided(verdict: VerdictSummary): string {
-  const blocked = verdict.reasons.find(({ code }) => BLOCKING.has(code));
+  const blocked = [...verdict.reasons, ...(verdict.signed?.reasons ?? [])].find(({ code }) => BLOCKING.has(code));
   if (blocked !== undefined) return t("notVerified", { why: reasonText(blocked).text });
   const rounds = t("undecided", { rounds: countWord(verdict.rounds) });
   if (verdict.more_rounds < 0) return rounds + t("noMore");
@@ -76,8 +83,8 @@ function refutation(verdict: VerdictSummary, pad: Pad | undefined): Phrase[] | u
   if (by === undefined) return undefined;
   const { signed, broadcast, uav_id: who } = verdict;
   const name = pad?.name ?? verdict.pad_id;
-  if (by === "broadcast" && broadcast !== undefined) {
-    const values = { who, place: claimed(broadcast.claim, name), measurer: measurer(pad), error: length(broadcast.error_mm, true) };
+  if (by === "broadcast" && broadcast?.claim !== undefined) {
+    const values = { who, place: claimed(broadcast.claim, name), measurer: measurer(pad), error: length(broadcast.error_mm ?? 0, true) };
     const sentence = t.rich("publicMeasuredAway", values);
     if (broadcast.tolerance_mm !== undefined) sentence.push(t("canMean", { tolerance: length(broadcast.tolerance_mm, true) }));
     if (signed?.outcome === "verified") sentence.push(t("toldPadHolds", { pad: name }));
@@ -100,6 +107,24 @@ export function refutedAt(verdict: VerdictSummary | undefined, pad: Pad | undefi
   return verdict === undefined || refutedBy(verdict) === undefined ? undefined : (pad?.name ?? verdict.pad_id);
 }
 
+/** What was claimed and how the measurement fits it: a place, or only a distance from the pad. */
+function fits(verdict: VerdictSummary, signed: Judgement, pad: Pad | undefined): Phrase[] {
+  const place = claimed(signed.claim, pad?.name ?? verdict.pad_id);
+  const values = { who: verdict.uav_id, place, error: length(signed.error_mm) };
+  // Two-way ranges about a place that the anchors do not surround prove a distance, not the place (docs/method.md).
+  const bounded = verdict.within_mm !== undefined && (verdict.outcome !== "verified" || verdict.reasons.some(({ code }) => code === "upper_bound"));
+  return bounded
+    ? t.rich("within", { ...values, within: length(verdict.within_mm ?? 0, true) })
+    : t.rich("saysMeasuredThere", { ...values, measurer: measurer(pad) });
+}
+
+/** Somebody broadcasts its number from elsewhere; empty where nobody does. */
+function impersonation(verdict: VerdictSummary): Phrase[] {
+  if (!isContradicted(verdict)) return [];
+  const error_mm = verdict.broadcast?.error_mm;
+  return t.rich("impersonation", { error: error_mm === undefined ? "–" : length(error_mm, true) });
+}
+
 /** The verdict in words, before any figure. */
 export function account(verdict: VerdictSummary, pad: Pad | undefined): Account {
   const name = pad?.name ?? verdict.pad_id;
@@ -110,22 +135,20 @@ export function account(verdict: VerdictSummary, pad: Pad | undefined): Account 
   if (refuted !== undefined) return { title: t("refuted"), look: "refuted", sentence: refuted };
   if (verdict.outcome === "verified" && signed !== undefined) {
     const refused = verdict.permission === "refused";
-    const place = claimed(signed.claim, name);
-    const error = length(signed.error_mm);
-    // Two-way ranges about a place that the anchors do not surround prove a distance, not the place (docs/method.md).
-    const bounded = verdict.within_mm !== undefined && verdict.reasons.some(({ code }) => code === "upper_bound");
-    const sentence = bounded
-      ? t.rich("within", { who, place, error, within: length(verdict.within_mm ?? 0, true) })
-      : t.rich("saysMeasuredThere", { who, place, measurer: measurer(pad), error });
+    const sentence = [...fits(verdict, signed, pad), ...impersonation(verdict)];
     if (refused) sentence.push(t(verdict.authorised ? "mayNot" : "mayNotUnauthorised", { action: actionVerb(verdict.action) }));
     return { title: refused ? t("verifiedRefused", { deed }) : t("verified"), look: "verified", sentence };
+  }
+  if (verdict.outcome === "inconclusive" && signed?.outcome === "verified") {
+    const sentence = [...fits(verdict, signed, pad), ...impersonation(verdict), undecided(verdict)];
+    return { title: t("inconclusive"), look: "inconclusive", sentence };
   }
   const opening =
     signed === undefined ? t.rich("askedFor", { who, deed, pad: name }) : t.rich("says", { who, place: claimed(signed.claim, name) });
   return {
     title: t(verdict.outcome === "verified" ? "verified" : "inconclusive"),
     look: verdict.outcome,
-    sentence: [...opening, undecided(verdict)],
+    sentence: [...opening, ...impersonation(verdict), undecided(verdict)],
   };
 }
 
@@ -169,9 +192,11 @@ function refutedRow(verdict: VerdictSummary, pad: string, deed: string): RowText
   const by = refutedBy(verdict);
   if (by === "stamps") return { right: clockOff(verdict), second: row("clockBent", { pad, deed }) };
   if (by === "leaving") return { right: row("leaving"), second: row("leavingAt", { pad, deed }) };
-  const error_mm = (verdict.signed ?? verdict.broadcast)?.error_mm ?? 0;
+  const error_mm = verdict.signed?.error_mm ?? verdict.broadcast?.error_mm ?? 0;
   return { right: row("off", { distance: length(error_mm, true) }), second: row("refutedAt", { pad, deed }) };
 }
+
+const LIKELY_PPM = 990_000;
 
 type RowText = { right: string; second: string };
 
@@ -198,9 +223,15 @@ export function rowText(drone: Drone, padName: (pad_id: string) => string): RowT
           right: row("off", { distance: length(verdict.broadcast?.error_mm ?? 0, true) }),
           second: row("broadcastDiffers", { pad }),
         };
+      case "impersonation":
+        return {
+          right: row("off", { distance: length(verdict.broadcast?.error_mm ?? 0, true) }),
+          second: row("impersonationAt", { pad, deed, permission: verdict.permission }),
+        };
       case "inconclusive":
         return {
-          right: verdict.signed === undefined ? row("rounds", { rounds: count(verdict.rounds) }) : likelihood(verdict.signed.likelihood_ppm),
+          // Where it is likely enough, something else keeps it open: its likelihood would say the contrary.
+          right: verdict.signed === undefined || verdict.signed.likelihood_ppm > LIKELY_PPM ? row("rounds", { rounds: count(verdict.rounds) }) : likelihood(verdict.signed.likelihood_ppm),
           second: row("inconclusiveAt", { pad, deed }),
         };
       case "not-authorised":

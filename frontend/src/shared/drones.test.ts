@@ -36,7 +36,7 @@ describe("drones, sorted by need", () => {
     const needs = found.filter(({ group }) => group === "needs-you").map(({ uav_id, need }) => [uav_id, need]);
     expect(needs).toEqual([
       ["OH-DRN-0417", "refuted"],
-      ["OH-DRN-0640", "broadcast-refuted"],
+      ["OH-DRN-0640", "impersonation"],
       ["OH-DRN-0871", "inconclusive"],
       ["OH-DRN-0512", "not-authorised"],
       ["OH-DRN-0733", "no-verdict"],
@@ -81,7 +81,7 @@ describe("drones, sorted by need", () => {
       return { right: right.replaceAll("\u00a0", " "), second: second.replaceAll("\u00a0", " ") };
     };
     expect(text("OH-DRN-0417")).toEqual({ right: "4.3 m off", second: "Refuted at Aurajoki 2 · landing refused" });
-    expect(text("OH-DRN-0640")).toEqual({ right: "31 m off", second: "Broadcast differs from what it told Kupittaa" });
+    expect(text("OH-DRN-0640")).toEqual({ right: "31 m off", second: "Impersonation or lie at Kupittaa · landing refused" });
     expect(text("OH-DRN-0512")).toEqual({ right: "refused", second: "Verified at Satama 1 · not authorised" });
     expect(text("OH-DRN-0733")).toEqual({ right: "no verdict", second: "Session at Kupittaa ended · codes did not match" });
     expect(text("OH-DRN-0925").second).toMatch(/^Ranging at Kupittaa, \d+ rounds$/);
@@ -91,8 +91,8 @@ describe("drones, sorted by need", () => {
   it("shows what a filter asks for, and knows the others all the same", () => {
     play(58);
     const ids = (filter: Filter): string[] => listed(58_000, filter).map(({ uav_id }) => uav_id);
-    expect(ids({ look: "refuted" })).toEqual(["OH-DRN-0417", "OH-DRN-0640"]);
-    expect(ids({ look: "refuted", pad: "kupittaa" })).toEqual(["OH-DRN-0640"]);
+    expect(ids({ look: "refuted" })).toEqual(["OH-DRN-0417"]);
+    expect(ids({ look: "inconclusive", pad: "kupittaa" })).toEqual(["OH-DRN-0640"]);
     expect(ids({ action: "dock" }).sort()).toEqual(["OH-DRN-0118", "OH-DRN-0377"]);
     expect(ids({ look: "silent" })).toEqual(["OH-DRN-0559"]);
     expect(ids({ operator: "FIN87astrdge12k8" })).toEqual([]);

@@ -1,6 +1,7 @@
 import type { Estimate, Pad, SessionState, Track, VerdictSummary } from "./api/records";
 import { distance_mm, type Place } from "./geo/frame";
 import type { LiveStore } from "./live/store";
+import { isContradicted, refutedBy } from "./refuted";
 
 /** What a drone looks like everywhere: one shape and one colour for each. */
 export type Look = "verified" | "refuted" | "inconclusive" | "unproved" | "out-of-range" | "silent" | "proving";
@@ -12,7 +13,7 @@ export type Drone = {
   look: Look;
   group: Group;
   /** What needs the officer has a reason, worst first in the list. */
-  need?: "refuted" | "broadcast-refuted" | "inconclusive" | "not-authorised" | "no-verdict";
+  need?: "refuted" | "broadcast-refuted" | "impersonation" | "inconclusive" | "not-authorised" | "no-verdict";
   /** When what the row tells happened. */
   t_ms: number;
   track?: Track;
@@ -32,7 +33,7 @@ export const GONE_MS = 2 * 60_000;
 /** The looks by the numbers that columns of them hold. */
 export const LOOKS: readonly Look[] = ["refuted", "inconclusive", "verified", "proving", "unproved", "out-of-range", "silent"];
 
-const NEED_ORDER = ["refuted", "broadcast-refuted", "inconclusive", "not-authorised", "no-verdict"] as const;
+const NEED_ORDER = ["refuted", "broadcast-refuted", "impersonation", "inconclusive", "not-authorised", "no-verdict"] as const;
 const GROUP_ORDER: readonly Group[] = ["needs-you", "proving", "verified", "other"];
 export function nearestPad(place: Place, pads: Iterable<Pad>): Drone["nearest"] {
   let best: Drone["nearest"];
@@ -45,8 +46,9 @@ export function nearestPad(place: Place, pads: Iterable<Pad>): Drone["nearest"] 
 }
 
 function needOf(verdict: VerdictSummary): Drone["need"] {
-  if (verdict.broadcast?.outcome === "refuted" && verdict.signed?.outcome !== "refuted") return "broadcast-refuted";
+  if (refutedBy(verdict) === "broadcast") return "broadcast-refuted";
   if (verdict.outcome === "refuted") return "refuted";
+  if (isContradicted(verdict)) return "impersonation";
   if (verdict.outcome === "inconclusive") return "inconclusive";
   return verdict.permission === "refused" ? "not-authorised" : undefined;
 }

@@ -17,7 +17,24 @@ export function refutedBy({ outcome, signed, broadcast, reasons }: VerdictSummar
     }
     return "ranges";
   }
-  if (broadcast?.outcome === "refuted") return "broadcast";
+  // Only what the drone signed for; anybody can broadcast its serial number.
+  if (broadcast?.outcome === "own_contradicted") return "broadcast";
   if (outcome !== "refuted") return undefined;
   return signed === undefined ? "ranges" : "stamps";
+}
+
+/** Somebody broadcasts the drone's serial number from elsewhere: an impostor, or the drone's own lie. No verdict on it. */
+export function isContradicted({ broadcast }: VerdictSummary): boolean {
+  return broadcast?.outcome === "contradicted";
+}
+
+/**
+ * Whether a broadcast puts the drone elsewhere than what it signed, and whose that broadcast is: its own by its
+ * signature, or somebody's. A drone that broadcasts what it signs tells one lie, not two.
+ */
+export function broadcastApart(verdict: VerdictSummary): "own" | "somebody" | undefined {
+  const { signed, broadcast } = verdict;
+  if (broadcast?.claim === undefined || signed?.outcome === "refuted") return undefined;
+  if (broadcast.outcome === "own_contradicted") return "own";
+  return isContradicted(verdict) ? "somebody" : undefined;
 }

@@ -26,7 +26,9 @@ function worst(verdict: VerdictSummary): { error_mm: number; likelihood_ppm?: nu
   // The ranges of one that bent its clock fit; what refutes it has an error, and no likelihood of its own.
   const stamps_mm = by === "stamps" ? differing(verdict) : undefined;
   if (stamps_mm !== undefined) return { error_mm: stamps_mm };
-  return (by === "broadcast" ? verdict.broadcast : verdict.signed) ?? undefined;
+  const { signed, broadcast } = verdict;
+  if (by !== "broadcast") return signed;
+  return broadcast?.error_mm === undefined ? undefined : { error_mm: broadcast.error_mm, ...(broadcast.likelihood_ppm !== undefined && { likelihood_ppm: broadcast.likelihood_ppm }) };
 }
 
 function Row({ verdict, padName, now_ms }: { verdict: VerdictSummary; padName: string; now_ms: number }): ReactElement {

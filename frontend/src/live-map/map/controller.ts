@@ -5,6 +5,7 @@ import type { Drone } from "../../shared/drones";
 import { HIDDEN, type Fleet } from "../../shared/fleet";
 import { distance_mm, frameOf, lonLat, toGlobe, type LonLat } from "../../shared/geo/frame";
 import type { LiveStore, Topic } from "../../shared/live/store";
+import { broadcastApart } from "../../shared/refuted";
 import { liveTexts as t } from "../texts";
 import { gridSpacing_m } from "./features";
 import { palette } from "./icons";
@@ -231,7 +232,7 @@ export class MapController {
       const local = [
         verdict?.signed?.claim,
         verdict?.estimate,
-        verdict?.broadcast?.outcome === "refuted" ? verdict.broadcast.claim : undefined,
+        verdict !== undefined && broadcastApart(verdict) !== undefined ? verdict.broadcast?.claim : undefined,
         verdict === undefined ? drone?.estimate : undefined,
       ];
       for (const place of local) {

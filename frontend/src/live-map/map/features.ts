@@ -1,5 +1,5 @@
 import type { Feature, LineString, Point, Polygon, Position } from "geojson";
-import type { Estimate, Frame, Judgement, Pad, Track, VerdictSummary } from "../../shared/api/records";
+import type { Estimate, Frame, Judgement, Pad, Position as Place, Track, VerdictSummary } from "../../shared/api/records";
 import { TONE_OF, type Tone } from "../../shared/design/symbols";
 import type { Drone } from "../../shared/drones";
 import { length } from "../../shared/format";
@@ -8,7 +8,7 @@ import { distance_mm, frameOf, lonLat, plainFrame, toGlobe, type Local, type Lon
 import { latitude, longitude } from "../../shared/geo/mercator";
 import { leg, path } from "../../shared/geo/geodesic";
 import type { TrackTable } from "../../shared/live/tracks";
-import { refutedBy } from "../../shared/refuted";
+import { broadcastApart, refutedBy } from "../../shared/refuted";
 import { padState } from "../padState";
 import { liveTexts as t, padTexts } from "../texts";
 import type { Cluster } from "./clusters";
@@ -127,8 +127,21 @@ export function measureFeatures(points: readonly LonLat[]): Feature[] {
   return features;
 }
 
-function toneOf(verdict: VerdictSummary, judgement: Judgement): Tone {
-  return TONE_OF[judgement === verdict.signed && verdict.signed.outcome !== "verified" ? verdict.outcome : judgement.outcome];
+/** How the signed claim is drawn. */
+function toneOf(verdict: VerdictSummary, signed: Judgement): Tone {
+  return TONE_OF[signed.outcome === "verified" ? "verified" : verdict.outcome];
+}
+
+type Claimed = { claim: Place; tone: Tone; words: string; radius_mm: number; foreign?: true };
+
+function claimsOf(verdict: VerdictSummary): Claimed[] {
+  const { signed, broadcast, buffer_mm } = verdict;
+  const apart = broadcastApart(verdict);
+  const told: Claimed[] = signed === undefined ? [] : [{ claim: signed.claim, tone: toneOf(verdict, signed), words: t(apart === undefined ? "saysHere" : "toldPad"), radius_mm: buffer_mm }];
+  if (apart === undefined || broadcast?.claim === undefined) return told;
+  // Both are shown where they differ; where they agree, one ring says it.
+  const words = t(apart === "own" ? "tellsPublic" : "somebodyTells");
+  return [...told, { claim: broadcast.claim, tone: apart === "own" ? "bad" : "none", words, radius_mm: broadcast.tolerance_mm ?? buffer_mm, ...(apart === "somebody" && { foreign: true as const }) }];
 }
 
 /** Two labels of one drone are told apart from here. */
@@ -137,47 +150,46 @@ const RING_APART_MM = 1_500;
 
 /** The judged claim, the measurement and all between them. */
 function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, track?: Track): Feature[] {
-  const { estimate, covariance, signed, broadcast } = verdict;
+  const { estimate, covariance } = verdict;
   if (estimate === undefined) return [];
   const frame = frameOf(pad);
   const measuredAt = toGlobe(frame, estimate);
   const tone = TONE_OF[verdict.outcome];
   const features: Feature[] = [];
-  const differ = broadcast?.outcome === "refuted" && signed?.outcome !== "refuted";
-  const judged = [
-    { judgement: signed, words: t(differ ? "toldPad" : "saysHere") },
-    // Both claims are shown where they differ; where they agree, one ring says it.
-    ...(differ ? [{ judgement: broadcast, words: t("tellsPublic") }] : []),
-  ];
-  for (const { judgement, words } of judged) {
-    if (judgement === undefined) continue;
-    const claimAt = toGlobe(frame, judgement.claim);
-    const claimTone = toneOf(verdict, judgement);
-    features.push(area(frame, circle(verdict.buffer_mm, judgement.claim), { kind: "buffer", tone: claimTone }));
+  for (const { claim, tone: claimTone, words, radius_mm, foreign } of claimsOf(verdict)) {
+    const claimAt = toGlobe(frame, claim);
+    features.push(area(frame, circle(radius_mm, claim), { kind: "buffer", tone: claimTone }));
     features.push(line([claimAt, measuredAt], { kind: "difference", tone: claimTone }));
+    if (foreign) {
+      // Not the drone's: no name of its own, and its own symbol does not stand for it.
+      features.push(point(claimAt, { kind: "claim", tone: claimTone, label: selected ? words : "" }));
+      continue;
+    }
     // The drone's own label says who it is while it is still there.
-    const left = track === undefined || distance_mm(track, judgement.claim) > LABEL_APART_MM;
+    const left = track === undefined || distance_mm(track, claim) > LABEL_APART_MM;
     const label = [...(left ? [verdict.uav_id] : []), ...(selected ? [words] : [])].join("\n");
     // A drone that still is where it said is its own ring.
-    if (track === undefined || distance_mm(track, judgement.claim) > RING_APART_MM) {
+    if (track === undefined || distance_mm(track, claim) > RING_APART_MM) {
       features.push(point(claimAt, { kind: "claim", tone: claimTone, label }));
     }
   }
   if (covariance !== undefined) {
     features.push(area(frame, outline(ellipse(covariance), estimate), { kind: "ellipse", tone }));
   }
-  const worst = differ ? broadcast : signed;
-  const label = selected ? measuredWords(verdict, worst, differ) : "";
+  const label = selected ? measuredWords(verdict) : "";
   features.push(point(measuredAt, { kind: "measured", tone, icon: `measured-${tone}`, label }));
   if (selected) features.push(...sights(frame, pad, measuredAt));
   return features;
 }
 
-function measuredWords(verdict: VerdictSummary, worst: Judgement | undefined, differ: boolean): string {
+function measuredWords(verdict: VerdictSummary): string {
   // Falsified time stamps bend the ranges to fit: where these meet, nothing was measured.
   if (refutedBy(verdict) === "stamps") return t("rangesMeet");
-  if (worst === undefined || verdict.outcome === "verified") return t("measuredHere");
-  return t(differ ? "measuredFromBroadcast" : "measuredAway", { distance: length(worst.error_mm, true) });
+  const { signed, broadcast } = verdict;
+  const off_mm = broadcast?.error_mm;
+  if (off_mm !== undefined && broadcastApart(verdict) !== undefined) return t("measuredFromBroadcast", { distance: length(off_mm, true) });
+  if (signed === undefined || signed.outcome === "verified") return t("measuredHere");
+  return t("measuredAway", { distance: length(signed.error_mm, true) });
 }
 
 function sights(frame: Frame, pad: Pad, to: LonLat): Feature[] {

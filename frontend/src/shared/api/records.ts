@@ -12,6 +12,7 @@ export type AlertAct = Schemas["AlertAct"];
 export type AlertDetail = Schemas["AlertDetail"];
 export type Anchor = Schemas["Anchor"];
 export type AnchorResiduals = Schemas["AnchorResiduals"];
+export type BroadcastFinding = Schemas["BroadcastFinding"];
 export type Course = Schemas["Course"];
 export type Covariance = Schemas["Covariance"];
 export type Estimate = Schemas["Estimate"];

@@ -28,6 +28,7 @@ const POLICY: SessionDetail["session"]["policy"] = {
   max_clock_skew_ms: 5_000,
   min_request_gap_ms: 0,
   cancel_hopeless: false,
+  broadcast_required: "if_contradicted",
   session_ttl_ms: 60_000,
   max_claim_accuracy_mm: 20_000,
   require_authorisation: true,
@@ -101,6 +102,7 @@ function detail(session: SessionState, verdict: VerdictSummary | undefined, stor
       claims: [],
       clock: [],
       broadcast: [],
+      attested: [],
       matched: "both",
       steps: [],
       radio: { measured_by: "pad", sts: "provisioned", firmware: "wonderland-uci 0.1" },
@@ -129,8 +131,13 @@ function detail(session: SessionState, verdict: VerdictSummary | undefined, stor
 }
 
 /** The verdict alone, as where the survey that it rests on is not known. */
+function heardAt(finding: VerdictSummary["broadcast"]): Pick<Course["points"][number], "broadcast"> {
+  const { likelihood_ppm, error_mm } = finding ?? {};
+  return likelihood_ppm === undefined || error_mm === undefined ? {} : { broadcast: { likelihood_ppm, error_mm } };
+}
+
 function course({ rounds, decided_ms, outcome, signed, broadcast }: VerdictSummary): Course {
-  const points = rounds === 0 ? [] : [{ rounds, t_ms: decided_ms, outcome, ...(signed && { signed }), ...(broadcast && { broadcast }) }];
+  const points = rounds === 0 ? [] : [{ rounds, t_ms: decided_ms, outcome, ...(signed && { signed }), ...heardAt(broadcast) }];
   return { verify_ppm: POLICY.verify_ppm, refute_ppm: POLICY.refute_ppm, points, residuals: [] };
 }
 

@@ -30,7 +30,7 @@ export const at = (east_mm: number, north_mm: number): Local => ({ east_mm, nort
 /** Each lie once, honest drones around them. */
 export const ACTORS: readonly Actor[] = [
   { uav_id: "OH-DRN-0417", pad_id: "aurajoki-2", asks_at_s: 8, action: "land", outcome: "refuted", hover: at(3_600, 10_700), lie: at(-3_400, 2_500), rounds: 24, sigma_mm: 90 },
-  { uav_id: "OH-DRN-0640", pad_id: "kupittaa", asks_at_s: 14, action: "land", outcome: "refuted", hover: at(-6_200, -4_100), broadcastLie: at(24_000, 19_600), rounds: 42, sigma_mm: 70 },
+  { uav_id: "OH-DRN-0640", pad_id: "kupittaa", asks_at_s: 14, action: "land", outcome: "inconclusive", hover: at(-6_200, -4_100), broadcastLie: at(24_000, 19_600), rounds: 42, sigma_mm: 70 },
   { uav_id: "OH-DRN-0871", pad_id: "aurajoki-2", asks_at_s: 24, action: "land", outcome: "inconclusive", hover: at(-14_800, 9_400), lie: at(420, -560), rounds: 160, sigma_mm: 620 },
   { uav_id: "OH-DRN-0118", pad_id: "satama-1", asks_at_s: 52, action: "dock", outcome: "verified", hover: at(5_100, -7_400), rounds: 80, sigma_mm: 60, says: { description: "Roof survey, 20 min", description_type: "text" } },
   { uav_id: "OH-DRN-0925", pad_id: "kupittaa", asks_at_s: 55.2, action: "takeoff", outcome: "verified", hover: at(400, 300), rounds: 30, sigma_mm: 40 },

@@ -241,7 +241,8 @@ export class FakeWorld {
       reasons: [{ code: outcome === "refuted" ? "outside_buffer" : "within_buffer", text: outcome === "refuted" ? "The estimate lies significantly outside the buffer around the claim" : "The estimate lies within the buffer around the claim" }],
     });
     const broadcastAt = plus(signedAt, actor.broadcastLie);
-    const broadcastOutcome: Outcome = isPublicLiar(actor) ? "refuted" : actor.outcome;
+    const heard = { verified: "supported", refuted: "contradicted", inconclusive: "undecided" } as const;
+    const { likelihood_ppm, error_mm, claim } = judged(broadcastAt, isPublicLiar(actor) ? "refuted" : actor.outcome);
     const granted = actor.outcome === "verified" && actor.authorised !== false;
     return {
       session_id: session.session_id,
@@ -257,10 +258,20 @@ export class FakeWorld {
       decided_ms: Math.round(decided_ms),
       evidence_sha256: hex(`${session.session_id}/evidence`),
       reasons: reasons(actor),
-      more_rounds: actor.outcome === "inconclusive" ? 38 : -1,
+      more_rounds: isPublicLiar(actor) ? 20 : actor.outcome === "inconclusive" ? 38 : -1,
       signed: judged(signedAt, isPublicLiar(actor) ? "verified" : actor.outcome),
-      broadcast: { ...judged(broadcastAt, broadcastOutcome), tolerance_mm: 2_000 },
+      broadcast: {
+        outcome: isPublicLiar(actor) ? "contradicted" : heard[actor.outcome],
+        messages: 4,
+        attributed: 0,
+        supported: !isPublicLiar(actor) && actor.outcome === "verified",
+        claim,
+        error_mm,
+        likelihood_ppm,
+        tolerance_mm: 2_000,
+      },
       estimate: this.position(actor, found),
+      estimate_ms: Math.round(decided_ms) - 900,
       covariance: covariance(actor.hover, actor.sigma_mm),
       chi2_milli: 3_100,
       chi2_claim_milli: actor.outcome === "refuted" ? 412_000 : 4_200,
@@ -314,7 +325,8 @@ function reasons(actor: Actor): VerdictSummary["reasons"] {
   if (isPublicLiar(actor)) {
     return [
       { code: "within_buffer", text: "Measured 0.11 m from the claim, within 1.00 m." },
-      { code: "broadcast_contradicts", text: "Its broadcast puts it 31.04 m from where it was measured." },
+      { code: "broadcast_contradicts", text: "Somebody broadcasts its serial number 31.04 m from where it was measured; by whom is not known." },
+      { code: "broadcast_unsupported", text: "No broadcast under its serial number was heard that the measurement supports." },
     ];
   }
   if (actor.outcome === "refuted") {
