@@ -11,6 +11,7 @@ import contextlib
 import logging
 import os
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from edge_agent.drift.idle import watch_when_idle
@@ -305,7 +306,8 @@ class PadAgent:
             commissioning,
             session_keys,
             certificate=self._identity.certificate_der,
-            broadcasts=lambda since_ms: self._receiver.recent(uav_id, since_ms),
+            broadcasts=partial(self._receiver.recent, uav_id),
+            unsure=partial(self._receiver.unsure, uav_id),
             random_octets=self._random_octets,
             now_ms=self._clock(),
             timing=self._timing,

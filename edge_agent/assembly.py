@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import ssl
 from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from edge_agent.permission import CommandPermission, LogPermission, Permissions
 from edge_agent.ports import AgentError, PadRadiosPort
 from edge_agent.radios import AnchorPort, PadRadios, RadiosError
 from edge_agent.receiver import Finding, Heard, ReceiverError, RemoteIdReceiver
-from edge_agent.receiver.settings import registry_of, sources_of
+from edge_agent.receiver.settings import NOT_TRUSTWORTHY, registry_of, sources_of, trust
 from edge_agent.reporting import SpoolReporter
 from edge_agent.spool import Spool, SpoolError
 from wonderland.clock import SteadyClock
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from edge_agent.uplink import Uplink
     from wonderland.ledger.identity import Identity
     from wonderland.ledger.signing import Signer
+
+_log = logging.getLogger(__name__)
 
 
 @contextlib.asynccontextmanager
@@ -57,6 +60,9 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
     channel = await stack.enter_async_context(connection.open_channel())
     ledger = ProofContract(Gateway(channel, identity, signer).network(connection.channel), connection.chaincode)
     tracks = SpoolReporter(spool)
+    for source in trust(settings.remote_id_listen, settings.remote_id_serial, settings.receivers):
+        if NOT_TRUSTWORTHY in source:
+            _log.warning("%s", source)
     receiver = RemoteIdReceiver(
         listen=settings.remote_id_listen,
         serial_ports=settings.remote_id_serial,

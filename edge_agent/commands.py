@@ -48,11 +48,15 @@ pad.add_command(commission)
 @pad.command()
 @_config
 @click.option("--json", "as_json", is_flag=True, help="One JSON line when the pad is ready, instead of text.")
+@click.option("--check", is_flag=True, help="Read the settings, say which Remote ID sources can be trusted, and end.")
 @click.option("-v", "--verbose", is_flag=True, help="Say more in the log.")
-def run(*, path: Path, as_json: bool, verbose: bool) -> None:
+def run(*, path: Path, as_json: bool, check: bool, verbose: bool) -> None:
     """Work until told to stop (Ctrl-C or SIGTERM); what is under way then ends in a recorded state."""
     from edge_agent.ports import AgentError  # noqa: PLC0415 - `pad status` needs none of it
 
+    if check:
+        _check(path)
+        return
     logging.basicConfig(
         level=logging.DEBUG if verbose else logging.INFO,
         format="%(asctime)s %(levelname)s %(name)s: %(message)s",
@@ -63,6 +67,21 @@ def run(*, path: Path, as_json: bool, verbose: bool) -> None:
         asyncio.run(_run(path, as_json=as_json))
     except (SettingsError, AgentError) as error:
         raise click.ClickException(str(error)) from error
+
+
+def _check(path: Path) -> None:
+    """What the settings say, without opening anything."""
+    from edge_agent.receiver.settings import trust  # noqa: PLC0415 - `pad status` needs none of it
+
+    try:
+        settings = load(path)
+    except SettingsError as error:
+        raise click.ClickException(str(error)) from error
+    sources = trust(settings.remote_id_listen, settings.remote_id_serial, settings.receivers)
+    click.echo(f"Pad {settings.pad_id}: the settings can be read.")
+    click.echo("Remote ID is heard from:" if sources else "No Remote ID is heard: no receiver is set.")
+    for source in sources:
+        click.echo(f"  {source}")
 
 
 async def _run(path: Path, *, as_json: bool) -> None:

@@ -14,7 +14,7 @@ kind = "dwm1001"                        # drones measure and report by UDP, so t
 listen = "0.0.0.0:5481"
 
 [remote_id]
-listen = "0.0.0.0:5480"                 # UDP; or serial = ["/dev/ttyUSB4"], mavlink = [...], bluetooth = "hci0",
+listen = "127.0.0.1:5480"               # UDP; or serial = ["/dev/ttyUSB4"], mavlink = [...], bluetooth = "hci0",
                                         # wifi = "wlan1" (monitor mode), replay = "heard.pcap"
 
 [remote_id.mqtt]                        # a receiver that publishes JSON over MQTT
@@ -243,13 +243,13 @@ class _Table:
         return self._get(name, bool, "true or false", default)
 
     def address(self, name: str) -> tuple[str, int] | None:
-        """``host:port``; None where it is missing."""
+        """``host:port``; None where it is missing. Without a host, ``:5480``, it is this machine alone."""
         if not self.has(name):
             return None
         host, separator, port = self.text(name).rpartition(":")
         if not (separator and port.isascii() and port.isdigit() and len(port) <= 5 and int(port) < 65_536):
-            raise self.wrong(name, "is not host:port, for example 0.0.0.0:5480")
-        return host.strip("[]") or "0.0.0.0", int(port)  # noqa: S104 - a receiver listens to whoever broadcasts
+            raise self.wrong(name, "is not host:port, for example 127.0.0.1:5480")
+        return host.strip("[]") or "127.0.0.1", int(port)
 
     def url(self, name: str) -> str:
         """A WebSocket address; empty where it is missing."""

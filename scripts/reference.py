@@ -17,7 +17,8 @@ RECORDS: tuple[type[Record], ...] = (
     closures.Closure, sessions.Session, sessions.Claim, sessions.Evidence, sessions.RangeTable,
     sessions.AnchorRanges, sessions.TimeStamps, sessions.AnchorTicks, sessions.ClockReading, sessions.BroadcastClaim,
     sessions.Radio, sessions.Witness, sessions.LastRequest, sessions.Party, sessions.Testimony, verdicts.Verdict,
-    verdicts.Judgement, verdicts.TimeDifferences, verdicts.DroneClock, verdicts.Position, verdicts.Covariance,
+    verdicts.Judgement, verdicts.BroadcastFinding, verdicts.TimeDifferences,
+    verdicts.DroneClock, verdicts.Position, verdicts.Covariance,
     verdicts.Reason, assets.Asset, assets.AssetChange, Transcript,
 )  # fmt: skip
 

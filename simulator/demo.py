@@ -155,8 +155,9 @@ def _sentence(item: CommittedVerdict, after_s: float) -> str:
     ]
     if verdict.signed is not None:
         parts.append(f"{verdict.signed.error_mm / 1000:.2f} m from its claim")
-    if verdict.broadcast is not None and verdict.broadcast.outcome == "refuted":
-        parts.append(f"broadcasts a place {verdict.broadcast.error_mm / 1000:.0f} m away")
+    heard = verdict.broadcast
+    if heard is not None and heard.error_mm is not None and heard.outcome.endswith("contradicted"):
+        parts.append(f"its serial number is broadcast {heard.error_mm / 1000:.0f} m away")
     parts.append(f"{verdict.action} {verdict.permission}")
     if item.answer != "verified" and verdict.reasons:
         parts.append(verdict.reasons[-1].text)

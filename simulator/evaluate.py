@@ -8,45 +8,22 @@ from __future__ import annotations
 
 import bisect
 import csv
-import json
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
-from rich.console import Console
-
+from edge_agent.commissioning.judging import START_MS, Prepared
+from edge_agent.commissioning.judging import prepare as prepare_window
 from simulator.flight import Vector
 from simulator.recording import RecordedRound, Recording, RecordingError, dw1000_commissioning
 from simulator.simulate import MIN_ROUNDS, parse_claim
-from wonderland.proofs import frame as frames
-from wonderland.proofs.errors import GeometryError, ProofError
+from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.records.sessions import (
-    MAX_CLAIMS,
-    NO_RANGE,
-    AnchorRanges,
-    Claim,
-    Evidence,
-    Party,
-    Radio,
-    RangeTable,
-    Session,
-)
-from wonderland.proofs.records.verdicts import OUTCOMES, Verdict
-from wonderland.proofs.verdict import preview
+from wonderland.proofs.records.verdicts import Verdict
 
-START_MS: Final = 1_800_000_000_000
-"""A recording has no date; a fixed one makes its verdicts repeatable."""
-SESSION_MS: Final = 3_600_000
-CLAIM_ACCURACY_MM: Final = 100
-CLAIM_HEIGHT_ACCURACY_MM: Final = 200
-FARTHEST_CLAIM_M: Final = 1e8
-LONGEST_RANGE_MM: Final = 1_000_000
-NO_ESTIMATE: Final = 3
-"""Exit code where windows were judged, and none had an estimate."""
 SAME_PLACE_M: Final = 0.05
 """A commissioning is of these anchors if it has them no further from where the list of anchors says."""
 MAX_CLAIM_ROWS: Final = 1_000_000
@@ -57,7 +34,7 @@ Claimed = Callable[[float, Vector], Vector]
 
 @dataclass(frozen=True)
 class EvaluateSettings:
-    """What the command line asked for. Lengths in metres, times in seconds."""
+    """What the command line asked for of one recording. Lengths in metres, times in seconds."""
 
     recording: Path
     anchors: Path
@@ -68,28 +45,58 @@ class EvaluateSettings:
     rounds: int = 20
     windows: int = 0
     buffer_m: float = 1.0
-    as_json: bool = False
 
 
 @dataclass(frozen=True)
 class Window:
-    """One judged window: its rounds (t in s), what was claimed, and the verdict."""
+    """One judged window: its rounds (t in s), where the drone was and said that it was, and the verdict.
+
+    Both places are those of the estimate's time: the mean of the rounds that it rests on.
+    """
 
     first_s: float
     last_s: float
-    truth_m: Vector
+    at_s: float
+    truth_m: Vector | None
+    """None where the recording has none."""
+    claim_m: Vector
     verdict: Verdict
+    recording: str = ""
+
+    @property
+    def place_m(self) -> Vector:
+        """Where the drone was; where nobody knows, where it said."""
+        return self.claim_m if self.truth_m is None else self.truth_m
+
+    @property
+    def distance_m(self) -> float:
+        """From the frame's origin, seen from above."""
+        return math.hypot(self.place_m[0], self.place_m[1])
+
+    @property
+    def estimate_m(self) -> tuple[float, float] | None:
+        """East and north, if there is one."""
+        found = self.verdict.estimate
+        return None if found is None else (found.east_mm / 1000, found.north_mm / 1000)
+
+    @property
+    def truth_error_m(self) -> float | None:
+        """From the truth to the estimate, at its time."""
+        if self.estimate_m is None or self.truth_m is None:
+            return None
+        return math.dist(self.estimate_m, self.truth_m[:2])
 
     def line(self) -> dict[str, Any]:
         """One JSON object for machines; fields that a verdict does not have are left out."""
         verdict = self.verdict
         value: dict[str, Any] = {
+            "recording": self.recording,
             "from_s": round(self.first_s, 3),
             "to_s": round(self.last_s, 3),
             "outcome": verdict.outcome,
             "rounds": verdict.rounds,
             "more_rounds": verdict.more_rounds,
-            "distance_m": round(math.hypot(self.truth_m[0], self.truth_m[1]), 3),
+            "distance_m": round(self.distance_m, 3),
             "reasons": [{"code": reason.code, "text": reason.text} for reason in verdict.reasons],
         }
         if verdict.signed is not None:
@@ -98,16 +105,14 @@ class Window:
                 "error_m": verdict.signed.error_mm / 1000,
                 "paper_rule": verdict.signed.paper_rule,
             }
-        if verdict.estimate is not None and verdict.covariance is not None:
-            off = (
-                verdict.estimate.east_mm / 1000 - self.truth_m[0],
-                verdict.estimate.north_mm / 1000 - self.truth_m[1],
-            )
+        if self.estimate_m is not None and verdict.covariance is not None:
             value |= {
-                "estimate_m": [verdict.estimate.east_mm / 1000, verdict.estimate.north_mm / 1000],
-                "truth_error_m": round(math.hypot(*off), 3),
+                "at_s": round(self.at_s, 3),
+                "estimate_m": list(self.estimate_m),
                 "covariance_mm2": verdict.covariance.to_json(),
             }
+        if self.truth_error_m is not None:
+            value["truth_error_m"] = round(self.truth_error_m, 3)
         if verdict.chi2_milli is not None:
             value["chi2"] = verdict.chi2_milli / 1000
         if verdict.within_mm is not None:
@@ -115,89 +120,101 @@ class Window:
         return value
 
 
+@dataclass(frozen=True)
+class Study:
+    """A recording that was read, with everything that its windows are judged by."""
+
+    settings: EvaluateSettings
+    recording: Recording
+    commissioning: Commissioning
+    policy: Policy
+    said: Claimed
+
+    @classmethod
+    def load(cls, settings: EvaluateSettings) -> Self:
+        """Read the files. Raises RecordingError for what is none."""
+        for name, value in (
+            ("--truth-shift", settings.truth_shift_s),
+            ("--truth-raise", settings.truth_raise_m),
+            ("--buffer", settings.buffer_m),
+        ):
+            if not math.isfinite(value):
+                raise RecordingError(f"{name} {value}: a finite number is needed")
+        recording = Recording.load(
+            settings.recording,
+            settings.anchors,
+            truth_shift_s=settings.truth_shift_s,
+            truth_raise_m=settings.truth_raise_m,
+            truthless=True,
+        )
+        if not recording.has_truth and not settings.claim.startswith("csv:"):
+            raise RecordingError(
+                f"{settings.recording}: it has no truth (gt_x, gt_y, gt_z), so say what the drone claims: "
+                "--claim csv:FILE (t, x, y, z)"
+            )
+        policy = Policy(
+            buffer_mm=round(settings.buffer_m * 1000),
+            min_rounds=max(min(MIN_ROUNDS, settings.rounds), settings.rounds // 2),
+            max_rounds=max(settings.rounds, MIN_ROUNDS),
+        )
+        said = claims_of(settings.claim, (recording.rounds[0].t_s, recording.rounds[-1].t_s))
+        return cls(settings, recording, _commissioning(settings.commissioning, recording), policy, said)
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return self.settings.recording.stem
+
+    def rounds(self) -> Iterator[tuple[RecordedRound, ...]]:
+        """Whole windows."""
+        size = self.settings.rounds
+        everything = self.recording.rounds
+        for count, first in enumerate(range(0, len(everything) - size + 1, size)):
+            if self.settings.windows and count >= self.settings.windows:
+                return
+            yield everything[first : first + size]
+
+    def judged(self) -> Iterator[Window]:
+        """Every window with its verdict. Raises RecordingError for claims that are nowhere."""
+        for rounds in self.rounds():
+            yield replace(judge(rounds, self.commissioning, self.policy, self.said), recording=self.name)
+
+
 def evaluate(settings: EvaluateSettings) -> Iterator[Window]:
     """Judge each whole window of ``settings.rounds`` rounds; raises RecordingError for files that are none."""
-    for name, value in (
-        ("--truth-shift", settings.truth_shift_s),
-        ("--truth-raise", settings.truth_raise_m),
-        ("--buffer", settings.buffer_m),
-    ):
-        if not math.isfinite(value):
-            raise RecordingError(f"{name} {value}: a finite number is needed")
-    recording = Recording.load(
-        settings.recording,
-        settings.anchors,
-        truth_shift_s=settings.truth_shift_s,
-        truth_raise_m=settings.truth_raise_m,
-    )
-    commissioning = _commissioning(settings.commissioning, recording)
-    said = claims_of(settings.claim)
-    policy = Policy(
-        buffer_mm=round(settings.buffer_m * 1000),
-        min_rounds=max(min(MIN_ROUNDS, settings.rounds), settings.rounds // 2),
-        max_rounds=max(settings.rounds, MIN_ROUNDS),
-    )
-    rounds = recording.rounds
-    for count, first in enumerate(range(0, len(rounds) - settings.rounds + 1, settings.rounds)):
-        if settings.windows and count >= settings.windows:
-            return
-        yield judge(rounds[first : first + settings.rounds], commissioning, policy, said)
+    yield from Study.load(settings).judged()
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """What the contract would be given about a window, were the drone to countersign."""
-
-    session: Session
-    commissioning: Commissioning
-    evidence: Evidence
-
-    def verdict(self) -> Verdict:
-        """The contract's own function on it."""
-        return preview(self.session, self.commissioning, self.evidence, self.evidence.ranges.t_ms[-1])
-
-
-def judge(rounds: tuple[RecordedRound, ...], commissioning: Commissioning, policy: Policy, said: Claimed) -> Window:
+def judge(rounds: Sequence[RecordedRound], commissioning: Commissioning, policy: Policy, said: Claimed) -> Window:
     """The verdict on consecutive rounds, were the drone to countersign them."""
     verdict = prepare(rounds, commissioning, policy, said).verdict()
-    return Window(rounds[0].t_s, rounds[-1].t_s, rounds[len(rounds) // 2].truth_m, verdict)
+    times = [item.t_s for item in rounds]
+    # The verdict's own word where it has one: the mean time of the rounds that were kept.
+    stated_ms = getattr(verdict, "estimate_ms", None)
+    at_s = sum(times) / len(times) if stated_ms is None else times[0] + (stated_ms - START_MS) / 1000
+    claim = _between(times, [said(item.t_s, item.truth_m) for item in rounds], at_s)
+    truth: Vector | None = _between(times, [item.truth_m for item in rounds], at_s)
+    if truth is not None and not all(math.isfinite(value) for value in truth):
+        truth = None
+    return Window(times[0], times[-1], at_s, truth, claim, verdict)
 
 
-def prepare(rounds: tuple[RecordedRound, ...], commissioning: Commissioning, policy: Policy, said: Claimed) -> Prepared:
-    """Session and evidence of consecutive rounds; times are relative to the first. Raises RecordingError."""
-    origin_s = rounds[0].t_s
-    times = [START_MS + round((item.t_s - origin_s) * 1000) for item in rounds]
-    try:
-        claims = [
-            _claim(commissioning, t_ms, said(item.t_s, item.truth_m)) for t_ms, item in zip(times, rounds, strict=True)
-        ]
-        table = RangeTable(
-            t_ms=tuple(times),
-            anchors=tuple(
-                AnchorRanges(
-                    anchor_id=anchor.anchor_id,
-                    range_mm=tuple(_range_mm(item.ranges_m.get(anchor.anchor_id)) for item in rounds),
-                )
-                for anchor in commissioning.anchors
-            ),
-        )
-    except ProofError as error:
-        raise RecordingError(f"at {origin_s:.3f} s: {error}") from error
-    every = -(-len(claims) // (MAX_CLAIMS - 1))
-    chosen = claims[::every] if (len(claims) - 1) % every == 0 else [*claims[::every], claims[-1]]
-    evidence = Evidence(
-        ranges=table,
-        claims=tuple(chosen),
-        broadcast=(),
-        matched="both",
-        radio=Radio(measured_by="pad", sts="provisioned"),
-        steps=(),
+def prepare(rounds: Sequence[RecordedRound], commissioning: Commissioning, policy: Policy, said: Claimed) -> Prepared:
+    """What the contract would be given of consecutive rounds; times are relative to the first."""
+    return prepare_window(
+        [item.t_s for item in rounds],
+        [item.ranges_m for item in rounds],
+        [said(item.t_s, item.truth_m) for item in rounds],
+        commissioning,
+        policy,
     )
-    return Prepared(_session(claims[0], policy), commissioning, evidence)
 
 
-def claims_of(text: str) -> Claimed:
-    """``truth``, ``offset:E,N,U`` or ``csv:FILE`` with columns t, x, y, z (s, m); raises RecordingError."""
+def claims_of(text: str, between_s: tuple[float, float] | None = None) -> Claimed:
+    """``truth``, ``offset:E,N,U`` or ``csv:FILE`` with columns t, x, y, z (s, m); raises RecordingError.
+
+    ``between_s``: the recording's first and last time, which claims of a file have to overlap.
+    """
     kind, _, rest = text.partition(":")
     if kind != "csv":
         moved = parse_claim(text)
@@ -206,7 +223,7 @@ def claims_of(text: str) -> Claimed:
     times: list[float] = []
     places: list[Vector] = []
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             for row in csv.DictReader(file):
                 t_s, x, y, z = (float(row[name]) for name in ("t", "x", "y", "z"))
                 if not all(math.isfinite(value) for value in (t_s, x, y, z)) or (times and t_s < times[-1]):
@@ -219,36 +236,12 @@ def claims_of(text: str) -> Claimed:
         raise RecordingError(f"{path}: no claims; it needs the columns t, x, y, z in s and m ({error})") from error
     if not times:
         raise RecordingError(f"{path}: no claims in it")
-    return lambda t_s, _: _between(times, places, t_s)
-
-
-def run(settings: EvaluateSettings) -> int:
-    """Print a line for each window and a summary; the exit code."""
-    console = Console(stderr=settings.as_json, highlight=False)
-    outcomes = dict.fromkeys(OUTCOMES, 0)
-    paper = estimated = 0
-    for window in evaluate(settings):
-        line = window.line()
-        outcomes[window.verdict.outcome] += 1
-        paper += bool(line.get("paper_rule"))
-        estimated += "likelihood" in line
-        if settings.as_json:
-            print(json.dumps(line), flush=True)  # noqa: T201 - the product of --json
-            continue
-        found = "no estimate"
-        if "likelihood" in line:
-            found = f"likelihood {line['likelihood']:.4f}  error {line['error_m']:.2f} m"
-        console.print(
-            f"{window.first_s:8.1f}–{window.last_s:.1f} s  {window.verdict.outcome:<12} {found:<34}  "
-            f"at {line['distance_m']:.1f} m  [dim]{', '.join(reason.code for reason in window.verdict.reasons)}[/dim]",
-            soft_wrap=True,
+    if between_s is not None and (times[-1] < between_s[0] or times[0] > between_s[1]):
+        raise RecordingError(
+            f"{path}: its claims are of {times[0]:.1f} to {times[-1]:.1f} s, the ranges of {between_s[0]:.1f} to "
+            f"{between_s[1]:.1f} s; bring them to one clock"
         )
-    total = sum(outcomes.values())
-    counts = ", ".join(f"{outcomes[name]} {name}" for name in OUTCOMES)
-    console.print(f"{total} windows of {settings.rounds} rounds: {counts}; the paper's rule accepts {paper}")
-    if total == 0:
-        return 1
-    return 0 if estimated else NO_ESTIMATE
+    return lambda t_s, _: _between(times, places, t_s)
 
 
 def _commissioning(path: Path | None, recording: Recording) -> Commissioning:
@@ -270,58 +263,6 @@ def _commissioning(path: Path | None, recording: Recording) -> Commissioning:
                 "anchors has it; a bias table holds for the anchors that it was fitted to"
             )
     return record
-
-
-def _claim(commissioning: Commissioning, t_ms: int, place_m: Vector) -> Claim:
-    if not all(abs(value) <= FARTHEST_CLAIM_M for value in place_m):
-        raise GeometryError(
-            f"a claim at {place_m[0]:g}, {place_m[1]:g}, {place_m[2]:g} m is nowhere on Earth (--claim, --truth-raise)"
-        )
-    east, north, up = (round(value * 1000) for value in place_m)
-    frame = commissioning.frame
-    try:
-        lat_e7, lon_e7, height_mm = frames.to_wgs84(frame, east, north, up)
-    except GeometryError:
-        # Beyond the frame's reach one place is as far as another: the other side of the planet stands for all.
-        lat_e7, lon_e7, height_mm = -frame.lat_e7, frame.lon_e7, frame.height_mm
-    return Claim(
-        lat_e7=lat_e7,
-        lon_e7=lon_e7,
-        height_mm=height_mm,
-        accuracy_mm=CLAIM_ACCURACY_MM,
-        height_accuracy_mm=CLAIM_HEIGHT_ACCURACY_MM,
-        t_ms=t_ms,
-    )
-
-
-def _range_mm(range_m: float | None) -> int:
-    """As UCI reports it, in whole centimetres; what is no range a node could report counts as none."""
-    if range_m is None or not 0.0 < range_m * 1000 < LONGEST_RANGE_MM:
-        return NO_RANGE
-    return round(range_m * 100) * 10
-
-
-def _session(claim: Claim, policy: Policy) -> Session:
-    party = Party(msp_id="PadMSP", certificate_sha256="0" * 64)
-    return Session(
-        session_id="0" * 64,
-        state="requested",
-        pad_id="recording",
-        uav_id="RECORDED",
-        action="land",
-        claim=claim,
-        prekey_id="none",
-        pad_key="A" * 87,
-        uav_key="A" * 87,
-        pad=party,
-        uav=party,
-        commissioning_sha256="0" * 64,
-        contract_version="0",
-        transcript_sha256="0" * 64,
-        policy=policy,
-        requested_ms=START_MS,
-        expires_ms=START_MS + SESSION_MS,
-    )
 
 
 def _between(times: list[float], places: list[Vector], t_s: float) -> Vector:

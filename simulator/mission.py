@@ -49,6 +49,7 @@ class Mission:
     """Where it last said that it is, in the pad's frame; None before it said anything."""
     proofs: int = 0
     """Times that it came to hold before the pad: the agent proves once in each."""
+    _fixes: int = 0
     _until_s: float = 0.0
     _since_s: float = 0.0
 
@@ -109,7 +110,10 @@ class Mission:
     def fix(self, t_s: float, t_ms: int) -> Fix:
         """The drone's own word on where it is: what it signs."""
         x, y, z = self.gnss.fix(self.flight.position, t_s)
-        lie = self.spec.attack.lie_m if self.spec.attack is not None else (0.0, 0.0, 0.0)
+        attack = self.spec.attack
+        self._fixes += 1
+        lies = attack is not None and int(self._fixes * attack.lie_share) > int((self._fixes - 1) * attack.lie_share)
+        lie = attack.lie_m if attack is not None and lies else (0.0, 0.0, 0.0)
         self.claimed_m = (x + lie[0], y + lie[1], z + lie[2])
         return self._fix(self.claimed_m, t_ms)
 

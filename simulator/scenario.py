@@ -109,14 +109,15 @@ class PadSite:
 class AttackSpec:
     """What a drone of the attack lab does. Lengths in metres, in the pad's frame.
 
-    ``lie_m``: claim minus truth. ``spoofed_m``: its GNSS is shifted by that, so that it hovers beside its hover.
-    ``drag_m_s``: its GNSS is dragged away from when it sets out. ``ranges``: one of
+    ``lie_m``: claim minus truth; ``lie_share``: in how many of its fixes. ``spoofed_m``: its GNSS is shifted by that,
+    so that it hovers beside its hover. ``drag_m_s``: its GNSS is dragged away from when it sets out. ``ranges``: one of
     ``simulator.attackers.ranging.RANGE_ATTACKS``. ``accuracy_m``, ``height_accuracy_m``: what it claims to know.
     ``accomplice``: the radio that answers with its keys is a second drone's, which is where it claims to be.
     """
 
     name: str
     lie_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lie_share: float = 1.0
     spoofed_m: tuple[float, float] = (0.0, 0.0)
     drag_m_s: float = 0.0
     ranges: str = ""

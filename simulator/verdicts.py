@@ -73,10 +73,9 @@ class CommittedVerdict:
                 "paper_rule": verdict.signed.paper_rule,
             }
         if verdict.broadcast is not None:
-            value |= {
-                "broadcast": verdict.broadcast.outcome,
-                "broadcast_error_m": verdict.broadcast.error_mm / 1000,
-            }
+            value["broadcast"] = verdict.broadcast.outcome
+            if verdict.broadcast.error_mm is not None:
+                value["broadcast_error_m"] = verdict.broadcast.error_mm / 1000
         return value
 
 

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from uav_agent.broadcasts import BroadcastSource, NoBroadcasts
 from uav_agent.ledger_events import LedgerEvents
 from uav_agent.position import PositionSource
 from uav_agent.session import events as on
@@ -88,7 +89,10 @@ class _Asked:
 
 
 class UavAgent:
-    """One drone. ``choose`` picks one of several prekeys; by default unpredictably."""
+    """One drone. ``choose`` picks one of several prekeys; by default unpredictably.
+
+    ``broadcasts``: what its Remote ID module sends, so that it can sign for it; without, it signs for none of it.
+    """
 
     def __init__(
         self,
@@ -102,6 +106,7 @@ class UavAgent:
         position: PositionSource,
         act: Act,
         clock: Clock,
+        broadcasts: BroadcastSource | None = None,
         timing: UavTiming | None = None,
         whole_certificate: bool = False,
         choose: Callable[[Sequence[Prekey]], Prekey] = secrets.choice,
@@ -114,6 +119,7 @@ class UavAgent:
         self._signer = signer
         self._radio = radio
         self._position = position
+        self._broadcasts = broadcasts or NoBroadcasts()
         self._act = act
         self._clock = clock
         self._timing = timing or UavTiming()
@@ -159,6 +165,7 @@ class UavAgent:
             timing=self._timing,
             whole_certificate=self._whole_certificate,
             witness_blinks=await self._witness_blinks(asked),
+            broadcasts=self._broadcasts.sent,
         )
         runner = self._runner = SessionRunner(
             machine,

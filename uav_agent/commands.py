@@ -21,6 +21,7 @@ from wonderland.proofs.records.sessions import STEP_NAMES
 
 if TYPE_CHECKING:
     from uav_agent.agent import ProofResult, UavAgent
+    from uav_agent.broadcasts import RemoteIdModule
     from uav_agent.position import PositionSource
     from uav_agent.radio.tag import TagRadio
     from uav_agent.session.ports import Act
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from wonderland.proofs.records.verdicts import Verdict
 
 POSITION_PATIENCE_S = 10.0
+LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
 
 
 @click.group()
@@ -66,6 +68,12 @@ def _of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
             help="Where the drone's position comes from: datagrams of the autopilot, or a recorded track (CSV).",
         ),
         click.option(
+            "--remote-id",
+            metavar="udp:HOST:PORT",
+            help="Where the drone's Remote ID module says what it broadcasts; the agent signs for that, so that no "
+            "impostor's broadcast is taken for the drone's. Listen on this machine alone (127.0.0.1).",
+        ),
+        click.option(
             "--then",
             "command",
             metavar="PROGRAM",
@@ -87,13 +95,14 @@ def _of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
 def prove(*, as_json: bool, verbose: bool, **options: Any) -> None:
     """Prove where the drone is. Exit code 0 when permitted and done, 2 when refused, 1 when no proof came about."""
     from uav_agent.agent import UavAgentError  # noqa: PLC0415 - `--help` needs none of it
+    from uav_agent.broadcasts import BroadcastError  # noqa: PLC0415
     from uav_agent.position import PositionError  # noqa: PLC0415
     from wonderland.ledger.errors import LedgerError  # noqa: PLC0415
 
     _log_to_stderr(verbose=verbose)
     try:
         result = asyncio.run(_prove(**options, quiet=as_json))
-    except (LedgerError, UavAgentError, PositionError) as error:
+    except (LedgerError, UavAgentError, PositionError, BroadcastError) as error:
         raise click.ClickException(str(error)) from error
     if as_json:
         click.echo(json.dumps(_document(result)))
@@ -127,6 +136,7 @@ async def _prove(*, pad_id: str, action: str, **options: Any) -> ProofResult:
 @click.option("--network-id", is_flag=True, help="Tell the backend each second where the drone is (Network Remote ID).")
 def serve(*, url: str, pads: tuple[str, ...], network_id: bool, verbose: bool, **options: Any) -> None:
     """Stay, and prove where the drone is when the authority or its operator asks (POST /api/v1/proof-requests)."""
+    from uav_agent.broadcasts import BroadcastError  # noqa: PLC0415
     from uav_agent.position import PositionError  # noqa: PLC0415
     from wonderland.ledger.errors import LedgerError  # noqa: PLC0415
 
@@ -136,7 +146,7 @@ def serve(*, url: str, pads: tuple[str, ...], network_id: bool, verbose: bool, *
         raise click.UsageError("--backend: wss:// (ws:// to this machine alone)")
     try:
         asyncio.run(_serve(url, frozenset(pads), network_id=network_id, **options, quiet=False))
-    except (LedgerError, PositionError) as error:
+    except (LedgerError, PositionError, BroadcastError) as error:
         raise click.ClickException(str(error)) from error
 
 
@@ -167,6 +177,7 @@ async def _agent(
     node: str,
     report_to: str | None,
     position: str,
+    remote_id: str | None,
     command: str | None,
     whole_certificate: bool,
     quiet: bool,
@@ -189,6 +200,7 @@ async def _agent(
         channel = await stack.enter_async_context(where.open_channel())
         ledger = ProofContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
         source = await stack.enter_async_context(_position(position, clock))
+        broadcasts = await stack.enter_async_context(_broadcasts(remote_id, who.pol_id, clock)) if remote_id else None
         await stack.enter_async_context(radio)
         events = await stack.enter_async_context(LedgerEvents(ledger))
         agent = UavAgent(
@@ -199,6 +211,7 @@ async def _agent(
             signer=signer,
             radio=radio,
             position=source,
+            broadcasts=broadcasts,
             act=_act(command),
             clock=clock,
             whole_certificate=whole_certificate,
@@ -224,12 +237,35 @@ async def _position(text: str, clock: Clock) -> AsyncIterator[PositionSource]:
     if kind == "track" and rest:
         yield TrackPosition.load(Path(rest), clock())
         return
-    host, _, port = rest.rpartition(":")
-    if kind != "udp" or not host or not port.isdigit() or int(port) > 0xFFFF:
+    listen = _udp(text)
+    if listen is None:
         raise PositionError(f"--position {text}: give udp:HOST:PORT or track:FILE")
-    async with AutopilotPosition((host, int(port)), clock) as source:
+    async with AutopilotPosition(listen, clock) as source:
         await source.wait(POSITION_PATIENCE_S)
         yield source
+
+
+def _udp(text: str) -> tuple[str, int] | None:
+    """``udp:HOST:PORT``, or None."""
+    kind, _, rest = text.partition(":")
+    host, _, port = rest.rpartition(":")
+    if kind != "udp" or not host or not (port.isascii() and port.isdigit()) or int(port) > 0xFFFF:
+        return None
+    return host, int(port)
+
+
+def _broadcasts(text: str, uav_id: str, clock: Clock) -> RemoteIdModule:
+    from uav_agent.broadcasts import BroadcastError, RemoteIdModule  # noqa: PLC0415
+
+    listen = _udp(text)
+    if listen is None:
+        raise BroadcastError(f"--remote-id {text}: give udp:HOST:PORT")
+    if listen[0] not in LOOPBACK:
+        click.echo(
+            f"--remote-id {text}: whoever reaches this address has the drone sign for what he sends; use 127.0.0.1",
+            err=True,
+        )
+    return RemoteIdModule(listen, uav_id, clock)
 
 
 def _act(command: str | None) -> Act:

@@ -11,7 +11,7 @@ from wonderland.proofs.drift import widened
 from wonderland.proofs.drone_clock import drone_clock
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.records.pads import Anchor, Commissioning
-from wonderland.proofs.records.sessions import NO_RANGE, Evidence, Session
+from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.reduction import bias_at, residuals_of
 from wonderland.proofs.rounds import UsableRounds, usable
@@ -51,8 +51,8 @@ def _by_anchor(
     if seen is None:
         return {}
     found = {}
-    for (index, values), column in zip(seen.raw, rounds.range_mm, strict=True):
-        heard = [position for position in seen.track.kept if column[position] != NO_RANGE]
+    for (index, moments, values), column in zip(seen.raw, rounds.range_mm, strict=True):
+        heard = [seen.claimed.kept[moment] for moment in moments]
         found[index] = [
             (rounds.t_ms[position], column[position], value) for position, value in zip(heard, values, strict=True)
         ]

@@ -246,7 +246,9 @@ def _countersigned(session: Session, evidence: Evidence) -> bool | None:
     """Whether the drone's countersignature holds; None where it gave none."""
     if evidence.uav_signature is None or session.uav.public_key is None:
         return None
-    message = statement(session.session_id, session.transcript_sha256, evidence.ranges, evidence.claims)
+    message = statement(
+        session.session_id, session.transcript_sha256, evidence.ranges, evidence.claims, evidence.attested
+    )
     key = encoding.from_base64url(session.uav.public_key)
     return signature_holds(key, message, encoding.from_base64url(evidence.uav_signature))
 

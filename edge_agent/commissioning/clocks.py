@@ -13,9 +13,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from edge_agent.commissioning.curves import ALIKE_S
 from edge_agent.commissioning.errors import ClockError
 from edge_agent.commissioning.run import WINDOW_S, Floats, without_bursts
-from edge_agent.commissioning.spread import INDEPENDENT_S, inflation
+from edge_agent.commissioning.spread import inflation
 from edge_agent.commissioning.stamps import StampedRun
 from wonderland.proofs.differences import MIN_ANCHORS
 from wonderland.proofs.records.pads import Commissioning
@@ -190,7 +191,7 @@ def _fit(runs: Sequence[StampedRun], sharing: Sequence[int]) -> Clocks:
     if len(runs) > 1:
         by_run = np.array([wander[owner == number].mean(axis=0) for number in np.unique(owner)])
         between2 = by_run.var(axis=0, ddof=1) * inflation(max(len(by_run) - 1.0, 1.0)) if len(by_run) > 1 else between2
-    independent = max(len(times) / INDEPENDENT_S, 2.0)
+    independent = max(len(times) / ALIKE_S, 2.0)
     sigma2 = np.maximum(apart * inflation(independent) * (1 + 1 / independent), between2)
     sigma = np.sqrt(np.maximum(sigma2, CLOCK_FLOOR_M**2))
     names = tuple(runs[0].anchor_ids[index] for index in sharing)

@@ -3,7 +3,9 @@
 Each curve is linear between knots. Two penalties hold it: on changes of slope (a radio's bias does not jump), and on
 differences between an anchor's curve and the anchors' mean curve beyond a constant (units of one chip share its shape).
 How strong both are is found by cross-validation over blocks of the run, so that no choice has to be believed.
-Windows that do not fit count less (Huber's weights): a parked car must not bend a table.
+What is fitted is the difference from the chip's published curve, and its level is drawn towards that by as much as
+units are known to differ: little data leaves the curve where it was. Windows that do not fit count less (Huber's
+weights), those that were obstructed hardly (``sight``): a parked car must not bend a table.
 """
 
 from __future__ import annotations
@@ -14,8 +16,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from edge_agent.commissioning import prior
 from edge_agent.commissioning.errors import CalibrationError
-from edge_agent.commissioning.run import Floats, Windows
+from edge_agent.commissioning.run import Bools, Floats, Windows
+from edge_agent.commissioning.sight import all_in_sight
 
 MAX_KNOTS: Final = 24
 MAX_UNKNOWNS: Final = 240
@@ -29,10 +33,14 @@ FOLDS: Final = 5
 SMOOTHNESS: Final = (1e-1, 1e0, 1e1, 1e2, 1e3, 1e4)
 SHARING: Final = (1e-1, 1e0, 1e1, 1e2, 1e3)
 HUBER: Final = 1.5
+WORST_M: Final = 0.3
+"""An error beyond this says nothing about a curve, however far beyond."""
 _REWEIGHTINGS: Final = 4
 _SCALE_FLOOR_M: Final = 0.005
-_ANCHORED: Final = 1e-4
-"""Weight of zero bias, so that an anchor without any window has a curve at all."""
+ALIKE_S: Final = 5.0
+"""Seconds so long share a place and tell the same: together they weigh as one against what was known before."""
+OWN_M: Final = prior.BIAS_SIGMA_MM / 1000
+COMMON_M: Final = prior.INSTALLATION_MM / 1000
 
 
 @dataclass(frozen=True)
@@ -82,7 +90,7 @@ def folds(data: Windows) -> NDArray[np.int_]:
     if data.run.max() > 0:
         return data.run
     span = float(data.t_s[-1] - data.t_s[0])
-    block = min(BLOCK_S, max(span / (2 * FOLDS), 1.0))
+    block = max(min(BLOCK_S, max(span / (2 * FOLDS), 1.0)), data.length_s)
     return np.asarray(np.floor((data.t_s - data.t_s[0]) / block).astype(int) % FOLDS)
 
 
@@ -97,7 +105,7 @@ def fit_curves(data: Windows) -> tuple[Curves, Floats]:
     def score(smoothness: float, sharing: float) -> float:
         if (smoothness, sharing) not in tried:
             held = _held_out(data, fold, knots, smoothness, sharing)
-            tried[smoothness, sharing] = (float(np.nanmean(np.abs(held))), held)
+            tried[smoothness, sharing] = (float(np.nanmean(np.minimum(np.abs(held), WORST_M))), held)
         return tried[smoothness, sharing][0]
 
     # One penalty after the other, and the first once more: the two hardly depend on each other.
@@ -105,8 +113,14 @@ def fit_curves(data: Windows) -> tuple[Curves, Floats]:
     smoothness = min(SMOOTHNESS, key=lambda value: score(value, sharing))
     sharing = min(SHARING, key=lambda value: score(smoothness, value))
     smoothness = min(SMOOTHNESS, key=lambda value: score(value, sharing))
-    bias = _solve(data.distance_m, data.error_m, knots, smoothness, sharing)
+    bias = _solve(data, np.ones(len(fold), dtype=bool), knots, smoothness, sharing)
     return Curves(knots, bias, smoothness, sharing), tried[smoothness, sharing][1]
+
+
+def chip_bias_m(distance_m: Floats) -> Floats:
+    """The chip's published bias; NaN stays NaN."""
+    places, bias = np.array(prior.BIAS_M).T
+    return np.asarray(np.interp(distance_m, places, bias))
 
 
 def _held_out(data: Windows, fold: NDArray[np.int_], knots_m: Floats, smoothness: float, sharing: float) -> Floats:
@@ -114,36 +128,56 @@ def _held_out(data: Windows, fold: NDArray[np.int_], knots_m: Floats, smoothness
     held = np.full_like(data.error_m, np.nan)
     for index in np.unique(fold):
         out = fold == index
-        bias = _solve(data.distance_m[~out], data.error_m[~out], knots_m, smoothness, sharing)
+        bias = _solve(data, ~out, knots_m, smoothness, sharing)
         held[out] = data.error_m[out] - Curves(knots_m, bias, smoothness, sharing).at(data.distance_m[out])
     return held
 
 
-def _solve(distance_m: Floats, error_m: Floats, knots_m: Floats, smoothness: float, sharing: float) -> Floats:
-    """Robust penalised least squares; bias (a, k)."""
+def _solve(data: Windows, chosen: Bools, knots_m: Floats, smoothness: float, sharing: float) -> Floats:
+    """Robust penalised least squares of the windows that are chosen; bias (a, k)."""
+    distance_m = data.distance_m[chosen]
+    error_m = data.error_m[chosen] - chip_bias_m(distance_m)
+    first_path_db = None if data.first_path_db is None else data.first_path_db[chosen]
     anchors, knots = error_m.shape[1], len(knots_m)
     size = anchors * knots
-    penalty = _penalty(knots_m, anchors, smoothness, sharing)
+    shape = _penalty(knots_m, anchors, smoothness, sharing)
+    known = _known(anchors, knots)
     used = [np.flatnonzero(np.isfinite(error_m[:, i])) for i in range(anchors)]
-    hats = [_hats(distance_m[rows, i], knots_m) for i, rows in enumerate(used)]
+    shares = [hats(distance_m[rows, i], knots_m) for i, rows in enumerate(used)]
     weights = [np.ones(len(rows)) for rows in used]
     bias: Floats = np.zeros((anchors, knots))
+    scale = OWN_M
     for _ in range(_REWEIGHTINGS):
-        normal = penalty.copy()
+        normal = shape + known * scale**2 * ALIKE_S / data.length_s
         right = np.zeros(size)
         for i, rows in enumerate(used):
             part = slice(i * knots, (i + 1) * knots)
-            weighted = hats[i] * weights[i][:, None]
-            normal[part, part] += weighted.T @ hats[i]
+            weighted = shares[i] * weights[i][:, None]
+            normal[part, part] += weighted.T @ shares[i]
             right[part] = weighted.T @ error_m[rows, i]
         bias = np.asarray(np.linalg.solve(normal, right).reshape(anchors, knots), dtype=np.float64)
-        rests = [error_m[rows, i] - hats[i] @ bias[i] for i, rows in enumerate(used)]
+        rests = [error_m[rows, i] - shares[i] @ bias[i] for i, rows in enumerate(used)]
         scale = max(1.4826 * float(np.median(np.abs(np.concatenate(rests)))), _SCALE_FLOOR_M)
-        weights = [np.minimum(1.0, HUBER * scale / np.maximum(np.abs(rest), 1e-9)) for rest in rests]
-    return bias
+        rest = np.full_like(error_m, np.nan)
+        for i, rows in enumerate(used):
+            rest[rows, i] = rests[i]
+        clear = all_in_sight(rest, first_path_db)
+        weights = [
+            clear[rows, i] * np.minimum(1.0, HUBER * scale / np.maximum(np.abs(rests[i]), 1e-9))
+            for i, rows in enumerate(used)
+        ]
+    return bias + chip_bias_m(knots_m)
 
 
-def _hats(distance_m: Floats, knots_m: Floats) -> Floats:
+def _known(anchors: int, knots: int) -> Floats:
+    """What was known before: how much the levels of anchors' curves differ from the chip's, together and each."""
+    common = np.full((anchors, anchors), 1.0 / anchors)
+    own = np.eye(anchors) - common
+    between = own / OWN_M**2 + common / (COMMON_M**2 + OWN_M**2 / anchors) / anchors
+    return np.asarray(np.kron(between, np.eye(knots) / knots))
+
+
+def hats(distance_m: Floats, knots_m: Floats) -> Floats:
     """Linear interpolation as a matrix (n, k)."""
     if len(knots_m) == 1:
         return np.ones((len(distance_m), 1))
@@ -169,4 +203,4 @@ def _penalty(knots_m: Floats, anchors: int, smoothness: float, sharing: float) -
     steps = np.diff(np.eye(knots), axis=0)
     shape = sharing * steps.T @ steps if knots > 1 else np.zeros((1, 1))
     apart = np.eye(anchors) - 1.0 / anchors
-    return np.kron(np.eye(anchors), single) + np.kron(apart, shape) + _ANCHORED * np.eye(anchors * knots)
+    return np.kron(np.eye(anchors), single) + np.kron(apart, shape)

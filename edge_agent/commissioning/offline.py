@@ -8,23 +8,24 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
+from edge_agent.commissioning.choice import Choice, fit_best
 from edge_agent.commissioning.clocks import Clocks, fit_clocks
+from edge_agent.commissioning.coverage import Note
 from edge_agent.commissioning.errors import CalibrationError, CommissioningError, RecordingError
-from edge_agent.commissioning.fit import Fit, FitSettings, Note, find_shift, fit_runs
+from edge_agent.commissioning.fit import Fit, FitSettings, fit_runs
 from edge_agent.commissioning.reach import AtDistance, Reach, ReachMap, by_distance, reach, reach_map
 from edge_agent.commissioning.recording import Recording
 from edge_agent.commissioning.reference import load_track
 from edge_agent.commissioning.run import Run
+from edge_agent.commissioning.shift import find_shift
 from edge_agent.commissioning.stamps import StampedRun
-from edge_agent.commissioning.survey_files import Origin, Survey, load_survey
+from edge_agent.commissioning.survey_files import NOWHERE, Origin, Survey, load_survey
 from wonderland.ledger.errors import FileWriteError
 from wonderland.ledger.files import PUBLIC, write_atomic
 from wonderland.proofs.honest import SHARE_PPM
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 
-NOWHERE: Final = Origin(60.45031, 22.27124, 31.0)
-"""Where a pad stands whose survey is not tied to the globe: enough for studies, not for a ledger."""
 DAY_MS: Final = 86_400_000
 
 
@@ -64,6 +65,7 @@ class Calibrated:
     clocks: Clocks | None = None
     timed_reaches: tuple[Reach, ...] = ()
     """How far out time stamps alone verify a buffer (assurance 3)."""
+    choice: Choice | None = None
 
     @property
     def go(self) -> bool:
@@ -74,6 +76,8 @@ class Calibrated:
         """For machines."""
         out = self.fit.document()
         out["go"] = self.go
+        if self.choice is not None:
+            out["choice"] = self.choice.document()
         if self.clocks is not None:
             out["clocks"] = self.clocks.document()
             out["reach_by_time_stamps"] = [item.document() for item in self.timed_reaches]
@@ -136,8 +140,10 @@ def calibrate_runs(
     shift = truth_shift_s or 0.0
     if truth_shift_s is None:
         shift, _ = find_shift(_runs(runs, survey, 0.0, truth_raise_m))
+    read = _runs(runs, survey, shift, truth_raise_m)
+    choice = fit_best(read, fit_runs(read, fit), buffer_m)
     return finish(
-        fit_runs(_runs(runs, survey, shift, truth_raise_m), fit),
+        choice,
         survey,
         now_ms=now_ms,
         shift_s=shift,
@@ -149,7 +155,7 @@ def calibrate_runs(
 
 
 def finish(
-    fit: Fit,
+    choice: Choice,
     survey: Survey,
     *,
     now_ms: int,
@@ -160,6 +166,7 @@ def finish(
     clocks: Clocks | None = None,
 ) -> Calibrated:
     """The record, and what the pad can settle with it. Raises CalibrationError."""
+    fit = choice.fit
     notes = [Note(code, text) for code, text in survey.notes if code not in {n.code for n in fit.warnings}]
     notes += list(fit.warnings)
     if survey.frame is None:
@@ -189,6 +196,7 @@ def finish(
         tuple(reach(record, policy, buffers_m=buffers, height_m=height_m, timed=True))
         if clocks is not None and clocks.usable
         else (),
+        choice,
     )
 
 

@@ -80,13 +80,18 @@ def check_plausible(runs: Sequence[Run], data: Windows) -> None:
         exchanged = _exchanged(run, data, rows)
         if exchanged:
             raise CalibrationError(
-                f"{run.name}: the ranges of anchors {' and '.join(exchanged)} fit each other's places: exchanged in "
+                f"{run.name}: the ranges of anchors {said(exchanged)} fit each other's places: exchanged in "
                 "the survey, or their nodes (addresses) on the pad; or are the reference's axes exchanged or mirrored?"
             )
         lines = _lines(run, data, rows)
         absurd = [line for line in lines if line.absurd]
         if absurd:
             raise CalibrationError(f"{run.name}: {'; '.join(line.text() for line in absurd)}. {_advice(lines, absurd)}")
+
+
+def said(names: Sequence[str]) -> str:
+    """Names for people: a, b and c."""
+    return " and ".join([*([", ".join(names[:-1])] if len(names) > 1 else []), names[-1]])
 
 
 def standing_out(runs: Sequence[Run], data: Windows) -> list[tuple[str, float]]:
@@ -159,7 +164,7 @@ def _advice(lines: Sequence[Line], absurd: Sequence[Line]) -> str:
 
 
 def _exchanged(run: Run, data: Windows, rows: Bools) -> list[str]:
-    """Anchors whose ranges fit each other's places and not their own."""
+    """Anchors whose ranges fit each other's places and not their own: two, or more in a ring. One alone has moved."""
     ranges = data.distance_m[rows] + data.error_m[rows]
     away = distances(data.truth_m[rows], run.anchors_m)
     count = len(run.anchor_ids)
@@ -170,10 +175,24 @@ def _exchanged(run: Run, data: Windows, rows: Bools) -> list[str]:
             return []
         cost[index] = np.median(np.abs(ranges[good, index, None] - away[good]), axis=0)
     _, place = linear_sum_assignment(cost)
-    own = np.diag(cost)
-    best = cost[np.arange(count), place]
-    return [
-        name
-        for index, name in enumerate(run.anchor_ids)
-        if place[index] != index and own[index] > EXCHANGED_M and best[index] < 0.5 * own[index]
-    ]
+    for ring in _rings(place.tolist()):
+        own, best = cost[ring, ring], cost[ring, place[ring]]
+        if len(ring) > 1 and bool(np.all((own > EXCHANGED_M) & (best < 0.5 * own))):
+            return [run.anchor_ids[index] for index in sorted(ring)]
+    return []
+
+
+def _rings(place: Sequence[int]) -> list[list[int]]:
+    """A permutation's cycles."""
+    rings: list[list[int]] = []
+    seen: set[int] = set()
+    for first in range(len(place)):
+        ring: list[int] = []
+        index = first
+        while index not in seen:
+            seen.add(index)
+            ring.append(index)
+            index = place[index]
+        if ring:
+            rings.append(ring)
+    return rings

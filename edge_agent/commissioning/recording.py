@@ -19,8 +19,11 @@ from edge_agent.commissioning.errors import RecordingError
 
 ROUND_GAP_S: Final = 0.03
 """Ranges of one round come within milliseconds, rounds apart by tens."""
+FLAGGED_DB: Final = 10.0
+"""Where a node only says that it is obstructed: the first path of a DW1000 that is so is 6 to 12 dB weaker."""
 MAX_ROWS: Final = 5_000_000
 MIN_ANCHORS: Final = 3
+TRUTH_COLUMNS: Final = "gt_x gt_y gt_z"
 
 Point = tuple[float, float, float]
 """x (east), y (north), z (up) in metres, in the anchors' frame."""
@@ -33,6 +36,8 @@ class RecordedRound:
     t_s: float
     ranges_m: dict[str, float]
     truth_m: Point
+    first_path_db: dict[str, float] = field(default_factory=dict)
+    """By how much each anchor's first path is weaker than all that it received, where the radio tells."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +64,34 @@ class Recording:
     truth_raise_m: float = 0.0
 
     @classmethod
-    def load(cls, ranges: Path, anchors: Path, *, truth_shift_s: float = 0.0, truth_raise_m: float = 0.0) -> Self:
+    def load(
+        cls,
+        ranges: Path,
+        anchors: Path,
+        *,
+        truth_shift_s: float = 0.0,
+        truth_raise_m: float = 0.0,
+        truthless: bool = False,
+    ) -> Self:
         """Read both files. The truth that belongs to a range at t is the one at t + ``truth_shift_s``.
 
-        Raises RecordingError.
+        ``truthless``: it may be missing, and is NaN then (``has_truth``). Raises RecordingError.
         """
+        nowhere = Track((0.0,), ((math.nan, math.nan, math.nan),))
+        without = truthless and not _has_columns(ranges, TRUTH_COLUMNS)
         return cls.of_rows(
-            ranges, read_anchors(anchors), anchors.name, truth_shift_s=truth_shift_s, truth_raise_m=truth_raise_m
+            ranges,
+            read_anchors(anchors),
+            anchors.name,
+            truth_shift_s=truth_shift_s,
+            truth_raise_m=truth_raise_m,
+            reference=nowhere if without else None,
         )
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether anybody knew where the drone was."""
+        return any(math.isfinite(value) for value in self.track.points_m[0]) if self.track.points_m else True
 
     @classmethod
     def of_rows(
@@ -86,8 +111,9 @@ class Recording:
         times: list[float] = []
         truths: list[Point] = []
         rows: list[tuple[float, str, float]] = []
+        weaker: dict[tuple[float, str], float] = {}
         latest: dict[str, float] = {}
-        columns = "t anchor range gt_x gt_y gt_z" if reference is None else "t anchor range"
+        columns = f"t anchor range {TRUTH_COLUMNS}" if reference is None else "t anchor range"
         for line, row in csv_rows(ranges, columns):
             t_s = number(row, "t", ranges, line)
             name = row["anchor"]
@@ -101,6 +127,8 @@ class Recording:
                 )
             latest[name] = t_s
             rows.append((t_s, name, number(row, "range", ranges, line)))
+            if (decibels := _first_path_db(row, ranges, line)) is not None:
+                weaker[t_s, name] = decibels
             times.append(t_s)
             if reference is None:
                 truths.append(vector(row, ("gt_x", "gt_y", "gt_z"), ranges, line))
@@ -108,8 +136,13 @@ class Recording:
             raise RecordingError(f"{ranges}: no ranges in it")
         track = reference or Track(tuple(times), tuple(truths))
         grouped = tuple(
-            RecordedRound(t_s, values, raised(track.at(t_s + truth_shift_s), truth_raise_m))
-            for t_s, values in _rounds(rows)
+            RecordedRound(
+                t_s,
+                {name: range_m for _, name, range_m in of_round},
+                raised(track.at(t_s + truth_shift_s), truth_raise_m),
+                {name: weaker[at_s, name] for at_s, name, _ in of_round if (at_s, name) in weaker},
+            )
+            for t_s, of_round in _rounds(rows)
         )
         return cls(grouped, dict(places), track, truth_shift_s, truth_raise_m)
 
@@ -133,16 +166,37 @@ def csv_rows(path: Path, columns: str) -> Iterator[tuple[int, dict[str, str]]]:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
             missing = [name for name in wanted if name not in (reader.fieldnames or ())]
+            if not reader.fieldnames:
+                raise RecordingError(f"{path}: the file is empty; it needs {', '.join(wanted)}")
             if missing:
-                raise RecordingError(f"{path}: no column {', '.join(missing)}; it needs {', '.join(wanted)}")
+                raise RecordingError(
+                    f"{path}: no column {', '.join(missing)}; it needs {', '.join(wanted)}{_instead(reader.fieldnames)}"
+                )
             for index, row in enumerate(reader):
                 if index >= MAX_ROWS:
                     raise RecordingError(f"{path}: more than {MAX_ROWS} rows")
                 if any(row[name] is None for name in wanted):
                     raise RecordingError(f"{path}, line {reader.line_num}: too few columns")
                 yield reader.line_num, row
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path}: is no text; it needs the columns {', '.join(wanted)}, in UTF-8") from error
+    except (OSError, csv.Error) as error:
         raise RecordingError(f"{path}: cannot be read ({error})") from error
+
+
+def _instead(names: Sequence[str]) -> str:
+    """What a file without the columns has, and what that looks like."""
+    if len(names) == 1 and any(mark in names[0] for mark in ";\t"):
+        return "; separate them by commas"
+    return f"; it has {', '.join(name[:20] for name in names[:8])}"
+
+
+def _has_columns(path: Path, columns: str) -> bool:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            return set(columns.split()) <= set(csv.DictReader(file).fieldnames or ())
+    except (OSError, UnicodeDecodeError, csv.Error):
+        return True  # reading it says what is wrong
 
 
 def number(row: dict[str, str], name: str, path: Path, line: int) -> float:
@@ -167,18 +221,31 @@ def raised(point: Point, metres: float) -> Point:
     return (point[0], point[1], point[2] + metres)
 
 
-def _rounds(rows: Sequence[tuple[float, str, float]]) -> Iterator[tuple[float, dict[str, float]]]:
+def _first_path_db(row: dict[str, str], path: Path, line: int) -> float | None:
+    """From ``rssi`` and ``rssi_fp`` (dBm), or the node's own flag ``nlos``; None where there is neither."""
+    if row.get("rssi") and row.get("rssi_fp"):
+        return number(row, "rssi", path, line) - number(row, "rssi_fp", path, line)
+    if row.get("nlos"):
+        return FLAGGED_DB if number(row, "nlos", path, line) else 0.0
+    return None
+
+
+Row = tuple[float, str, float]
+"""t (s), anchor, range (m)."""
+
+
+def _rounds(rows: Sequence[Row]) -> Iterator[tuple[float, list[Row]]]:
     """Rows gathered into rounds: a new one begins after a gap, or when an anchor speaks again."""
-    start, values = rows[0][0], dict[str, float]()
-    for t_s, anchor, range_m in rows:
-        if values and (t_s - start > ROUND_GAP_S or anchor in values):
-            yield start, values
-            start, values = t_s, {}
-        elif not values:
-            start = t_s
-        values[anchor] = range_m
+    values: list[Row] = []
+    anchors: set[str] = set()
+    for row in rows:
+        if values and (row[0] - values[0][0] > ROUND_GAP_S or row[1] in anchors):
+            yield values[0][0], values
+            values, anchors = [], set()
+        values.append(row)
+        anchors.add(row[1])
     if values:
-        yield start, values
+        yield values[0][0], values
 
 
 def _at(times: Sequence[float], points: Sequence[Point], t_s: float) -> Point:

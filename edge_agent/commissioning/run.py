@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -24,6 +24,10 @@ WINDOW_S: Final = 1.0
 """What stays the same for a second (multipath, antenna, temperature) a hovering drone keeps for a whole session: it is
 bias. What changes within it averages out."""
 MIN_IN_WINDOW: Final = 4
+USUAL_IN_WINDOW: Final = 6.0
+"""A window of slow ranges is longer than a second, so that it has as many."""
+LONGEST_WINDOW_S: Final = 15.0
+"""Less than 0.4 ranges a second of each anchor teach nothing within any run's length."""
 TRUTH_GAP_S: Final = 1.0
 """Between two samples of the truth further apart than this nobody knows where the drone was."""
 MIN_MOVEMENT_M: Final = 1.0
@@ -47,6 +51,8 @@ class Run:
     """Ranges left out: zero, negative, or beyond a kilometre."""
     truthless: int = 0
     """Rounds left out: the truth has a gap there."""
+    first_path_db: Floats | None = None
+    """(n, a) by how much the first path is weaker than everything received; None where the radio does not tell."""
 
     @property
     def distance_m(self) -> Floats:
@@ -68,6 +74,9 @@ class Run:
         """A recording as arrays. Raises CalibrationError and TruthError for what cannot be calibrated with."""
         names = tuple(recording.anchors)
         ranges = np.array([[item.ranges_m.get(n, np.nan) for n in names] for item in recording.rounds], dtype=float)
+        weaker = None
+        if any(item.first_path_db for item in recording.rounds):
+            weaker = np.array([[item.first_path_db.get(n, np.nan) for n in names] for item in recording.rounds])
         return make_run(
             name,
             names,
@@ -76,6 +85,18 @@ class Run:
             np.array([item.truth_m for item in recording.rounds], dtype=float),
             ranges,
             np.array(recording.track.t_s) - recording.truth_shift_s if recording.track.t_s else None,
+            weaker,
+        )
+
+    def only(self, rows: Bools) -> Run:
+        """Some of its rounds."""
+        weaker = None if self.first_path_db is None else self.first_path_db[rows]
+        return replace(
+            self,
+            t_s=self.t_s[rows],
+            truth_m=self.truth_m[rows],
+            range_m=self.range_m[rows],
+            first_path_db=weaker,
         )
 
 
@@ -87,6 +108,7 @@ def make_run(
     truth_m: Floats,
     range_m: Floats,
     truth_t_s: Floats | None = None,
+    first_path_db: Floats | None = None,
 ) -> Run:
     """Check and clean. ``truth_t_s``: when the truth was sampled, on the ranges' clock; None: at every round.
 
@@ -117,7 +139,8 @@ def make_run(
             f"{name}: the drone hardly moved ({np.max(extent):.2f} m); a bias table needs distances: "
             "carry it from the pad outwards as far as it shall be verified, and around it"
         )
-    return Run(name, anchor_ids, anchors_m, t_s, truth_m, range_m, implausible, truthless)
+    weaker = None if first_path_db is None else first_path_db[known]
+    return Run(name, anchor_ids, anchors_m, t_s, truth_m, range_m, implausible, truthless, weaker)
 
 
 def distances(points_m: Floats, anchors_m: Floats) -> Floats:
@@ -127,7 +150,7 @@ def distances(points_m: Floats, anchors_m: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Windows:
-    """Means over windows of a second, of all runs: w windows, a anchors. NaN where an anchor had too few ranges."""
+    """Means over windows of a second (longer where ranges are slow): w windows, a anchors. NaN: too few ranges."""
 
     t_s: Floats
     """Middle of the window, on its run's clock (w,)."""
@@ -149,16 +172,22 @@ class Windows:
     """Ranges called bursts, by anchor (a,)."""
     ranges: NDArray[np.int_]
     """All ranges, by anchor (a,)."""
+    length_s: float = WINDOW_S
+    first_path_db: Floats | None = None
+    """Mean over the window (w, a)."""
 
 
 def windows(runs: tuple[Run, ...]) -> Windows:
-    """Cut runs into windows of ``WINDOW_S``. Raises CalibrationError where an anchor has hardly any."""
+    """Cut runs into windows. Raises CalibrationError where an anchor has hardly any range."""
+    length_s = window_length_s(runs)
     times, owners, dists, errors, counts, truths, values = [], [], [], [], [], [], []
+    weaker: list[Floats] = []
+    nothing = np.full(len(runs[0].anchor_ids), np.nan)
     bursts = np.zeros(len(runs[0].anchor_ids), dtype=int)
     ranges = np.zeros_like(bursts)
     for index, run in enumerate(runs):
         error, distance = run.error_m, run.distance_m
-        bins = np.floor((run.t_s - run.t_s[0]) / WINDOW_S).astype(int)
+        bins = np.floor((run.t_s - run.t_s[0]) / length_s).astype(int)
         edges = np.flatnonzero(np.diff(bins)) + 1
         for rows in np.split(np.arange(len(run.t_s)), edges):
             inside, outside = without_bursts(error[rows])
@@ -177,9 +206,11 @@ def windows(runs: tuple[Run, ...]) -> Windows:
             counts.append(count)
             truths.append(run.truth_m[rows].mean(axis=0))
             values.append(inside)
+            weaker.append(nothing if run.first_path_db is None else _means(run.first_path_db[rows], present))
     if not times:
         raise CalibrationError(
-            f"no second of the run has {MIN_IN_WINDOW} ranges of an anchor; range at 5 Hz or faster (20 Hz is usual)"
+            f"no {length_s:.0f} s of the run have {MIN_IN_WINDOW} ranges of an anchor; range at 0.4 Hz or faster "
+            "(20 Hz is usual)"
         )
     distance_m, error_m, count = np.array(dists), np.array(errors), np.array(counts)
     distance_m = np.where(np.isfinite(error_m), distance_m, np.nan)
@@ -194,7 +225,28 @@ def windows(runs: tuple[Run, ...]) -> Windows:
         float(np.median(count[np.isfinite(error_m)])),
         bursts,
         ranges,
+        length_s,
+        np.array(weaker) if np.isfinite(weaker).any() else None,
     )
+
+
+def window_length_s(runs: tuple[Run, ...]) -> float:
+    """A second, or as long as the slowest anchor takes for ``USUAL_IN_WINDOW`` ranges."""
+    slowest = WINDOW_S / USUAL_IN_WINDOW
+    for run in runs:
+        for column in run.range_m.T:
+            times = run.t_s[np.isfinite(column)]
+            if len(times) > MIN_IN_WINDOW:
+                slowest = max(slowest, float(np.median(np.diff(times))))
+    return float(min(USUAL_IN_WINDOW * slowest, LONGEST_WINDOW_S))
+
+
+def _means(values: Floats, chosen: Bools) -> Floats:
+    """By column, of the values that are chosen and there; NaN where there is none."""
+    good = chosen & np.isfinite(values)
+    count = good.sum(axis=0)
+    total = np.where(good, values, 0.0).sum(axis=0)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
 def without_bursts(values: Floats) -> tuple[Floats, NDArray[np.int_]]:

@@ -35,6 +35,9 @@ def show(found: Calibrated, console: Console | None = None) -> None:
             f"{found.fit.outliers[name]:.1%}",
         )
     console.print(table)
+    if found.choice is not None and found.choice.judged:
+        console.print(found.choice.sentence())
+    console.print(f"[dim]{found.fit.truth.sentence()}[/dim]")
     worth = (1 - found.fit.spread.correlation) / (1 + found.fit.spread.correlation)
     console.print(
         f"Noise {found.fit.spread.range_sigma_m * 1000:.0f} mm; a round is worth {worth:.2f} independent ones; "

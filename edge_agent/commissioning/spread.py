@@ -4,6 +4,11 @@ Four parts, because they behave differently in a verdict: white noise (more roun
 round (they help less), what all anchors have in common (the installation: it moves the distance, not the bearing), and
 each anchor's own remaining bias by distance (nothing helps). What a window shows is divided among them and stated once;
 at least half of it counts as bias, for a hovering drone keeps the reflections of its place for a whole session.
+
+Variances are estimated hierarchically: each anchor's at a distance is drawn towards what all anchors show there, and
+that towards what is known of the chip, by how many independent seconds there are. Seconds in which something stood
+between an anchor and the drone (``sight``) are left out: a verdict's own tests deal with those, and one σ for both
+would make every session vague.
 """
 
 from __future__ import annotations
@@ -14,8 +19,10 @@ from typing import Final
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from edge_agent.commissioning.curves import BLOCK_S, Curves
-from edge_agent.commissioning.run import WINDOW_S, Floats, Windows
+from edge_agent.commissioning import prior
+from edge_agent.commissioning.curves import ALIKE_S, BLOCK_S, Curves
+from edge_agent.commissioning.run import Floats, Windows
+from edge_agent.commissioning.sight import all_in_sight
 
 MOST_CORRELATED: Final = 0.9
 SIGMA_FLOOR_M: Final = 0.005
@@ -28,14 +35,18 @@ NEIGHBOURS: Final = 60
 """Windows of an anchor that a local standard deviation rests on."""
 PRIOR_WINDOWS: Final = 20.0
 """Weight of all anchors' spread at a distance in each anchor's own."""
-INDEPENDENT_S: Final = 5.0
-"""Windows closer than this share a place and tell the same."""
+PRIOR_SAMPLES: Final = 3.0
+"""How many independent samples the chip's published spread is worth: it tells a σ to about a factor of two."""
+PRIOR_OWN_M: Final = prior.BIAS_SIGMA_MM / 1000
+PRIOR_COMMON_M: Final = prior.INSTALLATION_MM / 1000
 DAY_TO_DAY_M: Final = 0.015
 """What another day may change for all anchors (a DW1000's range moves by about 2 mm/°C), where one run alone cannot
 show it."""
 SLOPE_M_PER_M: Final = 0.02
 """Steepest change of bias with distance that radios show: where a curve is not covered, it may drift off so fast."""
 OBSTRUCTED_M: Final = 0.15
+CLEAR: Final = 0.5
+"""Seconds that are less probably in line of sight do not count."""
 _TWO_SIGMA: Final = 0.9545
 _LEAST_SHARE: Final = 0.5
 """Of the windows' variance, at least this counts as bias, whatever their noise would explain."""
@@ -59,6 +70,8 @@ class Spread:
     """What is left of each (w, a)."""
     lags: Floats
     """Autocorrelation of the noise within windows by lag, from lag 0."""
+    in_sight: Floats
+    """Share of each anchor's seconds in line of sight (a,)."""
 
 
 def find_spread(data: Windows, curves: Curves, held: Floats, *, reference_sigma_m: float) -> Spread:
@@ -70,21 +83,25 @@ def find_spread(data: Windows, curves: Curves, held: Floats, *, reference_sigma_
     common[whole] = [_centre(row[np.isfinite(row)]) for row in held[whole]]
     # Around their own centre a windows' anchors vary by (a - 1)/a of what each varies.
     own = (held - common[:, None]) * np.sqrt(anchors / max(anchors - 1, 1))
+    clear = all_in_sight(own, data.first_path_db)
+    sight = np.where(np.isfinite(own), clear, 0.0).sum(axis=0) / np.maximum(np.isfinite(own).sum(axis=0), 1)
+    own = np.where(clear >= CLEAR, own, np.nan)
     noise = _noise(data, own)
-    apart = max(1.0, INDEPENDENT_S)
+    apart = max(1.0, ALIKE_S / data.length_s)
     global_own = _scale(own[np.isfinite(own)])
     bias_sigma = _local(data, curves, own, noise.explained, global_own, apart)
     bias_sigma = np.sqrt(bias_sigma**2 + reference_sigma_m**2)
     shared2 = max(_scale(common[np.isfinite(common)]) ** 2 - global_own**2 / anchors, 0.0)
-    independent = max(float(np.isfinite(common).sum()) / (apart if data.run.max() == 0 else BLOCK_S), 3.0)
-    installation = np.sqrt(shared2 * inflation(independent))
+    alike = apart if data.run.max() == 0 else max(BLOCK_S / data.length_s, 1.0)
+    independent = float(np.isfinite(common).sum()) / alike
+    installation = np.sqrt(shrunk(shared2, independent, PRIOR_COMMON_M**2, PRIOR_SAMPLES))
     if data.run.max() == 0:
         installation = np.hypot(installation, DAY_TO_DAY_M)
     else:
         means = [float(np.nanmedian(common[data.run == index])) for index in range(int(data.run.max()) + 1)]
         between = float(np.std(means, ddof=0)) * np.sqrt(inflation(len(means) - 1.0))
         installation = max(installation, between, DAY_TO_DAY_M / np.sqrt(len(means)))
-    return Spread(noise.sigma, noise.correlation, float(installation), bias_sigma, common, own, noise.lags)
+    return Spread(noise.sigma, noise.correlation, float(installation), bias_sigma, common, own, noise.lags, sight)
 
 
 @dataclass(frozen=True)
@@ -124,7 +141,7 @@ def _noise(data: Windows, own: Floats) -> _Noise:
     means = sums / np.maximum(pairs, 1.0)
     rounds = max(data.rounds, 1.0)
     sigma2 = max(_usual(spreads), SIGMA_FLOOR_M**2)
-    adjacent = (np.diff(data.t_s) < 1.5 * WINDOW_S) & (np.diff(data.run) == 0)
+    adjacent = (np.diff(data.t_s) < 1.5 * data.length_s) & (np.diff(data.run) == 0)
     changes = np.diff(own, axis=0)[adjacent]
     between2 = (_scale(changes[np.isfinite(changes)]) ** 2) / 2.0
     worth = max(between2 * rounds / sigma2, 1.0)
@@ -151,10 +168,11 @@ def _local(data: Windows, curves: Curves, own: Floats, noise2: float, overall: f
             mine, mine_count, reach = _near(own[:, [a]], gaps[:, [a]], NEIGHBOURS, overall)
             together = (mine_count * mine**2 + PRIOR_WINDOWS * pooled**2) / (mine_count + PRIOR_WINDOWS)
             excess = max(together - noise2, _LEAST_SHARE * together, BIAS_FLOOR_M**2)
-            independent = max((mine_count + min(pooled_count, PRIOR_WINDOWS)) / apart, 2.0)
+            independent = (mine_count + min(pooled_count, PRIOR_WINDOWS)) / apart
             # Windows from further away than the knots' spacing say less about this one.
             away = SLOPE_M_PER_M * max(reach - _spacing(curves.knots_m, k), 0.0)
-            out[a, k] = np.sqrt(excess * inflation(independent) + away**2)
+            spread2 = shrunk(excess, independent, PRIOR_OWN_M**2, PRIOR_SAMPLES)
+            out[a, k] = wandered(np.sqrt(spread2), away)
     return out
 
 
@@ -179,6 +197,28 @@ def _centre(values: Floats) -> float:
     """Mean of the anchors that stand together; one that is obstructed has no say."""
     gaps = np.abs(values - np.median(values))
     return float(np.mean(values[gaps <= max(4.0 * float(np.median(gaps)), OBSTRUCTED_M)]))
+
+
+def shrunk(variance: float, samples: float, known: float, worth: float) -> float:
+    """A variance from some independent samples, drawn towards one that was known before, to state (Student).
+
+    Drawn as a factor (the mean of logarithms), for that is how radios' spreads differ. Without any sample it is the one
+    known: what was published is stated widely enough as it is.
+    """
+    share = samples / (samples + worth)
+    together = float(known * (max(variance, BIAS_FLOOR_M**2) / known) ** share)
+    return together * (1.0 + share * (inflation(samples + worth) - 1.0))
+
+
+def wandered(sigma_m: float, away_m: float) -> float:
+    """σ of a bias where nobody measured, which may have wandered ``away_m`` from where it was known to ``sigma_m``.
+
+    No bias is known less than before anybody measured at all.
+    """
+    if away_m <= 0.0:
+        return sigma_m
+    unknown2 = PRIOR_OWN_M**2 + PRIOR_COMMON_M**2
+    return float(max(sigma_m, np.sqrt(1.0 / (1.0 / (sigma_m**2 + away_m**2) + 1.0 / unknown2))))
 
 
 def inflation(freedom: float) -> float:

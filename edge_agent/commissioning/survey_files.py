@@ -52,6 +52,10 @@ class Origin:
             raise SurveyError(f"origin {self.lat}, {self.lon}: {error}") from error
 
 
+NOWHERE: Final = Origin(60.45031, 22.27124, 31.0)
+"""Where a pad stands whose survey is not tied to the globe: enough for studies, not for a ledger."""
+
+
 @dataclass(frozen=True)
 class SurveyedAnchor:
     """One anchor in the pad's frame; metres."""

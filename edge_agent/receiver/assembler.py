@@ -12,11 +12,12 @@ from collections import OrderedDict, deque
 from typing import TYPE_CHECKING, Any, Final
 
 from edge_agent.receiver.findings import RATE_HIGH, SEVERAL_IDENTITIES, SIGNATURE_BAD, Finding, FindingGate, Position
-from edge_agent.receiver.heard import MAX_ACCURACY_MM, Heard, ReceiverCounts
+from edge_agent.receiver.heard import Heard, ReceiverCounts
 from edge_agent.receiver.limits import ReceiverLimits, TokenBucket
 from edge_agent.receiver.tracks import DroneTrack
+from edge_agent.receiver.transmitters import Source, Sources
 from wonderland.proofs.records.fields import ID_PATTERN
-from wonderland.proofs.records.sessions import MAX_CLAIMS, BroadcastClaim
+from wonderland.proofs.records.sessions import BroadcastClaim
 from wonderland.remote_id import (
     BasicId,
     ClassificationType,
@@ -34,6 +35,7 @@ from wonderland.remote_id import (
     public_operator_id,
     resolve_time,
 )
+from wonderland.remote_id.attested import stated_accuracy_mm
 
 if TYPE_CHECKING:
     from wonderland.remote_id import Message
@@ -45,26 +47,15 @@ _PREFERRED: Final = (IdType.SERIAL_NUMBER, IdType.CAA_REGISTRATION, IdType.UTM_U
 _UAV_ID: Final = re.compile(ID_PATTERN + r"\Z")
 
 
-class _Source:
-    """What one transmitter, or one relay, has said about itself."""
-
-    __slots__ = ("bucket", "identities")
-
-    def __init__(self, bucket: TokenBucket) -> None:
-        self.bucket = bucket
-        self.identities: dict[tuple[IdType, str], int] = {}
-
-
 class Assembler:
     """Bounded in memory and work whatever comes in; see `ReceiverLimits`."""
 
     def __init__(self, now_ms: int, limits: ReceiverLimits | None = None, drip: Registry | None = None) -> None:
         self._drip = drip
         self._limits = limits or ReceiverLimits()
-        self._sources: OrderedDict[str, _Source] = OrderedDict()
+        self._sources = Sources(self._limits, now_ms)
         self._drones: OrderedDict[str, DroneTrack] = OrderedDict()
         self._watched: set[str] = set()
-        self._all = TokenBucket(self._limits.frames_per_s, self._limits.frames_per_s, now_ms)
         self._new = TokenBucket(self._limits.new_drones_per_s, 4 * self._limits.new_drones_per_s, now_ms)
         self._gate = FindingGate()
         self._frames = self._bad = self._limited = self._unattributed = self._ambiguous = self._heard = 0
@@ -99,16 +90,17 @@ class Assembler:
         if drone is not None:
             drone.history = deque(drone.history, maxlen=self._limits.history)
 
-    def recent(self, uav_id: str, since_ms: int, limit: int = MAX_CLAIMS) -> tuple[BroadcastClaim, ...]:
-        """What was heard of a drone from ``since_ms`` on, in order of time; evenly thinned to ``limit``."""
+    def recent(self, uav_id: str, since_ms: int) -> tuple[BroadcastClaim, ...]:
+        """What is remembered of a drone from ``since_ms`` on, in order of time."""
         drone = self._drones.get(uav_id)
-        if drone is None or limit < 1:
+        if drone is None:
             return ()
-        claims = sorted((claim for claim in drone.history if claim.t_ms >= since_ms), key=lambda claim: claim.t_ms)
-        count = len(claims)
-        if count <= limit:
-            return tuple(claims)
-        return tuple(claims[count - 1 - (limit - 1 - index) * count // limit] for index in range(limit))
+        return tuple(sorted((claim for claim in drone.history if claim.t_ms >= since_ms), key=lambda claim: claim.t_ms))
+
+    def unsure(self, uav_id: str, since_ms: int) -> tuple[BroadcastClaim, ...]:
+        """What may have been a watched drone's, or another's that its transmitter named as well."""
+        drone = self._drones.get(uav_id)
+        return () if drone is None else tuple(claim for claim in drone.unsure if claim.t_ms >= since_ms)
 
     def signature(self, uav_id: str, since_ms: int) -> dict[str, str | int | bool] | None:
         """Who signed what was heard of a drone from ``since_ms`` on (docs/seams.md, ``session_end``)."""
@@ -141,11 +133,8 @@ class Assembler:
         is known, ``counter`` the message counter of the frame's wrapping.
         """
         self._frames += 1
-        if not self._all.take(now_ms):
-            self._limited += 1
-            return None
-        sender = self._source(source, now_ms)
-        if not sender.bucket.take(now_ms):
+        sender = self._sources.admit(source, now_ms)
+        if sender is None:
             self._limited += 1
             return None
         try:
@@ -163,6 +152,7 @@ class Assembler:
         if not uav_id:
             if location is not None:
                 self._ambiguous += 1
+                self._keep_unsure(sender, location, transport, now_ms)
             return None
         drone = self._drone(uav_id, now_ms)
         if drone is None:
@@ -177,17 +167,21 @@ class Assembler:
         if drone.is_duplicate(encode(location), source, counter, now_ms):
             self._duplicates += 1
             return None
-        if not drone.bucket.take(now_ms):
+        heard = _heard(uav_id, drone, location, transport=transport, now_ms=now_ms, rssi_dbm=rssi_dbm)
+        watched = uav_id in self._watched
+        if watched:  # whoever floods, its session sees everything and chooses
+            drone.history.append(heard.claim())
+        if not drone.takes(source, now_ms):
             self._limited += 1
             self._gate.put(Finding(uav_id=uav_id, kind=RATE_HIGH, t_ms=now_ms, transport=transport))
             return None
-        heard = _heard(uav_id, drone, location, transport=transport, now_ms=now_ms, rssi_dbm=rssi_dbm)
         drone.look(uav_id, source, _position(heard), self._gate)
-        drone.history.append(heard.claim())
+        if not watched:
+            drone.history.append(heard.claim())
         self._heard += 1
         return heard
 
-    def _identity(self, sender: _Source, messages: tuple[Message, ...], now_ms: int, address: str | None) -> str | None:
+    def _identity(self, sender: Source, messages: tuple[Message, ...], now_ms: int, address: str | None) -> str | None:
         """Whose the messages are: None when nobody said, "" when several did."""
         here: dict[tuple[IdType, str], int] = {}
         for message in messages:
@@ -209,6 +203,15 @@ class Assembler:
         for key in [key for key, t_ms in known.items() if not oldest_ms <= t_ms <= now_ms]:
             del known[key]
         return _preferred(known)
+
+    def _keep_unsure(self, sender: Source, location: Location, transport: str, now_ms: int) -> None:
+        if location.lat_e7 is None or location.lon_e7 is None:
+            return
+        for _, name in sender.identities:
+            drone = self._drones.get(name) if name in self._watched else None
+            if drone is not None:
+                heard = _heard(name, drone, location, transport=transport, now_ms=now_ms, rssi_dbm=None)
+                drone.unsure.append(heard.claim())
 
     def _look_at_names(self, known: dict[tuple[IdType, str], int], now_ms: int) -> None:
         """One transmitter, several serial numbers: not a relay, whose frames keep their senders' addresses."""
@@ -241,17 +244,6 @@ class Assembler:
             if observation.state == "refused":
                 self._gate.put(Finding(uav_id=uav_id, kind=SIGNATURE_BAD, t_ms=now_ms))
 
-    def _source(self, name: str, now_ms: int) -> _Source:
-        source = self._sources.get(name)
-        if source is None:
-            rate = self._limits.frames_per_source_s
-            source = self._sources[name] = _Source(TokenBucket(rate, rate, now_ms))
-            if len(self._sources) > self._limits.sources:
-                self._sources.popitem(last=False)
-        else:
-            self._sources.move_to_end(name)
-        return source
-
     def _drone(self, uav_id: str, now_ms: int) -> DroneTrack | None:
         """The drone's place; a new one only where new ones do not come too fast, and then in place of the stalest."""
         drone = self._drones.get(uav_id)
@@ -267,8 +259,11 @@ class Assembler:
                 return None
             del self._drones[stalest]
         rate = self._limits.positions_per_drone_s
+        each = self._limits.positions_per_transmitter_s
         drone = DroneTrack(
-            TokenBucket(rate, rate, now_ms), self._limits.watched_history if watched else self._limits.history
+            TokenBucket(rate, rate, now_ms),
+            lambda: TokenBucket(each, each, now_ms),
+            self._limits.watched_history if watched else self._limits.history,
         )
         self._drones[uav_id] = drone
         return drone
@@ -301,7 +296,6 @@ def _heard(
 ) -> Heard:
     assert location.lat_e7 is not None
     assert location.lon_e7 is not None
-    accuracy_mm = location.horizontal_accuracy.mm
     claim_t_ms = resolve_time(location, now_ms)
     if claim_t_ms is not None:
         drone.latency_ms = now_ms - claim_t_ms
@@ -312,7 +306,7 @@ def _heard(
         lon_e7=location.lon_e7,
         transport=transport,
         height_mm=location.altitude_mm,
-        accuracy_mm=accuracy_mm if accuracy_mm is None or accuracy_mm <= MAX_ACCURACY_MM else None,
+        accuracy_mm=stated_accuracy_mm(location),
         height_accuracy_mm=location.vertical_accuracy.mm,
         speed_mm_s=location.speed_mm_s,
         track_cdeg=location.track_cdeg,

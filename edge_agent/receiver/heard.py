@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 from wonderland.proofs.records.sessions import BroadcastClaim
-
-MAX_ACCURACY_MM: Final = 10_000_000
-"""A claim's accuracy has this bound; the one vaguer class of Remote ID (10 NM) is as good as unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,6 +75,7 @@ class Heard:
             height_mm=self.height_mm,
             accuracy_mm=self.accuracy_mm,
             transport=self.transport,
+            said_ms=self.claim_t_ms if self.claim_t_ms is not None and self.claim_t_ms >= 0 else None,
         )
 
     def track(self) -> dict[str, Any]:

@@ -14,9 +14,17 @@ class ReceiverLimits:
 
     frames_per_s: int = 1_000
     frames_per_source_s: int = 500
+    reserved_per_s: int = 200
+    """Beside ``frames_per_s``, for transmitters that were there before a flood and send modestly."""
+    modest_per_s: int = 20
+    """More than this of one transmitter is no modest use of what is reserved."""
     positions_per_drone_s: int = 25
+    positions_per_transmitter_s: int = 20
+    """Of one drone: whoever broadcasts its serial number from one place leaves room for the drone's own."""
     new_drones_per_s: int = 10
     sources: int = 256
+    newcomers: int = 1_024
+    """Transmitters that were heard for less than a second."""
     drones: int = 256
     history: int = 64
     watched_history: int = 1_200

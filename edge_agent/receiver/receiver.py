@@ -99,8 +99,12 @@ class RemoteIdReceiver:
             await source.close()
 
     def recent(self, uav_id: str, since_ms: int) -> tuple[BroadcastClaim, ...]:
-        """What was heard of a drone from ``since_ms`` (the pad's clock) on: for a session's evidence, at most 200."""
+        """What was heard of a drone from ``since_ms`` (the pad's clock) on, as far as it is remembered."""
         return self._assembler.recent(uav_id, since_ms)
+
+    def unsure(self, uav_id: str, since_ms: int) -> tuple[BroadcastClaim, ...]:
+        """Positions since then that may be a watched drone's, of transmitters that named others as well."""
+        return self._assembler.unsure(uav_id, since_ms)
 
     def signature(self, uav_id: str, since_ms: int) -> dict[str, str | int | bool] | None:
         """Who signed what was heard of a drone from ``since_ms`` on; None where nothing was signed."""

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from edge_agent.receiver.sources import Source
     from wonderland.remote_id.drip.registry import Registry
 
+NOT_TRUSTWORTHY: Final = "NOT TRUSTWORTHY"
 LOOPBACK: Final = frozenset({"localhost", "127.0.0.1", "::1"})
 
 
@@ -93,6 +94,34 @@ def _mqtt(table: Table) -> MqttSettings:
     if settings.password_file is not None and settings.tls_ca is None and settings.host not in LOOPBACK:
         raise table.wrong("tls_ca", "is missing: a password would cross the network for everybody to read")
     return settings
+
+
+def trust(listen: tuple[str, int] | None, serial: tuple[str, ...], settings: ReceiverSettings) -> list[str]:
+    """Who can make the pad hear what, source by source: for the operator.
+
+    A serial number can be broadcast by anybody; a verdict takes that into account. These are the sources through which
+    one can do so from afar, without any transmitter near the pad.
+    """
+    said = []
+    if listen is not None:
+        who = (
+            "the programs of this machine"
+            if listen[0] in LOOPBACK
+            else f"{NOT_TRUSTWORTHY}: every machine that reaches this address, under any serial number"
+        )
+        said.append(f"remote_id.listen (UDP {listen[0]}:{listen[1]}): {who}")
+    mqtt = settings.mqtt
+    if mqtt is not None and (mqtt.tls_ca is not None or mqtt.host in LOOPBACK):
+        said.append(f"remote_id.mqtt ({mqtt.host}): whoever may publish at that broker")
+    elif mqtt is not None:
+        said.append(
+            f"remote_id.mqtt ({mqtt.host}): {NOT_TRUSTWORTHY} without tls_ca: everybody on the way to the broker"
+        )
+    radios = (*serial, *settings.mavlink, *filter(None, (settings.bluetooth, settings.wifi)))
+    said += [f"remote_id ({radio}): transmitters near the pad" for radio in radios]
+    if settings.replay is not None:
+        said.append(f"remote_id.replay ({settings.replay}): {NOT_TRUSTWORTHY}: a recording, nothing that is on the air")
+    return said
 
 
 def sources_of(settings: ReceiverSettings) -> list[Source]:

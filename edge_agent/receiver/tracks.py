@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Final
 from edge_agent.receiver.findings import ClaimClock, Finding, FindingGate, Position, impossible_speed, two_places
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from edge_agent.receiver.limits import TokenBucket
     from wonderland.proofs.records.sessions import BroadcastClaim
     from wonderland.remote_id import SelfId, System, UaType
@@ -27,9 +29,10 @@ _STRENGTH: Final = ("refused", "unknown_signer", "endorsed", "verified")
 class Transmitter:
     """One way by which a drone is heard: a transport and an address."""
 
-    __slots__ = ("clock", "counters", "last")
+    __slots__ = ("bucket", "clock", "counters", "last")
 
-    def __init__(self) -> None:
+    def __init__(self, bucket: TokenBucket) -> None:
+        self.bucket = bucket
         self.clock = ClaimClock()
         self.last: Position | None = None
         self.counters: dict[int, tuple[int, int]] = {}
@@ -51,13 +54,16 @@ class DroneTrack:
     """What is known of one drone."""
 
     __slots__ = (
-        "_recent", "_transmitters", "_transports", "bucket", "drip", "duplicates", "history", "latency_ms", "lost",
-        "observer", "operator_id", "self_id", "signatures", "system", "ua_type",
+        "_recent", "_transmitter_bucket", "_transmitters", "_transports", "bucket", "drip", "duplicates", "history",
+        "latency_ms", "lost", "observer", "operator_id", "self_id", "signatures", "system", "ua_type", "unsure",
     )  # fmt: skip
 
-    def __init__(self, bucket: TokenBucket, history: int) -> None:
+    def __init__(self, bucket: TokenBucket, transmitter_bucket: Callable[[], TokenBucket], history: int) -> None:
         self.bucket = bucket
+        self._transmitter_bucket = transmitter_bucket
         self.history: deque[BroadcastClaim] = deque(maxlen=history)
+        self.unsure: deque[BroadcastClaim] = deque(maxlen=history)
+        """Positions of transmitters that named other drones as well: they may be this one's."""
         self.operator_id: str | None = None
         self.system: System | None = None
         self.self_id: SelfId | None = None
@@ -107,6 +113,10 @@ class DroneTrack:
         self._recent.appendleft((content, now_ms, source, counter))
         return False
 
+    def takes(self, source: str, now_ms: int) -> bool:
+        """Whether one more position of this transmitter is taken now."""
+        return self._transmitter(source).bucket.take(now_ms) and self.bucket.take(now_ms)
+
     def look(self, uav_id: str, source: str, position: Position, gate: FindingGate) -> None:
         """Compare a position with those before it, of this transmitter and of others."""
         here = self._transmitter(source)
@@ -123,7 +133,7 @@ class DroneTrack:
     def _transmitter(self, source: str) -> Transmitter:
         found = self._transmitters.get(source)
         if found is None:
-            found = self._transmitters[source] = Transmitter()
+            found = self._transmitters[source] = Transmitter(self._transmitter_bucket())
             if len(self._transmitters) > MAX_TRANSMITTERS:
                 self._transmitters.popitem(last=False)
         else:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from edge_agent.session.gather import Round
+from wonderland.proofs.encoding import to_base64url
 from wonderland.proofs.records.fields import MAX_TIME_MS
 from wonderland.proofs.records.sessions import (
     MAX_CLAIMS,
@@ -34,6 +35,8 @@ class GatheredEvidence:
         self._columns: list[list[int]] = [[] for _ in self.anchor_ids]
         self._nlos: list[list[int]] = [[] for _ in self.anchor_ids]
         self._claims: list[Claim] = []
+        self.attested: tuple[str, ...] = ()
+        """Digests of the Remote ID positions that the drone says it broadcast; its signature covers them."""
         self._steps: dict[str, int] = {}
         self._answers: list[ClockReading] = []
         self._said: ClockReading | None = None
@@ -78,6 +81,13 @@ class GatheredEvidence:
         if batch.first_index != len(self._claims) or len(self._claims) + len(batch.claims) > MAX_CLAIMS:
             return False
         self._claims.extend(batch.claims)
+        return True
+
+    def attest(self, digests: Sequence[bytes]) -> bool:
+        """Take the drone's list of its own broadcasts; False for a second one."""
+        if self.attested:
+            return False
+        self.attested = tuple(to_base64url(digest) for digest in digests)
         return True
 
     @property
@@ -142,7 +152,7 @@ class GatheredEvidence:
         return Evidence(
             ranges=self.table(),
             claims=self.claims,
-            broadcast=tuple(broadcast)[-MAX_CLAIMS:],
+            broadcast=tuple(broadcast),
             matched="both" if matched else "none",
             radio=radio,
             steps=tuple(StepTime(step=step, t_ms=t_ms) for step, t_ms in self._steps.items()),
@@ -150,5 +160,6 @@ class GatheredEvidence:
             failure=failure,
             time_stamps=time_stamps,
             clock=self.clock,
+            attested=self.attested,
             drift_sigma_mm=drift_sigma_mm,
         )

@@ -24,6 +24,7 @@ from typing import Final
 
 from edge_agent.session import actions as do
 from edge_agent.session import events as on
+from edge_agent.session.broadcasts import Broadcasts, HeardBroadcasts
 from edge_agent.session.evidence import GatheredEvidence
 from edge_agent.session.frames import FrameGatherer
 from edge_agent.session.ranging import Progress, Ranging
@@ -34,7 +35,7 @@ from wonderland.proofs.encoding import to_base64url
 from wonderland.proofs.keys import SessionKeys
 from wonderland.proofs.prospects import hopeless
 from wonderland.proofs.records.pads import Commissioning
-from wonderland.proofs.records.sessions import BroadcastClaim, Evidence, Radio, Session
+from wonderland.proofs.records.sessions import Evidence, Radio, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.rounds import MIN_ANCHORS
 from wonderland.proofs.stopping import LOOKS
@@ -44,8 +45,6 @@ from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.link.messages import AbortReason
 
 Judge = Callable[[Session, Commissioning, Evidence, int], Verdict]
-Broadcasts = Callable[[int], tuple[BroadcastClaim, ...]]
-"""What the receiver heard of this drone since a time (ms)."""
 
 
 class Phase(Enum):
@@ -88,13 +87,13 @@ class PadSession:
         sts: str = "provisioned",
         drift_sigma_mm: int | None = None,
         judge: Judge = preview,
+        unsure: Broadcasts = lambda _since_ms: (),
     ) -> None:
         self.session: Final = session
         self.commissioning: Final = commissioning
         self.phase = Phase.OPENING
         self.verdict: Verdict | None = None
         self._timing = timing or PadTiming()
-        self._broadcasts = broadcasts
         anchor_ids = [anchor.anchor_id for anchor in commissioning.anchors]
         self._plan = RangingPlan(
             session_a_id=keys.session_a,
@@ -105,6 +104,9 @@ class PadSession:
             blinks=blink_plan(keys, commissioning),
         )
         self._gathered = GatheredEvidence(anchor_ids)
+        self._broadcasts = HeardBroadcasts(
+            session, commissioning.frame, broadcasts, unsure, lambda: (self._gathered.claims, self._gathered.clock)
+        )
         self._frames = FrameGatherer(anchor_ids, "challenge")
         self._hopeless = hopeless(commissioning, session.policy, session.claim)
         self._ranging = Ranging(
@@ -197,6 +199,8 @@ class PadSession:
             case _:
                 pass
         self._words_heard(now_ms, actions)
+        if self.phase in {Phase.RANGING, Phase.CONFIRMING}:
+            self._broadcasts.listen(self._since_ms(now_ms), now_ms)
         self._time_passed(now_ms, actions)
         return actions
 
@@ -260,6 +264,9 @@ class PadSession:
                     self._times.pop("identity", None)
                 case Word.ECHO:
                     self._echoed(heard.octets, heard.t_ms, now_ms, actions)
+                case Word.ATTESTED:
+                    if not self._gathered.attest(heard.digests):
+                        self._fail("out_of_turn", "a second list of broadcasts", now_ms, actions)
                 case Word.SIGNATURE:
                     self._signed(heard.octets, now_ms, actions)
                 case Word.ABORT:
@@ -350,11 +357,10 @@ class PadSession:
         actions.append(do.Submit(self._evidence(now_ms)))
 
     def _evidence(self, now_ms: int) -> Evidence:
-        table = self._gathered.table(0, 1)
-        since_ms = (table.t_ms[0] if table.t_ms else now_ms) - NEAR_CLAIM_MS
+        self._broadcasts.listen(self._since_ms(now_ms), now_ms, whole=True)
         return self._gathered.evidence(
             matched=self._matched,
-            broadcast=self._broadcasts(since_ms),
+            broadcast=self._broadcasts.chosen(self._gathered.attested),
             radio=Radio(
                 measured_by=self._measured_by,
                 sts=self._sts,
@@ -366,6 +372,11 @@ class PadSession:
             time_stamps=self._frames.stamps(),
             drift_sigma_mm=self._drift_sigma_mm,
         )
+
+    def _since_ms(self, now_ms: int) -> int:
+        """From when on broadcasts may be judged by the drone's claims."""
+        table = self._gathered.table(0, 1)
+        return (table.t_ms[0] if table.t_ms else now_ms) - NEAR_CLAIM_MS
 
     def _decided(self, event: on.VerdictCommitted, now_ms: int, actions: list[do.PadAction]) -> None:
         """Step 8: the verdict is in a block."""

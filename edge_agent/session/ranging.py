@@ -64,6 +64,7 @@ class Ranging:
         self._claim_ms: int | None = None
         self._first_ms = self._last_ms = 0
         self._heard = 0
+        self._too_few = 0
         self.partial = 0
         """Rounds since the last usable one in which fewer than three anchors measured."""
 
@@ -100,16 +101,17 @@ class Ranging:
 
     @property
     def attempted(self) -> int:
-        """Rounds gathered, and those between the first and the last in which no anchor measured anything.
+        """Rounds gathered, those that too few anchors measured, and those in between that no anchor did.
 
-        A drone that breaks off what does not suit it silences all anchors at once. Rounds in which only some of them
-        measured are an obstruction's doing, and not counted. Silence is what is missing from the whole time: a pad
-        whose reports come late and then all at once has missed nothing.
+        A drone's driver can silence all anchors or some of them, in the rounds that do not suit it; so all count that
+        were due, whoever kept silent. What no anchor measured is what is missing from the whole time: a pad whose
+        reports come late and then all at once has missed nothing. While a look is due the pad itself gathers nothing.
         """
         if not self._heard:
             return 0
         due = round((self._last_ms - self._first_ms) / self._interval_ms) + 1
-        return min(self._gathered.rounds + max(0, due - self._heard), MAX_ATTEMPTED)
+        silent = max(0, due - self._heard)
+        return min(self._gathered.rounds + self._too_few + silent, MAX_ATTEMPTED)
 
     def next_ms(self) -> int:
         """When ``advance`` will have something to do even if nothing else happens."""
@@ -127,6 +129,7 @@ class Ranging:
                 continue
             if complete.count < MIN_ANCHORS:  # it decides nothing, and would only cost time on the air
                 self.partial += 1
+                self._too_few += 1
             elif self._gathered.add_round(complete):
                 self._usable_ms, self.partial = now_ms, 0
                 if self._gathered.rounds in LOOKS or self._gathered.rounds >= self._most:

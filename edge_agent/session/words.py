@@ -27,6 +27,7 @@ from wonderland.uwb.link.messages import (
     Identity,
     MessageType,
     Reply,
+    decode_attested,
     decode_signature,
     encode_challenge,
     encode_code,
@@ -43,6 +44,7 @@ class Word(Enum):
     IDENTITY = "identity"
     CLAIMS = "claims"
     ECHO = "echo"
+    ATTESTED = "attested"
     SIGNATURE = "signature"
     ABORT = "abort"
     BROKEN = "broken"
@@ -57,6 +59,7 @@ class Heard:
     t_ms: int = 0
     """When the pad sent it (POLL_SENT, by its clock), or the drone says that it did (REPLY, ECHO, by the drone's)."""
     claims: ClaimBatch | None = None
+    digests: tuple[bytes, ...] = ()
     abort: AbortReason = AbortReason.UNSPECIFIED
     reason: str = ""
     detail: str = ""
@@ -170,11 +173,17 @@ class PadWords:
         return out
 
     def signature_holds(self, signature: bytes, gathered: GatheredEvidence) -> bool:
-        """Whether the drone's countersignature (r ‖ s, 64 B) fits the ranges told and the claims heard."""
+        """Whether the drone's countersignature (r ‖ s, 64 B) fits the ranges told and what the drone said."""
         public_key = self._session.uav.public_key
         if public_key is None:
             return False
-        text = statement(self._session.session_id, self._session.transcript_sha256, gathered.table(), gathered.claims)
+        text = statement(
+            self._session.session_id,
+            self._session.transcript_sha256,
+            gathered.table(),
+            gathered.claims,
+            gathered.attested,
+        )
         try:
             key = ec.EllipticCurvePublicKey.from_encoded_point(ec.SECP256R1(), from_base64url(public_key))
             verify(key, text, der_from_raw(signature))
@@ -200,6 +209,8 @@ class PadWords:
             case MessageType.ECHO:
                 echo = Echo.decode(payload)
                 return Heard(Word.ECHO, echo.challenge, echo.heard_ms)
+            case MessageType.ATTESTED:
+                return Heard(Word.ATTESTED, digests=decode_attested(payload))
             case MessageType.SIGNATURE:
                 return Heard(Word.SIGNATURE, decode_signature(payload))
             case MessageType.ABORT:

@@ -35,6 +35,7 @@ from wonderland.proofs.records.sessions import (
     Session,
     TimeStamps,
 )
+from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.testimony import WitnessBrought
 
 CLAIM_MS: Final = 1_000
@@ -43,6 +44,8 @@ LEAST_ROUNDS: Final = 10
 """Fewer decide nothing under the default policy."""
 MAX_RANGE_MM: Final = 655_340
 ACCURACY_MM: Final = 100
+LIE_BUFFERS: Final = 2.0
+LIE_SHARE: Final = 0.25
 _PARTY: Final = Party(msp_id="LabMSP", certificate_sha256="0" * 64)
 
 
@@ -51,9 +54,9 @@ def round_times() -> Integers:
     return FIRST_ROUND_MS + ROUND_MS * np.arange(ROUNDS, dtype=np.int64)
 
 
-def claim_times() -> Integers:
+def claim_times(claim_ms: int = CLAIM_MS) -> Integers:
     """Times of the claims, ms since the request; they reach beyond the last round."""
-    return CLAIM_MS * np.arange(2 + (FIRST_ROUND_MS + ROUND_MS * ROUNDS) // CLAIM_MS, dtype=np.int64)
+    return claim_ms * np.arange(2 + (FIRST_ROUND_MS + ROUND_MS * ROUNDS) // claim_ms, dtype=np.int64)
 
 
 @dataclass
@@ -86,6 +89,12 @@ class Batch:
     """Nothing changes from round to round but the noise, so that what contradicts itself goes on doing so."""
     attempts: int | None = 1
     """Rounds that the pad attempted for each one that came about; None where it did not count them."""
+    claim_ms: int = CLAIM_MS
+    """Time from one claim to the next."""
+    truth_mm: Floats | None = None
+    """Where the drone was in each round, (B, ROUNDS, 3), where an attack's success is about single moments."""
+    won_if_refuted: bool = False
+    """The drone is honest: to refute it is what must not happen."""
     won_mm: float | None = None
     """From this distance on a permission is the attacker's success; the policy's buffer where nothing else is said."""
     t_ms: Integers = field(default_factory=round_times)
@@ -101,9 +110,10 @@ class Batch:
     def may_be_screened(self) -> bool:
         """Whether arrays tell enough: a second claim that is judged apart is left to the decision itself.
 
-        So is a bias that a moving drone averages out.
+        So are single moments, and a bias that a moving drone averages out.
         """
-        return self.broadcast is None and self.heard_mm is None and self.pad.bias_length is None
+        plain = self.broadcast is None and self.heard_mm is None and self.truth_mm is None
+        return plain and self.pad.bias_length is None
 
     def session(self, index: int) -> Session:
         """The request of one try."""
@@ -131,8 +141,8 @@ class Batch:
         """What the pad would bring before the contract after so many rounds."""
         table = self.range_mm[index, :rounds]
         anchors = self.commissioning.anchors
-        until = int(self.t_ms[rounds - 1]) + CLAIM_MS
-        told = [number for number, t_ms in enumerate(claim_times()) if 0 < t_ms <= until]
+        until = int(self.t_ms[rounds - 1]) + self.claim_ms
+        told = [number for number, t_ms in enumerate(claim_times(self.claim_ms)) if 0 < t_ms <= until]
         heard: tuple[BroadcastClaim, ...] = ()
         if self.broadcast is not None:
             said = self.broadcast
@@ -142,7 +152,7 @@ class Batch:
                     lon_e7=int(said[index, number, 0]),
                     height_mm=int(said[index, number, 2]),
                     accuracy_mm=self.broadcast_accuracy_mm,
-                    t_ms=START_MS + number * CLAIM_MS,
+                    t_ms=START_MS + number * self.claim_ms,
                 )
                 for number in told
             )
@@ -186,7 +196,7 @@ class Batch:
             height_mm=up,
             accuracy_mm=self.accuracy_mm,
             height_accuracy_mm=self.height_accuracy_mm,
-            t_ms=START_MS + number * CLAIM_MS,
+            t_ms=START_MS + number * self.claim_ms,
         )
 
 
@@ -202,11 +212,11 @@ def moving(place: Floats, velocity: Floats) -> Integers:
     return np.rint(place[:, None, :] + velocity[:, None, :] * times).astype(np.int64)
 
 
-def path_at_rounds(claims: Integers) -> Floats:
+def path_at_rounds(claims: Integers, claim_ms: int = CLAIM_MS) -> Floats:
     """Claimed places at the times of the rounds: (B, ROUNDS, 3)."""
     times = round_times()
-    before = times // CLAIM_MS
-    share = ((times % CLAIM_MS) / CLAIM_MS)[None, :, None]
+    before = times // claim_ms
+    share = ((times % claim_ms) / claim_ms)[None, :, None]
     return np.asarray(claims[:, before] + (claims[:, before + 1] - claims[:, before]) * share, dtype=np.float64)
 
 
@@ -247,9 +257,9 @@ def rounded_cm(range_mm: Floats) -> Integers:
     return np.where(lost, NO_RANGE, whole)
 
 
-def off(truth: Floats, claims: Integers) -> Floats:
+def off(truth: Floats, claims: Integers, claim_ms: int = CLAIM_MS) -> Floats:
     """Horizontal distance (mm) between truth (B, 1 or ROUNDS, 3) and claim in each round: (B, ROUNDS)."""
-    difference = path_at_rounds(claims)[..., :2] - truth[..., :2]
+    difference = path_at_rounds(claims, claim_ms)[..., :2] - truth[..., :2]
     return np.asarray(np.linalg.norm(difference, axis=-1), dtype=np.float64)
 
 
@@ -259,3 +269,22 @@ def wrongful(batch: Batch) -> Booleans:
         return np.zeros_like(batch.off_mm, dtype=bool)
     least = float(batch.policy.buffer_mm) if batch.won_mm is None else batch.won_mm
     return np.asarray(batch.off_mm >= least)
+
+
+def won_at_moments(batch: Batch, row: int, rounds: int, verdict: Verdict) -> tuple[bool, int]:
+    """Whether a permission is wrong for single moments, and how far off (mm) the certified place is.
+
+    It is where that place is more than a buffer from the drone at its moment, or where a quarter of the claims during
+    the rounds are two buffers off or more.
+    """
+    if batch.truth_mm is None or verdict.estimate is None or verdict.estimate_ms is None:
+        raise ValueError("a permission without a place, or an attack without the truth")
+    truth, times = batch.truth_mm[row], batch.t_ms
+    east, north = (float(np.interp(verdict.estimate_ms - START_MS, times, truth[:, axis])) for axis in (0, 1))
+    away = float(np.hypot(verdict.estimate.east_mm - east, verdict.estimate.north_mm - north))
+    told = claim_times(batch.claim_ms)
+    during = (told >= times[0]) & (told <= times[rounds - 1])
+    there = np.stack([np.interp(told[during], times, truth[:, axis]) for axis in (0, 1)], axis=1)
+    lies = np.linalg.norm(batch.claims[row][during, :2] - there, axis=1)
+    buffer_mm = float(batch.policy.buffer_mm)
+    return away > buffer_mm or float(np.mean(lies >= LIE_BUFFERS * buffer_mm)) >= LIE_SHARE, round(away)

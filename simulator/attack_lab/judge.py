@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from simulator.attack_lab.batch import Batch, wrongful
+from simulator.attack_lab.batch import Batch, won_at_moments, wrongful
 from simulator.attack_lab.places import ROUND_MS, START_MS, Booleans, Integers
 from simulator.attack_lab.screen import Look, look
 from wonderland.proofs.records.verdicts import Verdict
@@ -125,6 +125,9 @@ def seconds(rounds: float) -> float:
 
 def _refuted(batch: Batch, tally: Tally, row: int, rounds: int) -> None:
     tally.refuted += 1
+    if batch.won_if_refuted:
+        tally.won += 1
+        tally.error_won_mm.append(int(batch.off_mm[row, rounds - 1]))
     tally.detected_rounds.append(rounds)
     tally.error_refuted_mm.append(int(batch.off_mm[row, rounds - 1]))
 
@@ -132,6 +135,12 @@ def _refuted(batch: Batch, tally: Tally, row: int, rounds: int) -> None:
 def _verified(batch: Batch, tally: Tally, row: int, rounds: int, verdict: Verdict, bad: Booleans) -> None:
     granted = verdict.permission == "granted"
     tally.granted += granted
+    if granted and batch.truth_mm is not None:
+        won, away_mm = won_at_moments(batch, row, rounds, verdict)
+        if won:
+            tally.won += 1
+            tally.error_won_mm.append(away_mm)
+        return
     if granted and batch.off_mm[row, rounds - 1] > batch.policy.buffer_mm:
         tally.error_granted_mm.append(int(batch.off_mm[row, rounds - 1]))
     if granted and bad[row, rounds - 1]:

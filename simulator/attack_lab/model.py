@@ -29,6 +29,7 @@ class Family(StrEnum):
     BASELINE = "baseline"
     GNSS = "position"
     CLAIM = "claim"
+    OUTSIDER = "outsider"
     RADIO = "radio"
     INSIDER = "insider"
     PAD = "pad"

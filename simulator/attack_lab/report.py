@@ -17,6 +17,7 @@ FAMILIES: Final = {
     "baseline": "No attack",
     "position": "On the drone's position",
     "claim": "By words",
+    "outsider": "On what is broadcast",
     "radio": "From outside, on the ranging",
     "insider": "The drone's own radio",
     "pad": "On the pad",

@@ -29,6 +29,7 @@ from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.reduction import (
     CLAIM_CLOCK_SIGMA_MS,
     HEIGHT_SIGMA_FLOOR_MM,
+    MIN_TORN,
     MIN_VALUES,
     MOST_CORRELATED,
     OUTLIER_FLOOR_MM,
@@ -153,7 +154,10 @@ def _reduce(batch: Batch, range_mm: Integers, claimed: Floats) -> _Means:
     correlation = np.clip(correlation, 0.0, MOST_CORRELATED)
     worth = (1.0 - correlation) / (1.0 + correlation)
     white = sigma**2 / (safe * worth[:, None])
-    unsure = (spread <= 0.0) | ~(still | (first & last))
+    # Rounds that half of the anchors tear are for the decision itself to judge.
+    apart = (usable & ~kept).sum(axis=2)
+    torn = ((apart >= MIN_TORN) & (2 * apart >= usable.sum(axis=2))).any(axis=1)
+    unsure = (spread <= 0.0) | ~(still | (first & last)) | torn
     few = count_rounds < batch.policy.min_rounds
     nothing = few | (present.sum(axis=1) < MIN_ANCHORS)
     return _Means(mean, white, present, middle, unsure, nothing)

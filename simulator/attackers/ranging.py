@@ -68,6 +68,12 @@ def dropped(now: Situation, _: random.Random) -> float | None:
     return None if int(now.t_s / ROUND_S) % KEPT else 0.0
 
 
+def silent_anchors(now: Situation, _: random.Random) -> float | None:
+    """In two of three rounds two of the pad's anchors are left out of the drone's frames, now these, now those."""
+    number = int(now.t_s / ROUND_S)
+    return None if number % KEPT and (now.index + number) % 4 < 2 else 0.0
+
+
 def random_reduction(_: Situation, rng: random.Random) -> float:
     """4 % of the ranges are shortened, by anything up to 12 m."""
     return -rng.uniform(0.0, DEEPEST_M) if rng.random() < REDUCTION_SUCCESS else 0.0
@@ -97,6 +103,7 @@ RANGE_ATTACKS: Final[dict[str, RangeError]] = {
     "delay": delay,
     "mixed": mixed,
     "dropped": dropped,
+    "silent-anchors": silent_anchors,
     "random-reduction": random_reduction,
     "relay": relay,
     "one-anchor": one_anchor,

@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 
 from edge_agent.commissioning.errors import CommissioningError
 from edge_agent.commissioning.fit import Fit, FitSettings, fit_runs
+from edge_agent.commissioning.judging import START_MS
 from edge_agent.commissioning.run import Run
 from simulator.batch import fixes
-from simulator.evaluate import START_MS, Claimed, judge
+from simulator.evaluate import Claimed, judge
 from simulator.flight import Vector
 from simulator.recording import RecordedRound, Recording, RecordingError, dw1000_commissioning
 from simulator.reproduction.sampling import Share

@@ -433,7 +433,7 @@ class Duo:
             self.commissioning,
             more.get("pad_keys") or derived,
             certificate=more.get("pad_certificate", b"pad certificate"),
-            broadcasts=lambda since_ms: (),
+            broadcasts=more.get("heard", lambda since_ms: ()),
             random_octets=lambda count: bytes(range(1, count + 1)),
             now_ms=self.now_ms,
             drift_sigma_mm=more.get("drift_sigma_mm"),
@@ -447,6 +447,7 @@ class Duo:
             claims=self.flight.claim,
             now_ms=self.now_ms,
             whole_certificate=more.get("whole_certificate", False),
+            **({"broadcasts": more["sent"]} if "sent" in more else {}),
         )
         self.keys = derived
         self.pad_actions: list = []
@@ -590,7 +591,13 @@ class Duo:
             self.ledger_state, self.ledger_end = "cancelled", reason
 
     def _decide(self, evidence: Evidence) -> None:
-        message = statement(self.session.session_id, self.session.transcript_sha256, evidence.ranges, evidence.claims)
+        message = statement(
+            self.session.session_id,
+            self.session.transcript_sha256,
+            evidence.ranges,
+            evidence.claims,
+            evidence.attested,
+        )
         valid = None
         if evidence.uav_signature is not None:
             try:

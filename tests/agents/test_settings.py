@@ -156,3 +156,35 @@ def test_uav_prove_says_what_is_wrong_in_one_line(tmp_path):
     result = CliRunner().invoke(uav, arguments)
     assert result.exit_code == 1
     assert "connection file: cannot read" in result.output
+
+
+def test_a_receiver_listens_on_this_machine_unless_told_otherwise(file):
+    file.write_text(GOOD.replace('listen = "[::]:5480"', 'listen = ":5480"'))
+    assert load(file).remote_id_listen == ("127.0.0.1", 5480)
+
+
+@pytest.mark.parametrize(
+    ("remote_id", "said", "trusted"),
+    [
+        ('listen = ":5480"', "UDP 127.0.0.1:5480", True),
+        ('listen = "0.0.0.0:5480"', "every machine that reaches this address", False),
+        ('listen = "[::]:5480"', "every machine that reaches this address", False),
+        ('serial = ["/dev/ttyUSB9"]', "transmitters near the pad", True),
+        ('bluetooth = "hci0"', "transmitters near the pad", True),
+        ('replay = "heard.pcap"', "a recording", False),
+        ('[remote_id.mqtt]\nhost = "broker.example"\ntopics = ["x"]', "without tls_ca", False),
+        ('[remote_id.mqtt]\nhost = "b.example"\ntopics = ["x"]\ntls_ca = "ca.pem"', "may publish", True),
+        ('[remote_id.mqtt]\nhost = "127.0.0.1"\ntopics = ["x"]', "may publish", True),
+    ],
+)
+def test_a_check_says_which_sources_cannot_be_trusted(file, remote_id, said, trusted):
+    file.write_text(GOOD.replace('listen = "[::]:5480"', remote_id))
+    result = CliRunner().invoke(pad, ["run", "--config", str(file), "--check"])
+    assert result.exit_code == 0, result.output
+    assert said in result.output
+    assert ("NOT TRUSTWORTHY" in result.output) != trusted
+
+
+def test_a_check_of_bad_settings_fails(file):
+    file.write_text("pad_id = ")
+    assert CliRunner().invoke(pad, ["run", "--config", str(file), "--check"]).exit_code == 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import random
-from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Collection, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -306,20 +306,32 @@ class Scene(Ledger):
         *,
         rounds: int = 40,
         signer: Person | None = None,
+        astray: Collection[int] = (),
+        silent: Callable[[int, int], bool] = lambda *_: False,
         **more: Any,
     ) -> dict[str, Any]:
-        """What the pad would bring of a drone that hovers at ``truth`` and claims ``claimed``, countersigned."""
+        """What the pad would bring of a drone that hovers at ``truth`` and claims ``claimed``, countersigned.
+
+        ``astray``: which of its claims (one in four rounds) are 7.5 m to the east of that. ``silent(anchor, round)``:
+        whether an anchor measures nothing in a round, both by their numbers.
+        """
         noise = random.Random(rounds)
         times = [self.now_ms + 100 + 50 * index for index in range(rounds)]
-        claims = [self.claim(claimed, t_ms=t_ms) for t_ms in times[::4]]
+        aside = (claimed[0] + 7_500, *claimed[1:])
+        claims = [
+            self.claim(aside if number in astray else claimed, t_ms=t_ms) for number, t_ms in enumerate(times[::4])
+        ]
         ranges = {
             "t_ms": times,
             "anchors": [
                 {
                     "anchor_id": name,
-                    "range_mm": [round(math.dist(truth, at) + noise.gauss(0, 25)) for _ in times],
+                    "range_mm": [
+                        -1 if silent(index, number) else round(math.dist(truth, at) + noise.gauss(0, 25))
+                        for number in range(rounds)
+                    ],
                 }
-                for name, at in ANCHORS.items()
+                for index, (name, at) in enumerate(ANCHORS.items())
             ],
         }
         message = statement(

@@ -95,6 +95,12 @@ def fitted():
 
 
 @pytest.fixture(scope="session")
+def good_run():
+    """Two minutes as they should be."""
+    return World().run()
+
+
+@pytest.fixture(scope="session")
 def files(tmp_path_factory):
     """ranges.csv and anchors.csv of a minute and a half."""
     return World().files(tmp_path_factory.mktemp("run"), 90.0)

@@ -202,7 +202,7 @@ class Radios:
 
 @pytest.fixture
 def commissioning(fitted):
-    from edge_agent.commissioning.offline import NOWHERE
+    from edge_agent.commissioning.survey_files import NOWHERE
 
     return fitted.commissioning(
         NOWHERE.frame, valid_from_ms=0, valid_until_ms=1, macs={f"A{i}": 0xA000 + i for i in range(1, 5)}

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from edge_agent.commissioning.errors import CalibrationError
-from edge_agent.commissioning.fit import find_shift, fit_runs
+from edge_agent.commissioning.fit import fit_runs
 from edge_agent.commissioning.run import make_run
+from edge_agent.commissioning.shift import find_shift
 
 
 @pytest.fixture
@@ -24,6 +25,10 @@ def shifted(run, seconds):
 
 def exchanged(run):
     return replace(run, range_m=run.range_m[:, [0, 3, 2, 1]])
+
+
+def exchanged_in_a_ring(run):
+    return replace(run, range_m=run.range_m[:, [1, 3, 2, 0]])
 
 
 def moved(run, metres):
@@ -51,6 +56,7 @@ def one_stuck(run):
         (lambda run: replace(run, range_m=run.range_m / 0.3048), "they are feet"),
         (lambda run: replace(run, range_m=run.range_m * 1.2), "all in metres"),
         (exchanged, "A2 and A4 fit each other's places"),
+        (exchanged_in_a_ring, "A1, A2 and A4 fit each other's places"),
         (lambda run: moved(run, 2.0), "anchor A2: .*surveyed at another place"),
         (lambda run: shifted(run, 5.0), r"the truth is 5\.0\d s early.*--truth-shift lower"),
         (lambda run: shifted(run, -2.0), r"the truth is 2\.0\d s late.*--truth-shift higher"),
@@ -94,3 +100,13 @@ def test_a_tag_that_stays_at_one_distance_has_no_slope(make_world):
     away = np.linalg.norm(truth[:, None] - run.anchors_m, axis=2)
     round_and_round = make_run("ring", run.anchor_ids, run.anchors_m, run.t_s, truth, away + noise)
     assert fit_runs([round_and_round]).coverage.furthest_m < 11.0
+
+
+def test_one_anchor_alone_is_not_exchanged(good):
+    """A3 stands where A4 was surveyed (and nobody at its own place): an exchange needs two."""
+    ranges = good.range_m.copy()
+    ranges[:, 2] = np.linalg.norm(good.truth_m - good.anchors_m[3], axis=1)
+    with pytest.raises(CalibrationError) as caught:
+        fit_runs([replace(good, range_m=ranges)])
+    assert "exchanged in" not in str(caught.value)
+    assert "A3" in str(caught.value)

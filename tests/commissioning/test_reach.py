@@ -1,7 +1,7 @@
 from __future__ import annotations
 
-from edge_agent.commissioning.offline import NOWHERE
 from edge_agent.commissioning.reach import by_distance, middle, reach
+from edge_agent.commissioning.survey_files import NOWHERE
 from wonderland.proofs.honest import share_by
 from wonderland.proofs.prospects import prospect
 from wonderland.proofs.records.policies import Policy

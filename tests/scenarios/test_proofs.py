@@ -9,6 +9,7 @@ from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of
 
 pytestmark = pytest.mark.timeout(300)
+HERE = (2_000, 1_000, 1_500)
 FIFTY_METRES_AWAY = (50_000, 1_000, 1_500)
 
 
@@ -59,6 +60,43 @@ async def test_a_liar_is_refuted_and_may_not_land(people, site):
     ended = await site.pad.submit("CancelProof", session_id=session_id, reason="refused")
     assert (ended["state"], ended["ended_by"]) == ("cancelled", "pad")
     assert await told(people, done.block_number, session_id) == ["ProofRequested", "ProofDecided", "ProofCancelled"]
+
+
+def codes(verdict):
+    return {reason["code"] for reason in [*verdict["reasons"], *verdict["signed"]["reasons"]]}
+
+
+async def test_lies_at_some_moments_are_not_verified_for_the_truth_at_others(site):
+    verdict = await site.judge(await site.request(), astray={0, 3, 4, 7})
+    assert (verdict["outcome"], verdict["permission"]) == ("inconclusive", "refused")
+    assert "claims_torn" in codes(verdict)
+
+
+async def test_anchors_that_are_silent_now_and_then_prove_nothing(site):
+    radio = {"measured_by": "pad", "sts": "provisioned", "attempted_rounds": 40}
+    verdict = await site.judge(
+        await site.request(), radio=radio, silent=lambda anchor, number: number % 4 == anchor and number % 8 < 6
+    )
+    assert (verdict["outcome"], verdict["permission"]) == ("inconclusive", "refused")
+    assert "rounds_missing" in codes(verdict)
+
+
+async def test_a_bystander_convicts_nobody(people, site):
+    """Somebody broadcasts the drone's serial number 36 m away: it lands where its own broadcast is heard, too."""
+    outcomes = []
+    for prekey_id, own in (("k0", True), ("k1", False)):
+        session = await site.request(prekey_id)
+        scene = site.scene()
+        places = [(HERE[0] + 36_000, *HERE[1:]), *([HERE] if own else [])]
+        heard = [
+            {name: claim[name] for name in ("lat_e7", "lon_e7", "t_ms")}
+            for claim in (scene.claim(place, t_ms=scene.now_ms + 1_000) for place in places)
+        ]
+        verdict = await site.judge(session, broadcast=heard)
+        assert verdict["broadcast"]["outcome"] == "contradicted"
+        assert verdict["signed"]["outcome"] == "verified"
+        outcomes.append((verdict["outcome"], verdict["permission"]))
+    assert outcomes == [("verified", "granted"), ("inconclusive", "refused")]
 
 
 async def test_a_drone_without_authorisation_is_ranged_and_denied(site_of):

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 import random
+import re
 
 import pytest
 from click.testing import CliRunner
@@ -118,6 +119,131 @@ def test_what_cannot_be_judged_is_said(tmp_path, files):
     other.write_text(json.dumps(record))
     result, _ = run("--recording", ranges, "--anchors", anchors, "--commissioning", other)
     assert "but not the recording's 3" in result.output
+
+
+@pytest.fixture
+def bare(tmp_path, files):
+    """The same ranges without truth, and the drone's claims in a file of their own."""
+    ranges, claims = tmp_path / "bare.csv", tmp_path / "said.csv"
+    rows = [line.split(",") for line in files[0].read_text().splitlines()]
+    ranges.write_text("\n".join(",".join(row[:3]) for row in rows) + "\n")
+    claims.write_text("t,x,y,z\n0,-3,5,3\n10,7,5,3\n")
+    return ranges, claims
+
+
+def test_ranges_and_claims_are_enough(tmp_path, files, bare):
+    more = ("--recording", bare[0], "--anchors", files[1], "--commissioning", commissioned(tmp_path, files), "--json")
+    result, lines = run(*more, "--claim", f"csv:{bare[1]}", "--report", tmp_path / "report")
+    assert (result.exit_code, {line["outcome"] for line in lines}) == (0, {"verified"})
+    assert all("truth_error_m" not in line and "estimate_m" in line for line in lines)
+    assert lines[0]["distance_m"] == pytest.approx(math.hypot(-2.5, 5.0), abs=0.1)
+    assert {path.name for path in (tmp_path / "report").iterdir()} == {
+        "report.html", "path.png", "likelihood.png", "residuals.png",
+    }  # fmt: skip
+    result, lines = run(*more)
+    assert (result.exit_code, lines) == (1, [])
+    assert "--claim csv:FILE" in result.output
+
+
+def test_the_error_is_that_at_the_estimates_time(tmp_path, files):
+    """Half of a window's rounds come in its first tenth: their middle is no time at which the drone was midway."""
+    ranges, anchors = files
+    head, *rows = ranges.read_text().splitlines()
+    kept = [row for row in rows if not 0.5 < float(row.split(",")[0]) < 9.5]
+    ranges.write_text("\n".join([head, *kept]) + "\n")
+    (window,) = evaluate(EvaluateSettings(ranges, anchors, commissioned(tmp_path, files), rounds=20))
+    assert window.at_s == pytest.approx(4.5, abs=0.05)
+    assert window.truth_m[0] == pytest.approx(-3.0 + window.at_s, abs=0.01)
+    assert window.truth_error_m < 0.2
+
+
+def test_commission_first_is_said_with_the_command(tmp_path, files):
+    far = tmp_path / "far.csv"
+    rng = random.Random(3)
+    rows = ["t,anchor,range,gt_x,gt_y,gt_z"]
+    for index in range(200):
+        truth = (-3.0 + 0.05 * index, 35.0, 3.0)
+        for name, place in ANCHORS.items():
+            rows.append(f"{0.05 * index:.3f},{name},{math.dist(truth, place) + 0.14 + rng.gauss(0, 0.02):.4f},"
+                        f"{truth[0]:.3f},{truth[1]},{truth[2]}")  # fmt: skip
+    far.write_text("\n".join(rows) + "\n")
+    result, _ = run("--recording", far, "--anchors", files[1], "--truth-raise", "0.01")
+    assert result.exit_code == 4
+    assert "Commission first" in result.output
+    assert f"wonderland pad commission --recording OTHER.csv --anchors {files[1]} --truth-raise 0.01" in result.output
+    result, _ = run("--recording", far, "--anchors", files[1], "--commissioning", commissioned(tmp_path, files))
+    assert result.exit_code == 0
+    assert "Commission first" not in result.output
+
+
+def late(path, target, anchors, metres):
+    head, *rows = path.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    for row in cells:
+        if row[1] in anchors:
+            row[2] = str(float(row[2]) + metres)
+    target.write_text("\n".join([head, *(",".join(row) for row in cells)]) + "\n")
+    return target
+
+
+def test_antenna_delays_are_named_with_their_size(tmp_path, files, bare):
+    one = late(files[0], tmp_path / "one.csv", {"9"}, 0.31)
+    result, _ = run("--recording", one, "--anchors", files[1])
+    assert re.search(r"one: Anchor 9's ranges are 0\.3\d m longer than the others'; uncalibrated DW1000", result.output)
+    assert result.output.count("antenna delay") == 1
+    every = late(files[0], tmp_path / "every.csv", set(ANCHORS), -0.25)
+    result, _ = run("--recording", every, "--anchors", files[1])
+    assert re.search(r"every: All anchors' ranges are 0\.2\d m too short", result.output)
+    blind = late(bare[0], tmp_path / "blind.csv", {"9"}, 0.31)
+    result, _ = run("--recording", blind, "--anchors", files[1], "--claim", f"csv:{bare[1]}")
+    assert "if the claims are true" in result.output
+    result, _ = run("--recording", files[0], "--anchors", files[1])
+    assert "antenna delay" not in result.output
+
+
+def test_several_recordings_make_one_table_and_one_report(tmp_path, files):
+    other = late(files[0], tmp_path / "other.csv", {"9"}, 0.02)
+    record = commissioned(tmp_path, files)
+    more = ("--recording", files[0], "--recording", other, "--anchors", files[1], "--commissioning", record)
+    result, _ = run(*more, "--report", tmp_path / "out", "--windows", "4")
+    assert result.exit_code == 0, result.output
+    (total,) = [line for line in result.output.splitlines() if line.startswith("all ")]
+    assert total.split()[1] == "8"
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"report.html", "calibration.png", "ranges-path.png", "other-residuals.png"} <= names
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.count("<svg") == 7
+    assert "<script" not in page
+    result, lines = run(*more, "--json")
+    assert [line["recording"] for line in lines] == ["ranges"] * 10 + ["other"] * 10
+    result, _ = run(*more, "--anchors", files[1], "--anchors", files[1])
+    assert result.exit_code == 2
+    assert "3 --anchors for 2 recordings" in result.output
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "the file is empty"),
+        (b"t;anchor;range\n1;2;3\n", "separate them by commas"),
+        (b"anchor,x,y,z\n1,2,3,4\n", "no column t, range; it needs t, anchor, range; it has anchor, x, y, z"),
+        (b"\x7fELF\xd0\xff", "is no text"),
+        (b"t,anchor,range\n", "no ranges in it"),
+    ],
+)
+def test_files_that_are_no_recordings(tmp_path, files, bare, content, says):
+    path = tmp_path / "broken.csv"
+    path.write_bytes(content)
+    result, lines = run("--recording", path, "--anchors", files[1], "--claim", f"csv:{bare[1]}")
+    assert (result.exit_code, lines) == (1, [])
+    assert says in result.output
+
+
+def test_claims_of_another_time_are_refused(tmp_path, files, bare):
+    bare[1].write_text("t,x,y,z\n9000,-3,5,3\n9010,7,5,3\n")
+    result, _ = run("--recording", bare[0], "--anchors", files[1], "--claim", f"csv:{bare[1]}")
+    assert result.exit_code == 1
+    assert "bring them to one clock" in result.output
 
 
 def test_short_windows_are_judged_by_fewer_rounds(files):

@@ -15,7 +15,7 @@ Nothing is done on the strength of a word over UWB but ranging: the permission i
 from __future__ import annotations
 
 import hmac
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import Final
 
@@ -24,9 +24,10 @@ from uav_agent.session import events as on
 from uav_agent.session.crosscheck import OwnRanges
 from uav_agent.session.timing import UavTiming
 from uav_agent.session.words import UavWords, Word
+from wonderland.proofs.encoding import to_base64url
 from wonderland.proofs.keys import SessionKeys
 from wonderland.proofs.records.pads import Commissioning
-from wonderland.proofs.records.sessions import MAX_CLAIMS, AnchorRanges, Claim, RangeTable, Session
+from wonderland.proofs.records.sessions import MAX_ATTESTED, MAX_CLAIMS, AnchorRanges, Claim, RangeTable, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.statement import statement
 from wonderland.uwb.blinks import BlinkPlan, blink_plan
@@ -36,6 +37,8 @@ from wonderland.uwb.link.proof_payloads import RangesPart
 
 Claims = Callable[[int], Claim | None]
 """The drone's position at a time (ms); None while it has none."""
+Broadcasts = Callable[[int], Sequence[bytes]]
+"""Digests of the Remote ID positions that the drone has broadcast since a time (ms), oldest first."""
 
 _ABORTS: Final = {
     "identity_mismatch": AbortReason.IDENTITY_MISMATCH,
@@ -79,6 +82,7 @@ class UavSession:
         timing: UavTiming | None = None,
         whole_certificate: bool = False,
         witness_blinks: BlinkPlan | None = None,
+        broadcasts: Broadcasts = lambda _since_ms: (),
     ) -> None:
         self.session: Final = session
         self.phase = Phase.OPENING
@@ -88,6 +92,8 @@ class UavSession:
         self.steps: dict[str, int] = {}
         self._timing = timing or UavTiming()
         self._claims_now = claims
+        self._broadcasts = broadcasts
+        self._since_ms = now_ms
         self._code_pad = keys.code_pad
         self._macs = {anchor.anchor_id: anchor.mac for anchor in commissioning.anchors}
         self._plan = RangingPlan(
@@ -267,8 +273,17 @@ class UavSession:
         self._times.pop("claim", None)
         self._times.pop("ranging", None)
         self._times.pop("pad_silence", None)
+        self._sign(table, now_ms, actions)
+
+    def _sign(self, table: RangeTable, now_ms: int, actions: list[do.UavAction]) -> None:
+        """Say which broadcasts are its own, and sign for all that was said."""
+        digests = tuple(self._broadcasts(self._since_ms))[-MAX_ATTESTED:]
+        if digests:
+            self._words.attest(digests, now_ms)
+        session = self.session
+        attested = [to_base64url(digest) for digest in digests]
         actions.append(
-            do.Sign(statement(self.session.session_id, self.session.transcript_sha256, table, tuple(self._claims)))
+            do.Sign(statement(session.session_id, session.transcript_sha256, table, tuple(self._claims), attested))
         )
 
     def _signed(self, event: on.Signed, now_ms: int, actions: list[do.UavAction]) -> None:

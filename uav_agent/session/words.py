@@ -22,6 +22,7 @@ from wonderland.uwb.link.messages import (
     Reply,
     decode_challenge,
     decode_code,
+    encode_attested,
     encode_signature,
 )
 from wonderland.uwb.link.proof_payloads import ClaimBatch, RangesPart
@@ -109,6 +110,11 @@ class UavWords:
         """The pad's challenge, and when it was heard."""
         self._now_ms = now_ms
         self._send(MessageType.ECHO, Echo(challenge, now_ms).encode())
+
+    def attest(self, digests: Sequence[bytes], now_ms: int) -> None:
+        """Step 6: the digests of its Remote ID positions, which the countersignature covers."""
+        self._now_ms = now_ms
+        self._send(MessageType.ATTESTED, encode_attested(digests))
 
     def countersign(self, signature: bytes, now_ms: int) -> None:
         """Step 6: r ‖ s over the statement."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 from wonderland.proofs.claims import ClaimedPath
@@ -9,16 +11,18 @@ from wonderland.proofs.drone_clock import EXCUSED_SHARE, Clock
 from wonderland.proofs.judgement import Reasons, metres, rounded
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.records.sessions import Evidence, Session
+from wonderland.proofs.records.sessions import NO_RANGE, Evidence, Session
 from wonderland.proofs.rounds import UsableRounds, usable
 
 MAX_HEIGHT_ACCURACY_MM: Final = 20_000
 """A claimed height vaguer than this proves nothing either."""
+CHECKED_ANCHORS: Final = 4
+"""Three anchors agree with some place whatever they measure."""
 MOST_ATTEMPTS: Final = 2
-"""Rounds attempted for each one that came about. A drone that lets only those through whose noise suits its claim needs
-many: the better one of two moves the mean by half a standard deviation, which wins nothing on a lie of 1.5 buffers or
-more even at the paper's pad (``dropped-rounds-half`` of the attack lab), the best of forty by more than two. An honest
-channel that loses a third of its rounds passes; one that loses half is not fit to prove anything on."""
+"""Rounds attempted for each whole one. A drone that lets only those through whose noise suits its claim needs many: the
+better one of two moves the mean by half a standard deviation, which wins nothing on a lie of 1.5 buffers or more even
+at the paper's pad (``dropped-rounds-half`` of the attack lab), the best of forty by more than two. An honest channel
+that loses a third of its rounds passes; one that loses half is not fit to prove anything on."""
 
 
 def fresh(session: Session, evidence: Evidence, now_ms: int, reasons: Reasons) -> bool:
@@ -101,8 +105,8 @@ def clock_serves(clock: Clock, path: ClaimedPath, policy: Policy, reasons: Reaso
 
 def usable_rounds(
     evidence: Evidence, commissioning: Commissioning, min_rounds: int, reasons: Reasons
-) -> UsableRounds | None:
-    """Step 3."""
+) -> tuple[UsableRounds | None, int]:
+    """Step 3: the rounds that the verdict may rest on, and how many of them are whole."""
     anchor_ids = [anchor.anchor_id for anchor in commissioning.anchors]
     rounds = usable(evidence.ranges, anchor_ids, commissioning.max_range_mm)
     count = len(rounds.t_ms)
@@ -116,21 +120,66 @@ def usable_rounds(
     silent = len(anchor_ids) - sum(1 for column in rounds.range_mm if any(value >= 0 for value in column))
     if silent and count:
         reasons.add("anchor_silent", f"{silent} of {len(anchor_ids)} anchors measured nothing usable.")
-    return rounds if count else None
+    if not count:
+        return None, 0
+    rounds, whole, rarely = wholly_heard(rounds, evidence.radio.attempted_rounds)
+    for index in rarely:
+        reasons.add("anchor_rarely", f"{anchor_ids[index]} is left out: it measured in too few of the rounds.")
+    return rounds, whole
 
 
-def rounds_missing(evidence: Evidence, policy: Policy, reasons: Reasons) -> int:
-    """Step 3: how many rounds have to come about in a row before it is none too few of those attempted; 0 where it is.
+def wholly_heard(rounds: UsableRounds, attempted: int | None) -> tuple[UsableRounds, int, tuple[int, ...]]:
+    """The rounds without the anchors that are rarely heard, how many are whole then, and the anchors left out.
+
+    A round is whole where all anchors measured that measured at all: whoever can silence single anchors round by round
+    chooses each anchor's mean by itself. An anchor that is silent throughout chooses nothing. So anchors are left out,
+    the rarest first, until enough of the attempted rounds are whole, or only ``CHECKED_ANCHORS`` remain.
+    """
+    columns = [
+        (index, column)
+        for index, column in zip(rounds.anchor_indices, rounds.range_mm, strict=True)
+        if max(column) >= 0
+    ]
+    rarely: list[int] = []
+    whole = _whole([column for _, column in columns], len(rounds.t_ms))
+    if attempted is None:
+        return rounds, whole, ()
+    while attempted > MOST_ATTEMPTS * whole and len(columns) > CHECKED_ANCHORS:
+        rarest = max(columns, key=lambda each: (each[1].count(NO_RANGE), each[0]))
+        if rarest[1].count(NO_RANGE) == 0:
+            break  # whole rounds are missing, not single anchors
+        columns.remove(rarest)
+        rarely.append(rarest[0])
+        whole = _whole([column for _, column in columns], len(rounds.t_ms))
+    if not rarely or attempted > MOST_ATTEMPTS * whole:
+        return rounds, whole, ()
+    kept = replace(
+        rounds,
+        anchor_indices=tuple(index for index, _ in columns),
+        range_mm=tuple(column for _, column in columns),
+    )
+    return kept, whole, tuple(sorted(rarely))
+
+
+def _whole(columns: Sequence[Sequence[int]], count: int) -> int:
+    """Rounds in which all of these measured."""
+    if not any(NO_RANGE in column for column in columns):
+        return count
+    return sum(1 for row in zip(*columns, strict=True) if NO_RANGE not in row)
+
+
+def rounds_missing(evidence: Evidence, whole: int, policy: Policy, reasons: Reasons) -> int:
+    """Step 3: how many whole rounds in a row make it none too few of those attempted; 0 where they are enough.
 
     −1 where the policy's rounds do not suffice for that. A pad that does not say what it attempted is not asked.
     """
-    attempted, came = evidence.radio.attempted_rounds, len(evidence.ranges.t_ms)
-    if attempted is None or attempted <= MOST_ATTEMPTS * came:
+    attempted = evidence.radio.attempted_rounds
+    if attempted is None or attempted <= MOST_ATTEMPTS * whole:
         return 0
     reasons.add(
         "rounds_missing",
-        f"Of {attempted} rounds that the pad attempted {came} came about: a drone that lets only those through that "
-        "suit it looks like this.",
+        f"Of {attempted} rounds that the pad attempted {whole} came about whole: a drone that lets only those through "
+        "that suit it, or silences single anchors, looks like this.",
     )
-    wanted = attempted - MOST_ATTEMPTS * came
-    return wanted if came + wanted <= policy.max_rounds else -1
+    wanted = attempted - MOST_ATTEMPTS * whole
+    return wanted if len(evidence.ranges.t_ms) + wanted <= policy.max_rounds else -1

@@ -17,6 +17,8 @@ MAX_GAP_MS: Final = 2_000
 """A moment further than this from every claim has no claimed position of its own."""
 MAX_SPEED_MM_MS: Final = 120.0
 """No drone that lands on a pad flies faster (mm/ms = m/s); a claim that does so has jumped."""
+MAX_ACCELERATION_MM_MS2: Final = 0.01
+"""What a drone that lands on a pad may turn or brake with: 10 m/s²."""
 JUMP_TOLERANCE_MM: Final = 2_000.0
 """A filter that settles may move a claim by so much at once."""
 _NEVER_MS: Final = 2**63
@@ -51,6 +53,25 @@ class Track(NamedTuple):
             return 0.0, 0.0
         return (self.east[-1] - self.east[0]) / span, (self.north[-1] - self.north[0]) / span
 
+    def mean_ms(self) -> int:
+        """The middle of these moments: that of the mean place."""
+        first = self.t_ms[0]
+        return first + sum([t_ms - first for t_ms in self.t_ms]) // len(self.t_ms)
+
+    def jumps(self, tolerance_mm: float) -> bool:
+        """Whether the claim leaves its flight from one moment to the next as no drone can, give or take so much."""
+        for after in range(2, len(self.t_ms)):
+            before, gap = self.t_ms[after - 1] - self.t_ms[after - 2], self.t_ms[after] - self.t_ms[after - 1]
+            if before <= 0:
+                continue
+            share = gap / before
+            east = self.east[after] - self.east[after - 1] - (self.east[after - 1] - self.east[after - 2]) * share
+            north = self.north[after] - self.north[after - 1] - (self.north[after - 1] - self.north[after - 2]) * share
+            turned = MAX_ACCELERATION_MM_MS2 * gap * (gap + before) / 2.0
+            if sqrt(east * east + north * north) > tolerance_mm + turned:
+                return True
+        return False
+
     def only(self, positions: Sequence[int]) -> Track:
         """Some of them, by their position in the columns."""
         return Track(
@@ -66,23 +87,34 @@ _Segment = tuple[int, float, float, float, int, float, float, float]
 """A straight line between two claims: when and where it starts, how long it takes, how far it leads."""
 
 
+def _moment(point: LocalClaim) -> int:
+    return point.t_ms
+
+
 class ClaimedPath:
     """The claimed positions in the pad's frame as a function of time."""
 
-    def __init__(self, frame: Frame, claims: Sequence[Claim]) -> None:
-        """``claims`` must not be empty; raises GeometryError where one is not near the pad."""
+    def __init__(self, frame: Frame, claims: Sequence[Claim], rest: ClaimedPath | None = None) -> None:
+        """``claims`` must not be empty; raises GeometryError where one is not near the pad.
+
+        ``rest``: a path of other claims that belong to it as well.
+        """
         if not claims:
             raise GeometryError("there is no claim")
-        ordered = sorted(claims, key=lambda claim: claim.t_ms)
-        points = []
-        for claim in ordered:
+        points = [] if rest is None else list(rest.points)
+        for claim in claims:
             east, north, up = to_local(frame, claim.lat_e7, claim.lon_e7, claim.height_mm)
             points.append(LocalClaim(claim.t_ms, float(east), float(north), float(up)))
-        self.points: Final = tuple(points)
-        self._times: Final = [point.t_ms for point in points]
+        points.sort(key=_moment)
+        self.points: Final[tuple[LocalClaim, ...]] = tuple(points)
+        self._times: Final[list[int]] = [point.t_ms for point in points]
         self._segments: Final[dict[int, _Segment | None]] = {}
-        self.accuracy_mm: Final = max([claim.accuracy_mm for claim in ordered])
-        self.height_accuracy_mm: Final = max([claim.height_accuracy_mm for claim in ordered])
+        accuracies, heights = [claim.accuracy_mm for claim in claims], [claim.height_accuracy_mm for claim in claims]
+        if rest is not None:
+            accuracies.append(rest.accuracy_mm)
+            heights.append(rest.height_accuracy_mm)
+        self.accuracy_mm: Final[int] = max(accuracies)
+        self.height_accuracy_mm: Final[int] = max(heights)
         self.height_sigma_mm: Final = self.height_accuracy_mm * _PER_95_HEIGHT
 
     def jump_mm(self) -> float:

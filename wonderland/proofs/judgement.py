@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import sqrt
 from typing import Final
 
 from wonderland.proofs.agreement import REFUTING_ANCHORS, Agreement
+from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.estimate import Offset, least_chi2_within
 from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.likelihood import Matrix2, distance_to_disc, inside_disc
+from wonderland.proofs.moments import Moments
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.sessions import Claim
 from wonderland.proofs.records.verdicts import Judgement, Position, Reason
 from wonderland.proofs.reduction import Reduced, distance
 from wonderland.proofs.stopping import proved_outside, sides, step_of
@@ -93,6 +96,56 @@ def judge(
         paper_rule=first.error <= policy.buffer_mm,
         reasons=tuple(reasons.items),
     )
+
+
+def say_contradictions(moments: Moments, measured: Measured, reasons: Reasons) -> None:
+    """Claimed moments that contradict one another, said where they matter."""
+    seen = measured.reduced.residuals
+    if seen is not None and seen.torn:
+        reasons.add(
+            "claims_torn",
+            f"In {seen.torn} of {len(seen.claimed.kept)} rounds half of the anchors or more contradict what was "
+            "claimed in the others.",
+        )
+    if moments.unseen_share > 0.0:
+        share = int(moments.unseen_share * 100.0 + 0.5)
+        reasons.add("claims_unseen", f"{share} % of its claims lie off the flight that its claims in the rounds show.")
+
+
+def hold_each_moment(
+    signed: Judgement, policy: Policy, commissioning: Commissioning, measured: Measured, moments: Moments
+) -> Judgement:
+    """A mean that holds is verified only where no quarter of the claimed moments can be two buffers off."""
+    reach = int(moments.reach_mm(float(policy.buffer_mm)))
+    if signed.outcome != "verified" or reach >= policy.buffer_mm:
+        return signed
+    if reach > 0:
+        narrow = replace(policy, buffer_mm=reach)
+        again = judge(narrow, commissioning, measured, (0.0, 0.0), may_verify=True, may_refute=False)
+        if again.outcome == "verified":
+            return signed
+    reason = Reason(
+        code="claims_waver",
+        text=f"Its claims may waver by {metres(moments.waver_mm)} about where it was: their mean is proved, not each "
+        "of them.",
+    )
+    return replace(signed, outcome="inconclusive", reasons=(*signed.reasons, reason))
+
+
+def say_unjudged(
+    request: Claim, measured: Measured, asked: ClaimedPath | None, policy: Policy, reasons: Reasons
+) -> None:
+    """The place that the request named is said to be unjudged where it is another than the one that was ranged."""
+    if asked is None:
+        return
+    first = asked.points[0]
+    away = distance(first.east - measured.reduced.east, first.north - measured.reduced.north, 0.0)
+    if away > policy.buffer_mm:
+        seconds = decimal(max(measured.reduced.t_ms - request.t_ms, 0) / 1000.0)
+        reasons.add(
+            "request_unjudged",
+            f"It asked from a place {metres(away)} away, {seconds} s before it was ranged: nothing measured it there.",
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from wonderland.proofs.agreement import agreement
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.estimate import solve
 from wonderland.proofs.judgement import Measured, judge, metres
+from wonderland.proofs.moments import JUMP_BUFFERS
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.verdicts import Judgement, Reason
@@ -26,6 +27,8 @@ NEWEST: Final = 7
 CLEAR_BUFFERS: Final = 0.2
 """Only where the newest rounds alone know the place to a fifth of the buffer (1σ): elsewhere correlated noise may pass
 for a drift, and a third of a second is no reason to refute anybody."""
+JUMP_ROUNDS: Final = 10
+"""Half a second."""
 ERROR_SHARE: Final = 10
 """The newest rounds refute with one part in so many of the policy's error, so that the whole keeps its limit."""
 
@@ -67,13 +70,21 @@ def judge_newest(
         may_refute=may_refute,
     )
     away = metres(float(now.error_mm))
-    if now.outcome == "refuted":
+    if now.outcome == "refuted" and not _just_jumped(path, rounds, policy):
         reason = Reason(code="leaving", text=f"Its newest {NEWEST} rounds put it {away} from its claim, and going.")
         return replace(signed, outcome="refuted", reasons=(*signed.reasons, reason))
     if signed.outcome == "verified" and now.error_mm > policy.buffer_mm:
         reason = Reason(code="drifting", text=f"Its newest {NEWEST} rounds put it {away} from its claim.")
         return replace(signed, outcome="inconclusive", reasons=(*signed.reasons, reason))
     return signed
+
+
+def _just_jumped(path: ClaimedPath, rounds: UsableRounds, policy: Policy) -> bool:
+    """Whether the claim jumped within the last half second: a receiver's glitch may be over with the next claim.
+
+    A drag moves by centimetres from round to round; what jumped and stays is refuted when the jump is past.
+    """
+    return path.along(rounds.t_ms[-JUMP_ROUNDS:]).jumps(JUMP_BUFFERS * policy.buffer_mm)
 
 
 def _white(last: Reduced, commissioning: Commissioning) -> Reduced:
@@ -103,12 +114,13 @@ def _drifts(whole: Reduced, newest: Residuals, commissioning: Commissioning) -> 
     means = {anchor.index: anchor for anchor in whole.anchors}
     chi2 = 0.0
     shared = 0
-    for index, values, mean in newest.series:
-        anchor = means.get(index)
+    for column, mean in newest.series:
+        anchor = means.get(column.anchor)
+        count = len(column.values)
         # The newest are part of all, so that their means differ by σ²(1/k − 1/n).
-        if anchor is None or anchor.count <= len(values):
+        if anchor is None or anchor.count <= count:
             continue
         difference = mean - anchor.residual_mm
-        chi2 += difference * difference / (variance * (1.0 / len(values) - 1.0 / anchor.count))
+        chi2 += difference * difference / (variance * (1.0 / count - 1.0 / anchor.count))
         shared += 1
     return shared > 0 and chi2 > CHI2_LIMITS[min(shared, len(CHI2_LIMITS)) - 1]

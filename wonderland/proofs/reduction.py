@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import sqrt
-from typing import Final
+from typing import Final, NamedTuple
 
 from wonderland.proofs.claims import ClaimedPath, Track
 from wonderland.proofs.records.pads import Anchor, Commissioning
@@ -23,6 +23,8 @@ OUTLIER_SIGMAS: Final = 6.0
 """A residual this far from its anchor's median is a burst, not noise."""
 OUTLIER_FLOOR_MM: Final = 150.0
 """Never call an error below this a burst: the white noise is not the only one."""
+MIN_TORN: Final = 2
+"""One anchor alone tears no round: that is its own burst."""
 MIN_VALUES: Final = 3
 """Fewer usable ranges of an anchor tell nothing about it."""
 MOST_CORRELATED: Final = 0.95
@@ -51,18 +53,35 @@ class AnchorMean:
     """Variance that no number of rounds makes smaller: bias and survey."""
 
 
+class Series(NamedTuple):
+    """One anchor's residuals in order of time."""
+
+    anchor: int
+    """Its position in the commissioning."""
+    rounds: Sequence[int]
+    """Which of the track's moments each value belongs to."""
+    values: list[float]
+    """Measured, corrected, minus claimed, mm."""
+
+
 @dataclass(frozen=True, slots=True)
 class Residuals:
     """What the ranges say against the claimed path, round by round."""
 
     track: Track
-    raw: list[tuple[int, list[float]]]
-    """For each anchor: its position in the commissioning and its residuals (mm), in order of time."""
+    """The moments of the rounds that are left."""
+    raw: list[Series]
+    """Of all rounds that have a claim; each anchor's ``rounds`` count these, not those that are left."""
     whole: bool
     """Whether each anchor has one for each round."""
-    series: list[tuple[int, list[float], float]]
+    series: list[tuple[Series, float]]
     """Without bursts, of the anchors that have enough; with their mean."""
     bursts: int
+    """Values left out because few anchors saw them: a radio's errors."""
+    torn: int
+    """Rounds left out because half of the anchors or more saw them: there the claim jumped, not the radio."""
+    claimed: Track
+    """The moments of all rounds that have a claim."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,25 +138,26 @@ def reduce(
     track = seen.track
     count = len(track.kept)
     east, north, up = mean(track.east), mean(track.north), mean(track.up)
-    series = [values for _, values, _ in seen.series]
-    means = [middle for _, _, middle in seen.series]
+    series = [column.values for column, _ in seen.series]
+    means = [middle for _, middle in seen.series]
     correlation = correlation_of(series, means, commissioning.correlation_ppm)
     worth = (1.0 - correlation) / (1.0 + correlation)
     sigma2 = float(commissioning.range_sigma_mm * commissioning.range_sigma_mm)
     left = _bias_left(rounds, seen, commissioning)
     anchors = []
-    for index, values, residual in seen.series:
-        anchor = commissioning.anchors[index]
+    for column, residual in seen.series:
+        anchor = commissioning.anchors[column.anchor]
         expected = distance(east - anchor.east_mm, north - anchor.north_mm, up - anchor.up_mm)
+        heard = len(column.values)
         anchors.append(
             anchor_mean(
-                index,
+                column.anchor,
                 anchor,
                 expected,
                 residual,
-                count=len(values),
-                white=sigma2 / (len(values) * worth),
-                left=left.get(index, 1.0),
+                count=heard,
+                white=sigma2 / (heard * worth),
+                left=left.get(column.anchor, 1.0),
             )
         )
     velocity_east, velocity_north = track.velocity()
@@ -146,7 +166,7 @@ def reduce(
         east=east,
         north=north,
         up=up,
-        t_ms=rounds.t_ms[len(rounds.t_ms) // 2],
+        t_ms=track.mean_ms(),
         rounds=count,
         effective=count * worth,
         bursts=seen.bursts,
@@ -196,54 +216,86 @@ def residuals_of(rounds: UsableRounds, commissioning: Commissioning, path: Claim
     raw = []
     for index, column in zip(rounds.anchor_indices, rounds.range_mm, strict=True):
         values = column if all_claimed else [column[position] for position in track.kept]
-        residuals = _residuals(commissioning.anchors[index], values, track)
-        whole = whole and len(residuals) == len(column)
-        raw.append((index, residuals))
+        series = _residuals(index, commissioning.anchors[index], values, track)
+        whole = whole and len(series.values) == len(column)
+        raw.append(series)
     return _sifted(track, raw, commissioning, whole=whole)
 
 
 def newest_of(seen: Residuals, count: int, commissioning: Commissioning) -> Residuals:
     """The same of the newest rounds alone, where ``seen`` is whole."""
-    return _sifted(seen.track, [(index, values[-count:]) for index, values in seen.raw], commissioning, whole=True)
+    rows = range(len(seen.claimed.kept))[-count:]
+    raw = [Series(column.anchor, range(len(rows)), column.values[-count:]) for column in seen.raw]
+    return _sifted(seen.claimed.only(rows), raw, commissioning, whole=True)
 
 
-def _sifted(
-    track: Track, raw: list[tuple[int, list[float]]], commissioning: Commissioning, *, whole: bool
-) -> Residuals:
+def _sifted(track: Track, raw: list[Series], commissioning: Commissioning, *, whole: bool) -> Residuals:
+    marked = [_bursts(column.values, float(commissioning.range_sigma_mm)) for column in raw]
+    torn = _torn(raw, marked) if any(marked) else set()
     series = []
     bursts = 0
-    for index, values in raw:
-        kept = without_bursts(values, float(commissioning.range_sigma_mm))
-        bursts += len(values) - len(kept)
-        if len(kept) >= MIN_VALUES:
-            series.append((index, kept, mean(kept)))
-    return Residuals(track, raw, whole, series, bursts)
+    for column, apart in zip(raw, marked, strict=True):
+        kept = _left(column, apart, torn) if apart or torn else column
+        bursts += sum(1 for position in apart if column.rounds[position] not in torn)
+        if len(kept.values) >= MIN_VALUES:
+            series.append((kept, mean(kept.values)))
+    left = track.only([position for position in range(len(track.kept)) if position not in torn]) if torn else track
+    return Residuals(left, raw, whole, series, bursts, len(torn), track)
 
 
-def _residuals(anchor: Anchor, values: Sequence[int], track: Track) -> list[float]:
+def _torn(raw: list[Series], marked: Sequence[Sequence[int]]) -> set[int]:
+    """Rounds in which at least half of the anchors that measured burst, and more than one."""
+    burst: dict[int, int] = {}
+    for column, apart in zip(raw, marked, strict=True):
+        for position in apart:
+            moment = column.rounds[position]
+            burst[moment] = burst.get(moment, 0) + 1
+    heard = dict.fromkeys(burst, 0)
+    for column in raw:
+        for moment in column.rounds:
+            if moment in heard:
+                heard[moment] += 1
+    return {moment for moment, count in burst.items() if count >= MIN_TORN and 2 * count >= heard[moment]}
+
+
+def _left(column: Series, apart: Sequence[int], torn: set[int]) -> Series:
+    """A column without its bursts and without torn rounds."""
+    out = set(apart)
+    rows = [position for position, moment in enumerate(column.rounds) if position not in out and moment not in torn]
+    return Series(
+        column.anchor, [column.rounds[position] for position in rows], [column.values[position] for position in rows]
+    )
+
+
+def _residuals(index: int, anchor: Anchor, values: Sequence[int], track: Track) -> Series:
     """Measured, corrected, minus claimed: for each round that has both."""
     at_east, at_north, at_up = float(anchor.east_mm), float(anchor.north_mm), float(anchor.up_mm)
     _, _, easts, norths, ups = track
+    heard: Sequence[int] = range(len(values))
     if NO_RANGE in values:
         heard = [position for position, value in enumerate(values) if value != NO_RANGE]
         values = [values[position] for position in heard]
         _, _, easts, norths, ups = track.only(heard)
     corrected = {value: value - bias_at(anchor, float(value))[0] for value in set(values)}  # whole centimetres repeat
-    return [
-        corrected[value] - sqrt((x := east - at_east) * x + (y := north - at_north) * y + (z := up - at_up) * z)
-        for value, east, north, up in zip(values, easts, norths, ups, strict=True)
-    ]
+    return Series(
+        index,
+        heard,
+        [
+            corrected[value] - sqrt((x := east - at_east) * x + (y := north - at_north) * y + (z := up - at_up) * z)
+            for value, east, north, up in zip(values, easts, norths, ups, strict=True)
+        ],
+    )
 
 
-def without_bursts(values: list[float], sigma: float) -> list[float]:
-    """The values that are no bursts: not far from their median."""
+def _bursts(values: list[float], sigma: float) -> Sequence[int]:
+    """Positions of the values that are bursts: far from their median."""
     if not values:
-        return []
+        return ()
     limit = max(OUTLIER_SIGMAS * sigma, OUTLIER_FLOOR_MM)
     if max(values) - min(values) <= limit:
-        return values
+        return ()
     median = sorted(values)[len(values) // 2]
-    return [value for value in values if -limit <= value - median <= limit]
+    return [position for position, value in enumerate(values) if not -limit <= value - median <= limit]
 
 
 def _bias_left(rounds: UsableRounds, seen: Residuals, commissioning: Commissioning) -> dict[int, float]:
@@ -253,16 +305,20 @@ def _bias_left(rounds: UsableRounds, seen: Residuals, commissioning: Commissioni
     """
     if commissioning.bias_length_mm is None:
         return {}
-    means = {index: values for index, values, _ in seen.series}
+    ranges = dict(zip(rounds.anchor_indices, rounds.range_mm, strict=True))
+    kept = seen.claimed.kept
     columns: list[Sequence[int]] = []
-    for (index, residuals), column in zip(seen.raw, rounds.range_mm, strict=True):
-        ranges = column if len(seen.track.kept) == len(column) else [column[position] for position in seen.track.kept]
-        if len(means.get(index, ())) < len(residuals):
-            kept = set(means.get(index, ()))
-            each = iter(residuals)
-            ranges = [value if value != NO_RANGE and next(each) in kept else NO_RANGE for value in ranges]
-        columns.append(ranges)
-    return dict(zip(rounds.anchor_indices, bias_left(columns, commissioning), strict=True))
+    for column, _ in seen.series:
+        measured = ranges[column.anchor]
+        if len(column.values) == len(measured):  # nothing was left out
+            columns.append(measured)
+            continue
+        heard = [NO_RANGE] * len(kept)
+        for position in column.rounds:
+            heard[position] = measured[kept[position]]
+        columns.append(heard)
+    anchors = [column.anchor for column, _ in seen.series]
+    return dict(zip(anchors, bias_left(columns, commissioning), strict=True))
 
 
 def correlation_of(series: Sequence[Sequence[float]], means: Sequence[float], commissioned_ppm: int | None) -> float:

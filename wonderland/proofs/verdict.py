@@ -11,11 +11,12 @@
  9. likelihood      that the drone is within the buffer of its claim
 10. outcome         verified, refuted or inconclusive, and permission
 
-Steps 1 to 3 are in ``admission``, 4 and 7 in ``reduction``, 5 in ``agreement``, 6 in ``differences`` and ``testimony``,
-8 in ``estimate``, 9 and 10 for one claim in ``judgement``, for the newest rounds alone in ``leaving``, for the public
-one in ``broadcast``, what holds under repeated looks in ``stopping``, what can be reached at all in ``prospects``, the
-drone's clock in ``drone_clock``. Two claims are judged: the one that the drone signed for this session and the one
-that it broadcast. Integers and exactly rounded operations only (``special``).
+Steps 1 to 3 are in ``admission``, 4 and 7 in ``reduction``, that 7 holds at every moment in ``moments``, 5 in
+``agreement``, 6 in ``differences`` and ``testimony``, 8 in ``estimate``, 9 and 10 for one claim in ``judgement``, for
+the newest rounds alone in ``leaving``, for what was heard on Remote ID in ``broadcast``, what holds under repeated
+looks in ``stopping``, what can be reached at all in ``prospects``, the drone's clock in ``drone_clock``. The verdict is
+about what the drone *signed*; what is broadcast under its serial number is a finding of its own. Integers and exactly
+rounded operations only (``special``).
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from math import sqrt
 from typing import Final
 
 from wonderland.proofs.admission import (
+    CHECKED_ANCHORS,
     clock_serves,
     confirmed_by_both,
     fresh,
@@ -34,7 +36,7 @@ from wonderland.proofs.admission import (
     usable_rounds,
 )
 from wonderland.proofs.agreement import agreement
-from wonderland.proofs.broadcast import PublicClaim, judge_broadcast
+from wonderland.proofs.broadcast import Broadcast, judge_broadcast, outcome_with
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.differences import halved
 from wonderland.proofs.drift import widened
@@ -46,14 +48,19 @@ from wonderland.proofs.judgement import (
     Measured,
     Reasons,
     decimal,
+    hold_each_moment,
     judge,
     metres,
     place,
     rounded,
+    say_contradictions,
+    say_unjudged,
 )
 from wonderland.proofs.leaving import judge_newest
 from wonderland.proofs.likelihood import Matrix2
+from wonderland.proofs.moments import moments_of
 from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim, Evidence, Session
 from wonderland.proofs.records.verdicts import Covariance, DroneClock, Judgement, Position, Reason, Verdict
 from wonderland.proofs.reduction import reduce
@@ -64,8 +71,6 @@ from wonderland.proofs.travel import hope
 
 BOUND_Z: Final = 2.83
 """Standard deviations with which ``within_mm`` holds."""
-CHECKED_ANCHORS: Final = 4
-"""Three anchors agree with some place whatever they measure."""
 KEYED: Final = 2
 """Assurance of two-way ranges that the pad measured with a keyed time-stamp sequence."""
 TIME_DIFFERENCES: Final = 3
@@ -100,19 +105,23 @@ def decide(
     claims = on_the_pads_clock((session.claim, *evidence.claims), clock)
     blocked = not fresh(session, evidence, now_ms, reasons)  # 1
     blocked = not confirmed_by_both(evidence, confirmed, signature_valid, reasons) or blocked  # 2
-    rounds = usable_rounds(evidence, commissioning, policy.min_rounds, reasons)  # 3
+    rounds, whole = usable_rounds(evidence, commissioning, policy.min_rounds, reasons)  # 3
     measured: Measured | None = None
     path: ClaimedPath | None = None
+    requested: ClaimedPath | None = None
     try:
-        path = ClaimedPath(commissioning.frame, claims)
+        # What the request claims was before any ranging; where there are claims of the session it takes no part.
+        rest = ClaimedPath(commissioning.frame, claims[1:]) if evidence.claims else None
+        requested = ClaimedPath(commissioning.frame, claims[:1], rest)
+        path = rest or requested
     except GeometryError:
         reasons.add("claim_far_away", "The claimed position is nowhere near this pad.")
-    if path is not None:
-        blocked = not plausible(path, policy, reasons) or blocked
+    if path is not None and requested is not None:
+        blocked = not plausible(requested, policy, reasons) or blocked
         blocked = not clock_serves(clock, path, policy, reasons) or blocked
     if path is not None and rounds is not None:
         measured = _measure(rounds, commissioning, path, clock, reasons)  # 4, 5, 7, 8
-    missing = rounds_missing(evidence, policy, reasons)  # 3
+    missing = rounds_missing(evidence, whole, policy, reasons)  # 3
     enough = rounds is not None and len(rounds.t_ms) >= policy.min_rounds
     shared = halved(policy)
     timed = judge_time_stamps(session.pad_id, evidence.time_stamps, commissioning, path, shared, measured, clock)  # 6
@@ -129,10 +138,14 @@ def decide(
         blocked = True
 
     signed: Judgement | None = None
-    public: PublicClaim | None = None
+    public: Broadcast | None = None
     more = -1
     if measured is not None and path is not None:
         checked = _checked(commissioning, measured, reasons)
+        moments = moments_of(measured.reduced, measured.offset, path.points, float(policy.buffer_mm))
+        say_contradictions(moments, measured, reasons)
+        say_unjudged(session.claim, measured, requested, policy, reasons)
+        may_refute = enough and moments.have_a_mean(float(policy.buffer_mm))
         judged = shared if timed.may_refute else policy
         signed = judge(
             judged,
@@ -140,8 +153,9 @@ def decide(
             measured,
             (0.0, 0.0),
             may_verify=not blocked and missing == 0 and measured.agreement.usable and enough and checked,
-            may_refute=enough,
+            may_refute=may_refute,
         )  # 9, 10
+        signed = hold_each_moment(signed, judged, commissioning, measured, moments)
         if rounds is not None:
             signed = judge_newest(
                 signed,
@@ -153,14 +167,22 @@ def decide(
                 clock.sigma_ms,
                 may_refute=enough,
             )
-        signed = timed.overrule(signed, may_refute=enough)
-        public = judge_broadcast(session, commissioning, evidence, measured, path, may_refute=enough)
-    outcome = _outcome(signed, public, reasons)
+        signed = timed.overrule(signed, may_refute=may_refute)
+        public = judge_broadcast(
+            session,
+            commissioning,
+            evidence,
+            measured,
+            requested or path,
+            rounds=rounds,
+            clock=clock,
+            attested=evidence.attested if signature_valid else (),
+            may_refute=enough,
+        )
+    outcome = _outcome(signed, public, policy, reasons)
     if outcome == "inconclusive" and measured is not None and signed is not None:
         only_public = public is not None and signed.outcome == "verified"
-        offset, asked = (public.offset, public.policy) if public and only_public else (measured.offset, policy)
-        known = measured.reduced
-        more = more_rounds(offset, known.rounds, asked, hope(known.bias_left, known.rounds, commissioning))
+        more = public.more if public and only_public else _more(measured, commissioning, policy)
     if measured is not None:
         _limits(outcome, assurance, commissioning, measured, more, reasons)
     if more_frames > 0 and more >= 0:
@@ -187,8 +209,9 @@ def decide(
         reasons=tuple(reasons.items),
         more_rounds=-1 if outcome != "inconclusive" or blocked else more,
         signed=signed,
-        broadcast=public.judgement if public is not None else None,
+        broadcast=public.finding if public is not None else None,
         estimate=estimate,
+        estimate_ms=measured.reduced.t_ms if measured is not None else None,
         covariance=_covariance(measured.offset.covariance) if measured is not None else None,
         chi2_milli=_milli(measured.offset.chi2) if measured is not None else None,
         chi2_claim_milli=_milli(measured.offset.chi2_claim) if measured is not None else None,
@@ -297,6 +320,12 @@ def _checked(commissioning: Commissioning, measured: Measured, reasons: Reasons)
     return True
 
 
+def _more(measured: Measured, commissioning: Commissioning, policy: Policy) -> int:
+    """Rounds after which it may be settled, if the drone flies on as it does."""
+    known = measured.reduced
+    return more_rounds(measured.offset, known.rounds, policy, hope(known.bias_left, known.rounds, commissioning))
+
+
 def _limits(
     outcome: str, assurance: int, commissioning: Commissioning, measured: Measured, more: int, reasons: Reasons
 ) -> None:
@@ -319,23 +348,12 @@ def _limits(
         )
 
 
-def _outcome(signed: Judgement | None, public: PublicClaim | None, reasons: Reasons) -> str:
-    """Step 10: the signed claim decides, and what the public was told has to hold as well (decision 0003)."""
+def _outcome(signed: Judgement | None, public: Broadcast | None, policy: Policy, reasons: Reasons) -> str:
+    """Step 10: the signed claim decides; what was heard on Remote ID bears on it as the policy says."""
     if signed is None:
         return "inconclusive"
     reasons.items.extend(signed.reasons)
-    if public is None:
-        return signed.outcome
-    broadcast = public.judgement
-    off = f"Its broadcast puts it {metres(broadcast.error_mm)} from where it was measured"
-    if broadcast.outcome == "refuted":
-        reasons.add("broadcast_contradicts", f"{off}.")
-        return "refuted"
-    if broadcast.outcome == "inconclusive" and signed.outcome == "verified":
-        can_mean = metres(float(broadcast.tolerance_mm or 0))
-        reasons.add("broadcast_undecided", f"{off}; whether within the {can_mean} that it can mean is not settled.")
-        return "inconclusive"
-    return signed.outcome
+    return signed.outcome if public is None else outcome_with(signed.outcome, public, policy, reasons)
 
 
 def _within(measured: Measured, commissioning: Commissioning) -> int:

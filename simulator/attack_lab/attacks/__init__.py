@@ -4,11 +4,23 @@ from __future__ import annotations
 
 from typing import Final
 
-from simulator.attack_lab.attacks import baseline, claim, collusion, insider, motion, pad, position, protocol, radio
+from simulator.attack_lab.attacks import (
+    baseline,
+    claim,
+    collusion,
+    insider,
+    moments,
+    motion,
+    outsider,
+    pad,
+    position,
+    protocol,
+    radio,
+)
 from simulator.attack_lab.model import Attack
 
 ATTACKS: Final[dict[str, Attack]] = {
     attack.name: attack
-    for family in (baseline, position, claim, motion, radio, insider, pad, protocol, collusion)
+    for family in (baseline, position, claim, moments, motion, outsider, radio, insider, pad, protocol, collusion)
     for attack in family.ATTACKS
 }

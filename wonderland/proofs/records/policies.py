@@ -7,7 +7,9 @@ from typing import Annotated
 
 from wonderland.proofs.errors import RecordError
 from wonderland.proofs.records.fields import PadId, Ppm
-from wonderland.proofs.records.schema import Integer, Record
+from wonderland.proofs.records.schema import Choice, Integer, Record
+
+BROADCAST_REQUIRED = ("never", "if_contradicted", "always")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -29,6 +31,14 @@ class Policy(Record):
     min_request_gap_ms: Annotated[
         int, Integer(0, 600_000, "Least time between two requests of one drone to one pad; 0: any")
     ] = 0
+    broadcast_required: Annotated[
+        str,
+        Choice(
+            BROADCAST_REQUIRED,
+            "When a permission needs a Remote ID message that the measurement supports: never; where somebody's is "
+            "contradicted or not settled; always",
+        ),
+    ] = "if_contradicted"
     cancel_hopeless: bool = False
     """Whether a pad cancels at once what it can settle nothing about; else it ranges ten rounds, for the record."""
     witness_pad_id: PadId | None = None

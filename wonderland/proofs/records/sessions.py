@@ -28,6 +28,7 @@ from wonderland.proofs.records.schema import Binary, Choice, Integer, Items, Rec
 
 MAX_ROUNDS = 500
 MAX_CLAIMS = 200
+MAX_ATTESTED = 64
 MAX_ATTEMPTED = 100_000
 NO_RANGE = -1
 MAX_FRAMES = 500
@@ -62,6 +63,9 @@ class BroadcastClaim(Record):
     height_mm: HeightMm | None = None
     accuracy_mm: Annotated[int, Integer(1, 10_000_000, "Broadcast horizontal accuracy, 95 %")] | None = None
     transport: Annotated[str, Text(24, r"[a-z0-9_-]*", "How it was heard")] | None = None
+    said_ms: (
+        Annotated[int, Integer(0, MAX_TIME_MS, "When the position was taken, by the message itself, to a tenth")] | None
+    ) = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -205,6 +209,15 @@ class Evidence(Record):
     failure: Annotated[str, Text(64, r"[a-z0-9_]+", "Why the session stopped early, if it did")] | None = None
     time_stamps: TimeStamps | None = None
     clock: Annotated[tuple[ClockReading, ...], Items(0, 16, "The drone's clock against the pad's")] = ()
+    attested: Annotated[
+        tuple[str, ...],
+        Items(
+            0,
+            MAX_ATTESTED,
+            "Digests of the Remote ID positions that the drone sent in this session, as it countersigned them",
+            of=Binary(8, 8),
+        ),
+    ] = ()
     drift_sigma_mm: (
         Annotated[int, Integer(1, 10_000, "What the pad adds to where each anchor stands: it has drifted")] | None
     ) = None

@@ -19,6 +19,7 @@ from wonderland.proofs.records.fields import (
     UavId,
 )
 from wonderland.proofs.records.schema import Choice, Integer, Items, Record, Text
+from wonderland.proofs.records.sessions import MAX_CLAIMS
 
 OUTCOMES = ("verified", "refuted", "inconclusive")
 Outcome = Annotated[str, Choice(OUTCOMES)]
@@ -65,11 +66,36 @@ class Judgement(Record):
     likelihood_ppm: Ppm
     paper_rule: bool
     reasons: Annotated[tuple[Reason, ...], Items(0, 32)]
+
+
+BROADCAST_OUTCOMES = ("supported", "contradicted", "own_contradicted", "undecided", "not_heard")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BroadcastFinding(Record):
+    """What was heard under the drone's serial number on Remote ID, against what was measured.
+
+    Anybody can broadcast any serial number: ``contradicted`` says that somebody did, ``own_contradicted`` that the
+    drone signed for the message. The last four are of the message that decides, in the sense of ``outcome``.
+    """
+
+    outcome: Annotated[
+        str,
+        Choice(
+            BROADCAST_OUTCOMES,
+            "The measurement supports it; contradicts a message of unknown origin; contradicts one that the drone "
+            "attested; neither yet; or nothing was heard near the session's claims",
+        ),
+    ]
+    messages: Annotated[int, Integer(0, MAX_CLAIMS, "Heard near the session's claims, and judged")]
+    attributed: Annotated[int, Integer(0, MAX_CLAIMS, "Of these, attested by the drone's countersignature")]
+    supported: bool
+    """Whether what was heard supports the drone: all that it attested, or any message where none of it is attested."""
+    claim: Position | None = None
+    error_mm: Mm | None = None
+    likelihood_ppm: Ppm | None = None
     tolerance_mm: (
-        Annotated[
-            int, Integer(0, 100_000_000, "Of a broadcast: judged within this, for its stated accuracy and its age")
-        ]
-        | None
+        Annotated[int, Integer(0, 100_000_000, "Judged within this, for its stated accuracy and its age")] | None
     ) = None
 
 
@@ -126,8 +152,10 @@ class Verdict(Record):
     reasons: Annotated[tuple[Reason, ...], Items(0, 64)]
     more_rounds: Annotated[int, Integer(-1, 10_000, "Further rounds expected to settle it; −1: none would")]
     signed: Judgement | None = None
-    broadcast: Judgement | None = None
+    broadcast: BroadcastFinding | None = None
     estimate: Position | None = None
+    estimate_ms: TimeMs | None = None
+    """The moment at which the drone was at the estimate: the mean time of the rounds that it rests on."""
     covariance: Covariance | None = None
     chi2_milli: Annotated[int, Integer(0, 2**52, "χ² of the ranges about the estimate × 1000")] | None = None
     chi2_claim_milli: Annotated[int, Integer(0, 2**52, "χ² of the ranges about the claim × 1000")] | None = None

@@ -7,6 +7,7 @@ Integers are big-endian.
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
@@ -17,6 +18,8 @@ CODE_OCTETS: Final = 16
 CHALLENGE_OCTETS: Final = 8
 HASH_OCTETS: Final = 32
 SIGNATURE_OCTETS: Final = 64
+DIGEST_OCTETS: Final = 8
+MAX_DIGESTS: Final = 64
 MAX_REASON_OCTETS: Final = 200
 _ECHO: Final = struct.Struct(">8sQ")
 _REPLY: Final = struct.Struct(">16sQ")
@@ -45,6 +48,8 @@ class MessageType(IntEnum):
     """pad → UAV: hint that a verdict was committed (canonical JSON); the ledger alone decides."""
     ABORT = 10
     """Both ways: ``Abort``: why the sender gives up."""
+    ATTESTED = 11
+    """UAV → pad, before SIGNATURE: digests of the Remote ID positions that it broadcast (8 octets each, at most 64)."""
 
 
 def encode_code(code: bytes) -> bytes:
@@ -75,6 +80,21 @@ def encode_signature(signature: bytes) -> bytes:
 def decode_signature(payload: bytes) -> bytes:
     """The signature r ‖ s of a SIGNATURE payload; whether it is valid is the caller's to check."""
     return _exactly("signature", payload, SIGNATURE_OCTETS)
+
+
+def encode_attested(digests: Sequence[bytes]) -> bytes:
+    """Payload of ATTESTED; raises ``PayloadError`` for none, too many, or digests of another length."""
+    if not 0 < len(digests) <= MAX_DIGESTS:
+        raise PayloadError(f"attested: {len(digests)} digests; 1 to {MAX_DIGESTS} are allowed")
+    return b"".join(_exactly("digest", digest, DIGEST_OCTETS) for digest in digests)
+
+
+def decode_attested(payload: bytes) -> tuple[bytes, ...]:
+    """The digests of an ATTESTED payload, in the drone's order."""
+    count, rest = divmod(len(payload), DIGEST_OCTETS)
+    if rest or not 0 < count <= MAX_DIGESTS:
+        raise PayloadError(f"attested: {len(payload)} octets are not 1 to {MAX_DIGESTS} digests")
+    return tuple(payload[at : at + DIGEST_OCTETS] for at in range(0, len(payload), DIGEST_OCTETS))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,156 @@
+"""Every claimed moment counts: lies that balance their mean, glitches, and what honest flights look like beside them."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from tests_world import START_MS
+
+from wonderland.proofs.records.sessions import Evidence
+from wonderland.proofs.verdict import preview
+
+HERE = (3000.0, 6000.0, 4000.0)
+PAPERS = ((-171, -279), (-171, 279), (171, 279), (171, -279))
+FAR = (12_000.0, 4_000.0, 1_000.0)
+EAST = 7_500.0
+
+
+def beside(place, off):
+    """A claim at ``place`` and ``off(t)`` mm to the east of it."""
+    return lambda t: (place[0] + off(t), place[1], place[2])
+
+
+def to_and_fro(t):
+    """2.5 m to the one side and to the other, across the line of sight of ``FAR``."""
+    across = 2_500.0 if (t // 200) % 2 else -2_500.0
+    return FAR[0] - 0.316 * across, FAR[1] + 0.949 * across, FAR[2]
+
+
+def judged(world, truth, claimed, now_ms, rounds=40, asked=None):
+    evidence = world.evidence(truth, claimed, rounds=rounds)
+    session = world.session(world.claim((asked or claimed)(0), START_MS))
+    return preview(session, world.commissioning, evidence, now_ms)
+
+
+def codes(verdict):
+    reasons = [*verdict.reasons, *(verdict.signed.reasons if verdict.signed else ())]
+    return {reason.code for reason in reasons}
+
+
+def some(share, seed=3):
+    """True for this share of the claims, which come every 200 ms, chosen at random."""
+    rng = random.Random(seed)
+    chosen = [rng.random() < share for _ in range(200)]
+    return lambda t: chosen[int(t // 200) % 200]
+
+
+LIES = {
+    "the issue's: 8 of 20": lambda t: EAST if some(0.4)(t) else 0.0,
+    "most of them": lambda t: EAST if some(0.7)(t) else 0.0,
+    "both sides": lambda t: EAST * (1 if (t // 200) % 3 == 0 else -1 if (t // 200) % 3 == 1 else 0),
+    "every other one": lambda t: EAST * (1 if (t // 200) % 2 else -1),
+    "at the beginning": lambda t: EAST if t < 1_300 else 0.0,
+    "in the middle": lambda t: EAST if 1_200 < t < 2_000 else 0.0,
+    "at the end": lambda t: EAST if t > 1_700 else 0.0,
+    "to and fro, slowly": lambda t: EAST * ((t - 500) % 1_000 / 500 - 1),
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+@pytest.mark.parametrize("speed", [0.0, 4.0])
+def test_truth_at_some_moments_buys_nothing_for_lies_at_others(world, now_ms, lie, speed):
+    truth = beside(HERE, lambda t: speed * (t - 1_500))
+    claimed = beside(HERE, lambda t: speed * (t - 1_500) + LIES[lie](t))
+    for rounds in (10, 20, 40):
+        verdict = judged(world, truth, claimed, now_ms, rounds=rounds)
+        times = range(500, 500 + 50 * rounds, 50)
+        lying = sum(abs(LIES[lie](t)) >= 2_000 for t in times) / rounds
+        if verdict.outcome == "verified":
+            assert lying < 0.25, rounds
+            here = truth(verdict.estimate_ms - START_MS)
+            assert abs(verdict.estimate.east_mm - here[0]) < 1_000
+
+
+@pytest.mark.parametrize("claims_at", ["between", "before", "after"])
+def test_claims_that_no_round_sees_are_not_taken_on_trust(world, now_ms, claims_at):
+    """True at the rounds and 7.5 m off between them: the claims come when no frame does."""
+    evidence = world.evidence(beside(HERE, lambda t: 0.0), beside(HERE, lambda t: 0.0), rounds=20)
+    first, last = evidence.ranges.t_ms[0], evidence.ranges.t_ms[-1]
+    lies = {
+        "between": [t_ms + part for t_ms in evidence.ranges.t_ms[:-1] for part in (25,)],
+        "before": [first - 10 * number for number in range(20, 5, -1)],
+        "after": [last + 10 * number for number in range(5, 20)],
+    }[claims_at]
+    said = [(t_ms, HERE) for t_ms in evidence.ranges.t_ms]
+    said += [(t_ms, (HERE[0] + EAST, HERE[1], HERE[2])) for t_ms in lies]
+    fields = {**evidence.to_json(), "claims": [world.claim(place, t_ms).to_json() for t_ms, place in sorted(said)]}
+    verdict = preview(world.session(world.claim(HERE, START_MS)), world.commissioning, Evidence.parse(fields), now_ms)
+    assert verdict.outcome == "inconclusive"
+    assert codes(verdict) & {"claims_unseen", "claims_torn", "claims_waver"}
+
+
+def test_at_the_papers_pad_lies_hide_in_the_noise_and_are_not_verified(make_world, now_ms):
+    """No range is a burst there: 2.5 m across the line of sight change each range by centimetres."""
+    for seed in range(12):
+        world = make_world(seed=seed, anchors=PAPERS, sigma_mm=30, bias_sigma_mm=2)
+        assert judged(world, lambda t: FAR, to_and_fro, now_ms, rounds=160).outcome != "verified"
+        assert judged(world, lambda t: FAR, lambda t: FAR, now_ms, rounds=160).outcome == "verified"
+
+
+@pytest.mark.parametrize("start_ms", [400, 900, 1_500, 2_100])
+@pytest.mark.parametrize("off_mm", [2_000.0, 4_000.0, 12_000.0])
+def test_a_glitch_of_the_receiver_convicts_nobody_and_moves_no_place(world, now_ms, start_ms, off_mm):
+    truth = beside(HERE, lambda t: 0.0)
+    claimed = beside(HERE, lambda t: off_mm if start_ms <= t < start_ms + 400 else 0.0)
+    for rounds in (10, 14, 20, 29, 40, 60):
+        verdict = judged(world, truth, claimed, now_ms, rounds=rounds)
+        assert verdict.outcome != "refuted", rounds
+        if verdict.outcome == "verified":
+            assert abs(verdict.estimate.east_mm - HERE[0]) < 200, rounds
+
+
+def test_a_claim_that_jumped_and_stays_off_is_refuted(world, now_ms):
+    claimed = beside(HERE, lambda t: 4_000.0 if t > 700 else 0.0)
+    assert judged(world, beside(HERE, lambda t: 0.0), claimed, now_ms, rounds=60).outcome == "refuted"
+
+
+@pytest.mark.parametrize("flight", ["straight", "turning", "braking"])
+def test_honest_flights_are_verified_as_soon_as_one_that_hovers(world, now_ms, flight):
+    path = {
+        "straight": lambda t: (HERE[0] + 4.0 * (t - 900), HERE[1], HERE[2]),
+        "turning": lambda t: (HERE[0] + 3.0 * (t - 900), HERE[1] + 0.002 * (t - 900) ** 2, HERE[2]),
+        "braking": lambda t: (HERE[0] + 4.0 * (t - 900) - 0.002 * (t - 900) ** 2, HERE[1], HERE[2]),
+    }[flight]
+    verdict = judged(world, path, path, now_ms, rounds=14)
+    assert verdict.outcome == "verified"
+    assert not codes(verdict) & {"claims_torn", "claims_unseen", "claims_waver"}
+
+
+def test_where_the_drone_asked_from_is_said_to_be_unjudged(world, now_ms):
+    """Asked at the pad's middle, ranged ten metres away: what is verified is the second."""
+    truth = beside((8_000.0, 6_000.0, 4_000.0), lambda t: 0.0)
+    verdict = judged(world, truth, truth, now_ms, asked=lambda t: (0.0, 0.0, 4_000.0))
+    assert verdict.outcome == "verified"
+    assert "request_unjudged" in codes(verdict)
+    assert abs(verdict.signed.claim.east_mm - 8_000) < 20
+    near = judged(world, truth, truth, now_ms)
+    assert "request_unjudged" not in codes(near)
+
+
+def test_the_requests_claim_takes_no_part_in_the_place(world, now_ms):
+    truth = beside(HERE, lambda t: 0.0)
+    verdict = judged(world, truth, truth, now_ms, rounds=10, asked=lambda t: (HERE[0] + 30_000, HERE[1], HERE[2]))
+    assert abs(verdict.signed.claim.east_mm - HERE[0]) < 20
+    assert abs(verdict.estimate.east_mm - HERE[0]) < 100
+
+
+def test_one_anchors_bursts_tear_no_round(world, now_ms):
+    evidence = world.evidence(beside(HERE, lambda t: 0.0), beside(HERE, lambda t: 0.0), rounds=40)
+    fields = evidence.to_json()
+    ranges = fields["ranges"]["anchors"][2]["range_mm"]
+    ranges[::3] = [value + 2_000 for value in ranges[::3]]
+    verdict = preview(world.session(world.claim(HERE, START_MS)), world.commissioning, Evidence.parse(fields), now_ms)
+    assert verdict.outcome == "verified"
+    assert "bursts" in codes(verdict)
+    assert "claims_torn" not in codes(verdict)

@@ -1,0 +1,256 @@
+"""Is the drone where it claims at *every* claimed moment, or only on average: steps 1 and 7 of the verdict.
+
+An estimate is a mean over rounds, and means can be balanced: a drone that tells the truth at some moments and lies at
+others, or lies to both sides, keeps its mean claim where it is. So beside the mean stands the **waver**: the root mean
+square, over the claimed moments, of claim minus drone about their mean. Where it is small no quarter of the moments can
+be two buffers off; where it is not known to be small nothing is verified. A drone cannot jump and its claims can; so a
+lie that changes is found in one of these:
+
+- *torn rounds*: in half of the anchors or more the residual leaps, which no radio's error does (``reduction``);
+- *unseen claims*: between the rounds, before the first or after the last, off the flight that the rounds' claims show;
+- *stretches*: means over stretches of time, which lies that come and go slowly, and a drone that flies while it
+  claims to hover, move;
+- *motion*: the share of the claimed motion that the ranges do not follow, along the line of sight and across it. Of
+  the whole motion it counts where it is clear. Of what no straight flight explains it has to be *proved* small: only
+  there can claims hide lies that no mean over a stretch shows, and a far pad measures little of a single one.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Final
+
+from wonderland.proofs.claims import MAX_ACCELERATION_MM_MS2, LocalClaim, Track
+from wonderland.proofs.estimate import Offset
+from wonderland.proofs.motion import extent_mm, unfollowed_motion
+from wonderland.proofs.reduction import Reduced, Residuals, distance
+from wonderland.proofs.special import CHI2_LIMITS
+
+LIE_SHARE: Final = 0.2
+"""No such share of the claimed moments may be ``LIE_BUFFERS`` buffers off or more: a quarter, less what counting blurs,
+since a session has ten claims as well as a hundred."""
+LIE_BUFFERS: Final = 2.0
+MIXED_SHARE: Final = 0.15
+"""From this share of torn rounds on the claims contradict one another: their mean refutes nobody either. Of 587 honest
+windows on real ranges one in a hundred has so many, and none more than 0.4."""
+ROUGH_BUFFERS: Final = 0.5
+"""Claims that may jump to and fro by more than this (root mean square) have no mean that could refute."""
+QUIET_SHARE: Final = 0.25
+"""Claims that spread by less than this share of the buffer hide nothing that could win."""
+OFF_BUFFERS: Final = 0.5
+"""A torn round is off where what its ranges say lies farther than this from the others."""
+JUMP_BUFFERS: Final = 0.25
+"""A claim that leaves its flight by more than this from one round to the next, and by more than a drone can, jumps."""
+EDGE_MS: Final = 500
+"""Over so long the velocity at the first and at the last round is taken."""
+_STRETCHES: Final = ((80, 8), (20, 4), (0, 2))
+"""(rounds, stretches of time) into which so many rounds and more are cut."""
+_SINGULAR: Final = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """How the claimed moments lie about what was measured, their mean apart."""
+
+    off_share: float
+    """Share of the rounds or of the claims, whichever is more, that contradict the others: torn, or unseen."""
+    unseen_share: float
+    """Share of the claims that no round saw and no flight explains."""
+    waver_mm: float
+    """Bound on the root mean square distance of the claims from where the drone was, about their mean."""
+    rough_mm: float
+    """The part of it that lies in motion which no straight flight explains: claims that go to and fro."""
+    jumping: bool
+    """Whether the claims jump as no drone can."""
+
+    def have_a_mean(self, buffer_mm: float) -> bool:
+        """Whether the claims agree so far that their mean may speak against the drone.
+
+        Where they jump, and contradict one another or move as the ranges do not, some are wrong and some may be right.
+        """
+        return not self.jumping or (self.off_share < MIXED_SHARE and self.rough_mm <= ROUGH_BUFFERS * buffer_mm)
+
+    def reach_mm(self, buffer_mm: float) -> float:
+        """How far the mean may be off for a verified claim; the buffer, but where the claims waver; ≤ 0: nothing may.
+
+        Were a quarter of the moments two buffers off, a mean m off, the waver would be √q·(2 − m) buffers or more, q
+        the part of that quarter which is not torn and not unseen.
+        """
+        if self.off_share >= LIE_SHARE:
+            return 0.0
+        least = sqrt((LIE_SHARE - self.off_share) / (1.0 - self.off_share))
+        return min(buffer_mm, LIE_BUFFERS * buffer_mm - self.waver_mm / least)
+
+
+def moments_of(reduced: Reduced, offset: Offset, claims: Sequence[LocalClaim], buffer_mm: float) -> Moments:
+    """Of a session's kept rounds and all of its claims (pad's frame, mm)."""
+    seen = reduced.residuals
+    if seen is None:  # nothing was ranged: a prospect
+        return Moments(0.0, 0.0, 0.0, 0.0, jumping=False)
+    quiet_mm = QUIET_SHARE * buffer_mm
+    most = extent_mm(seen.claimed, claims)
+    fan = _Fan(reduced, offset)
+    slow = _stretches(reduced, fan, seen)
+    off = _off_rounds(reduced, fan, seen, OFF_BUFFERS * buffer_mm) if seen.torn else frozenset()
+    off_share = len(off) / len(seen.claimed.kept)
+    if most <= quiet_mm:  # whatever the claims hide, it is less than could win
+        return Moments(off_share, 0.0, sqrt(most * most + slow), most, jumping=False)
+    unseen = torn = 0
+    held = []
+    for claim in claims:
+        if not _explained(seen.claimed, claim, buffer_mm):
+            unseen += 1
+        elif off and _nearest(seen.claimed, claim.t_ms) in off:
+            torn += 1
+        elif seen.claimed.t_ms[0] <= claim.t_ms <= seen.claimed.t_ms[-1]:
+            held.append(claim)
+    whole, rough = unfollowed_motion(reduced, offset, seen, held, quiet_mm)
+    moved = max(whole, rough)
+    return Moments(
+        off_share=max(off_share, (unseen + torn) / len(claims)),
+        unseen_share=unseen / len(claims),
+        waver_mm=sqrt(moved * moved + slow),
+        rough_mm=rough,
+        jumping=seen.claimed.jumps(JUMP_BUFFERS * buffer_mm),
+    )
+
+
+def _nearest(track: Track, t_ms: int) -> int:
+    """The round next to a moment, by its position in the track."""
+    after = bisect_right(track.t_ms, t_ms)
+    if after == 0:
+        return 0
+    if after == len(track.t_ms) or t_ms - track.t_ms[after - 1] <= track.t_ms[after] - t_ms:
+        return after - 1
+    return after
+
+
+def _explained(track: Track, claim: LocalClaim, buffer_mm: float) -> bool:
+    """Whether a drone that flew by the rounds' claims can have been at this one, give or take a buffer."""
+    times = track.t_ms
+    after = bisect_right(times, claim.t_ms)
+    if 0 < after < len(times):
+        gap = times[after] - times[after - 1]
+        share = (claim.t_ms - times[after - 1]) / gap
+        east = track.east[after - 1] + (track.east[after] - track.east[after - 1]) * share
+        north = track.north[after - 1] + (track.north[after] - track.north[after - 1]) * share
+        turned = MAX_ACCELERATION_MM_MS2 * gap * gap / 8.0
+    else:
+        edge = 0 if after == 0 else len(times) - 1
+        gap = claim.t_ms - times[edge]
+        if abs(gap) > EDGE_MS:
+            return True  # its moment is not one of the session's rounds: unjudged, like the request's
+        velocity_east, velocity_north = _edge_velocity(track, edge)
+        east, north = track.east[edge] + velocity_east * gap, track.north[edge] + velocity_north * gap
+        turned = MAX_ACCELERATION_MM_MS2 * gap * gap / 2.0
+    return distance(claim.east - east, claim.north - north, 0.0) <= buffer_mm + turned
+
+
+def _edge_velocity(track: Track, edge: int) -> tuple[float, float]:
+    """Claimed velocity (mm/ms) over the rounds next to the first or the last one."""
+    times = track.t_ms
+    if edge == 0:
+        other = min(bisect_right(times, times[0] + EDGE_MS), len(times) - 1)
+    else:
+        other = max(bisect_right(times, times[-1] - EDGE_MS) - 1, 0)
+    span = times[other] - times[edge]
+    if span == 0:
+        return 0.0, 0.0
+    return (track.east[other] - track.east[edge]) / span, (track.north[other] - track.north[edge]) / span
+
+
+class _Fan:
+    """The directions from the anchors to the estimate, and the offset that residuals along them come to."""
+
+    def __init__(self, reduced: Reduced, offset: Offset) -> None:
+        self.sights: Final[list[tuple[float, float]]] = []
+        for anchor in reduced.anchors:
+            x = reduced.east + offset.east - anchor.east
+            y = reduced.north + offset.north - anchor.north
+            away = max(distance(x, y, reduced.up - anchor.up), 1.0)
+            self.sights.append((x / away, y / away))
+
+    def offset(self, residuals: Sequence[float | None]) -> tuple[float, float, float] | None:
+        """Offset (east, north, mm) that fits one residual for each anchor best, and its χ² for 1 mm; None without one.
+
+        None among the residuals: that anchor has none.
+        """
+        ee = en = nn = be = bn = 0.0
+        for (x, y), residual in zip(self.sights, residuals, strict=True):
+            if residual is None:
+                continue
+            ee += x * x
+            en += x * y
+            nn += y * y
+            be += x * residual
+            bn += y * residual
+        determinant = ee * nn - en * en
+        if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
+            return None
+        east, north = (nn * be - en * bn) / determinant, (ee * bn - en * be) / determinant
+        return east, north, be * east + bn * north
+
+    def spread(self) -> float:
+        """Mean square of the offset that 1 mm of noise in each residual makes; 0 where none can be told."""
+        ee = en = nn = 0.0
+        for x, y in self.sights:
+            ee += x * x
+            en += x * y
+            nn += y * y
+        determinant = ee * nn - en * en
+        return (ee + nn) / determinant if determinant > _SINGULAR * (ee + nn) * (ee + nn) else 0.0
+
+
+def _off_rounds(reduced: Reduced, fan: _Fan, seen: Residuals, least_mm: float) -> frozenset[int]:
+    """Torn rounds (positions in the claimed track) whose residuals come to an offset that is worth the name.
+
+    Biases that change along a flight tear rounds, too; they come to decimetres.
+    """
+    means = {column.anchor: mean for column, mean in seen.series}
+    order = [anchor.index for anchor in reduced.anchors]
+    left = frozenset(seen.track.kept)
+    torn = {position: dict[int, float]() for position, moment in enumerate(seen.claimed.kept) if moment not in left}
+    for column in seen.raw:
+        if column.anchor not in means:
+            continue
+        for position, value in zip(column.rounds, column.values, strict=True):
+            if position in torn:
+                torn[position][column.anchor] = value - means[column.anchor]
+    off = []
+    for position, residuals in torn.items():
+        found = fan.offset([residuals.get(anchor) for anchor in order])
+        if found is None or distance(found[0], found[1], 0.0) > least_mm:
+            off.append(position)
+    return frozenset(off)
+
+
+def _stretches(reduced: Reduced, fan: _Fan, seen: Residuals) -> float:
+    """Mean square (mm²) of the offsets of stretches of time about the whole, where more than noise; else 0."""
+    count = len(seen.claimed.kept)
+    parts = next(parts for least, parts in _STRETCHES if count >= least)
+    away: list[list[float | None]] = [[] for _ in range(parts)]
+    noise = 0.0
+    for (column, mean), anchor in zip(seen.series, reduced.anchors, strict=True):
+        sums, counts = [0.0] * parts, [0] * parts
+        for position, value in zip(column.rounds, column.values, strict=True):
+            part = position * parts // count
+            sums[part] += value
+            counts[part] += 1
+        for part in range(parts):
+            away[part].append(sums[part] / counts[part] - mean if counts[part] else None)
+        noise += anchor.white * anchor.count
+    variance = noise / len(reduced.anchors) * parts / count
+    chi2 = square = 0.0
+    for residuals in away:
+        found = fan.offset(residuals)
+        if found is not None:
+            east, north, explained = found
+            chi2 += explained / variance
+            square += (east * east + north * north) / parts
+    freedom = 2 * (parts - 1)
+    if chi2 <= CHI2_LIMITS[min(freedom, len(CHI2_LIMITS)) - 1]:
+        return 0.0
+    return max(square - variance * fan.spread() * (parts - 1) / parts, 0.0)
