@@ -307,11 +307,15 @@ def _bias_left(rounds: UsableRounds, seen: Residuals, commissioning: Commissioni
         return {}
     ranges = dict(zip(rounds.anchor_indices, rounds.range_mm, strict=True))
     kept = seen.claimed.kept
-    columns = []
+    columns: list[Sequence[int]] = []
     for column, _ in seen.series:
+        measured = ranges[column.anchor]
+        if len(column.values) == len(measured):  # nothing was left out
+            columns.append(measured)
+            continue
         heard = [NO_RANGE] * len(kept)
         for position in column.rounds:
-            heard[position] = ranges[column.anchor][kept[position]]
+            heard[position] = measured[kept[position]]
         columns.append(heard)
     anchors = [column.anchor for column, _ in seen.series]
     return dict(zip(anchors, bias_left(columns, commissioning), strict=True))
