@@ -91,9 +91,8 @@ def hopeless(commissioning: Commissioning, policy: Policy, claim: Claim) -> str:
     except GeometryError:
         return "the claimed position is nowhere near this pad"
     fixed = commissioning.bias_fixed_ppm
-    left = (
-        1.0 if fixed is None else fixed / 1_000_000.0
-    )  # it may fly about: nothing less can be left than what is fixed
+    # It may fly about: nothing less can be left than what is fixed.
+    left = 1.0 if fixed is None else fixed / 1_000_000.0
     expected = prospect(commissioning, policy, east, north, up, bias_left=left)
     if expected is None:
         return "the claimed position is out of the pad's reach, or its geometry gives none there"
