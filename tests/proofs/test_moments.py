@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import random
 
 import pytest
@@ -154,3 +155,15 @@ def test_one_anchors_bursts_tear_no_round(world, now_ms):
     assert verdict.outcome == "verified"
     assert "bursts" in codes(verdict)
     assert "claims_torn" not in codes(verdict)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rounds_before_the_first_claim_of_the_session_are_judged_by_the_flight_there(make_world, now_ms, seed):
+    """The first claims were lost on the air; held at the first that came, a drone in flight would be blamed."""
+    world = make_world(seed=seed)
+    flown = lambda t: (HERE[0] + 3.0 * (t - 900), HERE[1], HERE[2])  # noqa: E731
+    evidence = world.evidence(flown, flown, rounds=24)
+    late = dataclasses.replace(evidence, claims=tuple(one for one in evidence.claims if one.t_ms > START_MS + 1_200))
+    verdict = preview(world.session(world.claim(flown(0), START_MS)), world.commissioning, late, now_ms)
+    assert verdict.outcome == "verified"
+    assert abs(verdict.estimate.east_mm - flown(verdict.estimate_ms - START_MS)[0]) < 150

@@ -136,13 +136,9 @@ def hold_each_moment(
     return replace(signed, outcome="inconclusive", reasons=(*signed.reasons, reason))
 
 
-def say_unjudged(
-    request: Claim, measured: Measured, asked: ClaimedPath | None, policy: Policy, reasons: Reasons
-) -> None:
+def say_unjudged(request: Claim, measured: Measured, path: ClaimedPath, policy: Policy, reasons: Reasons) -> None:
     """The place that the request named is said to be unjudged where it is another than the one that was ranged."""
-    if asked is None:
-        return
-    first = asked.points[0]
+    first = path.points[0]
     away = distance(first.east - measured.reduced.east, first.north - measured.reduced.north, 0.0)
     if away > policy.buffer_mm:
         seconds = decimal(max(measured.reduced.t_ms - request.t_ms, 0) / 1000.0)

@@ -109,16 +109,15 @@ def decide(
     rounds, whole = usable_rounds(evidence, commissioning, policy.min_rounds, reasons)  # 3
     measured: Measured | None = None
     path: ClaimedPath | None = None
-    requested: ClaimedPath | None = None
+    told: ClaimedPath | None = None
     try:
-        # What the request claims was before any ranging; where there are claims of the session it takes no part.
-        rest = ClaimedPath(commissioning.frame, claims[1:]) if evidence.claims else None
-        requested = ClaimedPath(commissioning.frame, claims[:1], rest)
-        path = rest or requested
+        # The request's claim was made before any ranging: the flight from there is claimed, the place is not judged.
+        told = ClaimedPath(commissioning.frame, claims[1:]) if evidence.claims else None
+        path = ClaimedPath(commissioning.frame, claims[:1], told)
     except GeometryError:
         reasons.add("claim_far_away", "The claimed position is nowhere near this pad.")
-    if path is not None and requested is not None:
-        blocked = not plausible(requested, policy, reasons) or blocked
+    if path is not None:
+        blocked = not plausible(path, policy, reasons) or blocked
         blocked = not clock_serves(clock, path, policy, reasons) or blocked
     if path is not None and rounds is not None:
         measured = _measure(rounds, commissioning, path, clock, reasons)  # 4, 5, 7, 8
@@ -143,9 +142,9 @@ def decide(
     more = -1
     if measured is not None and path is not None:
         checked = _checked(commissioning, measured, reasons)
-        moments = moments_of(measured.reduced, measured.offset, path.points, float(policy.buffer_mm))
+        moments = moments_of(measured.reduced, measured.offset, (told or path).points, float(policy.buffer_mm))
         say_contradictions(moments, measured, reasons)
-        say_unjudged(session.claim, measured, requested, policy, reasons)
+        say_unjudged(session.claim, measured, path, policy, reasons)
         may_refute = enough and moments.have_a_mean(float(policy.buffer_mm))
         judged = shared if timed.may_refute else policy
         signed = judge(
@@ -174,7 +173,7 @@ def decide(
             commissioning,
             evidence,
             measured,
-            requested or path,
+            path,
             rounds=rounds,
             clock=clock,
             attested=evidence.attested if signature_valid else (),
