@@ -189,9 +189,8 @@ def judge(rounds: Sequence[RecordedRound], commissioning: Commissioning, policy:
     """The verdict on consecutive rounds, were the drone to countersign them."""
     verdict = prepare(rounds, commissioning, policy, said).verdict()
     times = [item.t_s for item in rounds]
-    # The verdict's own word where it has one: the mean time of the rounds that were kept.
-    stated_ms = getattr(verdict, "estimate_ms", None)
-    at_s = sum(times) / len(times) if stated_ms is None else times[0] + (stated_ms - START_MS) / 1000
+    estimate_ms = verdict.estimate_ms  # of the rounds that were kept
+    at_s = sum(times) / len(times) if estimate_ms is None else times[0] + (estimate_ms - START_MS) / 1000
     claim = _between(times, [said(item.t_s, item.truth_m) for item in rounds], at_s)
     truth: Vector | None = _between(times, [item.truth_m for item in rounds], at_s)
     if truth is not None and not all(math.isfinite(value) for value in truth):
