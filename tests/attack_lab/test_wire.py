@@ -132,6 +132,12 @@ def test_what_an_attacker_does_to_a_range(name):
             assert len(kept) / 400 == pytest.approx(1 / 3, abs=0.02)
             assert all(values == [0.0] * 4 for values in kept)
             assert all(values == [None] * 4 for values in rounds if values not in kept)  # whole rounds, no anchor
+        case "silent-anchors":
+            whole = [values for values in rounds if None not in values]
+            assert len(whole) / 400 == pytest.approx(1 / 3, abs=0.02)
+            left_out = {tuple(index for index, value in enumerate(values) if value is None) for values in rounds}
+            assert {len(silent) for silent in left_out} == {0, 2}
+            assert len(left_out) > 2  # now these, now those
         case "relay":
             assert min(first) > 30.0
         case _:

@@ -99,7 +99,7 @@ def test_the_papers_four_points(wonderland, tmp_path):
         ("anchors.csv", "anchor,x,y,z\n1,0,0,0\n", "at least 3"),
         ("anchors.csv", "anchor,x,y\n1,0,0\n", "no column z"),
         ("anchors.csv", "anchor,x,y,z\n1,0,zero,0\n", "line 2: y is no number"),
-        ("ranges.csv", "", "no column t"),
+        ("ranges.csv", "", "the file is empty; it needs t, anchor, range"),
         ("ranges.csv", "t,anchor,range,gt_x,gt_y,gt_z\n", "no ranges in it"),
         ("ranges.csv", "t,anchor,range,gt_x,gt_y,gt_z\n1,9,5,0,0,0\n", "anchor '9' is not in"),
         ("ranges.csv", "t,anchor,range,gt_x,gt_y,gt_z\n1,1,nan,0,0,0\n", "range is nan"),
