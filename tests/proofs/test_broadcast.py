@@ -408,6 +408,19 @@ def test_a_lie_is_found_behind_a_message_that_is_farther_off_and_excused(world):
     assert verdict.broadcast.error_mm == pytest.approx(5_000, abs=100)
 
 
+def test_a_glitch_that_it_signed_and_broadcast_alike_convicts_nobody(world):
+    air = Air(world, rounds=60)
+    claims = [
+        world.claim((HERE[0] + 4_000, HERE[1], HERE[2]), one.t_ms) if abs(one.t_ms - START_MS - 2_000) <= 200 else one
+        for one in air.evidence.claims
+    ]
+    air.say(2_000, 4_000, attest=True)
+    air.say(3_000, 0, attest=True)
+    verdict = air.verdict(claims=tuple(claims))
+    assert verdict.broadcast.outcome != "own_contradicted"
+    assert verdict.outcome != "refuted"
+
+
 def test_the_pads_look_counts_every_message_as_somebodys(air):
     """While it ranges the drone has signed nothing yet."""
     air.say(700, 31_000, attest=True)
