@@ -13,8 +13,10 @@ from simulator.attack_lab.attacks import height as lies
 from simulator.attack_lab.attacks.common import still
 from simulator.attack_lab.batch import claim_times, measured
 from simulator.attack_lab.judge import run_batch, verdict_of
-from simulator.attack_lab.places import CUBE, FLAT, MASTS, SIX, SQUARE, distances
+from simulator.attack_lab.places import CUBE, FLAT, MASTS, POLICY, SIX, SQUARE, distances
 from wonderland.proofs.estimate import solve
+from wonderland.proofs.prospects import height_rounds, hopeless
+from wonderland.proofs.records.sessions import Claim
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.reduction import AnchorMean, Reduced
 from wonderland.proofs.space import chi2_at_height, solve_in_space
@@ -246,3 +248,20 @@ def test_the_lab_proves_no_false_height():
             assert tally.won == 0
     honest = run_batch(lies.honest(2, np.random.default_rng(9), 60), sample=0)
     assert (honest.refuted, honest.won) == (0, 0)
+
+
+def test_what_a_pad_tells_of_heights_is_known_before_it_ranges():
+    """Where it says never a policy that demands it asks for nothing; where it says so many rounds they do."""
+    policy = dataclasses.replace(POLICY, height_required=True)
+    place = (2_000.0, 1_000.0, 5_000.0)
+    rounds = height_rounds(MASTS.commissioning, policy, *place)
+    assert 1 <= rounds <= 10
+    assert judged(MASTS, place, height_required=True, rounds=40).permission == "granted"
+    far = (0.0, 30_000.0, 3_000.0)
+    assert height_rounds(FLAT.commissioning, policy, *far) == -1
+    asked = Claim(
+        lat_e7=30_000, lon_e7=0, height_mm=3_000, accuracy_mm=100, height_accuracy_mm=200, t_ms=1_800_000_000_000
+    )
+    wide = dataclasses.replace(policy, buffer_mm=20_000)
+    assert "proven height" in hopeless(FLAT.commissioning, wide, asked)
+    assert hopeless(FLAT.commissioning, dataclasses.replace(wide, height_required=False), asked) == ""
