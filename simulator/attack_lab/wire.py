@@ -74,6 +74,7 @@ def specs() -> dict[str, tuple[Behaviour, AttackSpec | None]]:
 
     return {
         "honest": (Behaviour.HONEST, None),
+        "impostor": (Behaviour.HONEST, None),  # the attacker is another one (``wire_sites``)
         "gnss-offset": (Behaviour.ATTACK, AttackSpec("gnss-offset", spoofed_m=(4.0, -3.0))),
         "gnss-drag": (Behaviour.GNSS_DRAGGED, None),
         "gnss-drag-slow": (Behaviour.ATTACK, AttackSpec("gnss-drag-slow", drag_m_s=0.6)),

@@ -128,6 +128,12 @@ def sites_for(names: Sequence[str], levels: Sequence[int]) -> tuple[PadSite, ...
     return SITES if witnessed or "anchors-turned" in names else PADS
 
 
+HONEST: Final = frozenset({"honest", "impostor"})
+"""Whose drone is honest: not to get its permission would be the attacker's success."""
+_IMPOSTOR_M: Final = (-30.0, 20.0)
+"""From where somebody broadcasts the drone's serial number, seen from its hover."""
+
+
 def drones(
     names: Sequence[str], known: dict[str, tuple[Behaviour, AttackSpec | None]], levels: Sequence[int]
 ) -> dict[str, DroneSpec]:
@@ -163,7 +169,16 @@ def drones(
         away = (hover[0] * _FAR, hover[1] * _FAR, hover[2] + 20.0)
         key = key_of(name, level)
         result[key] = DroneSpec(
-            f"LAB-{number:04d}", key, pad_id, action, behaviour, hover, away, 0.3 * number, attack=attack
+            f"LAB-{number:04d}",
+            key,
+            pad_id,
+            action,
+            behaviour,
+            hover,
+            away,
+            0.3 * number,
+            attack=attack,
+            impostor_m=_IMPOSTOR_M if name == "impostor" else None,
         )
     return result
 
@@ -171,4 +186,4 @@ def drones(
 def documented(name: str, level: int, *, granted: bool) -> bool:
     """Whether a flight ended as the attack's class says."""
     attack = ATTACKS[name]
-    return granted if name == "honest" else not (granted and attack.stopped_at(level))
+    return granted if name in HONEST else not (granted and attack.stopped_at(level))

@@ -143,6 +143,7 @@ ATTACKS: Final = (
         "supports, and the pad goes on listening for it.",
         0,
         _played(honest, one),
+        wire="impostor",
     ),
     Attack(
         "impostors",
