@@ -31,7 +31,7 @@ HERE, CLAIMED = (9.0, 3.0, 5.0), (6.0, -2.0, 5.0)
 ANCHORS = [(site.east_m, site.north_m, site.up_m) for site in PADS[0].anchors]
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(900)
 async def test_attackers_on_the_air_and_on_the_ledger_win_nothing(tmp_path, capfd):
     names = ["honest", "per-anchor-stamp-lie", "random-reduction", "anchors-turned", "borrowed-identity"]
     names += ["dropped-rounds", *LEDGER_ATTACKS]

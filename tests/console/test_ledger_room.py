@@ -50,7 +50,9 @@ def test_numbers_of_operators_are_masked_and_it_is_said(ledger):
     ledger.get_by_role("row").nth(5).get_by_role("link").first.click()
     ledger.get_by_role("table").get_by_role("link", name="RegisterUav").first.click()
     expect(ledger.get_by_text("Valid: its writes count.")).to_be_visible()
-    for write in ledger.locator("details").all():
+    writes = ledger.locator("details")
+    expect(writes.first).to_be_visible()
+    for write in writes.all():
         write.click()
     expect(ledger.get_by_text("Operators’ numbers are masked here.", exact=False)).to_be_visible()
     expect(ledger.locator("main")).to_contain_text("FIN---k8")
