@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import fcntl
 import os
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -51,13 +51,14 @@ def make(extract: Path | None = None) -> Path:
     return target
 
 
-def start_making() -> subprocess.Popen[str]:
+async def start_making() -> asyncio.subprocess.Process:
     """Make it in a process of its own, after everybody else's work; it ends by itself, its reason on stderr."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "simulator.place"],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
+    return await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        "simulator.place",
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.DEVNULL,
+        stderr=asyncio.subprocess.PIPE,
         start_new_session=True,
     )

@@ -7,6 +7,8 @@ import type { Fleet } from "../../shared/fleet";
 import type { LonLat } from "../../shared/geo/frame";
 import { useLiveStore } from "../../shared/live/useLive";
 import { liveTexts as t } from "../texts";
+import { useBaseMap } from "../baseMap";
+import { Credits } from "../Credits";
 import { MapController } from "./controller";
 import type { Overlay } from "./overlays";
 import type { Selection } from "./picture";
@@ -60,10 +62,13 @@ function Made(properties: Properties): ReactElement {
   const controller = useRef<MapController | undefined>(undefined);
   const store = useLiveStore();
   const { theme } = useTheme();
+  const base = useBaseMap();
   const [failure, setFailure] = useState<string | undefined>();
   const latest = useRef(properties);
+  const baseNow = useRef(base);
   useEffect(() => {
     latest.current = properties;
+    baseNow.current = base;
   });
 
   // Where to look first is known with the first pads: the world is not fetched on the way there.
@@ -110,6 +115,7 @@ function Made(properties: Properties): ReactElement {
     made.setPadding(now.padding);
     made.select(now.selection);
     made.setOverlays(now.overlays ?? NONE);
+    made.describe(baseNow.current);
     made.measure(now.measure);
     made.follow(now.follow);
     return () => {
@@ -128,6 +134,7 @@ function Made(properties: Properties): ReactElement {
     [uav_id, verdict],
   );
   useEffect(() => controller.current?.setOverlays(overlays), [overlays]);
+  useEffect(() => controller.current?.describe(base), [base]);
   useEffect(() => controller.current?.measure(measure), [measure]);
   useEffect(() => controller.current?.follow(follow), [follow]);
   useImperativeHandle(ref, () => ({
@@ -145,6 +152,7 @@ function Made(properties: Properties): ReactElement {
     <>
       <div ref={container} className="map" data-testid="map" />
       {measure !== undefined && <div className="map-cross" aria-hidden="true" style={{ inset: `${top}px ${right}px ${bottom}px ${left}px` }} />}
+      <Credits base={base} />
       {failure !== undefined && (
         <p className="map-failure" role="status">
           {failure} {t("listSame")}

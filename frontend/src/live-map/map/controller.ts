@@ -11,6 +11,7 @@ import { gridSpacing_m } from "./features";
 import { palette } from "./icons";
 import type { Overlay } from "./overlays";
 import { Picture, type Selection } from "./picture";
+import type { BaseMap } from "./place";
 import { SITE_ZOOM } from "./scales";
 import { MAP_COLOURS, style } from "./style";
 import { placeAt, slotAt, viewOf } from "./view";
@@ -121,6 +122,10 @@ export class MapController {
 
   setOverlays(overlays: readonly Overlay[]): void {
     this.picture.setOverlays(overlays);
+  }
+
+  describe(base: BaseMap): void {
+    this.picture.describe(base);
   }
 
   setPadding(padding: PaddingOptions): void {

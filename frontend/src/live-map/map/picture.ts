@@ -11,6 +11,7 @@ import { addIcons, palette } from "./icons";
 import { Labels, type Words } from "./labels";
 import { droneWords, evidenceWords, measureWords, padWords, siteWords, takeMarks } from "./mapWords";
 import type { Overlay } from "./overlays";
+import { PlaceOnMap, type BaseMap } from "./place";
 import type { Occupied } from "./placing";
 import { CLOSE_ZOOM, FINE_ZOOM, SITE_ZOOM } from "./scales";
 import { BASE_FILES, EMPTY, MAP_COLOURS, OVERLAYS_BELOW, paints } from "./style";
@@ -38,6 +39,7 @@ export class Picture {
   private words = new Map<string, readonly Words[]>();
   private overlays: readonly Overlay[] = [];
   private readonly baseLoaded = new Set<string>();
+  readonly place: PlaceOnMap;
 
   constructor(
     private readonly map: MapLibre,
@@ -45,6 +47,7 @@ export class Picture {
     private fleet: Fleet,
     calm: boolean,
   ) {
+    this.place = new PlaceOnMap(map, location.origin);
     this.layer = new DroneLayer(map, store, fleet, this.marked, calm);
     this.labels = new Labels(map.getCanvasContainer());
     this.labels.recolour(palette(MAP_COLOURS));
@@ -58,6 +61,7 @@ export class Picture {
     this.drawn = new Map();
     this.shownSources = new Map();
     this.baseLoaded.clear();
+    this.place.load(palette(MAP_COLOURS));
     this.addOverlays();
     this.loadBaseMap();
     this.review(this.fleet);
@@ -70,6 +74,7 @@ export class Picture {
 
   remove(): void {
     clearTimeout(this.wordsDue);
+    this.place.remove();
     this.layer.remove();
     this.labels.remove();
   }
@@ -79,9 +84,15 @@ export class Picture {
     this.recolourIcons?.(colours);
     this.labels.recolour(colours);
     this.layer.retheme();
+    this.place.retheme(colours);
     for (const { id, paint } of [...paints(colours), ...this.overlays.flatMap((each) => each.layers(colours)).map(({ id, paint }) => ({ id, paint: { ...paint } }))]) {
       for (const [name, value] of Object.entries(paint)) this.map.setPaintProperty(id, name as never, value as never);
     }
+  }
+
+  /** What the ground is drawn from. */
+  describe(base: BaseMap): void {
+    this.place.describe(base, palette(MAP_COLOURS));
   }
 
   /** Layers of others, under the pads; those that are gone leave the map. */
