@@ -18,6 +18,8 @@ export type MapHandle = {
   fitAll: () => void;
   fitPad: (pad_id: string) => void;
   zoomBy: (levels: number) => void;
+  /** Turns by degrees, clockwise; back to north without. */
+  turn: (by?: number) => void;
   lookAt: (camera: Camera) => void;
   /** Where the camera looks; undefined before there is a map. */
   centre: () => LonLat | undefined;
@@ -36,6 +38,8 @@ type Properties = {
   follow?: string | undefined;
   /** Places that are measured between; undefined where nobody measures. */
   measure?: readonly LonLat[] | undefined;
+  /** Looked at aslant, where the place has buildings to see. */
+  deep?: boolean | undefined;
   /** What else lies on the map; a constant, or remembered. */
   overlays?: readonly Overlay[];
   onSelect: (uav_id: string | undefined) => void;
@@ -57,7 +61,7 @@ export function MapView(properties: Properties): ReactElement {
 }
 
 function Made(properties: Properties): ReactElement {
-  const { ref, fleet, selection, padding, follow, measure, overlays = NONE } = properties;
+  const { ref, fleet, selection, padding, follow, measure, deep = false, overlays = NONE } = properties;
   const container = useRef<HTMLDivElement>(null);
   const controller = useRef<MapController | undefined>(undefined);
   const store = useLiveStore();
@@ -113,6 +117,7 @@ function Made(properties: Properties): ReactElement {
     }
     controller.current = made;
     made.setPadding(now.padding);
+    if (now.camera === undefined) made.setDeep(now.deep === true, true);
     made.select(now.selection);
     made.setOverlays(now.overlays ?? NONE);
     made.describe(baseNow.current);
@@ -135,6 +140,11 @@ function Made(properties: Properties): ReactElement {
   );
   useEffect(() => controller.current?.setOverlays(overlays), [overlays]);
   useEffect(() => controller.current?.describe(base), [base]);
+  const deepNow = useRef(deep);
+  useEffect(() => {
+    if (deepNow.current !== deep) controller.current?.setDeep(deep);
+    deepNow.current = deep;
+  }, [deep]);
   useEffect(() => controller.current?.measure(measure), [measure]);
   useEffect(() => controller.current?.follow(follow), [follow]);
   useImperativeHandle(ref, () => ({
@@ -142,6 +152,7 @@ function Made(properties: Properties): ReactElement {
     fitAll: () => controller.current?.fitAll(),
     fitPad: (pad_id) => controller.current?.fitPad(pad_id),
     zoomBy: (levels) => controller.current?.zoomBy(levels),
+    turn: (by) => controller.current?.turn(by),
     lookAt: (at) => controller.current?.lookAt(at),
     centre: () => controller.current?.centre(),
     bounds: () => controller.current?.bounds(),

@@ -1,10 +1,11 @@
 import type { GeoJSONSource, Map as MapLibre } from "maplibre-gl";
-import type { Pad, VerdictSummary } from "../../shared/api/records";
+import type { Pad, Track, VerdictSummary } from "../../shared/api/records";
 import type { Drone } from "../../shared/drones";
 import type { Fleet } from "../../shared/fleet";
 import { distance_mm, type LonLat } from "../../shared/geo/frame";
 import type { LiveStore } from "../../shared/live/store";
 import { clusters } from "./clusters";
+import { Air } from "./air";
 import { CROWD, DroneLayer, type Marked } from "./droneLayer";
 import { accuracyFeatures, evidenceFeatures, gridFeatures, gridSpacing_m, measureFeatures, padFeatures, siteFeatures, trailFeatures } from "./features";
 import { addIcons, palette } from "./icons";
@@ -20,6 +21,11 @@ import { viewOf, type View } from "./view";
 export type Selection = { uav_id?: string; verdict?: VerdictSummary };
 
 const GRID_REACH_MM = 50_000_000;
+/** Buildings within this step back from who is selected; again only when he has flown on by 0.001°, since that cuts all tiles anew. */
+const STAGE_M = 130;
+const STAGE_E7 = 10_000;
+/** Over a place the metre grid is for the pad's own scale. */
+const GRID_ZOOM = 17;
 /** With more drones than this, those that nobody proved have no trail: the map would be a tangle. */
 const CROWDED = 150;
 /** Names follow a crowd this late. */
@@ -30,6 +36,9 @@ export class Picture {
   private readonly labels: Labels;
   private readonly marked: Marked = { selected: undefined, hovered: undefined };
   private readonly layer: DroneLayer;
+  private readonly air: Air;
+  private evidence: GeoJSON.Feature[] = [];
+  private tilted = false;
   private loaded = false;
   private wordsDue: ReturnType<typeof setTimeout> | undefined;
   private recolourIcons: ((colours: ReturnType<typeof palette>) => void) | undefined;
@@ -48,6 +57,8 @@ export class Picture {
     calm: boolean,
   ) {
     this.place = new PlaceOnMap(map, location.origin);
+    this.air = new Air(map.getCanvasContainer());
+    this.air.recolour(palette(MAP_COLOURS));
     this.layer = new DroneLayer(map, store, fleet, this.marked, calm);
     this.labels = new Labels(map.getCanvasContainer());
     this.labels.recolour(palette(MAP_COLOURS));
@@ -75,6 +86,7 @@ export class Picture {
   remove(): void {
     clearTimeout(this.wordsDue);
     this.place.remove();
+    this.air.remove();
     this.layer.remove();
     this.labels.remove();
   }
@@ -83,6 +95,7 @@ export class Picture {
     const colours = palette(MAP_COLOURS);
     this.recolourIcons?.(colours);
     this.labels.recolour(colours);
+    this.air.recolour(colours);
     this.layer.retheme();
     this.place.retheme(colours);
     for (const { id, paint } of [...paints(colours), ...this.overlays.flatMap((each) => each.layers(colours)).map(({ id, paint }) => ({ id, paint: { ...paint } }))]) {
@@ -174,6 +187,11 @@ export class Picture {
     return best?.pad;
   }
 
+  /** Whether a metre grid is drawn. */
+  get hasGrid(): boolean {
+    return this.gridPad() !== undefined && !(this.place.isShown && (this.tilted || this.map.getZoom() < GRID_ZOOM));
+  }
+
   private addOverlays(): void {
     for (const { id, layers, features } of this.overlays) {
       if (this.map.getSource(id) === undefined) {
@@ -198,7 +216,28 @@ export class Picture {
       ...evidenceFeatures(judged, this.store.pads, uav_id, verdict, now_ms),
       ...accuracyFeatures([chosen, ...judged.filter((drone) => drone.group === "needs-you" && drone !== chosen).slice(0, 50)]),
     ];
-    if (this.set("evidence", features)) this.words.set("evidence", evidenceWords(features));
+    this.evidence = features;
+    // What has a height is drawn there while the camera is tilted (air.ts); the rest lies on the ground.
+    this.set("evidence", this.tilted ? features.filter(({ properties }) => properties?.["up_m"] === undefined && properties?.["kind"] !== "sight") : features);
+    this.words.set("evidence", evidenceWords(features));
+    this.stepBack(chosen?.track);
+  }
+
+  /** Buildings do not hide who is looked at. */
+  private stepBack(track: Track | undefined): void {
+    if (!this.tilted) return;
+    const round = (degrees_e7: number): number => Math.round(degrees_e7 / STAGE_E7) * (STAGE_E7 / 1e7);
+    this.place.stepBack(track && { lat: round(track.lat_e7), lon: round(track.lon_e7), radius_m: STAGE_M });
+  }
+
+  /** After the camera was tilted, or no longer is. */
+  tilt(tilted: boolean): void {
+    if (this.tilted === tilted) return;
+    this.tilted = tilted;
+    this.place.raise(tilted);
+    if (!this.loaded) return;
+    this.drawEvidence();
+    this.drawGrid();
   }
 
   private drawPads(): void {
@@ -247,12 +286,13 @@ export class Picture {
     if (!this.loaded) return;
     const view = viewOf(this.map);
     const { fleet, store } = this;
-    const words = [...droneWords(view, fleet, store.tracks, this.selection.uav_id), ...[...this.words.values()].flat()];
+    this.air.draw(view, this.map.getPixelRatio(), store, fleet, this.evidence, this.marked.selected);
+    const words = [...droneWords(view, fleet, store, this.selection.uav_id), ...[...this.words.values()].flat()];
     const points = (id: string): readonly GeoJSON.Feature[] => this.drawn.get(id)?.features ?? [];
     this.labels.draw(view, this.map.getPixelRatio(), words, (occupied) => {
       this.takePanels(occupied, view);
-      const evidence = view.zoom >= CLOSE_ZOOM ? points("evidence") : [];
-      takeMarks(occupied, view, fleet, store.tracks, [...(view.zoom < SITE_ZOOM ? points("sites") : points("pads")), ...evidence]);
+      const evidence = view.zoom >= CLOSE_ZOOM ? this.evidence : [];
+      takeMarks(occupied, view, fleet, store, [...(view.zoom < SITE_ZOOM ? points("sites") : points("pads")), ...evidence]);
     });
   }
 
@@ -286,7 +326,7 @@ export class Picture {
   private drawGrid(): void {
     const pad = this.gridPad();
     const spacing = gridSpacing_m(this.map.getZoom(), this.map.getCenter().lat);
-    if (pad === undefined || spacing === undefined) {
+    if (pad === undefined || spacing === undefined || !this.hasGrid) {
       this.set("grid", []);
       return;
     }

@@ -50,6 +50,11 @@ export class PlaceOnMap {
     return this.shown.archive?.layers.includes("buildings") === true;
   }
 
+  /** Whether the ground is more than coasts and borders. */
+  get isShown(): boolean {
+    return this.shown.archive !== undefined || this.shown.imagery !== undefined;
+  }
+
   /** What there is to show; called again when it has changed. */
   describe(base: BaseMap, colours: Palette): void {
     const same = JSON.stringify([base.archive, base.imagery]) === JSON.stringify([this.shown.archive, this.shown.imagery]);
