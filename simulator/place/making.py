@@ -14,7 +14,7 @@ from simulator.place.build import build
 from simulator.place.fetch import FetchError, extract_into
 from simulator.place.osm import ExtractError
 
-REVISION: Final = 1
+REVISION: Final = 2
 """Goes up with what is drawn into the archive, so that an older one is made anew."""
 
 

@@ -75,7 +75,10 @@ def fading(known: BaseGeometry, sea: BaseGeometry, window: Polygon) -> Iterator[
     land = window.difference(sea.buffer(0.5))
     for step in range(STEPS):
         ring = land.difference(known.buffer(step * STEP_M - 20, quad_segs=3).simplify(1))
-        ring = unary_union([part for part in getattr(ring, "geoms", [ring]) if part.area > 2_000])
+        if step < STEPS - 1:
+            # Bands that do not cover each other: painting the same ground six times costs frames.
+            ring = ring.intersection(known.buffer((step + 1) * STEP_M - 20, quad_segs=3).simplify(1))
+        ring = unary_union([part for part in getattr(ring, "geoms", [ring]) if part.area > 20])
         yield Feature("fade", ring, {"step": step}, 11)
 
 

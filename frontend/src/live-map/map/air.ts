@@ -17,7 +17,7 @@ const SHADE = "#000";
 const ROUND = 40;
 const SYMBOL = 20;
 
-type Properties = { kind?: string; tone?: Tone; up_m?: number; to_m?: number; half_m?: number; icon?: string };
+type Properties = { age?: number; strong?: boolean; kind?: string; tone?: Tone; up_m?: number; to_m?: number; half_m?: number; icon?: string };
 
 /**
  * What has a height, while the camera is tilted: each drone's stem and shadow, and the evidence of a verdict where it
@@ -62,6 +62,7 @@ export class Air {
     if (this.empty) return;
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.lineCap = "round";
+    for (const each of evidence) this.onGround(context, view, each);
     if (view.zoom >= STEMS_ZOOM) this.stems(context, view, store, fleet, selected);
     for (const each of evidence) this.evidence(context, view, ratio, each);
   }
@@ -87,6 +88,25 @@ export class Air {
       context.strokeStyle = this.colours[strong ? "ink" : "ink2"] ?? "#000";
       context.lineWidth = strong ? 1.6 : 1;
       line(context, foot, head);
+    }
+    context.globalAlpha = 1;
+  }
+
+  /** Trails, the older the fainter, and how well a drone says it knows where it is: both lie on the ground. */
+  private onGround(context: CanvasRenderingContext2D, view: View, { geometry, properties }: Feature): void {
+    const { kind, tone = "none", age, strong } = (properties ?? {}) as Properties;
+    context.strokeStyle = context.fillStyle = this.colours[tone] ?? "#888";
+    if (geometry.type === "LineString" && age !== undefined) {
+      context.globalAlpha = (strong === true ? 0.85 : 0.5) * (1 - 0.22 * age);
+      context.lineWidth = 1.6;
+      context.setLineDash([0.2, 4]);
+      this.outline(context, view, geometry.coordinates, 0);
+      context.stroke();
+      context.setLineDash([]);
+    } else if (kind === "accuracy" && geometry.type === "Polygon") {
+      this.outline(context, view, geometry.coordinates[0] ?? [], 0);
+      context.globalAlpha = 0.08;
+      context.fill();
     }
     context.globalAlpha = 1;
   }
@@ -175,7 +195,6 @@ export class Air {
   private outline(context: CanvasRenderingContext2D, view: View, ring: readonly (readonly number[])[], up_m: number): void {
     context.beginPath();
     this.spots(view, ring, up_m).forEach(({ left, top }, i) => (i === 0 ? context.moveTo(left, top) : context.lineTo(left, top)));
-    context.closePath();
   }
 
   private ring(context: CanvasRenderingContext2D, view: View, x: number, y: number, radius_m: number, up_m: number): void {

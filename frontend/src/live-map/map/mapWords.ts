@@ -105,7 +105,8 @@ export function* droneWords(view: View, fleet: Fleet, store: LiveStore, selected
   let rank = RANK.judged;
   for (const { uav_id } of fleet.judged) {
     const slot = tracks.slot(uav_id);
-    if (slot !== undefined) yield words(uav_id, slot, rank++, true);
+    // Who is selected has one label, below.
+    if (slot !== undefined && uav_id !== selected) yield words(uav_id, slot, rank++, true);
   }
   const chosen = selected === undefined ? undefined : tracks.slot(selected);
   if (selected !== undefined && chosen !== undefined) yield words(selected, chosen, RANK.selected, true);

@@ -38,6 +38,7 @@ export class Picture {
   private readonly layer: DroneLayer;
   private readonly air: Air;
   private evidence: GeoJSON.Feature[] = [];
+  private trails: GeoJSON.Feature[] = [];
   private tilted = false;
   private loaded = false;
   private wordsDue: ReturnType<typeof setTimeout> | undefined;
@@ -133,7 +134,8 @@ export class Picture {
       for (let i = fleet.judged.length; i < rows.length; i++) trailing.push(rows.at(i));
     }
     const unique = new Map(trailing.flatMap((drone) => (drone === undefined ? [] : [[drone.uav_id, drone] as const])));
-    this.set("trails", trailFeatures([...unique.values()], store.tracks, selection.uav_id));
+    this.trails = trailFeatures([...unique.values()], store.tracks, selection.uav_id);
+    this.set("trails", this.tilted ? [] : this.trails);
     this.drawPads();
     this.drawClusters();
     this.tick();
@@ -217,8 +219,8 @@ export class Picture {
       ...accuracyFeatures([chosen, ...judged.filter((drone) => drone.group === "needs-you" && drone !== chosen).slice(0, 50)]),
     ];
     this.evidence = features;
-    // What has a height is drawn there while the camera is tilted (air.ts); the rest lies on the ground.
-    this.set("evidence", this.tilted ? features.filter(({ properties }) => properties?.["up_m"] === undefined && properties?.["kind"] !== "sight") : features);
+    // While the camera is tilted it is drawn at its height (air.ts), and the city beneath need not be drawn again.
+    this.set("evidence", this.tilted ? [] : features);
     this.words.set("evidence", evidenceWords(features));
     this.stepBack(chosen?.track);
   }
@@ -236,7 +238,7 @@ export class Picture {
     this.tilted = tilted;
     this.place.raise(tilted);
     if (!this.loaded) return;
-    this.drawEvidence();
+    this.review(this.fleet);
     this.drawGrid();
   }
 
@@ -286,7 +288,7 @@ export class Picture {
     if (!this.loaded) return;
     const view = viewOf(this.map);
     const { fleet, store } = this;
-    this.air.draw(view, this.map.getPixelRatio(), store, fleet, this.evidence, this.marked.selected);
+    this.air.draw(view, this.map.getPixelRatio(), store, fleet, [...this.trails, ...this.evidence], this.marked.selected);
     const words = [...droneWords(view, fleet, store, this.selection.uav_id), ...[...this.words.values()].flat()];
     const points = (id: string): readonly GeoJSON.Feature[] => this.drawn.get(id)?.features ?? [];
     this.labels.draw(view, this.map.getPixelRatio(), words, (occupied) => {

@@ -13,6 +13,8 @@ const SCHEME = "pmtiles";
 /** From the bottom to the top: ground below this layer of ours, volumes and words below that one. */
 const GROUND_BELOW = "grid";
 const VOLUMES_BELOW = "reach";
+const FOOTPRINTS = `${PLACE}-building`;
+const LIGHT = 0.16;
 const SKY = { "sky-horizon-blend": 0.6, "horizon-fog-blend": 0.7, "fog-ground-blend": 0.9 };
 
 /** Protocols are MapLibre's, shared by all maps of the page: there as long as one map needs it. */
@@ -78,6 +80,8 @@ export class PlaceOnMap {
       if (this.map.getLayer(id) === undefined) continue;
       for (const [name, value] of Object.entries(paint ?? {})) this.map.setPaintProperty(id, name as never, value as never);
     }
+    // Soft, from the upper left of the screen however the camera is turned: no wall is in the dark.
+    this.map.setLight({ anchor: "viewport", position: [1.4, 200, 40], color: "#ffffff", intensity: LIGHT });
     this.map.setSky({ "sky-color": colours["sky"] ?? "", "horizon-color": colours["sky"] ?? "", "fog-color": colours["land"] ?? "", ...SKY });
   }
 
@@ -94,6 +98,8 @@ export class PlaceOnMap {
   raise(volumes: boolean): void {
     if (this.volumes === volumes) return;
     this.volumes = volumes;
+    // Under its volume nobody sees what a building covers.
+    if (this.map.getLayer(FOOTPRINTS) !== undefined) this.map.setLayoutProperty(FOOTPRINTS, "visibility", volumes ? "none" : "visible");
     for (const { id } of volumeLayers({}, undefined, volumes)) {
       if (this.map.getLayer(id) !== undefined) this.map.setLayoutProperty(id, "visibility", volumes ? "visible" : "none");
     }

@@ -25,7 +25,7 @@ export const PLACE_COLOURS = [
 export const PLACE = "place";
 /** Further away than this the archive says too little, and coasts and borders (baseLayers.ts) say it better. */
 export const PLACE_ZOOM = 10.5;
-const FADES = [0.2, 0.3, 0.4, 0.5, 0.65, 1] as const;
+const FADES = [0.2, 0.42, 0.62, 0.8, 0.92, 1] as const;
 
 /** Metres on the ground as pixels, for a latitude: a street is as wide as it is, at any scale. */
 function metres(width_m: number, lat: number, least = 0.5): ExpressionSpecification {
@@ -120,7 +120,7 @@ export function volumeLayers(colours: Palette, stage: Stage | undefined, raised:
       ...of("trees", true as unknown as ExpressionSpecification, { "fill-extrusion-color": c("park"), "fill-extrusion-opacity": 0.85 }),
       minzoom: 15,
     },
-    of("volumes", away === undefined ? tall : ["all", tall, [">", away, stage?.radius_m ?? 0]], { "fill-extrusion-opacity": 0.92 }),
+    of("volumes", away === undefined ? tall : ["all", tall, [">", away, stage?.radius_m ?? 0]], { "fill-extrusion-opacity": 1 }),
     of("volumes-near", away === undefined ? ["boolean", false] : ["all", tall, ["<=", away, stage?.radius_m ?? 0]], { "fill-extrusion-opacity": 0.28 }),
   ];
 }
