@@ -106,6 +106,8 @@ export class DroneLayer {
   };
   private vertices = new Float32Array(1_024 * FLOATS);
   private count = 0;
+  /** The first so many vertices say where drones fly to. */
+  private wedges = 0;
   private stale = true;
   private close = false;
   private tilted = false;
@@ -239,7 +241,8 @@ export class DroneLayer {
     gl.uniform2f(made.uniforms.turn, Math.cos(turn), Math.sin(turn));
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.drawArrays(gl.POINTS, 0, this.count);
+    if (this.wedges > 0) gl.drawArrays(gl.POINTS, 0, this.wedges);
+    gl.drawArrays(gl.POINTS, this.wedges, this.count - this.wedges);
     this.keepTurning();
   }
 
@@ -288,14 +291,15 @@ export class DroneLayer {
     };
     const heard = this.fleet.counts.all > CROWD ? SMALL : 1;
     this.turning = false;
-    const { selected, hovered } = this.marked;
-    if (hovered !== undefined && hovered !== selected) put(hovered, HOVERED, HALO);
-    if (selected !== undefined) put(selected, SELECTED, HALO);
     for (let slot = 0; this.headings && slot < extent; slot++) {
       const heading = this.store.tracks.headingAt(slot);
       if (looks[slot] === HIDDEN || heading === undefined || (this.store.tracks.speedAt(slot) ?? 0) < FLYING_MM_S) continue;
       put(slot, HEADING, HEADING_SIZE, (heading / 18_000) * Math.PI);
     }
+    this.wedges = n;
+    const { selected, hovered } = this.marked;
+    if (hovered !== undefined && hovered !== selected) put(hovered, HOVERED, HALO);
+    if (selected !== undefined) put(selected, SELECTED, HALO);
     for (const code of DRAWN) {
       const look = this.close && !this.tilted && code < PROVING ? CLAIMS_FROM + code : code;
       const size = code > PROVING ? heard : 1;
