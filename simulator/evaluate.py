@@ -115,6 +115,13 @@ class Window:
             value["truth_error_m"] = round(self.truth_error_m, 3)
         if verdict.chi2_milli is not None:
             value["chi2"] = verdict.chi2_milli / 1000
+        if verdict.height is not None:
+            value["height"] = {
+                "outcome": verdict.height.outcome,
+                "claimed_m": verdict.height.claimed_mm / 1000,
+                "measured_m": verdict.height.measured_mm / 1000,
+                "sigma_m": round(math.sqrt(max(verdict.height.uu_mm2, 0)) / 1000, 3),
+            }
         if verdict.within_mm is not None:
             value["within_m"] = verdict.within_mm / 1000
         return value

@@ -185,7 +185,7 @@ def verdict_of(row: VerdictRow) -> Record:
     """A verdict, flat: where the drone was measured, else where it claimed to be."""
     record = orjson.loads(row.record)
     signed = record.get("signed") or {}
-    broadcast = record.get("broadcast") or {}
+    broadcast, height = record.get("broadcast") or {}, record.get("height") or {}
     place = record.get("estimate") or signed.get("claim") or {}
     flat = {
         "uav_id": row.uav_id,
@@ -207,6 +207,9 @@ def verdict_of(row: VerdictRow) -> Record:
         "signed_outcome": signed.get("outcome"),
         "signed_error_mm": signed.get("error_mm"),
         "signed_likelihood_ppm": signed.get("likelihood_ppm"),
+        "height_outcome": height.get("outcome"),
+        "height_claimed_mm": height.get("claimed_mm"),
+        "height_measured_mm": height.get("measured_mm"),
         "broadcast_outcome": broadcast.get("outcome"),
         "broadcast_error_mm": broadcast.get("error_mm"),
         "buffer_mm": record.get("buffer_mm"),
@@ -222,6 +225,6 @@ def verdict_of(row: VerdictRow) -> Record:
 VERDICT_FIELDS: Final = (
     "uav_id", "t_ms", "pad_id", "session_id", "action", "outcome", "permission", "rounds", "assurance", "authorised",
     "lat_e7", "lon_e7", "estimate_ms", "place", "claim_lat_e7", "claim_lon_e7", "signed_outcome", "signed_error_mm",
-    "signed_likelihood_ppm", "broadcast_outcome", "broadcast_error_mm", "buffer_mm", "reasons", "evidence_sha256",
-    "tx_id", "block", "tx_index",
+    "signed_likelihood_ppm", "height_outcome", "height_claimed_mm", "height_measured_mm", "broadcast_outcome",
+    "broadcast_error_mm", "buffer_mm", "reasons", "evidence_sha256", "tx_id", "block", "tx_index",
 )  # fmt: skip

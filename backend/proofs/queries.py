@@ -14,7 +14,7 @@ from backend.auth.person import Scope
 from backend.db.tables.ledger import VerdictRow
 from backend.languages import Language
 from backend.proofs.reasons import reasons_in
-from backend.proofs.schemas import ProofQuery
+from backend.proofs.schemas import HeightFound, ProofQuery
 
 _SAME: Final = (
     "uav_id", "pad_id", "action", "decided_ms", "outcome", "permission", "authorised", "assurance", "rounds",
@@ -41,6 +41,8 @@ def shown(row: VerdictRow, language: Language) -> dict[str, Any]:
         proof["measured"] = _place(record["estimate"])
     if "signed" in record:
         proof["signed"] = _judged(record["signed"], language)
+    if "height" in record:
+        proof["height"] = {name: record["height"][name] for name in HeightFound.model_fields}
     if "broadcast" in record:
         proof["broadcast"] = heard(record["broadcast"])
     proof["reasons"] = reasons_in(language, record["reasons"])

@@ -66,6 +66,21 @@ class BroadcastHeard(ApiModel):
     tolerance_mm: int | None = Field(default=None, description="How far the drone can be from an honest one")
 
 
+class HeightFound(ApiModel):
+    """Whether the height is measured, or the drone's word."""
+
+    outcome: Literal["proved", "contradicted", "claimed"]
+    claimed_mm: int = Field(description="Above the pad's origin, as the drone says")
+    measured_mm: int = Field(description="The height that fits the ranges best")
+    lowest_mm: int = Field(description="The ranges leave what is between these open")
+    highest_mm: int
+    tolerance_mm: int = Field(description="Contradicted beyond this, for the accuracy that the drone states")
+    likelihood_ppm: int = Field(description="That it is within the policy's height buffer of the claimed one")
+    uu_mm2: int = Field(description="Vertical variance of the measured place, and its cross terms")
+    eu_mm2: int
+    nu_mm2: int
+
+
 class Proof(ApiModel):
     """What the contract decided about a drone's place. It is on the ledger, and can be checked there by anybody."""
 
@@ -88,6 +103,9 @@ class Proof(ApiModel):
     measured: Place | None = Field(default=None, description="The measured place; none where it could not be told")
     covariance: Uncertainty | None = None
     signed: JudgedClaim | None = Field(default=None, description="The place that the drone signed for this proof")
+    height: HeightFound | None = Field(
+        default=None, description="What the ranges say of its height; none where their geometry says nothing"
+    )
     broadcast: BroadcastHeard | None = Field(default=None, description="What the public was told meanwhile")
     reasons: list[ProofReason]
     evidence_sha256: str

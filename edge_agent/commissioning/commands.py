@@ -323,4 +323,5 @@ def _report(path: Path, found: Calibrated, name: str) -> Path:
         by_distance=found.by_distance,
         clocks=found.clocks,
         timed_reaches=found.timed_reaches,
+        height_reaches=found.height_reaches,
     )

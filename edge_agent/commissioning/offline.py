@@ -13,7 +13,16 @@ from edge_agent.commissioning.clocks import Clocks, fit_clocks
 from edge_agent.commissioning.coverage import Note
 from edge_agent.commissioning.errors import CalibrationError, CommissioningError, RecordingError
 from edge_agent.commissioning.fit import Fit, FitSettings, fit_runs
-from edge_agent.commissioning.reach import AtDistance, Reach, ReachMap, by_distance, reach, reach_map
+from edge_agent.commissioning.reach import (
+    AtDistance,
+    HeightProspects,
+    Reach,
+    ReachMap,
+    TimedProspects,
+    by_distance,
+    reach,
+    reach_map,
+)
 from edge_agent.commissioning.recording import Recording
 from edge_agent.commissioning.reference import load_track
 from edge_agent.commissioning.run import Run
@@ -65,6 +74,8 @@ class Calibrated:
     clocks: Clocks | None = None
     timed_reaches: tuple[Reach, ...] = ()
     """How far out time stamps alone verify a buffer (assurance 3)."""
+    height_reaches: tuple[Reach, ...] = ()
+    """How far out a height is proved within a buffer above and below it."""
     choice: Choice | None = None
 
     @property
@@ -83,6 +94,7 @@ class Calibrated:
             out["reach_by_time_stamps"] = [item.document() for item in self.timed_reaches]
         out["truth_shift_s"] = round(self.shift_s, 3)
         out["reach"] = [item.document() for item in self.reaches]
+        out["reach_of_heights"] = [item.document() for item in self.height_reaches]
         out["honest_share"] = SHARE_PPM / 1_000_000
         out["rounds"] = [item.document() for item in self.by_distance]
         out["warnings"] = [{"code": note.code, "text": note.text} for note in self.notes]
@@ -193,9 +205,10 @@ def finish(
         shift_s,
         tuple(notes),
         clocks,
-        tuple(reach(record, policy, buffers_m=buffers, height_m=height_m, timed=True))
+        tuple(reach(record, policy, buffers_m=buffers, height_m=height_m, kind=TimedProspects))
         if clocks is not None and clocks.usable
         else (),
+        tuple(reach(record, policy, buffers_m=sorted({1.0, 2.0, buffer_m}), height_m=height_m, kind=HeightProspects)),
         choice,
     )
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from edge_agent.commissioning.run import Floats
 from wonderland.proofs.differences import frames_needed
-from wonderland.proofs.honest import SHARE_PPM, looks_of, narrowed, rounds_for, share_by
-from wonderland.proofs.prospects import Prospect, prospect
+from wonderland.proofs.honest import SHARE_PPM, looks_of, narrowed, narrower, rounds_for, share_by
+from wonderland.proofs.prospects import Prospect, height_rounds, prospect
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 
@@ -159,21 +159,36 @@ class TimedProspects(Prospects):
         )
 
 
+class HeightProspects(Prospects):
+    """The same for a policy that demands a proven height: buffers are above and below the claimed one."""
+
+    def rounds(self, east_m: float, north_m: float) -> tuple[int, ...]:
+        """Rounds for each policy; -1 where none, or more than the policy allows, prove it."""
+        place = (east_m * 1000, north_m * 1000, self._up_mm)
+        asked = [
+            replace(policy, height_buffer_mm=round(policy.buffer_mm * narrower(policy))) for policy in self.policies
+        ]
+        found = [height_rounds(self._commissioning, policy, *place) for policy in asked]
+        return tuple(
+            _allowed(rounds if rounds > 0 else -1, policy) for rounds, policy in zip(found, self.policies, strict=True)
+        )
+
+
 def reach(
     commissioning: Commissioning,
     policy: Policy | None = None,
     *,
     buffers_m: Sequence[float] = BUFFERS_M,
     height_m: float = DEFAULT_HEIGHT_M,
-    timed: bool = False,
+    kind: type[Prospects] = Prospects,
 ) -> list[Reach]:
     """For each buffer (rising), how far out the pad verifies it, at a height above the pad's origin.
 
-    ``timed``: at assurance 3, by time stamps alone.
+    ``kind``: the place, ``TimedProspects`` for assurance 3, by time stamps alone, ``HeightProspects`` for the height.
     """
     policy = policy or Policy()
     policies = [replace(policy, buffer_mm=round(buffer * 1000)) for buffer in buffers_m]
-    prospects = (TimedProspects if timed else Prospects)(commissioning, policies, height_m)
+    prospects = kind(commissioning, policies, height_m)
     furthest = min(commissioning.max_range_mm / 1000, MAX_REACH_M)
     rings = [(distance, _ring(prospects, middle(commissioning), distance)) for distance in _steps(furthest)]
     return [_reach_of(buffer, [(d, ring[index]) for d, ring in rings]) for index, buffer in enumerate(buffers_m)]

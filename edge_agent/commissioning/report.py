@@ -42,6 +42,7 @@ def write_report(
     by_distance: Sequence[AtDistance] = (),
     clocks: Clocks | None = None,
     timed_reaches: Sequence[Reach] = (),
+    height_reaches: Sequence[Reach] = (),
 ) -> Path:
     """Write ``path`` (.html), or ``path``/report.html and its plots as SVG; returns the HTML file.
 
@@ -49,7 +50,7 @@ def write_report(
     """
     plots = draw_all(fit, reach_map, clocks)
     timed = [] if clocks is None else _clock_part(clocks, timed_reaches, plots["clocks"])
-    text = _page(fit, record, reaches, plots, title, survey, by_distance, timed)
+    text = _page(fit, record, reaches, plots, title, survey, by_distance, [*_height_part(height_reaches), *timed])
     try:
         if path.suffix.lower() in {".html", ".htm"}:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -126,6 +127,15 @@ def _page(
         f'<meta name="viewport" content="width=device-width"><title>{html.escape(title)}</title>'
         f"<style>{_CSS}</style></head><body>\n{body}\n</body></html>\n"
     )
+
+
+def _height_part(reaches: Sequence[Reach]) -> list[str]:
+    """What the anchors tell of heights."""
+    about = (
+        "Where the anchors stand at different heights, or around the drone, their ranges prove the height as well. "
+        "Elsewhere it stays the drone's word, and the verdict says so."
+    )
+    return ["<h2>Heights</h2>", _reach_table(reaches), f"<p>{about}</p>"] if reaches else []
 
 
 def _clock_part(clocks: Clocks, reaches: Sequence[Reach], plot: str) -> list[str]:

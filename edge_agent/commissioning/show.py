@@ -55,6 +55,12 @@ def show(found: Calibrated, console: Console | None = None) -> None:
         console.print(f"  [dim]{at.sentence()}[/dim]")
     if not found.go:
         console.print(f"[red]No-go[/red]: ±{found.map.buffer_m:g} m is verified at no distance in every direction.")
+    if any(item.best_m is not None for item in found.height_reaches):
+        console.print(f"\n[bold]Heights[/bold] (proved within; {found.map.height_m:g} m above the pad)")
+        for item in found.height_reaches:
+            console.print(f"  [dim]{item.sentence()}[/dim]")
+    else:
+        console.print("\n[bold]Heights[/bold] stay the drone's word: these anchors do not tell them.")
     if found.timed_reaches:
         console.print("\n[bold]At assurance 3[/bold] (time stamps alone)")
         for item in found.timed_reaches:

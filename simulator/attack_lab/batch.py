@@ -95,6 +95,8 @@ class Batch:
     """Where the drone was in each round, (B, ROUNDS, 3), where an attack's success is about single moments."""
     won_if_refuted: bool = False
     """The drone is honest: to refute it is what must not happen."""
+    vertical: bool = False
+    """It is about the height: ``off_mm`` is vertical, and so is what ``truth_mm`` is held against."""
     won_mm: float | None = None
     """From this distance on a permission is the attacker's success; the policy's buffer where nothing else is said."""
     t_ms: Integers = field(default_factory=round_times)
@@ -110,9 +112,9 @@ class Batch:
     def may_be_screened(self) -> bool:
         """Whether arrays tell enough: a second claim that is judged apart is left to the decision itself.
 
-        So are single moments, and a bias that a moving drone averages out.
+        So are single moments, heights, and a bias that a moving drone averages out.
         """
-        plain = self.broadcast is None and self.heard_mm is None and self.truth_mm is None
+        plain = self.broadcast is None and self.heard_mm is None and self.truth_mm is None and not self.vertical
         return plain and self.pad.bias_length is None
 
     def session(self, index: int) -> Session:
@@ -257,6 +259,11 @@ def rounded_cm(range_mm: Floats) -> Integers:
     return np.where(lost, NO_RANGE, whole)
 
 
+def vertically_off(truth: Floats, claims: Integers, claim_ms: int = CLAIM_MS) -> Floats:
+    """The same in height, whichever way: (B, ROUNDS)."""
+    return np.asarray(np.abs(path_at_rounds(claims, claim_ms)[..., 2] - truth[..., 2]))
+
+
 def off(truth: Floats, claims: Integers, claim_ms: int = CLAIM_MS) -> Floats:
     """Horizontal distance (mm) between truth (B, 1 or ROUNDS, 3) and claim in each round: (B, ROUNDS)."""
     difference = path_at_rounds(claims, claim_ms)[..., :2] - truth[..., :2]
@@ -280,11 +287,13 @@ def won_at_moments(batch: Batch, row: int, rounds: int, verdict: Verdict) -> tup
     if batch.truth_mm is None or verdict.estimate is None or verdict.estimate_ms is None:
         raise ValueError("a permission without a place, or an attack without the truth")
     truth, times = batch.truth_mm[row], batch.t_ms
-    east, north = (float(np.interp(verdict.estimate_ms - START_MS, times, truth[:, axis])) for axis in (0, 1))
-    away = float(np.hypot(verdict.estimate.east_mm - east, verdict.estimate.north_mm - north))
+    axes = (2,) if batch.vertical else (0, 1)
+    at_ms = verdict.estimate_ms - START_MS
+    certified = (verdict.estimate.east_mm, verdict.estimate.north_mm, verdict.estimate.up_mm)
+    away = float(np.linalg.norm([certified[axis] - np.interp(at_ms, times, truth[:, axis]) for axis in axes]))
     told = claim_times(batch.claim_ms)
     during = (told >= times[0]) & (told <= times[rounds - 1])
-    there = np.stack([np.interp(told[during], times, truth[:, axis]) for axis in (0, 1)], axis=1)
-    lies = np.linalg.norm(batch.claims[row][during, :2] - there, axis=1)
-    buffer_mm = float(batch.policy.buffer_mm)
+    there = np.stack([np.interp(told[during], times, truth[:, axis]) for axis in axes], axis=1)
+    lies = np.linalg.norm(batch.claims[row][during][:, axes] - there, axis=1)
+    buffer_mm = float(batch.policy.height_buffer_mm if batch.vertical else batch.policy.buffer_mm)
     return away > buffer_mm or float(np.mean(lies >= LIE_BUFFERS * buffer_mm)) >= LIE_SHARE, round(away)

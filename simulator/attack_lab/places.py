@@ -126,6 +126,24 @@ SMALL: Final = LabPad(
     high=1.0,
     range_sigma=50,
 )
+CUBE: Final = LabPad(
+    "cube",
+    "eight anchors at the corners of a cube of 6 m, drones in it and above it",
+    np.array([(x, y, z) for z in (250.0, 6_250.0) for x in (-3_000.0, 3_000.0) for y in (-3_000.0, 3_000.0)]),
+    near=0.0,
+    far=4_000.0,
+    low=500.0,
+    high=8_000.0,
+)
+MASTS: Final = LabPad(
+    "masts",
+    "six anchors on a circle of 4.3 m, every other one 3 m up",
+    np.column_stack((ring(6, 4_250.0)[:, :2], np.array([250.0, 3_250.0] * 3))),
+    near=0.0,
+    far=8_000.0,
+    low=500.0,
+    high=8_000.0,
+)
 WITNESS_AT_MM: Final = (12_000.0, 0.0, 0.0)
 """Where the second pad's middle is, in the first one's frame."""
 TIMED: Final = LabPad("timed", "six anchors on a circle of 4.3 m, as level 3 wants them", ring(6, 4_250.0))

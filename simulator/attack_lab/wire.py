@@ -84,6 +84,7 @@ def specs() -> dict[str, tuple[Behaviour, AttackSpec | None]]:
             AttackSpec("vague-claim", lie_m=lie, accuracy_m=20.0, height_accuracy_m=20.0),
         ),
         "height-lie": (Behaviour.ATTACK, AttackSpec("height-lie", lie_m=(2.5, -2.5, -3.5))),
+        "height-offset": (Behaviour.ATTACK, AttackSpec("height-offset", lie_m=(0.0, 0.0, 3.0))),
         "mixed-claims": (Behaviour.ATTACK, AttackSpec("mixed-claims", lie_m=(7.5, 0.0, 0.0), lie_share=0.4)),
         "silent-anchors": ranging("silent-anchors", "silent-anchors"),
         "dropped-rounds": ranging("dropped-rounds", "dropped"),

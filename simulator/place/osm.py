@@ -1,7 +1,7 @@
 """OpenStreetMap's PBF format: nodes, ways and relations of a small extract, all in memory.
 
 The format is protobuf in zlib blocks, documented at wiki.openstreetmap.org/wiki/PBF_Format. A reader of our own, since
-an extract of a town needs no library of 5 MB (docs/decisions/0019).
+an extract of a town needs no library of 5 MB (docs/decisions/0020).
 """
 
 from __future__ import annotations

@@ -170,5 +170,8 @@ def test_the_command_puts_clocks_into_the_record_and_the_report(tmp_path, stampe
     document = json.loads(CliRunner().invoke(pad, [str(each) for each in arguments[:7]] + ["--json"]).stdout)
     assert document["clocks"]["bad"] == []
     assert {item["buffer_m"] for item in document["reach_by_time_stamps"]} >= {1.0, 5.0}
+    assert [item["buffer_m"] for item in document["reach_of_heights"]] == [1.0, 2.0]
+    assert "<h2>Heights</h2>" in page
+    assert "Heights" in told
     result = CliRunner().invoke(pad, [str(each) for each in [*arguments, "--recording", ranges]])
     assert "one for each" in result.output

@@ -1,7 +1,12 @@
 from __future__ import annotations
 
-from edge_agent.commissioning.reach import by_distance, middle, reach
+import numpy as np
+
+from edge_agent.commissioning.reach import HeightProspects, by_distance, middle, reach
 from edge_agent.commissioning.survey_files import NOWHERE
+from simulator.attack_lab.attacks.height import still_at
+from simulator.attack_lab.judge import verdict_of
+from simulator.attack_lab.places import SQUARE
 from wonderland.proofs.honest import share_by
 from wonderland.proofs.prospects import prospect
 from wonderland.proofs.records.policies import Policy
@@ -33,3 +38,21 @@ def test_farther_out_the_share_that_is_left_is_said(fitted):
     assert no_go.sentence().endswith("within 160 rounds (±0.5 m), no-go.")
     shares = [round(item.share, 9) for item in items]
     assert shares == sorted(shares, reverse=True)
+
+
+def test_where_heights_are_said_to_be_proved_they_are():
+    """Four anchors, one raised: at the distance that is said, nine honest drones in ten, and well beyond not."""
+    record = SQUARE.commissioning
+    policy = Policy(height_required=True)
+    [found] = reach(record, policy, buffers_m=[1.0], height_m=5.0, kind=HeightProspects)
+    assert found.everywhere_m is not None
+
+    def proved(distance_m):
+        angles = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+        place = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(60)]) * distance_m * 1000 + [0, 0, 5_000]
+        batch = still_at(np.random.default_rng(1), 2, SQUARE, place, place)
+        found = [verdict_of(batch, row, 160).height for row in range(60)]
+        return np.mean([height is not None and height.outcome == "proved" for height in found])
+
+    assert proved(found.everywhere_m) >= 0.85
+    assert proved(2.5 * found.everywhere_m) < 0.85

@@ -330,7 +330,7 @@ def test_within_r_of_the_pad_wherever_it_is(count):
         verdict = judged(world, evidence, place)
         assert verdict.outcome == "verified"
         said = {reason.code: reason.text for reason in verdict.reasons}
-        assert "height_claimed" in said
+        assert "height_proved" in said
         assert verdict.within_mm >= math.hypot(*place)
         assert verdict.within_mm <= math.hypot(*place) + 2 * 6000 + 500
         assert metres(float(verdict.within_mm)) in said["upper_bound"]

@@ -5,9 +5,12 @@ from __future__ import annotations
 import dataclasses
 import random
 
+import numpy as np
 import pytest
 from tests_world import START_MS
 
+from simulator.attack_lab import ATTACKS
+from simulator.attack_lab.judge import verdict_of
 from wonderland.proofs.records.sessions import Evidence
 from wonderland.proofs.verdict import preview
 
@@ -167,3 +170,12 @@ def test_rounds_before_the_first_claim_of_the_session_are_judged_by_the_flight_t
     verdict = preview(world.session(world.claim(flown(0), START_MS)), world.commissioning, late, now_ms)
     assert verdict.outcome == "verified"
     assert abs(verdict.estimate.east_mm - flown(verdict.estimate_ms - START_MS)[0]) < 150
+
+
+@pytest.mark.parametrize(("chunk", "row", "rounds"), [(22, 44, 42), (89, 63, 12)])
+def test_a_drone_that_passes_the_pad_is_seen_from_all_sides(chunk, row, rounds):
+    """Two of 100,000 tries once won: directions to the mean place say nothing of a drone that flies over a small pad."""
+    attack = ATTACKS["mixed-claims-small-pad"]
+    rng = np.random.default_rng((1, int.from_bytes(attack.name.encode(), "big"), 0, chunk))
+    batch = attack.variants[0].make(rng, 1_000)
+    assert verdict_of(batch, row, rounds).permission == "refused"

@@ -278,7 +278,7 @@ def test_what_two_way_ranging_cannot_exclude_is_said(make_world, now_ms):
     above = judge(make_world(), now_ms, at(300, -200, 4000), at(300, -200, 4000))
     assert above.outcome == "verified"
     # With another height one delay of all answers fits another place, among the anchors as well.
-    assert {"upper_bound", "height_claimed"} <= set(codes(above))
+    assert {"upper_bound", "height_proved"} <= set(codes(above))
 
 
 def test_claims_that_run_back_or_jump(world, now_ms):

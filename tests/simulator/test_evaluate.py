@@ -58,6 +58,8 @@ def test_truth_is_verified_and_a_lie_is_refuted_window_by_window(tmp_path, files
     assert all(line["truth_error_m"] < 0.2 and line["likelihood"] >= 0.99 for line in lines)
     assert lines[1]["from_s"] == pytest.approx(1.0)
     assert set(lines[0]["covariance_mm2"]) == {"ee_mm2", "en_mm2", "nn_mm2"}
+    assert all(line["height"]["sigma_m"] > 0 for line in lines)
+    assert {line["height"]["outcome"] for line in lines} <= {"proved", "claimed"}
     _, lines = run(*more, "--claim", "offset:0,3,0", "--windows", "4")
     assert [line["outcome"] for line in lines] == ["refuted"] * 4
     assert all(2.7 < line["error_m"] < 3.3 for line in lines)

@@ -327,6 +327,37 @@ class Health(TypedDict):
     verified: Literal[False]
 
 
+class HeightFinding(TypedDict):
+    """What the ranges say of the claimed height; where their geometry says nothing of it there is no finding."""
+
+    outcome: Literal["proved", "contradicted", "claimed"]
+    claimed_mm: int
+    measured_mm: int
+    lowest_mm: int
+    highest_mm: int
+    tolerance_mm: int
+    likelihood_ppm: int
+    uu_mm2: int
+    eu_mm2: int
+    nu_mm2: int
+    chi2_milli: int
+
+
+class HeightFound(TypedDict):
+    """Whether the height is measured, or the drone's word."""
+
+    outcome: Literal["proved", "contradicted", "claimed"]
+    claimed_mm: int
+    measured_mm: int
+    lowest_mm: int
+    highest_mm: int
+    tolerance_mm: int
+    likelihood_ppm: int
+    uu_mm2: int
+    eu_mm2: int
+    nu_mm2: int
+
+
 class JudgedClaim(TypedDict):
     """A claim of the drone, and what the measurement says about it."""
 
@@ -425,6 +456,7 @@ class Proof(TypedDict):
     measured: NotRequired[Place]
     covariance: NotRequired[Uncertainty]
     signed: NotRequired[JudgedClaim]
+    height: NotRequired[HeightFound]
     broadcast: NotRequired[BroadcastHeard]
     reasons: list[ProofReason]
     evidence_sha256: str
@@ -636,6 +668,7 @@ class VerdictSummary(TypedDict):
     estimate: NotRequired[Position]
     estimate_ms: NotRequired[int]
     covariance: NotRequired[Covariance]
+    height: NotRequired[HeightFinding]
     chi2_milli: NotRequired[int]
     chi2_claim_milli: NotRequired[int]
     within_mm: NotRequired[int]

@@ -17,7 +17,7 @@ from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.fix import Multilateration
 from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.reduction import Reduced, distance
-from wonderland.proofs.weighing import Line, Weights, less_outer, weighed_lines
+from wonderland.proofs.weighing import Line, Weights, less_outer, weighed_lines, with_shared_error
 
 MIRROR_CHI2: Final = 13.815510557964274
 """A second position is excluded only if its χ² is worse by this (a likelihood a thousand times smaller)."""
@@ -126,6 +126,15 @@ def least_chi2_within(reduced: Reduced, east: float, north: float, radius: float
     return best
 
 
+def least_chi2_at(reduced: Reduced, up: float, east: float, north: float) -> float:
+    """χ² of the best place at another height (``up`` mm above the claimed one), from a start (offset, mm).
+
+    0 where none is found: what cannot be computed excludes nothing.
+    """
+    fix = _fix(_Ranges(replace(reduced, up=reduced.up + up, height_sigma_mm=0.0)), (east, north))
+    return fix.chi2 if fix is not None else 0.0
+
+
 def without(reduced: Reduced, position: int) -> Reduced:
     """The same without one anchor, by its position in ``reduced.anchors``."""
     return replace(reduced, anchors=reduced.anchors[:position] + reduced.anchors[position + 1 :])
@@ -145,17 +154,7 @@ class _Ranges:
             (anchor.east, anchor.north, reduced.up - anchor.up, anchor.range_mm) for anchor in reduced.anchors
         )
         own = [1.0 / max(anchor.white + anchor.floor, 1.0) for anchor in reduced.anchors]
-        total = 0.0
-        for inverse in own:
-            total += inverse
-        sigma = reduced.installation_sigma_mm
-        alpha = 1.0 / (1.0 / (sigma * sigma) + total) if sigma > 0.0 else 0.0
-        rows = []
-        for position, left in enumerate(own):
-            shared = alpha * left
-            row = [0.0 - shared * right for right in own]
-            row[position] = left - shared * left
-            rows.append(row)
+        alpha, rows = with_shared_error(own, reduced.installation_sigma_mm)
         sigma = reduced.height_sigma_mm
         self._own: Final = own
         self._alpha: Final = alpha

@@ -24,9 +24,12 @@ from math import sqrt
 from typing import Final
 
 from wonderland.proofs.claims import MAX_ACCELERATION_MM_MS2, LocalClaim, Track
+from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.estimate import Offset
-from wonderland.proofs.motion import extent_mm, unfollowed_motion
-from wonderland.proofs.reduction import Reduced, Residuals, distance
+from wonderland.proofs.fix import MIN_ANCHORS as MIN_FIX_ANCHORS
+from wonderland.proofs.fix import Multilateration
+from wonderland.proofs.motion import LARGEST_MM, extent_mm, unfollowed_motion
+from wonderland.proofs.reduction import AnchorMean, Reduced, Residuals, distance, mean
 from wonderland.proofs.special import CHI2_LIMITS
 
 LIE_SHARE: Final = 0.2
@@ -92,30 +95,58 @@ def moments_of(reduced: Reduced, offset: Offset, claims: Sequence[LocalClaim], b
         return Moments(0.0, 0.0, 0.0, 0.0, jumping=False)
     quiet_mm = QUIET_SHARE * buffer_mm
     most = extent_mm(seen.claimed, claims)
-    fan = _Fan(reduced, offset)
-    slow = _stretches(reduced, fan, seen)
-    off = _off_rounds(reduced, fan, seen, OFF_BUFFERS * buffer_mm) if seen.torn else frozenset()
+    slow = _stretches(reduced, offset, seen)
+    off = _off_rounds(reduced, offset, seen, OFF_BUFFERS * buffer_mm) if seen.torn else frozenset()
     off_share = len(off) / len(seen.claimed.kept)
     if most <= quiet_mm:  # whatever the claims hide, it is less than could win
         return Moments(off_share, 0.0, sqrt(most * most + slow), most, jumping=False)
-    unseen = torn = 0
+    during, around = _Count(), _Count()
+    first_ms, last_ms = seen.claimed.t_ms[0], seen.claimed.t_ms[-1]
     held = []
     for claim in claims:
-        if not _explained(seen.claimed, claim, buffer_mm):
-            unseen += 1
-        elif off and _nearest(seen.claimed, claim.t_ms) in off:
-            torn += 1
-        elif seen.claimed.t_ms[0] <= claim.t_ms <= seen.claimed.t_ms[-1]:
-            held.append(claim)
-    whole, rough = unfollowed_motion(reduced, offset, seen, held, quiet_mm)
+        inside = first_ms <= claim.t_ms <= last_ms
+        if not inside and not first_ms - EDGE_MS <= claim.t_ms <= last_ms + EDGE_MS:
+            continue  # its moment is not one of the session's rounds: unjudged, like the request's
+        explained = _explained(seen.claimed, claim, buffer_mm)
+        torn = explained and bool(off) and _nearest(seen.claimed, claim.t_ms) in off
+        around.add(unseen=not explained, torn=torn)
+        if inside:
+            during.add(unseen=not explained, torn=torn)
+            if explained and not torn:
+                held.append(claim)
+    whole, rough, near = unfollowed_motion(reduced, offset, seen, held, quiet_mm)
+    if near:
+        rough = max(rough, _by_fixes(reduced, seen))
     moved = max(whole, rough)
     return Moments(
-        off_share=max(off_share, (unseen + torn) / len(claims)),
-        unseen_share=unseen / len(claims),
+        off_share=max(off_share, during.off_share, around.off_share),
+        unseen_share=max(during.unseen_share, around.unseen_share),
         waver_mm=sqrt(moved * moved + slow),
         rough_mm=rough,
         jumping=seen.claimed.jumps(JUMP_BUFFERS * buffer_mm),
     )
+
+
+@dataclass(slots=True)
+class _Count:
+    """Claims, and which of them contradict the others."""
+
+    claims: int = 0
+    unseen: int = 0
+    torn: int = 0
+
+    def add(self, *, unseen: bool, torn: bool) -> None:
+        self.claims += 1
+        self.unseen += unseen
+        self.torn += torn
+
+    @property
+    def off_share(self) -> float:
+        return (self.unseen + self.torn) / max(self.claims, 1)
+
+    @property
+    def unseen_share(self) -> float:
+        return self.unseen / max(self.claims, 1)
 
 
 def _nearest(track: Track, t_ms: int) -> int:
@@ -141,8 +172,6 @@ def _explained(track: Track, claim: LocalClaim, buffer_mm: float) -> bool:
     else:
         edge = 0 if after == 0 else len(times) - 1
         gap = claim.t_ms - times[edge]
-        if abs(gap) > EDGE_MS:
-            return True  # its moment is not one of the session's rounds: unjudged, like the request's
         velocity_east, velocity_north = _edge_velocity(track, edge)
         east, north = track.east[edge] + velocity_east * gap, track.north[edge] + velocity_north * gap
         turned = MAX_ACCELERATION_MM_MS2 * gap * gap / 2.0
@@ -163,14 +192,16 @@ def _edge_velocity(track: Track, edge: int) -> tuple[float, float]:
 
 
 class _Fan:
-    """The directions from the anchors to the estimate, and the offset that residuals along them come to."""
+    """The directions from the anchors to a claimed place, and the offset that residuals along them come to.
 
-    def __init__(self, reduced: Reduced, offset: Offset) -> None:
+    Of that moment, not of the mean: a drone that flies past a small pad is seen from all sides.
+    """
+
+    def __init__(self, reduced: Reduced, offset: Offset, east: float, north: float, up: float) -> None:
         self.sights: Final[list[tuple[float, float]]] = []
         for anchor in reduced.anchors:
-            x = reduced.east + offset.east - anchor.east
-            y = reduced.north + offset.north - anchor.north
-            away = max(distance(x, y, reduced.up - anchor.up), 1.0)
+            x, y = east + offset.east - anchor.east, north + offset.north - anchor.north
+            away = max(distance(x, y, up - anchor.up), 1.0)
             self.sights.append((x / away, y / away))
 
     def offset(self, residuals: Sequence[float | None]) -> tuple[float, float, float] | None:
@@ -204,7 +235,7 @@ class _Fan:
         return (ee + nn) / determinant if determinant > _SINGULAR * (ee + nn) * (ee + nn) else 0.0
 
 
-def _off_rounds(reduced: Reduced, fan: _Fan, seen: Residuals, least_mm: float) -> frozenset[int]:
+def _off_rounds(reduced: Reduced, offset: Offset, seen: Residuals, least_mm: float) -> frozenset[int]:
     """Torn rounds (positions in the claimed track) whose residuals come to an offset that is worth the name.
 
     Biases that change along a flight tear rounds, too; they come to decimetres.
@@ -220,37 +251,75 @@ def _off_rounds(reduced: Reduced, fan: _Fan, seen: Residuals, least_mm: float) -
             if position in torn:
                 torn[position][column.anchor] = value - means[column.anchor]
     off = []
+    claimed = seen.claimed
     for position, residuals in torn.items():
+        fan = _Fan(reduced, offset, claimed.east[position], claimed.north[position], claimed.up[position])
         found = fan.offset([residuals.get(anchor) for anchor in order])
         if found is None or distance(found[0], found[1], 0.0) > least_mm:
             off.append(position)
     return frozenset(off)
 
 
-def _stretches(reduced: Reduced, fan: _Fan, seen: Residuals) -> float:
+def _by_fixes(reduced: Reduced, seen: Residuals) -> float:
+    """Root mean square (mm) of each kept round's own fix minus its claim, about their mean: noise included.
+
+    For a drone so near to the anchors that a round knows its place, and directions turn too fast for anything else.
+    """
+    ranges: dict[int, list[tuple[AnchorMean, float]]] = {}
+    track = seen.claimed
+    for (column, _), anchor in zip(seen.series, reduced.anchors, strict=True):
+        for position, value in zip(column.rounds, column.values, strict=True):
+            east, north = track.east[position] - anchor.east, track.north[position] - anchor.north
+            expected = distance(east, north, track.up[position] - anchor.up)
+            ranges.setdefault(position, []).append((anchor, expected + value))
+    offsets = []
+    for position, heard in ranges.items():
+        if len(heard) < MIN_FIX_ANCHORS:
+            continue
+        try:
+            geometry = Multilateration([(anchor.east, anchor.north, anchor.up) for anchor, _ in heard])
+        except GeometryError:
+            continue
+        found = geometry.fix([range_mm for _, range_mm in heard], track.up[position])
+        if found is not None:
+            offsets.append((found[0] - track.east[position], found[1] - track.north[position]))
+    if 2 * len(offsets) < len(seen.track.kept):
+        return LARGEST_MM
+    east, north = mean([offset[0] for offset in offsets]), mean([offset[1] for offset in offsets])
+    square = 0.0
+    for x, y in offsets:
+        square += (x - east) * (x - east) + (y - north) * (y - north)
+    return sqrt(square / len(offsets))
+
+
+def _stretches(reduced: Reduced, offset: Offset, seen: Residuals) -> float:
     """Mean square (mm²) of the offsets of stretches of time about the whole, where more than noise; else 0."""
     count = len(seen.claimed.kept)
     parts = next(parts for least, parts in _STRETCHES if count >= least)
     away: list[list[float | None]] = [[] for _ in range(parts)]
     noise = 0.0
-    for (column, mean), anchor in zip(seen.series, reduced.anchors, strict=True):
+    for (column, middle_mm), anchor in zip(seen.series, reduced.anchors, strict=True):
         sums, counts = [0.0] * parts, [0] * parts
         for position, value in zip(column.rounds, column.values, strict=True):
             part = position * parts // count
             sums[part] += value
             counts[part] += 1
         for part in range(parts):
-            away[part].append(sums[part] / counts[part] - mean if counts[part] else None)
+            away[part].append(sums[part] / counts[part] - middle_mm if counts[part] else None)
         noise += anchor.white * anchor.count
     variance = noise / len(reduced.anchors) * parts / count
-    chi2 = square = 0.0
-    for residuals in away:
+    chi2 = square = spread = 0.0
+    for part, residuals in enumerate(away):
+        # The middle round of a stretch stands for it.
+        middle = (2 * part + 1) * count // (2 * parts)
+        fan = _Fan(reduced, offset, seen.claimed.east[middle], seen.claimed.north[middle], seen.claimed.up[middle])
         found = fan.offset(residuals)
         if found is not None:
             east, north, explained = found
             chi2 += explained / variance
             square += (east * east + north * north) / parts
+            spread += fan.spread() / parts
     freedom = 2 * (parts - 1)
     if chi2 <= CHI2_LIMITS[min(freedom, len(CHI2_LIMITS)) - 1]:
         return 0.0
-    return max(square - variance * fan.spread() * (parts - 1) / parts, 0.0)
+    return max(square - variance * spread * (parts - 1) / parts, 0.0)

@@ -12,12 +12,14 @@ from typing import Final, NamedTuple
 
 from wonderland.proofs.claims import LocalClaim, Track
 from wonderland.proofs.estimate import Offset
-from wonderland.proofs.reduction import Reduced, Residuals, Series, distance
+from wonderland.proofs.reduction import AnchorMean, Reduced, Residuals, Series, distance
 
 SEEN_SIGMAS: Final = 3.0
 """Standard deviations from which on straight motion that the ranges do not follow is one."""
 PROVED_SIGMAS: Final = 4.0
 """Standard deviations with which motion that the ranges do not follow is bounded."""
+TURNING_SHARE: Final = 0.25
+"""From this share of the way on (in squares: half of it) a motion turns the direction to an anchor too far."""
 LARGEST_MM: Final = 1e9
 """As good as not known."""
 _SINGULAR: Final = 1e-6
@@ -36,8 +38,10 @@ def _line_of_sight(reduced: Reduced, offset: Offset) -> tuple[float, float]:
 
 def unfollowed_motion(
     reduced: Reduced, offset: Offset, seen: Residuals, claims: Sequence[LocalClaim], quiet_mm: float
-) -> tuple[float, float]:
+) -> tuple[float, float, bool]:
     """Bounds (root mean square, mm) on claimed motion that did not take place: of all, and of what is not straight.
+
+    And whether it happens so near to half of the anchors or more that these bounds do not hold.
 
     How much of it did not take place is for the rounds to say; how much there is, for the rounds or the claims,
     whichever say more: a claim between two rounds is a peak that the rounds see the slopes of.
@@ -55,19 +59,11 @@ def unfollowed_motion(
     left = _left_rounds(seen)
     whole = _Motion(flown, left, said)
     rough = _Motion(flown.less_line(left), left, said.less_line(range(len(claims))))
-    stirred = [motion for motion in (whole, rough) if motion.spread > quiet_mm]
-    ux, uy = sight
-    for (column, _), anchor in zip(seen.series if stirred else (), reduced.anchors, strict=False):
-        # Half-way between claim and mean the direction times the motion is what the range would change by.
-        middle_east, middle_north = 0.5 * reduced.east - anchor.east, 0.5 * reduced.north - anchor.north
-        sights = []
-        for position in column.rounds:
-            x, y = middle_east + 0.5 * track.east[position], middle_north + 0.5 * track.north[position]
-            away = distance(x, y, track.up[position] - anchor.up)
-            sights.append(((x * ux + y * uy) / away, (y * ux - x * uy) / away) if away >= 1.0 else (0.0, 0.0))
-        for motion in stirred:
-            motion.add(column, sights, anchor.white * anchor.count)
-    return whole.seen_mm(), rough.bound_mm()
+    for motion in (whole, rough):
+        if motion.spread > quiet_mm:
+            for (column, _), anchor in zip(seen.series, reduced.anchors, strict=True):
+                motion.add(column, motion.changes(column, anchor, track, sight), anchor.white * anchor.count)
+    return whole.seen_mm(), rough.bound_mm(), 2 * rough.turning >= len(reduced.anchors)
 
 
 def extent_mm(track: Track, claims: Sequence[LocalClaim]) -> float:
@@ -151,14 +147,35 @@ class _Motion:
         self._energy: Final = (max(rounds[0], claims[0]), max(rounds[1], claims[1]))
         self.spread: Final = sqrt(self._energy[0] + self._energy[1])
         self._aa = self._ab = self._bb = self._ar = self._br = 0.0
+        self.turning = 0
+        """Anchors to which the motion turns the direction too far for what is said of them here."""
 
-    def add(self, column: Series, sights: Sequence[tuple[float, float]], variance: float) -> None:
+    def changes(
+        self, column: Series, anchor: AnchorMean, track: Track, sight: tuple[float, float]
+    ) -> list[tuple[float, float]]:
+        """By round, what an anchor's residual would be had the motion along, or across, not taken place (mm).
+
+        Half-way between the claim and where the drone would then be, minus the direction times the motion. Next to the
+        anchor that turns too fast to say so much.
+        """
+        ux, uy = sight
+        found = []
+        turning = False
+        for position in column.rounds:
+            along, across = self._along[position], self._across[position]
+            x = track.east[position] - 0.5 * (along * ux - across * uy) - anchor.east
+            y = track.north[position] - 0.5 * (along * uy + across * ux) - anchor.north
+            away = max(distance(x, y, track.up[position] - anchor.up), 1.0)
+            turning = turning or along * along + across * across > TURNING_SHARE * away * away
+            found.append((-along * (x * ux + y * uy) / away, -across * (y * ux - x * uy) / away))
+        self.turning += turning
+        return found
+
+    def add(self, column: Series, changes: Sequence[tuple[float, float]], variance: float) -> None:
         """The residuals of one anchor about their mean; ``variance`` (mm²) of one of them."""
         count = len(column.rounds)
-        along, across = self._along, self._across
         aa = ab = bb = ar = br = sum_a = sum_b = sum_r = 0.0
-        for position, residual, (on_along, on_across) in zip(column.rounds, column.values, sights, strict=True):
-            a, b = -on_along * along[position], -on_across * across[position]
+        for residual, (a, b) in zip(column.values, changes, strict=True):
             sum_a += a
             sum_b += b
             sum_r += residual

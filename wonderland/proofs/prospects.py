@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from wonderland.proofs.differences import frames_needed
@@ -14,6 +14,7 @@ from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim
 from wonderland.proofs.reduction import HEIGHT_SIGMA_FLOOR_MM, Reduced, anchor_mean, distance
+from wonderland.proofs.space import solve_in_space
 from wonderland.proofs.stopping import rounds_needed
 
 TIMED_ASSURANCE: Final = 3
@@ -49,6 +50,35 @@ def prospect(
     The number of rounds is that of a claim that is exactly right and of a sample that falls as it should; real
     sessions need half as many again.
     """
+    reduced = _expected(commissioning, east, north, up, height_sigma_mm, bias_left)
+    if reduced is None:
+        return None
+    offset = solve(reduced)
+    if offset is None:
+        return None
+    axes = offset.covariance.ellipse()
+    settled = offset.floor.along(axes.east, axes.north)
+    white = max(offset.covariance.along(axes.east, axes.north) - settled, 0.0)
+    rounds = rounds_needed(0.0, white, settled, policy) if offset.mirror is None else -1
+    return Prospect(rounds, offset.covariance, offset.floor)
+
+
+def height_rounds(
+    commissioning: Commissioning, policy: Policy, east: float, north: float, up: float, *, bias_left: float = 1.0
+) -> int:
+    """Rounds that prove an honest height at a place (mm), one that is exactly right; −1 where no number does."""
+    reduced = _expected(commissioning, east, north, up, HEIGHT_SIGMA_FLOOR_MM, bias_left)
+    found = solve_in_space(reduced, 0.0, 0.0) if reduced is not None else None
+    if found is None or any(abs(other) >= policy.height_buffer_mm for other in found.others):
+        return -1
+    wanted = replace(policy, buffer_mm=policy.height_buffer_mm)
+    return rounds_needed(0.0, max(found.uu - found.floor, 0.0), found.floor, wanted)
+
+
+def _expected(
+    commissioning: Commissioning, east: float, north: float, up: float, height_sigma_mm: float, bias_left: float
+) -> Reduced | None:
+    """One round of a drone at a place, as it is on average; None where fewer than three anchors reach it."""
     correlation = (commissioning.correlation_ppm or 0) / 1_000_000.0
     white = float(commissioning.range_sigma_mm * commissioning.range_sigma_mm)
     white = white * (1.0 + correlation) / (1.0 - correlation)
@@ -60,7 +90,7 @@ def prospect(
         anchors.append(anchor_mean(index, anchor, expected, 0.0, count=1, white=white, left=bias_left))
     if len(anchors) < 3:
         return None
-    reduced = Reduced(
+    return Reduced(
         anchors=tuple(anchors),
         east=east,
         north=north,
@@ -72,14 +102,6 @@ def prospect(
         height_sigma_mm=max(height_sigma_mm, HEIGHT_SIGMA_FLOOR_MM),
         installation_sigma_mm=float(commissioning.installation_sigma_mm),
     )
-    offset = solve(reduced)
-    if offset is None:
-        return None
-    axes = offset.covariance.ellipse()
-    settled = offset.floor.along(axes.east, axes.north)
-    white = max(offset.covariance.along(axes.east, axes.north) - settled, 0.0)
-    rounds = rounds_needed(0.0, white, settled, policy) if offset.mirror is None else -1
-    return Prospect(rounds, offset.covariance, offset.floor)
 
 
 def hopeless(commissioning: Commissioning, policy: Policy, claim: Claim) -> str:
@@ -98,6 +120,8 @@ def hopeless(commissioning: Commissioning, policy: Policy, claim: Claim) -> str:
         return "the claimed position is out of the pad's reach, or its geometry gives none there"
     if expected.rounds < 0:
         return "no number of rounds would settle it there: too little is known of the pad's biases and survey"
+    if policy.height_required and height_rounds(commissioning, policy, east, north, up, bias_left=left) < 0:
+        return "the policy demands a proven height, and the pad's anchors do not tell it there"
     if policy.min_assurance >= TIMED_ASSURANCE:
         frames = frames_needed(commissioning, policy, east, north, up)
         if frames == 0:

@@ -74,8 +74,13 @@ def sides(east: float, north: float, covariance: Matrix2, policy: Policy, step: 
     if significance > 0.0:
         return Sides(inside=False, outside=proved_outside(significance, s1, policy, step), significance=significance)
     depth = distance_to_outside(east, north, covariance, radius)
-    inside = proved(INSIDE, _alpha(1_000_000 - policy.verify_ppm), radius, s1, depth, step)
+    inside = proved_inside(depth, s1, radius, policy, step)
     return Sides(inside=inside, outside=False, significance=0.0)
+
+
+def proved_inside(depth: float, s1: float, radius: float, policy: Policy, step: float = 0.0) -> bool:
+    """Whether a depth (σ) in a buffer of ``radius`` mm verifies an estimate known to ``s1`` mm, whenever one looks."""
+    return proved(INSIDE, _alpha(1_000_000 - policy.verify_ppm), radius, s1, depth, step)
 
 
 def proved_outside(significance: float, s1: float, policy: Policy, step: float = 0.0) -> bool:
@@ -91,8 +96,14 @@ def step_of(covariance: Matrix2, shrinking: Matrix2, rounds: int) -> float:
     if rounds < 2:
         return 0.0
     axes = covariance.ellipse()
-    after = covariance.along(axes.east, axes.north)
-    before = after + max(shrinking.along(axes.east, axes.north), 0.0) / (rounds - 1)
+    return step_between(covariance.along(axes.east, axes.north), shrinking.along(axes.east, axes.north), rounds)
+
+
+def step_between(after: float, shrinking: float, rounds: int) -> float:
+    """The same in one dimension, from variances (mm²)."""
+    if rounds < 2:
+        return 0.0
+    before = after + max(shrinking, 0.0) / (rounds - 1)
     if after <= 0.0 or before <= after:
         return 0.0
     return sqrt(1.0 / after - 1.0 / before)

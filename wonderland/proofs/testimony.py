@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from wonderland.proofs.claims import ClaimedPath
-from wonderland.proofs.differences import MIN_FRAMES, Timed, halved, judge_times, stamped
+from wonderland.proofs.differences import MIN_FRAMES, Stamped, Timed, halved, judge_times, stamped
 from wonderland.proofs.drone_clock import Clock
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.judgement import LARGEST, Measured, Reasons, decimal, metres, ppm, rounded
@@ -49,6 +49,8 @@ class TimeFinding:
     who: str
     suspects: tuple[str, ...] = ()
     """Names of the anchors whose clock may be off."""
+    means: Stamped | None = None
+    """What the time stamps come to, about the mean claimed place."""
 
     @property
     def proved_inside(self) -> bool:
@@ -234,7 +236,9 @@ def _finding(
         chi2_milli=int(min(timed.chi2, LARGEST) * 1000.0 + 0.5),
     )
     suspects = tuple(commissioning.anchors[index].anchor_id for index in timed.suspects)
-    return TimeFinding(record, timed, bound=bound, possible=possible, level=level, who=who, suspects=suspects)
+    return TimeFinding(
+        record, timed, bound=bound, possible=possible, level=level, who=who, suspects=suspects, means=means
+    )
 
 
 def _covariance(matrix: Matrix2) -> Covariance:

@@ -43,32 +43,31 @@ from wonderland.proofs.drift import widened
 from wonderland.proofs.drone_clock import Clock, drone_clock
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.estimate import solve
+from wonderland.proofs.height_finding import estimate, height_record, hold_height, milli, say_height
 from wonderland.proofs.judgement import (
-    LARGEST,
     Measured,
     Reasons,
     decimal,
     hold_each_moment,
     judge,
     metres,
-    place,
     rounded,
     say_contradictions,
     say_torn,
     say_unjudged,
 )
 from wonderland.proofs.leaving import judge_newest
-from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.moments import moments_of
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim, Evidence, Session
-from wonderland.proofs.records.verdicts import Covariance, DroneClock, Judgement, Position, Reason, Verdict
+from wonderland.proofs.records.verdicts import DroneClock, Judgement, Reason, Verdict
 from wonderland.proofs.reduction import reduce, residuals_of
 from wonderland.proofs.rounds import UsableRounds
 from wonderland.proofs.stopping import more_rounds
 from wonderland.proofs.testimony import WitnessBrought, judge_testimony, judge_time_stamps
 from wonderland.proofs.travel import hope
+from wonderland.proofs.vertical import Vertical, judge_vertical
 
 BOUND_Z: Final = 2.83
 """Standard deviations with which ``within_mm`` holds."""
@@ -139,6 +138,8 @@ def decide(
 
     signed: Judgement | None = None
     public: Broadcast | None = None
+    height: Vertical | None = None
+    on_the_map = "inconclusive"
     more = -1
     if measured is not None and path is not None:
         checked = _checked(commissioning, measured, reasons)
@@ -168,6 +169,11 @@ def decide(
                 may_refute=enough,
             )
         signed = timed.overrule(signed, may_refute=may_refute)
+        height = judge_vertical(
+            policy, measured, (told or path).points, path.height_accuracy_mm, timed.means if timed.bound else None
+        )
+        on_the_map = signed.outcome
+        signed = hold_height(signed, height, policy, may_refute=may_refute)
         public = judge_broadcast(
             session,
             commissioning,
@@ -183,7 +189,11 @@ def decide(
     if outcome == "inconclusive" and measured is not None and signed is not None:
         only_public = public is not None and signed.outcome == "verified"
         more = public.more if public and only_public else _more(measured, commissioning, policy)
+        if on_the_map == "verified" != signed.outcome:  # the height alone is open
+            more = height.more if height is not None else -1
     if measured is not None:
+        if outcome == "verified":
+            say_height(height, policy, reasons)
         _limits(outcome, assurance, commissioning, measured, more, reasons)
     if more_frames > 0 and more >= 0:
         more, blocked = max(more, more_frames), False
@@ -192,7 +202,7 @@ def decide(
     authorised = not authorisation
     reasons.items.extend(authorisation)
     granted = outcome == "verified" and authorised
-    estimate = _position(commissioning, measured) if measured is not None else None
+    where, covariance, chi2_milli = estimate(commissioning, measured, height) if measured is not None else (None,) * 3
     return Verdict(
         session_id=session.session_id,
         pad_id=session.pad_id,
@@ -210,11 +220,12 @@ def decide(
         more_rounds=-1 if outcome != "inconclusive" or blocked else more,
         signed=signed,
         broadcast=public.finding if public is not None else None,
-        estimate=estimate,
+        estimate=where,
         estimate_ms=measured.reduced.t_ms if measured is not None else None,
-        covariance=_covariance(measured.offset.covariance) if measured is not None else None,
-        chi2_milli=_milli(measured.offset.chi2) if measured is not None else None,
-        chi2_claim_milli=_milli(measured.offset.chi2_claim) if measured is not None else None,
+        covariance=covariance,
+        height=height_record(height, measured),
+        chi2_milli=chi2_milli,
+        chi2_claim_milli=milli(measured.offset.chi2_claim) if measured is not None else None,
         within_mm=_within(measured, commissioning) if measured is not None else None,
         time_differences=timed.record,
         witness=seen.record,
@@ -338,7 +349,6 @@ def _limits(
         )
     if outcome != "verified":
         return
-    reasons.add("height_claimed", "The height is the drone's word; what is proved is the place on the map.")
     if assurance < TIME_DIFFERENCES:
         # Nor do anchors all around it help: with another height, one delay of all answers fits another place.
         bound = metres(float(_within(measured, commissioning)))
@@ -373,18 +383,3 @@ def _within(measured: Measured, commissioning: Commissioning) -> int:
         bounds.append(mean.range_mm + away + BOUND_Z * deviation)
     bounds.sort()
     return int(max(bounds[0 if measured.agreement.consistent else 1], 0.0)) + 1
-
-
-def _position(commissioning: Commissioning, measured: Measured) -> Position | None:
-    reduced, offset = measured.reduced, measured.offset
-    return place(commissioning, reduced.east + offset.east, reduced.north + offset.north, reduced.up)
-
-
-def _covariance(matrix: Matrix2) -> Covariance:
-    limit = float(2**52)
-    ee, en, nn = (rounded(max(-limit, min(limit, value))) for value in (matrix.ee, matrix.en, matrix.nn))
-    return Covariance(ee_mm2=ee, en_mm2=en, nn_mm2=nn)
-
-
-def _milli(value: float) -> int:
-    return int(min(value, LARGEST) * 1000.0 + 0.5)

@@ -58,6 +58,21 @@ def weighed_lines(weights: Weights, lines: Sequence[Line]) -> list[Line]:
     return sums
 
 
+def with_shared_error(inverse: Sequence[float], sigma: float) -> tuple[float, Weights]:
+    """(α, diag(d) − α·ddᵀ): the inverse of diag(1/d) + sigma²·11ᵀ, an error of each and one that all share."""
+    total = 0.0
+    for each in inverse:
+        total += each
+    alpha = 1.0 / (1.0 / (sigma * sigma) + total) if sigma > 0.0 else 0.0
+    rows = []
+    for position, left in enumerate(inverse):
+        shared = alpha * left
+        row = [0.0 - shared * right for right in inverse]
+        row[position] = left - shared * left
+        rows.append(row)
+    return alpha, rows
+
+
 def less_outer(weights: Weights, column: Sequence[float], factor: float) -> Weights:
     """The weights minus ``factor`` times the outer product of a column with itself."""
     if len(column) == _WRITTEN_OUT:

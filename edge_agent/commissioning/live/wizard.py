@@ -319,6 +319,7 @@ class Wizard:
             by_distance=found.by_distance,
             clocks=found.clocks,
             timed_reaches=found.timed_reaches,
+            height_reaches=found.height_reaches,
         )
         self._dialogue.say(f"The report is in {where}.")
 

@@ -1,9 +1,8 @@
 // @vitest-environment happy-dom
 import { cleanup, render, screen } from "@testing-library/react";
 import { afterEach, expect, it } from "vitest";
-import type { Track } from "../shared/api/records";
-import type { BroadcastFinding } from "../shared/api/records";
-import { Heard, Says } from "./SessionPanel";
+import type { BroadcastFinding, HeightFinding, Track } from "../shared/api/records";
+import { Heard, HeightFound, Says } from "./SessionPanel";
 
 const TRACK: Track = { uav_id: "X", lat_e7: 1, lon_e7: 2, t_ms: 3, pad_id: "p", transport: "ble5", verified: false };
 
@@ -38,4 +37,21 @@ it("shows what was broadcast as a finding of its own, in no verdict's colour whe
   expect(container.innerHTML).toContain("--bad");
   rerender(<Heard finding={{ outcome: "not_heard", messages: 0, attributed: 0, supported: false }} />);
   expect(said()).toContain("Nothing was heard during the session.");
+});
+
+it("says whether a height is measured or the drone's word, and colours a verdict only", () => {
+  const finding: HeightFinding = {
+    outcome: "claimed", claimed_mm: 5_000, measured_mm: 4_300, lowest_mm: 2_100, highest_mm: 6_500, tolerance_mm: 1_000,
+    likelihood_ppm: 640_000, uu_mm2: 540_000, eu_mm2: 0, nu_mm2: 0, chi2_milli: 900,
+  };
+  const { container, rerender } = render(<HeightFound finding={finding} />);
+  const said = (): string => container.textContent.replaceAll("\u00a0", " ");
+  expect(said()).toBe("The drone’s word. Measured 4.30 m above the pad, claimed 5.00 m. The ranges leave 2.10 m to 6.50 m open.");
+  expect(container.innerHTML).not.toMatch(/--(bad|good|ok)/);
+  rerender(<HeightFound finding={{ ...finding, outcome: "proved" }} />);
+  expect(said()).toContain("Proved.");
+  rerender(<HeightFound finding={{ ...finding, outcome: "contradicted" }} />);
+  expect(said()).toContain("Not the claimed one.");
+  expect(said()).toContain("1 m would be tolerated.");
+  expect(container.innerHTML).toContain("--bad");
 });

@@ -3,12 +3,12 @@ import type { ReactElement, ReactNode } from "react";
 import { placeHash } from "../app/location";
 import { ReplayLink } from "../replay/ReplayLink";
 import { useApi } from "../shared/api/api";
-import type { BroadcastFinding, Judgement, Pad, SessionState, VerdictSummary } from "../shared/api/records";
+import type { BroadcastFinding, HeightFinding, Judgement, Pad, SessionState, VerdictSummary } from "../shared/api/records";
 import { TONE_OF } from "../shared/design/symbols";
 import type { Drone, Look } from "../shared/drones";
 import { ago, coordinates, count, length, likelihood, speed } from "../shared/format";
 import { frameOf, toLocal } from "../shared/geo/frame";
-import { broadcastApart, refutedBy } from "../shared/refuted";
+import { broadcastApart, heightOff, refutedBy } from "../shared/refuted";
 import { lookTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
 import { Sentence } from "../shared/ui/Sentence";
@@ -91,6 +91,28 @@ export function Heard({ finding }: { finding: BroadcastFinding }): ReactElement 
   );
 }
 
+const HEIGHT_LOOK: Readonly<Record<HeightFinding["outcome"], Look>> = { proved: "verified", contradicted: "refuted", claimed: "unproved" };
+
+/** Whether the height is measured or the drone's word, and what the ranges leave open of it. */
+export function HeightFound({ finding }: { finding: HeightFinding }): ReactElement {
+  const { outcome, claimed_mm, measured_mm, lowest_mm, highest_mm, tolerance_mm } = finding;
+  return (
+    <ul className="judged num">
+      <li>
+        <Symbol look={HEIGHT_LOOK[outcome]} size={16} />
+        <span>
+          <b>{t("heightIs", { outcome })}</b> {t("heightMeasured", { measured: length(measured_mm), claimed: length(claimed_mm) })}
+          <span className="quiet">
+            {" "}
+            {t("heightOpen", { low: length(lowest_mm), high: length(highest_mm) })}
+            {outcome === "contradicted" && ` ${t("heightTolerated", { tolerance: length(tolerance_mm, true) })}`}
+          </span>
+        </span>
+      </li>
+    </ul>
+  );
+}
+
 /** Why: what it signed and what was broadcast apart, then the reasons of the contract, word for word. */
 function Why({ verdict }: { verdict: VerdictSummary }): ReactElement {
   return (
@@ -99,6 +121,8 @@ function Why({ verdict }: { verdict: VerdictSummary }): ReactElement {
       <ul className="judged num">
         {verdict.signed ? <Judged title={t("signedFor")} judgement={verdict.signed} despite={despiteRanges(verdict)} /> : <li>{t("noSigned")}</li>}
       </ul>
+      <h3>{t("heightTitle")}</h3>
+      {verdict.height ? <HeightFound finding={verdict.height} /> : <p className="quiet">{t("noHeight")}</p>}
       <h3>{t("publicTold")}</h3>
       {verdict.broadcast ? <Heard finding={verdict.broadcast} /> : <p className="quiet">{t("noBroadcast")}</p>}
       <h3>{t("why")}</h3>
@@ -122,7 +146,7 @@ function Why({ verdict }: { verdict: VerdictSummary }): ReactElement {
 
 function despiteRanges(verdict: VerdictSummary): boolean {
   const by = refutedBy(verdict);
-  return by === "stamps" || by === "leaving";
+  return by === "stamps" || by === "leaving" || by === "height";
 }
 
 function shown(value_mm: number | undefined): string {
@@ -133,6 +157,17 @@ function figures(verdict: VerdictSummary): ReactElement {
   const by = refutedBy(verdict);
   const worst = by === "broadcast" ? verdict.broadcast : verdict.signed;
   const stamps_mm = by === "stamps" ? differing(verdict) : undefined;
+  const height_mm = by === "height" ? heightOff(verdict) : undefined;
+  if (height_mm !== undefined) {
+    return (
+      <dl className="figures num">
+        <Figure name={t("heightError")} value={length(height_mm)} hint={t("heightErrorHint")} />
+        <Figure name={t("rangesError")} value={shown(worst?.error_mm)} hint={t("rangesErrorHint")} />
+        <Figure name={t("rounds")} value={count(verdict.rounds)} hint={t("roundsHint")} />
+        <Figure name={t("assurance")} value={t("assuranceOf", { level: verdict.assurance })} hint={t("assuranceHint")} />
+      </dl>
+    );
+  }
   return (
     <dl className="figures num">
       {stamps_mm === undefined ? (

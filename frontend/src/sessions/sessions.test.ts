@@ -74,6 +74,10 @@ describe("the verdict in words", () => {
     expect(say(by("time_differences_contradict"))).toMatch(/The time stamps of the pad alone contradict them\.$/);
     expect(say(by("leaving"))).toMatch(/and was, to within 0\.05 m over all rounds\. The newest of them exclude that place: it was leaving\.$/);
     for (const each of [bent, by("leaving")]) expect(say(each)).not.toContain("measured it");
+    const height = { ...(liar.height ?? expect.fail("it has no height")), outcome: "contradicted" as const, claimed_mm: 11_000, measured_mm: 6_000 };
+    const high = { ...by("height_contradicts"), height };
+    expect(refutedBy(high)).toBe("height");
+    expect(say(high)).toMatch(/measured it 5 m below the height that it claims\.$/);
     // Where the ranges refute as well, they are the plainer word.
     const both = { ...bent, signed: { ...signed, error_mm: 4_210, reasons: [{ code: "outside_buffer", text: "" }, { code: "time_differences_contradict", text: "" }] } };
     expect(say(both)).toContain("Four anchors measured it 4.2 m from there.");

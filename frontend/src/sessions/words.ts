@@ -3,7 +3,7 @@ import type { Drone, Look } from "../shared/drones";
 import { actionNoun, actionVerb, count, countWord, length, likelihood } from "../shared/format";
 import { direction, type Local } from "../shared/geo/frame";
 import type { Phrase } from "../shared/i18n/texts";
-import { isContradicted, refutedBy } from "../shared/refuted";
+import { heightOff, isContradicted, refutedBy } from "../shared/refuted";
 import { endText } from "./ends";
 import { reasonText } from "./reasons";
 import { proofTexts as t, rowTexts as row } from "./texts";
@@ -51,6 +51,8 @@ const BLOCKING = new Set([
   "claims_torn",
   "claims_unseen",
   "claims_waver",
+  "height_doubted",
+  "height_not_proved",
   "broadcast_unsupported",
   "broadcast_undecided",
   "broadcast_not_heard",
@@ -77,6 +79,10 @@ export function differing(verdict: VerdictSummary): number | undefined {
   return verdict.time_differences?.error_mm ?? verdict.witness?.error_mm;
 }
 
+function side(height_mm: number): "above" | "below" {
+  return height_mm > 0 ? "above" : "below";
+}
+
 /** Why a drone was refuted, by what refuted it; undefined where it was not. */
 function refutation(verdict: VerdictSummary, pad: Pad | undefined): Phrase[] | undefined {
   const by = refutedBy(verdict);
@@ -92,6 +98,11 @@ function refutation(verdict: VerdictSummary, pad: Pad | undefined): Phrase[] | u
   }
   if (signed === undefined) return t.rich("wasRefused", { who, deed: actionNoun(verdict.action), pad: name });
   const place = claimed(signed.claim, name);
+  const height_mm = heightOff(verdict);
+  if (by === "height" && height_mm !== undefined) {
+    const values = { who, place, measurer: measurer(pad), error: length(Math.abs(height_mm), true), side: side(height_mm) };
+    return t.rich("saysHeightAway", values);
+  }
   if (by === "leaving") return t.rich("isLeaving", { who, place, error: length(signed.error_mm) });
   if (by === "stamps") {
     const error_mm = differing(verdict);
@@ -191,6 +202,10 @@ export function unproved(drone: Drone): Account {
 function refutedRow(verdict: VerdictSummary, pad: string, deed: string): RowText {
   const by = refutedBy(verdict);
   if (by === "stamps") return { right: clockOff(verdict), second: row("clockBent", { pad, deed }) };
+  const height_mm = by === "height" ? heightOff(verdict) : undefined;
+  if (height_mm !== undefined) {
+    return { right: row("off", { distance: length(Math.abs(height_mm), true) }), second: row("heightAt", { pad, deed, side: side(height_mm) }) };
+  }
   if (by === "leaving") return { right: row("leaving"), second: row("leavingAt", { pad, deed }) };
   const error_mm = verdict.signed?.error_mm ?? verdict.broadcast?.error_mm ?? 0;
   return { right: row("off", { distance: length(error_mm, true) }), second: row("refutedAt", { pad, deed }) };

@@ -1,12 +1,12 @@
 import type { VerdictSummary } from "./api/records";
 
-/** What a refutation rests on: four things that one tells an officer in four ways. */
-export type RefutedBy = "ranges" | "leaving" | "stamps" | "broadcast";
+/** What a refutation rests on: five things that one tells an officer in five ways. */
+export type RefutedBy = "ranges" | "height" | "leaving" | "stamps" | "broadcast";
 
 /**
  * By what a verdict refuted; undefined where nothing did. The signed claim may be refuted although its ranges fit: by
- * time stamps that need no word of the drone's clock, or by its newest rounds, where it leaves the place. The error of
- * the ranges explains neither.
+ * time stamps that need no word of the drone's clock, by its newest rounds, where it leaves the place, or by its height.
+ * The error of the ranges on the map explains none of these.
  */
 export function refutedBy({ outcome, signed, broadcast, reasons }: VerdictSummary): RefutedBy | undefined {
   if (signed?.outcome === "refuted") {
@@ -14,6 +14,7 @@ export function refutedBy({ outcome, signed, broadcast, reasons }: VerdictSummar
     if (!codes.has("outside_buffer")) {
       if (codes.has("time_differences_contradict")) return "stamps";
       if (codes.has("leaving")) return "leaving";
+      if (codes.has("height_contradicts")) return "height";
     }
     return "ranges";
   }
@@ -21,6 +22,11 @@ export function refutedBy({ outcome, signed, broadcast, reasons }: VerdictSummar
   if (broadcast?.outcome === "own_contradicted") return "broadcast";
   if (outcome !== "refuted") return undefined;
   return signed === undefined ? "ranges" : "stamps";
+}
+
+/** How far the drone was measured above the height that it claims (below: negative), mm. */
+export function heightOff({ height }: VerdictSummary): number | undefined {
+  return height === undefined ? undefined : height.measured_mm - height.claimed_mm;
 }
 
 /** Somebody broadcasts the drone's serial number from elsewhere: an impostor, or the drone's own lie. No verdict on it. */

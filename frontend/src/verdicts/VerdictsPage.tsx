@@ -7,7 +7,7 @@ import type { VerdictSummary } from "../shared/api/records";
 import { actionNoun, count, dayAndTime, length, likelihood } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { LiveStore, Topic } from "../shared/live/store";
-import { refutedBy } from "../shared/refuted";
+import { heightOff, refutedBy } from "../shared/refuted";
 import { asked, Filters } from "../sessions/Filters";
 import { differing } from "../sessions/words";
 import { lookTexts, sharedTexts } from "../shared/texts";
@@ -26,6 +26,8 @@ function worst(verdict: VerdictSummary): { error_mm: number; likelihood_ppm?: nu
   // The ranges of one that bent its clock fit; what refutes it has an error, and no likelihood of its own.
   const stamps_mm = by === "stamps" ? differing(verdict) : undefined;
   if (stamps_mm !== undefined) return { error_mm: stamps_mm };
+  const height_mm = by === "height" ? heightOff(verdict) : undefined;
+  if (height_mm !== undefined) return { error_mm: Math.abs(height_mm) };
   const { signed, broadcast } = verdict;
   if (by !== "broadcast") return signed;
   return broadcast?.error_mm === undefined ? undefined : { error_mm: broadcast.error_mm, ...(broadcast.likelihood_ppm !== undefined && { likelihood_ppm: broadcast.likelihood_ppm }) };

@@ -8,6 +8,7 @@ from simulator.attack_lab.attacks import (
     baseline,
     claim,
     collusion,
+    height,
     insider,
     moments,
     motion,
@@ -21,6 +22,19 @@ from simulator.attack_lab.model import Attack
 
 ATTACKS: Final[dict[str, Attack]] = {
     attack.name: attack
-    for family in (baseline, position, claim, moments, motion, outsider, radio, insider, pad, protocol, collusion)
+    for family in (
+        baseline,
+        position,
+        claim,
+        height,
+        moments,
+        motion,
+        outsider,
+        radio,
+        insider,
+        pad,
+        protocol,
+        collusion,
+    )
     for attack in family.ATTACKS
 }

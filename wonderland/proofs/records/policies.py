@@ -9,6 +9,7 @@ from wonderland.proofs.errors import RecordError
 from wonderland.proofs.records.fields import PadId, Ppm
 from wonderland.proofs.records.schema import Choice, Integer, Record
 
+MAX_BUFFER_MM = 100_000
 BROADCAST_REQUIRED = ("never", "if_contradicted", "always")
 
 
@@ -16,7 +17,9 @@ BROADCAST_REQUIRED = ("never", "if_contradicted", "always")
 class Policy(Record):
     """Thresholds of a decision; every field has the default that holds where no policy was set."""
 
-    buffer_mm: Annotated[int, Integer(100, 100_000, "Radius around the claim within which the drone must be")] = 1_000
+    buffer_mm: Annotated[int, Integer(100, MAX_BUFFER_MM, "Radius around the claim within which the drone must be")] = (
+        1_000
+    )
     verify_ppm: Ppm = 990_000
     refute_ppm: Ppm = 10_000
     min_assurance: Annotated[int, Integer(0, 4, "Lowest level that can be verified")] = 1
@@ -39,6 +42,11 @@ class Policy(Record):
             "contradicted or not settled; always",
         ),
     ] = "if_contradicted"
+    height_buffer_mm: Annotated[
+        int, Integer(100, MAX_BUFFER_MM, "Above and below the claimed height; proved within, where ranges tell it")
+    ] = 1_000
+    height_required: bool = False
+    """Whether a permission needs a proven height; else it may be the drone's word, while no range speaks against it."""
     cancel_hopeless: bool = False
     """Whether a pad cancels at once what it can settle nothing about; else it ranges ten rounds, for the record."""
     witness_pad_id: PadId | None = None

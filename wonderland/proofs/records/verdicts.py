@@ -99,6 +99,40 @@ class BroadcastFinding(Record):
     ) = None
 
 
+HEIGHT_OUTCOMES = ("proved", "contradicted", "claimed")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HeightFinding(Record):
+    """What the ranges say of the claimed height; where their geometry says nothing of it there is no finding."""
+
+    outcome: Annotated[
+        str,
+        Choice(
+            HEIGHT_OUTCOMES,
+            "The ranges prove it within the policy's height buffer; or prove that it is another; or neither: it is "
+            "the drone's word, and the interval is what is left open",
+        ),
+    ]
+    claimed_mm: LocalMm
+    """Mean claimed height above the pad's origin."""
+    measured_mm: LocalMm
+    """The height that fits the ranges best."""
+    lowest_mm: LocalMm
+    highest_mm: LocalMm
+    """The ranges leave what is between these open (three standard deviations, mirrored places included)."""
+    tolerance_mm: Annotated[
+        int, Integer(0, 100_000_000, "Contradicted beyond this: the height buffer, or twice the accuracy it stated")
+    ]
+    likelihood_ppm: Ppm
+    """That it is within the height buffer of its claim."""
+    uu_mm2: Mm2
+    eu_mm2: Mm2
+    nu_mm2: Mm2
+    """Covariance of the estimate in three dimensions: up-up, east-up, north-up."""
+    chi2_milli: Annotated[int, Integer(0, 2**52, "χ² of the ranges about that estimate × 1000")]
+
+
 TIMED = ("inside", "outside", "vague", "inconsistent")
 
 
@@ -157,6 +191,7 @@ class Verdict(Record):
     estimate_ms: TimeMs | None = None
     """The moment at which the drone was at the estimate: the mean time of the rounds that it rests on."""
     covariance: Covariance | None = None
+    height: HeightFinding | None = None
     chi2_milli: Annotated[int, Integer(0, 2**52, "χ² of the ranges about the estimate × 1000")] | None = None
     chi2_claim_milli: Annotated[int, Integer(0, 2**52, "χ² of the ranges about the claim × 1000")] | None = None
     within_mm: (

@@ -13,6 +13,7 @@ export type AlertDetail = Schemas["AlertDetail"];
 export type Anchor = Schemas["Anchor"];
 export type AnchorResiduals = Schemas["AnchorResiduals"];
 export type BroadcastFinding = Schemas["BroadcastFinding"];
+export type HeightFinding = Schemas["HeightFinding"];
 export type Course = Schemas["Course"];
 export type Covariance = Schemas["Covariance"];
 export type Estimate = Schemas["Estimate"];

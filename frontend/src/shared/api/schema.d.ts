@@ -3563,6 +3563,60 @@ export interface components {
             verified: false;
         };
         /**
+         * HeightFinding
+         * @description What the ranges say of the claimed height; where their geometry says nothing of it there is no finding.
+         */
+        HeightFinding: {
+            /**
+             * @description The ranges prove it within the policy's height buffer; or prove that it is another; or neither: it is the drone's word, and the interval is what is left open
+             * @enum {string}
+             */
+            outcome: "proved" | "contradicted" | "claimed";
+            /** @description Millimetres in the pad's frame */
+            claimed_mm: number;
+            /** @description Millimetres in the pad's frame */
+            measured_mm: number;
+            /** @description Millimetres in the pad's frame */
+            lowest_mm: number;
+            /** @description Millimetres in the pad's frame */
+            highest_mm: number;
+            /** @description Contradicted beyond this: the height buffer, or twice the accuracy it stated */
+            tolerance_mm: number;
+            /** @description Parts per million */
+            likelihood_ppm: number;
+            /** @description Square millimetres */
+            uu_mm2: number;
+            /** @description Square millimetres */
+            eu_mm2: number;
+            /** @description Square millimetres */
+            nu_mm2: number;
+            /** @description χ² of the ranges about that estimate × 1000 */
+            chi2_milli: number;
+        };
+        /**
+         * HeightFound
+         * @description Whether the height is measured, or the drone's word.
+         */
+        HeightFound: {
+            /** @enum {string} */
+            outcome: "proved" | "contradicted" | "claimed";
+            /** @description Above the pad's origin, as the drone says */
+            claimed_mm: number;
+            /** @description The height that fits the ranges best */
+            measured_mm: number;
+            /** @description The ranges leave what is between these open */
+            lowest_mm: number;
+            highest_mm: number;
+            /** @description Contradicted beyond this, for the accuracy that the drone states */
+            tolerance_mm: number;
+            /** @description That it is within the policy's height buffer of the claimed one */
+            likelihood_ppm: number;
+            /** @description Vertical variance of the measured place, and its cross terms */
+            uu_mm2: number;
+            eu_mm2: number;
+            nu_mm2: number;
+        };
+        /**
          * Hit
          * @description Something that fits.
          */
@@ -4596,6 +4650,9 @@ export interface components {
              * @enum {string}
              */
             broadcast_required: "never" | "if_contradicted" | "always";
+            /** @description Above and below the claimed height; proved within, where ranges tell it */
+            height_buffer_mm: number;
+            height_required: boolean;
             cancel_hopeless: boolean;
             /** @description Identifier of the landing pad */
             witness_pad_id?: string;
@@ -4667,6 +4724,8 @@ export interface components {
             covariance?: components["schemas"]["Uncertainty"];
             /** @description The place that the drone signed for this proof */
             signed?: components["schemas"]["JudgedClaim"];
+            /** @description What the ranges say of its height; none where their geometry says nothing */
+            height?: components["schemas"]["HeightFound"];
             /** @description What the public was told meanwhile */
             broadcast?: components["schemas"]["BroadcastHeard"];
             reasons: components["schemas"]["ProofReason"][];
@@ -6072,6 +6131,7 @@ export interface components {
             /** @description Milliseconds since the Unix epoch */
             estimate_ms?: number;
             covariance?: components["schemas"]["Covariance"];
+            height?: components["schemas"]["HeightFinding"];
             /** @description χ² of the ranges about the estimate × 1000 */
             chi2_milli?: number;
             /** @description χ² of the ranges about the claim × 1000 */
@@ -10110,6 +10170,8 @@ export interface operations {
                      *             "require_maintenance": true,
                      *             "min_request_gap_ms": 600000,
                      *             "broadcast_required": "never",
+                     *             "height_buffer_mm": 100,
+                     *             "height_required": true,
                      *             "cancel_hopeless": true,
                      *             "witness_pad_id": "example"
                      *           },
@@ -10272,6 +10334,8 @@ export interface operations {
                      *             "require_maintenance": true,
                      *             "min_request_gap_ms": 600000,
                      *             "broadcast_required": "never",
+                     *             "height_buffer_mm": 100,
+                     *             "height_required": true,
                      *             "cancel_hopeless": true,
                      *             "witness_pad_id": "example"
                      *           },
@@ -12482,6 +12546,19 @@ export interface operations {
                      *               "en_mm2": 30,
                      *               "nn_mm2": 590
                      *             },
+                     *             "height": {
+                     *               "outcome": "proved",
+                     *               "claimed_mm": 1,
+                     *               "measured_mm": 1,
+                     *               "lowest_mm": 1,
+                     *               "highest_mm": 1,
+                     *               "tolerance_mm": 1,
+                     *               "likelihood_ppm": 999000,
+                     *               "uu_mm2": 1,
+                     *               "eu_mm2": 1,
+                     *               "nu_mm2": 1,
+                     *               "chi2_milli": 1
+                     *             },
                      *             "chi2_milli": 1,
                      *             "chi2_claim_milli": 1,
                      *             "within_mm": 1,
@@ -12690,6 +12767,19 @@ export interface operations {
                      *                 "ee_mm2": 640,
                      *                 "en_mm2": 30,
                      *                 "nn_mm2": 590
+                     *               },
+                     *               "height": {
+                     *                 "outcome": "proved",
+                     *                 "claimed_mm": 1,
+                     *                 "measured_mm": 1,
+                     *                 "lowest_mm": 1,
+                     *                 "highest_mm": 1,
+                     *                 "tolerance_mm": 1,
+                     *                 "likelihood_ppm": 999000,
+                     *                 "uu_mm2": 1,
+                     *                 "eu_mm2": 1,
+                     *                 "nu_mm2": 1,
+                     *                 "chi2_milli": 1
                      *               },
                      *               "chi2_milli": 1,
                      *               "chi2_claim_milli": 1,
@@ -12997,6 +13087,19 @@ export interface operations {
                      *           "en_mm2": 30,
                      *           "nn_mm2": 590
                      *         },
+                     *         "height": {
+                     *           "outcome": "proved",
+                     *           "claimed_mm": 1,
+                     *           "measured_mm": 1,
+                     *           "lowest_mm": 1,
+                     *           "highest_mm": 1,
+                     *           "tolerance_mm": 1,
+                     *           "likelihood_ppm": 999000,
+                     *           "uu_mm2": 1,
+                     *           "eu_mm2": 1,
+                     *           "nu_mm2": 1,
+                     *           "chi2_milli": 1
+                     *         },
                      *         "chi2_milli": 1,
                      *         "chi2_claim_milli": 1,
                      *         "within_mm": 1,
@@ -13199,6 +13302,19 @@ export interface operations {
                      *             "ee_mm2": 640,
                      *             "en_mm2": 30,
                      *             "nn_mm2": 590
+                     *           },
+                     *           "height": {
+                     *             "outcome": "proved",
+                     *             "claimed_mm": 1,
+                     *             "measured_mm": 1,
+                     *             "lowest_mm": 1,
+                     *             "highest_mm": 1,
+                     *             "tolerance_mm": 1,
+                     *             "likelihood_ppm": 999000,
+                     *             "uu_mm2": 1,
+                     *             "eu_mm2": 1,
+                     *             "nu_mm2": 1,
+                     *             "chi2_milli": 1
                      *           },
                      *           "chi2_milli": 1,
                      *           "chi2_claim_milli": 1,
@@ -13597,6 +13713,8 @@ export interface operations {
                      *           "require_maintenance": true,
                      *           "min_request_gap_ms": 600000,
                      *           "broadcast_required": "never",
+                     *           "height_buffer_mm": 100,
+                     *           "height_required": true,
                      *           "cancel_hopeless": true,
                      *           "witness_pad_id": "example"
                      *         },
@@ -13689,6 +13807,19 @@ export interface operations {
                      *           "ee_mm2": 640,
                      *           "en_mm2": 30,
                      *           "nn_mm2": 590
+                     *         },
+                     *         "height": {
+                     *           "outcome": "proved",
+                     *           "claimed_mm": 1,
+                     *           "measured_mm": 1,
+                     *           "lowest_mm": 1,
+                     *           "highest_mm": 1,
+                     *           "tolerance_mm": 1,
+                     *           "likelihood_ppm": 999000,
+                     *           "uu_mm2": 1,
+                     *           "eu_mm2": 1,
+                     *           "nu_mm2": 1,
+                     *           "chi2_milli": 1
                      *         },
                      *         "chi2_milli": 1,
                      *         "chi2_claim_milli": 1,
@@ -14248,6 +14379,19 @@ export interface operations {
                      *             "ee_mm2": 640,
                      *             "en_mm2": 30,
                      *             "nn_mm2": 590
+                     *           },
+                     *           "height": {
+                     *             "outcome": "proved",
+                     *             "claimed_mm": 1,
+                     *             "measured_mm": 1,
+                     *             "lowest_mm": 1,
+                     *             "highest_mm": 1,
+                     *             "tolerance_mm": 1,
+                     *             "likelihood_ppm": 999000,
+                     *             "uu_mm2": 1,
+                     *             "eu_mm2": 1,
+                     *             "nu_mm2": 1,
+                     *             "chi2_milli": 1
                      *           },
                      *           "chi2_milli": 1,
                      *           "chi2_claim_milli": 1,
@@ -15883,6 +16027,19 @@ export interface operations {
                      *             "en_mm2": 30,
                      *             "nn_mm2": 590
                      *           },
+                     *           "height": {
+                     *             "outcome": "proved",
+                     *             "claimed_mm": 1,
+                     *             "measured_mm": 1,
+                     *             "lowest_mm": 1,
+                     *             "highest_mm": 1,
+                     *             "tolerance_mm": 1,
+                     *             "likelihood_ppm": 999000,
+                     *             "uu_mm2": 1,
+                     *             "eu_mm2": 1,
+                     *             "nu_mm2": 1,
+                     *             "chi2_milli": 1
+                     *           },
                      *           "chi2_milli": 1,
                      *           "chi2_claim_milli": 1,
                      *           "within_mm": 1,
@@ -16318,6 +16475,8 @@ export interface operations {
                      *           "require_maintenance": true,
                      *           "min_request_gap_ms": 600000,
                      *           "broadcast_required": "never",
+                     *           "height_buffer_mm": 100,
+                     *           "height_required": true,
                      *           "cancel_hopeless": true,
                      *           "witness_pad_id": "example"
                      *         },
@@ -16410,6 +16569,19 @@ export interface operations {
                      *           "ee_mm2": 640,
                      *           "en_mm2": 30,
                      *           "nn_mm2": 590
+                     *         },
+                     *         "height": {
+                     *           "outcome": "proved",
+                     *           "claimed_mm": 1,
+                     *           "measured_mm": 1,
+                     *           "lowest_mm": 1,
+                     *           "highest_mm": 1,
+                     *           "tolerance_mm": 1,
+                     *           "likelihood_ppm": 999000,
+                     *           "uu_mm2": 1,
+                     *           "eu_mm2": 1,
+                     *           "nu_mm2": 1,
+                     *           "chi2_milli": 1
                      *         },
                      *         "chi2_milli": 1,
                      *         "chi2_claim_milli": 1,
@@ -17216,6 +17388,18 @@ export interface operations {
                      *               }
                      *             ]
                      *           },
+                     *           "height": {
+                     *             "outcome": "proved",
+                     *             "claimed_mm": 1,
+                     *             "measured_mm": 1,
+                     *             "lowest_mm": 1,
+                     *             "highest_mm": 1,
+                     *             "tolerance_mm": 1,
+                     *             "likelihood_ppm": 999000,
+                     *             "uu_mm2": 1,
+                     *             "eu_mm2": 1,
+                     *             "nu_mm2": 1
+                     *           },
                      *           "broadcast": {
                      *             "outcome": "supported",
                      *             "messages": 1,
@@ -17298,6 +17482,18 @@ export interface operations {
                      *                   "text": "The measured place is within the buffer."
                      *                 }
                      *               ]
+                     *             },
+                     *             "height": {
+                     *               "outcome": "proved",
+                     *               "claimed_mm": 1,
+                     *               "measured_mm": 1,
+                     *               "lowest_mm": 1,
+                     *               "highest_mm": 1,
+                     *               "tolerance_mm": 1,
+                     *               "likelihood_ppm": 999000,
+                     *               "uu_mm2": 1,
+                     *               "eu_mm2": 1,
+                     *               "nu_mm2": 1
                      *             },
                      *             "broadcast": {
                      *               "outcome": "supported",
@@ -17487,6 +17683,18 @@ export interface operations {
                      *           }
                      *         ]
                      *       },
+                     *       "height": {
+                     *         "outcome": "proved",
+                     *         "claimed_mm": 1,
+                     *         "measured_mm": 1,
+                     *         "lowest_mm": 1,
+                     *         "highest_mm": 1,
+                     *         "tolerance_mm": 1,
+                     *         "likelihood_ppm": 999000,
+                     *         "uu_mm2": 1,
+                     *         "eu_mm2": 1,
+                     *         "nu_mm2": 1
+                     *       },
                      *       "broadcast": {
                      *         "outcome": "supported",
                      *         "messages": 1,
@@ -17563,6 +17771,18 @@ export interface operations {
                      *               "text": "The measured place is within the buffer."
                      *             }
                      *           ]
+                     *         },
+                     *         "height": {
+                     *           "outcome": "proved",
+                     *           "claimed_mm": 1,
+                     *           "measured_mm": 1,
+                     *           "lowest_mm": 1,
+                     *           "highest_mm": 1,
+                     *           "tolerance_mm": 1,
+                     *           "likelihood_ppm": 999000,
+                     *           "uu_mm2": 1,
+                     *           "eu_mm2": 1,
+                     *           "nu_mm2": 1
                      *         },
                      *         "broadcast": {
                      *           "outcome": "supported",
@@ -17784,6 +18004,18 @@ export interface operations {
                      *               "text": "The measured place is within the buffer."
                      *             }
                      *           ]
+                     *         },
+                     *         "height": {
+                     *           "outcome": "proved",
+                     *           "claimed_mm": 1,
+                     *           "measured_mm": 1,
+                     *           "lowest_mm": 1,
+                     *           "highest_mm": 1,
+                     *           "tolerance_mm": 1,
+                     *           "likelihood_ppm": 999000,
+                     *           "uu_mm2": 1,
+                     *           "eu_mm2": 1,
+                     *           "nu_mm2": 1
                      *         },
                      *         "broadcast": {
                      *           "outcome": "supported",

@@ -29,6 +29,8 @@ const POLICY: SessionDetail["session"]["policy"] = {
   min_request_gap_ms: 0,
   cancel_hopeless: false,
   broadcast_required: "if_contradicted",
+  height_buffer_mm: 1_000,
+  height_required: false,
   session_ttl_ms: 60_000,
   max_claim_accuracy_mm: 20_000,
   require_authorisation: true,

@@ -1,0 +1,129 @@
+"""What the measured height means for a verdict, for its estimate and for its words: part of step 10."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from wonderland.proofs.judgement import LARGEST, Measured, Reasons, metres, place, rounded
+from wonderland.proofs.likelihood import Matrix2
+from wonderland.proofs.records.pads import Commissioning
+from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.verdicts import Covariance, HeightFinding, Judgement, Position, Reason
+from wonderland.proofs.vertical import Vertical
+
+_FRAME_MM: Final = 19_999_999.0
+_LARGEST_MM2: Final = float(2**52)
+
+
+def hold_height(signed: Judgement, height: Vertical | None, policy: Policy, *, may_refute: bool) -> Judgement:
+    """The judgement of the signed claim, with its height: refuted by it, or held back for it, or as it was."""
+    if height is not None and height.outcome == "contradicted" and may_refute:
+        if signed.outcome == "refuted":
+            return signed
+        return _with(
+            signed,
+            "refuted",
+            "height_contradicts",
+            f"Measured {_way(height.solid.up)} the height that it claims; {metres(height.tolerance_mm)} are tolerated.",
+        )
+    if signed.outcome != "verified":
+        return signed
+    if height is not None and height.doubted:
+        return _with(
+            signed,
+            "inconclusive",
+            "height_doubted",
+            f"The ranges put it {_way(height.solid.up)} the height that it claims; that is not settled.",
+        )
+    if policy.height_required and (height is None or height.outcome != "proved"):
+        why = "tells nothing of the height" if height is None else "has not proved the height"
+        return _with(
+            signed, "inconclusive", "height_not_proved", f"The anchors' geometry {why}, and this policy demands it."
+        )
+    return signed
+
+
+def _with(signed: Judgement, outcome: str, code: str, text: str) -> Judgement:
+    return replace(signed, outcome=outcome, reasons=(*signed.reasons, Reason(code=code, text=text)))
+
+
+def _way(up_mm: float) -> str:
+    return f"{metres(abs(up_mm))} {'above' if up_mm > 0.0 else 'below'}"
+
+
+def say_height(height: Vertical | None, policy: Policy, reasons: Reasons) -> None:
+    """Of a verified place: whether its height is proved, or the drone's word."""
+    if height is None:
+        reasons.add("height_claimed", "The height is the drone's word; what is proved is the place on the map.")
+    elif height.outcome == "proved":
+        buffer = metres(float(policy.height_buffer_mm))
+        reasons.add(
+            "height_proved", f"Its height is measured as well: {metres(abs(height.solid.up))} off, within {buffer}."
+        )
+    else:
+        low, high = _signed_metres(height.low), _signed_metres(height.high)
+        reasons.add(
+            "height_claimed",
+            f"The height is the drone's word; the ranges leave open {low} to {high} from it.",
+        )
+
+
+def _signed_metres(value: float) -> str:
+    return f"{'-' if value < 0.0 else '+'}{metres(min(abs(value), LARGEST))}"
+
+
+def height_record(height: Vertical | None, measured: Measured | None) -> HeightFinding | None:
+    """The finding as the ledger has it."""
+    if height is None or measured is None:
+        return None
+    up, solid = measured.reduced.up, height.solid
+    return HeightFinding(
+        outcome=height.outcome,
+        claimed_mm=_in_frame(up),
+        measured_mm=_in_frame(up + solid.up),
+        lowest_mm=_in_frame(up + height.low),
+        highest_mm=_in_frame(up + height.high),
+        tolerance_mm=min(int(height.tolerance_mm), 100_000_000),
+        likelihood_ppm=height.likelihood_ppm,
+        uu_mm2=_mm2(solid.uu),
+        eu_mm2=_mm2(solid.eu),
+        nu_mm2=_mm2(solid.nu),
+        chi2_milli=milli(solid.chi2),
+    )
+
+
+def estimate(
+    commissioning: Commissioning, measured: Measured, height: Vertical | None
+) -> tuple[Position, Covariance, int]:
+    """(place, horizontal covariance, χ² × 1000) of the drone.
+
+    At the claimed height, unless that is measured: then at the measured one; and where the claimed one is
+    contradicted, the whole place is the one of three dimensions, since that on the map believed the claim.
+    """
+    reduced, offset = measured.reduced, measured.offset
+    east, north, up, covariance, chi2 = offset.east, offset.north, 0.0, offset.covariance, offset.chi2
+    if height is not None and height.outcome != "claimed":
+        up = height.solid.up
+    if height is not None and height.outcome == "contradicted":
+        east, north = height.solid.east, height.solid.north
+        covariance, chi2 = height.solid.horizontal, height.solid.chi2
+    where = place(commissioning, reduced.east + east, reduced.north + north, reduced.up + up)
+    return where, _covariance(covariance), milli(chi2)
+
+
+def _covariance(matrix: Matrix2) -> Covariance:
+    return Covariance(ee_mm2=_mm2(matrix.ee), en_mm2=_mm2(matrix.en), nn_mm2=_mm2(matrix.nn))
+
+
+def _mm2(value: float) -> int:
+    return rounded(max(-_LARGEST_MM2, min(_LARGEST_MM2, value)))
+
+
+def _in_frame(up_mm: float) -> int:
+    return rounded(max(-_FRAME_MM, min(_FRAME_MM, up_mm)))
+
+
+def milli(value: float) -> int:
+    """A figure in thousandths."""
+    return int(min(value, LARGEST) * 1000.0 + 0.5)
