@@ -22,6 +22,8 @@ $(VENV)/.ready: requirements/dev.txt pyproject.toml
 	@$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --editable .
 	@$(BIN)/python -m compileall -q $(PACKAGES)
 	@touch $@
+	@# The map of the demo's place, after everything else and waited for by nobody; without a network the demo goes without.
+	@(nohup $(BIN)/python -m simulator.place >/dev/null 2>&1 &)
 
 CONSOLE_SOURCES := $(shell git ls-files frontend 2>/dev/null)
 frontend/dist/index.html: $(CONSOLE_SOURCES) scripts/console.py | $(VENV)/.ready

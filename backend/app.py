@@ -37,6 +37,7 @@ from backend.ledger.access import LedgerAccess
 from backend.ledger.status import MirrorStatus
 from backend.live.board import Board
 from backend.live.hub import Hub
+from backend.maps.service import Maps
 from backend.mirror.derive import Changes
 from backend.mirror.follow import Mirror
 from backend.mirror.source import BlockSource
@@ -92,6 +93,7 @@ class Backend:
         self._tasks: list[asyncio.Task[None]] = []
         uspace = USpace(settings, clock)
         clients = Clients(database, clock, randomness)
+        http = new_client()
         epoch = randomness(8).hex()
         status = MirrorStatus(kind=ledger_kind, notice=ledger_notice, channel=channel)
         agents = Agents()
@@ -106,7 +108,7 @@ class Backend:
             randomness=randomness,
             sign_ins=SignIns(database, settings, clock, randomness),
             attempts=Attempts(settings.sign_in_attempts),
-            http=new_client(),
+            http=http,
             mirror=status,
             board=board,
             hub=Hub(
@@ -127,6 +129,7 @@ class Backend:
             commits=Commits(),
             streams=Streams(settings.max_event_streams, settings.max_event_streams_each),
             poster=poster_of(settings),
+            maps=Maps(settings.map, http),
             assets=assets,
             source=source,
             instance="",
@@ -160,6 +163,7 @@ class Backend:
     async def start(self) -> None:
         """Fill the board from the (migrated) database and start the parts that run by themselves."""
         self.context.instance = await _instance(self.database, self.context)
+        await asyncio.to_thread(self.context.maps.check)
         async with self.database.read() as session:
             await self.context.board.load(session)
             organisations = (await session.execute(select(OrganisationRow.msp_id, OrganisationRow.definition))).all()

@@ -66,6 +66,13 @@ def backend() -> None:
 @click.option(
     "--console", type=click.Path(path_type=Path), metavar="DIR", help="The built console, if not the usual one."
 )
+@click.option(
+    "--map",
+    "map_archive",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="PMTiles archive that the console's map is drawn from.",
+)
 @click.option("--public-url", metavar="URL", help="The address that people use, when a proxy stands before this.")
 @click.option(
     "--token-file", type=click.Path(path_type=Path), metavar="FILE", help="Write the one-time token there, too."
@@ -80,7 +87,14 @@ def backend() -> None:
 )
 @_json
 def serve_command(
-    listen: str, token_file: Path | None, *, test_harness: bool, demo: bool, as_json: bool, **options: Any
+    listen: str,
+    token_file: Path | None,
+    map_archive: Path | None,
+    *,
+    test_harness: bool,
+    demo: bool,
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Serve until told to stop (SIGTERM, Ctrl-C).
 
@@ -94,7 +108,7 @@ def serve_command(
         await serve(settings, Listen.parse(listen), token_file=token_file, as_json=as_json)
 
     uspace = {"test_harness": True} if test_harness else None
-    _run(run, demo=demo or None, uspace=uspace, **options)
+    _run(run, demo=demo or None, uspace=uspace, map=map_archive and {"archive": map_archive}, **options)
 
 
 @backend.command("link")

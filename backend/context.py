@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from backend.ledger.access import LedgerAccess
     from backend.live.board import Board
     from backend.live.hub import Hub
+    from backend.maps.service import Maps
     from backend.mirror.source import BlockSource
     from backend.transactions.enrolment import Registrar
     from backend.transactions.keys import SigningKeys
@@ -63,6 +64,7 @@ class Context:
     streams: Streams
     """Event streams (SSE) that are open."""
     poster: Poster
+    maps: Maps
     assets: ProofContract | None
     """The contract as the identity that anchors the audit log; None where there is none."""
     source: BlockSource | None

@@ -27,6 +27,7 @@ from backend.flights import endpoints as flights
 from backend.ingest import endpoints as ingest
 from backend.ledger import endpoints as ledger
 from backend.live import endpoints as live
+from backend.maps import endpoints as maps
 from backend.outputs import endpoints as outputs
 from backend.pads import endpoints as pads
 from backend.people import endpoints as people
@@ -101,6 +102,7 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
         webhooks.router,
         zones.router,
         zones.service,
+        maps.router,
         clients_api.router,
         reference.router,
         live.router,

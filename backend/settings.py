@@ -12,6 +12,7 @@ from pydantic_settings import SettingsError as UnreadableError
 
 from backend.auth.settings import OidcSettings
 from backend.errors import SettingsError
+from backend.maps.settings import MapSettings
 from backend.outputs.settings import OutputSettings
 from backend.uspace.settings import USpaceSettings
 
@@ -108,6 +109,7 @@ class Settings(BaseSettings):
     )
     audit_anchor_s: int = Field(default=300, ge=1, le=86_400, description="How often, where there is something new")
     oidc: OidcSettings = Field(default=OidcSettings(), description="OpenID provider; see docs/operate/people.md")
+    map: MapSettings = Field(default=MapSettings(), description="Base maps; see docs/operate/map.md")
     outputs: OutputSettings = Field(
         default=OutputSettings(), description="TAK, MQTT, live GeoJSON, exports; see docs/outputs.md"
     )

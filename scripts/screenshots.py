@@ -57,7 +57,7 @@ def _sign_out(page: Page) -> None:
 
 def _sign(page: Page) -> None:
     """The last look before signing, with the demo's own key."""
-    page.get_by_label("Reason").fill("Refuted at Aurajoki 2")
+    page.get_by_label("Reason").fill("Refuted at Hatter Quay")
     page.get_by_role("button", name="Check and sign").click()
     demo_key = page.get_by_role("button", name="Use the demo’s administrator key")
     demo_key.or_(page.get_by_role("button", name="Sign and send")).wait_for()
@@ -101,8 +101,8 @@ SHOTS = (
     Shot("drone-light", f"registry/drones/{LIAR}"),
     Shot("signing-light", f"registry/drones/{LIAR}/suspend", prepare=_sign),
     Shot("pads-light", "registry/pads"),
-    Shot("pad-light", "registry/pads/aurajoki-2"),
-    Shot("pad-dark", "registry/pads/aurajoki-2", "dark"),
+    Shot("pad-light", "registry/pads/hatter-quay"),
+    Shot("pad-dark", "registry/pads/hatter-quay", "dark"),
     Shot("operators-light", "registry/operators"),
     Shot("certificates-light", "registry/certificates"),
     Shot("import-light", "registry/import", prepare=_check_file),

@@ -25,6 +25,13 @@ os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "0")
     show_default=True,
     help="fabric: a real network of three organisations; needs Fabric's servers in FABRIC_BIN or on PATH.",
 )
+@click.option(
+    "--scenario",
+    type=click.Choice(["harbour", "turku"]),
+    default="harbour",
+    show_default=True,
+    help="Where: a harbour town with its map (Monaco), or the Finnish sites.",
+)
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the console; a free one unless given.")
 @click.option(
     "--data",
@@ -33,7 +40,15 @@ os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "0")
     help="Keep ledger, database and logs here; a temporary directory unless given.",
 )
 def demo(
-    *, headless: bool, as_json: bool, until: int, seed: int, ledger: str, port: int, directory: Path | None
+    *,
+    headless: bool,
+    as_json: bool,
+    until: int,
+    seed: int,
+    ledger: str,
+    scenario: str,
+    port: int,
+    directory: Path | None,
 ) -> None:
     """Three landing pads, honest drones and liars, a ledger and a live map, all on this machine.
 
@@ -48,7 +63,7 @@ def demo(
     """  # noqa: D301 - \b is click's mark for "do not wrap"
     from simulator.demo import DemoSettings, main  # noqa: PLC0415 - --help must not load the world
 
-    sys.exit(main(DemoSettings(headless or as_json, as_json, until, seed, port, directory, ledger)))
+    sys.exit(main(DemoSettings(headless or as_json, as_json, until, seed, port, directory, ledger, scenario)))
 
 
 @click.command()

@@ -16,8 +16,10 @@ from pathlib import Path
 from typing import Final
 
 from rich.console import Console
+from rich.markup import escape
 
-from simulator.scenario import DRONES, PADS
+from simulator.place.making import archive_path, start_making
+from simulator.scenarios import DEFAULT, SCENARIOS
 from simulator.stage import ProcessError, Stage, StageSettings
 from simulator.verdicts import CommittedVerdict, committed
 from wonderland.ledger.embedded import NOTICE
@@ -38,6 +40,7 @@ class DemoSettings:
     port: int = 0
     directory: Path | None = None
     ledger: str = "embedded"
+    scenario: str = DEFAULT
 
 
 def console_directory() -> Path | None:
@@ -83,10 +86,20 @@ async def _main(settings: DemoSettings, directory: Path, console: Console) -> in
         console.print(
             "[yellow]The console is not built here (make setup builds it): only its API will answer.[/yellow]"
         )
+    scenario = SCENARIOS[settings.scenario]
+    place = _Place(console) if scenario.has_place and served is not None else None
     with console.status("Starting") as status:
         stage = Stage(
             directory,
-            StageSettings(PADS, DRONES, console=served, port=settings.port, ledger=settings.ledger),
+            StageSettings(
+                scenario.pads,
+                scenario.drones,
+                console=served,
+                port=settings.port,
+                ledger=settings.ledger,
+                pad_operator=scenario.pad_operator,
+                map_archive=None if place is None else place.archive,
+            ),
             say=lambda text: status.update(f"{text}…"),
         )
         await stage.__aenter__()
@@ -101,10 +114,42 @@ async def _main(settings: DemoSettings, directory: Path, console: Console) -> in
         with console.status("Starting the world") as status:
             stage.say = lambda text: status.update(f"{text}…")
             await stage.start_world(seed=settings.seed)
+        if place is not None:
+            place.begin()
         console.print(f"[dim]Drones are on their way ({time.monotonic() - started:.1f} s after the start).[/dim]")
         return await _show(settings, stage, console, started)
     finally:
+        if place is not None:
+            await place.end()
         await stage.__aexit__()
+
+
+class _Place:
+    """The map of the place where the demo flies: made in the background if set-up has not, and never waited for."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self.archive = archive_path()
+        self._making: asyncio.Future[None] | None = None
+
+    def begin(self) -> None:
+        """After the page is there: nobody waits for the map."""
+        if not self.archive.is_file():
+            self._making = asyncio.ensure_future(self._make())
+
+    async def end(self) -> None:
+        """Let the making go on by itself: the next demo has its map."""
+        if self._making is not None:
+            self._making.cancel()
+            await asyncio.gather(self._making, return_exceptions=True)
+
+    async def _make(self) -> None:
+        self._console.print("[dim]The map of the place is being made; it appears by itself.[/dim]")
+        process = await start_making()
+        _, said = await process.communicate()
+        if process.returncode != 0:
+            why = (said.decode(errors="replace").strip().splitlines() or ["no reason given"])[-1]
+            self._console.print(f"[yellow]No map of the place: {escape(why)}. Coasts and borders instead.[/yellow]")
 
 
 async def _show(settings: DemoSettings, stage: Stage, console: Console, started: float) -> int:

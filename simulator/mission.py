@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -22,6 +23,8 @@ REST_S = 9.0
 HOLD_LIMIT_S = 90.0
 """A drone that nobody answers goes home after this."""
 DRAG_LIMIT_M = 4.2
+CURVE_M = 18.0
+"""So near to a point of its corridor a drone turns to the next."""
 
 
 class Mode(StrEnum):
@@ -49,15 +52,17 @@ class Mission:
     """Where it last said that it is, in the pad's frame; None before it said anything."""
     proofs: int = 0
     """Times that it came to hold before the pad: the agent proves once in each."""
+    _ahead: tuple[Vector, ...] = ()
+    """Points of its corridor that it has yet to fly over."""
     _fixes: int = 0
     _until_s: float = 0.0
     _since_s: float = 0.0
 
     def __post_init__(self) -> None:
-        share = FIRST_APPROACH_SHARE
-        start = tuple(h + (a - h) * share for h, a in zip(self.spec.hover_m, self.spec.away_m, strict=True))
-        x, y, z = start
-        self.flight = Flight((x, y, z))
+        inwards = (self.spec.away_m, *self.spec.corridor_m, self.spec.hover_m)
+        straight_m = math.dist(self.spec.away_m, self.spec.hover_m)
+        self._ahead, start = _left_of(inwards, straight_m * FIRST_APPROACH_SHARE)
+        self.flight = Flight(start)
         self.gnss = Gnss(self.rng, self.spec.gnss_sigma_m)
         self._until_s = self.spec.start_s
 
@@ -84,10 +89,10 @@ class Mission:
                 if self.spec.attack is not None and self.spec.attack.drag_m_s:
                     speed_m_s = self.spec.attack.drag_m_s
                     self.gnss.spoofing = SlowDrag(t_s, speed_m_s=speed_m_s, limit_m=DRAG_LIMIT_M)
-                self._go(self.spec.hover_m, t_s)
+                self._go(self._next(self.spec.hover_m), t_s)
             case Mode.APPROACHING:
-                self._go(self.spec.hover_m, t_s)
-                if self.flight.arrived:
+                self._go(self._next(self.spec.hover_m), t_s)
+                if self.flight.arrived and not self._ahead:
                     self.proofs += 1
                     self._enter(Mode.HOLDING, t_s)
             case Mode.HOLDING:
@@ -99,8 +104,11 @@ class Mission:
                 self._until_s = t_s + GROUND_TIME_S
             case Mode.LANDED if t_s >= self._until_s:
                 self._depart(t_s)
-            case Mode.DEPARTING if self.flight.arrived:
+            case Mode.DEPARTING if self._ahead or not self.flight.arrived:
+                self.flight.go_to(self._next(self.spec.away_m))
+            case Mode.DEPARTING:
                 self._enter(Mode.WAITING, t_s)
+                self._ahead = self.spec.corridor_m
                 self._until_s = t_s + REST_S + self.rng.uniform(0.0, 6.0)
                 self.gnss.spoofing = NoSpoofing()
             case _:
@@ -157,7 +165,14 @@ class Mission:
     def _depart(self, t_s: float) -> None:
         self._enter(Mode.DEPARTING, t_s)
         self.gnss.spoofing = NoSpoofing()
-        self.flight.go_to(self.spec.away_m)
+        self._ahead = self.spec.corridor_m[::-1]
+        self.flight.go_to(self._next(self.spec.away_m))
+
+    def _next(self, last: Vector) -> Vector:
+        """The point of the corridor that comes next, passed in a curve; ``last`` after all of them."""
+        while self._ahead and math.dist(self.flight.position, self._ahead[0]) < CURVE_M:
+            self._ahead = self._ahead[1:]
+        return self._ahead[0] if self._ahead else last
 
     def _go(self, wanted: Vector, t_s: float) -> None:
         """Steer to where the receiver would read ``wanted``: an autopilot follows its GNSS, and a spoofer leads it."""
@@ -165,3 +180,16 @@ class Mission:
         goal = (wanted[0] - offset[0], wanted[1] - offset[1], wanted[2] - offset[2])
         if self.flight.target != goal:
             self.flight.go_to(goal)
+
+
+def _left_of(way: tuple[Vector, ...], length_m: float) -> tuple[tuple[Vector, ...], Vector]:
+    """(the points between, the place) where ``length_m`` of the way are left."""
+    for index in range(len(way) - 1, 0, -1):
+        before, after = way[index - 1], way[index]
+        leg_m = math.dist(before, after)
+        if leg_m >= length_m or index == 1:
+            share = min(1.0, length_m / leg_m) if leg_m > 0 else 0.0
+            (x0, y0, z0), (x1, y1, z1) = after, before
+            return way[index:-1], (x0 + (x1 - x0) * share, y0 + (y1 - y0) * share, z0 + (z1 - z0) * share)
+        length_m -= leg_m
+    return (), way[-1]

@@ -48,6 +48,7 @@ class Plan:
                     "hover_m": tuple(drone["hover_m"]),
                     "away_m": tuple(drone["away_m"]),
                     "attack": _attack(drone.get("attack")),
+                    "corridor_m": tuple(tuple(each) for each in drone.get("corridor_m", ())),
                     "impostor_m": None if drone.get("impostor_m") is None else tuple(drone["impostor_m"]),
                 }
             )

@@ -1,4 +1,7 @@
-"""Who is in the world of the demo: three landing pads in Turku, honest drones, and liars of each kind."""
+"""Who is in the world of the demo: three landing pads, honest drones, and liars of each kind.
+
+The sites are in Turku; `simulator.scenarios` has the same drones elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -145,6 +148,8 @@ class DroneSpec:
     attack: AttackSpec | None = None
     impostor_m: tuple[float, float] | None = None
     """How far from its hover (east, north) somebody else broadcasts its serial number while it is about."""
+    corridor_m: tuple[tuple[float, float, float], ...] = ()
+    """Where it flies on its way in, and in the opposite order on its way out."""
 
     @property
     def honest(self) -> bool:

@@ -26,7 +26,9 @@ FLEET_OPERATOR: Final = "aurora-air"
 class Registry:
     """Writes to the ledger as the people who may: the authority, a pad operator, a fleet operator."""
 
-    def __init__(self, connection: Connection, channel: object) -> None:
+    def __init__(self, connection: Connection, channel: object, *, pad_operator: str = PAD_OPERATOR) -> None:
+        self._pad_operator = pad_operator
+
         def contract(name: str):  # type: ignore[no-untyped-def] # noqa: ANN202
             gateway = Gateway(channel, connection.identity(name), connection.signer(name))  # type: ignore[arg-type]
             return gateway.network(connection.channel).contract(connection.chaincode)
@@ -50,7 +52,7 @@ class Registry:
                 tx.RegisterPad(
                     pad_id=pad.pad_id,
                     name=pad.name,
-                    operator_id=PAD_OPERATOR,
+                    operator_id=self._pad_operator,
                     lat_e7=pad.lat_e7,
                     lon_e7=pad.lon_e7,
                     height_mm=pad.height_mm,

@@ -15,7 +15,7 @@ from simulator.plan import Plan
 from simulator.scenario import DroneSpec, PadSite
 from simulator.stage.ledgers import EmbeddedStageLedger, FabricStageLedger, RunningStageLedger, StageLedger
 from simulator.stage.processes import Process, Processes, free_ports
-from simulator.stage.registry import Registry
+from simulator.stage.registry import PAD_OPERATOR, Registry
 from simulator.world import Ports, anchor_path
 from wonderland.ledger.connection import Connection
 from wonderland.proofs.records.pads import Commissioning
@@ -43,6 +43,9 @@ class StageSettings:
     """connection.json of a ledger that runs already, with identities for all pads and drones; None starts one."""
     backend_url: str = ""
     """A backend that runs already; empty: one is started."""
+    pad_operator: str = PAD_OPERATOR
+    map_archive: Path | None = None
+    """PMTiles archive that the backend's map is drawn from; it may come while the backend runs."""
     policy: Callable[[PadSite], Policy] = default_policy
     commissioning: Callable[[PadSite], Commissioning] | None = None
 
@@ -92,7 +95,7 @@ class Stage:
         now_ms = time.time_ns() // 1_000_000
         channel = self.connection.open_channel()
         self._stack.push_async_callback(channel.close)
-        registry = Registry(self.connection, channel)
+        registry = Registry(self.connection, channel, pad_operator=self.settings.pad_operator)
         await registry.pads(
             self.settings.pads, now_ms, policy=self.settings.policy, commissioning=self.settings.commissioning
         )
@@ -129,6 +132,8 @@ class Stage:
             arguments += ["--demo-registrar", str(self._ledger.authorities)]
         if self.settings.console is not None:
             arguments += ["--console", str(self.settings.console)]
+        if self.settings.map_archive is not None:
+            arguments += ["--map", str(self.settings.map_archive)]
         return await self.processes.start("backend", *arguments)
 
     def _choose_ports(self) -> None:

@@ -75,7 +75,7 @@ WATCH = """
 })();
 """
 for _name, _value in {
-    "FLOATS": 6,
+    "FLOATS": 8,
     "NORTH": _mercator_y(BEACON_LAT_E7 + 1_000_000),
     "SOUTH": _mercator_y(BEACON_LAT_E7 - 50),
     "BASE": BEACON_LON_E7,

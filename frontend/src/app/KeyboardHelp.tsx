@@ -11,6 +11,8 @@ const keys = (): readonly Key[] => [
   [["f"], keyTexts("show")],
   [["0"], keyTexts("all")],
   [["+", "−"], keyTexts("zoom")],
+  [["3"], keyTexts("deep")],
+  [["[", "]"], keyTexts("turn")],
   [["c"], keyTexts("follow")],
   [["m"], keyTexts("measure")],
   [["n"], keyTexts("networked")],

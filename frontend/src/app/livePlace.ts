@@ -12,10 +12,12 @@ const ZONE = /^[A-Z]{3}:[A-Za-z0-9][A-Za-z0-9 ._+-]{0,6}$/;
 
 function parseCamera(text: string | null): Camera | undefined {
   const numbers = (text ?? "").split(",").map(Number);
-  const [lat, lon, zoom] = numbers;
-  if (numbers.length !== 3 || lat === undefined || lon === undefined || zoom === undefined) return undefined;
+  const [lat, lon, zoom, bearing, pitch] = numbers;
+  if ((numbers.length !== 3 && numbers.length !== 5) || lat === undefined || lon === undefined || zoom === undefined) return undefined;
   const sane = Math.abs(lat) <= 90 && Math.abs(lon) <= 180 && zoom >= 0 && zoom <= 24;
-  return sane ? { lat, lon, zoom } : undefined;
+  if (!sane) return undefined;
+  const slanted = bearing !== undefined && pitch !== undefined && Math.abs(bearing) <= 180 && pitch >= 0 && pitch <= 85;
+  return { lat, lon, zoom, ...(slanted && { bearing, pitch }) };
 }
 
 function parseFilter(parameters: URLSearchParams): Filter | undefined {
@@ -83,9 +85,10 @@ export function liveQuery(place: LivePlace): URLSearchParams {
   if (place.zones !== undefined) parameters.set("zones", place.zones);
   if (place.networked === true) parameters.set("networked", "");
   if (place.camera !== undefined) {
-    const { lat, lon, zoom } = place.camera;
+    const { lat, lon, zoom, bearing, pitch } = place.camera;
+    const slant = bearing === undefined || pitch === undefined ? "" : `,${bearing.toFixed(1)},${pitch.toFixed(1)}`;
     // A centimetre is the seventh decimal; the zoom needs two.
-    parameters.set("at", `${lat.toFixed(7)},${lon.toFixed(7)},${zoom.toFixed(2)}`);
+    parameters.set("at", `${lat.toFixed(7)},${lon.toFixed(7)},${zoom.toFixed(2)}${slant}`);
   }
   return parameters;
 }

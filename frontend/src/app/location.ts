@@ -6,7 +6,8 @@ import { useSyncExternalStore } from "react";
 import type { Filter, Tab } from "../shared/fleet";
 import { livePlace, liveQuery } from "./livePlace";
 
-export type Camera = { lat: number; lon: number; zoom: number };
+/** `bearing` is clockwise from north, `pitch` from straight down, degrees; without them north is up and the map flat. */
+export type Camera = { lat: number; lon: number; zoom: number; bearing?: number; pitch?: number };
 export type ListTab = Tab | "pads";
 /** The live map: what is selected, what is shown of all that is about, and how. */
 export type LivePlace = {

@@ -22,6 +22,7 @@ import { MapView, type MapHandle } from "./map/MapView";
 import { MeasureBar } from "./Measure";
 import { PanelTools, SheetHandle } from "./PanelTools";
 import { Resizer } from "./Resizer";
+import { useMapWishes, wishMap } from "./mapWishes";
 import { liveTexts as t } from "./texts";
 import { Timeline } from "./Timeline";
 import { useMeasure } from "./useMeasure";
@@ -31,10 +32,16 @@ import { ZoomControls } from "./ZoomControls";
 
 const NO_FILTER: Filter = {};
 const CAMERA_IN_URL_MS = 400;
+const TURN = 15;
+const CROWDED = 1_000;
 
 /** Within what the address keeps of a camera. */
 function sameView(one: Camera, other: Camera): boolean {
-  return Math.abs(one.lat - other.lat) < 1e-6 && Math.abs(one.lon - other.lon) < 1e-6 && Math.abs(one.zoom - other.zoom) < 0.01;
+  return Math.abs(one.lat - other.lat) < 1e-6 && Math.abs(one.lon - other.lon) < 1e-6 && Math.abs(one.zoom - other.zoom) < 0.01 && close(one.bearing, other.bearing) && close(one.pitch, other.pitch);
+}
+
+function close(one = 0, other = 0): boolean {
+  return Math.abs(one - other) < 0.1;
 }
 
 /** The same filter is the same object, however often the address is read. */
@@ -55,6 +62,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
   const fleet = useFleet(filter);
   const [sheetOpen, setSheetOpen] = useState(true);
   const [grid_m, setGrid] = useState<number | undefined>();
+  const [bearing, setBearing] = useState(0);
   const [view, setView] = useState<Bounds | undefined>();
   const [flight, setFlight] = useState<string | undefined>();
   const map = useRef<MapHandle>(null);
@@ -130,6 +138,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
   const onCamera = useCallback((at: Camera, grid: number | undefined) => {
     camera.current = at;
     setGrid(grid);
+    setBearing(at.bearing ?? 0);
     if (latest.current.networked === true) setView(map.current?.bounds());
     // Not put off by the next move: a camera that follows a drone never rests.
     urlTimer.current ??= setTimeout(() => {
@@ -144,6 +153,9 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
 
   const { measure } = place;
   const setMeasure = useCallback((next: LivePlace["measure"], replace: boolean) => change({ measure: next }, replace), [change]);
+  const { flat } = useMapWishes();
+  // A crowd is seen best from above, and a phone has no room for a horizon.
+  const deep = !flat && !phone && fleet.counts.all < CROWDED;
   const measuring = useMeasure(measure, setMeasure, map);
   const { points } = measuring;
 
@@ -183,6 +195,9 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
     0: () => map.current?.fitAll(),
     "+": () => map.current?.zoomBy(1),
     "-": () => map.current?.zoomBy(-1),
+    3: () => wishMap({ flat: !flat }),
+    "[": () => map.current?.turn(-TURN),
+    "]": () => map.current?.turn(TURN),
     j: () => step(1),
     k: () => step(-1),
     m: measuring.toggle,
@@ -232,6 +247,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
           padding={padding}
           follow={place.follow === true ? uav_id : undefined}
           measure={points}
+          deep={deep}
           overlays={overlays}
           onGround={onGround}
           onSelect={selectDrone}
@@ -296,6 +312,10 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
           onWall={() => change({ as: "wall" })}
           onZoom={(levels) => map.current?.zoomBy(levels)}
           onAll={() => map.current?.fitAll()}
+          deep={phone ? undefined : deep}
+          bearing={bearing}
+          onDeep={() => wishMap({ flat: !flat })}
+          onNorth={() => map.current?.turn()}
         />
       </div>
       {!phone && (

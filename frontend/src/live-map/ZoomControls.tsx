@@ -14,15 +14,25 @@ type Properties = {
   onNetworked?: () => void;
   onTable: () => void;
   onWall?: () => void;
+  /** Whether the place is looked at aslant; missing where that is not offered. */
+  deep?: boolean | undefined;
+  /** Where the camera looks, degrees clockwise from north. */
+  bearing?: number;
+  onDeep?: () => void;
+  onNorth?: () => void;
 };
 
-type Tool = { name: string; key: string; path: string; pressed?: boolean; stays?: true; act: () => void };
+type Tool = { name: string; key: string; path: string; pressed?: boolean; stays?: true; turned?: number; act: () => void };
 
-function tools({ table, measuring, networked, onZoom, onAll, onMeasure, onNetworked, onTable, onWall }: Properties): Tool[] {
+function tools({ table, measuring, networked, onZoom, onAll, onMeasure, onNetworked, onTable, onWall, deep, bearing = 0, onDeep, onNorth }: Properties): Tool[] {
   const map: Tool[] = [
     { name: t("closer"), key: "+", path: "M10 4v12M4 10h12", act: () => onZoom(1) },
     { name: t("further"), key: "−", path: "M4 10h12", act: () => onZoom(-1) },
     { name: t("allPads"), key: "0", path: "M3 7V3h4M13 3h4v4M17 13v4h-4M7 17H3v-4", stays: true, act: onAll },
+    ...(deep === undefined || onDeep === undefined
+      ? []
+      : [{ name: t(deep ? "flat" : "deep"), key: "3", path: deep ? "M4 4h12v12H4zM4 10h12M10 4v12" : "M10 2.5l7 3.6v7.8l-7 3.6-7-3.6V6.1zM3 6.1l7 3.6 7-3.6M10 9.7v7.8", act: onDeep }]),
+    ...(onNorth === undefined || Math.abs(bearing) < 0.5 ? [] : [{ name: t("north"), key: "N", path: "M10 2l3.6 8L10 18l-3.6-8zM6.4 10h7.2", turned: -bearing, act: onNorth }]),
     { name: t("measure"), key: "m", path: "M2.5 13.5l11-11 4 4-11 11zM6 10l2 2M9 7l2 2M12 4l2 2", pressed: measuring, stays: true, act: onMeasure },
     ...(onNetworked === undefined
       ? []
@@ -39,19 +49,19 @@ function tools({ table, measuring, networked, onZoom, onAll, onMeasure, onNetwor
 export function ZoomControls(properties: Properties): ReactElement {
   return (
     <div className="float zoom" role="group" aria-label={t("map")}>
-      {tools(properties).map(({ name, key, path, pressed, stays, act }) => (
+      {tools(properties).map(({ name, key, path, pressed, stays, turned, act }) => (
         <button
           key={key}
           type="button"
           className="icon-button"
           data-stays={stays}
-          title={`${name} (${key})`}
+          title={turned === undefined ? `${name} (${key})` : name}
           aria-label={name}
           aria-pressed={pressed}
           onClick={act}
         >
           <svg viewBox="0 0 20 20" aria-hidden="true">
-            <path d={path} />
+            <path d={path} {...(turned !== undefined && { transform: `rotate(${Math.round(turned)} 10 10)` })} />
           </svg>
         </button>
       ))}

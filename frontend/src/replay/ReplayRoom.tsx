@@ -7,6 +7,7 @@ import { Legend } from "../live-map/Legend";
 import { ListPanel } from "../live-map/ListPanel";
 import { MapView, type MapHandle } from "../live-map/map/MapView";
 import { MeasureBar } from "../live-map/Measure";
+import { useMapWishes } from "../live-map/mapWishes";
 import { PanelTools, SheetHandle } from "../live-map/PanelTools";
 import { useMeasure } from "../live-map/useMeasure";
 import { ZoomControls } from "../live-map/ZoomControls";
@@ -146,6 +147,19 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
   const open = drone !== undefined || session !== undefined;
   const chosen = live.drone ?? live.session;
 
+  // What is selected is framed as soon as the film knows where it was; an address with a camera says itself where to look.
+  const selectable = drone !== undefined || pinned !== undefined;
+  const framed = useRef(live.camera === undefined ? "" : `${uav_id ?? ""}/${live.session ?? ""}`);
+  const wanted = `${uav_id ?? ""}/${live.session ?? ""}`;
+  useEffect(() => {
+    if (!selectable || framed.current === wanted) return undefined;
+    const timer = setTimeout(() => {
+      framed.current = wanted;
+      map.current?.fitSelection();
+    }, 120);
+    return () => clearTimeout(timer);
+  }, [selectable, wanted]);
+
   const camera = useRef<Camera | undefined>(live.camera);
   const latest = useRef(place);
   useLayoutEffect(() => {
@@ -172,6 +186,7 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
     if (uav_id !== undefined) change({}, { drone: uav_id, session: undefined, follow: live.follow === true ? undefined : true });
   };
   const setMeasure = useCallback((measure: LivePlace["measure"], replace: boolean) => change({}, { measure }, replace), [change]);
+  const { flat } = useMapWishes();
   const measuring = useMeasure(live.measure, setMeasure, map);
   const table = live.as === "table";
   const toggleTable = (): void => change({}, { as: table ? undefined : "table" });
@@ -273,6 +288,7 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
           padding={padding}
           follow={live.follow === true ? uav_id : undefined}
           measure={measuring.points}
+          deep={!flat && !phone}
           overlays={overlays}
           onGround={onGround}
           onSelect={(id) => select(id === undefined ? {} : { drone: id })}

@@ -4,6 +4,7 @@ import { startTour } from "../app/tourStops";
 import { useWishes, wishNotify, wishSound } from "../alerts/notice";
 import { coordinates, dayAndTime, length } from "../shared/format";
 import { COORDINATE_FORMS, LENGTH_UNITS, LOCALES, setReading, useReading } from "../shared/i18n/locale";
+import { BLOCK_PARTS, useMapWishes, wishMap } from "../live-map/mapWishes";
 import { useServerNow } from "../shared/live/useLive";
 import "./settings.css";
 import { settingsTexts as t } from "./texts";
@@ -42,6 +43,7 @@ function Card({ title, children }: { title: string; children: ReactNode }): Reac
 export function SettingsRoom(): ReactElement {
   const { locale, lengths, coordinates: form } = useReading();
   const { choice } = useTheme();
+  const wishes = useMapWishes();
   const { sound, notify } = useWishes();
   const [refused, setRefused] = useState(false);
   const now_ms = useServerNow();
@@ -62,6 +64,21 @@ export function SettingsRoom(): ReactElement {
         </Card>
         <Card title={t("appearance")}>
           <Choices legend={t("theme")} values={THEMES} value={choice} word={(value) => t("themeIs", { value })} choose={setThemeChoice} />
+        </Card>
+        <Card title={t("map")}>
+          <label>
+            <input type="checkbox" checked={wishes.flat} onChange={(event) => wishMap({ flat: event.target.checked })} />
+            {t("flat")}
+          </label>
+          <fieldset>
+            <legend>{t("block")}</legend>
+            {BLOCK_PARTS.map((part) => (
+              <label key={part}>
+                <input type="checkbox" checked={wishes[part]} onChange={(event) => wishMap({ [part]: event.target.checked })} />
+                {t("blockPart", { part })}
+              </label>
+            ))}
+          </fieldset>
         </Card>
         <Card title={t("news")}>
           <label>

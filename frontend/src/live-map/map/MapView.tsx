@@ -7,6 +7,8 @@ import type { Fleet } from "../../shared/fleet";
 import type { LonLat } from "../../shared/geo/frame";
 import { useLiveStore } from "../../shared/live/useLive";
 import { liveTexts as t } from "../texts";
+import { useBaseMap } from "../baseMap";
+import { Credits } from "../Credits";
 import { MapController } from "./controller";
 import type { Overlay } from "./overlays";
 import type { Selection } from "./picture";
@@ -16,6 +18,8 @@ export type MapHandle = {
   fitAll: () => void;
   fitPad: (pad_id: string) => void;
   zoomBy: (levels: number) => void;
+  /** Turns by degrees, clockwise; back to north without. */
+  turn: (by?: number) => void;
   lookAt: (camera: Camera) => void;
   /** Where the camera looks; undefined before there is a map. */
   centre: () => LonLat | undefined;
@@ -34,6 +38,8 @@ type Properties = {
   follow?: string | undefined;
   /** Places that are measured between; undefined where nobody measures. */
   measure?: readonly LonLat[] | undefined;
+  /** Looked at aslant, where the place has buildings to see. */
+  deep?: boolean | undefined;
   /** What else lies on the map; a constant, or remembered. */
   overlays?: readonly Overlay[];
   onSelect: (uav_id: string | undefined) => void;
@@ -55,15 +61,18 @@ export function MapView(properties: Properties): ReactElement {
 }
 
 function Made(properties: Properties): ReactElement {
-  const { ref, fleet, selection, padding, follow, measure, overlays = NONE } = properties;
+  const { ref, fleet, selection, padding, follow, measure, deep = false, overlays = NONE } = properties;
   const container = useRef<HTMLDivElement>(null);
   const controller = useRef<MapController | undefined>(undefined);
   const store = useLiveStore();
   const { theme } = useTheme();
+  const base = useBaseMap();
   const [failure, setFailure] = useState<string | undefined>();
   const latest = useRef(properties);
+  const baseNow = useRef(base);
   useEffect(() => {
     latest.current = properties;
+    baseNow.current = base;
   });
 
   // Where to look first is known with the first pads: the world is not fetched on the way there.
@@ -108,8 +117,10 @@ function Made(properties: Properties): ReactElement {
     }
     controller.current = made;
     made.setPadding(now.padding);
+    if (now.camera === undefined) made.setDeep(now.deep === true, true);
     made.select(now.selection);
     made.setOverlays(now.overlays ?? NONE);
+    made.describe(baseNow.current);
     made.measure(now.measure);
     made.follow(now.follow);
     return () => {
@@ -128,6 +139,12 @@ function Made(properties: Properties): ReactElement {
     [uav_id, verdict],
   );
   useEffect(() => controller.current?.setOverlays(overlays), [overlays]);
+  useEffect(() => controller.current?.describe(base), [base]);
+  const deepNow = useRef(deep);
+  useEffect(() => {
+    if (deepNow.current !== deep) controller.current?.setDeep(deep);
+    deepNow.current = deep;
+  }, [deep]);
   useEffect(() => controller.current?.measure(measure), [measure]);
   useEffect(() => controller.current?.follow(follow), [follow]);
   useImperativeHandle(ref, () => ({
@@ -135,6 +152,7 @@ function Made(properties: Properties): ReactElement {
     fitAll: () => controller.current?.fitAll(),
     fitPad: (pad_id) => controller.current?.fitPad(pad_id),
     zoomBy: (levels) => controller.current?.zoomBy(levels),
+    turn: (by) => controller.current?.turn(by),
     lookAt: (at) => controller.current?.lookAt(at),
     centre: () => controller.current?.centre(),
     bounds: () => controller.current?.bounds(),
@@ -145,6 +163,7 @@ function Made(properties: Properties): ReactElement {
     <>
       <div ref={container} className="map" data-testid="map" />
       {measure !== undefined && <div className="map-cross" aria-hidden="true" style={{ inset: `${top}px ${right}px ${bottom}px ${left}px` }} />}
+      <Credits base={base} />
       {failure !== undefined && (
         <p className="map-failure" role="status">
           {failure} {t("listSame")}

@@ -14,6 +14,9 @@ export const CLAIMS_FROM = LOOKS.length;
 const CLAIM_TONES = ["bad", "maybe", "ok"] as const;
 export const SELECTED = CLAIMS_FROM + CLAIM_TONES.length;
 export const HOVERED = SELECTED + 1;
+/** Outside the symbol, towards where it flies; turned by the drone layer. */
+export const HEADING = HOVERED + 1;
+const WEDGE = "M10 0.4L13.2 4.4L10 3.4L6.8 4.4z";
 
 function cells(): { parts: readonly Part[]; size: number }[] {
   return [
@@ -21,6 +24,7 @@ function cells(): { parts: readonly Part[]; size: number }[] {
     ...CLAIM_TONES.map((tone) => ({ parts: claimRing(tone), size: 20 })),
     { parts: [{ d: HALO, stroke: "accent" as const, width: 1.2 }], size: CELL },
     { parts: [{ d: HALO, stroke: "ink2" as const, width: 0.9 }], size: CELL },
+    { parts: [{ d: WEDGE, fill: "ink2" as const }], size: CELL },
   ];
 }
 

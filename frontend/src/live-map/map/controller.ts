@@ -8,12 +8,14 @@ import type { LiveStore, Topic } from "../../shared/live/store";
 import { broadcastApart } from "../../shared/refuted";
 import { liveTexts as t } from "../texts";
 import { gridSpacing_m } from "./features";
+import { upOf } from "./heights";
 import { palette } from "./icons";
 import type { Overlay } from "./overlays";
 import { Picture, type Selection } from "./picture";
+import type { BaseMap } from "./place";
 import { SITE_ZOOM } from "./scales";
 import { MAP_COLOURS, style } from "./style";
-import { placeAt, slotAt, viewOf } from "./view";
+import { placeAt, slantedCamera, slotAt, viewOf } from "./view";
 
 setWorkerUrl(workerUrl);
 
@@ -32,6 +34,12 @@ export type MapEvents = {
 const FIT_ZOOM = 20.3;
 const SITE_FIT_ZOOM = 15.5;
 const FLIGHT_MS = 700;
+const MAX_PITCH = 75;
+/** How a place is looked at aslant: far enough over to see heights, not so far that streets close. */
+const PITCH = 52;
+const BEARING = -38;
+/** With the place around it, a proof is not looked at from nearer than this. */
+const PLACE_FIT_ZOOM = 18.6;
 const SETTLING_MS = 500;
 /** Between two frames of a drone that is followed: about what lies between two of its positions. */
 const FOLLOW_MS = 250;
@@ -49,6 +57,9 @@ export class MapController {
   private loaded = false;
   private selection: Selection = {};
   private fitted = false;
+  /** The address says where to look: nothing else decides it. */
+  private addressed: boolean;
+  private deep: boolean;
   private flight: { since_ms: number; again: () => void } | undefined;
   private wanted = false;
   private followed: string | undefined;
@@ -62,7 +73,8 @@ export class MapController {
     private readonly calm: boolean,
     camera: Camera | undefined,
   ) {
-    this.fitted = camera !== undefined;
+    this.fitted = this.addressed = camera !== undefined;
+    this.deep = (camera?.pitch ?? 0) > 0;
     const [pad] = store.pads.values();
     this.map = new MapLibre({
       container,
@@ -72,19 +84,18 @@ export class MapController {
       minZoom: 1.5,
       maxZoom: 22.5,
       attributionControl: false,
-      dragRotate: false,
-      pitchWithRotate: false,
-      touchPitch: false,
+      bearing: camera?.bearing ?? 0,
+      pitch: camera?.pitch ?? 0,
+      maxPitch: MAX_PITCH,
       fadeDuration: 0,
       renderWorldCopies: true,
       locale: { "Map.Title": t("mapTitle") },
     });
-    this.map.touchZoomRotate.disableRotation();
-    this.map.keyboard.disableRotation();
     this.picture = new Picture(this.map, store, fleet, calm);
     // Not its "load": that waits for the base map, without which drones can be seen, too.
     void this.map.once("style.load", () => this.onLoad());
     this.map.on("moveend", () => this.onMoved());
+    for (const name of ["pitch", "rotate"] as const) this.map.on(name, () => this.picture.tilt(this.isTilted));
     for (const name of ["dragstart", "wheel", "touchstart"] as const) {
       this.map.on(name, () => {
         this.flight = undefined;
@@ -121,6 +132,47 @@ export class MapController {
 
   setOverlays(overlays: readonly Overlay[]): void {
     this.picture.setOverlays(overlays);
+  }
+
+  describe(base: BaseMap): void {
+    this.picture.describe(base);
+    if (this.isDeep === this.wantsDepth || this.addressed) return;
+    // Buildings have come, or gone, and nobody has taken the camera yet.
+    if (this.fitted && this.loaded) this.fitAgain();
+  }
+
+  /** Whether the camera is to look at the place aslant, where there are buildings to see. */
+  setDeep(deep: boolean, still = false): void {
+    if (deep === this.deep) return;
+    this.deep = deep;
+    if (this.loaded && !still) this.map.easeTo({ ...this.slant(), ...this.motion(FLIGHT_MS) });
+  }
+
+  get isTilted(): boolean {
+    return this.map.getPitch() > 0.5 || Math.abs(this.map.getBearing()) > 0.5;
+  }
+
+  /** The camera turns by so many degrees, clockwise; undefined: back to north. */
+  turn(by: number | undefined): void {
+    this.map.easeTo({ bearing: by === undefined ? 0 : this.map.getBearing() + by, ...this.motion(250) });
+  }
+
+  private get wantsDepth(): boolean {
+    return this.deep && this.picture.place.hasVolumes;
+  }
+
+  private get isDeep(): boolean {
+    return this.map.getPitch() > 0.5;
+  }
+
+  private slant(): { pitch: number; bearing: number } {
+    return this.wantsDepth ? { pitch: PITCH, bearing: BEARING } : { pitch: 0, bearing: 0 };
+  }
+
+  private fitAgain(): void {
+    if (this.flight !== undefined) this.flight.again();
+    else if (this.selection.uav_id === undefined) this.fitAll(true);
+    else this.fitSelection(true);
   }
 
   setPadding(padding: PaddingOptions): void {
@@ -170,8 +222,16 @@ export class MapController {
     return [shown.getWest(), shown.getSouth(), shown.getEast(), shown.getNorth()];
   }
 
+  /** Closer or further, about who is selected if he is in sight: he stays there. */
   zoomBy(levels: number): void {
-    this.map.easeTo({ zoom: this.map.getZoom() + levels, ...this.motion(200) });
+    const around = this.selectedPlace();
+    this.map.easeTo({ zoom: this.map.getZoom() + levels, ...(around !== undefined && { around }), ...this.motion(200) });
+  }
+
+  private selectedPlace(): LonLat | undefined {
+    const { places } = this.placesOf(this.fleet.find(this.selection.uav_id));
+    const shown = this.map.getBounds();
+    return places.filter((place) => shown.contains(place)).at(-1);
   }
 
   /** All pads and all drones that are near one. */
@@ -218,7 +278,7 @@ export class MapController {
   lookAt(camera: Camera): void {
     this.fitted = true;
     this.flight = undefined;
-    this.map.jumpTo({ center: [camera.lon, camera.lat], zoom: camera.zoom });
+    this.map.jumpTo({ center: [camera.lon, camera.lat], zoom: camera.zoom, bearing: camera.bearing ?? 0, pitch: camera.pitch ?? 0 });
   }
 
   private placesOf(drone: Drone | undefined): { places: LonLat[]; padded: boolean } {
@@ -255,9 +315,12 @@ export class MapController {
     // In a window that has just become small the panels are still as wide as they were: their padding comes in a moment.
     const { left = 0, right = 0, top = 0, bottom = 0 } = this.map.getPadding();
     if (left + right + 2 * padding >= clientWidth || top + bottom + 2 * padding >= clientHeight) return;
-    const camera = this.map.cameraForBounds(bounds, { padding, maxZoom });
+    const slant = this.slant();
+    const most = this.picture.place.isShown ? Math.min(maxZoom, PLACE_FIT_ZOOM) : maxZoom;
+    const room = { width: clientWidth - left - right - 2 * padding, height: clientHeight - top - bottom - 2 * padding };
+    const camera = slant.pitch > 0 ? slantedCamera(places, slant, room, most) : this.map.cameraForBounds(bounds, { padding, maxZoom: most });
     if (camera === undefined) return;
-    this.map.easeTo({ ...camera, ...this.motion(still ? 0 : FLIGHT_MS) });
+    this.map.easeTo({ ...camera, ...slant, ...this.motion(still ? 0 : FLIGHT_MS) });
   }
 
   private motion(duration: number): { duration: number; essential: boolean } {
@@ -273,6 +336,7 @@ export class MapController {
   private onLoad(): void {
     this.loaded = true;
     this.picture.load();
+    this.picture.tilt(this.isTilted);
     this.ends.push(
       this.store.subscribe(TOPICS, () => {
         this.picture.tick();
@@ -318,7 +382,8 @@ export class MapController {
   private tellCamera(): void {
     const { lat, lng } = this.map.getCenter();
     const zoom = this.map.getZoom();
-    this.events.onCamera({ lat, lon: lng, zoom }, this.picture.gridPad() === undefined ? undefined : gridSpacing_m(zoom, lat));
+    const [bearing, pitch] = [this.map.getBearing(), this.map.getPitch()];
+    this.events.onCamera({ lat, lon: lng, zoom, ...(this.isTilted && { bearing, pitch }) }, !this.picture.hasGrid ? undefined : gridSpacing_m(zoom, lat));
   }
 
   private droneUnder({ point }: MapMouseEvent): string | undefined {
@@ -326,7 +391,7 @@ export class MapController {
     const { tracks } = this.store;
     const { looks, judged, heard } = this.fleet;
     const shown = Uint32Array.from([...heard, ...judged.flatMap(({ uav_id }) => tracks.slot(uav_id) ?? [])].filter((slot) => looks[slot] !== HIDDEN));
-    const slot = slotAt(viewOf(this.map), tracks.x, tracks.y, shown, point.x, point.y, REACH);
+    const slot = slotAt(viewOf(this.map), { x: tracks.x, y: tracks.y, up_m: (each) => upOf(this.store, each) }, shown, point.x, point.y, REACH);
     return slot === undefined ? undefined : tracks.nameAt(slot);
   }
 

@@ -2,7 +2,8 @@ import type { Map as MapLibre } from "maplibre-gl";
 import { LOOKS } from "../../shared/drones";
 import { HIDDEN, type Fleet } from "../../shared/fleet";
 import type { LiveStore } from "../../shared/live/store";
-import { CELL, CLAIMS_FROM, drawAtlas, HOVERED, SELECTED } from "./atlas";
+import { CELL, CLAIMS_FROM, drawAtlas, HEADING, HOVERED, SELECTED } from "./atlas";
+import { upOf } from "./heights";
 import { palette } from "./icons";
 import { CLOSE_ZOOM, SITE_ZOOM } from "./scales";
 import { viewOf, type View } from "./view";
@@ -15,7 +16,11 @@ const HALO = 1.6;
 const TURN_MS = 1_600;
 const TURN_FRAME_MS = 66;
 const PROVING = LOOKS.indexOf("proving");
-const FLOATS = 6;
+const FLOATS = 8;
+/** Closer than this, it is drawn where a drone flies to; faster than this, mm/s, it flies. */
+const HEADING_ZOOM = 13.5;
+const HEADING_SIZE = 1.7;
+const FLYING_MM_S = 700;
 
 /** Below those that need the officer are those that do not. */
 const DRAWN: readonly number[] = ["silent", "out-of-range", "unproved", "verified", "proving", "inconclusive", "refuted"].map((look) =>
@@ -32,31 +37,41 @@ uniform vec2 u_shift;
 uniform vec2 u_size;
 uniform float u_scale;
 uniform float u_cell;
+uniform vec2 u_turn;
+uniform vec4 u_tilt;
+uniform vec2 u_eye;
 in vec4 a_place;
-in vec2 a_look;
+in vec4 a_look;
 out float v_look;
+out vec2 v_spin;
 void main() {
   vec2 away = (a_place.xy - u_centre.xy) + (a_place.zw - u_centre.zw);
   away.x -= round(away.x);
-  vec2 at = (away * u_scale + u_shift) / u_size * 2.0 - 1.0;
-  gl_Position = vec4(at.x, -at.y, 0.0, 1.0);
+  away *= u_scale;
+  float up = a_look.z * u_eye.y;
+  vec2 turned = vec2(away.x * u_tilt.x + away.y * u_tilt.y, away.y * u_tilt.x - away.x * u_tilt.y);
+  float near = u_eye.x / (u_eye.x - turned.y * u_tilt.w - up * u_tilt.z);
+  vec2 at = (vec2(turned.x, turned.y * u_tilt.z - up * u_tilt.w) * near + u_shift) / u_size * 2.0 - 1.0;
+  gl_Position = near > 0.0 ? vec4(at.x, -at.y, 0.0, 1.0) : vec4(2.0, 2.0, 0.0, 1.0);
   gl_PointSize = u_cell * a_look.y;
   v_look = a_look.x;
+  vec2 course = vec2(sin(a_look.w), cos(a_look.w));
+  vec2 seen = vec2(course.y * u_tilt.x + course.x * u_tilt.y, course.x * u_tilt.x - course.y * u_tilt.y) * vec2(u_tilt.z, 1.0);
+  v_spin = vec2(1.0, 0.0);
+  if (abs(a_look.x - ${PROVING}.0) < 0.5) v_spin = u_turn;
+  else if (abs(a_look.x - ${HEADING}.0) < 0.5) v_spin = normalize(seen);
 }`;
 
 const FRAGMENT = `#version 300 es
 precision mediump float;
 precision mediump sampler2DArray;
 uniform sampler2DArray u_symbols;
-uniform vec2 u_turn;
 in float v_look;
+in vec2 v_spin;
 out vec4 colour;
 void main() {
-  vec2 at = gl_PointCoord;
-  if (abs(v_look - ${PROVING}.0) < 0.5) {
-    vec2 from = at - 0.5;
-    at = vec2(from.x * u_turn.x + from.y * u_turn.y, from.y * u_turn.x - from.x * u_turn.y) + 0.5;
-  }
+  vec2 from = gl_PointCoord - 0.5;
+  vec2 at = vec2(from.x * v_spin.x + from.y * v_spin.y, from.y * v_spin.x - from.x * v_spin.y) + 0.5;
   colour = texture(u_symbols, vec3(at, v_look));
 }`;
 
@@ -66,7 +81,7 @@ type Made = {
   buffer: WebGLBuffer;
   array: WebGLVertexArrayObject;
   texture: WebGLTexture;
-  uniforms: Record<"centre" | "shift" | "size" | "scale" | "cell" | "turn", WebGLUniformLocation | null>;
+  uniforms: Record<"centre" | "shift" | "size" | "scale" | "cell" | "turn" | "tilt" | "eye", WebGLUniformLocation | null>;
 };
 
 export type Marked = { selected: number | undefined; hovered: number | undefined };
@@ -91,8 +106,12 @@ export class DroneLayer {
   };
   private vertices = new Float32Array(1_024 * FLOATS);
   private count = 0;
+  /** The first so many vertices say where drones fly to. */
+  private wedges = 0;
   private stale = true;
   private close = false;
+  private tilted = false;
+  private headings = false;
   private recolour = true;
   private turning = false;
   private timer: ReturnType<typeof setTimeout> | undefined;
@@ -149,7 +168,7 @@ export class DroneLayer {
       gl.vertexAttribPointer(at, size, gl.FLOAT, false, FLOATS * 4, offset * 4);
     };
     attribute("a_place", 4, 0);
-    attribute("a_look", 2, 4);
+    attribute("a_look", 4, 4);
     gl.bindVertexArray(null);
     this.made = {
       gl,
@@ -164,6 +183,8 @@ export class DroneLayer {
         scale: uniform("scale"),
         cell: uniform("cell"),
         turn: uniform("turn"),
+        tilt: uniform("tilt"),
+        eye: uniform("eye"),
       },
     };
     this.stale = this.recolour = true;
@@ -191,8 +212,10 @@ export class DroneLayer {
     gl.clear(gl.COLOR_BUFFER_BIT);
     if (view.zoom < SITE_ZOOM) return;
     const close = view.zoom >= CLOSE_ZOOM;
-    if (close !== this.close) this.stale = true;
-    this.close = close;
+    const tilted = view.tilt !== undefined;
+    const headings = view.zoom >= HEADING_ZOOM && this.fleet.counts.all <= CROWD;
+    if (close !== this.close || tilted !== this.tilted || headings !== this.headings) this.stale = true;
+    Object.assign(this, { close, tilted, headings });
     gl.bindVertexArray(made.array);
     gl.bindBuffer(gl.ARRAY_BUFFER, made.buffer);
     if (this.stale) {
@@ -211,11 +234,15 @@ export class DroneLayer {
     gl.uniform2f(made.uniforms.size, view.width, view.height);
     gl.uniform1f(made.uniforms.scale, view.scale);
     gl.uniform1f(made.uniforms.cell, CELL * ratio * (view.zoom < 12 ? 0.8 : 1));
+    const [[cosTurn, sinTurn], [cosPitch, sinPitch]] = [view.tilt?.turn ?? [1, 0], view.tilt?.pitch ?? [1, 0]];
+    gl.uniform4f(made.uniforms.tilt, cosTurn, sinTurn, cosPitch, sinPitch);
+    gl.uniform2f(made.uniforms.eye, view.tilt?.away ?? view.height, view.tilt?.perMetre ?? 0);
     const turn = this.calm ? 0 : ((performance.now() % TURN_MS) / TURN_MS) * 2 * Math.PI;
     gl.uniform2f(made.uniforms.turn, Math.cos(turn), Math.sin(turn));
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.drawArrays(gl.POINTS, 0, this.count);
+    if (this.wedges > 0) gl.drawArrays(gl.POINTS, 0, this.wedges);
+    gl.drawArrays(gl.POINTS, this.wedges, this.count - this.wedges);
     this.keepTurning();
   }
 
@@ -243,10 +270,12 @@ export class DroneLayer {
     const { x, y } = this.store.tracks;
     const { looks } = this.fleet;
     const extent = Math.min(looks.length, this.store.tracks.extent);
-    if (this.vertices.length < (extent + 2) * FLOATS) this.vertices = new Float32Array((extent + 2) * 2 * FLOATS);
+    // A heading for each, and two halos.
+    const most = (this.headings ? 2 : 1) * extent + 2;
+    if (this.vertices.length < most * FLOATS) this.vertices = new Float32Array(most * 2 * FLOATS);
     const { vertices } = this;
     let n = 0;
-    const put = (slot: number, look: number, size: number): void => {
+    const put = (slot: number, look: number, size: number, heading = 0): void => {
       const [px = 0, py = 0] = [x[slot], y[slot]];
       const at = n * FLOATS;
       const [hx, hy] = [Math.fround(px), Math.fround(py)];
@@ -256,15 +285,23 @@ export class DroneLayer {
       vertices[at + 3] = py - hy;
       vertices[at + 4] = look;
       vertices[at + 5] = size;
+      vertices[at + 6] = this.tilted ? upOf(this.store, slot) : 0;
+      vertices[at + 7] = heading;
       n += 1;
     };
     const heard = this.fleet.counts.all > CROWD ? SMALL : 1;
     this.turning = false;
+    for (let slot = 0; this.headings && slot < extent; slot++) {
+      const heading = this.store.tracks.headingAt(slot);
+      if (looks[slot] === HIDDEN || heading === undefined || (this.store.tracks.speedAt(slot) ?? 0) < FLYING_MM_S) continue;
+      put(slot, HEADING, HEADING_SIZE, (heading / 18_000) * Math.PI);
+    }
+    this.wedges = n;
     const { selected, hovered } = this.marked;
     if (hovered !== undefined && hovered !== selected) put(hovered, HOVERED, HALO);
     if (selected !== undefined) put(selected, SELECTED, HALO);
     for (const code of DRAWN) {
-      const look = this.close && code < PROVING ? CLAIMS_FROM + code : code;
+      const look = this.close && !this.tilted && code < PROVING ? CLAIMS_FROM + code : code;
       const size = code > PROVING ? heard : 1;
       for (let slot = 0; slot < extent; slot++) {
         if (looks[slot] !== code || looks[slot] === HIDDEN) continue;

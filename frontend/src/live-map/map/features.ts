@@ -86,15 +86,21 @@ export function siteFeatures(all: readonly Cluster[]): Feature<Point>[] {
 
 /** More than so many trails nobody can follow. */
 const MOST_TRAILS = 200;
+const TRAIL_AGES = 4;
 
 /** The way of those that were judged, and of the selected; in calm skies of everybody. */
 export function trailFeatures(drones: readonly Drone[], tracks: TrackTable, selected: string | undefined): Feature[] {
   const features: Feature[] = [];
   for (const drone of drones) {
     const trail = tracks.trail(drone.uav_id);
-    if (trail.length < 2 || (features.length >= MOST_TRAILS && drone.uav_id !== selected)) continue;
+    if (trail.length < 2 || (features.length >= MOST_TRAILS * TRAIL_AGES && drone.uav_id !== selected)) continue;
     const strong = drone.uav_id === selected || drone.group === "needs-you";
-    features.push(line(trail.map((place) => lonLat({ ...place })), { tone: TONE_OF[drone.look], strong }));
+    const way = trail.map((place) => lonLat({ ...place }));
+    // The older, the fainter: in parts that share their ends.
+    const part = Math.ceil((way.length - 1) / TRAIL_AGES);
+    for (let age = 0, end = way.length - 1; age < TRAIL_AGES && end > 0; age++, end -= part) {
+      features.push(line(way.slice(Math.max(0, end - part), end + 1), { tone: TONE_OF[drone.look], strong, age }));
+    }
   }
   return features;
 }
@@ -148,6 +154,11 @@ function claimsOf(verdict: VerdictSummary): Claimed[] {
 const LABEL_APART_MM = 8_000;
 const RING_APART_MM = 1_500;
 
+/** Metres above the pad, where the map's ground is. */
+function upOf({ up_mm }: { up_mm?: number }): number {
+  return Math.max(0, (up_mm ?? 0) / 1000);
+}
+
 /** The judged claim, the measurement and all between them. */
 function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, track?: Track): Feature[] {
   const { estimate, covariance } = verdict;
@@ -158,11 +169,12 @@ function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, t
   const features: Feature[] = [];
   for (const { claim, tone: claimTone, words, radius_mm, foreign } of claimsOf(verdict)) {
     const claimAt = toGlobe(frame, claim);
-    features.push(area(frame, circle(radius_mm, claim), { kind: "buffer", tone: claimTone }));
-    features.push(line([claimAt, measuredAt], { kind: "difference", tone: claimTone }));
+    const up_m = upOf(claim);
+    features.push(area(frame, circle(radius_mm, claim), { kind: "buffer", tone: claimTone, up_m, half_m: radius_mm / 1000 }));
+    features.push(line([claimAt, measuredAt], { kind: "difference", tone: claimTone, up_m, to_m: upOf(estimate) }));
     if (foreign) {
       // Not the drone's: no name of its own, and its own symbol does not stand for it.
-      features.push(point(claimAt, { kind: "claim", tone: claimTone, label: selected ? words : "" }));
+      features.push(point(claimAt, { kind: "claim", tone: claimTone, label: selected ? words : "", up_m }));
       continue;
     }
     // The drone's own label says who it is while it is still there.
@@ -170,14 +182,14 @@ function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, t
     const label = [...(left ? [verdict.uav_id] : []), ...(selected ? [words] : [])].join("\n");
     // A drone that still is where it said is its own ring.
     if (track === undefined || distance_mm(track, claim) > RING_APART_MM) {
-      features.push(point(claimAt, { kind: "claim", tone: claimTone, label }));
+      features.push(point(claimAt, { kind: "claim", tone: claimTone, label, up_m }));
     }
   }
   if (covariance !== undefined) {
-    features.push(area(frame, outline(ellipse(covariance), estimate), { kind: "ellipse", tone }));
+    features.push(area(frame, outline(ellipse(covariance), estimate), { kind: "ellipse", tone, up_m: upOf(estimate) }));
   }
   const label = selected ? measuredWords(verdict) : "";
-  features.push(point(measuredAt, { kind: "measured", tone, icon: `measured-${tone}`, label }));
+  features.push(point(measuredAt, { kind: "measured", tone, icon: `measured-${tone}`, label, up_m: upOf(estimate) }));
   if (selected) features.push(...sights(frame, pad, measuredAt));
   return features;
 }
@@ -201,17 +213,20 @@ function estimateFeatures(estimate: Estimate, drone: Drone, pad: Pad, selected: 
   const frame = frameOf(pad);
   const at = toGlobe(frame, estimate);
   const tone: Tone = "accent";
+  // A running estimate is of where, not of how high: for that the drone's word is taken.
+  const up_m = upOf({ up_mm: (drone.track?.height_mm ?? pad.height_mm) - pad.height_mm });
   const features: Feature[] = [
-    area(frame, outline(ellipse(estimate), estimate), { kind: "ellipse", tone }),
+    area(frame, outline(ellipse(estimate), estimate), { kind: "ellipse", tone, up_m }),
     point(at, {
       kind: "measured",
+      up_m,
       tone,
       icon: `measuring-${tone}`,
       label: selected ? t("measuring") : "",
     }),
     ...sights(frame, pad, at),
   ];
-  if (drone.track !== undefined) features.push(line([lonLat(drone.track), at], { kind: "difference", tone }));
+  if (drone.track !== undefined) features.push(line([lonLat(drone.track), at], { kind: "difference", tone, up_m, to_m: up_m }));
   return features;
 }
 

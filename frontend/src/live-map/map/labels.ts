@@ -1,6 +1,6 @@
 import type { Tone } from "../../shared/design/symbols";
 import { Occupied, place, type Label, type Side } from "./placing";
-import { pixelX, pixelY, type View } from "./view";
+import { spotOf, type View } from "./view";
 import type { Palette } from "./icons";
 
 export type Line = { text: string; strong?: boolean; tone?: Tone | "ink3" };
@@ -10,6 +10,8 @@ export type Words = {
   id: string;
   x: number;
   y: number;
+  /** Metres above the ground, which count where the camera is tilted. */
+  up_m?: number;
   lines: readonly Line[];
   rank: number;
   clear: number;
@@ -83,8 +85,9 @@ export class Labels {
     const labels: Label[] = [];
     for (const each of words) {
       if ((each.from !== undefined && view.zoom < each.from) || (each.to !== undefined && view.zoom >= each.to)) continue;
-      const left = pixelX(view, each.x);
-      const top = pixelY(view, each.y);
+      const spot = spotOf(view, each.x, each.y, each.up_m);
+      if (spot === undefined) continue;
+      const { left, top } = spot;
       if (left < -EDGE || top < -EDGE || left > view.width + EDGE || top > view.height + EDGE) continue;
       const sprite = this.sprite(each.lines, ratio);
       sprites.set(each.id, sprite);

@@ -98,7 +98,7 @@ export function evidenceLayers(colours: Palette): LayerSpecification[] {
       paint: {
         "line-color": colour,
         "line-width": 1.6,
-        "line-opacity": ["case", ["get", "strong"], 0.6, 0.3],
+        "line-opacity": ["*", ["case", ["get", "strong"], 0.85, 0.5], ["-", 1, ["*", 0.22, ["get", "age"]]]],
         "line-dasharray": [0.1, 2.6],
       },
     },

@@ -1,11 +1,14 @@
 import type { Feature, Point } from "geojson";
 import { HIDDEN, type Fleet } from "../../shared/fleet";
 import { mercatorX, mercatorY } from "../../shared/geo/mercator";
-import type { TrackTable } from "../../shared/live/tracks";
+import { length, speed } from "../../shared/format";
+import type { LiveStore } from "../../shared/live/store";
+import { mapWishes } from "../mapWishes";
+import { upOf } from "./heights";
 import type { Line, Words } from "./labels";
 import type { Occupied, Side } from "./placing";
 import { CLOSE_ZOOM, SITE_ZOOM, SQUARE_ZOOM } from "./scales";
-import { pixelX, pixelY, type View } from "./view";
+import { spotOf, type View } from "./view";
 
 /** From here on, drones of which only what is heard is known have their names. */
 const NAMES_ZOOM = 11;
@@ -14,6 +17,10 @@ const PAD_NOTES_ZOOM = 15.5;
 /** In a crowd, names would not be read; this many are tried. */
 const MOST_HEARD = 400;
 const HALF = 9;
+/** Closer than this, and among no more drones than this, a drone's name has its height and so on below it. */
+const BLOCKS_ZOOM = 14.5;
+const BLOCKS_MOST = 150;
+const CLIMBING_MM_S = 400;
 
 /** Lower comes first. Negative stands in any case. */
 const RANK = { measure: -3, selected: -2, evidence: 1, site: 1, pad: 100, judged: 10, heard: 10_000 } as const;
@@ -22,7 +29,7 @@ const ABOVE: readonly Side[] = ["above", "left", "right", "below"];
 const BELOW: readonly Side[] = ["below", "above", "left", "right"];
 const BESIDE: readonly Side[] = ["right", "left", "below", "above"];
 
-type Properties = { kind?: string; label?: string; name?: string; note?: string; tone?: "ok" | "maybe" | "bad"; grave?: boolean };
+type Properties = { up_m?: number; kind?: string; label?: string; name?: string; note?: string; tone?: "ok" | "maybe" | "bad"; grave?: boolean };
 
 function at({ geometry }: Feature<Point>): { x: number; y: number } {
   const [lon = 0, lat = 0] = geometry.coordinates;
@@ -56,10 +63,10 @@ export function padWords(features: readonly Feature[]): Words[] {
 /** What stands at claims and measurements. */
 export function evidenceWords(features: readonly Feature[]): Words[] {
   return features.filter(isPoint).flatMap((feature, i) => {
-    const { kind, label = "" } = (feature.properties ?? {}) as Properties;
+    const { kind, label = "", up_m = 0 } = (feature.properties ?? {}) as Properties;
     if (label === "" || (kind !== "claim" && kind !== "measured")) return [];
     const sides = kind === "claim" ? ABOVE : BELOW;
-    return [{ ...at(feature), id: `${kind} ${i}`, lines: lines(label), rank: RANK.evidence + i, clear: 10, sides, from: CLOSE_ZOOM }];
+    return [{ ...at(feature), up_m, id: `${kind} ${i}`, lines: lines(label), rank: RANK.evidence + i, clear: 10, sides, from: CLOSE_ZOOM }];
   });
 }
 
@@ -81,13 +88,16 @@ export function measureWords(features: readonly Feature[]): Words[] {
 }
 
 /** The drones' names, those first that somebody should look at. */
-export function* droneWords(view: View, fleet: Fleet, tracks: TrackTable, selected: string | undefined): Generator<Words> {
+export function* droneWords(view: View, fleet: Fleet, store: LiveStore, selected: string | undefined): Generator<Words> {
   if (view.zoom < SITE_ZOOM) return;
+  const { tracks } = store;
+  const told = view.zoom >= BLOCKS_ZOOM && fleet.counts.all <= BLOCKS_MOST;
   const words = (uav_id: string, slot: number, rank: number, strong: boolean): Words => ({
     id: uav_id,
     x: tracks.x[slot] ?? 0,
     y: tracks.y[slot] ?? 0,
-    lines: [{ text: uav_id, strong, ...(!strong && { tone: "ink2" as const }) }],
+    up_m: view.tilt === undefined ? 0 : upOf(store, slot),
+    lines: [{ text: uav_id, strong, ...(!strong && { tone: "ink2" as const }) }, ...(told ? block(store, slot) : [])],
     rank: uav_id === selected ? RANK.selected : rank,
     clear: uav_id === selected ? 16 : HALF,
     sides: ABOVE,
@@ -95,35 +105,57 @@ export function* droneWords(view: View, fleet: Fleet, tracks: TrackTable, select
   let rank = RANK.judged;
   for (const { uav_id } of fleet.judged) {
     const slot = tracks.slot(uav_id);
-    if (slot !== undefined) yield words(uav_id, slot, rank++, true);
+    // Who is selected has one label, below.
+    if (slot !== undefined && uav_id !== selected) yield words(uav_id, slot, rank++, true);
   }
   const chosen = selected === undefined ? undefined : tracks.slot(selected);
   if (selected !== undefined && chosen !== undefined) yield words(selected, chosen, RANK.selected, true);
   if (view.zoom < NAMES_ZOOM) return;
   let tried = 0;
   for (const slot of fleet.heard) {
-    if (slot === chosen || !within(view, tracks, slot)) continue;
+    if (slot === chosen || !within(view, store, slot)) continue;
     if (++tried > MOST_HEARD) return;
     yield words(tracks.nameAt(slot), slot, RANK.heard + slot, false);
   }
 }
 
-function within(view: View, tracks: TrackTable, slot: number): boolean {
-  const left = pixelX(view, tracks.x[slot] ?? 0);
-  const top = pixelY(view, tracks.y[slot] ?? 0);
+/** What stands under a drone's name, by the user's wish: height with climb, speed, operator. */
+function block(store: LiveStore, slot: number): Line[] {
+  const { tracks } = store;
+  const wishes = mapWishes();
+  const words: string[] = [];
+  const climb_mm_s = tracks.climbAt(slot) ?? 0;
+  const arrow = climb_mm_s > CLIMBING_MM_S ? " ↑" : climb_mm_s < -CLIMBING_MM_S ? " ↓" : "";
+  if (wishes.height && tracks.heightAt(slot) !== undefined) words.push(`${length(Math.round(upOf(store, slot)) * 1000, true)}${arrow}`);
+  const speed_mm_s = tracks.speedAt(slot);
+  if (wishes.speed && speed_mm_s !== undefined) words.push(speed(speed_mm_s));
+  const operator = tracks.operatorAt(slot);
+  if (wishes.operator && operator !== undefined) words.push(operator);
+  return words.length === 0 ? [] : [{ text: words.join(" · "), tone: "ink2" }];
+}
+
+function spotOfDrone(view: View, store: LiveStore, slot: number): ReturnType<typeof spotOf> {
+  return spotOf(view, store.tracks.x[slot] ?? 0, store.tracks.y[slot] ?? 0, view.tilt === undefined ? 0 : upOf(store, slot));
+}
+
+function within(view: View, store: LiveStore, slot: number): boolean {
+  const { left = -1, top = -1 } = spotOfDrone(view, store, slot) ?? {};
   return left >= 0 && top >= 0 && left <= view.width && top <= view.height;
 }
 
 /** Takes the room of everything that words must not cover: the drones, and these points. */
-export function takeMarks(occupied: Occupied, view: View, fleet: Fleet, tracks: TrackTable, points: readonly Feature[]): void {
-  const take = (x: number, y: number, half: number): void => occupied.take(pixelX(view, x) - half, pixelY(view, y) - half, 2 * half, 2 * half);
+export function takeMarks(occupied: Occupied, view: View, fleet: Fleet, store: LiveStore, points: readonly Feature[]): void {
+  const take = (spot: ReturnType<typeof spotOf>, half: number): void => {
+    if (spot !== undefined) occupied.take(spot.left - half, spot.top - half, 2 * half, 2 * half);
+  };
   for (const feature of points) {
     if (!isPoint(feature)) continue;
     const { x, y } = at(feature);
-    take(x, y, HALF);
+    const { up_m = 0 } = (feature.properties ?? {}) as Properties;
+    take(spotOf(view, x, y, up_m), HALF);
   }
   if (view.zoom < SITE_ZOOM) return;
   for (let slot = 0; slot < fleet.looks.length; slot++) {
-    if (fleet.looks[slot] !== HIDDEN) take(tracks.x[slot] ?? 0, tracks.y[slot] ?? 0, HALF - 2);
+    if (fleet.looks[slot] !== HIDDEN) take(spotOfDrone(view, store, slot), HALF - 2);
   }
 }

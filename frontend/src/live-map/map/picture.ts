@@ -1,16 +1,18 @@
 import type { GeoJSONSource, Map as MapLibre } from "maplibre-gl";
-import type { Pad, VerdictSummary } from "../../shared/api/records";
+import type { Pad, Track, VerdictSummary } from "../../shared/api/records";
 import type { Drone } from "../../shared/drones";
 import type { Fleet } from "../../shared/fleet";
 import { distance_mm, type LonLat } from "../../shared/geo/frame";
 import type { LiveStore } from "../../shared/live/store";
 import { clusters } from "./clusters";
+import { Air } from "./air";
 import { CROWD, DroneLayer, type Marked } from "./droneLayer";
 import { accuracyFeatures, evidenceFeatures, gridFeatures, gridSpacing_m, measureFeatures, padFeatures, siteFeatures, trailFeatures } from "./features";
 import { addIcons, palette } from "./icons";
 import { Labels, type Words } from "./labels";
 import { droneWords, evidenceWords, measureWords, padWords, siteWords, takeMarks } from "./mapWords";
 import type { Overlay } from "./overlays";
+import { PlaceOnMap, type BaseMap } from "./place";
 import type { Occupied } from "./placing";
 import { CLOSE_ZOOM, FINE_ZOOM, SITE_ZOOM } from "./scales";
 import { BASE_FILES, EMPTY, MAP_COLOURS, OVERLAYS_BELOW, paints } from "./style";
@@ -19,6 +21,11 @@ import { viewOf, type View } from "./view";
 export type Selection = { uav_id?: string; verdict?: VerdictSummary };
 
 const GRID_REACH_MM = 50_000_000;
+/** Buildings within this step back from who is selected; again only when he has flown on by 0.001°, since that cuts all tiles anew. */
+const STAGE_M = 130;
+const STAGE_E7 = 10_000;
+/** Over a place the metre grid is for the pad's own scale. */
+const GRID_ZOOM = 17;
 /** With more drones than this, those that nobody proved have no trail: the map would be a tangle. */
 const CROWDED = 150;
 /** Names follow a crowd this late. */
@@ -29,6 +36,10 @@ export class Picture {
   private readonly labels: Labels;
   private readonly marked: Marked = { selected: undefined, hovered: undefined };
   private readonly layer: DroneLayer;
+  private readonly air: Air;
+  private evidence: GeoJSON.Feature[] = [];
+  private trails: GeoJSON.Feature[] = [];
+  private tilted = false;
   private loaded = false;
   private wordsDue: ReturnType<typeof setTimeout> | undefined;
   private recolourIcons: ((colours: ReturnType<typeof palette>) => void) | undefined;
@@ -38,6 +49,7 @@ export class Picture {
   private words = new Map<string, readonly Words[]>();
   private overlays: readonly Overlay[] = [];
   private readonly baseLoaded = new Set<string>();
+  readonly place: PlaceOnMap;
 
   constructor(
     private readonly map: MapLibre,
@@ -45,6 +57,9 @@ export class Picture {
     private fleet: Fleet,
     calm: boolean,
   ) {
+    this.place = new PlaceOnMap(map, location.origin);
+    this.air = new Air(map.getCanvasContainer());
+    this.air.recolour(palette(MAP_COLOURS));
     this.layer = new DroneLayer(map, store, fleet, this.marked, calm);
     this.labels = new Labels(map.getCanvasContainer());
     this.labels.recolour(palette(MAP_COLOURS));
@@ -58,6 +73,7 @@ export class Picture {
     this.drawn = new Map();
     this.shownSources = new Map();
     this.baseLoaded.clear();
+    this.place.load(palette(MAP_COLOURS));
     this.addOverlays();
     this.loadBaseMap();
     this.review(this.fleet);
@@ -70,6 +86,8 @@ export class Picture {
 
   remove(): void {
     clearTimeout(this.wordsDue);
+    this.place.remove();
+    this.air.remove();
     this.layer.remove();
     this.labels.remove();
   }
@@ -78,10 +96,17 @@ export class Picture {
     const colours = palette(MAP_COLOURS);
     this.recolourIcons?.(colours);
     this.labels.recolour(colours);
+    this.air.recolour(colours);
     this.layer.retheme();
+    this.place.retheme(colours);
     for (const { id, paint } of [...paints(colours), ...this.overlays.flatMap((each) => each.layers(colours)).map(({ id, paint }) => ({ id, paint: { ...paint } }))]) {
       for (const [name, value] of Object.entries(paint)) this.map.setPaintProperty(id, name as never, value as never);
     }
+  }
+
+  /** What the ground is drawn from. */
+  describe(base: BaseMap): void {
+    this.place.describe(base, palette(MAP_COLOURS));
   }
 
   /** Layers of others, under the pads; those that are gone leave the map. */
@@ -109,7 +134,8 @@ export class Picture {
       for (let i = fleet.judged.length; i < rows.length; i++) trailing.push(rows.at(i));
     }
     const unique = new Map(trailing.flatMap((drone) => (drone === undefined ? [] : [[drone.uav_id, drone] as const])));
-    this.set("trails", trailFeatures([...unique.values()], store.tracks, selection.uav_id));
+    this.trails = trailFeatures([...unique.values()], store.tracks, selection.uav_id);
+    this.set("trails", this.tilted ? [] : this.trails);
     this.drawPads();
     this.drawClusters();
     this.tick();
@@ -163,6 +189,11 @@ export class Picture {
     return best?.pad;
   }
 
+  /** Whether a metre grid is drawn. */
+  get hasGrid(): boolean {
+    return this.gridPad() !== undefined && !(this.place.isShown && (this.tilted || this.map.getZoom() < GRID_ZOOM));
+  }
+
   private addOverlays(): void {
     for (const { id, layers, features } of this.overlays) {
       if (this.map.getSource(id) === undefined) {
@@ -187,7 +218,28 @@ export class Picture {
       ...evidenceFeatures(judged, this.store.pads, uav_id, verdict, now_ms),
       ...accuracyFeatures([chosen, ...judged.filter((drone) => drone.group === "needs-you" && drone !== chosen).slice(0, 50)]),
     ];
-    if (this.set("evidence", features)) this.words.set("evidence", evidenceWords(features));
+    this.evidence = features;
+    // While the camera is tilted it is drawn at its height (air.ts), and the city beneath need not be drawn again.
+    this.set("evidence", this.tilted ? [] : features);
+    this.words.set("evidence", evidenceWords(features));
+    this.stepBack(chosen?.track);
+  }
+
+  /** Buildings do not hide who is looked at. */
+  private stepBack(track: Track | undefined): void {
+    if (!this.tilted) return;
+    const round = (degrees_e7: number): number => Math.round(degrees_e7 / STAGE_E7) * (STAGE_E7 / 1e7);
+    this.place.stepBack(track && { lat: round(track.lat_e7), lon: round(track.lon_e7), radius_m: STAGE_M });
+  }
+
+  /** After the camera was tilted, or no longer is. */
+  tilt(tilted: boolean): void {
+    if (this.tilted === tilted) return;
+    this.tilted = tilted;
+    this.place.raise(tilted);
+    if (!this.loaded) return;
+    this.review(this.fleet);
+    this.drawGrid();
   }
 
   private drawPads(): void {
@@ -236,12 +288,13 @@ export class Picture {
     if (!this.loaded) return;
     const view = viewOf(this.map);
     const { fleet, store } = this;
-    const words = [...droneWords(view, fleet, store.tracks, this.selection.uav_id), ...[...this.words.values()].flat()];
+    this.air.draw(view, this.map.getPixelRatio(), store, fleet, [...this.trails, ...this.evidence], this.marked.selected);
+    const words = [...droneWords(view, fleet, store, this.selection.uav_id), ...[...this.words.values()].flat()];
     const points = (id: string): readonly GeoJSON.Feature[] => this.drawn.get(id)?.features ?? [];
     this.labels.draw(view, this.map.getPixelRatio(), words, (occupied) => {
       this.takePanels(occupied, view);
-      const evidence = view.zoom >= CLOSE_ZOOM ? points("evidence") : [];
-      takeMarks(occupied, view, fleet, store.tracks, [...(view.zoom < SITE_ZOOM ? points("sites") : points("pads")), ...evidence]);
+      const evidence = view.zoom >= CLOSE_ZOOM ? this.evidence : [];
+      takeMarks(occupied, view, fleet, store, [...(view.zoom < SITE_ZOOM ? points("sites") : points("pads")), ...evidence]);
     });
   }
 
@@ -275,7 +328,7 @@ export class Picture {
   private drawGrid(): void {
     const pad = this.gridPad();
     const spacing = gridSpacing_m(this.map.getZoom(), this.map.getCenter().lat);
-    if (pad === undefined || spacing === undefined) {
+    if (pad === undefined || spacing === undefined || !this.hasGrid) {
       this.set("grid", []);
       return;
     }

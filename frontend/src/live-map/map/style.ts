@@ -2,6 +2,7 @@ import type { LayerSpecification, StyleSpecification } from "maplibre-gl";
 import { borders10, borders50, land10, land50, names } from "virtual:base-map";
 import { baseLayers } from "./baseLayers";
 import type { Palette } from "./icons";
+import { PLACE_COLOURS } from "./placeLayers";
 import { COAST_FADES, FINE_ZOOM, NAMES_END } from "./scales";
 import { evidenceLayers, gridLayers, measureLayers, padLayers, pointLayers, siteLayers } from "./liveLayers";
 
@@ -22,6 +23,7 @@ export const MAP_COLOURS = [
   "ink",
   "ink2",
   "ink3",
+  ...PLACE_COLOURS,
 ] as const;
 
 type BaseFile = { id: string; url: string; from: number; to: number; replaces?: string };

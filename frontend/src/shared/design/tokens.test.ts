@@ -31,6 +31,8 @@ const PAIRS: readonly (readonly [text: string, grounds: readonly string[]])[] = 
   ["none", ["panel", "sunk"]],
   ["accent", ["panel", "sunk", "ok-bg"]],
   ["accent-ink", ["accent"]],
+  ["place-ink", ["land", "quay"]],
+  ["water-ink", ["water"]],
 ];
 
 describe.each([

@@ -82,6 +82,30 @@ export class TrackTable {
     return this.pads[slot] ?? "";
   }
 
+  /** Above the ellipsoid; undefined where the broadcast has none. */
+  heightAt(slot: number): number | undefined {
+    return this.numberAt("height_mm", slot);
+  }
+
+  /** Over the ground, and upwards. */
+  speedAt(slot: number): number | undefined {
+    return this.numberAt("speed_mm_s", slot);
+  }
+
+  climbAt(slot: number): number | undefined {
+    return this.numberAt("vertical_mm_s", slot);
+  }
+
+  /** Clockwise from north, hundredths of a degree. */
+  headingAt(slot: number): number | undefined {
+    return this.numberAt("track_cdeg", slot);
+  }
+
+  private numberAt(name: Numbers, slot: number): number | undefined {
+    const value = this.numbers[name][slot] ?? ABSENT;
+    return value === ABSENT ? undefined : value;
+  }
+
   operatorAt(slot: number): string | undefined {
     return this.rest[slot]?.operator_id;
   }

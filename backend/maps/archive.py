@@ -1,0 +1,186 @@
+"""A PMTiles archive on disk: what it is, whether a map can be drawn from it, and parts of it.
+
+Only the header and the metadata are read, so that an archive of 50 GB costs what a small one does. Looked at anew as
+soon as the file is another one: by its inode, size and time of change.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import struct
+import zlib
+from dataclasses import dataclass
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+HEADER_BYTES: Final = 127
+MAX_METADATA: Final = 1 << 20
+MAX_ATTRIBUTION: Final = 300
+MAGIC: Final = b"PMTiles"
+VERSION: Final = 3
+NONE, GZIP = 1, 2
+KINDS: Final = {1: "vector", 2: "png", 3: "jpeg", 4: "webp", 5: "avif"}
+NEEDED: Final = frozenset({"earth", "water", "roads"})
+"""Layers without which this is no base map that the console's style knows."""
+
+
+class ArchiveError(Exception):
+    """No map can be drawn from the file; the text says why, without its path."""
+
+
+@dataclass(frozen=True)
+class Credit:
+    """A piece of an attribution; ``href`` is an https:// address, or empty."""
+
+    text: str
+    href: str = ""
+
+
+@dataclass(frozen=True)
+class Description:
+    """What an archive says of itself. Bounds are west, south, east, north in degrees."""
+
+    tag: str
+    kind: str
+    size_bytes: int
+    bounds: tuple[float, float, float, float]
+    min_zoom: int
+    max_zoom: int
+    layers: tuple[str, ...]
+    attribution: tuple[Credit, ...]
+
+
+class Archive:
+    """One archive that a setting names; it may come, go and change while the server runs."""
+
+    def __init__(self, path: Path, *, vector: bool) -> None:
+        self._path = path
+        self._vector = vector
+        self._seen: tuple[int, ...] = ()
+        self._result: Description | ArchiveError = ArchiveError("it was not looked at yet")
+
+    def describe(self) -> Description:
+        """What it is now. Raises `ArchiveError`. Blocks on the disk."""
+        try:
+            with self._path.open("rb") as file:
+                status = os.fstat(file.fileno())
+                seen = (status.st_ino, status.st_size, status.st_mtime_ns)
+                if seen != self._seen:
+                    self._result = self._examined(file.fileno(), seen)
+                    self._seen = seen
+        except OSError as cause:
+            self._seen = ()
+            raise ArchiveError(f"the file cannot be read: {cause.strerror}") from None
+        if isinstance(self._result, ArchiveError):
+            raise self._result
+        return self._result
+
+    def part(self, first: int, length: int) -> tuple[bytes, Description]:
+        """Bytes of the file as it is described now. Raises `ArchiveError`. Blocks on the disk."""
+        description = self.describe()
+        try:
+            with self._path.open("rb") as file:
+                status = os.fstat(file.fileno())
+                if (status.st_ino, status.st_size, status.st_mtime_ns) != self._seen:
+                    raise ArchiveError("the file is being replaced")
+                return os.pread(file.fileno(), length, first), description
+        except OSError as cause:
+            raise ArchiveError(f"the file cannot be read: {cause.strerror}") from None
+
+    def _examined(self, file: int, seen: tuple[int, ...]) -> Description | ArchiveError:
+        try:
+            return _read(file, seen, vector=self._vector)
+        except ArchiveError as error:
+            return error
+
+
+def _read(file: int, seen: tuple[int, ...], *, vector: bool) -> Description:
+    size = seen[1]
+    head = os.pread(file, HEADER_BYTES, 0)
+    if head[:7] != MAGIC or len(head) < HEADER_BYTES or head[7] != VERSION:
+        raise ArchiveError("it is no PMTiles archive of version 3")
+    root, root_length, words, words_length, leaves, leaves_length, tiles, tiles_length = struct.unpack_from(
+        "<8Q", head, 8
+    )
+    for start, length in ((root, root_length), (words, words_length), (leaves, leaves_length), (tiles, tiles_length)):
+        if start + length > size:
+            raise ArchiveError(f"it is cut off: it has {size} bytes and needs {start + length}")
+    packing, tile_type, min_zoom, max_zoom = head[97], head[99], head[100], head[101]
+    if packing not in {NONE, GZIP}:
+        raise ArchiveError("its directories are packed in a way that browsers cannot undo; gzip is fine")
+    kind = KINDS.get(tile_type, "unknown")
+    if (kind == "vector") is not vector or kind == "unknown":
+        wanted = "vector tiles" if vector else "images"
+        raise ArchiveError(f"its tiles are {'of an unknown kind' if kind == 'unknown' else kind}, not {wanted}")
+    if vector and head[98] not in {NONE, GZIP}:
+        raise ArchiveError("its tiles are packed in a way that browsers cannot undo; gzip is fine")
+    west, south, east, north = (each / 1e7 for each in struct.unpack_from("<4i", head, 102))
+    if not (-180 <= west < east <= 180 and -90 <= south < north <= 90 and min_zoom <= max_zoom <= 24):
+        raise ArchiveError("its bounds or zooms make no sense")
+    metadata = _metadata(os.pread(file, min(words_length, MAX_METADATA), words), packing)
+    layers = tuple(
+        str(each["id"])[:64] for each in metadata.get("vector_layers") or [] if isinstance(each, dict) and "id" in each
+    )
+    if vector and not NEEDED.issubset(layers):
+        raise ArchiveError(
+            f"it has no layers {', '.join(sorted(NEEDED - set(layers)))}: the map is drawn from the Protomaps schema"
+        )
+    return Description(
+        tag="-".join(f"{each:x}" for each in seen),
+        kind=kind,
+        size_bytes=size,
+        bounds=(west, south, east, north),
+        min_zoom=min_zoom,
+        max_zoom=max_zoom,
+        layers=layers,
+        attribution=credits_of(str(metadata.get("attribution") or "")),
+    )
+
+
+def _metadata(data: bytes, packing: int) -> dict[str, Any]:
+    try:
+        if packing == GZIP:
+            data = zlib.decompressobj(wbits=31).decompress(data, MAX_METADATA)
+        value = json.loads(data or b"{}")
+    except (zlib.error, gzip.BadGzipFile, ValueError, RecursionError):
+        raise ArchiveError("its metadata cannot be read") from None
+    if not isinstance(value, dict):
+        raise ArchiveError("its metadata cannot be read")
+    return value
+
+
+class _Credits(HTMLParser):
+    """Takes text and links out of an attribution, which archives write as HTML; nothing else passes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[Credit] = []
+        self._href = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag == "a":
+            href = dict(attrs).get("href") or ""
+            self._href = href if urlsplit(href).scheme == "https" and len(href) <= MAX_ATTRIBUTION else ""
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag == "a":
+            self._href = ""
+
+    def handle_data(self, data: str) -> None:
+        if data.strip():
+            self.found.append(Credit(" ".join(data.split()), self._href))
+
+
+def credits_of(html: str) -> tuple[Credit, ...]:
+    """The pieces of an attribution: text, and links by https alone."""
+    parser = _Credits()
+    try:
+        parser.feed(html[:MAX_ATTRIBUTION])
+        parser.close()
+    except ValueError:
+        return (Credit(html[:MAX_ATTRIBUTION]),)
+    return tuple(parser.found)

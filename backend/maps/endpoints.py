@@ -1,0 +1,89 @@
+"""The base maps by REST: their description, archives by byte ranges, aerial images by tiles."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated, Final
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response
+
+from backend.auth.access import SIGNED_IN
+from backend.context import context_of
+from backend.errors import NotFound, documented
+from backend.maps.archive import Archive, ArchiveError
+from backend.maps.imagery import ImageryError
+from backend.maps.ranges import RangeError, parse
+from backend.maps.schemas import BaseMap
+from backend.responses import resource
+
+router = APIRouter(prefix="/map", tags=["map"], dependencies=SIGNED_IN)
+KEPT: Final = "private, max-age=604800, immutable"
+"""Under an address that names the version of the file."""
+ASKED_ANEW: Final = "private, no-cache"
+IMAGE_KEPT: Final = "private, max-age=86400"
+MAX_ZOOM: Final = 22
+
+Zoom = Annotated[int, Path(ge=0, le=MAX_ZOOM)]
+Index = Annotated[int, Path(ge=0, lt=1 << MAX_ZOOM)]
+
+
+@router.get("", response_model=BaseMap, responses=documented(etag=True))
+async def read_base_map(request: Request) -> Response:
+    """What the console's map is drawn from, and what of it is missing and where that is set."""
+    prefix = request.url.path.removesuffix("/map")
+    return resource(request, await asyncio.to_thread(context_of(request).maps.describe, prefix))
+
+
+@router.api_route("/archive", methods=["GET", "HEAD"], include_in_schema=False)
+async def read_archive(request: Request) -> Response:
+    """The archive of vector tiles, by byte ranges."""
+    return await _part(request, context_of(request).maps.archive)
+
+
+@router.api_route("/imagery", methods=["GET", "HEAD"], include_in_schema=False)
+async def read_imagery(request: Request) -> Response:
+    """The archive of aerial images, by byte ranges."""
+    return await _part(request, context_of(request).maps.images)
+
+
+@router.get("/imagery/{z}/{x}/{y}", include_in_schema=False)
+async def read_image(request: Request, z: Zoom, x: Index, y: Index) -> Response:
+    """One aerial image of the WMTS."""
+    wmts = context_of(request).maps.wmts
+    if wmts is None or x >= 1 << z or y >= 1 << z:
+        raise NotFound("There is no such image.")
+    try:
+        kind, body = await wmts.tile(z, x, y)
+    except ImageryError:
+        # What is wrong with it is in the description, which the console shows once instead of for each tile.
+        return Response(status_code=204, headers={"Cache-Control": "no-store"})
+    if not body:
+        return Response(status_code=204, headers={"Cache-Control": IMAGE_KEPT})
+    return Response(body, media_type=kind, headers={"Cache-Control": IMAGE_KEPT})
+
+
+async def _part(request: Request, archive: Archive | None) -> Response:
+    if archive is None:
+        raise NotFound("This server has no such map.")
+    try:
+        description = await asyncio.to_thread(archive.describe)
+        tag = f'"{description.tag}"'
+        current = request.query_params.get("v") == description.tag
+        headers = {"ETag": tag, "Accept-Ranges": "bytes", "Cache-Control": KEPT if current else ASKED_ANEW}
+        if tag in request.headers.get("if-none-match", ""):
+            return Response(status_code=304, headers=headers)
+        try:
+            first, length = parse(request.headers.get("range"), description.size_bytes)
+        except RangeError as error:
+            headers |= {"Content-Range": f"bytes */{description.size_bytes}", "Cache-Control": "no-store"}
+            return Response(f"{error}\n", 416, headers, "text/plain")
+        body, after = await asyncio.to_thread(archive.part, first, length)
+    except ArchiveError as error:
+        raise NotFound(f"The map cannot be read: {error}.") from error
+    if after.tag != description.tag:
+        headers = headers | {"ETag": f'"{after.tag}"', "Cache-Control": "no-store"}
+    if "range" not in request.headers:
+        return Response(body, headers=headers, media_type="application/octet-stream")
+    headers["Content-Range"] = f"bytes {first}-{first + len(body) - 1}/{after.size_bytes}"
+    return Response(body, 206, headers, "application/octet-stream")
