@@ -25,7 +25,7 @@ from edge_agent.reconcile import Reconciler
 from edge_agent.reporting import SpoolReporter
 from edge_agent.session import events as on
 from edge_agent.session.machine import PadSession
-from edge_agent.session.runner import SessionRunner
+from edge_agent.session.runner import PadRunner
 from edge_agent.spool import SpoolError
 from edge_agent.witness import WitnessDuty
 from wonderland.clock import SteadyClock
@@ -110,7 +110,7 @@ class PadAgent:
         self._prekeys = PrekeyKeeper(pad_id, spool, ledger, clock, prekeys)
         self._reconciler = Reconciler(ledger, self._reporter, clock)
         self._requests: asyncio.Queue[Session] = asyncio.Queue(MAX_WAITING)
-        self._runner: SessionRunner | None = None
+        self._runner: PadRunner | None = None
         self._witness = WitnessDuty(pad_id, ledger=ledger, radios=radios, prekeys=self._prekeys, clock=clock)
         self._own = OwnPad(pad_id, ledger)
         self._care = asyncio.Event()
@@ -317,7 +317,7 @@ class PadAgent:
             drift_sigma_mm=drift_mm,
         )
         self._receiver.watch(uav_id)
-        runner = self._runner = SessionRunner(
+        runner = self._runner = PadRunner(
             machine,
             radios=self._radios,
             ledger=self._ledger,

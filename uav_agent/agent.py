@@ -19,7 +19,7 @@ from uav_agent.position import PositionSource
 from uav_agent.session import events as on
 from uav_agent.session.machine import UavSession
 from uav_agent.session.ports import Act, Radio, UavLedger
-from uav_agent.session.runner import SessionRunner, StepListener
+from uav_agent.session.runner import StepListener, UavRunner
 from uav_agent.session.timing import UavTiming
 from wonderland.clock import Clock
 from wonderland.ledger.identity import Identity
@@ -126,7 +126,7 @@ class UavAgent:
         self._whole_certificate = whole_certificate
         self._choose = choose
         self._on_step = on_step
-        self._runner: SessionRunner | None = None
+        self._runner: UavRunner | None = None
 
     def stop(self, reason: str = "agent_stopped") -> None:
         """End the session under way in a recorded state; ``prove`` returns soon after."""
@@ -167,7 +167,7 @@ class UavAgent:
             witness_blinks=await self._witness_blinks(asked),
             broadcasts=self._broadcasts.sent,
         )
-        runner = self._runner = SessionRunner(
+        runner = self._runner = UavRunner(
             machine,
             radio=self._radio,
             ledger=self._ledger,

@@ -4,21 +4,33 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from wonderland.proofs.records.verdicts import Verdict
+from wonderland.session.events import (
+    DataHeard,
+    Interrupted,
+    RadiosFailed,
+    RadiosOpened,
+    SessionCancelled,
+    Tick,
+    VerdictCommitted,
+)
 
-
-@dataclass(frozen=True, slots=True)
-class RadiosOpened:
-    """The pad's nodes run both UWB sessions. ``firmware`` of the nodes, where they say it."""
-
-    firmware: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class RadiosFailed:
-    """The nodes cannot range: too few of them answered, or the one that speaks is gone for good."""
-
-    detail: str
+__all__ = [
+    "AnchorRange",
+    "DataHeard",
+    "FrameHeard",
+    "InteractionCompleted",
+    "Interrupted",
+    "LedgerLost",
+    "PadEvent",
+    "Permitted",
+    "RadiosFailed",
+    "RadiosOpened",
+    "SessionCancelled",
+    "SubmitRefused",
+    "Tick",
+    "VerdictCommitted",
+    "Witnessed",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,26 +61,6 @@ class FrameHeard:
 
 
 @dataclass(frozen=True, slots=True)
-class DataHeard:
-    """One in-band data unit from the drone, as a node reported it; not yet authenticated."""
-
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Tick:
-    """Time has passed; nothing else happened."""
-
-
-@dataclass(frozen=True, slots=True)
-class VerdictCommitted:
-    """SubmitProof is VALID in a block. Only this event lets the machine permit anything."""
-
-    verdict: Verdict
-    tx_id: str
-
-
-@dataclass(frozen=True, slots=True)
 class Witnessed:
     """The session's witness has testified: WitnessProof is VALID in a block."""
 
@@ -96,26 +88,10 @@ class LedgerLost:
 
 
 @dataclass(frozen=True, slots=True)
-class SessionCancelled:
-    """The ledger says that someone cancelled the session (drone, authority, or this pad)."""
-
-    by: str
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
 class InteractionCompleted:
     """The ledger says how the permitted interaction ended."""
 
     end: str
-
-
-@dataclass(frozen=True, slots=True)
-class Interrupted:
-    """The agent has to end the session: it is being stopped, its spool is full, or the like."""
-
-    reason: str
-    detail: str = ""
 
 
 PadEvent = (

@@ -29,7 +29,7 @@ from edge_agent.session.evidence import GatheredEvidence
 from edge_agent.session.frames import FrameGatherer
 from edge_agent.session.ranging import Progress, Ranging
 from edge_agent.session.timing import PadTiming
-from edge_agent.session.words import PadWords, Word
+from edge_agent.session.words import PadWords
 from wonderland.proofs.broadcast import NEAR_CLAIM_MS
 from wonderland.proofs.encoding import to_base64url
 from wonderland.proofs.keys import SessionKeys
@@ -40,6 +40,7 @@ from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.rounds import MIN_ANCHORS
 from wonderland.proofs.stopping import LOOKS
 from wonderland.proofs.verdict import preview
+from wonderland.session.words import Word
 from wonderland.uwb.blinks import blink_plan
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.link.messages import AbortReason

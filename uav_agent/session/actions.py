@@ -5,19 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from wonderland.proofs.records.verdicts import Verdict
-from wonderland.uwb.layout import RangingPlan
+from wonderland.session.actions import Cancel, CloseRadios, Finish, OpenRadios, ReportStep
 
-
-@dataclass(frozen=True, slots=True)
-class OpenRadios:
-    """Start both UWB sessions on the drone's node; answer with RadiosOpened or RadiosFailed."""
-
-    plan: RangingPlan
-
-
-@dataclass(frozen=True, slots=True)
-class CloseRadios:
-    """Stop both UWB sessions."""
+__all__ = [
+    "Act",
+    "AnswerInBlinks",
+    "Cancel",
+    "CloseRadios",
+    "Complete",
+    "Finish",
+    "OpenRadios",
+    "ReportStep",
+    "Sign",
+    "StopActing",
+    "UavAction",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,34 +56,6 @@ class Complete:
 
     result: str
     note: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Cancel:
-    """End the session on the ledger without a verdict."""
-
-    reason: str
-    note: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class ReportStep:
-    """A step of the proof was reached, or failed, at ``t_ms``."""
-
-    step: str
-    t_ms: int
-    ok: bool = True
-    detail: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Finish:
-    """The session is over for this drone. ``state`` is the ledger's, ``end`` says how, in one word for machines."""
-
-    state: str
-    end: str
-    t_ms: int
-    detail: str = ""
 
 
 UavAction = (

@@ -4,19 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from wonderland.proofs.records.verdicts import Verdict
+from wonderland.session.events import (
+    DataHeard,
+    Interrupted,
+    RadiosFailed,
+    RadiosOpened,
+    SessionCancelled,
+    Tick,
+    VerdictCommitted,
+)
 
-
-@dataclass(frozen=True, slots=True)
-class RadiosOpened:
-    """The drone's node runs both UWB sessions."""
-
-
-@dataclass(frozen=True, slots=True)
-class RadiosFailed:
-    """The drone's node cannot range."""
-
-    detail: str
+__all__ = [
+    "Acted",
+    "DataHeard",
+    "Interrupted",
+    "OwnRange",
+    "RadiosFailed",
+    "RadiosOpened",
+    "SessionCancelled",
+    "SignFailed",
+    "Signed",
+    "Tick",
+    "UavEvent",
+    "VerdictCommitted",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,13 +37,6 @@ class OwnRange:
     mac: int
     t_ms: int
     range_mm: int
-
-
-@dataclass(frozen=True, slots=True)
-class DataHeard:
-    """One in-band data unit from the pad; not yet authenticated."""
-
-    data: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,39 +54,10 @@ class SignFailed:
 
 
 @dataclass(frozen=True, slots=True)
-class VerdictCommitted:
-    """SubmitProof is VALID in a block. Only this event lets the machine act."""
-
-    verdict: Verdict
-    tx_id: str
-
-
-@dataclass(frozen=True, slots=True)
-class SessionCancelled:
-    """The ledger says that someone cancelled the session."""
-
-    by: str
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
 class Acted:
     """What was permitted is over: ``done`` or ``aborted``."""
 
     result: str
-    detail: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Tick:
-    """Time has passed; nothing else happened."""
-
-
-@dataclass(frozen=True, slots=True)
-class Interrupted:
-    """The agent has to end the session."""
-
-    reason: str
     detail: str = ""
 
 

@@ -23,13 +23,14 @@ from uav_agent.session import actions as do
 from uav_agent.session import events as on
 from uav_agent.session.crosscheck import OwnRanges
 from uav_agent.session.timing import UavTiming
-from uav_agent.session.words import UavWords, Word
+from uav_agent.session.words import UavWords
 from wonderland.proofs.encoding import to_base64url
 from wonderland.proofs.keys import SessionKeys
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import MAX_ATTESTED, MAX_CLAIMS, AnchorRanges, Claim, RangeTable, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.statement import statement
+from wonderland.session.words import Word
 from wonderland.uwb.blinks import BlinkPlan, blink_plan
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.link.messages import AbortReason
@@ -226,7 +227,7 @@ class UavSession:
             return
         self._reach("poll", now_ms, actions)
         if not hmac.compare_digest(code, self._code_pad):
-            self._words.abort(AbortReason.CODE_MISMATCH, "", now_ms)
+            self._words.abort(AbortReason.CODE_MISMATCH, now_ms)
             actions.append(do.ReportStep("match", now_ms, ok=False, detail="the pad's session code is another's"))
             self._wait("code_mismatch")
             return
@@ -296,7 +297,7 @@ class UavSession:
         """The drone does not sign: it says so, and the contract judges without it."""
         if self.phase not in {Phase.RANGING, Phase.SIGNING}:
             return
-        self._words.abort(AbortReason.RANGES_REFUSED, reason, now_ms)
+        self._words.abort(AbortReason.RANGES_REFUSED, now_ms, reason)
         actions.append(do.ReportStep("confirm", now_ms, ok=False, detail=f"{reason}: {detail}"))
         self._wait(reason)
 
@@ -304,7 +305,7 @@ class UavSession:
         """The exchange with the pad is over; the pad still brings what it has before the contract."""
         if self.phase is Phase.WAITING:
             return
-        self._words.abort(_ABORTS.get(reason, AbortReason.UNSPECIFIED), reason, now_ms)
+        self._words.abort(_ABORTS.get(reason, AbortReason.UNSPECIFIED), now_ms, reason)
         step = {Phase.LISTENING: "poll", Phase.RANGING: "range"}.get(self.phase, "confirm")
         actions.append(do.ReportStep(step, now_ms, ok=False, detail=f"{reason}: {detail}" if detail else reason))
         self._wait(reason)
@@ -389,7 +390,7 @@ class UavSession:
         self.phase = Phase.ENDED
         self._times.clear()
         self._words.close()
-        actions.append(do.Finish(state, end, now_ms, detail))
+        actions.append(do.Finish(state, end, now_ms, detail=detail))
 
     def _close_radios(self, actions: list[do.UavAction]) -> None:
         if self._radios_open or self.phase is Phase.OPENING:
