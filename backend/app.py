@@ -30,6 +30,7 @@ from backend.db.tables.reported import InstanceRow
 from backend.events.feed import Commits
 from backend.events.streams import Streams
 from backend.flights.store import forget as forget_flights
+from backend.http.transfer import new_client
 from backend.ingest.agents import Agents
 from backend.ingest.identity import Members
 from backend.ingest.intake import Intake
@@ -50,7 +51,6 @@ from backend.transactions.enrolment import Registrar
 from backend.transactions.keys import SigningKeys
 from backend.transactions.service import Signing
 from backend.uspace.service import USpace
-from backend.uspace.transfer import new_client
 from backend.webhooks.deliver import Webhooks
 from backend.webhooks.post import poster_of
 from wonderland import __version__

@@ -19,8 +19,8 @@ from joserfc.errors import JoseError
 
 from backend.auth.secret import new_secret
 from backend.auth.settings import OidcSettings
-from backend.uspace.tokens import ALGORITHMS, read_keys
-from backend.uspace.transfer import TransferError, ask_object
+from backend.http.transfer import TransferError, ask_object
+from backend.tokens import ALGORITHMS, read_keys
 from wonderland.proofs.encoding import to_base64url
 
 LEEWAY_S: Final = 60

@@ -18,8 +18,8 @@ from backend.clients.tokens import Tokens
 from backend.db.tables.clients import ClientRow
 from backend.errors import Forbidden
 from backend.settings import Settings
+from backend.tokens import Caller, TokenRefused, TokenVerifier
 from backend.uspace.service import USpace
-from backend.uspace.tokens import Caller, TokenRefused, TokenVerifier
 
 METHOD: Final = "client"
 

@@ -22,8 +22,8 @@ from backend.clients.scopes import SCOPES
 from backend.db.engine import Database
 from backend.db.tables.clients import AssertionRow, ClientRow
 from backend.errors import BackendError, NotFound
-from backend.uspace.tokens import read_keys
-from backend.uspace.transfer import TransferError
+from backend.http.transfer import TransferError
+from backend.tokens import read_keys
 
 SECRET_BYTES: Final = 32
 CLIENT: Final = "wl-"

@@ -20,7 +20,7 @@ from backend.clients.keys import ALGORITHM, TokenKeys
 from backend.clients.store import Clients
 from backend.db.tables.clients import ClientRow
 from backend.errors import BackendError
-from backend.uspace.tokens import THUMBPRINT
+from backend.tokens import THUMBPRINT
 
 TTL_S: Final = 3600
 """ASTM F3411 allows no longer life."""

@@ -16,7 +16,7 @@ from backend.errors import SwitchedOff, documented
 from backend.live.lens import Lens
 from backend.outputs.items import KINDS, Item, Kind, items_of
 from backend.responses import resource
-from backend.uspace.tokens import ScopeMissing
+from backend.tokens import ScopeMissing
 
 router = APIRouter(tags=["picture"])
 _SCOPES: Final[dict[Kind, str]] = {"claim": TRACKS, "estimate": TRACKS, "verdict": PROOFS}

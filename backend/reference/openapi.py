@@ -10,7 +10,7 @@ from backend.clients import idempotency
 from backend.clients.scopes import RID_DISPLAY, RID_SERVICE, SCOPES, scopes_for
 from backend.errors import Problem, TooLarge, TooManyRequests, Unprocessable
 from backend.reference.examples import example_of
-from backend.uspace.tokens import ScopeMissing, TokenRefused
+from backend.tokens import ScopeMissing, TokenRefused
 
 Document = dict[str, Any]
 METHODS: Final = ("get", "put", "post", "delete", "patch")

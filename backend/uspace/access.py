@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 from starlette.requests import HTTPConnection
 
 from backend.context import context_of
-from backend.uspace.tokens import Caller
+from backend.tokens import Caller
 
 
 def system_with(*scopes: str) -> Callable[[HTTPConnection], Awaitable[Caller]]:

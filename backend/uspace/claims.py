@@ -24,9 +24,9 @@ from uas_standards.astm.f3411.v22a.api import (
     VerticalAccuracy,
 )
 
+from backend.http.times import rfc3339
 from backend.ingest.messages import TrackBody
 from backend.uspace.geo import E7
-from backend.uspace.times import rfc3339
 from wonderland.remote_id.enums import HorizontalAccuracy as HorizontalClass
 from wonderland.remote_id.enums import SpeedAccuracy as SpeedClass
 from wonderland.remote_id.enums import VerticalAccuracy as VerticalClass

@@ -15,8 +15,8 @@ from urllib.parse import urlsplit
 import httpx
 
 from backend.errors import Problem
+from backend.http.transfer import TransferError, ask
 from backend.uspace.token_client import TokenClient
-from backend.uspace.transfer import TransferError, ask
 from backend.webhooks.targets import TargetRefused, resolved
 
 

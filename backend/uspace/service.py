@@ -11,8 +11,10 @@ from urllib.parse import urlsplit
 
 from backend.clients.limits import RateLimits
 from backend.errors import SettingsError
+from backend.http.transfer import TransferError, new_client
 from backend.ingest.agents import UAV
 from backend.settings import Settings
+from backend.tokens import TokenVerifier
 from backend.uspace.claims import details_of, state_of
 from backend.uspace.dss.client import DssClient
 from backend.uspace.eu664.geoid import Geoid
@@ -28,8 +30,6 @@ from backend.uspace.netrid.watches import Watches
 from backend.uspace.peers import Peers
 from backend.uspace.registry import Registry
 from backend.uspace.token_client import TokenClient
-from backend.uspace.tokens import TokenVerifier
-from backend.uspace.transfer import TransferError, new_client
 
 if TYPE_CHECKING:
     from backend.db.engine import Database

@@ -3,30 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from backend.http.addresses import ADDRESS
+from backend.tokens import IssuerSettings
 from wonderland.remote_id.errors import FieldError
 from wonderland.remote_id.operators import check_operator_id, public_operator_id
-
-ADDRESS: Final = r"https?://[^/\s@?#]+(/[^\s@?#]*)?"
-
-
-class IssuerSettings(BaseModel):
-    """An authorisation server whose tokens are believed."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    issuer: str = Field(min_length=1, max_length=300, description="Its tokens' `iss`, exactly")
-    jwks_url: str | None = Field(default=None, pattern=f"^{ADDRESS}$", description="Where it publishes its keys")
-    keys_file: Path | None = Field(default=None, description="Its keys in a file instead: JWKS, or one key in PEM")
-
-    @model_validator(mode="after")
-    def _one_place(self) -> Self:
-        if (self.jwks_url is None) == (self.keys_file is None):
-            raise ValueError("give jwks_url or keys_file, one of the two")
-        return self
 
 
 class USpaceSettings(BaseModel):

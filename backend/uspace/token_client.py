@@ -10,8 +10,8 @@ from typing import Any, Final
 
 import httpx
 
+from backend.http.transfer import TransferError, ask_object
 from backend.uspace.settings import USpaceSettings
-from backend.uspace.transfer import TransferError, ask_object
 
 SPARE_S: Final = 60
 """A token that ends sooner is replaced: it must outlast the request that it is made for."""

@@ -16,12 +16,12 @@ from uas_standards.interuss.automated_testing.geo_awareness.v1.constants import 
 
 from backend.context import Context, context_of
 from backend.errors import BadRequest, NotFound, Problem, documented
+from backend.http.transfer import TransferError
 from backend.responses import Json
+from backend.tokens import ScopeMissing, TokenRefused
 from backend.uspace.access import system_with
 from backend.uspace.dss.models import UUID4, parse
 from backend.uspace.netrid.endpoints import NO_STORE, StandardRoute
-from backend.uspace.tokens import ScopeMissing, TokenRefused
-from backend.uspace.transfer import TransferError
 from backend.zones import importing, store
 from backend.zones.tested import CheckRequest, SourceRequest, answer
 

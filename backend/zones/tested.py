@@ -8,8 +8,8 @@ from typing import Annotated, Any, Final, Literal
 import shapely
 from pydantic import AfterValidator, Field
 
+from backend.http.times import unix_ms
 from backend.uspace.dss.models import Foreign
-from backend.uspace.times import unix_ms
 from backend.zones.applicability import DAY_MS, MAX_DAYS, Validity, spans
 from backend.zones.files.ed269 import FOOT_M, RESTRICTIONS, USPACE_CLASS
 from backend.zones.heights import Band, reaches

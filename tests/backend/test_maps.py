@@ -7,12 +7,12 @@ import contextlib
 
 import pytest
 
+from backend.http.transfer import new_client
 from backend.maps.archive import Archive, ArchiveError, credits_of
 from backend.maps.imagery import Imagery, ImageryError
 from backend.maps.ranges import MAX_PART, RangeError, parse
 from backend.maps.service import Maps
 from backend.maps.settings import MapSettings
-from backend.uspace.transfer import new_client
 from simulator.place.archive import write
 
 LAYERS = ("earth", "water", "roads")

@@ -10,7 +10,7 @@ from implicitdict import ImplicitDict
 from uas_standards.interuss.automated_testing.rid.v1 import injection, observation
 from uas_standards.interuss.automated_testing.versioning import api as versioning
 
-from backend.uspace.times import rfc3339
+from backend.http.times import rfc3339
 from wonderland import __version__
 
 INJECT, OBSERVE = "rid.inject_test_data", "dss.read.identification_service_areas"

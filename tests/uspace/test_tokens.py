@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backend.uspace.settings import IssuerSettings, USpaceSettings
+from backend.http.transfer import TransferError
+from backend.tokens import REFETCH_S, REFRESH_S, IssuerSettings, ScopeMissing, TokenRefused, TokenVerifier
+from backend.uspace.settings import USpaceSettings
 from backend.uspace.token_client import NoToken, TokenClient
-from backend.uspace.tokens import REFETCH_S, REFRESH_S, ScopeMissing, TokenRefused, TokenVerifier
-from backend.uspace.transfer import TransferError
 
 
 def now_ms():

@@ -15,13 +15,13 @@ import orjson
 from pydantic import BaseModel
 from uas_standards.astm.f3411.v22a.constants import Scope
 
-from backend.uspace.backoff import Backoff, retry_after_s
+from backend.http.backoff import Backoff, retry_after_s
+from backend.http.times import rfc3339
+from backend.http.transfer import TransferError, parse_object
 from backend.uspace.dss import models
 from backend.uspace.dss.errors import AreaTooLarge, DssAway, DssRefused, NotThere, TooMany, VersionConflict
 from backend.uspace.geo import E7, Box
 from backend.uspace.peers import Peers
-from backend.uspace.times import rfc3339
-from backend.uspace.transfer import TransferError, parse_object
 
 logger = logging.getLogger(__name__)
 

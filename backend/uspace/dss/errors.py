@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from backend.uspace.transfer import TransferError
+from backend.http.transfer import TransferError
 
 
 class DssError(TransferError):

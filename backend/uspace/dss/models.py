@@ -9,9 +9,9 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from backend.http.addresses import ADDRESS
+from backend.http.times import unix_ms
 from backend.uspace.geo import E7, TURN, Box
-from backend.uspace.settings import ADDRESS
-from backend.uspace.times import unix_ms
 
 UUID4 = r"^[0-9a-fA-F]{8}-[0-9a-fA-F]{4}-[0-9a-fA-F]{4}-[0-9a-fA-F]{4}-[0-9a-fA-F]{12}$"
 EntityId = Annotated[str, Field(pattern=UUID4)]

@@ -14,13 +14,13 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from backend.uspace.backoff import Backoff
+from backend.http.backoff import Backoff
+from backend.http.transfer import TransferError
 from backend.uspace.dss import models
 from backend.uspace.dss.client import DssClient, extents_of
 from backend.uspace.dss.errors import NotThere, TooMany, VersionConflict
 from backend.uspace.geo import Box, Cell
 from backend.uspace.netrid.notify import Notifier
-from backend.uspace.transfer import TransferError
 
 logger = logging.getLogger(__name__)
 

@@ -12,6 +12,7 @@ from backend import audit
 from backend.auth.access import SIGNED_IN, Officer
 from backend.context import context_of
 from backend.errors import NotFound, TooManyRequests, documented
+from backend.http.transfer import TransferError
 from backend.responses import Json
 from backend.uspace.claims import State
 from backend.uspace.flights import Flight
@@ -22,7 +23,6 @@ from backend.uspace.netrid.endpoints import FlightId
 from backend.uspace.netrid.provider import within
 from backend.uspace.netrid.views import MAX_TEXT, BadView, ViewTooLarge, parse_view
 from backend.uspace.peers import ProviderAway
-from backend.uspace.transfer import TransferError
 
 router = APIRouter(tags=["networked flights"])
 PRIVATE = {"Cache-Control": "private, no-store"}

@@ -17,7 +17,8 @@ from urllib.parse import quote, urlsplit
 
 from uas_standards.astm.f3411.v22a.constants import Scope
 
-from backend.uspace.backoff import Backoff, retry_after_s
+from backend.http.backoff import Backoff, retry_after_s
+from backend.http.transfer import TransferError, parse_object
 from backend.uspace.claims import Details
 from backend.uspace.dss.models import parse
 from backend.uspace.flights import Flight, Flights
@@ -27,7 +28,6 @@ from backend.uspace.netrid.foreign import DetailsAnswer, FlightsAnswer, ForeignF
 from backend.uspace.netrid.provider import MAX_RECENT_S, ServiceProvider
 from backend.uspace.netrid.watches import Watches
 from backend.uspace.peers import Peers
-from backend.uspace.transfer import TransferError, parse_object
 
 logger = logging.getLogger(__name__)
 

@@ -17,13 +17,13 @@ from uas_standards.astm.f3411.v22a.constants import Scope
 from backend.context import context_of
 from backend.errors import BadRequest, NotFound, documented
 from backend.responses import Json
+from backend.tokens import Caller, ScopeMissing, TokenRefused
 from backend.uspace.access import system_with
 from backend.uspace.dss.models import UUID4, AreaNotification
 from backend.uspace.netrid.provider import MAX_RECENT_S
 from backend.uspace.netrid.schemas import RidArea, RidDetails, RidFlights
 from backend.uspace.netrid.views import BadView, ViewTooLarge, parse_view
 from backend.uspace.netrid.watches import NotTheOwner, OtherArea
-from backend.uspace.tokens import Caller, ScopeMissing, TokenRefused
 
 _INVALID: Final = BadRequest("A parameter or field is missing or not as it must be.")
 

@@ -21,10 +21,10 @@ from uas_standards.astm.f3411.v22a.api import (
     VerticalAccuracy,
 )
 
+from backend.http.times import unix_ms
 from backend.uspace.claims import UNKNOWN_ALTITUDE_M, Details, Operator, State
 from backend.uspace.dss.models import Foreign, Latitude, Longitude, Point
 from backend.uspace.geo import E7
-from backend.uspace.times import unix_ms
 from wonderland.remote_id.operators import public_operator_id
 
 MAX_FLIGHTS: Final = 5_000

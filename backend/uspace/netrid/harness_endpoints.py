@@ -11,6 +11,7 @@ from uas_standards.interuss.automated_testing.versioning.constants import Scope 
 
 from backend.context import context_of
 from backend.errors import BadRequest, NotFound
+from backend.http.times import rfc3339, unix_ms
 from backend.responses import Json
 from backend.uspace.access import system_with
 from backend.uspace.claims import Details
@@ -22,7 +23,6 @@ from backend.uspace.netrid.endpoints import NO_STORE, FlightId, StandardRoute, V
 from backend.uspace.netrid.harness import Harness, InjectedTest
 from backend.uspace.netrid.provider import within
 from backend.uspace.netrid.views import parse_view
-from backend.uspace.times import rfc3339, unix_ms
 
 router = APIRouter(tags=["test harness"], route_class=StandardRoute)
 

@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from uas_standards.astm.f3411.v22a.constants import Scope
 
+from backend.http.transfer import TransferError
 from backend.uspace.peers import Peers
-from backend.uspace.transfer import TransferError
 
 logger = logging.getLogger(__name__)
 

@@ -11,12 +11,12 @@ from http import HTTPStatus
 from typing import Final
 
 from backend.errors import Problem, TooManyRequests
-from backend.uspace.backoff import Backoff
+from backend.http.backoff import Backoff
+from backend.http.transfer import TransferError
 from backend.uspace.dss.client import DssClient, extents_of
 from backend.uspace.dss.errors import DssError, NotThere, TooMany, VersionConflict
 from backend.uspace.dss.models import Area, AreaNotification
 from backend.uspace.geo import Cell
-from backend.uspace.transfer import TransferError
 
 logger = logging.getLogger(__name__)
 

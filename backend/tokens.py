@@ -13,17 +13,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import httpx
 import orjson
 from joserfc import jws
 from joserfc.errors import InvalidKeyIdError, JoseError
 from joserfc.jwk import ECKey, Key, KeySet, RSAKey
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from backend.errors import Problem
-from backend.uspace.settings import IssuerSettings
-from backend.uspace.transfer import TransferError, ask_object, parse_object
+from backend.http.addresses import ADDRESS
+from backend.http.transfer import TransferError, ask_object, parse_object
 
 logger = logging.getLogger(__name__)
 
@@ -40,6 +41,22 @@ MAX_JWKS: Final = 256 * 1024
 MAX_KEYS: Final = 64
 MIN_RSA_BITS: Final = 2_048
 THUMBPRINT: Final = "x5t#S256"
+
+
+class IssuerSettings(BaseModel):
+    """An authorisation server whose tokens are believed."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    issuer: str = Field(min_length=1, max_length=300, description="Its tokens' `iss`, exactly")
+    jwks_url: str | None = Field(default=None, pattern=f"^{ADDRESS}$", description="Where it publishes its keys")
+    keys_file: Path | None = Field(default=None, description="Its keys in a file instead: JWKS, or one key in PEM")
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if (self.jwks_url is None) == (self.keys_file is None):
+            raise ValueError("give jwks_url or keys_file, one of the two")
+        return self
 
 
 class TokenRefused(Problem):

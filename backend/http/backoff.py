@@ -5,7 +5,7 @@ from __future__ import annotations
 from email.utils import parsedate_to_datetime
 from typing import Final
 
-from backend.uspace.times import unix_ms
+from backend.http.times import unix_ms
 
 LONGEST_RETRY_S: Final = 3_600.0
 DEFAULT_RETRY_S: Final = 30.0
