@@ -18,7 +18,7 @@ from backend.alerts.deliver import Delivery
 from backend.alerts.service import Alerts
 from backend.alerts.watch import Watch
 from backend.audit.anchors import Anchoring
-from backend.auth.limits import Attempts
+from backend.auth.attempts import Attempts
 from backend.auth.sign_ins import SignIns
 from backend.clients.machines import machines_of
 from backend.clients.store import Clients

@@ -16,7 +16,7 @@ from backend.settings import Settings
 if TYPE_CHECKING:
     import httpx
 
-    from backend.auth.limits import Attempts
+    from backend.auth.attempts import Attempts
     from backend.clients.machines import Machines
     from backend.clients.store import Clients
     from backend.events.feed import Commits

@@ -14,7 +14,8 @@ from edge_agent.permission import CommandPermission, LogPermission, Permissions
 from edge_agent.ports import AgentError, PadRadiosPort
 from edge_agent.radios import AnchorPort, PadRadios, RadiosError
 from edge_agent.receiver import Finding, Heard, ReceiverError, RemoteIdReceiver
-from edge_agent.receiver.settings import NOT_TRUSTWORTHY, registry_of, sources_of, trust
+from edge_agent.receiver.configured import sources_of
+from edge_agent.receiver.settings import NOT_TRUSTWORTHY, registry_of, trust
 from edge_agent.reporting import SpoolReporter
 from edge_agent.spool import Spool, SpoolError
 from wonderland.clock import SteadyClock

@@ -13,11 +13,11 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 from backend import audit
 from backend.alerts.kinds import Alert
 from backend.alerts.schemas import Act, AlertQuery
-from backend.areas import narrowed
 from backend.auth.person import Person, Scope
 from backend.db.engine import Database
 from backend.db.tables.alerts import AlertActRow, AlertRow
 from backend.errors import Conflict, NotFound
+from backend.narrowing import narrowed
 
 OPEN: Final = "open"
 ACKNOWLEDGED: Final = "acknowledged"

@@ -9,13 +9,13 @@ from fastapi.responses import Response
 from pydantic import Field
 from sqlalchemy import or_, select, tuple_
 
-from backend.areas import drones_of, field
 from backend.auth.access import SignedInPerson
 from backend.context import context_of
 from backend.db.tables.ledger import AuthorisationRow
 from backend.drones.schemas import Authorisation
 from backend.errors import BadRequest, documented
 from backend.filters import PageQuery
+from backend.narrowing import drones_of, field
 from backend.responses import page, record
 from backend.schemas import page_of
 from wonderland.proofs.records.fields import ID_PATTERN

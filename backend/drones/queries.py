@@ -9,11 +9,12 @@ import orjson
 from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.areas import Box, drones_of, drones_within
+from backend.areas import Box
 from backend.auth.person import Person, Scope
 from backend.db.tables.ledger import AuthorisationRow, DroneRow, VerdictRow
 from backend.db.tables.reported import LatestTrackRow
 from backend.filters import DroneQuery
+from backend.narrowing import drones_of, drones_within
 from backend.people.masking import shown_uav
 from backend.responses import record
 from backend.verdicts import queries as verdicts

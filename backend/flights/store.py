@@ -8,7 +8,7 @@ from typing import Final
 from sqlalchemy import and_, delete, or_, select, tuple_
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
-from backend.areas import Box, drones_of
+from backend.areas import Box
 from backend.auth.person import Scope
 from backend.db import bulk
 from backend.db.tables.flights import FlightRow
@@ -16,6 +16,7 @@ from backend.db.tables.ledger import VerdictRow
 from backend.db.tables.reported import TrackRow
 from backend.flights.grouping import Flight, Position, grouped, span, stretches
 from backend.flights.schemas import FlightQuery
+from backend.narrowing import drones_of
 
 WRITE_EVERY_MS: Final = 10_000
 MAX_REMEMBERED: Final = 10_000

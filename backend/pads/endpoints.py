@@ -8,11 +8,12 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
 from backend import geojson
-from backend.areas import Box, pads_within
+from backend.areas import Box
 from backend.auth.access import SIGNED_IN, SignedInPerson
 from backend.context import context_of
 from backend.errors import BadRequest, NotFound, documented
 from backend.filters import PadFilters
+from backend.narrowing import pads_within
 from backend.pads import queries
 from backend.pads.schemas import Pad, PadPage
 from wonderland.proofs.records.fields import ID_PATTERN

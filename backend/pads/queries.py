@@ -10,10 +10,10 @@ import orjson
 from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.areas import field
 from backend.auth.person import Scope
 from backend.db.tables.ledger import PadRow
 from backend.db.tables.reported import HealthRow
+from backend.narrowing import field
 from backend.responses import record
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.frame import to_wgs84

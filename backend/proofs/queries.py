@@ -9,10 +9,10 @@ import orjson
 from sqlalchemy import select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.areas import narrowed
 from backend.auth.person import Scope
 from backend.db.tables.ledger import VerdictRow
 from backend.languages import Language
+from backend.narrowing import narrowed
 from backend.proofs.reasons import reasons_in
 from backend.proofs.schemas import HeightFound, ProofQuery
 

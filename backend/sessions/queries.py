@@ -9,11 +9,11 @@ import orjson
 from sqlalchemy import Select, select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.areas import narrowed
 from backend.auth.person import ALL, Scope
 from backend.db.tables.ledger import EvidenceRow, RecordVersionRow, SessionRow, TransactionRow, VerdictRow
 from backend.db.tables.reported import EstimateRow, SessionEndRow, StepRow
 from backend.filters import SessionQuery
+from backend.narrowing import narrowed
 from backend.sessions.state import OUTLINE, ReportedStep, SessionView
 from wonderland.proofs.records.pads import Commissioning, Pad
 from wonderland.proofs.records.sessions import Session

@@ -8,10 +8,10 @@ from typing import Any
 from sqlalchemy import select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from backend.areas import narrowed
 from backend.auth.person import ALL, Scope
 from backend.db.tables.ledger import SessionRow, VerdictRow
 from backend.filters import VerdictQuery
+from backend.narrowing import narrowed
 from backend.responses import record
 
 

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft202012Validator
 
-from backend.areas import Box, field
+from backend.areas import Box
 from backend.description import openapi
 from backend.errors import BadRequest
 from backend.languages import language_of
+from backend.narrowing import field
 from backend.proofs import queries
 from backend.proofs.reasons import FINNISH
 from backend.routes import new_app

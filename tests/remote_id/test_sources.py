@@ -18,7 +18,8 @@ import pytest
 from mqtt_broker import Broker
 
 from edge_agent.receiver import Heard, ReceiverError, RemoteIdReceiver
-from edge_agent.receiver.settings import MqttSettings, ReceiverSettings, sources_of
+from edge_agent.receiver.configured import sources_of
+from edge_agent.receiver.settings import MqttSettings, ReceiverSettings
 from edge_agent.receiver.sources.replay import ReplaySource
 from edge_agent.receiver.sources.serial import SerialLines, SerialMavlink
 from edge_agent.receiver.sources.wifi_monitor import WifiMonitorSource, open_monitor
@@ -311,7 +312,8 @@ async def test_bluetooth_that_is_not_there(tmp_path: Path) -> None:
 
 def test_a_pad_loads_only_what_it_is_told_to() -> None:
     code = (
-        "import sys; from edge_agent.receiver.settings import sources_of, ReceiverSettings; "
+        "import sys; from edge_agent.receiver.configured import sources_of; "
+        "from edge_agent.receiver.settings import ReceiverSettings; "
         "import edge_agent.receiver; sources_of(ReceiverSettings()); "
         "print([name for name in sys.modules if name.split('.')[0] in {'aiomqtt', 'paho', 'dbus_fast', 'Crypto'} "
         "or name.startswith(('wonderland.remote_id.framings.', 'edge_agent.receiver.sources.'))])"

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
     from fabric_protos.common.policies_pb2 import SignaturePolicyEnvelope
 
-    from wonderland.ledger.embedded.rwset import RangeRead, Version, Write
+    from wonderland.ledger.embedded.range_reads import Version
+    from wonderland.ledger.embedded.rwset import RangeRead, Write
     from wonderland.ledger.signature_policies import Signer
 
 

@@ -7,7 +7,7 @@ by level. Source: Fabric ``core/ledger/kvledger/txmgmt/rwsetutil/query_results_h
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from fabric_protos.ledger.rwset.kvrwset import kv_rwset_pb2
 
@@ -15,10 +15,9 @@ from wonderland.ledger.transactions import ReadsSummary
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-
-    from wonderland.ledger.embedded.rwset import Version
-
 MAX_DEGREE: Final = 50
+Version: TypeAlias = tuple[int, int]
+"""Where a value was written: block number and position in the block. A key that is not there has no version."""
 
 
 def summary_of(results: Iterable[tuple[str, Version]]) -> ReadsSummary | None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from fabric_protos.ledger.rwset import rwset_pb2
 from fabric_protos.ledger.rwset.kvrwset import kv_rwset_pb2
 
 from wonderland.ledger.embedded.errors import MalformedRequestError
-from wonderland.ledger.embedded.range_reads import summary_of
+from wonderland.ledger.embedded.range_reads import Version, summary_of
 from wonderland.ledger.signature_policies import VALIDATION_PARAMETER
 
 if TYPE_CHECKING:
@@ -17,9 +17,6 @@ if TYPE_CHECKING:
 
     from wonderland.ledger import transactions
     from wonderland.ledger.transactions import NamespaceAccess, ReadsSummary
-
-Version: TypeAlias = tuple[int, int]
-"""Where a value was written: block number and position in the block. A key that is not there has no version."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from wonderland.ledger.embedded.rwset import KeyPolicy, Version, Write
+    from wonderland.ledger.embedded.range_reads import Version
+    from wonderland.ledger.embedded.rwset import KeyPolicy, Write
 
 APPLICATION_ID: Final = 0x574C4447  # "WLDG", in the SQLite header: tells this file from any other database
 SCHEMA_VERSION: Final = 2

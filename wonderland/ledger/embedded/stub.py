@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 
     from wonderland.ledger.embedded.msp import Creator
-    from wonderland.ledger.embedded.rwset import Version
+    from wonderland.ledger.embedded.range_reads import Version
     from wonderland.ledger.embedded.state import Modification, StateReader
 
 PAGE_ROWS: Final = 100
