@@ -13,7 +13,7 @@ from matplotlib.patches import Ellipse
 from matplotlib.ticker import FuncFormatter
 
 from simulator.evaluate import Window, prepare
-from simulator.evaluate_output import Judged
+from simulator.evaluate_judged import Judged
 from simulator.flight import Vector
 from simulator.recording import RecordedRound
 from simulator.reproduction.sampling import Share

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from simulator import evaluate_figures as figures
 from simulator.evaluate_delays import find_delays
-from simulator.evaluate_output import HEADER, Judged, commission_first, rows
+from simulator.evaluate_judged import HEADER, Judged, commission_first, rows
 from simulator.recording import RecordingError
 from simulator.reproduction.document import Cell, Document
 from simulator.reproduction.machine import facts

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 from edge_agent.receiver.errors import ReceiverError
 
 if TYPE_CHECKING:
-    from edge_agent.receiver.sources import Source
     from wonderland.remote_id.drip.registry import Registry
 
 NOT_TRUSTWORTHY: Final = "NOT TRUSTWORTHY"

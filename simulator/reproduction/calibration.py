@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from simulator.evaluate import prepare
-from simulator.paper import POINTS, SIGMA_M
+from simulator.paper_points import POINTS, SIGMA_M
 from simulator.recording import RecordedRound
 from simulator.reproduction.sampling import BUFFER_MM, POLICY, Share, pad_at, place_of
 from wonderland.proofs.likelihood import Matrix2, inside_disc

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 
 from simulator.batch import fixes
 from simulator.evaluate import prepare
-from simulator.paper import POINTS, SIGMA_M
+from simulator.paper_points import POINTS, SIGMA_M
 from simulator.recording import RecordedRound
 from simulator.reproduction.calibration import Decided, Decile, decided, gaussian
 from simulator.reproduction.sampling import (

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.patches import Circle
 
-from simulator.paper import POINTS
+from simulator.paper_points import POINTS
 from simulator.reproduction.paper_figures import CHI_99, ellipse
 from simulator.reproduction.sampling import (
     BUFFER_MM,

@@ -10,7 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.patches import Circle, Ellipse
 
-from simulator.paper import LONG_ANCHORS, SHORT_ANCHORS, SIGMA_M, PaperRun
+from simulator.paper_points import LONG_ANCHORS, SHORT_ANCHORS, SIGMA_M, PaperRun
 from simulator.reproduction.style import (
     BUFFER,
     CLAIM,

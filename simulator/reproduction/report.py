@@ -17,7 +17,8 @@ from simulator.attack_lab.plots import draw_permissions
 from simulator.attack_lab.report import FAMILIES, found_after, grouped, span
 from simulator.attack_lab.run import LabSettings, total_tries
 from simulator.attack_lab.run import run as run_lab
-from simulator.paper import POINTS, PaperRun, run_point
+from simulator.paper import run_point
+from simulator.paper_points import POINTS, PaperRun
 from simulator.reproduction import goal_figures, hyu_command, paper_figures
 from simulator.reproduction.document import Cell, Document
 from simulator.reproduction.goals import Goal, Simulated, simulate

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from edge_agent.geodesy import frame_at
-from simulator.paper import PaperPoint
+from simulator.paper_points import PaperPoint
 from wonderland.proofs import stopping
 from wonderland.proofs.agreement import REFUTING_ANCHORS, agreement
 from wonderland.proofs.estimate import solve

@@ -11,7 +11,7 @@ from bench_tools import p50, show
 from scipy.optimize import least_squares
 
 from simulator.batch import fixes
-from simulator.paper import POINTS, SIGMA_M
+from simulator.paper_points import POINTS, SIGMA_M
 from wonderland.proofs.fix import Multilateration
 
 pytestmark = pytest.mark.bench

@@ -16,7 +16,7 @@ import pytest
 from bench_tools import show
 from tests_world import START_MS, World
 
-from simulator.paper import POINTS, SIGMA_M, cramer_rao_m
+from simulator.paper_points import POINTS, SIGMA_M, cramer_rao_m
 from simulator.reproduction import sampling
 from simulator.reproduction.sampling import EVERY_ROUND, POLICY, Share, wald_rounds
 from simulator.reproduction.sampling import means as reduced

@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from simulator.batch import fixes
-from simulator.paper import POINTS, SIGMA_M, cramer_rao_m
+from simulator.paper_points import POINTS, SIGMA_M, cramer_rao_m
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.fix import Multilateration
 

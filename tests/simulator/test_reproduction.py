@@ -11,7 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from simulator.evaluate import judge
-from simulator.paper import POINTS, PaperRun, recording_of
+from simulator.paper import recording_of
+from simulator.paper_points import POINTS, PaperRun
 from simulator.recording import RecordingError
 from simulator.reproduction import (
     calibration,
