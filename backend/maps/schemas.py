@@ -23,7 +23,9 @@ class MapLayer(ApiModel):
     version: str = Field(description="Another one as soon as the file is")
     kind: Literal["vector", "png", "jpeg", "webp", "avif", "wmts"]
     size_bytes: int
-    bounds: tuple[float, float, float, float] = Field(description="West, south, east, north, degrees")
+    bounds: tuple[float, float, float, float] = Field(
+        description="West, south, east, north, degrees", examples=[[22.0, 60.3, 22.6, 60.6]]
+    )
     min_zoom: int
     max_zoom: int
     layers: list[str] = Field(description="Of vector tiles")
