@@ -33,6 +33,8 @@ FINNISH: Final[Mapping[str, str]] = {
     ),
     "anchor_rarely": "Ankkuri jätettiin pois: se mittasi liian harvassa kierroksessa.",
     "claims_torn": "Osassa kierroksista ankkurit kumoavat sen, mitä muissa ilmoitettiin: ilmoitukset hyppivät.",
+    "rounds_vague": "Kierroksia jätettiin pois: niissä mitanneet ankkurit sopivat toiseenkin paikkaan.",
+    "claims_unjudged": "Osa ilmoituksista tehtiin muulloin kuin mitattaessa, muualla: niitä ei mitattu.",
     "claims_unseen": "Osa ilmoituksista poikkeaa lennosta, jonka kierrosten ilmoitukset näyttävät.",
     "claims_waver": "Ilmoitukset voivat heilua droonin paikan ympärillä: todistettu on keskiarvo, ei jokainen niistä.",
     "request_unjudged": "Pyyntö tehtiin muualta ennen mittausta: sitä paikkaa mikään ei mitannut.",

@@ -135,6 +135,19 @@ CUBE: Final = LabPad(
     low=500.0,
     high=8_000.0,
 )
+ROW: Final = LabPad(
+    "row",
+    "five anchors, three of them in a row: the corners of 6 by 4 m and, raised, the middle of one side",
+    np.array(
+        [
+            (-3_000.0, -2_000.0, 250.0),
+            (3_000.0, -2_000.0, 250.0),
+            (0.0, -2_000.0, 1_600.0),
+            (3_000.0, 2_000.0, 250.0),
+            (-3_000.0, 2_000.0, 250.0),
+        ]
+    ),
+)
 MASTS: Final = LabPad(
     "masts",
     "six anchors on a circle of 4.3 m, every other one 3 m up",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import random
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from tests_world import START_MS
 
 from simulator.attack_lab import ATTACKS
-from simulator.attack_lab.judge import verdict_of
+from simulator.attack_lab.judge import run_batch, verdict_of
 from wonderland.proofs.records.sessions import Evidence
 from wonderland.proofs.verdict import preview
 
@@ -179,3 +180,92 @@ def test_a_drone_that_passes_the_pad_is_seen_from_all_sides(chunk, row, rounds):
     rng = np.random.default_rng((1, int.from_bytes(attack.name.encode(), "big"), 0, chunk))
     batch = attack.variants[0].make(rng, 1_000)
     assert verdict_of(batch, row, rounds).permission == "refused"
+
+
+def mirrored_session(world, rounds, *, silent):
+    """Truth and mirror image in turn, three rounds each; anchors A1 and A2 cannot tell one from the other."""
+    anchors = world.commissioning.anchors
+    one, other = anchors[0], anchors[1]
+    east, north = other.east_mm - one.east_mm, other.north_mm - one.north_mm
+    length = math.hypot(east, north)
+    unit = (-north / length, east / length)
+    truth = (one.east_mm + 2_000 * unit[0] + 500, one.north_mm + 2_000 * unit[1] + 500, 4_000)
+    over = (truth[0] - one.east_mm) * unit[0] + (truth[1] - one.north_mm) * unit[1]
+    image = (truth[0] - 2 * over * unit[0], truth[1] - 2 * over * unit[1], truth[2])
+    lies = lambda t: (t - START_MS if t > START_MS else t) // 150 % 2 == 1  # noqa: E731
+    evidence = world.evidence(lambda t: truth, lambda t: image if lies(t) else truth, rounds=rounds)
+    fields = evidence.to_json()
+    times = fields["ranges"]["t_ms"]
+    if silent:
+        for column in fields["ranges"]["anchors"][3:]:
+            column["range_mm"] = [-1 if lies(t) else v for t, v in zip(times, column["range_mm"], strict=True)]
+    return truth, Evidence.parse(fields)
+
+
+@pytest.mark.parametrize("rounds", [20, 60, 160])
+def test_the_mirror_image_behind_two_anchors_certifies_nothing_while_the_others_are_silent(world, now_ms, rounds):
+    truth, evidence = mirrored_session(world, rounds, silent=True)
+    verdict = preview(world.session(world.claim(truth, START_MS)), world.commissioning, evidence, now_ms)
+    assert verdict.permission == "refused"
+    assert codes(verdict) & {"rounds_vague", "claims_unseen", "rounds_missing", "claims_torn"}
+
+
+@pytest.mark.parametrize("name", ["mirrored-claims", "mirrored-silence"])
+def test_mirrored_claims_win_nothing_in_the_lab(name):
+    """A stranger won 158 of 200 with the first, 78 of 100 with the second."""
+    for number, variant in enumerate(ATTACKS[name].variants):
+        batch = variant.make(np.random.default_rng(number), 40)
+        assert run_batch(batch, sample=0).won == 0
+
+
+def test_the_place_is_that_of_one_moment(world, now_ms):
+    """A drone that circles: the middle of its way is no place where it was."""
+    flown = lambda t: (5_000 + 4_000 * math.cos(t / 1_000), 5_000 + 4_000 * math.sin(t / 1_000), 4_000)  # noqa: E731
+    verdict = judged(world, flown, flown, now_ms, rounds=120)
+    assert verdict.outcome == "verified"
+    at = flown(verdict.estimate_ms - START_MS)
+    assert math.hypot(verdict.estimate.east_mm - at[0], verdict.estimate.north_mm - at[1]) < 200
+    assert math.hypot(verdict.signed.claim.east_mm - at[0], verdict.signed.claim.north_mm - at[1]) < 200
+
+
+def test_rounds_that_repeat_one_another_count_as_few(world, now_ms):
+    evidence = world.evidence(beside(HERE, lambda t: 0.0), beside(HERE, lambda t: 0.0), rounds=60)
+    fields = evidence.to_json()
+    for column in fields["ranges"]["anchors"]:
+        column["range_mm"] = [column["range_mm"][0]] * 60
+    session = world.session(world.claim(HERE, START_MS))
+    stuck = preview(session, world.commissioning, Evidence.parse(fields), now_ms)
+    moving = preview(session, world.commissioning, evidence, now_ms)
+    assert stuck.covariance.nn_mm2 > 1.5 * moving.covariance.nn_mm2
+
+
+@pytest.mark.parametrize("raised", ["between", "after"])
+def test_claims_of_another_height_are_seen(world, now_ms, raised):
+    evidence = world.evidence(beside(HERE, lambda t: 0.0), beside(HERE, lambda t: 0.0), rounds=40)
+    times = evidence.ranges.t_ms
+    chosen = [t + 25 for t in times[:-1]] if raised == "between" else [times[-1] + 100 + 5 * k for k in range(60)]
+    high = [world.claim((HERE[0], HERE[1], HERE[2] + 40_000), t) for t in chosen]
+    claims = sorted([*evidence.claims, *high], key=lambda claim: claim.t_ms)
+    evidence = dataclasses.replace(evidence, claims=tuple(claims))
+    verdict = preview(world.session(world.claim(HERE, START_MS)), world.commissioning, evidence, now_ms)
+    assert verdict.permission == "refused"
+    assert "claims_unseen" in codes(verdict)
+
+
+def test_claims_of_other_times_are_said_to_be_unjudged(world, now_ms):
+    evidence = world.evidence(beside(HERE, lambda t: 0.0), beside(HERE, lambda t: 0.0), rounds=40)
+    late = [
+        world.claim((HERE[0] + 60_000, HERE[1], HERE[2]), evidence.ranges.t_ms[-1] + 600 + 20 * k) for k in range(9)
+    ]
+    evidence = dataclasses.replace(evidence, claims=(*evidence.claims, *late))
+    verdict = preview(world.session(world.claim(HERE, START_MS)), world.commissioning, evidence, now_ms)
+    assert "claims_unjudged" in codes(verdict)
+
+
+@pytest.mark.parametrize("lasts_ms", [300, 600, 900, 1_200])
+def test_a_glitch_that_begins_while_it_is_ranged_refutes_no_honest_drone(world, now_ms, lasts_ms):
+    for flight in (0.0, 3.0):
+        flown = lambda t, v=flight: (HERE[0] + v * (t - 900), HERE[1], HERE[2])  # noqa: E731
+        glitch = lambda t, f=flown: (f(t)[0], f(t)[1] + (5_000 if 900 <= t < 900 + lasts_ms else 0), f(t)[2])  # noqa: E731
+        for rounds in (10, 14, 20, 24, 30):
+            assert judged(world, flown, glitch, now_ms, rounds=rounds).outcome != "refuted"

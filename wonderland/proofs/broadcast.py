@@ -134,6 +134,14 @@ def judge_broadcast(
     return Broadcast(finding, more, own_open=mine.outcome == "undecided")
 
 
+def unmeasured(broadcast: Broadcast) -> Broadcast:
+    """The finding where the measurement itself is refuted: what was heard neither holds nor fails by it."""
+    heard = broadcast.finding
+    outcome = "undecided" if heard.messages else heard.outcome
+    finding = BroadcastFinding(outcome=outcome, messages=heard.messages, attributed=heard.attributed, supported=False)
+    return replace(broadcast, finding=finding)
+
+
 def outcome_with(outcome: str, broadcast: Broadcast, policy: Policy, reasons: Reasons) -> str:
     """The verdict's outcome, given that of the signed claim: what the public was told bears on it (decision 0003)."""
     finding = broadcast.finding

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
 from math import sqrt
@@ -21,6 +21,8 @@ MAX_ACCELERATION_MM_MS2: Final = 0.01
 """What a drone that lands on a pad may turn or brake with: 10 m/s²."""
 JUMP_TOLERANCE_MM: Final = 2_000.0
 """A filter that settles may move a claim by so much at once."""
+LOWEST_MM: Final = 2_000.0
+"""Nobody ranges from farther below the lowest anchor: the ground, or the roof that the pad stands on, is between."""
 _NEVER_MS: Final = 2**63
 _PER_95_HEIGHT: Final = 0.5102
 """Standard deviation for one unit of a 95 % bound in one dimension (1/1.96)."""
@@ -58,6 +60,14 @@ class Track(NamedTuple):
         first = self.t_ms[0]
         return first + sum([t_ms - first for t_ms in self.t_ms]) // len(self.t_ms)
 
+    def middle(self) -> LocalClaim:
+        """The moment next to the middle of these."""
+        wanted = self.mean_ms()
+        after = min(bisect_left(self.t_ms, wanted), len(self.t_ms) - 1)
+        before = max(after - 1, 0)
+        at = after if self.t_ms[after] - wanted < wanted - self.t_ms[before] else before
+        return LocalClaim(self.t_ms[at], self.east[at], self.north[at], self.up[at])
+
     def jumps(self, tolerance_mm: float) -> bool:
         """Whether the claim leaves its flight from one moment to the next as no drone can, give or take so much."""
         for after in range(2, len(self.t_ms)):
@@ -81,6 +91,17 @@ class Track(NamedTuple):
             [self.north[position] for position in positions],
             [self.up[position] for position in positions],
         )
+
+
+def track_of(claims: Sequence[LocalClaim]) -> Track:
+    """Claims as they were made, as a track."""
+    return Track(
+        range(len(claims)),
+        [claim.t_ms for claim in claims],
+        [claim.east for claim in claims],
+        [claim.north for claim in claims],
+        [claim.up for claim in claims],
+    )
 
 
 _Segment = tuple[int, float, float, float, int, float, float, float]
@@ -123,9 +144,12 @@ class ClaimedPath:
         for before, after in pairwise(self.points):
             east, north = after.east - before.east, after.north - before.north
             step = sqrt(east * east + north * north)
-            allowed = MAX_SPEED_MM_MS * (after.t_ms - before.t_ms) + JUMP_TOLERANCE_MM + 2.0 * self.accuracy_mm
-            if step > allowed:
+            allowed = MAX_SPEED_MM_MS * (after.t_ms - before.t_ms) + JUMP_TOLERANCE_MM
+            if step > allowed + 2.0 * self.accuracy_mm:
                 largest = max(largest, step)
+            climb = abs(after.up - before.up)
+            if climb > allowed + 2.0 * self.height_accuracy_mm:
+                largest = max(largest, climb)
         return largest
 
     def mean_speed(self) -> float:

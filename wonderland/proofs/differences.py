@@ -287,7 +287,7 @@ def _mean_of(
     count = len(track.kept)
     east, north, up = mean(track.east), mean(track.north), mean(track.up)
     means = [mean(values) for values in series]
-    correlation = correlation_of(series, means, None)
+    correlation = correlation_of(series, means, None, 0.0)
     worth = (1.0 - correlation) / (1.0 + correlation)
     sigma = float(commissioning.timestamp_sigma_mm or 0)
     heard = []

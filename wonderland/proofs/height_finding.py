@@ -10,6 +10,7 @@ from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.verdicts import Covariance, HeightFinding, Judgement, Position, Reason
+from wonderland.proofs.reduction import said_at
 from wonderland.proofs.vertical import Vertical
 
 _FRAME_MM: Final = 19_999_999.0
@@ -77,7 +78,7 @@ def height_record(height: Vertical | None, measured: Measured | None) -> HeightF
     """The finding as the ledger has it."""
     if height is None or measured is None:
         return None
-    up, solid = measured.reduced.up, height.solid
+    up, solid = said_at(measured.reduced).up, height.solid
     return HeightFinding(
         outcome=height.outcome,
         claimed_mm=_in_frame(up),
@@ -96,19 +97,19 @@ def height_record(height: Vertical | None, measured: Measured | None) -> HeightF
 def estimate(
     commissioning: Commissioning, measured: Measured, height: Vertical | None
 ) -> tuple[Position, Covariance, int]:
-    """(place, horizontal covariance, χ² × 1000) of the drone.
+    """(place, horizontal covariance, χ² × 1000) of the drone at ``said_at``.
 
     At the claimed height, unless that is measured: then at the measured one; and where the claimed one is
     contradicted, the whole place is the one of three dimensions, since that on the map believed the claim.
     """
-    reduced, offset = measured.reduced, measured.offset
+    said, offset = said_at(measured.reduced), measured.offset
     east, north, up, covariance, chi2 = offset.east, offset.north, 0.0, offset.covariance, offset.chi2
     if height is not None and height.outcome != "claimed":
         up = height.solid.up
     if height is not None and height.outcome == "contradicted":
         east, north = height.solid.east, height.solid.north
         covariance, chi2 = height.solid.horizontal, height.solid.chi2
-    where = place(commissioning, reduced.east + east, reduced.north + north, reduced.up + up)
+    where = place(commissioning, said.east + east, said.north + north, said.up + up)
     return where, _covariance(covariance), milli(chi2)
 
 

@@ -13,6 +13,7 @@ from itertools import pairwise
 from math import sqrt
 from typing import Final
 
+from wonderland.proofs.claims import LOWEST_MM
 from wonderland.proofs.hyperbolic import Heard, Place, TimeFix
 from wonderland.proofs.likelihood import LARGE_DISTANCE, distance_to_outside
 from wonderland.proofs.reduction import distance
@@ -23,8 +24,6 @@ GIVEN_HEIGHT_MM: Final = 1.0
 """The same of a height that is tried."""
 _LADDER: Final = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 6.5, 10.0, 15.0, 22.0, 33.0, 50.0, 75.0)
 """Heights that are tried, in buffers above and below the claimed one."""
-LOWEST_MM: Final = 2_000.0
-"""Nobody ranges from farther below the lowest anchor: the ground, or the roof that the pad stands on, is between."""
 _FLAT: Final = 1e-3
 """Volume that four anchors span, in cubes of their largest distance, below which they are in one plane."""
 _FOUR: Final = 4

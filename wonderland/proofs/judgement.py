@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt
 from typing import Final
 
 from wonderland.proofs.agreement import REFUTING_ANCHORS, Agreement
-from wonderland.proofs.claims import ClaimedPath
+from wonderland.proofs.claims import ClaimedPath, LocalClaim
 from wonderland.proofs.estimate import Offset, least_chi2_within
 from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.likelihood import Matrix2, distance_to_disc, inside_disc
-from wonderland.proofs.moments import Moments
+from wonderland.proofs.moments import EDGE_MS, Moments
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim
 from wonderland.proofs.records.verdicts import Judgement, Position, Reason
-from wonderland.proofs.reduction import Reduced, Residuals, distance
+from wonderland.proofs.reduction import Reduced, Residuals, distance, said_at
 from wonderland.proofs.stopping import proved_outside, sides, step_of
 
 VAGUE_BUFFERS: Final = 0.5
 """An estimate vaguer than this refutes only if the ranges themselves exclude every place in the buffer."""
+STATED_ACCURACIES: Final = 2.0
+"""A claimed height may be off by so many of the accuracies (95 %) that it states."""
 LARGEST: Final = 1e12
 """Figures beyond this are said as this: a text has to end somewhere."""
 
@@ -86,8 +89,8 @@ def judge(
     else:
         axes = offsets[0].covariance.ellipse()
         reasons.add("undecided", f"Measured {error} from the claim, known to {metres(axes.s1)} (1σ): not settled yet.")
-    reduced = measured.reduced
-    claim = place(commissioning, reduced.east + shift[0], reduced.north + shift[1], reduced.up)
+    said = said_at(measured.reduced)
+    claim = place(commissioning, said.east + shift[0], said.north + shift[1], said.up)
     return Judgement(
         outcome=outcome,
         claim=claim,
@@ -99,12 +102,17 @@ def judge(
 
 
 def say_torn(seen: Residuals | None, reasons: Reasons) -> None:
-    """Rounds that contradict what was claimed in the others, if there are any."""
+    """Rounds that contradict what was claimed in the others, or do not know their place, if there are any."""
     if seen is not None and seen.torn:
         reasons.add(
             "claims_torn",
             f"In {seen.torn} of {len(seen.claimed.kept)} rounds half of the anchors or more contradict what was "
             "claimed in the others.",
+        )
+    if seen is not None and seen.vague:
+        reasons.add(
+            "rounds_vague",
+            f"{seen.vague} rounds left out: the anchors that fit its claim there fit a second place as well.",
         )
 
 
@@ -139,12 +147,38 @@ def hold_each_moment(
 def say_unjudged(request: Claim, measured: Measured, path: ClaimedPath, policy: Policy, reasons: Reasons) -> None:
     """The place that the request named is said to be unjudged where it is another than the one that was ranged."""
     first = path.points[0]
-    away = distance(first.east - measured.reduced.east, first.north - measured.reduced.north, 0.0)
+    reduced = measured.reduced
+    away = distance(first.east - reduced.east, first.north - reduced.north, 0.0)
+    climb = abs(first.up - reduced.up)
+    if climb > max(policy.height_buffer_mm, STATED_ACCURACIES * path.height_accuracy_mm):
+        away = distance(away, climb, 0.0)
     if away > policy.buffer_mm:
-        seconds = decimal(max(measured.reduced.t_ms - request.t_ms, 0) / 1000.0)
+        seconds = decimal(max(reduced.t_ms - request.t_ms, 0) / 1000.0)
         reasons.add(
             "request_unjudged",
             f"It asked from a place {metres(away)} away, {seconds} s before it was ranged: nothing measured it there.",
+        )
+
+
+def say_outside(claims: Sequence[LocalClaim], measured: Measured, policy: Policy, reasons: Reasons) -> None:
+    """Claims of other times than the rounds' and of other places are said to be unjudged."""
+    seen = measured.reduced.residuals
+    if seen is None:
+        return
+    track = seen.claimed
+    count, farthest = 0, 0.0
+    for claim in claims:
+        edge = 0 if claim.t_ms < track.t_ms[0] else -1
+        if track.t_ms[0] - EDGE_MS <= claim.t_ms <= track.t_ms[-1] + EDGE_MS:
+            continue
+        away = distance(claim.east - track.east[edge], claim.north - track.north[edge], claim.up - track.up[edge])
+        if away > policy.buffer_mm:
+            count, farthest = count + 1, max(farthest, away)
+    if count:
+        reasons.add(
+            "claims_unjudged",
+            f"{count} of its claims were made half a second or more before or after the rounds, up to "
+            f"{metres(farthest)} from there: nothing measured them.",
         )
 
 

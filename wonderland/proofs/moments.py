@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import Final
 
-from wonderland.proofs.claims import MAX_ACCELERATION_MM_MS2, LocalClaim, Track
+from wonderland.proofs.claims import MAX_ACCELERATION_MM_MS2, LocalClaim, Track, track_of
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.estimate import Offset
 from wonderland.proofs.fix import MIN_ANCHORS as MIN_FIX_ANCHORS
@@ -47,6 +47,13 @@ OFF_BUFFERS: Final = 0.5
 """A torn round is off where what its ranges say lies farther than this from the others."""
 JUMP_BUFFERS: Final = 0.25
 """A claim that leaves its flight by more than this from one round to the next, and by more than a drone can, jumps."""
+TURNED_BUFFERS: Final = 0.5
+"""Where a drone may have turned off by more than this between two rounds, and come back, claims are unseen: with a
+buffer for the claim and twice this for the way, none that is seen can be two buffers off."""
+LEAP_BUFFERS: Final = 1.5
+"""One that does so by more than this leaps, as an honest receiver does for a while."""
+LEAP_MS: Final = 2_000
+"""So long after a leap nobody is convicted by his claims; what stays off for longer is no glitch."""
 EDGE_MS: Final = 500
 """Over so long the velocity at the first and at the last round is taken."""
 _STRETCHES: Final = ((80, 8), (20, 4), (0, 2))
@@ -68,12 +75,16 @@ class Moments:
     """The part of it that lies in motion which no straight flight explains: claims that go to and fro."""
     jumping: bool
     """Whether the claims jump as no drone can."""
+    leaping: bool = False
+    """Whether they did so just now, by more than any noise: a glitch, or a lie that begins; nobody knows which."""
 
     def have_a_mean(self, buffer_mm: float) -> bool:
         """Whether the claims agree so far that their mean may speak against the drone.
 
         Where they jump, and contradict one another or move as the ranges do not, some are wrong and some may be right.
         """
+        if self.leaping:
+            return False
         return not self.jumping or (self.off_share < MIXED_SHARE and self.rough_mm <= ROUGH_BUFFERS * buffer_mm)
 
     def reach_mm(self, buffer_mm: float) -> float:
@@ -88,8 +99,13 @@ class Moments:
         return min(buffer_mm, LIE_BUFFERS * buffer_mm - self.waver_mm / least)
 
 
-def moments_of(reduced: Reduced, offset: Offset, claims: Sequence[LocalClaim], buffer_mm: float) -> Moments:
-    """Of a session's kept rounds and all of its claims (pad's frame, mm)."""
+def moments_of(
+    reduced: Reduced, offset: Offset, claims: Sequence[LocalClaim], buffer_mm: float, height_mm: float
+) -> Moments:
+    """Of a session's kept rounds and all of its claims (pad's frame, mm).
+
+    ``buffer_mm`` and ``height_mm``: how far a claim may lie off its flight, on the map and in height.
+    """
     seen = reduced.residuals
     if seen is None:  # nothing was ranged: a prospect
         return Moments(0.0, 0.0, 0.0, 0.0, jumping=False)
@@ -98,16 +114,19 @@ def moments_of(reduced: Reduced, offset: Offset, claims: Sequence[LocalClaim], b
     slow = _stretches(reduced, offset, seen)
     off = _off_rounds(reduced, offset, seen, OFF_BUFFERS * buffer_mm) if seen.torn else frozenset()
     off_share = len(off) / len(seen.claimed.kept)
-    if most <= quiet_mm:  # whatever the claims hide, it is less than could win
+    ups = [*seen.claimed.up, *[claim.up for claim in claims]]
+    if most <= quiet_mm and max(ups) - min(ups) <= height_mm:  # whatever the claims hide, it is less than could win
         return Moments(off_share, 0.0, sqrt(most * most + slow), most, jumping=False)
     during, around = _Count(), _Count()
     first_ms, last_ms = seen.claimed.t_ms[0], seen.claimed.t_ms[-1]
     held = []
+    judged = []
     for claim in claims:
         inside = first_ms <= claim.t_ms <= last_ms
         if not inside and not first_ms - EDGE_MS <= claim.t_ms <= last_ms + EDGE_MS:
             continue  # its moment is not one of the session's rounds: unjudged, like the request's
-        explained = _explained(seen.claimed, claim, buffer_mm)
+        judged.append(claim)
+        explained = _explained(seen.claimed, claim, buffer_mm, height_mm)
         torn = explained and bool(off) and _nearest(seen.claimed, claim.t_ms) in off
         around.add(unseen=not explained, torn=torn)
         if inside:
@@ -118,12 +137,16 @@ def moments_of(reduced: Reduced, offset: Offset, claims: Sequence[LocalClaim], b
     if near:
         rough = max(rough, _by_fixes(reduced, seen))
     moved = max(whole, rough)
+    said = track_of(judged)
     return Moments(
         off_share=max(off_share, during.off_share, around.off_share),
         unseen_share=max(during.unseen_share, around.unseen_share),
         waver_mm=sqrt(moved * moved + slow),
         rough_mm=rough,
-        jumping=seen.claimed.jumps(JUMP_BUFFERS * buffer_mm),
+        jumping=said.jumps(JUMP_BUFFERS * buffer_mm) or seen.claimed.jumps(JUMP_BUFFERS * buffer_mm),
+        leaping=track_of([claim for claim in judged if claim.t_ms >= last_ms - LEAP_MS]).jumps(
+            LEAP_BUFFERS * buffer_mm
+        ),
     )
 
 
@@ -159,26 +182,35 @@ def _nearest(track: Track, t_ms: int) -> int:
     return after
 
 
-def _explained(track: Track, claim: LocalClaim, buffer_mm: float) -> bool:
-    """Whether a drone that flew by the rounds' claims can have been at this one, give or take a buffer."""
+def _explained(track: Track, claim: LocalClaim, buffer_mm: float, height_mm: float) -> bool:
+    """Whether a drone that flew by the rounds' claims can have been at this one, give or take a buffer.
+
+    Not where the rounds before and after are so far apart that a drone may have turned off and come back: nobody saw.
+    """
     times = track.t_ms
     after = bisect_right(times, claim.t_ms)
     if 0 < after < len(times):
-        gap = times[after] - times[after - 1]
-        share = (claim.t_ms - times[after - 1]) / gap
+        since, until = claim.t_ms - times[after - 1], times[after] - claim.t_ms
+        share = since / (since + until)
         east = track.east[after - 1] + (track.east[after] - track.east[after - 1]) * share
         north = track.north[after - 1] + (track.north[after] - track.north[after - 1]) * share
-        turned = MAX_ACCELERATION_MM_MS2 * gap * gap / 8.0
+        up = track.up[after - 1] + (track.up[after] - track.up[after - 1]) * share
+        turned = MAX_ACCELERATION_MM_MS2 * since * until / 2.0
+        if turned > TURNED_BUFFERS * buffer_mm:
+            return False
     else:
         edge = 0 if after == 0 else len(times) - 1
         gap = claim.t_ms - times[edge]
-        velocity_east, velocity_north = _edge_velocity(track, edge)
+        velocity_east, velocity_north, velocity_up = _edge_velocity(track, edge)
         east, north = track.east[edge] + velocity_east * gap, track.north[edge] + velocity_north * gap
+        up = track.up[edge] + velocity_up * gap
         turned = MAX_ACCELERATION_MM_MS2 * gap * gap / 2.0
+    if abs(claim.up - up) > height_mm + turned:
+        return False
     return distance(claim.east - east, claim.north - north, 0.0) <= buffer_mm + turned
 
 
-def _edge_velocity(track: Track, edge: int) -> tuple[float, float]:
+def _edge_velocity(track: Track, edge: int) -> tuple[float, float, float]:
     """Claimed velocity (mm/ms) over the rounds next to the first or the last one."""
     times = track.t_ms
     if edge == 0:
@@ -187,8 +219,12 @@ def _edge_velocity(track: Track, edge: int) -> tuple[float, float]:
         other = max(bisect_right(times, times[-1] - EDGE_MS) - 1, 0)
     span = times[other] - times[edge]
     if span == 0:
-        return 0.0, 0.0
-    return (track.east[other] - track.east[edge]) / span, (track.north[other] - track.north[edge]) / span
+        return 0.0, 0.0, 0.0
+    return (
+        (track.east[other] - track.east[edge]) / span,
+        (track.north[other] - track.north[edge]) / span,
+        (track.up[other] - track.up[edge]) / span,
+    )
 
 
 class _Fan:

@@ -13,10 +13,11 @@ from itertools import pairwise
 from math import sqrt
 from typing import Final, NamedTuple
 
-from wonderland.proofs.claims import ClaimedPath, Track
+from wonderland.proofs.claims import ClaimedPath, LocalClaim, Track
 from wonderland.proofs.records.pads import Anchor, Commissioning
 from wonderland.proofs.records.sessions import NO_RANGE
 from wonderland.proofs.rounds import UsableRounds
+from wonderland.proofs.sustained import heard_in, vague_rounds
 from wonderland.proofs.travel import bias_left
 
 OUTLIER_SIGMAS: Final = 6.0
@@ -28,6 +29,8 @@ MIN_TORN: Final = 2
 MIN_VALUES: Final = 3
 """Fewer usable ranges of an anchor tell nothing about it."""
 MOST_CORRELATED: Final = 0.95
+STUCK_SHARE: Final = 0.01
+"""Residuals whose variance is below this share of the commissioned noise repeat one another."""
 CLAIM_CLOCK_SIGMA_MS: Final = 50.0
 """How well a drone's clock agrees with the pad's: GNSS time and NTP, with the age of a position when it is claimed."""
 HEIGHT_SIGMA_FLOOR_MM: Final = 50.0
@@ -81,7 +84,9 @@ class Residuals:
     torn: int
     """Rounds left out because half of the anchors or more saw them: there the claim jumped, not the radio."""
     claimed: Track
-    """The moments of all rounds that have a claim."""
+    """The moments of all rounds that have a claim and know their place."""
+    vague: int = 0
+    """Rounds left out because the anchors that measured there leave a second place open (``sustained``)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +110,15 @@ class Reduced:
     clock_sigma_ms: float = CLAIM_CLOCK_SIGMA_MS
     residuals: Residuals | None = None
     """What the means were taken of."""
+    moment: LocalClaim | None = None
+    """The claim of the round in the middle of the session: a mean place is none where a drone was that flew a curve."""
     bias_left: float = 1.0
     """Share of the biases' variance that the drone's way leaves, of the anchor where most is left (``travel``)."""
+
+
+def said_at(reduced: Reduced) -> LocalClaim:
+    """Where the drone claims to be at one moment in the middle of what was measured."""
+    return reduced.moment or LocalClaim(reduced.t_ms, reduced.east, reduced.north, reduced.up)
 
 
 def bias_at(anchor: Anchor, range_mm: float) -> tuple[float, float]:
@@ -140,7 +152,7 @@ def reduce(
     east, north, up = mean(track.east), mean(track.north), mean(track.up)
     series = [column.values for column, _ in seen.series]
     means = [middle for _, middle in seen.series]
-    correlation = correlation_of(series, means, commissioning.correlation_ppm)
+    correlation = correlation_of(series, means, commissioning.correlation_ppm, float(commissioning.range_sigma_mm))
     worth = (1.0 - correlation) / (1.0 + correlation)
     sigma2 = float(commissioning.range_sigma_mm * commissioning.range_sigma_mm)
     left = _bias_left(rounds, seen, commissioning)
@@ -176,6 +188,7 @@ def reduce(
         velocity_north=velocity_north,
         clock_sigma_ms=clock_sigma_ms,
         residuals=seen,
+        moment=track.middle(),
         bias_left=max(left.values(), default=1.0),
     )
 
@@ -230,8 +243,16 @@ def newest_of(seen: Residuals, count: int, commissioning: Commissioning) -> Resi
 
 
 def _sifted(track: Track, raw: list[Series], commissioning: Commissioning, *, whole: bool) -> Residuals:
-    marked = [_bursts(column.values, float(commissioning.range_sigma_mm)) for column in raw]
-    torn = _torn(raw, marked) if any(marked) else set()
+    sigma = float(commissioning.range_sigma_mm)
+    rounds = len(track.kept)
+    while True:
+        marked = [_bursts(column.values, sigma) for column in raw]
+        torn = _torn(raw, marked) if any(marked) else set()
+        vague = _vague(track, raw, marked, torn, commissioning) if any(marked) or not whole else frozenset()
+        if not vague:
+            break
+        track, raw = _without(track, raw, vague)
+        whole = False
     series = []
     bursts = 0
     for column, apart in zip(raw, marked, strict=True):
@@ -240,7 +261,41 @@ def _sifted(track: Track, raw: list[Series], commissioning: Commissioning, *, wh
         if len(kept.values) >= MIN_VALUES:
             series.append((kept, mean(kept.values)))
     left = track.only([position for position in range(len(track.kept)) if position not in torn]) if torn else track
-    return Residuals(left, raw, whole, series, bursts, len(torn), track)
+    return Residuals(left, raw, whole, series, bursts, len(torn), track, rounds - len(track.kept))
+
+
+def _vague(
+    track: Track, raw: list[Series], marked: Sequence[Sequence[int]], torn: set[int], commissioning: Commissioning
+) -> frozenset[int]:
+    """Rounds that are not torn, and whose anchors leave a second place open."""
+    fitting = [
+        (column.anchor, column.rounds, frozenset(column.rounds[position] for position in apart))
+        for column, apart in zip(raw, marked, strict=True)
+    ]
+    heard = heard_in(len(track.kept), fitting)
+    return vague_rounds(track, heard, commissioning, _burst_mm(float(commissioning.range_sigma_mm))) - torn
+
+
+def loses_its_place(seen: Residuals, anchor: int, commissioning: Commissioning) -> bool:
+    """Whether without an anchor (position in the commissioning) some round no longer knows its place."""
+    others = [(column.anchor, column.rounds, frozenset[int]()) for column, _ in seen.series if column.anchor != anchor]
+    heard = heard_in(len(seen.claimed.kept), others)
+    vague = vague_rounds(seen.claimed, heard, commissioning, _burst_mm(float(commissioning.range_sigma_mm)))
+    left = frozenset(seen.track.kept)
+    return any(seen.claimed.kept[position] in left for position in vague)
+
+
+def _without(track: Track, raw: list[Series], out: frozenset[int]) -> tuple[Track, list[Series]]:
+    """The track and the columns without some rounds."""
+    rows = [position for position in range(len(track.kept)) if position not in out]
+    new = {old: position for position, old in enumerate(rows)}
+    columns = []
+    for column in raw:
+        left = [
+            (new[moment], value) for moment, value in zip(column.rounds, column.values, strict=True) if moment in new
+        ]
+        columns.append(Series(column.anchor, [moment for moment, _ in left], [value for _, value in left]))
+    return track.only(rows), columns
 
 
 def _torn(raw: list[Series], marked: Sequence[Sequence[int]]) -> set[int]:
@@ -287,11 +342,15 @@ def _residuals(index: int, anchor: Anchor, values: Sequence[int], track: Track) 
     )
 
 
+def _burst_mm(sigma: float) -> float:
+    return max(OUTLIER_SIGMAS * sigma, OUTLIER_FLOOR_MM)
+
+
 def _bursts(values: list[float], sigma: float) -> Sequence[int]:
     """Positions of the values that are bursts: far from their median."""
     if not values:
         return ()
-    limit = max(OUTLIER_SIGMAS * sigma, OUTLIER_FLOOR_MM)
+    limit = _burst_mm(sigma)
     if max(values) - min(values) <= limit:
         return ()
     median = sorted(values)[len(values) // 2]
@@ -321,12 +380,15 @@ def _bias_left(rounds: UsableRounds, seen: Residuals, commissioning: Commissioni
     return dict(zip(anchors, bias_left(columns, commissioning), strict=True))
 
 
-def correlation_of(series: Sequence[Sequence[float]], means: Sequence[float], commissioned_ppm: int | None) -> float:
+def correlation_of(
+    series: Sequence[Sequence[float]], means: Sequence[float], commissioned_ppm: int | None, sigma_mm: float
+) -> float:
     """Lag-1 correlation of the residuals over time, about their means, all anchors together; 0 to MOST_CORRELATED.
 
     The sample's (von Neumann's ratio: right on average where there is none, too small by about 4ρ/N where there is
     some) is known to 1/√(values). Where the pad was commissioned with a correlation, that one counts unless the sample
-    shows significantly more; otherwise the sample's, one standard deviation up.
+    shows significantly more; otherwise the sample's, one standard deviation up. ``sigma_mm``: noise as
+    commissioned; 0 where values that repeat one another count in full.
     """
     steps = spread = 0.0
     count = longest = 0
@@ -340,8 +402,9 @@ def correlation_of(series: Sequence[Sequence[float]], means: Sequence[float], co
             before = value
         count += len(values)
         longest = max(longest, len(values))
-    if spread <= 0.0:
-        return 0.0 if commissioned_ppm is None else commissioned_ppm / 1_000_000.0
+    if spread <= STUCK_SHARE * sigma_mm * sigma_mm * count:
+        # No radio is so quiet: these are one round, told again and again.
+        return MOST_CORRELATED if sigma_mm > 0.0 else 0.0
     found = 1.0 - 0.5 * steps / spread
     deviation = 1.0 / sqrt(float(count))
     found += 4.0 * max(found, 0.0) / longest

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import Final
 
+from wonderland.proofs.claims import LOWEST_MM
 from wonderland.proofs.estimate import MIRROR_APART_MM, MIRROR_CHI2, least_chi2_at
-from wonderland.proofs.heights import LOWEST_MM
 from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.reduction import Reduced, distance
 from wonderland.proofs.weighing import Line, Weights, weighed_lines, with_shared_error

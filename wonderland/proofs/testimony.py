@@ -135,12 +135,17 @@ class TimeFinding:
             )
         return timed.finding == "outside"
 
+    @property
+    def excludes(self) -> bool:
+        """Whether they exclude every place in the buffer, whatever the two-way ranges say."""
+        return self.timed is not None and self.bound and self.timed.finding == "outside"
+
     def overrule(self, signed: Judgement, *, may_refute: bool) -> Judgement:
         """The judgement of the signed claim, with what the time stamps prove against the drone or for it."""
         timed = self.timed
         if timed is None or not self.bound:
             return signed
-        if timed.finding == "outside" and may_refute:
+        if self.excludes and may_refute:
             reason = Reason(
                 code="time_differences_contradict",
                 text=f"Its frames' time stamps exclude every place in the buffer by {decimal(timed.significance)} σ.",

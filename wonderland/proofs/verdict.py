@@ -36,7 +36,7 @@ from wonderland.proofs.admission import (
     usable_rounds,
 )
 from wonderland.proofs.agreement import agreement
-from wonderland.proofs.broadcast import Broadcast, judge_broadcast, outcome_with
+from wonderland.proofs.broadcast import Broadcast, judge_broadcast, outcome_with, unmeasured
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.differences import halved
 from wonderland.proofs.drift import widened
@@ -45,6 +45,7 @@ from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.estimate import solve
 from wonderland.proofs.height_finding import estimate, height_record, hold_height, milli, say_height
 from wonderland.proofs.judgement import (
+    STATED_ACCURACIES,
     Measured,
     Reasons,
     decimal,
@@ -53,6 +54,7 @@ from wonderland.proofs.judgement import (
     metres,
     rounded,
     say_contradictions,
+    say_outside,
     say_torn,
     say_unjudged,
 )
@@ -62,7 +64,7 @@ from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim, Evidence, Session
 from wonderland.proofs.records.verdicts import DroneClock, Judgement, Reason, Verdict
-from wonderland.proofs.reduction import reduce, residuals_of
+from wonderland.proofs.reduction import loses_its_place, reduce, residuals_of, said_at
 from wonderland.proofs.rounds import UsableRounds
 from wonderland.proofs.stopping import more_rounds
 from wonderland.proofs.testimony import WitnessBrought, judge_testimony, judge_time_stamps
@@ -143,9 +145,16 @@ def decide(
     more = -1
     if measured is not None and path is not None:
         checked = _checked(commissioning, measured, reasons)
-        moments = moments_of(measured.reduced, measured.offset, (told or path).points, float(policy.buffer_mm))
+        moments = moments_of(
+            measured.reduced,
+            measured.offset,
+            (told or path).points,
+            float(policy.buffer_mm),
+            max(float(policy.height_buffer_mm), STATED_ACCURACIES * path.height_accuracy_mm),
+        )
         say_contradictions(moments, measured, reasons)
         say_unjudged(session.claim, measured, path, policy, reasons)
+        say_outside(told.points if told is not None else (), measured, policy, reasons)
         may_refute = enough and moments.have_a_mean(float(policy.buffer_mm))
         judged = shared if timed.may_refute else policy
         signed = judge(
@@ -166,7 +175,7 @@ def decide(
                 path,
                 measured.reduced,
                 clock.sigma_ms,
-                may_refute=enough,
+                may_refute=enough and not moments.leaping,
             )
         signed = timed.overrule(signed, may_refute=may_refute)
         height = judge_vertical(
@@ -185,6 +194,8 @@ def decide(
             attested=evidence.attested if signature_valid else (),
             may_refute=enough,
         )
+        if timed.excludes:
+            public = unmeasured(public)
     outcome = _outcome(signed, public, policy, reasons)
     if outcome == "inconclusive" and measured is not None and signed is not None:
         only_public = public is not None and signed.outcome == "verified"
@@ -221,7 +232,7 @@ def decide(
         signed=signed,
         broadcast=public.finding if public is not None else None,
         estimate=where,
-        estimate_ms=measured.reduced.t_ms if measured is not None else None,
+        estimate_ms=said_at(measured.reduced).t_ms if measured is not None else None,
         covariance=covariance,
         height=height_record(height, measured),
         chi2_milli=chi2_milli,
@@ -297,6 +308,9 @@ def _measure(
         reasons.add("no_estimate", "The anchors' geometry gives no position for these ranges.")
         return None
     agreed = agreement(reduced, offset)
+    seen = reduced.residuals
+    if seen is not None and any(loses_its_place(seen, suspect, commissioning) for suspect in agreed.suspects):
+        agreed = replace(agreed, offsets=(), suspects=())  # nobody knows what the others would say
     measured = Measured(reduced, agreed, offset)
     if not agreed.consistent:
         reasons.add(

@@ -20,7 +20,7 @@ from typing import Final
 from wonderland.proofs.claims import MAX_ACCELERATION_MM_MS2, LocalClaim, Track
 from wonderland.proofs.differences import Stamped
 from wonderland.proofs.estimate import without
-from wonderland.proofs.judgement import Measured, ppm
+from wonderland.proofs.judgement import STATED_ACCURACIES, Measured, ppm
 from wonderland.proofs.moments import LIE_SHARE, MIXED_SHARE, QUIET_SHARE, ROUGH_BUFFERS
 from wonderland.proofs.motion import LARGEST_MM
 from wonderland.proofs.records.policies import MAX_BUFFER_MM, Policy
@@ -33,8 +33,6 @@ TIME_DIFFERENCES: Final = 3
 """From this assurance on nothing rests on the drone's own clock."""
 CONTRADICTING_ANCHORS: Final = 5
 """Three unknowns and two to contradict them: the redundancy with which four anchors refute a place on the map."""
-STATED_ACCURACIES: Final = 2.0
-"""A height is contradicted beyond so many of the accuracies (95 %) that the drone states for it."""
 INTERVAL_SIGMAS: Final = 3.0
 """The interval that is said to be open; beyond it is what 3 of 1,000 honest measurements would exclude."""
 _TRIED: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)

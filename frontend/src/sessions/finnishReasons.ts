@@ -22,6 +22,8 @@ export const FINNISH_REASONS: Readonly<Record<string, string>> = {
   rounds_missing: "Liian moni yritetty kierros jäi vajaaksi: näin näyttää drooni, joka valitsee kierroksensa tai vaientaa yksittäisiä ankkureita.",
   anchor_rarely: "Ankkuri jätettiin pois: se mittasi liian harvassa kierroksessa.",
   claims_torn: "Osassa kierroksista ankkurit kumoavat sen, mitä muissa ilmoitettiin: ilmoitukset hyppivät.",
+  rounds_vague: "Kierroksia jätettiin pois: niissä mitanneet ankkurit sopivat toiseenkin paikkaan.",
+  claims_unjudged: "Osa ilmoituksista tehtiin muulloin kuin mitattaessa, muualla: niitä ei mitattu.",
   claims_unseen: "Osa ilmoituksista poikkeaa lennosta, jonka kierrosten ilmoitukset näyttävät.",
   claims_waver: "Ilmoitukset voivat heilua droonin paikan ympärillä: todistettu on keskiarvo, ei jokainen niistä.",
   request_unjudged: "Pyyntö tehtiin muualta ennen mittausta: sitä paikkaa mikään ei mitannut.",

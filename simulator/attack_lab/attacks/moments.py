@@ -149,7 +149,7 @@ def silent(level: int, pad: LabPad, rng: np.random.Generator, count: int) -> Bat
     return batch
 
 
-_WINS: Final = (
+WINS: Final = (
     "A permission with a certified place more than one buffer from the drone at its moment, or while a quarter of the "
     "claimed moments are two buffers off."
 )
@@ -165,7 +165,7 @@ ATTACKS: Final = (
         "Lies in some of its signed claims, the truth in the others (2 to 10 m, a quarter to all)",
         "What it claims at each moment; it knows where the pad looks and how often.",
         "Nothing.",
-        _WINS,
+        WINS,
         _STOPS,
         0,
         (
@@ -181,7 +181,7 @@ ATTACKS: Final = (
         "The same at the paper's pad from 12 to 14 m, where no single range gives a lie away",
         "As before.",
         "Nothing.",
-        _WINS,
+        WINS,
         _STOPS,
         0,
         (Variant(TWO_WAY, make=partial(mixed, 2, SMALL)),),
@@ -192,7 +192,7 @@ ATTACKS: Final = (
         "The same, and it broadcasts what it signs",
         "As before, and its Remote ID.",
         "Nothing.",
-        _WINS,
+        WINS,
         _STOPS,
         0,
         (Variant(TWO_WAY, make=partial(mixed, 2, SQUARE, aloud=True), dear=DEAR),),
