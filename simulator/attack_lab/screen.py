@@ -34,6 +34,7 @@ from wonderland.proofs.reduction import (
     MOST_CORRELATED,
     OUTLIER_FLOOR_MM,
     OUTLIER_SIGMAS,
+    STUCK_SHARE,
 )
 from wonderland.proofs.rounds import MIN_ANCHORS
 from wonderland.proofs.special import CHI2_LIMITS, CHI2_MILLIONTH
@@ -157,7 +158,11 @@ def _reduce(batch: Batch, range_mm: Integers, claimed: Floats) -> _Means:
     # Rounds that half of the anchors tear are for the decision itself to judge.
     apart = (usable & ~kept).sum(axis=2)
     torn = ((apart >= MIN_TORN) & (2 * apart >= usable.sum(axis=2))).any(axis=1)
-    unsure = (spread <= 0.0) | ~(still | (first & last)) | torn
+    # So are rounds in which an anchor is missing: they may not know their place.
+    ever = np.asarray(kept.any(axis=1))
+    gaps = (~kept & kept_rounds[:, :, None] & ever[:, None, :]).any(axis=(1, 2))
+    stuck = spread <= 2.0 * STUCK_SHARE * sigma * sigma * total
+    unsure = stuck | ~(still | (first & last)) | torn | gaps
     few = count_rounds < batch.policy.min_rounds
     nothing = few | (present.sum(axis=1) < MIN_ANCHORS)
     return _Means(mean, white, present, middle, unsure, nothing)

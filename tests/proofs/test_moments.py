@@ -210,7 +210,7 @@ def test_the_mirror_image_behind_two_anchors_certifies_nothing_while_the_others_
     assert codes(verdict) & {"rounds_vague", "claims_unseen", "rounds_missing", "claims_torn"}
 
 
-@pytest.mark.parametrize("name", ["mirrored-claims", "mirrored-silence"])
+@pytest.mark.parametrize("name", [name for name in ATTACKS if name.startswith("mirrored-")])
 def test_mirrored_claims_win_nothing_in_the_lab(name):
     """A stranger won 158 of 200 with the first, 78 of 100 with the second."""
     for number, variant in enumerate(ATTACKS[name].variants):

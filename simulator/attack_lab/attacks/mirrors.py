@@ -109,15 +109,23 @@ ATTACKS: Final = (
         0,
         (Variant(TWO_WAY, make=partial(mirrored, ROW, silence=False)),),
     ),
-    Attack(
-        "mirrored-silence",
-        Family.INSIDER,
-        "The same behind any two anchors, while all but three are left out of its frames; four, six and eight anchors",
-        "Which responders the drone names in its frames, and what it claims.",
-        "A changed radio driver.",
-        WINS,
-        _STOPS,
-        0,
-        tuple(Variant(TWO_WAY, make=partial(mirrored, pad, silence=True)) for pad in (SQUARE, SIX, MASTS, CUBE)),
+    *(
+        Attack(
+            name,
+            Family.INSIDER,
+            f"The same behind any two anchors, while all but three are left out of its frames; {where}",
+            "Which responders the drone names in its frames, and what it claims.",
+            "A changed radio driver.",
+            WINS,
+            _STOPS,
+            0,
+            (Variant(TWO_WAY, make=partial(mirrored, pad, silence=True)),),
+        )
+        for name, pad, where in (
+            ("mirrored-silence", SQUARE, "four anchors in a square"),
+            ("mirrored-silence-of-6", SIX, "six on a circle"),
+            ("mirrored-silence-masts", MASTS, "six on masts of two heights"),
+            ("mirrored-silence-cube", CUBE, "eight at the corners of a cube"),
+        )
     ),
 )
