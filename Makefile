@@ -1,7 +1,7 @@
 # Everything that one does with this checkout. `make demo` and `make test` need nothing but python3 (3.11 or later,
 # with venv), make and git: they make .venv and the built console first, and again whenever these have become stale.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-python test-console lint types bench fuzz fmt docs figures screenshots vectors lock compose api clean
+.PHONY: help setup demo test test-python test-console lint types bench fuzz fmt docs figures screenshots film vectors lock compose api clean
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
@@ -67,6 +67,9 @@ figures: $(VENV)/.ready ## Draw the pictures of docs/method.md
 
 screenshots: setup ## Take the documentation's pictures from a running demo (needs Chromium)
 	@$(BIN)/python scripts/screenshots.py
+
+film: setup ## Film twenty seconds of a running demo for the README (needs Chromium)
+	@$(BIN)/python scripts/film.py
 
 threat-model: setup ## Play the attack lab anew for docs/threat-model.md (an hour or two)
 	@$(BIN)/python scripts/threat_model.py

@@ -151,12 +151,18 @@ def main() -> int:
     return 0
 
 
+def link_in(line: str) -> str | None:
+    """The link that signs in, where a line of the demo has it."""
+    found = re.search(r"http://127\.0\.0\.1:\d+/#token=\S+", line)
+    return None if found is None else found.group()
+
+
 def _link(demo: subprocess.Popen[str]) -> str:
     assert demo.stdout is not None
     deadline = time.monotonic() + LINK_S
     for line in demo.stdout:
-        if match := re.search(r"http://127\.0\.0\.1:\d+/#token=\S+", line):
-            return match.group()
+        if (link := link_in(line)) is not None:
+            return link
         if time.monotonic() > deadline:
             break
     raise SystemExit("the demo printed no link")

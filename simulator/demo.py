@@ -18,6 +18,7 @@ from typing import Final
 from rich.console import Console
 from rich.markup import escape
 
+from simulator.place.archive import is_whole
 from simulator.place.making import archive_path, start_making
 from simulator.scenarios import DEFAULT, SCENARIOS
 from simulator.stage import ProcessError, Stage, StageSettings
@@ -134,7 +135,7 @@ class _Place:
 
     def begin(self) -> None:
         """After the page is there: nobody waits for the map."""
-        if not self.archive.is_file():
+        if not is_whole(self.archive):
             self._making = asyncio.ensure_future(self._make())
 
     async def end(self) -> None:

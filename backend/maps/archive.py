@@ -1,7 +1,7 @@
 """A PMTiles archive on disk: what it is, whether a map can be drawn from it, and parts of it.
 
 Only the header and the metadata are read, so that an archive of 50 GB costs what a small one does. Looked at anew as
-soon as the file is another one: by its inode, size and time of change.
+soon as the file is another one: by its inode, size and time of change, which no copying program can set back.
 """
 
 from __future__ import annotations
@@ -9,8 +9,12 @@ from __future__ import annotations
 import gzip
 import json
 import os
+import stat
 import struct
+import time
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
@@ -28,8 +32,18 @@ NEEDED: Final = frozenset({"earth", "water", "roads"})
 """Layers without which this is no base map that the console's style knows."""
 
 
+Seen = tuple[int, int, int]
+"""By what a file is known again: inode, size, time of change."""
+SETTLING_NS: Final = 2_000_000_000
+"""Times of change are as coarse as the kernel's clock: a file that changed just now may change again unseen."""
+
+
 class ArchiveError(Exception):
     """No map can be drawn from the file; the text says why, without its path."""
+
+
+class ReplacedError(ArchiveError):
+    """The file is another one than was asked for."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +59,7 @@ class Description:
     """What an archive says of itself. Bounds are west, south, east, north in degrees."""
 
     tag: str
+    changed_ns: int
     kind: str
     size_bytes: int
     bounds: tuple[float, float, float, float]
@@ -53,6 +68,11 @@ class Description:
     layers: tuple[str, ...]
     attribution: tuple[Credit, ...]
 
+    @property
+    def settled(self) -> bool:
+        """Whether its last change is so long ago that the next one will show."""
+        return time.time_ns() - self.changed_ns > SETTLING_NS
+
 
 class Archive:
     """One archive that a setting names; it may come, go and change while the server runs."""
@@ -60,45 +80,66 @@ class Archive:
     def __init__(self, path: Path, *, vector: bool) -> None:
         self._path = path
         self._vector = vector
-        self._seen: tuple[int, ...] = ()
-        self._result: Description | ArchiveError = ArchiveError("it was not looked at yet")
+        self._known: tuple[Seen, Description | ArchiveError] | None = None
+        """Replaced as a whole: several threads read here."""
 
     def describe(self) -> Description:
         """What it is now. Raises `ArchiveError`. Blocks on the disk."""
-        try:
-            with self._path.open("rb") as file:
-                status = os.fstat(file.fileno())
-                seen = (status.st_ino, status.st_size, status.st_mtime_ns)
-                if seen != self._seen:
-                    self._result = self._examined(file.fileno(), seen)
-                    self._seen = seen
-        except OSError as cause:
-            self._seen = ()
-            raise ArchiveError(f"the file cannot be read: {cause.strerror}") from None
-        if isinstance(self._result, ArchiveError):
-            raise self._result
-        return self._result
+        with self._opened() as file:
+            return self._described(file)
 
-    def part(self, first: int, length: int) -> tuple[bytes, Description]:
-        """Bytes of the file as it is described now. Raises `ArchiveError`. Blocks on the disk."""
-        description = self.describe()
+    def part(self, first: int, length: int, tag: str) -> bytes:
+        """Bytes of the file that has this tag. Raises `ArchiveError`. Blocks on the disk."""
+        with self._opened() as file:
+            self._described(file)
+            if _tag(_seen(file)) != tag:
+                raise ReplacedError("the file was replaced")
+            body = os.pread(file, length, first)
+            # Overwritten in place, it may have become another one while it was read.
+            if _tag(_seen(file)) != tag or len(body) != length:
+                raise ReplacedError("the file is being replaced")
+            return body
+
+    @contextmanager
+    def _opened(self) -> Iterator[int]:
         try:
-            with self._path.open("rb") as file:
-                status = os.fstat(file.fileno())
-                if (status.st_ino, status.st_size, status.st_mtime_ns) != self._seen:
-                    raise ArchiveError("the file is being replaced")
-                return os.pread(file.fileno(), length, first), description
+            # Whoever opens a FIFO waits for its writer, for ever; that would hold up the server's start.
+            file = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            try:
+                if not stat.S_ISREG(os.fstat(file).st_mode):
+                    raise ArchiveError("it is no file")
+                yield file
+            finally:
+                os.close(file)
         except OSError as cause:
             raise ArchiveError(f"the file cannot be read: {cause.strerror}") from None
 
-    def _examined(self, file: int, seen: tuple[int, ...]) -> Description | ArchiveError:
+    def _described(self, file: int) -> Description:
+        seen = _seen(file)
+        known = self._known
+        if known is None or known[0] != seen:
+            known = self._known = (seen, self._examined(file, seen))
+        if isinstance(known[1], ArchiveError):
+            raise known[1]
+        return known[1]
+
+    def _examined(self, file: int, seen: Seen) -> Description | ArchiveError:
         try:
             return _read(file, seen, vector=self._vector)
         except ArchiveError as error:
             return error
 
 
-def _read(file: int, seen: tuple[int, ...], *, vector: bool) -> Description:
+def _seen(file: int) -> Seen:
+    status = os.fstat(file)
+    return status.st_ino, status.st_size, status.st_ctime_ns
+
+
+def _tag(seen: Seen) -> str:
+    return "-".join(f"{each:x}" for each in seen)
+
+
+def _read(file: int, seen: Seen, *, vector: bool) -> Description:
     size = seen[1]
     head = os.pread(file, HEADER_BYTES, 0)
     if head[:7] != MAGIC or len(head) < HEADER_BYTES or head[7] != VERSION:
@@ -130,7 +171,8 @@ def _read(file: int, seen: tuple[int, ...], *, vector: bool) -> Description:
             f"it has no layers {', '.join(sorted(NEEDED - set(layers)))}: the map is drawn from the Protomaps schema"
         )
     return Description(
-        tag="-".join(f"{each:x}" for each in seen),
+        tag=_tag(seen),
+        changed_ns=seen[2],
         kind=kind,
         size_bytes=size,
         bounds=(west, south, east, north),

@@ -11,7 +11,7 @@ from fastapi.responses import Response
 from backend.auth.access import SIGNED_IN
 from backend.context import context_of
 from backend.errors import NotFound, documented
-from backend.maps.archive import Archive, ArchiveError
+from backend.maps.archive import Archive, ArchiveError, ReplacedError
 from backend.maps.imagery import ImageryError
 from backend.maps.ranges import RangeError, parse
 from backend.maps.schemas import BaseMap
@@ -21,6 +21,7 @@ router = APIRouter(prefix="/map", tags=["map"], dependencies=SIGNED_IN)
 KEPT: Final = "private, max-age=604800, immutable"
 """Under an address that names the version of the file."""
 ASKED_ANEW: Final = "private, no-cache"
+BYTES: Final = "application/octet-stream"
 IMAGE_KEPT: Final = "private, max-age=86400"
 MAX_ZOOM: Final = 22
 
@@ -66,24 +67,39 @@ async def read_image(request: Request, z: Zoom, x: Index, y: Index) -> Response:
 async def _part(request: Request, archive: Archive | None) -> Response:
     if archive is None:
         raise NotFound("This server has no such map.")
+    wanted = request.query_params.get("v")
     try:
         description = await asyncio.to_thread(archive.describe)
+        if wanted not in {None, description.tag}:
+            return _replaced()
         tag = f'"{description.tag}"'
-        current = request.query_params.get("v") == description.tag
-        headers = {"ETag": tag, "Accept-Ranges": "bytes", "Cache-Control": KEPT if current else ASKED_ANEW}
+        # What is kept for a week must be what its address says.
+        kept = wanted is not None and description.settled
+        headers = {"ETag": tag, "Accept-Ranges": "bytes", "Cache-Control": KEPT if kept else ASKED_ANEW}
         if tag in request.headers.get("if-none-match", ""):
             return Response(status_code=304, headers=headers)
+        asked = request.headers.get("range")
+        if request.method == "HEAD" or request.headers.get("if-range", tag) != tag:
+            asked = None
+        if request.method == "HEAD":
+            headers["Content-Length"] = str(description.size_bytes)
+            return Response(headers=headers, media_type=BYTES)
         try:
-            first, length = parse(request.headers.get("range"), description.size_bytes)
+            first, length = parse(asked, description.size_bytes)
         except RangeError as error:
             headers |= {"Content-Range": f"bytes */{description.size_bytes}", "Cache-Control": "no-store"}
             return Response(f"{error}\n", 416, headers, "text/plain")
-        body, after = await asyncio.to_thread(archive.part, first, length)
+        body = await asyncio.to_thread(archive.part, first, length, description.tag)
+    except ReplacedError:
+        return _replaced()
     except ArchiveError as error:
         raise NotFound(f"The map cannot be read: {error}.") from error
-    if after.tag != description.tag:
-        headers = headers | {"ETag": f'"{after.tag}"', "Cache-Control": "no-store"}
-    if "range" not in request.headers:
-        return Response(body, headers=headers, media_type="application/octet-stream")
-    headers["Content-Range"] = f"bytes {first}-{first + len(body) - 1}/{after.size_bytes}"
-    return Response(body, 206, headers, "application/octet-stream")
+    if asked is None:
+        return Response(body, headers=headers, media_type=BYTES)
+    headers["Content-Range"] = f"bytes {first}-{first + len(body) - 1}/{description.size_bytes}"
+    return Response(body, 206, headers, BYTES)
+
+
+def _replaced() -> Response:
+    """Never a part of another archive than the one that the reader has begun: it asks for the description anew."""
+    return Response("The map was replaced.\n", 410, {"Cache-Control": "no-store"}, "text/plain")

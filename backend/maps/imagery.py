@@ -18,6 +18,8 @@ KEPT_BYTES: Final = 48 << 20
 AT_ONCE: Final = 8
 REST_S: Final = 20.0
 """How long a server that did not answer is left alone."""
+PLAIN: Final = {"Accept-Encoding": "identity"}
+"""What is packed can be a thousand times larger than it looks."""
 IMAGES: Final = ("image/png", "image/jpeg", "image/webp", "image/avif")
 
 
@@ -64,13 +66,17 @@ class Imagery:
         limit_s = self._settings.wmts_timeout_s
         body = bytearray()
         try:
-            async with asyncio.timeout(limit_s), self._client.stream("GET", url) as answer:
+            async with asyncio.timeout(limit_s), self._client.stream("GET", url, headers=PLAIN) as answer:
                 kind = answer.headers.get("content-type", "").partition(";")[0].strip().lower()
                 if answer.status_code == httpx.codes.NOT_FOUND:
                     return "image/png", b""
+                if answer.is_redirect:
+                    raise ImageryError("the WMTS sends its readers elsewhere; set the address that it leads to")
                 if answer.status_code != httpx.codes.OK or kind not in IMAGES:
                     raise ImageryError(f"the WMTS answers with {answer.status_code} and {kind or 'no type'}")
-                async for part in answer.aiter_bytes():
+                if answer.headers.get("content-encoding", "identity") != "identity":
+                    raise ImageryError("the WMTS packs its images, which it was asked not to do")
+                async for part in answer.aiter_raw():
                     body += part
                     if len(body) > MAX_TILE:
                         raise ImageryError(f"the WMTS sends images of more than {MAX_TILE >> 20} MB")

@@ -100,3 +100,17 @@ def write(
     whole = header + root + words + bytes(data)
     write_atomic(path, whole)
     return len(whole)
+
+
+def is_whole(path: Path) -> bool:
+    """Whether there is an archive of this writer's, to its last byte."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEADER_BYTES)
+            size = file.seek(0, 2)
+    except OSError:
+        return False
+    if len(head) < HEADER_BYTES or not head.startswith(MAGIC):
+        return False
+    start, length = struct.unpack_from("<2Q", head, 56)
+    return bool(start + length == size)

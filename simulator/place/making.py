@@ -10,10 +10,13 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
+from simulator.place.archive import is_whole
 from simulator.place.build import build
 from simulator.place.fetch import FetchError, extract_into
 from simulator.place.osm import ExtractError
+from wonderland.ledger.errors import FileWriteError
 
+PLACE: Final = "monaco"
 REVISION: Final = 2
 """Goes up with what is drawn into the archive, so that an older one is made anew."""
 
@@ -30,7 +33,7 @@ def cache_directory() -> Path:
 
 def archive_path() -> Path:
     """Where the archive is, or will be."""
-    return cache_directory() / f"monaco-{REVISION}.pmtiles"
+    return cache_directory() / f"{PLACE}-{REVISION}.pmtiles"
 
 
 def make(extract: Path | None = None) -> Path:
@@ -40,15 +43,22 @@ def make(extract: Path | None = None) -> Path:
         target.parent.mkdir(parents=True, exist_ok=True)
         with (target.parent / ".lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
-            if extract is None and target.is_file():
+            if extract is None and is_whole(target):
                 return target
+            _sweep(target)
             with tempfile.TemporaryDirectory(prefix="wonderland-place-") as name:
                 build(extract or extract_into(Path(name)), target)
-    except (FetchError, ExtractError) as error:
+    except (FetchError, ExtractError, FileWriteError) as error:
         raise PlaceError(str(error)) from error
     except OSError as error:
         raise PlaceError(f"{error.filename or target.parent}: {error.strerror}") from error
     return target
+
+
+def _sweep(target: Path) -> None:
+    """What a making that was killed has left; the lock is ours, so that nobody writes it."""
+    for left in target.parent.glob(f".{PLACE}-*"):
+        left.unlink(missing_ok=True)
 
 
 async def start_making() -> asyncio.subprocess.Process:

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gzip
+import os
+import struct
+import time
+import tracemalloc
 
 import pytest
 
 from backend.http.transfer import new_client
-from backend.maps.archive import Archive, ArchiveError, credits_of
+from backend.maps.archive import Archive, ArchiveError, ReplacedError, credits_of
 from backend.maps.imagery import Imagery, ImageryError
 from backend.maps.ranges import MAX_PART, RangeError, parse
 from backend.maps.service import Maps
@@ -66,7 +71,7 @@ def test_fifty_gigabytes_are_read_by_their_parts(tmp_path):
         file.write(b"last")
     archive = Archive(path, vector=True)
     assert archive.describe().size_bytes == 50 << 30
-    assert archive.part((50 << 30) - 4, 4)[0] == b"last"
+    assert archive.part((50 << 30) - 4, 4, archive.describe().tag) == b"last"
 
 
 def test_a_replaced_archive_has_another_tag(tmp_path):
@@ -75,14 +80,91 @@ def test_a_replaced_archive_has_another_tag(tmp_path):
     before = archive.describe().tag
     made(tmp_path / "b.pmtiles", tile=b"another")
     (tmp_path / "b.pmtiles").replace(path)
-    body, after = archive.part(0, 7)
-    assert body == b"PMTiles"
-    assert after.tag != before
+    after = archive.describe().tag
+    assert after != before
+    assert archive.part(0, 7, after) == b"PMTiles"
+    with pytest.raises(ReplacedError):
+        archive.part(0, 7, before)
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(ArchiveError):
-        archive.part(0, 7)
+        archive.part(0, 7, after)
     made(path)
     assert archive.describe().kind == "vector"
+
+
+def test_an_archive_overwritten_in_place_with_its_time_set_back_is_another_one(tmp_path):
+    """As a copying program does that keeps times: same inode, same size, same time of modification."""
+    path = made(tmp_path / "a.pmtiles", tile=b"one!")
+    archive = Archive(path, vector=True)
+    before, status = archive.describe(), path.stat()
+    time.sleep(0.02)  # times of change are as coarse as the kernel's clock
+    damage(path, lambda data: data.__setitem__(slice(-9, -5), b"two!"))
+    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert (path.stat().st_ino, path.stat().st_size) == (status.st_ino, status.st_size)
+    assert archive.describe().tag != before.tag
+    with pytest.raises(ReplacedError):
+        archive.part(0, 7, before.tag)
+
+
+def test_an_archive_overwritten_while_a_part_is_read_gives_none(tmp_path, monkeypatch):
+    path = made(tmp_path / "a.pmtiles")
+    archive = Archive(path, vector=True)
+    tag = archive.describe().tag
+    read = os.pread
+
+    def overwritten(file, length, first):
+        body = read(file, length, first)
+        time.sleep(0.02)
+        damage(path, lambda data: data.__setitem__(-1, 0))
+        return body
+
+    monkeypatch.setattr(os, "pread", overwritten)
+    with pytest.raises(ReplacedError):
+        archive.part(0, 7, tag)
+
+
+@pytest.mark.parametrize(
+    ("put", "why"),
+    [
+        (os.mkfifo, "it is no file"),
+        (os.mkdir, "it is no file"),
+        (lambda path: path.symlink_to("/dev/zero"), "it is no file"),
+        (lambda path: path.symlink_to(path), "cannot be read"),
+    ],
+)
+@pytest.mark.timeout(10)
+def test_what_is_no_file_holds_nobody_up(tmp_path, put, why):
+    path = tmp_path / "a.pmtiles"
+    put(path)
+    with pytest.raises(ArchiveError, match=why):
+        Archive(path, vector=True).describe()
+
+
+def test_a_symlink_to_an_archive_is_one_and_may_be_turned(tmp_path):
+    made(tmp_path / "one.pmtiles")
+    made(tmp_path / "two.pmtiles", attribution="© Another")
+    path = tmp_path / "a.pmtiles"
+    path.symlink_to("one.pmtiles")
+    archive = Archive(path, vector=True)
+    assert archive.describe().attribution[0].text == "© Somebody"
+    path.unlink()
+    path.symlink_to("two.pmtiles")
+    assert archive.describe().attribution[0].text == "© Another"
+
+
+def test_metadata_that_unpacks_to_a_gigabyte_is_refused_in_little_memory(tmp_path):
+    path = made(tmp_path / "a.pmtiles")
+    words = gzip.compress(b" " * (64 << 20))
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<2Q", data, 24, len(data), len(words))
+    path.write_bytes(bytes(data) + words)
+    tracemalloc.start()
+    try:
+        with pytest.raises(ArchiveError, match="metadata"):
+            Archive(path, vector=True).describe()
+        assert tracemalloc.get_traced_memory()[1] < 8 << 20
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize(
@@ -173,6 +255,74 @@ async def test_images_are_kept_and_nothing_but_images_is_passed_on():
         assert asked == 1
         with pytest.raises(ImageryError, match="text/html"):
             await imagery.tile(3, 4, 3)
+
+
+def answer_of(status, headers, body=b""):
+    head = "".join(f"{name}: {value}\r\n" for name, value in headers.items())
+    return f"HTTP/1.1 {status}\r\n{head}Connection: close\r\n\r\n".encode() + body
+
+
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        (answer_of("500 Oh", {"Content-Length": 0}), "answers with 500"),
+        (answer_of("200 OK", {"Content-Type": "text/html", "Content-Length": 4}, b"<p/>"), "text/html"),
+        (answer_of("200 OK", {"Content-Type": "image/svg+xml", "Content-Length": 6}, b"<svg/>"), "svg"),
+        (
+            answer_of(
+                "200 OK", {"Content-Type": "image/png", "Content-Encoding": "gzip"}, gzip.compress(b"\0" * (32 << 20))
+            ),
+            "packs",
+        ),
+        (b"nonsense\r\n\r\n", "cannot be reached"),
+    ],
+)
+async def test_what_a_wmts_should_not_answer_is_passed_on_to_nobody(answer, why):
+    async def given(writer):
+        writer.write(answer)
+        await writer.drain()
+
+    async with wmts(given) as url, new_client() as client:
+        with pytest.raises(ImageryError, match=why):
+            await Imagery(MapSettings(wmts=url), client).tile(3, 4, 2)
+
+
+async def test_a_wmts_leads_this_server_nowhere_else():
+    asked = []
+
+    async def inner(writer):
+        asked.append("inner")
+        writer.write(answer_of("200 OK", {"Content-Type": "image/png", "Content-Length": 3}, b"png"))
+        await writer.drain()
+
+    async with wmts(inner) as elsewhere:
+
+        async def leads(writer):
+            writer.write(answer_of("302 Found", {"Location": elsewhere, "Content-Length": 0}))
+            await writer.drain()
+
+        async with wmts(leads) as url, new_client() as client:
+            with pytest.raises(ImageryError, match="elsewhere"):
+                await Imagery(MapSettings(wmts=url), client).tile(3, 4, 2)
+    assert asked == []
+
+
+async def test_two_hundred_megabytes_of_a_wmts_are_cut_off():
+    sent = 0
+
+    async def much(writer):
+        nonlocal sent
+        writer.write(answer_of("200 OK", {"Content-Type": "image/png", "Content-Length": 200 << 20}))
+        for _ in range(200):
+            writer.write(b"\0" * (1 << 20))
+            await writer.drain()
+            sent += 1
+
+    async with wmts(much) as url, new_client() as client:
+        imagery = Imagery(MapSettings(wmts=url), client)
+        with pytest.raises(ImageryError, match="more than 2 MB"):
+            await imagery.tile(3, 4, 2)
+    assert sent < 20
 
 
 @pytest.mark.parametrize(

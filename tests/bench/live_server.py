@@ -38,11 +38,11 @@ def _console_tools():
 class Feed:
     """Positions of so many drones, evenly over time."""
 
-    def __init__(self, board, rate, drones):
+    def __init__(self, board, rate, drones, field):
         self._board = board
         self.rate = rate
         # Made once: the making must not take the time that is measured.
-        self._bodies = [pair for sequence in range(4) for pair in crowd_frame(drones, sequence, 0)]
+        self._bodies = [pair for sequence in range(4) for pair in crowd_frame(drones, sequence, 0, *field)]
         self.heard = 0
 
     async def run(self):
@@ -99,10 +99,18 @@ class Raw:
             self.bytes += len(self.sockets) * len(frame)
 
 
+def field_of(options):
+    """(centre, spread) of the drones, where one is given."""
+    if options.field is None:
+        return ()
+    lat, lon, spread = map(float, options.field.split(","))
+    return (round(lat * 1e7), round(lon * 1e7)), spread
+
+
 async def prepare(backend, options):
     """Start what makes positions, and for `raw` what sends them; returns tasks, the feed, and where the counts are."""
     context = backend.backend.context
-    feed = Feed(context.board, options.rate, options.drones or options.rate)
+    feed = Feed(context.board, options.rate, options.drones or options.rate, field_of(options))
     tasks = [asyncio.create_task(feed.run())]
     if options.mode == "hub":
         return tasks, feed, lambda: (context.hub.frames, context.hub.bytes)
@@ -136,6 +144,8 @@ def parsed():
     parser.add_argument("--drones", type=int, default=0, help="how many drones report; without it, each once a second")
     parser.add_argument("--tick-ms", type=int, default=100)
     parser.add_argument("--console", type=Path, help="the built console, which it serves")
+    parser.add_argument("--map", type=Path, help="an archive that the console's map is drawn from")
+    parser.add_argument("--field", help="LAT,LON,SPREAD: where the drones are, and how far apart beside the usual")
     parser.add_argument("--pads", type=int, default=1, help="with their credentials in DIRECTORY/pads.json")
     return parser.parse_args()
 
@@ -145,7 +155,8 @@ def main():
     console = _console_tools()
     tools = console._load_backend_tools()
     authorities = tools.Authorities(options.directory / "ca")
-    running = console.RealBackend(tools, authorities, options.directory, options.console, tick_ms=options.tick_ms)
+    settings = {"tick_ms": options.tick_ms} | ({"map": {"archive": options.map}} if options.map else {})
+    running = console.RealBackend(tools, authorities, options.directory, options.console, **settings)
     pads = [f"pad-{number}" for number in range(1, options.pads + 1)]
     running.add(*(running.facts.put_pad(pad_id) for pad_id in pads))
     (options.directory / "pads.json").write_text(json.dumps([credentials(authorities, pad_id) for pad_id in pads]))

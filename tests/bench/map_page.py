@@ -136,8 +136,8 @@ map.on("load", () => {
 </script>"""
 
 
-def crowd_frame(count, sequence, t_ms):
-    """The bodies of ``count`` tracks, as pads report them: a disc that turns slowly around the town."""
+def crowd_frame(count, sequence, t_ms, centre=(604_500_000, 222_500_000), spread=1.0):
+    """The bodies of ``count`` tracks, as pads report them: a field of drones over the town, each of them moving."""
     template = (
         '{"uav_id":"SE-%04d","lat_e7":%d,"lon_e7":%d,"height_mm":60000,"accuracy_mm":3000,"speed_mm_s":12000,'
         '"track_cdeg":9000,"t_ms":%d,"pad_id":"pad-1","transport":"wifi-beacon","verified":false}'
@@ -145,7 +145,7 @@ def crowd_frame(count, sequence, t_ms):
     bodies = []
     for number in range(count):
         swing = (number * 7919 + sequence * 37) % 2000 - 1000
-        lat_e7 = 604_500_000 + (number % 100 - 50) * 18_000 + swing
-        lon_e7 = 222_500_000 + (number // 100 - count // 200) * 54_000 + swing
+        lat_e7 = centre[0] + int(((number % 100 - min(count, 100) // 2) * 18_000 + swing) * spread)
+        lon_e7 = centre[1] + int(((number // 100 - count // 200) * 54_000 + swing) * spread)
         bodies.append((f"SE-{number:04d}", template % (number, lat_e7, lon_e7, t_ms)))
     return bodies

@@ -17,6 +17,9 @@ import pytest
 from chrome import Chrome
 from map_page import FLAGS, FLOOR, WATCH
 
+from simulator.place.archive import is_whole
+from simulator.place.making import archive_path
+
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 MAPLIBRE = ROOT / "frontend" / "node_modules" / "maplibre-gl" / "dist"
@@ -89,10 +92,10 @@ def sign_in(chrome, server):
     chrome.wait_for("document.querySelector('[role=option]') !== null")
 
 
-def open_map(chrome, server, count):
+def open_map(chrome, server, count, view=VIEW):
     """The live map with at least so many drones, and its base map drawn."""
     sign_in(chrome, server)
-    chrome.goto(f"{server.url}/#/live?{VIEW}")
+    chrome.goto(f"{server.url}/#/live?{view}")
     chrome.wait_for(f"window.__seen.draws.some((count) => count >= {count})")
 
 
@@ -116,6 +119,14 @@ class FloorPage:
     def close(self):
         self._server.shutdown()
         self._server.server_close()
+
+
+def place_archive():
+    """The map of the demo's place, as set-up made it."""
+    path = archive_path()
+    if not is_whole(path):
+        pytest.skip("the map of the demo's place is not at hand (python -m simulator.place makes it)")
+    return path
 
 
 def cpu_s(chrome, kind=None):

@@ -338,14 +338,14 @@ class RealBackend:
 
 
 @pytest.fixture
-def real(request, tools, authorities, tmp_path, built_console):
-    """A backend that serves the built console: one pad, two drones, one proof verified and one refuted.
+def real_backend(tools, authorities, tmp_path, built_console):
+    """Makes a backend that serves the built console: one pad, two drones, one proof verified and one refuted."""
+    begun = []
 
-    Its parameter, where a test gives one: how many milliseconds its clock is ahead.
-    """
-    running = RealBackend(tools, authorities, tmp_path, built_console)
-    running.off_ms = getattr(request, "param", 0)
-    try:
+    def make(*, off_ms=0, **settings):
+        running = RealBackend(tools, authorities, tmp_path, built_console, **settings)
+        begun.append(running)
+        running.off_ms = off_ms
         facts, now_ms = running.facts, running.now_ms()
         running.add(facts.put_pad(), facts.put_uav(), facts.put_uav("uav-2"))
         for name, uav_id, outcome, ago_ms in (
@@ -356,9 +356,17 @@ def real(request, tools, authorities, tmp_path, built_console):
             running.add(facts.request(name, uav_id=uav_id, t_ms=t_ms))
             running.add(facts.decide(name, uav_id=uav_id, t_ms=t_ms, outcome=outcome))
         running.start()
-        yield running
-    finally:
+        return running
+
+    yield make
+    for running in begun:
         running.close()
+
+
+@pytest.fixture
+def real(request, real_backend):
+    """Such a backend. Its parameter, where a test gives one: how many milliseconds its clock is ahead."""
+    return real_backend(off_ms=getattr(request, "param", 0))
 
 
 @pytest.fixture

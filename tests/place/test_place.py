@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import gzip
+import os
+import signal
+import subprocess
+import sys
 import tarfile
+import time
 
 import pytest
 import shapely
@@ -134,3 +140,81 @@ def test_the_place_is_made_once_and_kept(town, tmp_path, monkeypatch):
     before = made.stat().st_mtime_ns
     assert making.make() == made
     assert made.stat().st_mtime_ns == before
+
+
+@pytest.fixture
+def cached(town, tmp_path, monkeypatch):
+    """The cache in a directory of the test's own, the package index away; an extract to make the place of."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("PIP_INDEX_URL", "http://127.0.0.1:9/simple")
+    monkeypatch.setenv("PIP_NO_CACHE_DIR", "1")
+    source = tmp_path / "town.osm.pbf"
+    source.write_bytes(town.pbf())
+    monkeypatch.setattr(making, "extract_into", lambda _directory: source)
+    return source
+
+
+@pytest.mark.parametrize("left", [lambda data: data[:-40], lambda _: b"", lambda _: b"<html>" * 50])
+def test_what_an_interrupted_making_left_is_made_anew(cached, left):
+    made = making.make()
+    whole = made.read_bytes()
+    made.write_bytes(left(whole))
+    partial = made.parent / f".{made.name}.half"
+    partial.write_bytes(whole[:50])
+    assert making.make() == made
+    assert made.read_bytes() == whole
+    assert not partial.exists()
+
+
+def test_a_full_disk_is_said_in_one_line_and_leaves_nothing(cached, monkeypatch):
+    def full(_descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(making.PlaceError, match="No space left") as error:
+            making.make()
+    assert "\n" not in str(error.value)
+    assert [each.name for each in making.cache_directory().iterdir()] == [".lock"]
+    assert making.make().is_file()
+
+
+def run(**more):
+    command = [sys.executable, "-m", "simulator.place"]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)
+
+
+def test_a_cache_that_cannot_be_written_is_said_in_one_line(tmp_path):
+    (tmp_path / "cache").write_text("a file stands where the directory should")
+    making_it = run(env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")})
+    out, said = making_it.communicate(timeout=60)
+    assert (making_it.returncode, out, len(said.splitlines())) == (1, "", 1)
+    assert "Not a directory" in said
+
+
+def test_two_set_ups_at_once_make_it_one_after_the_other(cached):
+    """The second waits for the first, finds its archive and asks no index for anything."""
+    cache = making.cache_directory()
+    cache.mkdir(parents=True)
+    whole = making.make(cached).read_bytes()
+    making.archive_path().unlink()
+    with (cache / ".lock").open("w") as lock:
+        making.fcntl.flock(lock, making.fcntl.LOCK_EX)
+        second = run()
+        time.sleep(2)
+        assert second.poll() is None
+        making.archive_path().write_bytes(whole)
+    assert second.wait(60) == 0, second.stderr.read()
+    second.communicate()
+    assert making.archive_path().read_bytes() == whole
+
+
+def test_one_that_is_killed_holds_nobody_up(cached):
+    cache = making.cache_directory()
+    cache.mkdir(parents=True)
+    held = "import fcntl, sys, time; f = open(sys.argv[1], 'w'); fcntl.flock(f, fcntl.LOCK_EX); print(flush=True); time.sleep(60)"
+    first = subprocess.Popen([sys.executable, "-c", held, str(cache / ".lock")], stdout=subprocess.PIPE)
+    first.stdout.readline()
+    first.send_signal(signal.SIGKILL)
+    first.communicate()
+    assert making.make().is_file()

@@ -7,7 +7,7 @@ import type { Fleet } from "../../shared/fleet";
 import type { LonLat } from "../../shared/geo/frame";
 import { useLiveStore } from "../../shared/live/useLive";
 import { liveTexts as t } from "../texts";
-import { useBaseMap } from "../baseMap";
+import { useBaseMap, useLookAgain } from "../baseMap";
 import { Credits } from "../Credits";
 import { MapController } from "./controller";
 import type { Overlay } from "./overlays";
@@ -67,6 +67,7 @@ function Made(properties: Properties): ReactElement {
   const store = useLiveStore();
   const { theme } = useTheme();
   const base = useBaseMap();
+  const lookAgain = useLookAgain();
   const [failure, setFailure] = useState<string | undefined>();
   const latest = useRef(properties);
   const baseNow = useRef(base);
@@ -101,7 +102,11 @@ function Made(properties: Properties): ReactElement {
         {
           onSelect: (uav_id) => latest.current.onSelect(uav_id),
           onCamera: (at, grid_m) => latest.current.onCamera(at, grid_m),
-          onFailure: setFailure,
+          onFailure: (reason) => {
+            setFailure(reason);
+            // The archive may have been replaced.
+            if (reason !== undefined) lookAgain();
+          },
           onRelease: () => (latest.current.onRelease ?? nothing)(),
           onMeasure: (place) => (latest.current.onMeasure ?? nothing)(place),
           onGround: (place) => (latest.current.onGround ?? nothing)(place),
@@ -127,7 +132,7 @@ function Made(properties: Properties): ReactElement {
       controller.current = undefined;
       made.destroy();
     };
-  }, [store, begun]);
+  }, [store, begun, lookAgain]);
 
   useEffect(() => controller.current?.retheme(), [theme]);
   useEffect(() => controller.current?.setFleet(fleet), [fleet]);

@@ -55,6 +55,8 @@ export class MapController {
   private readonly picture: Picture;
   private readonly ends: (() => void)[] = [];
   private loaded = false;
+  /** A part of the map could not be loaded. */
+  private partial = false;
   private selection: Selection = {};
   private fitted = false;
   /** The address says where to look: nothing else decides it. */
@@ -103,7 +105,10 @@ export class MapController {
     }
     this.map.on("dragstart", () => this.release());
     this.map.on("click", (event) => this.onClick(event));
-    this.map.on("error", ({ error }) => this.events.onFailure(t("mapPart", { why: error.message })));
+    this.map.on("error", ({ error }) => {
+      this.partial = true;
+      this.events.onFailure(t("mapPart", { why: error.message }));
+    });
     this.map.on("mousemove", (event) => this.onPointer(event));
     this.map.on("mouseout", () => this.picture.hover(undefined));
     this.surviveLoss(container);
@@ -136,6 +141,9 @@ export class MapController {
 
   describe(base: BaseMap): void {
     this.picture.describe(base);
+    // It is another ground now.
+    if (this.partial) this.events.onFailure(undefined);
+    this.partial = false;
     if (this.isDeep === this.wantsDepth || this.addressed) return;
     // Buildings have come, or gone, and nobody has taken the camera yet.
     if (this.fitted && this.loaded) this.fitAgain();

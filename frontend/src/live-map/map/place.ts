@@ -1,7 +1,8 @@
 import { addProtocol, removeProtocol, type Map as MapLibre } from "maplibre-gl";
-import { FetchSource, PMTiles, Protocol } from "pmtiles";
+import { PMTiles, Protocol } from "pmtiles";
 import { reading } from "../../shared/i18n/locale";
 import type { components } from "../../shared/api/schema";
+import { ArchiveSource } from "./archiveSource";
 import type { Palette } from "./icons";
 import { groundLayers, PLACE, PLACE_ZOOM, placeWordLayers, volumeLayers, type Stage } from "./placeLayers";
 
@@ -161,7 +162,7 @@ export class PlaceOnMap {
       this.map.addSource(id, { type: "raster", tiles: [address], tileSize: 256, ...common });
       return;
     }
-    this.archives?.add(new PMTiles(new FetchSource(address)));
+    this.archives?.add(new PMTiles(new ArchiveSource(address)));
     const tiles = [`${SCHEME}://${address}/{z}/{x}/{y}`];
     if (kind === "vector") this.map.addSource(id, { type: "vector", tiles, ...common });
     else this.map.addSource(id, { type: "raster", tiles, tileSize: 256, ...common });
