@@ -217,7 +217,7 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
           <a className="button" href={placeHash({ room: "live", session: session_id })}>
             {t("showOnMap")}
           </a>
-          <ReplayLink t_ms={session.requested_ms} session={session_id} />
+          <ReplayLink t_ms={session.requested_ms} decided_ms={verdict?.decided_ms} session={session_id} />
           <button type="button" className="button" onClick={() => print()}>
             {courseTexts("print")}
           </button>
