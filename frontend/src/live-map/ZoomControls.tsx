@@ -1,5 +1,7 @@
 import type { ReactElement } from "react";
 import { networkedTexts } from "../networked/texts";
+import { useBaseMap } from "./baseMap";
+import { useMapWishes, wishMap } from "./mapWishes";
 import { liveTexts as t } from "./texts";
 
 type Properties = {
@@ -24,7 +26,7 @@ type Properties = {
 
 type Tool = { name: string; key: string; path: string; pressed?: boolean; stays?: true; turned?: number; act: () => void };
 
-function tools({ table, measuring, networked, onZoom, onAll, onMeasure, onNetworked, onTable, onWall, deep, bearing = 0, onDeep, onNorth }: Properties): Tool[] {
+function tools({ table, measuring, networked, onZoom, onAll, onMeasure, onNetworked, onTable, onWall, deep, bearing = 0, onDeep, onNorth }: Properties, imagery: boolean | undefined): Tool[] {
   const map: Tool[] = [
     { name: t("closer"), key: "+", path: "M10 4v12M4 10h12", act: () => onZoom(1) },
     { name: t("further"), key: "−", path: "M4 10h12", act: () => onZoom(-1) },
@@ -33,6 +35,9 @@ function tools({ table, measuring, networked, onZoom, onAll, onMeasure, onNetwor
       ? []
       : [{ name: t(deep ? "flat" : "deep"), key: "3", path: deep ? "M4 4h12v12H4zM4 10h12M10 4v12" : "M10 2.5l7 3.6v7.8l-7 3.6-7-3.6V6.1zM3 6.1l7 3.6 7-3.6M10 9.7v7.8", act: onDeep }]),
     ...(onNorth === undefined || Math.abs(bearing) < 0.5 ? [] : [{ name: t("north"), key: "N", path: "M10 2l3.6 8L10 18l-3.6-8zM6.4 10h7.2", turned: -bearing, act: onNorth }]),
+    ...(imagery === undefined
+      ? []
+      : [{ name: t("imagery"), key: "b", path: "M3 4h14v12H3zM3 13l4-4 3.5 3.5L13 10l4 4M13 7.2v.1", pressed: imagery, stays: true as const, act: () => wishMap({ imagery: !imagery }) }]),
     { name: t("measure"), key: "m", path: "M2.5 13.5l11-11 4 4-11 11zM6 10l2 2M9 7l2 2M12 4l2 2", pressed: measuring, stays: true, act: onMeasure },
     ...(onNetworked === undefined
       ? []
@@ -47,9 +52,11 @@ function tools({ table, measuring, networked, onZoom, onAll, onMeasure, onNetwor
 
 /** What one can do with the map. */
 export function ZoomControls(properties: Properties): ReactElement {
+  const wishes = useMapWishes();
+  const imagery = useBaseMap().imagery === undefined ? undefined : wishes.imagery;
   return (
     <div className="float zoom" role="group" aria-label={t("map")}>
-      {tools(properties).map(({ name, key, path, pressed, stays, turned, act }) => (
+      {tools(properties, imagery).map(({ name, key, path, pressed, stays, turned, act }) => (
         <button
           key={key}
           type="button"
