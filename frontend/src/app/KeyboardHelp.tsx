@@ -12,6 +12,7 @@ const keys = (): readonly Key[] => [
   [["0"], keyTexts("all")],
   [["+", "−"], keyTexts("zoom")],
   [["3"], keyTexts("deep")],
+  [["b"], keyTexts("imagery")],
   [["[", "]"], keyTexts("turn")],
   [["c"], keyTexts("follow")],
   [["m"], keyTexts("measure")],

@@ -22,7 +22,7 @@ import { MapView, type MapHandle } from "./map/MapView";
 import { MeasureBar } from "./Measure";
 import { PanelTools, SheetHandle } from "./PanelTools";
 import { Resizer } from "./Resizer";
-import { useMapWishes, wishMap } from "./mapWishes";
+import { mapWishes, useMapWishes, wishMap } from "./mapWishes";
 import { liveTexts as t } from "./texts";
 import { Timeline } from "./Timeline";
 import { useMeasure } from "./useMeasure";
@@ -196,6 +196,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
     "+": () => map.current?.zoomBy(1),
     "-": () => map.current?.zoomBy(-1),
     3: () => wishMap({ flat: !flat }),
+    b: () => wishMap({ imagery: !mapWishes().imagery }),
     "[": () => map.current?.turn(-TURN),
     "]": () => map.current?.turn(TURN),
     j: () => step(1),
@@ -213,6 +214,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
     const room = 40;
     if (phone) return { top: 8, right: 8, left: 8, bottom: Math.max(list.height, panel.height) + 8 };
     return {
+      room,
       top: gap + room,
       left: list.width + 2 * gap + room,
       right: room + (panel.width === 0 ? gap : panel.width + 2 * gap),

@@ -3,8 +3,8 @@ import { livePlace, liveQuery } from "../app/livePlace";
 import { wishesFrom } from "./mapWishes";
 
 it("keeps what can be used of what was kept", () => {
-  expect(wishesFrom(null)).toEqual({ flat: false, height: true, speed: false, operator: false });
-  expect(wishesFrom('{"flat":true,"speed":true,"height":"yes"}')).toEqual({ flat: true, height: true, speed: true, operator: false });
+  expect(wishesFrom(null)).toEqual({ flat: false, imagery: false, height: true, speed: false, operator: false });
+  expect(wishesFrom('{"flat":true,"imagery":true,"speed":true,"height":"yes"}')).toEqual({ flat: true, imagery: true, height: true, speed: true, operator: false });
   expect(wishesFrom("not json")).toEqual(wishesFrom(null));
 });
 

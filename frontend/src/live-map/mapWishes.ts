@@ -3,11 +3,11 @@ import { useSyncExternalStore } from "react";
 
 export const BLOCK_PARTS = ["height", "speed", "operator"] as const;
 export type BlockPart = (typeof BLOCK_PARTS)[number];
-/** `flat`: never tilted by itself. */
-export type MapWishes = { flat: boolean } & Record<BlockPart, boolean>;
+/** `flat`: never tilted by itself; `imagery`: aerial images for the drawn ground, where there are any. */
+export type MapWishes = { flat: boolean; imagery: boolean } & Record<BlockPart, boolean>;
 
 const KEY = "wonderland.map";
-const USUAL: MapWishes = { flat: false, height: true, speed: false, operator: false };
+const USUAL: MapWishes = { flat: false, imagery: false, height: true, speed: false, operator: false };
 
 /** What was kept, as far as it can be used. */
 export function wishesFrom(kept: string | null): MapWishes {
@@ -19,7 +19,7 @@ export function wishesFrom(kept: string | null): MapWishes {
     // Somebody edited it: as if nothing had been kept.
   }
   const wish = (name: keyof MapWishes): boolean => (typeof fields[name] === "boolean" ? fields[name] : USUAL[name]);
-  return { flat: wish("flat"), height: wish("height"), speed: wish("speed"), operator: wish("operator") };
+  return { flat: wish("flat"), imagery: wish("imagery"), height: wish("height"), speed: wish("speed"), operator: wish("operator") };
 }
 
 function stored(): MapWishes {

@@ -7,7 +7,7 @@ import { Legend } from "../live-map/Legend";
 import { ListPanel } from "../live-map/ListPanel";
 import { MapView, type MapHandle } from "../live-map/map/MapView";
 import { MeasureBar } from "../live-map/Measure";
-import { useMapWishes } from "../live-map/mapWishes";
+import { mapWishes, useMapWishes, wishMap } from "../live-map/mapWishes";
 import { PanelTools, SheetHandle } from "../live-map/PanelTools";
 import { useMeasure } from "../live-map/useMeasure";
 import { ZoomControls } from "../live-map/ZoomControls";
@@ -41,6 +41,7 @@ const URL_MS = 1_000;
 /** The address is another time than is shown when it differs by more than playing makes it. */
 const SAME_MS = 1_500;
 const BUCKETS = 240;
+const TURN = 15;
 const MARKS_MS = 15_000;
 const NO_FILTER: Filter = {};
 /** So many of a moment the server tells, the newest. */
@@ -120,6 +121,7 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
   const [said, setSaid] = useState<string | undefined>();
   const [exporting, setExporting] = useState(false);
   const [grid_m, setGrid] = useState<number | undefined>();
+  const [bearing, setBearing] = useState(0);
   const map = useRef<MapHandle>(null);
   const phone = usePhone();
   const [listRef, list] = useBox();
@@ -254,6 +256,10 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
     c: follow,
     m: measuring.toggle,
     x: toggleTable,
+    3: () => wishMap({ flat: !flat }),
+    b: () => wishMap({ imagery: !mapWishes().imagery }),
+    "[": () => map.current?.turn(-TURN),
+    "]": () => map.current?.turn(TURN),
     ...measuring.keys,
     0: () => map.current?.fitAll(),
     "+": () => map.current?.zoomBy(1),
@@ -264,11 +270,13 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
   const padding = useMemo(() => {
     const gap = 12;
     if (phone) return { top: 44, right: 8, left: 8, bottom: Math.max(list.height, panel.height) + bar.height + 8 };
+    const room = 40;
     return {
-      top: 52,
-      left: list.width + 2 * gap,
-      right: panel.width === 0 ? gap : panel.width + 2 * gap,
-      bottom: bar.height + 2 * gap + 40,
+      room,
+      top: 52 + room,
+      left: list.width + 2 * gap + room,
+      right: room + (panel.width === 0 ? gap : panel.width + 2 * gap),
+      bottom: bar.height + 2 * gap + 40 + room,
     };
   }, [phone, list, panel, bar]);
   const selection = useMemo(() => ({ ...(uav_id !== undefined && { uav_id }), ...(pinned !== undefined && { verdict: pinned }) }), [uav_id, pinned]);
@@ -295,6 +303,7 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
           onCamera={(at, grid) => {
             camera.current = at;
             setGrid(grid);
+            setBearing(at.bearing ?? 0);
           }}
           onRelease={() => change({}, { follow: undefined }, true)}
           onMeasure={measuring.add}
@@ -371,6 +380,10 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
           onTable={toggleTable}
           onZoom={(levels) => map.current?.zoomBy(levels)}
           onAll={() => map.current?.fitAll()}
+          deep={phone ? undefined : !flat}
+          bearing={bearing}
+          onDeep={() => wishMap({ flat: !flat })}
+          onNorth={() => map.current?.turn()}
         />
       </div>
       <section className="float replay-bar" aria-label={t("time")} ref={barRef}>

@@ -22,6 +22,7 @@ import { ProofActions } from "./ProofActions";
 import { Ranges } from "./Ranges";
 import { Residuals } from "./Residuals";
 import { Sequence } from "./Sequence";
+import { SessionMap } from "./SessionMap";
 import { SessionPanel } from "./SessionPanel";
 import { sessionTexts as t } from "./texts";
 import { refutedAt } from "./words";
@@ -217,7 +218,7 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
           <a className="button" href={placeHash({ room: "live", session: session_id })}>
             {t("showOnMap")}
           </a>
-          <ReplayLink t_ms={session.requested_ms} session={session_id} />
+          <ReplayLink t_ms={session.requested_ms} decided_ms={verdict?.decided_ms} session={session_id} />
           <button type="button" className="button" onClick={() => print()}>
             {courseTexts("print")}
           </button>
@@ -229,6 +230,7 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
           <SessionPanel drone={drone} session={session} verdict={verdict} pad={pad} now_ms={now_ms} tools={null} place="page" />
         </section>
         <div className="session-rest">
+          {verdict !== undefined && <SessionMap verdict={verdict} />}
           <Sequence session={session} detail={query.data} />
           {verdict !== undefined && <CourseChart session_id={session_id} />}
           {verdict !== undefined && <Residuals session_id={session_id} />}

@@ -286,7 +286,7 @@ export function SessionPanel({ drone, session, verdict, pad, now_ms, tools, plac
         )}
         {place === "map" && (
           <>
-            {!running && <ReplayLink t_ms={session.requested_ms} session={session.session_id} />}
+            {!running && <ReplayLink t_ms={session.requested_ms} decided_ms={verdict?.decided_ms} session={session.session_id} />}
             <ProofActions session_id={verdict?.session_id} uav_id={session.uav_id} refutedAt={refutedAt(verdict, pad)} />
           </>
         )}

@@ -3,12 +3,17 @@ import type { FilterSpecification, LayerSpecification } from "maplibre-gl";
 import type { Palette } from "../live-map/map/icons";
 import type { Overlay } from "../live-map/map/overlays";
 import type { LonLat } from "../shared/geo/frame";
-import type { ZoneFeature, ZoneType } from "./calls";
+import type { Zone, ZoneFeature, ZoneType } from "./calls";
 import { hatching, holds, polygons } from "./geometry";
 import { LOOKS, TYPES } from "./looks";
 
 const ID = "zones";
 const HATCH_LINES = 14;
+/** A zone without a ceiling goes on up: it is drawn as high as drones may fly anyway, and a third more. */
+const OPEN_TOP_M = 160;
+/** Higher, a volume would stand between the camera and everything. */
+const HIGHEST_M = 300;
+const VOLUME = 0.16;
 
 function layersOf(type: ZoneType, colours: Palette): LayerSpecification[] {
   const { colour, dash, width } = LOOKS[type];
@@ -32,7 +37,26 @@ function layersOf(type: ZoneType, colours: Palette): LayerSpecification[] {
     ...(LOOKS[type].hatched
       ? [{ id: `${ID}-${type}-hatch`, type: "line" as const, source: ID, filter: of("hatch"), paint: { "line-color": paint, "line-width": 0.8, "line-opacity": 0.5 } }]
       : []),
+    {
+      id: `${ID}-${type}-volume`,
+      type: "fill-extrusion",
+      source: ID,
+      filter: of("volume"),
+      paint: { "fill-extrusion-color": paint, "fill-extrusion-opacity": VOLUME, "fill-extrusion-base": ["get", "floor_m"], "fill-extrusion-height": ["get", "ceiling_m"], "fill-extrusion-vertical-gradient": false },
+    },
   ];
+}
+
+/**
+ * From where to where each part of a zone reaches, above the map's ground. Heights above sea level count as above the
+ * ground: the map has no terrain, and its pads stand by the water or are drawn as if they did.
+ */
+export function volumes({ layers }: Pick<Zone, "layers">): { floor_m: number; ceiling_m: number }[] {
+  return layers.flatMap(({ lower, upper }) => {
+    const floor_m = Math.max(0, lower?.metres ?? 0);
+    const ceiling_m = Math.min(HIGHEST_M, upper?.metres ?? Math.max(OPEN_TOP_M, floor_m + OPEN_TOP_M));
+    return ceiling_m > floor_m ? [{ floor_m, ceiling_m }] : [];
+  });
 }
 
 function shapes({ geometry, properties }: ZoneFeature): GeoJSON.Feature[] {
@@ -44,6 +68,8 @@ function shapes({ geometry, properties }: ZoneFeature): GeoJSON.Feature[] {
     const lines = areas.flatMap((rings) => hatching(rings, HATCH_LINES)) as unknown as GeoJSON.Position[][];
     found.push({ type: "Feature", properties: { type, part: "hatch" }, geometry: { type: "MultiLineString", coordinates: lines } });
   }
+  // What holds at other times is drawn on the ground, and leaves the air to what holds now.
+  if (active) for (const each of volumes(properties)) found.push({ type: "Feature", properties: { type, part: "volume", ...each }, geometry: area });
   return found;
 }
 

@@ -8,6 +8,7 @@ import type { LonLat } from "../../shared/geo/frame";
 import { useLiveStore } from "../../shared/live/useLive";
 import { liveTexts as t } from "../texts";
 import { useBaseMap, useLookAgain } from "../baseMap";
+import { mapWishes, useMapWishes } from "../mapWishes";
 import { Credits } from "../Credits";
 import { MapController } from "./controller";
 import type { Overlay } from "./overlays";
@@ -28,12 +29,15 @@ export type MapHandle = {
   focus: () => void;
 };
 
+/** What panels cover, pixels; `room`: how much of it is theirs no longer, but kept free of what the camera fits. */
+export type Clear = { top: number; right: number; bottom: number; left: number; room?: number };
+
 type Properties = {
   ref: Ref<MapHandle>;
   fleet: Fleet;
   camera: Camera | undefined;
   selection: Selection;
-  padding: { top: number; right: number; bottom: number; left: number };
+  padding: Clear;
   /** The drone that the camera stays with. */
   follow?: string | undefined;
   /** Places that are measured between; undefined where nobody measures. */
@@ -121,11 +125,12 @@ function Made(properties: Properties): ReactElement {
       return undefined;
     }
     controller.current = made;
-    made.setPadding(now.padding);
+    made.setPadding(now.padding, now.padding.room);
     if (now.camera === undefined) made.setDeep(now.deep === true, true);
     made.select(now.selection);
     made.setOverlays(now.overlays ?? NONE);
     made.describe(baseNow.current);
+    made.showImagery(mapWishes().imagery);
     made.measure(now.measure);
     made.follow(now.follow);
     return () => {
@@ -136,8 +141,8 @@ function Made(properties: Properties): ReactElement {
 
   useEffect(() => controller.current?.retheme(), [theme]);
   useEffect(() => controller.current?.setFleet(fleet), [fleet]);
-  const { top, right, bottom, left } = padding;
-  useEffect(() => controller.current?.setPadding({ top, right, bottom, left }), [top, right, bottom, left]);
+  const { top, right, bottom, left, room = 0 } = padding;
+  useEffect(() => controller.current?.setPadding({ top, right, bottom, left }, room), [top, right, bottom, left, room]);
   const { uav_id, verdict } = selection;
   useEffect(
     () => controller.current?.select({ ...(uav_id !== undefined && { uav_id }), ...(verdict !== undefined && { verdict }) }),
@@ -145,6 +150,8 @@ function Made(properties: Properties): ReactElement {
   );
   useEffect(() => controller.current?.setOverlays(overlays), [overlays]);
   useEffect(() => controller.current?.describe(base), [base]);
+  const { imagery } = useMapWishes();
+  useEffect(() => controller.current?.showImagery(imagery), [imagery]);
   const deepNow = useRef(deep);
   useEffect(() => {
     if (deepNow.current !== deep) controller.current?.setDeep(deep);

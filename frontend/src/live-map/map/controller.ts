@@ -1,13 +1,12 @@
-import { LngLatBounds, Map as MapLibre, setWorkerUrl, type MapMouseEvent, type PaddingOptions } from "maplibre-gl";
+import { LngLatBounds, Map as MapLibre, setWorkerUrl, type MapMouseEvent } from "maplibre-gl";
 import workerUrl from "maplibre-gl/dist/maplibre-gl-worker.mjs?url";
 import type { Camera } from "../../app/location";
-import type { Drone } from "../../shared/drones";
 import { HIDDEN, type Fleet } from "../../shared/fleet";
-import { distance_mm, frameOf, lonLat, toGlobe, type LonLat } from "../../shared/geo/frame";
+import { frameOf, lonLat, toGlobe, type LonLat } from "../../shared/geo/frame";
 import type { LiveStore, Topic } from "../../shared/live/store";
-import { broadcastApart } from "../../shared/refuted";
 import { liveTexts as t } from "../texts";
 import { gridSpacing_m } from "./features";
+import { BEARING, bestBearing, dronesNear, freeRoom, PITCH, placesOf } from "./framing";
 import { upOf } from "./heights";
 import { palette } from "./icons";
 import type { Overlay } from "./overlays";
@@ -15,7 +14,7 @@ import { Picture, type Selection } from "./picture";
 import type { BaseMap } from "./place";
 import { SITE_ZOOM } from "./scales";
 import { MAP_COLOURS, style } from "./style";
-import { placeAt, slantedCamera, slotAt, viewOf } from "./view";
+import { placeAt, slantedCamera, slotAt, viewOf, type Room, type Seen } from "./view";
 
 setWorkerUrl(workerUrl);
 
@@ -35,9 +34,8 @@ const FIT_ZOOM = 20.3;
 const SITE_FIT_ZOOM = 15.5;
 const FLIGHT_MS = 700;
 const MAX_PITCH = 75;
-/** How a place is looked at aslant: far enough over to see heights, not so far that streets close. */
-const PITCH = 52;
-const BEARING = -38;
+/** Pads of a place aslant are looked at from as near as this. */
+const SLANTED_SITE_ZOOM = 16.6;
 /** With the place around it, a proof is not looked at from nearer than this. */
 const PLACE_FIT_ZOOM = 18.6;
 const SETTLING_MS = 500;
@@ -45,8 +43,6 @@ const SETTLING_MS = 500;
 const FOLLOW_MS = 250;
 const FOLLOW_ZOOM = 15;
 const REACH = 11;
-/** A broadcast claim further away than this is not fitted into the picture: the rest would be lost in it. */
-const FITTED_MM = 400_000;
 const TOPICS: readonly Topic[] = ["tracks", "estimates"];
 
 /** The map: MapLibre, fed straight from the live store, apart from React. Camera and pointer; `picture` draws. */
@@ -62,6 +58,7 @@ export class MapController {
   /** The address says where to look: nothing else decides it. */
   private addressed: boolean;
   private deep: boolean;
+  private bearing = BEARING;
   private flight: { since_ms: number; again: () => void } | undefined;
   private wanted = false;
   private followed: string | undefined;
@@ -126,13 +123,20 @@ export class MapController {
   }
 
   setFleet(fleet: Fleet): void {
+    const first = this.fleet.counts.all === 0 && fleet.counts.all > 0;
     this.fleet = fleet;
     if (!this.loaded) return;
     this.picture.review(fleet);
+    if (first && this.flight?.since_ms === Infinity) this.fitAgain();
     if (!this.fitted && this.store.pads.size > 0) {
       if (this.selection.uav_id === undefined) this.fitAll(true);
       else this.fitSelection(true);
     }
+  }
+
+  /** Aerial images in the place of the drawn ground. */
+  showImagery(shown: boolean): void {
+    this.picture.showImagery(shown);
   }
 
   setOverlays(overlays: readonly Overlay[]): void {
@@ -162,6 +166,7 @@ export class MapController {
 
   /** The camera turns by so many degrees, clockwise; undefined: back to north. */
   turn(by: number | undefined): void {
+    this.flight = undefined;
     this.map.easeTo({ bearing: by === undefined ? 0 : this.map.getBearing() + by, ...this.motion(250) });
   }
 
@@ -174,17 +179,18 @@ export class MapController {
   }
 
   private slant(): { pitch: number; bearing: number } {
-    return this.wantsDepth ? { pitch: PITCH, bearing: BEARING } : { pitch: 0, bearing: 0 };
+    return this.wantsDepth ? { pitch: PITCH, bearing: this.bearing } : { pitch: 0, bearing: 0 };
   }
 
   private fitAgain(): void {
-    if (this.flight !== undefined) this.flight.again();
+    if (this.flight !== undefined && this.flight.since_ms !== Infinity) this.flight.again();
     else if (this.selection.uav_id === undefined) this.fitAll(true);
     else this.fitSelection(true);
   }
 
-  setPadding(padding: PaddingOptions): void {
-    this.map.setPadding(padding);
+  setPadding({ top, right, bottom, left }: Record<"top" | "right" | "bottom" | "left", number>, room = 0): void {
+    this.map.setPadding({ top, right, bottom, left });
+    this.picture.room = room;
     // A panel that opened after the flight began has stopped it: fly on, to where there is room now.
     if (this.flight !== undefined && performance.now() - this.flight.since_ms < FLIGHT_MS + SETTLING_MS) this.flight.again();
     else if (this.loaded && !this.fitted) this.fitAll(true);
@@ -202,7 +208,7 @@ export class MapController {
     this.flight = undefined;
     this.fitted = true;
     const track = this.store.tracks.get(uav_id);
-    if (track !== undefined) this.map.easeTo({ center: lonLat(track), zoom: Math.max(this.map.getZoom(), FOLLOW_ZOOM), ...this.motion(FLIGHT_MS) });
+    if (track !== undefined) this.map.easeTo({ center: lonLat(track), zoom: Math.max(this.map.getZoom(), FOLLOW_ZOOM), ...this.raised(uav_id), ...this.motion(FLIGHT_MS) });
   }
 
   /** Shows these places as a measure, and takes presses for more of them; undefined ends it. */
@@ -232,23 +238,31 @@ export class MapController {
 
   /** Closer or further, about who is selected if he is in sight: he stays there. */
   zoomBy(levels: number): void {
+    this.flight = undefined;
     const around = this.selectedPlace();
     this.map.easeTo({ zoom: this.map.getZoom() + levels, ...(around !== undefined && { around }), ...this.motion(200) });
   }
 
   private selectedPlace(): LonLat | undefined {
-    const { places } = this.placesOf(this.fleet.find(this.selection.uav_id));
+    const { places } = placesOf(this.fleet.find(this.selection.uav_id), this.selection, this.store);
     const shown = this.map.getBounds();
-    return places.filter((place) => shown.contains(place)).at(-1);
+    return places.filter(({ at }) => shown.contains(at)).at(-1)?.at;
   }
 
   /** All pads and all drones that are near one. */
   fitAll(still = false): void {
-    const places: LonLat[] = [...this.store.pads.values()].filter(({ status }) => status !== "retired").map((pad) => lonLat(pad));
-    if (places.length === 0) return;
+    const pads = [...this.store.pads.values()].filter(({ status }) => status !== "retired");
+    if (pads.length === 0) return;
     this.release();
     this.fitted = true;
-    this.fit(places, SITE_FIT_ZOOM, still, 100);
+    const places: Seen[] = [...pads.map((pad) => ({ at: lonLat(pad) })), ...dronesNear(pads, this.store, this.fleet)];
+    if (this.wantsDepth) this.bearing = bestBearing(places, this.room(0), SLANTED_SITE_ZOOM);
+    this.fit(places, this.wantsDepth ? SLANTED_SITE_ZOOM : SITE_FIT_ZOOM, still, this.wantsDepth ? 16 : 60);
+  }
+
+  /** What is free of the screen, less a margin. */
+  private room(margin: number): Room {
+    return freeRoom(this.map, margin);
   }
 
   fitPad(pad_id: string): void {
@@ -259,7 +273,7 @@ export class MapController {
     const reach_mm = pad.commissioning?.max_range_mm ?? 50_000;
     const frame = frameOf(pad);
     const corners = [-1, 1].map((side) => toGlobe(frame, { east_mm: side * reach_mm, north_mm: side * reach_mm }));
-    this.fit(corners, FIT_ZOOM, false, 24);
+    this.fit(corners.map((at) => ({ at })), FIT_ZOOM, false, 24);
   }
 
   /** The pad, the claim and the measurement of what is selected; else where the drone is. */
@@ -269,11 +283,11 @@ export class MapController {
       return;
     }
     const drone = this.fleet.find(this.selection.uav_id);
-    const { places, padded } = this.placesOf(drone);
+    const { places, padded } = placesOf(drone, this.selection, this.store);
     if (places.length === 0) return;
     this.fitted = true;
     if (places.length === 1 && !padded) {
-      const [centre] = places;
+      const centre = places[0]?.at;
       if (centre !== undefined) {
         this.map.easeTo({ center: centre, zoom: Math.max(this.map.getZoom(), 14.5), ...this.motion(still ? 0 : FLIGHT_MS) });
       }
@@ -289,43 +303,19 @@ export class MapController {
     this.map.jumpTo({ center: [camera.lon, camera.lat], zoom: camera.zoom, bearing: camera.bearing ?? 0, pitch: camera.pitch ?? 0 });
   }
 
-  private placesOf(drone: Drone | undefined): { places: LonLat[]; padded: boolean } {
-    const own = drone?.verdict?.session_id === drone?.session?.session_id ? drone?.verdict : undefined;
-    const verdict = this.selection.verdict ?? own;
-    const pad = this.store.pads.get(verdict?.pad_id ?? drone?.session?.pad_id ?? "");
-    const places: LonLat[] = [];
-    if (pad !== undefined) {
-      places.push(lonLat(pad));
-      const frame = frameOf(pad);
-      const local = [
-        verdict?.signed?.claim,
-        verdict?.estimate,
-        verdict !== undefined && broadcastApart(verdict) !== undefined ? verdict.broadcast?.claim : undefined,
-        verdict === undefined ? drone?.estimate : undefined,
-      ];
-      for (const place of local) {
-        if (place !== undefined && Math.hypot(place.east_mm, place.north_mm) < FITTED_MM) places.push(toGlobe(frame, place));
-      }
-    }
-    if (places.length < 2 && drone?.track !== undefined) {
-      if (pad === undefined || distance_mm(drone.track, pad) < FITTED_MM) places.push(lonLat(drone.track));
-    }
-    return { places, padded: pad !== undefined };
-  }
-
-  private fit(places: readonly LonLat[], maxZoom: number, still: boolean, margin = 64): void {
-    const bounds = new LngLatBounds();
-    for (const place of places) bounds.extend(place);
+  private fit(places: readonly Seen[], maxZoom: number, still: boolean, margin = 64): void {
     const { clientWidth, clientHeight } = this.map.getCanvas();
     // A phone has no room for generous margins.
     const padding = Math.min(margin, Math.min(clientWidth, clientHeight) / 8);
-    this.flight = { since_ms: performance.now(), again: () => this.fit(places, maxZoom, still, margin) };
+    // The first view goes on fitting until somebody takes the camera: panels come when they have something to show.
+    this.flight = { since_ms: still ? Infinity : performance.now(), again: () => this.fit(places, maxZoom, still, margin) };
+    const room = this.room(padding);
     // In a window that has just become small the panels are still as wide as they were: their padding comes in a moment.
-    const { left = 0, right = 0, top = 0, bottom = 0 } = this.map.getPadding();
-    if (left + right + 2 * padding >= clientWidth || top + bottom + 2 * padding >= clientHeight) return;
+    if (room.width <= 0 || room.height <= 0) return;
     const slant = this.slant();
     const most = this.picture.place.isShown ? Math.min(maxZoom, PLACE_FIT_ZOOM) : maxZoom;
-    const room = { width: clientWidth - left - right - 2 * padding, height: clientHeight - top - bottom - 2 * padding };
+    const bounds = new LngLatBounds();
+    for (const { at } of places) bounds.extend(at);
     const camera = slant.pitch > 0 ? slantedCamera(places, slant, room, most) : this.map.cameraForBounds(bounds, { padding, maxZoom: most });
     if (camera === undefined) return;
     this.map.easeTo({ ...camera, ...slant, ...this.motion(still ? 0 : FLIGHT_MS) });
@@ -360,7 +350,14 @@ export class MapController {
   private keepUp(): void {
     if (this.followed === undefined || this.map.isZooming()) return;
     const track = this.store.tracks.get(this.followed);
-    if (track !== undefined) this.map.easeTo({ center: lonLat(track), easing: (share) => share, ...this.motion(FOLLOW_MS) });
+    if (track !== undefined) this.map.easeTo({ center: lonLat(track), easing: (share) => share, ...this.raised(this.followed), ...this.motion(FOLLOW_MS) });
+  }
+
+  /** Aslant, what flies stands above its place on the ground: that goes lower by so much, and the drone into the middle. */
+  private raised(uav_id: string): { offset?: [number, number] } {
+    const slot = this.store.tracks.slot(uav_id);
+    const { tilt } = viewOf(this.map);
+    return slot === undefined || tilt === undefined ? {} : { offset: [0, upOf(this.store, slot) * tilt.perMetre * tilt.pitch[1]] };
   }
 
   /** A graphics driver may start anew at any time; MapLibre makes its style again, and the picture what was added. */
@@ -431,7 +428,7 @@ export class MapController {
       return;
     }
     const site = this.siteUnder(event);
-    if (site !== undefined) this.fit([site.getSouthWest().toArray(), site.getNorthEast().toArray()], SITE_FIT_ZOOM, false);
+    if (site !== undefined) this.fit([{ at: site.getSouthWest().toArray() }, { at: site.getNorthEast().toArray() }], SITE_FIT_ZOOM, false);
     else {
       const uav_id = this.droneUnder(event);
       this.events.onSelect(uav_id);

@@ -8,7 +8,7 @@ import { upOf } from "./heights";
 import type { Line, Words } from "./labels";
 import type { Occupied, Side } from "./placing";
 import { CLOSE_ZOOM, SITE_ZOOM, SQUARE_ZOOM } from "./scales";
-import { spotOf, type View } from "./view";
+import { spotOf, type Spot, type View } from "./view";
 
 /** From here on, drones of which only what is heard is known have their names. */
 const NAMES_ZOOM = 11;
@@ -21,6 +21,10 @@ const HALF = 9;
 const BLOCKS_ZOOM = 14.5;
 const BLOCKS_MOST = 150;
 const CLIMBING_MM_S = 400;
+/** What a line takes to each side, and how far apart its points are, pixels. */
+const LINE_HALF = 2;
+const STEP_PX = 5;
+const MOST_STEPS = 400;
 
 /** Lower comes first. Negative stands in any case. */
 const RANK = { measure: -3, selected: -2, evidence: 1, site: 1, pad: 100, judged: 10, heard: 10_000 } as const;
@@ -29,7 +33,7 @@ const ABOVE: readonly Side[] = ["above", "left", "right", "below"];
 const BELOW: readonly Side[] = ["below", "above", "left", "right"];
 const BESIDE: readonly Side[] = ["right", "left", "below", "above"];
 
-type Properties = { up_m?: number; kind?: string; label?: string; name?: string; note?: string; tone?: "ok" | "maybe" | "bad"; grave?: boolean };
+type Properties = { up_m?: number; to_m?: number; kind?: string; label?: string; name?: string; note?: string; tone?: "ok" | "maybe" | "bad"; grave?: boolean };
 
 function at({ geometry }: Feature<Point>): { x: number; y: number } {
   const [lon = 0, lat = 0] = geometry.coordinates;
@@ -143,13 +147,30 @@ function within(view: View, store: LiveStore, slot: number): boolean {
   return left >= 0 && top >= 0 && left <= view.width && top <= view.height;
 }
 
+/** Lines and rings of a verdict, as points so near to each other that no word fits between them. */
+function alongLines(view: View, { geometry, properties }: Feature): Spot[] {
+  const { kind = "", up_m = 0, to_m = up_m } = (properties ?? {}) as Properties;
+  if (kind !== "difference" && kind !== "buffer") return [];
+  const way = geometry.type === "LineString" ? geometry.coordinates : geometry.type === "Polygon" ? (geometry.coordinates[0] ?? []) : [];
+  const spots = way.flatMap(([lon = 0, lat = 0], i) => spotOf(view, mercatorX(lon), mercatorY(lat), i === 0 ? up_m : to_m) ?? []);
+  return spots.flatMap((to, i) => {
+    const from = spots[i - 1];
+    if (from === undefined) return [];
+    const steps = Math.min(MOST_STEPS, Math.ceil(Math.hypot(to.left - from.left, to.top - from.top) / STEP_PX));
+    return Array.from({ length: steps }, (_, step) => ({ left: from.left + ((to.left - from.left) * step) / steps, top: from.top + ((to.top - from.top) * step) / steps }));
+  });
+}
+
 /** Takes the room of everything that words must not cover: the drones, and these points. */
 export function takeMarks(occupied: Occupied, view: View, fleet: Fleet, store: LiveStore, points: readonly Feature[]): void {
   const take = (spot: ReturnType<typeof spotOf>, half: number): void => {
     if (spot !== undefined) occupied.take(spot.left - half, spot.top - half, 2 * half, 2 * half);
   };
   for (const feature of points) {
-    if (!isPoint(feature)) continue;
+    if (!isPoint(feature)) {
+      for (const spot of alongLines(view, feature)) take(spot, LINE_HALF);
+      continue;
+    }
     const { x, y } = at(feature);
     const { up_m = 0 } = (feature.properties ?? {}) as Properties;
     take(spotOf(view, x, y, up_m), HALF);

@@ -48,6 +48,8 @@ export class Picture {
   private shownSources = new Map<string, boolean>();
   private words = new Map<string, readonly Words[]>();
   private overlays: readonly Overlay[] = [];
+  /** So much of the map's padding is beside the panels. */
+  room = 0;
   private readonly baseLoaded = new Set<string>();
   readonly place: PlaceOnMap;
 
@@ -107,6 +109,10 @@ export class Picture {
   /** What the ground is drawn from. */
   describe(base: BaseMap): void {
     this.place.describe(base, palette(MAP_COLOURS));
+  }
+
+  showImagery(shown: boolean): void {
+    this.place.showImagery(shown, palette(MAP_COLOURS));
   }
 
   /** Layers of others, under the pads; those that are gone leave the map. */
@@ -238,6 +244,12 @@ export class Picture {
     this.tilted = tilted;
     this.place.raise(tilted);
     if (!this.loaded) return;
+    // Volumes of others are for a camera that sees heights.
+    for (const { id } of this.overlays) {
+      const shown = this.shownSources.get(id);
+      this.shownSources.delete(id);
+      if (shown !== undefined) this.showLayers(id, shown);
+    }
     this.review(this.fleet);
     this.drawGrid();
   }
@@ -271,8 +283,8 @@ export class Picture {
   private showLayers(source: string, shown: boolean): void {
     if (this.shownSources.get(source) === shown) return;
     this.shownSources.set(source, shown);
-    for (const { id, source: its } of this.map.getStyle().layers.filter((layer) => layer.type !== "background")) {
-      if (its === source) this.map.setLayoutProperty(id, "visibility", shown ? "visible" : "none");
+    for (const { id, type, source: its } of this.map.getStyle().layers.filter((layer) => layer.type !== "background")) {
+      if (its === source) this.map.setLayoutProperty(id, "visibility", shown && (type !== "fill-extrusion" || this.tilted) ? "visible" : "none");
     }
   }
 
@@ -298,13 +310,14 @@ export class Picture {
     });
   }
 
-  /** No words under the panels that float over the map: the camera keeps clear of them, too. */
+  /** No words under the panels that float over the map; where the camera only keeps room beside them, there may be words. */
   private takePanels(occupied: Occupied, { width, height }: View): void {
     const { top = 0, right = 0, bottom = 0, left = 0 } = this.map.getPadding();
-    occupied.take(0, 0, width, top);
-    occupied.take(0, height - bottom, width, bottom);
-    occupied.take(0, 0, left, height);
-    occupied.take(width - right, 0, right, height);
+    const covered = (padding: number): number => Math.max(0, padding - this.room);
+    occupied.take(0, 0, width, covered(top));
+    occupied.take(0, height - covered(bottom), width, covered(bottom));
+    occupied.take(0, 0, covered(left), height);
+    occupied.take(width - covered(right), 0, covered(right), height);
   }
 
   /** Fetches what of the base map can be seen at this scale; at a pad's nothing can. */

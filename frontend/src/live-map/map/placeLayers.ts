@@ -25,6 +25,13 @@ export const PLACE_COLOURS = [
 export const PLACE = "place";
 /** Further away than this the archive says too little, and coasts and borders (baseLayers.ts) say it better. */
 export const PLACE_ZOOM = 10.5;
+const EDGES_PX = 1.6;
+/** The shallows, from the outermost: metres to both sides of the coast, and how much of the shore's colour. */
+const SHALLOWS = [
+  [22, 0.35],
+  [14, 0.6],
+  [7, 0.9],
+] as const;
 const FADES = [0.2, 0.42, 0.62, 0.8, 0.92, 1] as const;
 
 /** Metres on the ground as pixels, for a latitude: a street is as wide as it is, at any scale. */
@@ -33,22 +40,33 @@ function metres(width_m: number, lat: number, least = 0.5): ExpressionSpecificat
   return ["interpolate", ["exponential", 2], ["zoom"], 11, least, 13.5, Math.max(least, at(13.5)), 22, at(22)];
 }
 
+/** A street with its edge: that stays a thin line at any scale. */
+function edged(width_m: number, lat: number): ExpressionSpecification {
+  const [, , , ...stops] = metres(width_m, lat, 0.6) as unknown as [string, unknown, unknown, ...number[]];
+  return ["interpolate", ["exponential", 2], ["zoom"], ...stops.map((each, i) => (i % 2 === 0 ? each : each + EDGES_PX))] as unknown as ExpressionSpecification;
+}
+
+/** Between two colours of the theme, which a share of 0 and 1 gives. */
+function between(one: string, other: string, share: number): ExpressionSpecification {
+  return ["interpolate", ["linear"], share, 0, one, 1, other];
+}
+
 function kinds(...names: string[]): ExpressionSpecification {
   return ["in", ["coalesce", ["get", "kind"], ""], ["literal", names]];
 }
 
 /** Streets from the narrowest to the widest: their kinds (ours and the Protomaps schema's), metres, and from which zoom. */
 const STREETS: readonly { id: string; which: ExpressionSpecification; width_m: number; from: number }[] = [
-  { id: "service", which: ["any", kinds("service"), ["==", ["get", "kind_detail"], "service"]], width_m: 4, from: 14 },
-  { id: "pedestrian", which: ["any", kinds("pedestrian"), ["==", ["get", "kind_detail"], "pedestrian"]], width_m: 5, from: 14 },
+  { id: "service", which: ["any", kinds("service"), ["==", ["get", "kind_detail"], "service"]], width_m: 3, from: 14 },
+  { id: "pedestrian", which: ["any", kinds("pedestrian"), ["==", ["get", "kind_detail"], "pedestrian"]], width_m: 3, from: 14 },
   {
     id: "minor",
     which: ["all", kinds("minor_road"), ["!", ["in", ["coalesce", ["get", "kind_detail"], ""], ["literal", ["service", "pedestrian"]]]]],
-    width_m: 7,
+    width_m: 5.5,
     from: 12.5,
   },
-  { id: "medium", which: kinds("medium_road"), width_m: 9, from: 12 },
-  { id: "major", which: kinds("major_road", "highway"), width_m: 11, from: 11 },
+  { id: "medium", which: kinds("medium_road"), width_m: 7.5, from: 12 },
+  { id: "major", which: kinds("major_road", "highway"), width_m: 9.5, from: 11 },
 ];
 
 const GREEN = ["park", "garden", "grass", "wood", "forest", "scrub", "cemetery", "pitch", "playground", "golf_course", "meadow", "nature_reserve", "recreation_ground"];
@@ -68,8 +86,10 @@ export function groundLayers(colours: Palette, lat: number): LayerSpecification[
   const water = kinds("ocean", "lake", "river", "water", "other", "basin", "canal", "stream", "swimming_pool", "fountain");
   return [
     layer("water", "fill", "water", water, { "fill-color": c("water"), "fill-antialias": false }),
-    // The shallows: a soft band on both sides of the coast, of which the land above covers its half.
-    layer("shore", "line", "earth", kinds("coast"), { "line-color": c("shore"), "line-width": metres(44, lat), "line-blur": metres(38, lat), "line-opacity": 0.9 }, round),
+    // Bands on both sides of the coast, of which the land above covers its half. Opaque: blurred, their joins would show as stars.
+    ...SHALLOWS.map(([reach_m, share], band) =>
+      layer(`shore-${band}`, "line", "earth", kinds("coast"), { "line-color": between(c("water"), c("shore"), share), "line-width": metres(2 * reach_m, lat) }, round),
+    ),
     layer("land", "fill", "earth", kinds("earth"), { "fill-color": c("land") }),
     layer("green", "fill", "landuse", kinds(...GREEN), { "fill-color": c("park") }, { minzoom: PLACE_ZOOM }),
     layer("beach", "fill", "landuse", kinds("beach", "sand"), { "fill-color": c("beach") }),
@@ -81,10 +101,10 @@ export function groundLayers(colours: Palette, lat: number): LayerSpecification[
     layer("tunnel", "line", "roads", ["all", kinds("major_road", "medium_road", "minor_road", "highway"), ["has", "is_tunnel"]], { "line-color": c("road-edge"), "line-width": metres(6, lat), "line-opacity": 0.6, "line-dasharray": [1.6, 1.2] }, { minzoom: 14 }),
     layer("path", "line", "roads", ["all", open, ["any", kinds("path", "steps"), ["==", ["get", "kind_detail"], "steps"]]], { "line-color": c("path"), "line-width": metres(1.6, lat, 0.4), "line-dasharray": [2, 1.6] }, { minzoom: 15 }),
     ...STREETS.map(({ id, which, width_m, from }) =>
-      layer(`${id}-edge`, "line", "roads", ["all", which, open], { "line-color": c("road-edge"), "line-width": metres(width_m + 1.6, lat, 1.2) }, { ...round, minzoom: from }),
+      layer(`${id}-edge`, "line", "roads", ["all", which, open], { "line-color": c("road-edge"), "line-width": edged(width_m, lat) }, { ...round, minzoom: from }),
     ),
     ...STREETS.map(({ id, which, width_m, from }) =>
-      layer(id, "line", "roads", ["all", which, open], { "line-color": c("road"), "line-width": metres(width_m, lat, 0.6) }, { ...round, minzoom: from }),
+      layer(id, "line", "roads", ["all", which, open], { "line-color": ["interpolate", ["linear"], ["zoom"], 16.5, c("road"), 18.5, between(c("road"), c("quay"), 0.6)], "line-width": metres(width_m, lat, 0.6) }, { ...round, minzoom: from }),
     ),
     layer("building", "fill", "buildings", undefined, { "fill-color": c("building"), "fill-outline-color": c("building-edge"), "fill-opacity": ["interpolate", ["linear"], ["zoom"], 13, 0.4, 15, 1] }, { minzoom: 13 }),
     ...fading(colours),

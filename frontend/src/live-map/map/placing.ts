@@ -18,6 +18,8 @@ export type Placed = { label: Label; left: number; top: number; side: Side };
 /** Squares of the screen that something stands on. */
 const SQUARE = 6;
 const GAP = 2;
+/** Where there is no room beside its place, a label stands somewhat further away. */
+const FURTHER = [0, 12, 24] as const;
 
 /** What of the screen is taken, by squares of some pixels: a look-up costs the same however much is there. */
 export class Occupied {
@@ -52,8 +54,8 @@ export class Occupied {
   }
 }
 
-function corner({ left, top, width, height, clear }: Label, side: Side): [left: number, top: number] {
-  const away = clear + GAP;
+function corner({ left, top, width, height, clear }: Label, side: Side, further: number): [left: number, top: number] {
+  const away = clear + GAP + further;
   switch (side) {
     case "above":
       return [left - width / 2, top - away - height];
@@ -78,9 +80,12 @@ export function place(labels: Label[], occupied: Occupied, before: ReadonlyMap<s
     const was = before.get(label.id);
     const sides = was === undefined || !label.sides.includes(was) ? label.sides : [was, ...label.sides];
     const first = sides[0] ?? "above";
-    const side = sides.find((each) => occupied.isFree(...corner(label, each), label.width, label.height)) ?? (label.rank < 0 ? first : undefined);
-    if (side === undefined) continue;
-    const [left, top] = corner(label, side);
+    const found =
+      FURTHER.flatMap((further) => sides.map((side) => ({ side, further }))).find(({ side, further }) => occupied.isFree(...corner(label, side, further), label.width, label.height)) ??
+      (label.rank < 0 ? { side: first, further: 0 } : undefined);
+    if (found === undefined) continue;
+    const { side, further } = found;
+    const [left, top] = corner(label, side, further);
     occupied.take(left, top, label.width, label.height);
     result.push({ label, left, top, side });
   }

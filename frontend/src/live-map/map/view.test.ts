@@ -52,18 +52,28 @@ describe("the view", () => {
     expect(spotOf(view(0, 70, 18), mercatorX(LON), mercatorY(LAT - 0.05))).toBeUndefined();
   });
 
-  it("has all places in the room that it is given", () => {
-    const places: [number, number][] = [
-      [7.4279, 43.73445],
-      [7.43155, 43.73985],
-      [7.41985, 43.72593],
-    ];
-    const room = { width: 900, height: 500 };
-    const { center, zoom } = slantedCamera(places, { bearing: -38, pitch: 52 }, room, 20);
-    const now = { ...view(-38, 52, zoom), x: mercatorX(center[0]), y: mercatorY(center[1]) };
-    const lefts = places.map(([lon, lat]) => at(now, lon, lat).left);
-    expect(Math.max(...lefts) - Math.min(...lefts)).toBeLessThanOrEqual(room.width * 1.05);
-    expect(Math.max(...lefts) - Math.min(...lefts)).toBeGreaterThan(room.width * 0.5);
-    expect(slantedCamera(places.slice(0, 1), { bearing: 0, pitch: 52 }, room, 18).zoom).toBe(18);
+  const PLACES: [number, number][] = [
+    [7.4279, 43.73445],
+    [7.43155, 43.73985],
+    [7.41985, 43.72593],
+  ];
+  const ROOM = { width: 900, height: 500, fov: 36.87, screenHeight: 800 };
+
+  it.each([-38, 35, 170])("fits all places into the room as the camera sees them, and fills it, bearing %d", (bearing) => {
+    const seen = PLACES.map((place, i) => ({ at: place, up_m: i * 40 }));
+    const { center, zoom } = slantedCamera(seen, { bearing, pitch: 52 }, ROOM, 20);
+    const now = { ...view(bearing, 52, zoom), x: mercatorX(center[0]), y: mercatorY(center[1]) };
+    const spots = seen.map(({ at: [lon, lat], up_m }) => at(now, lon, lat, up_m));
+    const [lefts, tops] = [spots.map(({ left }) => left - 700), spots.map(({ top }) => top - 420)];
+    const shares = [(Math.max(...lefts) - Math.min(...lefts)) / ROOM.width, (Math.max(...tops) - Math.min(...tops)) / ROOM.height];
+    expect(Math.max(...shares)).toBeGreaterThan(0.98);
+    expect(Math.max(...shares)).toBeLessThan(1.01);
+    // In the middle of the room, not of the ground: what is far is small.
+    expect(Math.abs(Math.max(...lefts) + Math.min(...lefts))).toBeLessThan(8);
+    expect(Math.abs(Math.max(...tops) + Math.min(...tops))).toBeLessThan(8);
+  });
+
+  it("comes no nearer than it may", () => {
+    expect(slantedCamera([{ at: [LON, LAT] }], { bearing: 0, pitch: 52 }, ROOM, 18).zoom).toBe(18);
   });
 });

@@ -105,31 +105,57 @@ export function placeAt(view: View, left: number, top: number): LonLat {
   return [longitude(view.x + east / view.scale), latitude(view.y + south / view.scale)];
 }
 
-/** What stands in front and behind takes room: a slanted view keeps this much further away, zoom levels. */
-const SLANTED_BACK = 0.12;
+/** A place to have in the picture; `up_m` above the ground. */
+export type Seen = { at: LonLat; up_m?: number };
+/** The screen as a camera has it (degrees, pixels), and how much of it is free around the point that the camera looks at. */
+export type Room = { width: number; height: number; fov: number; screenHeight: number };
 
-/** The camera that has all places in a room of the screen, looking aslant. Degrees; pixels. */
-export function slantedCamera(
-  places: readonly LonLat[],
-  { bearing, pitch }: { bearing: number; pitch: number },
-  room: { width: number; height: number },
-  maxZoom: number,
-): { center: LonLat; zoom: number } {
-  const radians = Math.PI / 180;
-  const [cos, sin] = [Math.cos(bearing * radians), Math.sin(bearing * radians)];
-  const turned = places.map(([lon, lat]) => {
-    const [east, south] = [mercatorX(lon), mercatorY(lat)];
-    return { across: east * cos + south * sin, down: south * cos - east * sin };
-  });
+const HALVINGS = 24;
+const CENTRINGS = 8;
+const LEAST_ZOOM = 3;
+
+/** The camera that has all places in a room of the screen as large as they can be, looking aslant. Degrees; pixels. */
+export function slantedCamera(places: readonly Seen[], { bearing, pitch }: { bearing: number; pitch: number }, room: Room, maxZoom: number): { center: LonLat; zoom: number } {
+  let [least, most] = [LEAST_ZOOM, maxZoom];
+  let best = centred(places, { bearing, pitch }, room, maxZoom);
+  if (best !== undefined && fits(best, room)) return { center: best.center, zoom: maxZoom };
+  for (let i = 0; i < HALVINGS; i++) {
+    const zoom = (least + most) / 2;
+    const found = centred(places, { bearing, pitch }, room, zoom);
+    if (found !== undefined && fits(found, room)) [least, best] = [zoom, found];
+    else most = zoom;
+  }
+  return { center: best?.center ?? places[0]?.at ?? [0, 0], zoom: least };
+}
+
+type Framed = { center: LonLat; wide: number; high: number };
+
+function fits({ wide, high }: Framed, room: Room): boolean {
+  return wide <= room.width && high <= room.height;
+}
+
+/** With what lies far away smaller than what is near, the middle of the picture is not the middle of the places. */
+function centred(places: readonly Seen[], { bearing, pitch }: { bearing: number; pitch: number }, { fov, screenHeight }: Room, zoom: number): Framed | undefined {
+  const all = places.map(({ at, up_m = 0 }) => ({ x: mercatorX(at[0]), y: mercatorY(at[1]), up_m }));
   const span = (values: readonly number[]): [middle: number, size: number] => {
     const [least, most] = [Math.min(...values), Math.max(...values)];
     return [(least + most) / 2, most - least];
   };
-  const [across, wide] = span(turned.map((each) => each.across));
-  const [down, deep] = span(turned.map((each) => each.down));
-  const scale = Math.min(room.width / wide, room.height / (deep * Math.cos(pitch * radians)));
-  const zoom = Math.min(maxZoom, Math.log2(scale / TILE) - SLANTED_BACK);
-  return { center: [longitude(across * cos - down * sin), latitude(across * sin + down * cos)], zoom };
+  let center: LonLat = [longitude(span(all.map(({ x }) => x))[0]), latitude(span(all.map(({ y }) => y))[0])];
+  let framed: Framed | undefined;
+  for (let i = 0; i < CENTRINGS; i++) {
+    const scale = TILE * 2 ** zoom;
+    const tilt = tiltOf(bearing, pitch, { fov, height: screenHeight, scale, lat: center[1] });
+    const view: View = { x: mercatorX(center[0]), y: mercatorY(center[1]), left: 0, top: 0, scale, zoom, width: 0, height: screenHeight, ...(tilt !== undefined && { tilt }) };
+    const spots = all.map(({ x, y, up_m }) => spotOf(view, x, y, up_m));
+    if (spots.some((spot) => spot === undefined)) return undefined;
+    const [across, wide] = span(spots.map((spot) => spot?.left ?? 0));
+    const [down, high] = span(spots.map((spot) => spot?.top ?? 0));
+    framed = { center, wide, high };
+    if (Math.hypot(across, down) < 0.5) break;
+    center = placeAt(view, across, down);
+  }
+  return framed;
 }
 
 /** Columns of who is where: Web Mercator, and (where the view is tilted) metres above the ground. */
