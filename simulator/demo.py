@@ -200,7 +200,9 @@ def _sentence(item: CommittedVerdict, after_s: float) -> str:
         f"[{style}]{SHAPES[item.answer]} {item.answer.capitalize():<12}[/{style}] {verdict.uav_id} at {verdict.pad_id}"
     ]
     if verdict.signed is not None:
-        parts.append(f"{verdict.signed.error_mm / 1000:.2f} m from its claim")
+        # Time stamps or the height refute drones whose ranges, taken alone, agree with them.
+        alone = verdict.outcome == "refuted" and verdict.signed.error_mm <= verdict.buffer_mm
+        parts.append(f"{verdict.signed.error_mm / 1000:.2f} m from its claim{' by its ranges alone' if alone else ''}")
     heard = verdict.broadcast
     if heard is not None and heard.error_mm is not None and heard.outcome.endswith("contradicted"):
         parts.append(f"its serial number is broadcast {heard.error_mm / 1000:.0f} m away")

@@ -25,6 +25,7 @@ import { Sequence } from "./Sequence";
 import { SessionMap } from "./SessionMap";
 import { SessionPanel } from "./SessionPanel";
 import { sessionTexts as t } from "./texts";
+import { refutedBy } from "../shared/refuted";
 import { refutedAt } from "./words";
 
 const TOPICS: readonly Topic[] = ["sessions", "verdicts", "estimates", "tracks", "pads"];
@@ -102,7 +103,7 @@ function Measured({ verdict, now_ms }: { verdict: VerdictSummary; now_ms: number
   return (
     <>
       <div>
-        <dt>{t("measuredPlace")}</dt>
+        <dt>{t("measuredPlace", { by: refutedBy(verdict) ?? "" })}</dt>
         <dd>{coordinates(estimate.lat_e7, estimate.lon_e7)}</dd>
       </div>
       {estimate_ms !== undefined && (
@@ -130,6 +131,11 @@ function Facts({ detail, verdict, now_ms }: { detail: SessionDetail; verdict: Ve
               buffer: length(session.policy.buffer_mm, true),
               verify: share(session.policy.verify_ppm),
               refute: share(session.policy.refute_ppm),
+            })}
+            {t("policyAlso", {
+              height: length(session.policy.height_buffer_mm, true),
+              proved: session.policy.height_required ? "yes" : "no",
+              broadcast: session.policy.broadcast_required,
             })}
           </dd>
         </div>

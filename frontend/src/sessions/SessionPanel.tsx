@@ -122,9 +122,9 @@ function Why({ verdict }: { verdict: VerdictSummary }): ReactElement {
         {verdict.signed ? <Judged title={t("signedFor")} judgement={verdict.signed} despite={despiteRanges(verdict)} /> : <li>{t("noSigned")}</li>}
       </ul>
       <h3>{t("heightTitle")}</h3>
-      {verdict.height ? <HeightFound finding={verdict.height} /> : <p className="quiet">{t("noHeight")}</p>}
+      {verdict.height ? <HeightFound finding={verdict.height} /> : <p className="quiet">{t(verdict.signed ? "noHeight" : "notJudged")}</p>}
       <h3>{t("publicTold")}</h3>
-      {verdict.broadcast ? <Heard finding={verdict.broadcast} /> : <p className="quiet">{t("noBroadcast")}</p>}
+      {verdict.broadcast ? <Heard finding={verdict.broadcast} /> : <p className="quiet">{t(verdict.signed ? "noBroadcast" : "notJudged")}</p>}
       <h3>{t("why")}</h3>
       <ul className="reasons">
         {verdict.reasons.map((reason) => {

@@ -6,7 +6,7 @@ import { texts } from "../shared/i18n/texts";
 export const broadcastTexts = texts({
   en: {
     title: "Broadcasts",
-    hint: "As the pad’s receiver heard them. What is odd is for people to look at; the verdict does not rest on it.",
+    hint: "As the pad’s receiver heard them. What is odd is for people to look at; what the verdict makes of the broadcasts is told under its claims.",
     signature: "Who said it",
     signed:
       "{state, select, verified {{position, select, true {Positions signed} other {Signed, but no position}} by a drone of {signer}. It says who sent it, not that it is true.{bound, select, true {} other { The signature is not tied to this serial number: they were only heard together.}}} endorsed {{signer} vouches for a key, but nothing was signed by it. Anybody can repeat that.} refused {Signature refused: {reason}.} other {Signed, but nobody known to the pad vouches for the key.}}",
@@ -18,7 +18,7 @@ export const broadcastTexts = texts({
   },
   fi: {
     title: "Lähetykset",
-    hint: "Niin kuin alustan vastaanotin ne kuuli. Outo on ihmisten katsottavaksi; päätös ei perustu siihen.",
+    hint: "Niin kuin alustan vastaanotin ne kuuli. Outo on ihmisten katsottavaksi; mitä päätös lähetyksistä sanoo, kerrotaan sen ilmoitusten kohdalla.",
     signature: "Kuka sanoi",
     signed:
       "{state, select, verified {{position, select, true {Sijainnit on allekirjoittanut} other {Allekirjoittaja (sijaintia ei ole allekirjoitettu) on}} rekisterin {signer} drooni. Se kertoo, kuka lähetti, ei että se on totta.{bound, select, true {} other { Allekirjoitus ei ole sidottu tähän sarjanumeroon: ne vain kuultiin yhdessä.}}} endorsed {{signer} takaa avaimen, mutta sillä ei ole allekirjoitettu mitään. Kuka tahansa voi toistaa takauksen.} refused {Allekirjoitus hylättiin: {reason}.} other {Allekirjoitettu, mutta kukaan alustan tuntema ei takaa avainta.}}",
