@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import signal
 import sys
 import time
@@ -35,8 +36,19 @@ def _shift(_: click.Context, __: click.Parameter, value: str | None) -> float | 
     return seconds
 
 
+class _Within(click.FloatRange):
+    """A range that nan is outside of as well."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The number. Fails with what was wrong."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is no finite number", param, ctx)
+        return number
+
+
 def _metres(name: str, default: float, least: float, most: float, text: str) -> Callable[[Any], Any]:
-    kind = click.FloatRange(least, most)
+    kind = _Within(least, most)
     return click.option(name, default=default, show_default=True, type=kind, metavar="M", help=text)
 
 
@@ -54,7 +66,7 @@ def _metres(name: str, default: float, least: float, most: float, text: str) -> 
 @click.option("--state", type=click.Path(file_okay=False, path_type=Path), metavar="DIR", help="Live: kept steps.")
 @click.option("--reference", metavar="CSV|udp:HOST:PORT", help="The truth, where it is not in the recording.")
 @click.option("--truth-shift", callback=_shift, metavar="S|auto", help="The truth of t is at t + S. Live: auto.")
-@click.option("--truth-raise", default=0.0, metavar="M", help="Metres to add to the truth's height.")
+@_metres("--truth-raise", 0.0, -1_000.0, 1_000.0, "Metres to add to the truth's height.")
 @_metres("--reference-sigma", 0.01, 0.0, 1.0, "How well the truth is known.")
 @_metres("--installation-sigma", 0.0, 0.0, 1.0, "Common bias that no run shows: 0.06 if anchors are mounted anew.")
 @click.option("--origin", metavar="LAT,LON,HEIGHT", help="Where the pad's frame stands (degrees, metres).")

@@ -27,10 +27,17 @@ def test_the_most_specific_policy_holds(scene):
 
 def test_a_session_keeps_the_policy_of_its_request(scene):
     session = scene.request()
-    scene.call(scene.admin, "SetPolicy", pad_id="*", action="*", policy=Policy(min_assurance=4).to_json())
+    scene.call(scene.admin, "SetPolicy", pad_id="*", action="*", policy=Policy(min_assurance=3).to_json())
     assert session["policy"] == Policy().to_json()
     assert scene.submit(session)["permission"] == "granted"
 
 
 def test_a_policy_names_a_pad_that_exists(scene):
     scene.refuse(404, "PAD_UNKNOWN", scene.admin, "SetPolicy", pad_id="nowhere", action="*", policy={})
+
+
+def test_a_policy_that_no_session_could_fulfil_is_refused(scene):
+    ask = {"pad_id": "*", "action": "*", "policy": Policy(min_assurance=4).to_json()}
+    scene.refuse(400, "WITNESS_MISSING", scene.admin, "SetPolicy", **ask)
+    ask = {"pad_id": "pad-1", "action": "*", "policy": Policy(witness_pad_id="pad-1").to_json()}
+    scene.refuse(400, "WITNESS_IS_PAD", scene.admin, "SetPolicy", **ask)

@@ -11,6 +11,7 @@ import { droneOf } from "../shared/fleet";
 import { coordinates, count, dayAndTime, decimal, length, timeOfDay } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
+import { refutedBy } from "../shared/refuted";
 import { sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
 import { Scroll } from "../shared/ui/Scroll";
@@ -25,7 +26,6 @@ import { Sequence } from "./Sequence";
 import { SessionMap } from "./SessionMap";
 import { SessionPanel } from "./SessionPanel";
 import { sessionTexts as t } from "./texts";
-import { refutedBy } from "../shared/refuted";
 import { refutedAt } from "./words";
 
 const TOPICS: readonly Topic[] = ["sessions", "verdicts", "estimates", "tracks", "pads"];
