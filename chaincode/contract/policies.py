@@ -6,7 +6,7 @@ from typing import Final
 
 from chaincode.contract import pads
 from chaincode.contract.call import Answer, Call
-from chaincode.contract.errors import bad_input
+from chaincode.contract.errors import refused
 from chaincode.contract.witnesses import WITNESSED
 from wonderland.proofs.records import keys
 from wonderland.proofs.records import transactions as tx
@@ -33,9 +33,9 @@ async def set_policy(call: Call, argument: tx.SetPolicy) -> Answer:
     policy = argument.policy
     witness_id = policy.witness_pad_id
     if witness_id is None and policy.min_assurance >= WITNESSED:
-        raise bad_input("WITNESS_MISSING", f"policy: assurance {policy.min_assurance} needs a witness (witness_pad_id)")
+        raise refused("WITNESS_MISSING", f"policy: assurance {policy.min_assurance} needs a witness (witness_pad_id)")
     if witness_id is not None and witness_id == argument.pad_id:
-        raise bad_input("WITNESS_IS_PAD", f"policy: pad {witness_id} cannot be its own witness; name another pad")
+        raise refused("WITNESS_IS_PAD", f"policy: pad {witness_id} cannot be its own witness; name another pad")
     key = keys.composite(keys.POLICY, argument.pad_id, argument.action)
     await call.stub.get(key)  # so that of two who set it on the same ground one is refused (MVCC)
     await call.store(key, policy)

@@ -38,6 +38,6 @@ def test_a_policy_names_a_pad_that_exists(scene):
 
 def test_a_policy_that_no_session_could_fulfil_is_refused(scene):
     ask = {"pad_id": "*", "action": "*", "policy": Policy(min_assurance=4).to_json()}
-    scene.refuse(400, "WITNESS_MISSING", scene.admin, "SetPolicy", **ask)
+    scene.refuse(422, "WITNESS_MISSING", scene.admin, "SetPolicy", **ask)
     ask = {"pad_id": "pad-1", "action": "*", "policy": Policy(witness_pad_id="pad-1").to_json()}
-    scene.refuse(400, "WITNESS_IS_PAD", scene.admin, "SetPolicy", **ask)
+    scene.refuse(422, "WITNESS_IS_PAD", scene.admin, "SetPolicy", **ask)
