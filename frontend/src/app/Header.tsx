@@ -51,7 +51,7 @@ function LedgerChip({ status }: { status: Status }): ReactElement {
         {/* Its health is said in any case; how large it is gives way where there is no room. */}
         <span className="chip-size">
           {t("ledger", { kind: ledger.kind })}
-          {organisations} · {t("blocks", { blocks: count(ledger.height) })}
+          {organisations} · {t("blocks", { blocks: count(ledger.height) })} ·{" "}
         </span>
         <span className="chip-state">
           {stopped ? t("mirrorHalted") : cutOff ? t("cutOff") : ledger.lag_ms < 1000 ? t("upToDate") : t("behind", { duration: duration(ledger.lag_ms) })}

@@ -1,10 +1,10 @@
 import { lazy, type ReactElement } from "react";
 import { LivePage } from "../live-map/LivePage";
-import { SessionPage } from "../sessions/SessionPage";
 import { SessionsPage } from "../sessions/SessionsPage";
 import { VerdictsPage } from "../verdicts/VerdictsPage";
 import type { Place, PlainRoom } from "./location";
 
+const SessionPage = lazy(() => import("../sessions/SessionPage").then(({ SessionPage: Page }) => ({ default: Page })));
 const AlertsRoom = lazy(() => import("../alerts/AlertsRoom").then(({ AlertsRoom: Room }) => ({ default: Room })));
 const StatisticsRoom = lazy(() => import("../statistics/StatisticsRoom").then(({ StatisticsRoom: Room }) => ({ default: Room })));
 const PeopleRoom = lazy(() => import("../people/PeopleRoom").then(({ PeopleRoom: Room }) => ({ default: Room })));
