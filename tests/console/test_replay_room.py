@@ -290,6 +290,6 @@ def test_links_lead_to_the_moment(past, open_page):
     page.watched.expected = ("404",)
     page.goto(f"{past.url}/#/sessions/{session_id}")
     page.get_by_role("link", name="Replay this").click()
-    expect(time(page)).to_have_text("14:05:02")
+    expect(time(page)).to_have_text("14:05:04")
     page.go_back()
     expect(page.get_by_role("link", name="Replay this")).to_be_visible()

@@ -148,15 +148,15 @@ def test_ranges_and_claims_are_enough(tmp_path, files, bare):
 
 
 def test_the_error_is_that_at_the_estimates_time(tmp_path, files):
-    """Half of a window's rounds come in its first tenth: their middle is no time at which the drone was midway."""
+    """The place is one of a moment at which rounds were: half come in the first tenth, half in the last."""
     ranges, anchors = files
     head, *rows = ranges.read_text().splitlines()
     kept = [row for row in rows if not 0.5 < float(row.split(",")[0]) < 9.5]
     ranges.write_text("\n".join([head, *kept]) + "\n")
     (window,) = evaluate(EvaluateSettings(ranges, anchors, commissioned(tmp_path, files), rounds=20))
-    assert window.at_s == pytest.approx(4.5, abs=0.5)  # the mean time, less what was left out as torn
+    assert min(abs(window.at_s - end) for end in (0.25, 9.7)) < 0.3
     assert window.truth_m[0] == pytest.approx(-3.0 + window.at_s, abs=0.01)
-    assert window.truth_error_m < 0.4  # 4 m from the truth of the middle round
+    assert window.truth_error_m < 0.4  # 4 m and more from the truth of any other moment
 
 
 def test_commission_first_is_said_with_the_command(tmp_path, files):

@@ -99,3 +99,12 @@ export type Change = { [Name in keyof LivePlace]?: LivePlace[Name] | undefined }
 export function changed(place: LivePlace, change: Change): LivePlace {
   return Object.fromEntries(Object.entries({ ...place, ...change }).filter(([, value]) => value !== undefined)) as LivePlace;
 }
+
+/** Within what the address keeps of a camera. */
+export function sameView(one: Camera, other: Camera): boolean {
+  return Math.abs(one.lat - other.lat) < 1e-6 && Math.abs(one.lon - other.lon) < 1e-6 && Math.abs(one.zoom - other.zoom) < 0.01 && close(one.bearing, other.bearing) && close(one.pitch, other.pitch);
+}
+
+function close(one = 0, other = 0): boolean {
+  return Math.abs(one - other) < 0.1;
+}

@@ -1,6 +1,6 @@
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState, type ReactElement } from "react";
 import { roomTexts } from "../app/texts";
-import { changed, type Change } from "../app/livePlace";
+import { changed, sameView, type Change } from "../app/livePlace";
 import { currentPlace, go, placeHash, type Camera, type LivePlace } from "../app/location";
 import { asOf, sessionOf } from "../shared/drones";
 import type { Filter } from "../shared/fleet";
@@ -34,15 +34,6 @@ const NO_FILTER: Filter = {};
 const CAMERA_IN_URL_MS = 400;
 const TURN = 15;
 const CROWDED = 1_000;
-
-/** Within what the address keeps of a camera. */
-function sameView(one: Camera, other: Camera): boolean {
-  return Math.abs(one.lat - other.lat) < 1e-6 && Math.abs(one.lon - other.lon) < 1e-6 && Math.abs(one.zoom - other.zoom) < 0.01 && close(one.bearing, other.bearing) && close(one.pitch, other.pitch);
-}
-
-function close(one = 0, other = 0): boolean {
-  return Math.abs(one - other) < 0.1;
-}
 
 /** The same filter is the same object, however often the address is read. */
 function useFilter(filter: Filter | undefined): Filter {

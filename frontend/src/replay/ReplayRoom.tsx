@@ -1,6 +1,6 @@
 import { QueryClient, QueryClientProvider, useQuery } from "@tanstack/react-query";
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState, useSyncExternalStore, type ReactElement } from "react";
-import { changed, type Change } from "../app/livePlace";
+import { changed, sameView, type Change } from "../app/livePlace";
 import { go, placeHash, type Camera, type LivePlace, type Place, type PlainRoom } from "../app/location";
 import { DroneTable } from "../live-map/DroneTable";
 import { Legend } from "../live-map/Legend";
@@ -199,7 +199,7 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
     if (found.length > 0 || live.zone !== undefined) change({}, { drone: undefined, session: undefined, follow: undefined, zone: found.length > 0 ? found : undefined });
   };
 
-  // The address follows the time; and where the back button, or somebody's typing, has changed it, the time follows.
+  // The address follows the time and the camera; and where the back button, or somebody's typing, has changed it, the time follows.
   const addressed = place.t_ms;
   const known = useRef(addressed);
   useEffect(() => {
@@ -210,7 +210,8 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
   useEffect(() => {
     const timer = setInterval(() => {
       const shown_ms = Math.round(player.read().t_ms);
-      if (shown_ms === latest.current.t_ms) return;
+      const [looks, said] = [camera.current, latest.current.live.camera];
+      if (shown_ms === latest.current.t_ms && (looks === undefined || (said !== undefined && sameView(looks, said)))) return;
       known.current = shown_ms;
       change({ t_ms: shown_ms }, {}, true);
     }, URL_MS);
