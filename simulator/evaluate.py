@@ -195,6 +195,8 @@ def evaluate(settings: EvaluateSettings) -> Iterator[Window]:
 def judge(rounds: Sequence[RecordedRound], commissioning: Commissioning, policy: Policy, said: Claimed) -> Window:
     """The verdict on consecutive rounds, were the drone to countersign them."""
     verdict = prepare(rounds, commissioning, policy, said).verdict()
+    # A recording has no request.
+    verdict = replace(verdict, reasons=tuple(each for each in verdict.reasons if each.code != "request_unjudged"))
     times = [item.t_s for item in rounds]
     estimate_ms = verdict.estimate_ms  # of the rounds that were kept
     at_s = sum(times) / len(times) if estimate_ms is None else times[0] + (estimate_ms - START_MS) / 1000

@@ -20,6 +20,8 @@ SUSPECTED_SIGMAS: Final = 2.5
 """Of what units differ by; of all that a commissioned pad states."""
 LEAST_M: Final = 0.05
 LEAST_RANGES: Final = 30
+MOST_M: Final = 3.0
+"""No antenna delay is larger: something else is wrong."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,12 @@ class Delays:
             what = f"All anchors' ranges are {abs(one.off_m):.2f} m too {way}"
             if one.anchor_id:
                 what = f"Anchor {one.anchor_id}'s ranges are {abs(one.off_m):.2f} m {way}er than the others'"
+            if abs(one.off_m) > MOST_M:
+                yield (
+                    f"{what}{but}: no antenna delay is so large. Are ranges, anchors and places all in metres, of this "
+                    "pad, and on one clock (--truth-shift)?"
+                )
+                continue
             yield (
                 f"{what}{but}; {known} ±{100 * one.usual_m:.1f} cm (1 σ). An antenna delay that was not set? {cure}."
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -58,7 +59,7 @@ def _row(name: str, judged: Sequence[Judged]) -> tuple[str, ...]:
         str(count - sum(one.estimated for one in judged)),
         str(sum(one.paper for one in judged)),
         f"{errors[len(errors) // 2]:.2f} m" if errors else "–",
-        f"{errors[int(0.95 * (len(errors) - 1))]:.2f} m" if errors else "–",
+        f"{errors[math.ceil(0.95 * len(errors)) - 1]:.2f} m" if errors else "–",
     )
 
 

@@ -38,6 +38,13 @@ def run(settings: Sequence[EvaluateSettings], *, as_json: bool = False, report: 
             else:
                 console.print(_line(window), soft_wrap=True)
         found.append(Judged(study, tuple(windows)))
+        count = len(study.recording.rounds)
+        if not windows:
+            console.print(
+                f"[yellow]![/yellow] {escape(study.name)} has {count} rounds, fewer than a window of "
+                f"{study.settings.rounds}: --rounds {count} judges them together",
+                soft_wrap=True,
+            )
     if len(found) > 1:
         console.print(_table(found))
     console.print(_total(found), soft_wrap=True)

@@ -31,6 +31,10 @@ STANDS_OUT_M: Final = 0.3
 EXCHANGED_M: Final = 0.2
 """Two anchors nearer to each other than this, seen from the drone, are not told apart."""
 METRES_PER_UNIT: Final = {"feet": 0.3048, "centimetres": 0.01, "millimetres": 0.001, "yards": 0.9144}
+MOST_RAISED_M: Final = 5.0
+RAISED_STEP_M: Final = 0.1
+RAISED_SHARE: Final = 0.4
+"""Raised, the truth has to leave less than this share of the misfit."""
 _REWEIGHTINGS: Final = 8
 
 
@@ -86,7 +90,10 @@ def check_plausible(runs: Sequence[Run], data: Windows) -> None:
         lines = _lines(run, data, rows)
         absurd = [line for line in lines if line.absurd]
         if absurd:
-            raise CalibrationError(f"{run.name}: {'; '.join(line.text() for line in absurd)}. {_advice(lines, absurd)}")
+            raised_m = _raised(run, data, rows)
+            raise CalibrationError(
+                f"{run.name}: {'; '.join(line.text() for line in absurd)}. {_advice(lines, absurd, raised_m)}"
+            )
 
 
 def said(names: Sequence[str]) -> str:
@@ -135,7 +142,27 @@ def _line(name: str, distance_m: Floats, error_m: Floats) -> Line:
     return Line(name, level + slope * (low - middle), level + slope * (high - middle), slope, scatter)
 
 
-def _advice(lines: Sequence[Line], absurd: Sequence[Line]) -> str:
+def _raised(run: Run, data: Windows, rows: Bools) -> float:
+    """Metres by which the truth has to be raised for the ranges to fit; 0 where no height does, or another unit."""
+    truth = data.truth_m[rows]
+    ranges = data.distance_m[rows] + data.error_m[rows]
+
+    def misfit(up_m: float, scale: float) -> float:
+        away = distances(truth + np.array((0.0, 0.0, up_m)), run.anchors_m) * scale
+        error = ranges - away
+        return float(np.nanmedian(np.abs(error - np.nanmedian(error, axis=0))))
+
+    tried = np.arange(-MOST_RAISED_M, MOST_RAISED_M + RAISED_STEP_M / 2, RAISED_STEP_M)
+    costs = [misfit(float(up_m), 1.0) for up_m in tried]
+    best = int(np.argmin(costs))
+    units = min(misfit(0.0, 1.0 / metres) for metres in METRES_PER_UNIT.values())
+    as_it_is = misfit(0.0, 1.0)
+    raised_m = float(tried[best])
+    clear = costs[best] < RAISED_SHARE * as_it_is and costs[best] < units and 0 < best < len(tried) - 1
+    return raised_m if clear else 0.0
+
+
+def _advice(lines: Sequence[Line], absurd: Sequence[Line], raised_m: float) -> str:
     limit = f"Radios are off by {LARGEST_BIAS_M:g} m at most."
     if len(absurd) == 1 and len(lines) > 1:
         if absurd[0].stuck:
@@ -146,6 +173,9 @@ def _advice(lines: Sequence[Line], absurd: Sequence[Line]) -> str:
             "Are the nodes stuck, are these ranges of another tag, or is the reference of another run? Look at the "
             "ranges in the recording"
         )
+    if raised_m != 0.0:
+        side = "low" if raised_m > 0.0 else "high"
+        return f"The truth seems {abs(raised_m):.1f} m too {side}: try --truth-raise {raised_m:.1f}"
     factor = 1.0 + float(np.median([line.slope for line in lines]))
     unit = next((name for name, metres in METRES_PER_UNIT.items() if abs(factor * metres - 1.0) < 0.05), None)
     if unit is not None:

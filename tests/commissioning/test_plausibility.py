@@ -31,6 +31,10 @@ def exchanged_in_a_ring(run):
     return replace(run, range_m=run.range_m[:, [1, 3, 2, 0]])
 
 
+def raised(run, metres):
+    return replace(run, truth_m=run.truth_m + np.array([0.0, 0.0, metres]))
+
+
 def moved(run, metres):
     places = run.anchors_m.copy()
     places[1, 0] += metres
@@ -61,6 +65,9 @@ def one_stuck(run):
         (lambda run: shifted(run, 5.0), r"the truth is 5\.0\d s early.*--truth-shift lower"),
         (lambda run: shifted(run, -2.0), r"the truth is 2\.0\d s late.*--truth-shift higher"),
         (lambda run: replace(run, truth_m=run.truth_m + np.array([4.0, -3.0, 0.0])), "survey's frame"),
+        (lambda run: replace(run, range_m=run.range_m / 0.9144), "they are yards"),
+        (lambda run: raised(run, 2.0), r"truth seems [12]\.\d m too high: try --truth-raise -[12]\.\d"),
+        (lambda run: raised(run, 3.0), r"truth seems [23]\.\d m too high"),
     ],
 )
 def test_what_no_radio_shows_is_refused_by_name(good, spoil, said):
