@@ -25,8 +25,8 @@ from simulator.stage import ProcessError, Stage, StageSettings
 from simulator.verdicts import CommittedVerdict, committed
 from wonderland.ledger.embedded import NOTICE
 
-STYLES: Final = {"verified": "green", "refuted": "red", "inconclusive": "yellow", "unauthorised": "red"}
-SHAPES: Final = {"verified": "●", "refuted": "⯃", "inconclusive": "▲", "unauthorised": "⯃"}
+STYLES: Final = {"verified": "green", "refuted": "red", "inconclusive": "yellow", "unauthorised": "magenta"}
+SHAPES: Final = {"verified": "●", "refuted": "⯃", "inconclusive": "▲", "unauthorised": "■"}
 WATCH_S: Final = 0.5
 
 

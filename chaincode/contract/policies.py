@@ -36,6 +36,8 @@ async def set_policy(call: Call, argument: tx.SetPolicy) -> Answer:
         raise refused("WITNESS_MISSING", f"policy: assurance {policy.min_assurance} needs a witness (witness_pad_id)")
     if witness_id is not None and witness_id == argument.pad_id:
         raise refused("WITNESS_IS_PAD", f"policy: pad {witness_id} cannot be its own witness; name another pad")
+    if witness_id is not None:
+        await pads.require_in_service(call, witness_id)
     key = keys.composite(keys.POLICY, argument.pad_id, argument.action)
     await call.stub.get(key)  # so that of two who set it on the same ground one is refused (MVCC)
     await call.store(key, policy)

@@ -53,9 +53,9 @@ class Offset:
         """Whether it is larger than a limit, and certainly so."""
         return abs(self.value) > limit and abs(self.value) > sigmas * self.sigma
 
-    def text(self, unit: str = "m") -> str:
-        """For people."""
-        return f"{self.value:+.2f} ± {self.sigma:.2f} {unit}"
+    def text(self, positive: str, negative: str, unit: str = "m") -> str:
+        """For people: so much to the one side, or to the other."""
+        return f"{abs(self.value):.2f} ± {self.sigma:.2f} {unit} {positive if self.value >= 0 else negative}"
 
 
 @dataclass(frozen=True)
@@ -86,15 +86,15 @@ class Truth:
 
     def sentence(self) -> str:
         """For people."""
+        up, east, north, ahead, left = (part.text(*sides) for part, sides, _ in self._places())
         return (
-            f"The ranges put the tag {self.up.text()} higher than the truth, {self.east.text()} east and "
-            f"{self.north.text()} north of it, {self.forward.text()} ahead and {self.left.text()} to the left on its "
-            f"way; the truth is {self.delay.text('s')} late."
+            f"The ranges put the tag {up} than the truth, {east} and {north} of it, {ahead} and {left} on its way; the "
+            f"truth is {self.delay.text('late', 'early', 's')}."
         )
 
     def notes(self) -> list[tuple[str, str]]:
         """(code, text) of what is not refused and worth knowing."""
-        found = [f"{part.text()} {where}" for part, where, _ in self._places() if part.beyond(TELL_M, TELL_SIGMAS)]
+        found = [part.text(*sides) for part, sides, _ in self._places() if part.beyond(TELL_M, TELL_SIGMAS)]
         if not found:
             return []
         return [
@@ -104,14 +104,15 @@ class Truth:
     def check(self, name: str) -> None:
         """Refuse a truth that the ranges contradict. Raises TruthError, which names the part and what to do."""
         wrong = [
-            f"{part.text()} {where}: {cure}" for part, where, cure in self._places() if part.beyond(LARGEST_M, SIGMAS)
+            f"{part.text(*sides)}: {cure}" for part, sides, cure in self._places() if part.beyond(LARGEST_M, SIGMAS)
         ]
         if wrong:
             raise TruthError(
                 f"{name}: the ranges of all anchors contradict the truth. They put the tag {'; '.join(wrong)}"
             )
 
-    def _places(self) -> tuple[tuple[Offset, str, str], ...]:
+    def _places(self) -> tuple[tuple[Offset, tuple[str, str], str], ...]:
+        """Each offset, the words for its two sides, and what to do about it."""
         origin = "is the reference in the survey's frame (origin, axes, antenna's place)?"
         height = (
             "measure the height between the reference's antenna and the tag, and give a --truth-raise that is "
@@ -119,15 +120,11 @@ class Truth:
         )
         lever = "correct the reference by the lever arm from its antenna to the tag"
         return (
-            (
-                self.up,
-                "higher",
-                height,
-            ),
-            (self.east, "east", origin),
-            (self.north, "north", origin),
-            (self.forward, "ahead", lever),
-            (self.left, "to the left", lever),
+            (self.up, ("higher", "lower"), height),
+            (self.east, ("east", "west"), origin),
+            (self.north, ("north", "south"), origin),
+            (self.forward, ("ahead", "behind"), lever),
+            (self.left, ("to the left", "to the right"), lever),
         )
 
 

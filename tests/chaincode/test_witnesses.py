@@ -244,9 +244,8 @@ def test_a_witness_surveyed_again_meanwhile_does_not_count(witnessed):
 def test_who_can_be_a_witness(witnessed):
     argument = witnessed.request_argument("k1")
     witnessed.refuse(422, "WITNESS_PREKEY_MISSING", witnessed.uav, "RequestProof", argument)
-    policy(witnessed, witness_pad_id="pad-9")
-    witnessed.refuse(404, "PAD_UNKNOWN", witnessed.uav, "RequestProof", argument, witness_prekey_id="w0")
-    policy(witnessed)
+    unknown = {"min_assurance": 4, "witness_pad_id": "pad-9"}
+    witnessed.refuse(404, "PAD_UNKNOWN", witnessed.admin, "SetPolicy", pad_id="pad-1", action="*", policy=unknown)
     witnessed.call(
         witnessed.operator,
         "CommissionPad",

@@ -41,7 +41,7 @@ def test_what_is_wrong_is_measured_and_named(good_run, name, offset):
 
 
 def test_a_wrong_height_is_refused_with_what_to_do(good_run):
-    with pytest.raises(TruthError, match=r"\+1\.0\d ± 0\.\d\d m higher: .*--truth-raise that is 1\.0\d higher"):
+    with pytest.raises(TruthError, match=r"1\.0\d ± 0\.\d\d m higher: .*--truth-raise that is 1\.0\d higher"):
         fit_runs([off(good_run, (0, 0, 1.05))])
     with pytest.raises(TruthError, match=r"east: is the reference in the survey's frame"):
         fit_runs([off(good_run, (0.5, 0, 0))])

@@ -9,7 +9,7 @@ from wonderland.proofs import encoding
 from wonderland.proofs.errors import ProofError, RecordError
 from wonderland.proofs.records import keys
 from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.records.sessions import Claim, RangeTable
+from wonderland.proofs.records.sessions import Claim, Evidence, RangeTable
 from wonderland.proofs.records.transactions import TRANSACTIONS, GrantAuthorisation, RequestProof
 
 CLAIM = {"lat_e7": 1, "lon_e7": 2, "height_mm": 3, "accuracy_mm": 4, "height_accuracy_mm": 5, "t_ms": 6}
@@ -49,6 +49,12 @@ def test_checks_that_concern_two_fields():
         Policy.parse({"verify_ppm": 5, "refute_ppm": 5})
     with pytest.raises(RecordError, match="2 values for 1 rounds"):
         RangeTable.parse({"t_ms": [1], "anchors": [{"anchor_id": "A", "range_mm": [1, 2]}]})
+    radio = {"measured_by": "pad", "sts": "provisioned", "attempted_rounds": 1}
+    ranges = {"t_ms": [1, 2], "anchors": [{"anchor_id": "A", "range_mm": [1, 2]}]}
+    evidence = {"ranges": ranges, "claims": [], "broadcast": [], "matched": "both", "radio": radio, "steps": []}
+    with pytest.raises(RecordError, match=r"^radio.attempted_rounds: 1, but the table has 2 rounds$"):
+        Evidence.parse(evidence)
+    assert Evidence.parse({**evidence, "radio": {**radio, "attempted_rounds": 2}}).radio.attempted_rounds == 2
     with pytest.raises(RecordError, match="valid_until_ms: must be after"):
         GrantAuthorisation.parse(
             {

@@ -222,6 +222,13 @@ class Evidence(Record):
         Annotated[int, Integer(1, 10_000, "What the pad adds to where each anchor stands: it has drifted")] | None
     ) = None
 
+    def validate(self, path: str) -> None:
+        """No more rounds than were attempted."""
+        attempted, rounds = self.radio.attempted_rounds, len(self.ranges.t_ms)
+        if attempted is not None and attempted < rounds:
+            prefix = f"{path}." if path else ""
+            raise RecordError(f"{prefix}radio.attempted_rounds", f"{attempted}, but the table has {rounds} rounds")
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Party(Record):
