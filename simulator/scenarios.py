@@ -22,7 +22,7 @@ class Scenario:
 
 
 _SITES: Final[dict[str, tuple[str, str, int, int, int]]] = {
-    "aurajoki-2": ("hatter-quay", "Hatter Quay", 437_344_500, 74_279_000, 51_500),
+    "aurajoki-2": ("hatter-quay", "Hatter Quay", 437_344_100, 74_278_400, 51_500),
     "satama-1": ("looking-glass-mole", "Looking-Glass Mole", 437_398_500, 74_315_500, 51_000),
     "kupittaa": ("cheshire-heliport", "Cheshire Heliport", 437_259_300, 74_198_500, 53_000),
 }

@@ -150,8 +150,6 @@ function claimsOf(verdict: VerdictSummary): Claimed[] {
   return [...told, { claim: broadcast.claim, tone: apart === "own" ? "bad" : "none", words, radius_mm: broadcast.tolerance_mm ?? buffer_mm, ...(apart === "somebody" && { foreign: true as const }) }];
 }
 
-/** Two labels of one drone are told apart from here. */
-const LABEL_APART_MM = 8_000;
 const RING_APART_MM = 1_500;
 
 /** Metres above the pad, where the map's ground is. */
@@ -177,9 +175,8 @@ function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, t
       features.push(point(claimAt, { kind: "claim", tone: claimTone, label: selected ? words : "", up_m }));
       continue;
     }
-    // The drone's own label says who it is while it is still there.
-    const left = track === undefined || distance_mm(track, claim) > LABEL_APART_MM;
-    const label = [...(left ? [verdict.uav_id] : []), ...(selected ? [words] : [])].join("\n");
+    // A drone that is heard has its own label, wherever it is by now.
+    const label = [...(track === undefined ? [verdict.uav_id] : []), ...(selected ? [words] : [])].join("\n");
     // A drone that still is where it said is its own ring.
     if (track === undefined || distance_mm(track, claim) > RING_APART_MM) {
       features.push(point(claimAt, { kind: "claim", tone: claimTone, label, up_m }));

@@ -3,7 +3,9 @@ import { Occupied, place, type Label, type Side } from "./placing";
 import { spotOf, type View } from "./view";
 import type { Palette } from "./icons";
 
-export type Line = { text: string; strong?: boolean; tone?: Tone | "ink3" };
+/** How the names of the place look: paler than anything that flies. */
+export type NameLook = "town" | "water" | "quarter" | "landmark";
+export type Line = { text: string; strong?: boolean; tone?: Tone | "ink3"; look?: NameLook };
 
 /** Words at a place (Web Mercator, 0 to 1). */
 export type Words = {
@@ -31,6 +33,14 @@ const MARGIN = 2;
 const KEPT = 800;
 /** Words that leave the view go on for this long beyond its edge, so that they do not flicker there. */
 const EDGE = 40;
+
+/** Font, letter spacing, colour and that of the edge. */
+const NAMES: Record<NameLook, { font: string; spacing: string; colour: string; edge: string }> = {
+  town: { font: "560 13px", spacing: "0.5px", colour: "place-ink", edge: "land" },
+  water: { font: "560 12px", spacing: "0.9px", colour: "water-ink", edge: "water" },
+  quarter: { font: "560 10.5px", spacing: "1.5px", colour: "place-ink", edge: "land" },
+  landmark: { font: "500 10.5px", spacing: "0px", colour: "place-ink", edge: "land" },
+};
 
 type Sprite = { canvas: HTMLCanvasElement; width: number; height: number };
 
@@ -104,7 +114,7 @@ export class Labels {
 
   /** Words drawn once: writing them anew at each frame would cost most of it. */
   private sprite(lines: readonly Line[], ratio: number): Sprite {
-    const key = lines.map(({ text, strong, tone }) => `${strong === true ? 1 : 0}${tone ?? ""}\t${text}`).join("\n");
+    const key = lines.map(({ text, strong, tone, look }) => `${strong === true ? 1 : 0}${tone ?? look ?? ""}\t${text}`).join("\n");
     const known = this.sprites.get(key);
     if (known !== undefined) return known;
     if (this.sprites.size > KEPT) this.sprites.clear();
@@ -117,10 +127,14 @@ export class Labels {
     const canvas = document.createElement("canvas");
     const context = canvas.getContext("2d");
     if (context === null) return { canvas, width: 0, height: 0 };
-    const font = ({ strong }: Line): string => `${strong === true ? "620 12px" : "500 11.5px"} ${this.family}`;
-    const widths = lines.map((line) => {
-      context.font = font(line);
-      return context.measureText(line.text).width;
+    const style = ({ strong, look }: Line): void => {
+      context.font = `${look !== undefined ? NAMES[look].font : strong === true ? "620 12px" : "500 11.5px"} ${this.family}`;
+      context.letterSpacing = look === undefined ? "0px" : NAMES[look].spacing;
+    };
+    const written = lines.map(({ text, look }) => (look === "quarter" ? text.toLocaleUpperCase() : text));
+    const widths = lines.map((line, i) => {
+      style(line);
+      return context.measureText(written[i] ?? "").width;
     });
     const width = Math.ceil(Math.max(0, ...widths)) + 2 * MARGIN;
     const height = lines.length * LINE;
@@ -132,11 +146,12 @@ export class Labels {
     context.lineJoin = "round";
     context.lineWidth = 3.2;
     lines.forEach((line, i) => {
-      context.font = font(line);
-      context.strokeStyle = this.colours["land"] ?? "#fff";
-      context.strokeText(line.text, width / 2, (i + 0.5) * LINE);
-      context.fillStyle = this.colours[line.tone ?? (line.strong === true ? "ink" : "ink2")] ?? "#000";
-      context.fillText(line.text, width / 2, (i + 0.5) * LINE);
+      const { look, tone, strong } = line;
+      style(line);
+      context.strokeStyle = this.colours[look === undefined ? "land" : NAMES[look].edge] ?? "#fff";
+      context.strokeText(written[i] ?? "", width / 2, (i + 0.5) * LINE);
+      context.fillStyle = this.colours[look !== undefined ? NAMES[look].colour : (tone ?? (strong === true ? "ink" : "ink2"))] ?? "#000";
+      context.fillText(written[i] ?? "", width / 2, (i + 0.5) * LINE);
     });
     return { canvas, width, height };
   }

@@ -3,6 +3,7 @@ import type { Pad, Track, VerdictSummary } from "../../shared/api/records";
 import type { Drone } from "../../shared/drones";
 import type { Fleet } from "../../shared/fleet";
 import { distance_mm, type LonLat } from "../../shared/geo/frame";
+import { reading } from "../../shared/i18n/locale";
 import type { LiveStore } from "../../shared/live/store";
 import { clusters } from "./clusters";
 import { Air } from "./air";
@@ -13,6 +14,7 @@ import { Labels, type Words } from "./labels";
 import { droneWords, evidenceWords, measureWords, padWords, siteWords, takeMarks } from "./mapWords";
 import type { Overlay } from "./overlays";
 import { PlaceOnMap, type BaseMap } from "./place";
+import { placeNames } from "./placeNames";
 import type { Occupied } from "./placing";
 import { CLOSE_ZOOM, FINE_ZOOM, SITE_ZOOM } from "./scales";
 import { BASE_FILES, EMPTY, MAP_COLOURS, OVERLAYS_BELOW, paints } from "./style";
@@ -30,6 +32,8 @@ const GRID_ZOOM = 17;
 const CROWDED = 150;
 /** Names follow a crowd this late. */
 const CROWD_WORDS_MS = 400;
+/** What MapLibre finds room for is asked for so often while the camera moves. */
+const NAMES_MS = 500;
 
 /** What is on the map: sources of MapLibre for the few that are more than a symbol, a layer of our own for the many. */
 export class Picture {
@@ -41,6 +45,7 @@ export class Picture {
   private trails: GeoJSON.Feature[] = [];
   private tilted = false;
   private loaded = false;
+  private namesAt_ms = -Infinity;
   private wordsDue: ReturnType<typeof setTimeout> | undefined;
   private recolourIcons: ((colours: ReturnType<typeof palette>) => void) | undefined;
   private selection: Selection = {};
@@ -66,6 +71,10 @@ export class Picture {
     this.labels = new Labels(map.getCanvasContainer());
     this.labels.recolour(palette(MAP_COLOURS));
     map.on("render", () => this.writeWords());
+    map.on("idle", () => {
+      this.namesAt_ms = -Infinity;
+      this.writeWords();
+    });
   }
 
   /** Everything that the style does not bring along: after it has loaded, and again after the graphics were lost. */
@@ -300,6 +309,7 @@ export class Picture {
     if (!this.loaded) return;
     const view = viewOf(this.map);
     const { fleet, store } = this;
+    this.findNames();
     this.air.draw(view, this.map.getPixelRatio(), store, fleet, [...this.trails, ...this.evidence], this.marked.selected);
     const words = [...droneWords(view, fleet, store, this.selection.uav_id), ...[...this.words.values()].flat()];
     const points = (id: string): readonly GeoJSON.Feature[] => this.drawn.get(id)?.features ?? [];
@@ -308,6 +318,13 @@ export class Picture {
       const evidence = view.zoom >= CLOSE_ZOOM ? this.evidence : [];
       takeMarks(occupied, view, fleet, store, [...(view.zoom < SITE_ZOOM ? points("sites") : points("pads")), ...evidence]);
     });
+  }
+
+  private findNames(): void {
+    const now_ms = performance.now();
+    if (now_ms - this.namesAt_ms < NAMES_MS) return;
+    this.namesAt_ms = now_ms;
+    this.words.set("place", placeNames(this.map, reading().locale));
   }
 
   /** No words under the panels that float over the map; where the camera only keeps room beside them, there may be words. */

@@ -1,6 +1,7 @@
 import type { ExpressionSpecification, LayerSpecification } from "maplibre-gl";
 import type { Locale } from "../../shared/i18n/locale";
 import type { Palette } from "./icons";
+import type { NameLook } from "./labels";
 import { MEDIUM } from "./scales";
 
 /** The colours of tokens.css that the place needs: a few greys, water and a breath of green. */
@@ -150,12 +151,21 @@ function nameIn(locale: Locale): ExpressionSpecification {
   return ["coalesce", ["get", `name:${locale}`], ["get", "name"], ""];
 }
 
+/** Names of points, the most important first, and how they look: `placeNames.ts` draws those that MapLibre finds room for. */
+export const NAME_LAYERS: readonly { id: string; look: NameLook }[] = [
+  { id: "place-towns", look: "town" },
+  { id: "place-harbours", look: "water" },
+  { id: "place-quarters", look: "quarter" },
+  { id: "place-landmarks", look: "landmark" },
+];
+
 /** The words of the place: quarters, harbours, streets. Smaller and paler than anything that flies. */
 export function placeWordLayers(colours: Palette, locale: Locale): LayerSpecification[] {
   const ink = colours["place-ink"] ?? "";
-  const halo = { "text-halo-color": colours["land"] ?? "", "text-halo-width": 1.4 };
   const words = (id: string, from: string, filter: ExpressionSpecification, layout: Record<string, unknown>, paint: Record<string, unknown>, zooms: Record<string, number>): LayerSpecification =>
-    ({ id: `place-${id}`, type: "symbol", source: PLACE, "source-layer": from, filter, layout: { "text-font": MEDIUM, "text-field": nameIn(locale), ...layout }, paint: { "text-color": ink, ...halo, ...paint }, ...zooms });
+    ({ id: `place-${id}`, type: "symbol", source: PLACE, "source-layer": from, filter, layout: { "text-font": MEDIUM, "text-field": nameIn(locale), ...layout }, paint, ...zooms });
+  // Placed among one another and the streets' names, drawn elsewhere.
+  const unseen = { "text-opacity": 0 };
   const streets = kinds("major_road", "medium_road", "minor_road", "highway", "pedestrian");
   return [
     words(
@@ -163,26 +173,19 @@ export function placeWordLayers(colours: Palette, locale: Locale): LayerSpecific
       "roads",
       ["all", streets, ["!", ["has", "is_tunnel"]]],
       { "symbol-placement": "line", "text-size": ["interpolate", ["linear"], ["zoom"], 15, 9.5, 18, 12], "text-max-angle": 28, "text-padding": 12, "symbol-spacing": 420 },
-      { "text-opacity": 0.85 },
+      { "text-color": ink, "text-halo-color": colours["land"] ?? "", "text-halo-width": 1.4, "text-opacity": 0.85 },
       { minzoom: 15.4 },
     ),
-    words("harbours", "pois", kinds("harbour", "marina"), { "text-size": 12, "text-letter-spacing": 0.08, "text-max-width": 8 }, { "text-color": colours["water-ink"] ?? "", "text-halo-color": colours["water"] ?? "" }, { minzoom: 13 }),
+    words("harbours", "pois", kinds("harbour", "marina"), { "text-size": 12, "text-letter-spacing": 0.08, "text-max-width": 8 }, unseen, { minzoom: 13 }),
     words(
       "landmarks",
       "pois",
       kinds("station", "hospital", "heliport", "museum", "casino", "theatre", "townhall", "stadium", "park", "beach"),
       { "text-size": 10.5, "text-max-width": 8, "text-padding": 10 },
-      { "text-opacity": 0.9 },
+      unseen,
       { minzoom: 15.2 },
     ),
-    words(
-      "quarters",
-      "places",
-      kinds("neighbourhood", "macrohood"),
-      { "text-field": ["upcase", nameIn(locale)], "text-size": ["interpolate", ["linear"], ["zoom"], 12.5, 9, 16, 12], "text-letter-spacing": 0.14, "text-max-width": 8, "text-padding": 14 },
-      {},
-      { minzoom: 12.5, maxzoom: 17 },
-    ),
-    words("towns", "places", kinds("locality"), { "text-size": 13, "text-letter-spacing": 0.04 }, {}, { minzoom: PLACE_ZOOM, maxzoom: 13 }),
+    words("quarters", "places", kinds("neighbourhood", "macrohood"), { "text-size": 11, "text-letter-spacing": 0.14, "text-max-width": 8, "text-padding": 14 }, unseen, { minzoom: 12.5, maxzoom: 17 }),
+    words("towns", "places", kinds("locality"), { "text-size": 13, "text-letter-spacing": 0.04 }, unseen, { minzoom: PLACE_ZOOM, maxzoom: 13 }),
   ];
 }

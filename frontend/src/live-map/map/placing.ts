@@ -12,7 +12,7 @@ export type Label = {
   sides: readonly Side[];
 };
 
-export type Side = "above" | "below" | "left" | "right";
+export type Side = "above" | "below" | "left" | "right" | "middle";
 export type Placed = { label: Label; left: number; top: number; side: Side };
 
 /** Squares of the screen that something stands on. */
@@ -65,6 +65,8 @@ function corner({ left, top, width, height, clear }: Label, side: Side, further:
       return [left - away - width, top - height / 2];
     case "right":
       return [left + away, top - height / 2];
+    case "middle":
+      return [left - width / 2, top - height / 2];
   }
 }
 
