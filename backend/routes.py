@@ -41,6 +41,7 @@ from backend.replay import endpoints as replay
 from backend.search import endpoints as search
 from backend.sessions import endpoints as sessions
 from backend.settings import Settings
+from backend.site_plans import endpoints as site_plans
 from backend.statistics import endpoints as statistics
 from backend.tracks import endpoints as tracks
 from backend.transactions import endpoints as transactions
@@ -53,6 +54,7 @@ from backend.webhooks import endpoints as webhooks
 from backend.zones import endpoints as zones
 from backend.zones import harness_endpoints as zones_harness
 from wonderland import __version__
+from wonderland.site_plans import MAX_BYTES
 
 API: Final = "/api/v1"
 
@@ -103,6 +105,7 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
         zones.router,
         zones.service,
         maps.router,
+        site_plans.router,
         clients_api.router,
         reference.router,
         live.router,
@@ -132,7 +135,11 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
         allowed_hosts=allowed_hosts,
         max_body_bytes=_largest_body(settings),
         https=settings.is_https,
-        larger={f"{API}/registry/imports/": imports.MAX_BYTES, f"{API}/zones/imports": settings.max_zone_file_bytes},
+        larger={
+            f"{API}/registry/imports/": imports.MAX_BYTES,
+            f"{API}/zones/imports": settings.max_zone_file_bytes,
+            f"{API}/site-plans/": MAX_BYTES,
+        },
     )
     app.openapi = lambda: openapi(app)  # type: ignore[method-assign]
     return app

@@ -56,6 +56,7 @@ Act = Literal[
     "UpdatePad",
     "RetirePad",
     "CommissionPad",
+    "SetSitePlan",
     "SetClosures",
     "RegisterUav",
     "SetUavStatus",

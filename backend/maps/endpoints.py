@@ -42,6 +42,12 @@ async def read_archive(request: Request) -> Response:
     return await _part(request, context_of(request).maps.archive)
 
 
+@router.api_route("/terrain", methods=["GET", "HEAD"], include_in_schema=False)
+async def read_terrain(request: Request) -> Response:
+    """The archive of heights, by byte ranges."""
+    return await _part(request, context_of(request).maps.terrain)
+
+
 @router.api_route("/imagery", methods=["GET", "HEAD"], include_in_schema=False)
 async def read_imagery(request: Request) -> Response:
     """The archive of aerial images, by byte ranges."""

@@ -17,7 +17,7 @@ class MapCredit(ApiModel):
 
 
 class MapLayer(ApiModel):
-    """A base map, or aerial images."""
+    """A base map, heights of the ground, or aerial images."""
 
     url: str = Field(description="The archive, read by byte ranges; for a WMTS one address a tile, {z}/{x}/{y}")
     version: str = Field(description="Another one as soon as the file is")
@@ -29,13 +29,16 @@ class MapLayer(ApiModel):
     min_zoom: int
     max_zoom: int
     layers: list[str] = Field(description="Of vector tiles")
+    encoding: Literal["terrarium", "mapbox"] | None = Field(
+        default=None, description="Of terrain: how a pixel says its height"
+    )
     attribution: list[MapCredit]
 
 
 class MissingMap(ApiModel):
     """What was set but cannot be shown."""
 
-    what: Literal["archive", "imagery"]
+    what: Literal["archive", "terrain", "imagery"]
     why: str
     setting: str = Field(description="Where it is set")
 
@@ -44,5 +47,6 @@ class BaseMap(ApiModel):
     """What the map is drawn from; without an archive the console draws coasts and borders of its own."""
 
     archive: MapLayer | None = None
+    terrain: MapLayer | None = None
     imagery: MapLayer | None = None
     missing: list[MissingMap]

@@ -22,6 +22,7 @@ class Maps:
     def __init__(self, settings: MapSettings, client: httpx.AsyncClient) -> None:
         self.settings = settings
         self.archive = None if settings.archive is None else Archive(settings.archive, vector=True)
+        self.terrain = None if settings.terrain is None else Archive(settings.terrain, vector=False)
         self.images = None if settings.imagery is None else Archive(settings.imagery, vector=False)
         self.wmts = None if settings.wmts is None else Imagery(settings, client)
 
@@ -34,7 +35,7 @@ class Maps:
         """For the console; ``prefix`` is where the interface lies. Blocks on the disk."""
         missing: list[dict[str, str]] = []
         result: dict[str, Any] = {"missing": missing}
-        for what, archive in (("archive", self.archive), ("imagery", self.images)):
+        for what, archive in (("archive", self.archive), ("terrain", self.terrain), ("imagery", self.images)):
             if archive is None:
                 continue
             try:
@@ -54,6 +55,8 @@ class Maps:
                 "layers": found.layers,
                 "attribution": [asdict(each) for each in told or found.attribution],
             }
+            if what == "terrain":
+                result[what]["encoding"] = self.settings.terrain_encoding
         if self.wmts is not None:
             if self.wmts.failure:
                 missing.append({"what": "imagery", "why": self.wmts.failure, "setting": f"{SETTING}WMTS"})

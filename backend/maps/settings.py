@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -16,6 +16,12 @@ class MapSettings(BaseModel):
 
     archive: Path | None = Field(
         default=None, description="PMTiles archive of vector tiles (Protomaps schema) that the map is drawn from"
+    )
+    terrain: Path | None = Field(
+        default=None, description="PMTiles archive of heights (PNG, WebP): the drawn ground is shaded by its slopes"
+    )
+    terrain_encoding: Literal["terrarium", "mapbox"] = Field(
+        default="terrarium", description="How a pixel of the terrain's images says its height"
     )
     imagery: Path | None = Field(default=None, description="PMTiles archive of aerial images (PNG, JPEG, WebP)")
     wmts: str | None = Field(

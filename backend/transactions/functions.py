@@ -51,7 +51,7 @@ def _of_authorisation(function: str) -> Change:
 CHANGES: Final = {
     change.function: change
     for change in (
-        *map(_of_pad, ("RegisterPad", "UpdatePad", "RetirePad", "CommissionPad")),
+        *map(_of_pad, ("RegisterPad", "UpdatePad", "RetirePad", "CommissionPad", "SetSitePlan")),
         *map(_of_drone, ("RegisterUav", "SetUavStatus", "RecordMaintenance")),
         *map(_of_authorisation, ("GrantAuthorisation", "RevokeAuthorisation")),
         Change(

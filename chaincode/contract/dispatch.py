@@ -20,6 +20,7 @@ HANDLERS: Final[Mapping[str, Handler]] = {
     "UpdatePad": pads.update,
     "RetirePad": pads.retire,
     "CommissionPad": pads.commission,
+    "SetSitePlan": pads.set_site_plan,
     "PublishPrekeys": pads.publish_prekeys,
     "ReadPad": pads.read,
     "ListPrekeys": pads.list_prekeys,

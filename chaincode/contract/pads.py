@@ -98,6 +98,14 @@ async def commission(call: Call, argument: tx.CommissionPad) -> Answer:
     )
 
 
+async def set_site_plan(call: Call, argument: tx.SetSitePlan) -> Answer:
+    """SetSitePlan: sessions requested from now on name it. The file itself is no ledger's business, its hash is."""
+    pad = await _owned(call, argument.pad_id)
+    if pad.site_plan_sha256 == argument.site_plan_sha256:
+        raise conflict("SITE_PLAN_UNCHANGED", f"pad {pad.pad_id} has this site plan already")
+    return await _changed(call, replace(pad, site_plan_sha256=argument.site_plan_sha256))
+
+
 async def publish_prekeys(call: Call, argument: tx.PublishPrekeys) -> Answer:
     """PublishPrekeys. An identifier serves once: neither a waiting nor a used one can be published again."""
     pad = await require_in_service(call, argument.pad_id)

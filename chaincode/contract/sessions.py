@@ -89,6 +89,7 @@ async def request(call: Call, argument: tx.RequestProof) -> Answer:
         requested_ms=now_ms,
         expires_ms=now_ms + policy.session_ttl_ms,
         witness=witness,
+        site_plan_sha256=pad.site_plan_sha256,
     )
     transcript = transcript_of(session, call.stub.channel)
     session = replace(session, transcript_sha256=transcript.digest().hex())

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Final
 
 from simulator.scenario import DAY_MS, Behaviour, DroneSpec, PadSite
@@ -42,8 +43,9 @@ class Registry:
         *,
         policy: Callable[[PadSite], Policy],
         commissioning: Callable[[PadSite], Commissioning] | None = None,
+        site_plans: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
-        """Register, commission and give a policy to each."""
+        """Register, commission and give a policy to each. ``site_plans``: the SHA-256 of a pad's, by the pad's id."""
 
         async def one(pad: PadSite) -> None:
             await self._submit(
@@ -62,6 +64,9 @@ class Registry:
             await self._submit(
                 "pad_operator", "CommissionPad", tx.CommissionPad(pad_id=pad.pad_id, commissioning=survey)
             )
+            if (sha256 := site_plans.get(pad.pad_id)) is not None:
+                plan = tx.SetSitePlan(pad_id=pad.pad_id, site_plan_sha256=sha256)
+                await self._submit("pad_operator", "SetSitePlan", plan)
             await self._submit("admin", "SetPolicy", tx.SetPolicy(pad_id=pad.pad_id, action="*", policy=policy(pad)))
             if pad.dock_assurance is not None:
                 docking = replace(policy(pad), min_assurance=pad.dock_assurance, witness_pad_id=pad.witness_pad_id)

@@ -11,6 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
+from backend.db.engine import Database
+from backend.site_plans.store import keep
+from simulator.place.plans import site_plan
 from simulator.plan import Plan
 from simulator.scenario import DroneSpec, PadSite
 from simulator.stage.ledgers import EmbeddedStageLedger, FabricStageLedger, RunningStageLedger, StageLedger
@@ -97,10 +100,30 @@ class Stage:
         self._stack.push_async_callback(channel.close)
         registry = Registry(self.connection, channel, pad_operator=self.settings.pad_operator)
         await registry.pads(
-            self.settings.pads, now_ms, policy=self.settings.policy, commissioning=self.settings.commissioning
+            self.settings.pads,
+            now_ms,
+            policy=self.settings.policy,
+            commissioning=self.settings.commissioning,
+            site_plans=await self._keep_site_plans(now_ms),
         )
         await registry.drones(self.settings.drones, now_ms)
         self._choose_ports()
+
+    async def _keep_site_plans(self, now_ms: int) -> dict[str, str]:
+        """Put the pads' plans into the database of the stage's own backend; their hashes by pad."""
+        plans = {pad.pad_id: plan for pad in self.settings.pads if (plan := site_plan(pad.pad_id)) is not None}
+        if self.settings.backend_url or not plans:
+            return {}
+        database = Database(self._database_url)
+        try:
+            async with database.write() as connection:
+                return {pad_id: (await keep(connection, pad_id, plan, now_ms))[0] for pad_id, plan in plans.items()}
+        finally:
+            await database.close()
+
+    @property
+    def _database_url(self) -> str:
+        return f"sqlite:///{self.directory / 'backend.sqlite3'}"
 
     async def _stop_ledger(self) -> None:
         if self._ledger is not None:
@@ -122,7 +145,7 @@ class Stage:
             "--identity",
             "mirror",
             "--database",
-            f"sqlite:///{self.directory / 'backend.sqlite3'}",
+            self._database_url,
             "--listen",
             f"127.0.0.1:{self.settings.port}",
             "--demo",

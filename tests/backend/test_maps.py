@@ -63,6 +63,20 @@ def test_what_is_wrong_with_an_archive_is_said_and_where_it_is_set(tmp_path, spo
     assert missing["setting"] == "WONDERLAND_BACKEND_MAP__ARCHIVE"
 
 
+def test_terrain_says_how_its_pixels_are_read_and_what_is_wrong_with_it(tmp_path):
+    path = made(tmp_path / "heights.pmtiles")
+    settings = MapSettings(terrain=path, terrain_encoding="mapbox")
+    told = Maps(settings, new_client()).describe("/api/v1")
+    assert told["missing"] == [
+        {"what": "terrain", "why": "its tiles are vector, not images", "setting": "WONDERLAND_BACKEND_MAP__TERRAIN"}
+    ]
+    damage(path, lambda data: data.__setitem__(slice(98, 100), bytes([1, 2])))
+    told = Maps(settings, new_client()).describe("/api/v1")
+    assert told["missing"] == []
+    assert (told["terrain"]["kind"], told["terrain"]["encoding"]) == ("png", "mapbox")
+    assert told["terrain"]["url"].startswith("/api/v1/map/terrain?v=")
+
+
 def test_fifty_gigabytes_are_read_by_their_parts(tmp_path):
     path = made(tmp_path / "a.pmtiles")
     with path.open("r+b") as file:

@@ -369,16 +369,19 @@ def real(request, real_backend):
     return real_backend(off_ms=getattr(request, "param", 0))
 
 
-@pytest.fixture
-def measured(real):
-    """The id of a session on that backend whose ranges were measured and judged: a drone that lies by three metres."""
+def measure(real, **place):
+    """The id of a session on that backend whose ranges were measured and judged: a drone that lies by three metres.
+
+    ``place``: ``lat_e7`` and ``lon_e7`` of the pad.
+    """
     made = _load("wonderland_console_world", "support", "tests_world.py")
     made.START_MS = start_ms = real.now_ms() - 20_000
+    made.FRAME = replace(made.FRAME, **place)
     world = made.World(seed=5)
     truth, claimed = (3_000, 4_000, 3_000), (6_000, 4_000, 3_000)
     commissioning = world.commissioning.to_json()
     digest = encoding.digest(commissioning).hex()
-    real.add(real.facts.put_pad(commissioning=commissioning, commissioning_sha256=digest))
+    real.add(real.facts.put_pad(commissioning=commissioning, commissioning_sha256=digest, **place))
     session_id = real.tools.number("session", "measured")
     asked = replace(world.session(world.claim(claimed, start_ms)), session_id=session_id, commissioning_sha256=digest)
     steps = [
@@ -399,6 +402,12 @@ def measured(real):
     assert verdict.outcome == "refuted"
     real.add(real.facts.judged(asked), real.facts.judged(asked, evidence, verdict))
     return session_id
+
+
+@pytest.fixture
+def measured(real):
+    """Such a session on the backend of the test."""
+    return measure(real)
 
 
 def pytest_collection_modifyitems(items):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import io
 import os
 import struct
 import time
@@ -11,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import barriers
 import httpx
 import pytest
+from PIL import Image
 from playwright.sync_api import expect
 from town import a_town
 
@@ -342,6 +344,39 @@ def test_fifty_gigabytes_are_shown_as_quickly_as_some_kilobytes(placed, http, op
     page.wait_for_load_state("networkidle")
     sizes = [request.sizes()["responseBodySize"] for request in asked]
     assert sum(sizes) < 1 << 20
+
+
+def hills(path):
+    """Heights around the town: a ridge for each 64 pixels, 90 m high, as Terrarium images."""
+    picture = Image.new("RGB", (512, 512))
+    for x in range(512):
+        height_m = 32768 + 200 + abs(x % 64 - 32) * 2.8
+        picture.paste((int(height_m) >> 8, int(height_m) & 255, int(height_m * 256) & 255), (x, 0, x + 1, 512))
+    tile = io.BytesIO()
+    picture.save(tile, "PNG")
+    tiles = {(12, x, y): tile.getvalue() for x in range(2131, 2135) for y in range(1491, 1496)}
+    writing.write(path, tiles, {"attribution": "© Surveyors"}, (7.30, 43.65, 7.55, 43.80))
+    data = bytearray(path.read_bytes())
+    data[98:100] = bytes([1, 2])  # tiles as they are, PNG
+    path.write_bytes(data)
+    return path
+
+
+def test_slopes_are_shaded_where_there_are_heights(real_backend, town_archive, open_page, tmp_path):
+    (tmp_path / "town.pmtiles").write_bytes(town_archive)
+    running = real_backend(map={"archive": tmp_path / "town.pmtiles", "terrain": hills(tmp_path / "hills.pmtiles")})
+    page = open_page(running.link(), room=f"live?{TOWN},0.0,0.0")
+    expect(page.get_by_test_id("credits")).to_contain_text("© Surveyors")
+
+    def shades():
+        """Colours of a piece of land without streets, drones or panels."""
+        shot = page.screenshot(clip={"x": 460, "y": 100, "width": 220, "height": 300})
+        return len(Image.open(io.BytesIO(shot)).convert("RGB").getcolors(1 << 24))
+
+    deadline = time.monotonic() + 40
+    while shades() < 5 and time.monotonic() < deadline:
+        page.wait_for_timeout(500)
+    assert shades() >= 5, "the ground is as flat as without heights"
 
 
 @pytest.mark.timeout(240)

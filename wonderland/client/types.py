@@ -415,6 +415,7 @@ class Pad(TypedDict):
     updated_ms: int
     commissioning: NotRequired[Commissioning]
     commissioning_sha256: NotRequired[str]
+    site_plan_sha256: NotRequired[str]
     note: NotRequired[str]
     anchors: list[AnchorPosition]
     health: NotRequired[Health]

@@ -11,6 +11,7 @@ from backend.db.tables import (
     proof_requests,
     reported,
     signing,
+    site_plans,
     webhooks,
     zones,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "proof_requests",
     "reported",
     "signing",
+    "site_plans",
     "webhooks",
     "zones",
 ]

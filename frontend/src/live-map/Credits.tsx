@@ -9,7 +9,7 @@ const TOPICS: readonly Topic[] = ["status"];
 /** Whose map this is: always in sight. And what of it is missing, with where that is set. */
 export function Credits({ base }: { base: BaseMap }): ReactElement | null {
   const demo = useLive(TOPICS, (store) => store.status?.server.demo === true);
-  const pieces = [base.archive, base.imagery].flatMap((each) => each?.attribution ?? []);
+  const pieces = [base.archive, base.terrain, base.imagery].flatMap((each) => each?.attribution ?? []);
   if (pieces.length === 0 && base.missing.length === 0) return null;
   return (
     <div className="map-credits" data-testid="credits">

@@ -12,6 +12,7 @@ import { SessionPanel } from "../sessions/SessionPanel";
 import { NetworkedCard, useNetworked } from "../networked/NetworkedCard";
 import { flightAt } from "../networked/overlay";
 import type { Bounds } from "../networked/calls";
+import { usePlanOverlays } from "../plans/usePlans";
 import { useMapZones, ZoneCard, ZoneLegend } from "../zones/MapZones";
 import { zonesAt } from "../zones/overlay";
 import { Announcer } from "./Announcer";
@@ -154,7 +155,8 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
   const networkedOn = place.networked === true && place.as === undefined;
   const networked = useNetworked(networkedOn, view, flight);
   const { overlays: flightOverlays } = networked;
-  const overlays = useMemo(() => [...zoneOverlays, ...flightOverlays], [zoneOverlays, flightOverlays]);
+  const planOverlays = usePlanOverlays([...store.pads.values()], place.as === undefined && (place.camera?.zoom ?? 0) > 15);
+  const overlays = useMemo(() => [...planOverlays, ...zoneOverlays, ...flightOverlays], [planOverlays, zoneOverlays, flightOverlays]);
   const toggleNetworked = (): void => {
     setFlight(undefined);
     setView(map.current?.bounds());

@@ -51,6 +51,7 @@ const KNOWN: Record<Act, true> = {
   UpdatePad: true,
   RetirePad: true,
   CommissionPad: true,
+  SetSitePlan: true,
   SetClosures: true,
   RegisterUav: true,
   SetUavStatus: true,

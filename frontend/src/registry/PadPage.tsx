@@ -1,6 +1,8 @@
 import { useQuery, useQueryClient } from "@tanstack/react-query";
 import { useCallback, type ReactElement } from "react";
 import { placeHash } from "../app/location";
+import { SitePlanCard } from "../plans/SitePlanCard";
+import { SitePlanForm } from "../plans/SitePlanForm";
 import { useApi } from "../shared/api/api";
 import { ago, coordinates, count, day, dayAndTime, length } from "../shared/format";
 import { useLive, useServerNow } from "../shared/live/useLive";
@@ -18,7 +20,7 @@ import { Status } from "./Status";
 import { registryTexts as t } from "./texts";
 
 const TOPICS: readonly Topic[] = ["pads"];
-const PAD_FORMS = ["edit-pad", "commission", "retire-pad"] as const;
+const PAD_FORMS = ["edit-pad", "commission", "site-plan", "retire-pad"] as const;
 
 function Facts({ rows }: { rows: readonly (readonly [string, string])[] }): ReactElement {
   return (
@@ -133,18 +135,28 @@ export function PadPage({ pad_id, form, part }: { pad_id: string; form: string |
           <h2 id="registry-form">
             {t("form", { form: chosen === undefined ? "policy" : formKey(chosen) })} <span className="quiet">· {record.name}</span>
           </h2>
-          <ChangeForm
-            key={`${form ?? ""} ${part ?? ""}`}
-            name={chosen ?? "policy"}
-            about={policy === undefined ? { pad_id } : { pad_id, action: policy.action }}
-            before={policy === undefined ? { record, version } : policyBefore(policy)}
-            onReload={fresh}
-            onDone={() => void fresh()}
-            onCancel={back}
-          />
+          {chosen === "site-plan" ? (
+            <SitePlanForm
+              record={record}
+              sign={(site_plan_sha256) => (
+                <ChangeForm key={site_plan_sha256} name="site-plan" about={{ pad_id, ...(site_plan_sha256 !== undefined && { site_plan_sha256 }) }} before={{ record, version }} onReload={fresh} onDone={() => void fresh()} onCancel={back} />
+              )}
+            />
+          ) : (
+            <ChangeForm
+              key={`${form ?? ""} ${part ?? ""}`}
+              name={chosen ?? "policy"}
+              about={policy === undefined ? { pad_id } : { pad_id, action: policy.action }}
+              before={policy === undefined ? { record, version } : policyBefore(policy)}
+              onReload={fresh}
+              onDone={() => void fresh()}
+              onCancel={back}
+            />
+          )}
         </section>
       )}
       <div className="registry-columns">
+        <div className="registry-stack">
         <section className="float card">
           <h2>{t("record")}</h2>
           <Facts
@@ -158,6 +170,8 @@ export function PadPage({ pad_id, form, part }: { pad_id: string; form: string |
           />
         </section>
         <HealthCard pad_id={pad_id} now_ms={now_ms} />
+        </div>
+        <SitePlanCard pad_id={pad_id} sha256={record.site_plan_sha256} anchors={record.commissioning?.anchors} />
       </div>
       <section className="float card">
         <h2>{t("policies")}</h2>

@@ -15,6 +15,7 @@ export type FormName =
   | "edit-pad"
   | "retire-pad"
   | "commission"
+  | "site-plan"
   | "policy";
 export type FormSpec = { transaction: string; fields: readonly FieldSpec[]; danger?: true };
 
@@ -74,6 +75,7 @@ export const FORMS: Readonly<Record<FormName, FormSpec>> = {
   },
   "retire-pad": { transaction: "RetirePad", fields: [REASON], danger: true },
   commission: { transaction: "CommissionPad", fields: [] },
+  "site-plan": { transaction: "SetSitePlan", fields: [] },
   policy: {
     transaction: "SetPolicy",
     fields: [

@@ -107,9 +107,9 @@ export const registryTexts = texts({
     lastSeen: "Last seen in block",
     expiringOnly: "only those that end within 30 days",
     form:
-      "{form, select, register_drone {Register a drone} suspend {Suspend} reactivate {Lift the suspension} retire_drone {Retire} grant {Grant an authorisation} revoke {Revoke the authorisation} maintenance {Record maintenance} register_pad {Register a pad} edit_pad {Edit} retire_pad {Retire} commission {Commission} other {Set the policy}}",
+      "{form, select, register_drone {Register a drone} suspend {Suspend} reactivate {Lift the suspension} retire_drone {Retire} grant {Grant an authorisation} revoke {Revoke the authorisation} maintenance {Record maintenance} register_pad {Register a pad} edit_pad {Edit} retire_pad {Retire} commission {Commission} site_plan {Site plan} other {Set the policy}}",
     formHint:
-      "{form, select, register_drone {Makes a drone known. It belongs to the organisation of whoever signs.} suspend {From the next block on no pad permits it anything.} reactivate {It may ask pads again.} retire_drone {For good: the serial number cannot be registered again.} grant {Permits actions at a pad for a time.} revoke {From the next block on it no longer holds.} maintenance {Records work that was done, and until when it is good.} register_pad {Makes a pad known. It belongs to the organisation of whoever signs.} edit_pad {What people read of it. Where it stands only commissioning changes.} retire_pad {For good: the identifier cannot be registered again.} commission {The survey and calibration from wonderland pad commission, as a JSON file.} other {Holds for sessions that are requested from now on.}}",
+      "{form, select, register_drone {Makes a drone known. It belongs to the organisation of whoever signs.} suspend {From the next block on no pad permits it anything.} reactivate {It may ask pads again.} retire_drone {For good: the serial number cannot be registered again.} grant {Permits actions at a pad for a time.} revoke {From the next block on it no longer holds.} maintenance {Records work that was done, and until when it is good.} register_pad {Makes a pad known. It belongs to the organisation of whoever signs.} edit_pad {What people read of it. Where it stands only commissioning changes.} retire_pad {For good: the identifier cannot be registered again.} commission {The survey and calibration from wonderland pad commission, as a JSON file.} site_plan {Its hash goes on the ledger; sessions requested from now on name it.} other {Holds for sessions that are requested from now on.}}",
     check: "Check and sign",
     draft: "What you typed before is still here.",
     discard: "Begin anew",
@@ -236,9 +236,9 @@ export const registryTexts = texts({
     lastSeen: "Viimeksi lohkossa",
     expiringOnly: "vain 30 päivän sisällä päättyvät",
     form:
-      "{form, select, register_drone {Rekisteröi drooni} suspend {Keskeytä} reactivate {Kumoa keskeytys} retire_drone {Poista käytöstä} grant {Myönnä lupa} revoke {Peru lupa} maintenance {Kirjaa huolto} register_pad {Rekisteröi alusta} edit_pad {Muokkaa} retire_pad {Poista käytöstä} commission {Ota käyttöön} other {Aseta säännöt}}",
+      "{form, select, register_drone {Rekisteröi drooni} suspend {Keskeytä} reactivate {Kumoa keskeytys} retire_drone {Poista käytöstä} grant {Myönnä lupa} revoke {Peru lupa} maintenance {Kirjaa huolto} register_pad {Rekisteröi alusta} edit_pad {Muokkaa} retire_pad {Poista käytöstä} commission {Ota käyttöön} site_plan {Asemakuva} other {Aseta säännöt}}",
     formHint:
-      "{form, select, register_drone {Drooni tulee tunnetuksi. Se kuuluu allekirjoittajan organisaatiolle.} suspend {Seuraavasta lohkosta alkaen mikään alusta ei salli sille mitään.} reactivate {Se voi taas pyytää alustoilta.} retire_drone {Lopullisesti: sarjanumeroa ei voi rekisteröidä uudelleen.} grant {Sallii toimintoja alustalla määräajaksi.} revoke {Seuraavasta lohkosta alkaen se ei ole enää voimassa.} maintenance {Kirjaa tehdyn työn ja sen, mihin asti se kelpaa.} register_pad {Alusta tulee tunnetuksi. Se kuuluu allekirjoittajan organisaatiolle.} edit_pad {Mitä ihmiset siitä lukevat. Sijainnin muuttaa vain käyttöönotto.} retire_pad {Lopullisesti: tunnusta ei voi rekisteröidä uudelleen.} commission {Mittaus ja kalibrointi komennosta wonderland pad commission JSON-tiedostona.} other {Pätee tästä lähtien pyydettyihin istuntoihin.}}",
+      "{form, select, register_drone {Drooni tulee tunnetuksi. Se kuuluu allekirjoittajan organisaatiolle.} suspend {Seuraavasta lohkosta alkaen mikään alusta ei salli sille mitään.} reactivate {Se voi taas pyytää alustoilta.} retire_drone {Lopullisesti: sarjanumeroa ei voi rekisteröidä uudelleen.} grant {Sallii toimintoja alustalla määräajaksi.} revoke {Seuraavasta lohkosta alkaen se ei ole enää voimassa.} maintenance {Kirjaa tehdyn työn ja sen, mihin asti se kelpaa.} register_pad {Alusta tulee tunnetuksi. Se kuuluu allekirjoittajan organisaatiolle.} edit_pad {Mitä ihmiset siitä lukevat. Sijainnin muuttaa vain käyttöönotto.} retire_pad {Lopullisesti: tunnusta ei voi rekisteröidä uudelleen.} commission {Mittaus ja kalibrointi komennosta wonderland pad commission JSON-tiedostona.} site_plan {Sen tiiviste menee tilikirjalle; tästä lähtien pyydetyt istunnot nimeävät sen.} other {Pätee tästä lähtien pyydettyihin istuntoihin.}}",
     check: "Tarkista ja allekirjoita",
     draft: "Aiemmin kirjoittamasi on yhä tässä.",
     discard: "Aloita alusta",
@@ -308,6 +308,7 @@ export const fieldTexts = texts({
     broadcast_required: "A true broadcast is needed",
     commissioning: "Commissioning",
     commissioning_sha256: "Commissioning, SHA-256",
+    site_plan_sha256: "Site plan, SHA-256",
     recorded_by: "Recorded by",
     granted_by: "Granted by",
     granted_ms: "Granted",
@@ -361,6 +362,7 @@ export const fieldTexts = texts({
     broadcast_required: "Tosi lähetys tarvitaan",
     commissioning: "Käyttöönotto",
     commissioning_sha256: "Käyttöönotto, SHA-256",
+    site_plan_sha256: "Asemakuva, SHA-256",
     recorded_by: "Kirjannut",
     granted_by: "Myöntänyt",
     granted_ms: "Myönnetty",

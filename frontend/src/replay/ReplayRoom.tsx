@@ -22,6 +22,7 @@ import { useFleet } from "../shared/live/useFleet";
 import type { LonLat } from "../shared/geo/frame";
 import { LiveContext, useLive, useLiveStore } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
+import { usePlanOverlays } from "../plans/usePlans";
 import { useMapZones, ZoneCard, ZoneLegend } from "../zones/MapZones";
 import { zonesAt } from "../zones/overlay";
 import { PastApi, ReplayApi, type Area } from "./api";
@@ -192,7 +193,9 @@ function Desk({ place, player, api, now_ms }: Properties): ReactElement {
   const measuring = useMeasure(live.measure, setMeasure, map);
   const table = live.as === "table";
   const toggleTable = (): void => change({}, { as: table ? undefined : "table" });
-  const { zones, overlays } = useMapZones(live.zones !== "off", t_ms);
+  const { zones, overlays: zoneOverlays } = useMapZones(live.zones !== "off", t_ms);
+  const planOverlays = usePlanOverlays([...store.pads.values()], !table);
+  const overlays = useMemo(() => [...planOverlays, ...zoneOverlays], [planOverlays, zoneOverlays]);
   const opened = (live.zone ?? []).flatMap((id) => zones.find(({ properties }) => properties.zone_id === id) ?? []);
   const onGround = (at: LonLat): void => {
     const found = zonesAt(zones, at).map(({ properties }) => properties.zone_id);

@@ -2,6 +2,7 @@ import { useQuery } from "@tanstack/react-query";
 import { useRef, type ReactElement } from "react";
 import { placeHash } from "../app/location";
 import { transactionHref } from "../ledger/links";
+import { SitePlanCard } from "../plans/SitePlanCard";
 import { ReplayLink } from "../replay/ReplayLink";
 import { useApi } from "../shared/api/api";
 import { useFresh } from "../shared/api/useFresh";
@@ -212,6 +213,7 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
   const session = asOf(known, now_ms);
   const verdict = live.verdict ?? query.data?.verdict ?? undefined;
   const pad = store.pads.get(session.pad_id);
+  const site_plan_sha256 = query.data?.session.site_plan_sha256;
   const drone = droneOf(store, session.uav_id, now_ms);
   return (
     <div className="page">
@@ -236,7 +238,8 @@ export function SessionPage({ session_id }: { session_id: string }): ReactElemen
           <SessionPanel drone={drone} session={session} verdict={verdict} pad={pad} now_ms={now_ms} tools={null} place="page" />
         </section>
         <div className="session-rest">
-          {verdict !== undefined && <SessionMap verdict={verdict} />}
+          {verdict !== undefined && <SessionMap verdict={verdict} site_plan_sha256={site_plan_sha256} />}
+          {site_plan_sha256 !== undefined && <SitePlanCard pad_id={session.pad_id} sha256={site_plan_sha256} anchors={pad?.commissioning?.anchors} then />}
           <Sequence session={session} detail={query.data} />
           {verdict !== undefined && <CourseChart session_id={session_id} />}
           {verdict !== undefined && <Residuals session_id={session_id} />}

@@ -152,6 +152,7 @@ class Pad(Record):
     updated_ms: TimeMs
     commissioning: Commissioning | None = None
     commissioning_sha256: Sha256Hex | None = None
+    site_plan_sha256: Sha256Hex | None = None
     note: Note | None = None
 
 

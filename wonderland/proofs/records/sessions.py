@@ -301,3 +301,4 @@ class Session(Record):
     ended_by: Annotated[str, Choice(("pad", "uav", "authority"))] | None = None
     note: Note | None = None
     witness: Witness | None = None
+    site_plan_sha256: Sha256Hex | None = None

@@ -25,6 +25,7 @@ from wonderland.proofs.records.fields import (
     PrekeyId,
     PublicKey,
     SessionId,
+    Sha256Hex,
     TimeMs,
     UavId,
 )
@@ -80,6 +81,14 @@ class CommissionPad(Record):
 
     pad_id: PadId
     commissioning: pads.Commissioning
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SetSitePlan(Record):
+    """Names the plan of a pad's site by the SHA-256 of its file; without one, the pad has no plan any more."""
+
+    pad_id: PadId
+    site_plan_sha256: Sha256Hex | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -304,6 +313,7 @@ TRANSACTIONS: Final = _all(
     Transaction("UpdatePad", UpdatePad, (ADMIN, PAD_OPERATOR), "PadUpdated"),
     Transaction("RetirePad", RetirePad, (ADMIN, PAD_OPERATOR), "PadRetired"),
     Transaction("CommissionPad", CommissionPad, (ADMIN, PAD_OPERATOR), "PadCommissioned"),
+    Transaction("SetSitePlan", SetSitePlan, (ADMIN, PAD_OPERATOR), "SitePlanSet"),
     Transaction("PublishPrekeys", PublishPrekeys, (PAD,), "PrekeysPublished"),
     Transaction("RegisterUav", RegisterUav, (ADMIN, FLEET_OPERATOR), "UavRegistered"),
     Transaction("SetUavStatus", SetUavStatus, (ADMIN, INSPECTOR, FLEET_OPERATOR), "UavStatusSet"),

@@ -4,15 +4,17 @@ import { reading } from "../../shared/i18n/locale";
 import type { components } from "../../shared/api/schema";
 import { ArchiveSource } from "./archiveSource";
 import type { Palette } from "./icons";
-import { groundLayers, PLACE, PLACE_ZOOM, placeWordLayers, volumeLayers, type Stage } from "./placeLayers";
+import { groundLayers, PLACE, PLACE_ZOOM, placeWordLayers, reliefLayer, volumeLayers, type Stage } from "./placeLayers";
 
 export type BaseMap = components["schemas"]["BaseMap"];
 export type MapLayer = components["schemas"]["MapLayer"];
 
 const IMAGERY = "imagery";
+const TERRAIN = "terrain";
 const SCHEME = "pmtiles";
 /** From the bottom to the top: ground below this layer of ours, volumes and words below that one. */
 const GROUND_BELOW = "grid";
+const RELIEF_BELOW = `${PLACE}-paved`;
 const VOLUMES_BELOW = "reach";
 const FOOTPRINTS = `${PLACE}-building`;
 const LIGHT = 0.16;
@@ -60,7 +62,7 @@ export class PlaceOnMap {
 
   /** What there is to show; called again when it has changed. */
   describe(base: BaseMap, colours: Palette): void {
-    const same = JSON.stringify([base.archive, base.imagery]) === JSON.stringify([this.shown.archive, this.shown.imagery]);
+    const same = JSON.stringify({ ...base, missing: [] }) === JSON.stringify({ ...this.shown, missing: [] });
     this.shown = base;
     if (same || !this.on) return;
     this.clear();
@@ -124,14 +126,15 @@ export class PlaceOnMap {
   private clear(): void {
     for (const id of this.ids) this.map.removeLayer(id);
     this.ids = [];
-    for (const id of [PLACE, IMAGERY]) if (this.map.getSource(id) !== undefined) this.map.removeSource(id);
+    for (const id of [PLACE, TERRAIN, IMAGERY]) if (this.map.getSource(id) !== undefined) this.map.removeSource(id);
   }
 
   private draw(colours: Palette): void {
-    const { archive, imagery } = this.shown;
-    if (archive === undefined && imagery === undefined) return;
+    const { archive, terrain, imagery } = this.shown;
+    if (archive === undefined && terrain === undefined && imagery === undefined) return;
     this.archives ??= use();
     if (archive !== undefined) this.addSource(PLACE, archive);
+    if (terrain !== undefined) this.addSource(TERRAIN, terrain);
     if (imagery !== undefined && this.imagery) this.addSource(IMAGERY, imagery);
     for (const { layers, below } of this.layers(colours)) {
       for (const layer of layers) {
@@ -144,18 +147,19 @@ export class PlaceOnMap {
   }
 
   private layers(colours: Palette): { layers: ReturnType<typeof groundLayers>; below: string }[] {
-    const { archive, imagery } = this.shown;
+    const { archive, terrain, imagery } = this.shown;
     const [, south = 0, , north = 0] = archive?.bounds ?? [];
     const pictures = imagery !== undefined && this.imagery;
     const volumes = volumeLayers(colours, this.stage, this.volumes);
     return [
       ...(archive === undefined || pictures ? [] : [{ layers: groundLayers(colours, (south + north) / 2), below: GROUND_BELOW }]),
+      ...(terrain === undefined || pictures ? [] : [{ layers: [reliefLayer(colours, TERRAIN)], below: archive === undefined ? GROUND_BELOW : RELIEF_BELOW }]),
       ...(pictures ? [{ layers: [{ id: IMAGERY, type: "raster" as const, source: IMAGERY, paint: { "raster-saturation": -0.35, "raster-fade-duration": 0 } }], below: GROUND_BELOW }] : []),
       ...(archive === undefined ? [] : [{ layers: [...volumes, ...placeWordLayers(colours, reading().locale)], below: VOLUMES_BELOW }]),
     ];
   }
 
-  private addSource(id: string, { url, kind, bounds, min_zoom, max_zoom }: MapLayer): void {
+  private addSource(id: string, { url, kind, bounds, min_zoom, max_zoom, encoding }: MapLayer): void {
     const address = `${this.origin}${url}`;
     const common = { bounds: [...bounds] as [number, number, number, number], minzoom: id === PLACE ? Math.max(min_zoom, Math.floor(PLACE_ZOOM)) : min_zoom, maxzoom: max_zoom };
     if (kind === "wmts") {
@@ -164,7 +168,8 @@ export class PlaceOnMap {
     }
     this.archives?.add(new PMTiles(new ArchiveSource(address)));
     const tiles = [`${SCHEME}://${address}/{z}/{x}/{y}`];
-    if (kind === "vector") this.map.addSource(id, { type: "vector", tiles, ...common });
+    if (id === TERRAIN) this.map.addSource(id, { type: "raster-dem", tiles, tileSize: 512, encoding: encoding ?? "terrarium", ...common });
+    else if (kind === "vector") this.map.addSource(id, { type: "vector", tiles, ...common });
     else this.map.addSource(id, { type: "raster", tiles, tileSize: 256, ...common });
   }
 }

@@ -112,6 +112,13 @@ export function groundLayers(colours: Palette, lat: number): LayerSpecification[
   ];
 }
 
+/** Slopes of the ground, lit from the north-west and so lightly that a street on them is as white as elsewhere. */
+export function reliefLayer(colours: Palette, source: string): LayerSpecification {
+  const c = (name: string): string => colours[name] ?? "";
+  const paint = { "hillshade-exaggeration": 0.35, "hillshade-shadow-color": c("building-edge"), "hillshade-accent-color": c("building-edge"), "hillshade-highlight-color": c("road"), "hillshade-illumination-direction": 320 };
+  return { id: `${source}-relief`, type: "hillshade", source, paint };
+}
+
 /** Beyond the data the place goes over into plain land. */
 function fading(colours: Palette): Layer[] {
   return FADES.map((opacity, step) =>
