@@ -8,7 +8,6 @@ import pytest
 
 from backend.alerts.kinds import plain_text
 from backend.alerts.watch import pad_conditions
-from backend.ingest.messages import BODIES
 from backend.pads.schemas import DriftHealth
 from edge_agent.drift import DriftState
 

@@ -1,0 +1,107 @@
+"""What pads and drones tell the backend, ``wonderland-ingest/1``: each message and each body declared once.
+
+Frames (`frames`) are tagged by ``type``; a record's body (`bodies`) is of the struct that its ``kind`` names. Agents
+construct and encode these structs, the backend decodes the same ones. A struct is checked when it is decoded, not when
+it is constructed: what an agent says is its own matter until it reaches somebody else. All of it is unverified.
+
+docs/reference/ingest.md is made from these declarations.
+"""
+
+from wonderland.telemetry.bodies import (
+    FOR_USPACE,
+    AnchorHealth,
+    Body,
+    Drift,
+    Drip,
+    Dropped,
+    EndStep,
+    Estimate,
+    Finding,
+    Health,
+    Position,
+    ReceiverHealth,
+    SessionEnd,
+    Signature,
+    SpoolHealth,
+    Step,
+    Track,
+)
+from wonderland.telemetry.codec import (
+    BODIES,
+    canonical,
+    decode_agent,
+    decode_body,
+    decode_hello,
+    decode_record,
+    decode_server,
+    encode,
+    number_of,
+    plain,
+)
+from wonderland.telemetry.errors import TelemetryError
+from wonderland.telemetry.fields import Action, FindingKind, StepName, UavId
+from wonderland.telemetry.frames import (
+    NONCE_BYTES,
+    PROTOCOL,
+    SERVER,
+    Ack,
+    Answer,
+    Challenge,
+    Hello,
+    PleaseProve,
+    Record,
+    Records,
+    Refused,
+    Rejected,
+    Welcome,
+    signed_text,
+)
+
+__all__ = [
+    "BODIES",
+    "FOR_USPACE",
+    "NONCE_BYTES",
+    "PROTOCOL",
+    "SERVER",
+    "Ack",
+    "Action",
+    "AnchorHealth",
+    "Answer",
+    "Body",
+    "Challenge",
+    "Drift",
+    "Drip",
+    "Dropped",
+    "EndStep",
+    "Estimate",
+    "Finding",
+    "FindingKind",
+    "Health",
+    "Hello",
+    "PleaseProve",
+    "Position",
+    "ReceiverHealth",
+    "Record",
+    "Records",
+    "Refused",
+    "Rejected",
+    "SessionEnd",
+    "Signature",
+    "SpoolHealth",
+    "Step",
+    "StepName",
+    "TelemetryError",
+    "Track",
+    "UavId",
+    "Welcome",
+    "canonical",
+    "decode_agent",
+    "decode_body",
+    "decode_hello",
+    "decode_record",
+    "decode_server",
+    "encode",
+    "number_of",
+    "plain",
+    "signed_text",
+]

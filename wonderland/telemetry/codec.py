@@ -1,0 +1,134 @@
+"""From texts to messages and back. Whatever a text holds, what comes out is a message or a `TelemetryError`.
+
+Bodies are decoded apart from their frame, so that a bad record is refused alone. Nesting is bounded by the parser,
+length by who receives.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Final, TypeVar
+
+import msgspec
+
+from wonderland.telemetry.bodies import (
+    Body,
+    Dropped,
+    Estimate,
+    Finding,
+    Health,
+    Position,
+    SessionEnd,
+    Step,
+    Track,
+)
+from wonderland.telemetry.errors import TelemetryError
+from wonderland.telemetry.fields import MAX_SEQ, Message, Seq
+from wonderland.telemetry.frames import FromAgent, FromServer, Hello, Record
+
+BODIES: Final[dict[str, type[Body]]] = {
+    each.KIND: each for each in (Track, Position, Finding, Estimate, Step, SessionEnd, Health, Dropped)
+}
+"""Which struct the body of each kind is."""
+
+_MAX_MESSAGE: Final = 300
+_WHERE: Final = re.compile(r" - at `\$\.?(.*)`\Z", re.DOTALL)
+_CONTROLS: Final = re.compile(r"[\x00-\x1f\x7f]")
+_Message = TypeVar("_Message")
+
+
+class _Numbered(msgspec.Struct):
+    """A record of which nothing is known yet but its number."""
+
+    seq: Seq
+
+
+_FROM_AGENT: Final[msgspec.json.Decoder[FromAgent]] = msgspec.json.Decoder(FromAgent)
+_FROM_SERVER: Final[msgspec.json.Decoder[FromServer]] = msgspec.json.Decoder(FromServer)
+_RECORD: Final = msgspec.json.Decoder(Record)
+_NUMBERED: Final = msgspec.json.Decoder(_Numbered)
+_BODIES: Final[dict[str, msgspec.json.Decoder[Body]]] = {
+    kind: msgspec.json.Decoder(each) for kind, each in BODIES.items()
+}
+
+
+def decode_hello(text: str | bytes) -> Hello:
+    """An agent's first frame. Raises `TelemetryError` (``bad_hello``)."""
+    message = _decoded(_FROM_AGENT, text, "bad_hello")
+    if not isinstance(message, Hello):
+        raise TelemetryError("bad_hello", f"type: expected `hello`, got `{_tag(message)}`")
+    return message
+
+
+def decode_agent(text: str | bytes) -> FromAgent:
+    """What an agent sends. Raises `TelemetryError` (``bad_frame``); records in it are not looked at yet."""
+    return _decoded(_FROM_AGENT, text, "bad_frame")
+
+
+def decode_server(text: str | bytes) -> FromServer:
+    """What the server sends. Raises `TelemetryError` (``bad_frame``)."""
+    return _decoded(_FROM_SERVER, text, "bad_frame")
+
+
+def number_of(raw: msgspec.Raw) -> int:
+    """A record's number, without which nothing can be said about it. Raises `TelemetryError` (``bad_frame``)."""
+    try:
+        return _NUMBERED.decode(raw).seq
+    except (ValueError, RecursionError):
+        raise TelemetryError("bad_frame", f"records: seq must be an integer from 1 to {MAX_SEQ}") from None
+
+
+def decode_record(raw: msgspec.Raw) -> Record:
+    """A record, its body not looked at yet. Raises `TelemetryError` (``bad_record``)."""
+    record = _decoded(_RECORD, raw, "bad_record")
+    if memoryview(record.body)[0] != ord("{"):
+        raise TelemetryError("bad_record", "body: expected an object")
+    return record
+
+
+def decode_body(record: Record) -> Body:
+    """A record's body, of the struct of its kind. Raises `TelemetryError` (``unknown_kind``, ``bad_body``)."""
+    decoder = _BODIES.get(record.kind)
+    if decoder is None:
+        raise TelemetryError("unknown_kind", f"kind {record.kind!r}; known are {', '.join(BODIES)}")
+    return _decoded(decoder, record.body, "bad_body")
+
+
+def encode(message: FromAgent | FromServer | Body) -> str:
+    """A message as JSON text."""
+    return msgspec.json.encode(message).decode()
+
+
+def canonical(message: Message) -> bytes:
+    """A message as canonical JSON (`wonderland.proofs.encoding`): names are sorted."""
+    return msgspec.json.encode(message, order="sorted")
+
+
+def plain(message: Message) -> dict[str, Any]:
+    """A message as the JSON object that it is, for who adds to it or encodes it in another way."""
+    found: dict[str, Any] = msgspec.to_builtins(message)
+    return found
+
+
+def _tag(message: FromAgent) -> str:
+    return str(type(message).__struct_config__.tag)
+
+
+def _decoded(decoder: msgspec.json.Decoder[_Message], text: str | bytes | msgspec.Raw, code: str) -> _Message:
+    try:
+        return decoder.decode(text)
+    except RecursionError:
+        raise TelemetryError(code, "nested too deeply") from None
+    except UnicodeError:  # bytes that are no UTF-8, or half of a surrogate pair in a text
+        raise TelemetryError(code, "not UTF-8") from None
+    except ValueError as error:  # msgspec's own errors are among these
+        raise TelemetryError(code, _said(error)) from None
+
+
+def _said(error: ValueError) -> str:
+    """What is wrong, and in which field: bounded and printable, for it may quote names that somebody made up."""
+    text = str(error)
+    where = _WHERE.search(text)
+    if where is not None:
+        text = f"{where.group(1)}: {text[: where.start()]}" if where.group(1) else text[: where.start()]
+    return _CONTROLS.sub("\ufffd", text)[:_MAX_MESSAGE]
