@@ -155,7 +155,7 @@ async def by_the_reporter() -> list[tuple[str, int, str]]:
         drone.take_signature(observation)
     reporter = SpoolReporter(spool, lambda uav_id, since_ms: drone.signature(since_ms))
     reporter.step(SESSION, do.ReportStep("poll", T0 + 1))
-    reporter.step(SESSION, do.ReportStep("range", T0 + 2, ok=False, detail="anchors silent: “A1” \\ \"A2\" " + "x" * 400))
+    reporter.step(SESSION, do.ReportStep("range", T0 + 2, ok=False, detail='anchors silent: “A1” \\ "A2" ' + "x" * 400))
     verdict = SimpleNamespace(
         estimate=SimpleNamespace(lat_e7=604_518_900, lon_e7=222_666_000, east_mm=10, north_mm=-1_000),
         covariance=SimpleNamespace(ee_mm2=100, en_mm2=-5, nn_mm2=90),

@@ -23,9 +23,7 @@ def shown(batch: Batch) -> dict[str, Any]:
     for name in ("agent", "tell", "heard", "networked"):
         del named[name]
     named["rejected"] = [[seq, code] for seq, code, _ in batch.rejected]
-    named["irregular"] = [
-        {name: value for name, value in row.items() if name != "message"} for row in batch.irregular
-    ]
+    named["irregular"] = [{name: value for name, value in row.items() if name != "message"} for row in batch.irregular]
     plain = json.loads(json.dumps(named))
     rows = [row for value in plain.values() if isinstance(value, list) for row in value if isinstance(row, dict)]
     for row in [*rows, plain["health"] or {}]:

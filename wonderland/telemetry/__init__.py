@@ -37,6 +37,8 @@ from wonderland.telemetry.codec import (
     encode,
     number_of,
     plain,
+    record_of,
+    records_of,
 )
 from wonderland.telemetry.errors import TelemetryError
 from wonderland.telemetry.fields import Action, FindingKind, StepName, UavId
@@ -103,5 +105,7 @@ __all__ = [
     "encode",
     "number_of",
     "plain",
+    "record_of",
+    "records_of",
     "signed_text",
 ]

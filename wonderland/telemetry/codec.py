@@ -7,7 +7,8 @@ length by who receives.
 from __future__ import annotations
 
 import re
-from typing import Any, Final, TypeVar
+from collections.abc import Iterable
+from typing import Any, Final, TypeVar, get_args
 
 import msgspec
 
@@ -24,7 +25,7 @@ from wonderland.telemetry.bodies import (
 )
 from wonderland.telemetry.errors import TelemetryError
 from wonderland.telemetry.fields import MAX_SEQ, Message, Seq
-from wonderland.telemetry.frames import FromAgent, FromServer, Hello, Record
+from wonderland.telemetry.frames import FromAgent, FromServer, Hello, Record, Records
 
 BODIES: Final[dict[str, type[Body]]] = {
     each.KIND: each for each in (Track, Position, Finding, Estimate, Step, SessionEnd, Health, Dropped)
@@ -37,6 +38,12 @@ _CONTROLS: Final = re.compile(r"[\x00-\x1f\x7f]")
 _Message = TypeVar("_Message")
 
 
+class _Typed(msgspec.Struct):
+    """A message of which nothing is known yet but its type."""
+
+    type: str
+
+
 class _Numbered(msgspec.Struct):
     """A record of which nothing is known yet but its number."""
 
@@ -46,6 +53,8 @@ class _Numbered(msgspec.Struct):
 _FROM_AGENT: Final[msgspec.json.Decoder[FromAgent]] = msgspec.json.Decoder(FromAgent)
 _FROM_SERVER: Final[msgspec.json.Decoder[FromServer]] = msgspec.json.Decoder(FromServer)
 _RECORD: Final = msgspec.json.Decoder(Record)
+_TYPED: Final = msgspec.json.Decoder(_Typed)
+_SERVER_TYPES: Final = {each.__struct_config__.tag for each in get_args(FromServer)}
 _NUMBERED: Final = msgspec.json.Decoder(_Numbered)
 _BODIES: Final[dict[str, msgspec.json.Decoder[Body]]] = {
     kind: msgspec.json.Decoder(each) for kind, each in BODIES.items()
@@ -66,8 +75,14 @@ def decode_agent(text: str | bytes) -> FromAgent:
 
 
 def decode_server(text: str | bytes) -> FromServer:
-    """What the server sends. Raises `TelemetryError` (``bad_frame``)."""
-    return _decoded(_FROM_SERVER, text, "bad_frame")
+    """What the server sends. Raises `TelemetryError`: ``unknown_type`` for what a later one may say, ``bad_frame``."""
+    try:
+        return _decoded(_FROM_SERVER, text, "bad_frame")
+    except TelemetryError:
+        kind = _decoded(_TYPED, text, "bad_frame").type
+        if kind in _SERVER_TYPES:
+            raise
+        raise TelemetryError("unknown_type", f"type: unknown `{_clean(kind[:40])}`") from None
 
 
 def number_of(raw: msgspec.Raw) -> int:
@@ -92,6 +107,16 @@ def decode_body(record: Record) -> Body:
     if decoder is None:
         raise TelemetryError("unknown_kind", f"kind {record.kind!r}; known are {', '.join(BODIES)}")
     return _decoded(decoder, record.body, "bad_body")
+
+
+def record_of(seq: int, t_ms: int, body: Body) -> Record:
+    """A body as the record of that number; `t_ms` is when it was so (Unix ms)."""
+    return Record(seq=seq, kind=body.KIND, t_ms=t_ms, body=msgspec.Raw(canonical(body)))
+
+
+def records_of(records: Iterable[Record]) -> Records:
+    """A frame of records, which must be in order."""
+    return Records(records=[msgspec.Raw(canonical(each)) for each in records])
 
 
 def encode(message: FromAgent | FromServer | Body) -> str:
@@ -128,7 +153,13 @@ def _decoded(decoder: msgspec.json.Decoder[_Message], text: str | bytes | msgspe
 def _said(error: ValueError) -> str:
     """What is wrong, and in which field: bounded and printable, for it may quote names that somebody made up."""
     text = str(error)
+    if not isinstance(error, msgspec.ValidationError):
+        return f"not JSON: {text.removeprefix('JSON is malformed: ')}"[:_MAX_MESSAGE]
     where = _WHERE.search(text)
     if where is not None:
         text = f"{where.group(1)}: {text[: where.start()]}" if where.group(1) else text[: where.start()]
-    return _CONTROLS.sub("\ufffd", text)[:_MAX_MESSAGE]
+    return _clean(text[:_MAX_MESSAGE])
+
+
+def _clean(text: str) -> str:
+    return _CONTROLS.sub("\ufffd", text)
