@@ -12,9 +12,10 @@ from edge_agent.health import health_record
 from edge_agent.radios import AnchorState
 from edge_agent.receiver import Assembler, ReceiverCounts
 from edge_agent.receiver.findings import FindingGate, Position, two_places
+from edge_agent.receiver.tracks import DroneTrack
 from edge_agent.reporting import SpoolReporter
 from edge_agent.session import actions as do
-from edge_agent.spool import Spool
+from edge_agent.spool import Spool, SpoolStatus
 from edge_agent.uplink import Credentials, UplinkProtocol
 from uav_agent.requests import Requests
 from wonderland.proofs import encoding
@@ -97,7 +98,7 @@ def tracks() -> list[Any]:
         else:
             assembler._drones[SERIAL].take_signature(SIGNED)
         found.append(heard)
-    return [each.track() for each in found if each is not None]
+    return [each.track for each in found if each is not None]
 
 
 def finding() -> Any:
@@ -106,13 +107,10 @@ def finding() -> Any:
     gate = FindingGate()
     gate.put(two_places(SERIAL, here, there))
     (found,) = gate.take()
-    return found.body() if callable(found.body) else found.body
+    return found.body
 
 
 def healths() -> list[Any]:
-    spool = SimpleNamespace(health=None)
-    from edge_agent.spool import SpoolStatus
-
     spool = SpoolStatus(
         spool="ab" * 16, records=3, bytes=900, evidence_bytes=10, dropped=1, last_seq=12, acknowledged=9, reason=""
     )
@@ -148,8 +146,6 @@ class FakeSpool(Spool):
 async def by_the_reporter() -> list[tuple[str, int, str]]:
     """(kind, t_ms, body) of what a session's reporter writes, and of other telemetry that goes through it."""
     spool = FakeSpool()
-    from edge_agent.receiver.tracks import DroneTrack
-
     drone = DroneTrack(None, None, 4)
     for observation in (SIGNED, SIGNED):
         drone.take_signature(observation)
