@@ -33,7 +33,7 @@ BODIES: Final[dict[str, type[Body]]] = {
 """Which struct the body of each kind is."""
 
 _MAX_MESSAGE: Final = 300
-_WHERE: Final = re.compile(r" - at `\$\.?(.*)`\Z", re.DOTALL)
+_WHERE: Final = re.compile(r" - at (?:`key` in )?`\$\.?(.*)`\Z", re.DOTALL)
 _CONTROLS: Final = re.compile(r"[\x00-\x1f\x7f]")
 _Message = TypeVar("_Message")
 
