@@ -230,7 +230,7 @@ class SessionEnd(Message, frozen=True, kw_only=True):
     steps: Annotated[tuple[EndStep, ...], Meta(max_length=32)]
     end: Annotated[Text64, Meta(description="How, in one word for machines")] | None = None
     tx_id: TxId | None = None
-    signature: Annotated[Signature, Meta(description="Of pads only")] | None = None
+    signature: Annotated[Signature | None, Meta(description="Of pads only")] = None
 
 
 class AnchorHealth(Message, frozen=True, kw_only=True):
@@ -282,7 +282,7 @@ class Health(Message, frozen=True, kw_only=True):
     receiver: ReceiverHealth | None = None
     prekeys: Annotated[int, Meta(ge=0, le=1_000_000, description="Prekeys left on the ledger")] | None = None
     version: Text64 | None = None
-    drift: Annotated[Drift, Meta(description="Missing until the anchors first ranged each other")] | None = None
+    drift: Annotated[Drift | None, Meta(description="Missing until the anchors first ranged each other")] = None
 
 
 class Dropped(Message, frozen=True, kw_only=True):

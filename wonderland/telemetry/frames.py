@@ -70,7 +70,7 @@ class Ack(_FromServer, frozen=True, kw_only=True, tag="ack"):
 class Rejected(_FromServer, frozen=True, kw_only=True, tag="rejected"):
     """One record that could not be used; it is kept as such and acknowledged with the others."""
 
-    seq: _Held
+    seq: Annotated[int, Meta(ge=0, le=MAX_SEQ, description="Its number")]
     code: _Code
     message: str = ""
 
