@@ -9,7 +9,7 @@ import msgspec
 
 from backend.ingest.agents import PAD, Agent
 from backend.ingest.errors import IngestError
-from backend.ingest.telling import HeardTrack, PadHealthTold, RunningEstimate, StepTaken, Telling
+from backend.live.telling import HeardTrack, PadHealthTold, RunningEstimate, StepTaken, Telling
 from backend.people.masking import masked
 from backend.sessions.state import ReportedStep
 from wonderland import telemetry

@@ -29,8 +29,8 @@ from backend.errors import DatabaseError
 from backend.flights.store import FlightLog
 from backend.ingest.agents import PAD, Agent
 from backend.ingest.batch import Batch, Row
-from backend.ingest.telling import tell
 from backend.live.board import Board
+from backend.live.telling import tell
 
 logger = logging.getLogger(__name__)
 

@@ -1,4 +1,4 @@
-"""What the live side is told of agents' records once they are durable."""
+"""What a board is told of agents' records: the live one once they are durable, a replay's when they had come."""
 
 from __future__ import annotations
 
