@@ -44,7 +44,7 @@ class SpoolReporter:
             step=report.step,
             t_ms=report.t_ms,
             ok=report.ok,
-            detail=report.detail[:MAX_DETAIL] or None,
+            detail=telemetry.clean(report.detail, MAX_DETAIL) or None,
         )
         self._evidence(report.t_ms, body)
 

@@ -149,7 +149,7 @@ class Requests:
                 while len(self._answers) > KNOWN:
                     del self._answers[next(iter(self._answers))]
             why_not = self._answers[wish.request_id]
-            answer = Answer(request_id=wish.request_id, accepted=not why_not, text=why_not[:300])
+            answer = Answer(request_id=wish.request_id, accepted=not why_not, text=telemetry.clean(why_not, 300))
             await socket.send(telemetry.encode(answer))
 
 

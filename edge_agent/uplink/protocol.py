@@ -92,7 +92,7 @@ class UplinkProtocol:
                 return self._challenged(challenge)
             case State.CHALLENGE | State.WELCOME | State.STREAMING, Refused() as refused:
                 self.state = State.REFUSED
-                return Refused(code=refused.code[:MAX_TEXT_CHARS], message=refused.message[:MAX_TEXT_CHARS])
+                return Refused(code=_text(refused.code), message=_text(refused.message))
             case State.WELCOME, Welcome() as welcome:
                 self.state = State.STREAMING
                 self.acknowledged_seq = self.sent_seq = welcome.acknowledged
@@ -100,8 +100,7 @@ class UplinkProtocol:
             case State.STREAMING, Ack() as ack:
                 return self._acknowledged(ack)
             case State.STREAMING, Rejected() as rejected:
-                code, message = rejected.code[:MAX_TEXT_CHARS], rejected.message[:MAX_TEXT_CHARS]
-                return Rejected(seq=rejected.seq, code=code, message=message)
+                return Rejected(seq=rejected.seq, code=_text(rejected.code), message=_text(rejected.message))
             case _, other:
                 said = other.__struct_config__.tag
                 raise UplinkProtocolError(f"the server sent {said!r} while the agent was {self.state.value}")
@@ -158,6 +157,11 @@ class UplinkProtocol:
             raise UplinkProtocolError(f"the server went back from {self.acknowledged_seq} to {ack.seq}")
         self.acknowledged_seq = ack.seq
         return ack
+
+
+def _text(said: str) -> str:
+    """A text of the server's as it can be logged."""
+    return telemetry.clean(said, MAX_TEXT_CHARS)
 
 
 def _decoded(text: str | bytes) -> FromServer:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -12,9 +14,15 @@ from hypothesis import strategies as st
 
 from backend.ingest.agents import Agent
 from backend.ingest.batch import read
+from edge_agent.reporting import SpoolReporter
+from edge_agent.session import actions as do
 from wonderland import telemetry
 from wonderland.proofs import encoding
 from wonderland.telemetry import TelemetryError
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import said
 
 T0 = 1_760_000_400_000
 DRIP = {"state": "verified", "det": "2001:30:280:1405:1:2:3:4", "format": "wrapper", "t_ms": T0}
@@ -203,6 +211,18 @@ def test_a_link_is_never_more_than_an_endorsement() -> None:
     assert decoded("track", drip=DRIP | {"format": "link"}).drip.state == "endorsed"
     assert decoded("session_end", signature=DRIP | {"format": "link", "refused": 1}).signature.state == "endorsed"
     assert decoded("track").drip.state == "verified"
+
+
+async def test_texts_of_others_making_do_not_cost_the_evidence() -> None:
+    """A step's detail may quote an exception of several lines, or a file's name that is no UTF-8."""
+    spool = said.FakeSpool()
+    reporter = SpoolReporter(spool)
+    reporter.step(said.SESSION, do.ReportStep("range", T0, ok=False, detail="no port\n/dev/tty\udcff\x7f"))
+    await reporter.drain()
+    [(kind, _, body)] = spool.kept
+    found = telemetry.decode_body(telemetry.Record(seq=1, kind=kind, t_ms=T0, body=msgspec.Raw(body)))
+    assert found.detail == "no port\ufffd/dev/tty\ufffd\ufffd"
+    telemetry.encode(telemetry.Answer(request_id="0" * 32, accepted=False, text=telemetry.clean("\udcff" * 400, 300)))
 
 
 def test_an_operators_secret_goes_no_further() -> None:

@@ -41,7 +41,7 @@ from wonderland.telemetry.codec import (
     records_of,
 )
 from wonderland.telemetry.errors import TelemetryError
-from wonderland.telemetry.fields import Action, FindingKind, StepName, UavId
+from wonderland.telemetry.fields import Action, FindingKind, StepName, UavId, clean
 from wonderland.telemetry.frames import (
     NONCE_BYTES,
     PROTOCOL,
@@ -97,6 +97,7 @@ __all__ = [
     "UavId",
     "Welcome",
     "canonical",
+    "clean",
     "decode_agent",
     "decode_body",
     "decode_hello",

@@ -24,7 +24,7 @@ from wonderland.telemetry.bodies import (
     Track,
 )
 from wonderland.telemetry.errors import TelemetryError
-from wonderland.telemetry.fields import MAX_SEQ, Message, Seq
+from wonderland.telemetry.fields import MAX_SEQ, Message, Seq, clean
 from wonderland.telemetry.frames import FromAgent, FromServer, Hello, Record, Records
 
 BODIES: Final[dict[str, type[Body]]] = {
@@ -34,7 +34,6 @@ BODIES: Final[dict[str, type[Body]]] = {
 
 _MAX_MESSAGE: Final = 300
 _WHERE: Final = re.compile(r" - at (?:`key` in )?`\$\.?(.*)`\Z", re.DOTALL)
-_CONTROLS: Final = re.compile(r"[\x00-\x1f\x7f]")
 _Message = TypeVar("_Message")
 
 
@@ -82,7 +81,7 @@ def decode_server(text: str | bytes) -> FromServer:
         kind = _decoded(_TYPED, text, "bad_frame").type
         if kind in _SERVER_TYPES:
             raise
-        raise TelemetryError("unknown_type", f"type: unknown `{_clean(kind[:40])}`") from None
+        raise TelemetryError("unknown_type", f"type: unknown `{clean(kind, 40)}`") from None
 
 
 def number_of(raw: msgspec.Raw) -> int:
@@ -154,12 +153,8 @@ def _said(error: ValueError) -> str:
     """What is wrong, and in which field: bounded and printable, for it may quote names that somebody made up."""
     text = str(error)
     if not isinstance(error, msgspec.ValidationError):
-        return f"not JSON: {text.removeprefix('JSON is malformed: ')}"[:_MAX_MESSAGE]
+        return clean(f"not JSON: {text.removeprefix('JSON is malformed: ')}", _MAX_MESSAGE)
     where = _WHERE.search(text)
     if where is not None:
         text = f"{where.group(1)}: {text[: where.start()]}" if where.group(1) else text[: where.start()]
-    return _clean(text[:_MAX_MESSAGE])
-
-
-def _clean(text: str) -> str:
-    return _CONTROLS.sub("\ufffd", text)
+    return clean(text, _MAX_MESSAGE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Final, Literal, TypeAlias, TypeVar
 
 from msgspec import Meta, Struct, field
@@ -13,11 +14,21 @@ MAX_SEQ: Final = 2**53 - 1
 _NO_CONTROLS: Final = r"^[^\x00-\x1f\x7f]*\Z"
 """`\\Z` throughout: `$` also matches before a line feed at the end."""
 
+_UNSAYABLE: Final = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff]")
+
 _Value = TypeVar("_Value")
 
 
 class Message(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """Base of all that agents say. What is None is left out; a field that nobody knows is refused."""
+
+
+def clean(text: str, most: int) -> str:
+    """A text of somebody else's making as a message can carry it: at most ``most`` characters, no control characters.
+
+    Those, and halves of surrogate pairs (which undecodable file names have), become U+FFFD.
+    """
+    return _UNSAYABLE.sub("\ufffd", text[:most])
 
 
 def said(value: _Value) -> _Value:
