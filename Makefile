@@ -59,8 +59,9 @@ fuzz: setup ## Coverage-guided fuzzing of the Remote ID codec and framings (RUNS
 fmt: $(VENV)/.ready ## Format
 	@$(BIN)/ruff check --fix --quiet . ; $(BIN)/ruff format --quiet .
 
-docs: $(VENV)/.ready ## Regenerate the reference of records and transactions from their definitions
+docs: $(VENV)/.ready ## Regenerate the references of records, transactions and telemetry from their definitions
 	@$(BIN)/python scripts/reference.py docs/reference/records.md
+	@$(BIN)/python scripts/ingest_reference.py docs/reference/ingest.md
 
 figures: $(VENV)/.ready ## Draw the pictures of docs/method.md
 	@$(BIN)/python scripts/figures.py

@@ -28,6 +28,7 @@ from edge_agent.session.machine import PadSession
 from edge_agent.session.runner import PadRunner
 from edge_agent.spool import SpoolError
 from edge_agent.witness import WitnessDuty
+from wonderland import telemetry
 from wonderland.clock import SteadyClock
 from wonderland.ledger.proof_contract import AwayError, ContractEvent, RefusedError
 from wonderland.proofs import keys
@@ -35,6 +36,7 @@ from wonderland.proofs.encoding import from_base64url
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of
+from wonderland.telemetry import Health
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -157,7 +159,7 @@ class PadAgent:
             "sessions_run": self._sessions,
             "requests_waiting": self._requests.qsize(),
             "sessions_to_end": self._reconciler.waiting,
-            **self._health(),
+            **telemetry.plain(self._health()),
         }
 
     # --- what the ledger says ----------------------------------------------------------------------------------
@@ -372,7 +374,7 @@ class PadAgent:
                     await self._care.wait()
             self._care.clear()
 
-    def _health(self) -> dict[str, Any]:
+    def _health(self) -> Health:
         return health_record(
             self._radios.states(),
             self._spool.status,

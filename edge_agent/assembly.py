@@ -117,11 +117,11 @@ async def _radios(settings: PadSettings, stack: contextlib.AsyncExitStack, clock
 
 
 def _tell(tracks: SpoolReporter, heard: Heard) -> None:
-    tracks.offer("track", heard.t_ms, heard.track())
+    tracks.offer(heard.t_ms, heard.track)
 
 
 def _tell_finding(tracks: SpoolReporter, finding: Finding) -> None:
-    tracks.offer("finding", finding.t_ms, finding.body())
+    tracks.offer(finding.t_ms, finding.body)
 
 
 def _uplink(settings: PadSettings, identity: Identity, signer: Signer, spool: Spool) -> Uplink | None:

@@ -17,6 +17,7 @@ from edge_agent.spool import SpoolStatus
 from wonderland import __version__
 from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.files import read_bounded, write_atomic
+from wonderland.telemetry import AnchorHealth, Health
 
 _log = logging.getLogger(__name__)
 
@@ -33,31 +34,31 @@ def health_record(
     receiver: ReceiverCounts,
     prekeys: int,
     drift: DriftState | None = None,
-) -> dict[str, Any]:
-    """The body of a ``health`` record (docs/seams.md, "ingest")."""
-    return {
-        "anchors": [
-            {"anchor_id": anchor.anchor_id, "state": anchor.state}
-            | ({"firmware": anchor.firmware} if anchor.firmware else {})
+) -> Health:
+    """A pad's word on itself."""
+    return Health(
+        anchors=tuple(
+            AnchorHealth(anchor_id=anchor.anchor_id, state=anchor.state, firmware=anchor.firmware or None)
             for anchor in anchors
-        ],
-        "spool": spool.health(),
-        "receiver": receiver.health(),
-        "prekeys": prekeys,
-        "version": __version__,
-    } | ({} if drift is None else {"drift": drift.health()})
+        ),
+        spool=spool.health(),
+        receiver=receiver.health(),
+        prekeys=prekeys,
+        version=__version__,
+        drift=None if drift is None else drift.health(),
+    )
 
 
 async def tell_health(
     status: Callable[[], dict[str, Any]],
-    health: Callable[[], dict[str, Any]],
+    health: Callable[[], Health],
     reporter: SpoolReporter,
     files: Sequence[tuple[Path | None, Callable[[Path, dict[str, Any]], None]]],
 ) -> None:
     """Tell until cancelled: to the backend, and to each file that there is."""
     while True:
         now = status()
-        reporter.offer("health", now["t_ms"], health())
+        reporter.offer(now["t_ms"], health())
         for path, write in files:
             if path is not None:
                 try:

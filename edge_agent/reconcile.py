@@ -10,6 +10,7 @@ import logging
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from wonderland.ledger.proof_contract import AwayError, Committed, RefusedError
+from wonderland.telemetry import StepName
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -45,7 +46,14 @@ class Ends(Protocol):
     """Where ends are recorded (``edge_agent.reporting.SpoolReporter``)."""
 
     def ended(
-        self, session_id: str, state: str, end: str, t_ms: int, *, tx_id: str = "", steps: dict[str, int] | None = None
+        self,
+        session_id: str,
+        state: str,
+        end: str,
+        t_ms: int,
+        *,
+        tx_id: str = "",
+        steps: Mapping[StepName, int] | None = None,
     ) -> None:
         """Record how a session ended, and forget that it was in progress."""
 

@@ -34,6 +34,7 @@ from wonderland.proofs.records.pads import Commissioning, Prekey
 from wonderland.proofs.records.sessions import Claim, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.transcript import transcript_of
+from wonderland.telemetry import StepName
 from wonderland.uwb.blinks import BlinkPlan, blink_plan
 
 _log = logging.getLogger(__name__)
@@ -73,7 +74,7 @@ class ProofResult:
     state: str
     end: str
     detail: str
-    steps: dict[str, int]
+    steps: dict[StepName, int]
     verdict: Verdict | None
     verdict_tx: str
     closing_tx: str

@@ -1,6 +1,6 @@
 """What others ask of a drone: a WebSocket to the backend's ingest, over which requests for a proof come in.
 
-The same protocol as the pads' (docs/seams.md, "Agents → backend: ingest"): challenge, hello signed with the ledger
+The same protocol as the pads' (`wonderland.telemetry`): challenge, hello signed with the ledger
 identity, welcome; then ``please_prove`` from the server, and an answer to each. A request is a wish and no command: the
 `decide` that is handed in says whether the drone will.
 """
@@ -8,26 +8,35 @@ identity, welcome; then ``please_prove`` from the server, and an answer to each.
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import secrets
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import WebSocketException
 
+from wonderland import telemetry
 from wonderland.ledger.identity import Identity
 from wonderland.ledger.signing import Signer
 from wonderland.proofs import encoding
-from wonderland.proofs.records.fields import ACTIONS
 from wonderland.proofs.records.sessions import Claim
+from wonderland.telemetry import (
+    PROTOCOL,
+    SERVER,
+    Answer,
+    Challenge,
+    Hello,
+    PleaseProve,
+    Position,
+    Refused,
+    TelemetryError,
+    Welcome,
+    signed_text,
+)
+from wonderland.telemetry.frames import FromServer
 
 _log = logging.getLogger(__name__)
-PROTOCOL: Final = "wonderland-ingest/1"
-PURPOSE: Final = "wonderland-ingest"
-SERVER: Final = "wonderland"
 MAX_FRAME: Final = 64 * 1024
 GREETING_S: Final = 10.0
 FIRST_PAUSE_S: Final = 0.5
@@ -41,17 +50,7 @@ class RequestsError(Exception):
     """The server is not what it should be, or does not let this drone in; the text says why."""
 
 
-@dataclass(frozen=True, slots=True)
-class Wish:
-    """Somebody asks that this drone proves itself at a pad."""
-
-    request_id: str
-    pad_id: str
-    action: str
-    expires_ms: int
-
-
-Decide = Callable[[Wish], Awaitable[str]]
+Decide = Callable[[PleaseProve], Awaitable[str]]
 """Returns why not; an empty text where the drone will."""
 
 
@@ -99,26 +98,28 @@ class Requests:
 
     async def _greet(self, socket: ClientConnection) -> None:
         async with asyncio.timeout(GREETING_S):
-            challenge = _object(await socket.recv())
-            if challenge.get("type") != "challenge" or not isinstance(challenge.get("nonce"), str):
+            challenge = _said(await socket.recv())
+            if not isinstance(challenge, Challenge):
                 raise RequestsError("the server does not begin with a challenge")
-            about = {"server": SERVER, "agent": "uav", "id": self._uav_id, "spool": self._spool}
-            text = encoding.encode({"purpose": PURPOSE, "nonce": challenge["nonce"], **about})
-            hello = {
-                "type": "hello",
-                "protocol": PROTOCOL,
-                "agent": "uav",
-                "id": self._uav_id,
-                "spool": self._spool,
-                "msp_id": self._identity.msp_id,
-                "certificate": self._identity.certificate_pem.decode(),
-                "signature": encoding.to_base64url(self._signer(text)),
-                "takes": ["please_prove"],
-            }
-            await socket.send(json.dumps(hello))
-            answer = _object(await socket.recv())
-        if answer.get("type") != "welcome":
-            raise RequestsError(f"the server refuses this drone: {answer.get('code')}: {answer.get('message')}"[:300])
+            text = signed_text(
+                nonce=challenge.nonce, server=SERVER, agent="uav", agent_id=self._uav_id, spool=self._spool
+            )
+            hello = Hello(
+                protocol=PROTOCOL,
+                agent="uav",
+                id=self._uav_id,
+                spool=self._spool,
+                msp_id=self._identity.msp_id,
+                certificate=self._identity.certificate_pem.decode(),
+                signature=encoding.to_base64url(self._signer(text)),
+                takes=("please_prove",),
+            )
+            await socket.send(telemetry.encode(hello))
+            answer = _said(await socket.recv())
+        if isinstance(answer, Refused):
+            raise RequestsError(f"the server refuses this drone: {answer.code}: {answer.message}"[:300])
+        if not isinstance(answer, Welcome):
+            raise RequestsError("the server does not say whether it knows this drone")
 
     async def _tell(self, socket: ClientConnection) -> None:
         """Where the drone is, each second. What does not arrive is not sent again: the next one is newer."""
@@ -126,43 +127,37 @@ class Requests:
             claim = self._position()
             if claim is not None:
                 self._seq += 1
-                body = {**claim.to_json(), "claim_t_ms": claim.t_ms}
-                del body["t_ms"]
-                record = {"seq": self._seq, "kind": "position", "t_ms": claim.t_ms, "body": body}
-                await socket.send(json.dumps({"type": "records", "records": [record]}))
+                body = Position(
+                    lat_e7=claim.lat_e7,
+                    lon_e7=claim.lon_e7,
+                    height_mm=claim.height_mm,
+                    accuracy_mm=claim.accuracy_mm,
+                    height_accuracy_mm=claim.height_accuracy_mm,
+                    claim_t_ms=claim.t_ms,
+                )
+                record = telemetry.record_of(self._seq, claim.t_ms, body)
+                await socket.send(telemetry.encode(telemetry.records_of([record])))
             await asyncio.sleep(POSITION_EVERY_S)
 
     async def _listen(self, socket: ClientConnection) -> None:
         async for text in socket:
-            message = _object(text)
-            if message.get("type") != "please_prove":
-                continue  # A later server may have more to say.
-            wish = _wish(message)
+            wish = _said(text)
+            if not isinstance(wish, PleaseProve):
+                continue
             if wish.request_id not in self._answers:
                 self._answers[wish.request_id] = await self._decide(wish)
                 while len(self._answers) > KNOWN:
                     del self._answers[next(iter(self._answers))]
             why_not = self._answers[wish.request_id]
-            answer = {"type": "answer", "request_id": wish.request_id, "accepted": not why_not, "text": why_not[:300]}
-            await socket.send(json.dumps(answer))
+            answer = Answer(request_id=wish.request_id, accepted=not why_not, text=telemetry.clean(why_not, 300))
+            await socket.send(telemetry.encode(answer))
 
 
-def _object(text: str | bytes) -> dict[str, Any]:
+def _said(text: str | bytes) -> FromServer | None:
+    """What the server says; None for what only a later one knows. Raises `RequestsError` for what is no message."""
     try:
-        found = json.loads(text)
-    except (ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict):
-        raise RequestsError("the server sent something that is no JSON object")
-    return found
-
-
-def _wish(message: dict[str, Any]) -> Wish:
-    request_id, pad_id, action = (message.get(name) for name in ("request_id", "pad_id", "action"))
-    expires_ms = message.get("expires_ms")
-    texts = isinstance(request_id, str) and isinstance(pad_id, str) and len(request_id) == 32 and len(pad_id) <= 64
-    if not texts or action not in ACTIONS or type(expires_ms) is not int:
-        raise RequestsError("the server sent a request that is none")
-    assert isinstance(request_id, str)
-    assert isinstance(pad_id, str)
-    return Wish(request_id, pad_id, str(action), expires_ms)
+        return telemetry.decode_server(text)
+    except TelemetryError as cause:
+        if cause.code == "unknown_type":
+            return None
+        raise RequestsError(f"the server sent something that is no message: {cause}") from None

@@ -7,8 +7,8 @@ import logging
 from typing import Protocol
 
 from uav_agent.agent import ProofResult, UavAgentError
-from uav_agent.requests import Wish
 from wonderland.ledger.errors import LedgerError
+from wonderland.telemetry import PleaseProve
 
 _log = logging.getLogger(__name__)
 
@@ -32,7 +32,7 @@ class Willing:
         self._pads = pads
         self._work: asyncio.Task[None] | None = None
 
-    async def decide(self, wish: Wish) -> str:
+    async def decide(self, wish: PleaseProve) -> str:
         """Why not; empty where the drone sets about it."""
         if wish.pad_id not in self._pads:
             return (
@@ -49,7 +49,7 @@ class Willing:
             self._agent.stop()
             await asyncio.gather(self._work, return_exceptions=True)
 
-    async def _prove(self, wish: Wish) -> None:
+    async def _prove(self, wish: PleaseProve) -> None:
         try:
             result = await self._agent.prove(wish.pad_id, wish.action)
         except (UavAgentError, LedgerError) as error:

@@ -70,7 +70,7 @@ def pad_conditions(
 
 
 def _drift(drift: dict[str, Any]) -> str:
-    """What a pad's health says of anchors that no longer measure as commissioned (docs/seams.md, "health")."""
+    """What a pad's health says of anchors that no longer measure as commissioned (`wonderland.telemetry.Drift`)."""
     anchor, off_mm = drift.get("anchor_id"), drift.get("off_mm")
     if drift["state"] == "moved" and anchor is not None and off_mm is not None:
         return f"anchor {anchor} stands about {off_mm / 10:.0f} cm from its place, nothing is proved there"

@@ -6,7 +6,9 @@ import asyncio
 import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
+
+from wonderland.telemetry import PleaseProve
 
 PAD: Final = "pad"
 UAV: Final = "uav"
@@ -24,7 +26,7 @@ class Agent:
     msp_id: str = ""
     creator: bytes = b""
     """The SerializedIdentity that was checked when it came."""
-    outbox: asyncio.Queue[dict[str, Any]] | None = None
+    outbox: asyncio.Queue[PleaseProve] | None = None
     """What is to be sent to it; None where it takes nothing."""
     broken: bool = False
     """A batch of this connection was not kept: none after it may be."""

@@ -7,7 +7,6 @@ import contextlib
 import logging
 from typing import Any, Final
 
-import orjson
 from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect
 
@@ -16,15 +15,27 @@ from backend.errors import DatabaseError
 from backend.ingest import agents
 from backend.ingest import batch as batches
 from backend.ingest.agents import Agent, DuplicateAgent
-from backend.ingest.messages import Answer, IngestError, parse_drone_frame, parse_hello, parse_records
+from backend.ingest.errors import IngestError
 from backend.proof_requests import route
+from wonderland import telemetry
 from wonderland.proofs import encoding
+from wonderland.telemetry import (
+    NONCE_BYTES,
+    SERVER,
+    Ack,
+    Answer,
+    Challenge,
+    Records,
+    Refused,
+    Rejected,
+    TelemetryError,
+    Welcome,
+)
+from wonderland.telemetry.frames import FromServer
 
 logger = logging.getLogger(__name__)
 router = APIRouter()
 
-SERVER: Final = "wonderland"
-NONCE_BYTES: Final = 32
 HELLO_S: Final = 10.0
 MAX_UNPROVEN: Final = 500
 """Connections that have not said who they are yet; anybody can open one."""
@@ -37,7 +48,7 @@ MAX_UNDER_WAY: Final = 32
 REPLACED: Final = 4409
 TRY_LATER: Final = 1013
 
-UnderWay = asyncio.Queue[tuple[batches.Batch, asyncio.Future[None] | None] | IngestError]
+UnderWay = asyncio.Queue[tuple[batches.Batch, asyncio.Future[None] | None] | TelemetryError]
 """Batches in their order, each with when it is durable (None: it was already); or why the connection ends."""
 
 
@@ -53,9 +64,9 @@ async def ingest(socket: WebSocket) -> None:
         try:
             with context.agents.proving():
                 agent = await _admit(socket, context)
-        except IngestError as problem:
+        except TelemetryError as problem:
             logger.warning("an agent was refused: %s: %s", problem.code, problem.message)
-            await _send(socket, {"type": "refused", "code": problem.code, "message": problem.message})
+            await _send(socket, Refused(code=problem.code, message=problem.message))
             unknown = problem.code in {"not_authenticated", "unknown_organisation", "bad_hello", "no_hello"}
             await socket.close(NOT_AUTHENTICATED if unknown else REFUSED)
             return
@@ -66,15 +77,15 @@ async def ingest(socket: WebSocket) -> None:
 
 
 async def _admit(socket: WebSocket, context: Context) -> Agent:
-    """Who it is. Raises `IngestError`."""
+    """Who it is. Raises `TelemetryError`."""
     nonce = encoding.to_base64url(context.randomness(NONCE_BYTES))
-    await _send(socket, {"type": "challenge", "nonce": nonce, "server": SERVER, "t_ms": context.clock()})
+    await _send(socket, Challenge(nonce=nonce, server=SERVER, t_ms=context.clock()))
     try:
         async with asyncio.timeout(HELLO_S):
             text = await _receive(socket, context)
     except TimeoutError:
         raise IngestError("no_hello", f"no hello within {HELLO_S:g} s") from None
-    hello = parse_hello(text)
+    hello = telemetry.decode_hello(text)
     identity = context.members.authenticate(hello, nonce=nonce, server=SERVER, now_ms=context.clock())
     if len(context.agents) >= context.settings.ingest_max_agents:
         raise IngestError("too_many_agents", "this server has as many agents as it may; try again later")
@@ -102,7 +113,7 @@ async def _serve(socket: WebSocket, context: Context, agent: Agent) -> None:
 
     agent.end = end
     acknowledged = await context.intake.acknowledged(agent)
-    await _send(socket, {"type": "welcome", "acknowledged": acknowledged})
+    await _send(socket, Welcome(acknowledged=acknowledged))
     under_way: UnderWay = asyncio.Queue(MAX_UNDER_WAY)
     reading = asyncio.create_task(_read(socket, context, agent, acknowledged, under_way), name=f"ingest-{agent.id}")
     answering = asyncio.create_task(_answer(socket, acknowledged, under_way), name=f"acknowledge-{agent.id}")
@@ -132,12 +143,12 @@ async def _read(socket: WebSocket, context: Context, agent: Agent, acknowledged:
     while True:
         try:
             text = await _receive(socket, context)
-            records = _parsed(agent, text, context.settings.ingest_max_records)
-            if isinstance(records, Answer):
-                await route.answered(context, agent, records)
+            message = _parsed(agent, text, context.settings.ingest_max_records)
+            if isinstance(message, Answer):
+                await route.answered(context, agent, message)
                 continue
-            batch = batches.read(agent, records, acknowledged=taken, now_ms=context.clock())
-        except IngestError as problem:
+            batch = batches.read(agent, message.records, acknowledged=taken, now_ms=context.clock())
+        except TelemetryError as problem:
             await under_way.put(problem)
             return
         durable = None
@@ -151,8 +162,8 @@ async def _answer(socket: WebSocket, acknowledged: int, under_way: UnderWay) -> 
     """Acknowledges in the order in which batches came, each when it is durable; returns when it closed the socket."""
     while True:
         item = await under_way.get()
-        if isinstance(item, IngestError):
-            await _send(socket, {"type": "refused", "code": item.code, "message": item.message})
+        if isinstance(item, TelemetryError):
+            await _send(socket, Refused(code=item.code, message=item.message))
             await socket.close(BAD_FRAME, item.code)
             return
         batch, durable = item
@@ -164,12 +175,20 @@ async def _answer(socket: WebSocket, acknowledged: int, under_way: UnderWay) -> 
                 return
             acknowledged = batch.last_seq
         for seq, code, message in batch.rejected:
-            await _send(socket, {"type": "rejected", "seq": seq, "code": code, "message": message})
-        await _send(socket, {"type": "ack", "seq": acknowledged})
+            await _send(socket, Rejected(seq=seq, code=code, message=message))
+        await _send(socket, Ack(seq=acknowledged))
 
 
-def _parsed(agent: Agent, text: str, limit: int) -> Answer | list[dict[str, Any]]:
-    return parse_drone_frame(text, limit) if agent.kind == agents.UAV else parse_records(text, limit)
+def _parsed(agent: Agent, text: str, limit: int) -> Answer | Records:
+    """A frame of at most `limit` records, not looked at yet, or a drone's answer. Raises `TelemetryError`."""
+    message = telemetry.decode_agent(text)
+    if isinstance(message, Answer) and agent.kind == agents.UAV:
+        return message
+    if not isinstance(message, Records):
+        raise IngestError("bad_frame", "type: expected `records`")
+    if len(message.records) > limit:
+        raise IngestError("bad_frame", f"{len(message.records)} records; at most {limit}")
+    return message
 
 
 async def _outbox(socket: WebSocket, context: Context, agent: Agent) -> None:
@@ -195,5 +214,5 @@ async def _receive(socket: WebSocket, context: Context) -> str:
     return text
 
 
-async def _send(socket: WebSocket, message: dict[str, Any]) -> None:
-    await socket.send_text(orjson.dumps(message).decode())
+async def _send(socket: WebSocket, message: FromServer) -> None:
+    await socket.send_text(telemetry.encode(message))

@@ -8,24 +8,16 @@ from typing import Any
 
 import orjson
 
-from backend.ingest.messages import Hello, IngestError
+from backend.ingest.errors import IngestError
 from wonderland.ledger.embedded.errors import AccessDeniedError, RevocationListError
 from wonderland.ledger.embedded.msp import ChannelMembership, Member, OrganisationTrust
 from wonderland.ledger.errors import IdentityError
 from wonderland.ledger.identity import Identity
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import EncodingError
+from wonderland.telemetry import Hello, signed_text
 
 logger = logging.getLogger(__name__)
-
-PURPOSE = "wonderland-ingest"
-
-
-def signed_text(*, nonce: str, server: str, agent: str, agent_id: str, spool: str) -> bytes:
-    """What the agent signs: bound to this server's nonce, so that it serves once and nowhere else."""
-    return encoding.encode(
-        {"purpose": PURPOSE, "nonce": nonce, "server": server, "agent": agent, "id": agent_id, "spool": spool}
-    )
 
 
 class Members:

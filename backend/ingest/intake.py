@@ -30,6 +30,7 @@ from backend.flights.store import FlightLog
 from backend.ingest.agents import PAD, Agent
 from backend.ingest.batch import Batch, Row
 from backend.live.board import Board
+from backend.live.telling import tell
 
 logger = logging.getLogger(__name__)
 
@@ -113,8 +114,8 @@ class Intake:
     def _tell(self, batch: Batch) -> None:
         self.records += len(batch.tell)
         self.rejected += len(batch.rejected)
-        for name, arguments in batch.tell:
-            getattr(self._board, name)(*arguments)
+        for what in batch.tell:
+            tell(self._board, what)
         for listener in self.listeners:
             listener(batch)
 

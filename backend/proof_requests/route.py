@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
@@ -11,10 +11,10 @@ from backend.context import Context
 from backend.db.tables.webhooks import SubscriptionRow
 from backend.events.feed import Event, Place, visible
 from backend.ingest.agents import UAV, Agent
-from backend.ingest.messages import Answer
 from backend.proof_requests import store
 from backend.webhooks import store as webhooks
 from backend.webhooks.deliver import owner_of
+from wonderland.telemetry import Action, Answer, PleaseProve
 
 CREATED: Final = "proof_request.created"
 """Not of the ledger, so never part of a stream: only subscriptions that name it get it."""
@@ -35,13 +35,12 @@ async def tell_agent(context: Context, uav_id: str, *, again: bool = False) -> N
         if agent.outbox.full():
             return  # It reads nothing; what it has not answered is sent again when it comes back.
         agent.outbox.put_nowait(
-            {
-                "type": "please_prove",
-                "request_id": row.request_id,
-                "pad_id": row.pad_id,
-                "action": row.action,
-                "expires_ms": row.expires_ms,
-            }
+            PleaseProve(
+                request_id=row.request_id,
+                pad_id=row.pad_id,
+                action=cast("Action", row.action),  # checked when the row was written
+                expires_ms=row.expires_ms,
+            )
         )
         async with context.database.write() as connection:
             await store.change(connection, row.request_id, uav_id, told_ms=now)

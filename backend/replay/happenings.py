@@ -31,6 +31,7 @@ from backend.db.tables.reported import (
     TrackRow,
 )
 from backend.live.board import Board
+from backend.live.telling import HeardTrack, PadHealthTold, RunningEstimate, StepTaken, Telling, tell
 from backend.mirror.derive import Changes
 from backend.people.masking import shown_alert
 from backend.replay.arrivals import CONFIRM_S
@@ -201,7 +202,7 @@ def _connect(pad_id: str, server: str, *, connected: bool) -> Callable[[Stage], 
 async def _health(database: AsyncSession, span: Span, scope: Scope) -> list[Happening]:
     query = select(PadHealthRow).where(span.holds(PadHealthRow.received_ms)).order_by(PadHealthRow.id)
     return [
-        Happening(row.received_ms, _call("health", row.pad_id, row.body))
+        Happening(row.received_ms, _told(PadHealthTold(row.pad_id, row.body)))
         for row in await database.scalars(scope.narrow(query, pad=PadHealthRow.pad_id))
     ]
 
@@ -214,7 +215,7 @@ async def _steps(database: AsyncSession, span: Span, scope: Scope) -> list[Happe
     found: list[Happening] = []
     for row in await database.scalars(query.order_by(StepRow.received_ms, StepRow.t_ms)):
         step = ReportedStep(row.step, row.t_ms, row.ok, row.agent, row.detail, row.agent_id)
-        found.append(Happening(row.received_ms, _call("step", row.session_id, step)))
+        found.append(Happening(row.received_ms, _told(StepTaken(row.session_id, step))))
     return found
 
 
@@ -222,7 +223,7 @@ async def _estimates(database: AsyncSession, span: Span, scope: Scope) -> list[H
     names = ("received_ms", "uav_id", "session_id", "pad_id", "body")
     query = _once_a_step(EstimateRow, EstimateRow.session_id, span, EstimateRow.received_ms, scope, names)
     return [
-        Happening(received_ms, _call("estimate", uav_id, session_id, pad_id, body))
+        Happening(received_ms, _told(RunningEstimate(uav_id, session_id, pad_id, body)))
         for received_ms, uav_id, session_id, pad_id, body in await database.execute(query)
     ]
 
@@ -231,7 +232,7 @@ async def _tracks(database: AsyncSession, span: Span, scope: Scope) -> list[Happ
     names = ("received_ms", "uav_id", "t_ms", "body")
     query = _once_a_step(TrackRow, TrackRow.uav_id, span, TrackRow.t_ms, scope, names)
     return [
-        Happening(received_ms, _call("hear", uav_id, t_ms, body))
+        Happening(received_ms, _told(HeardTrack(uav_id, t_ms, body)))
         for received_ms, uav_id, t_ms, body in await database.execute(query)
     ]
 
@@ -266,7 +267,7 @@ async def _alerts(database: AsyncSession, span: Span, person: Person) -> list[Ha
         own = acts.get(row.alert_id, [])
         for t_ms in _changes_of(row, own, span):
             shown = alert_at(row, [act for act in own if act.t_ms <= t_ms], t_ms)
-            found.append(Happening(t_ms, _call("alert", shown_alert(shown, person))))
+            found.append(Happening(t_ms, _alert(shown_alert(shown, person))))
     return found
 
 
@@ -277,6 +278,9 @@ def _changes_of(row: AlertRow, acts: Iterable[AlertActRow], span: Span) -> list[
     return sorted(t_ms for t_ms in times if span.after_ms < t_ms <= span.until_ms)
 
 
-def _call(name: str, *arguments: Any) -> Callable[[Stage], None]:
-    """A call to the board, by name."""
-    return lambda stage: getattr(stage.board, name)(*arguments)
+def _told(what: Telling) -> Callable[[Stage], None]:
+    return lambda stage: tell(stage.board, what)
+
+
+def _alert(shown: dict[str, Any]) -> Callable[[Stage], None]:
+    return lambda stage: stage.board.alert(shown)

@@ -25,11 +25,11 @@ from uas_standards.astm.f3411.v22a.api import (
 )
 
 from backend.http.times import rfc3339
-from backend.ingest.messages import TrackBody
 from backend.uspace.geo import E7
 from wonderland.remote_id.enums import HorizontalAccuracy as HorizontalClass
 from wonderland.remote_id.enums import SpeedAccuracy as SpeedClass
 from wonderland.remote_id.enums import VerticalAccuracy as VerticalClass
+from wonderland.telemetry import Track
 
 UNKNOWN_ALTITUDE_M: Final = -1000
 COARSEST_TIME_ACCURACY_S: Final = 1.5
@@ -182,7 +182,7 @@ def time_of(t_ms: int) -> dict[str, str]:
     return {"value": rfc3339(t_ms), "format": "RFC3339"}
 
 
-def state_of(body: TrackBody, heard_ms: int) -> State:
+def state_of(body: Track, heard_ms: int) -> State:
     """A position that a pad heard, at `heard_ms` (Unix ms)."""
     claimed_ms: Any = body.claim_t_ms
     t_ms, time_accuracy_s = heard_ms, COARSEST_TIME_ACCURACY_S
@@ -209,7 +209,7 @@ def state_of(body: TrackBody, heard_ms: int) -> State:
     )
 
 
-def details_of(body: TrackBody) -> Details:
+def details_of(body: Track) -> Details:
     """What else a drone said."""
     place = body.operator_place
     return Details(

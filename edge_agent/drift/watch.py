@@ -15,10 +15,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 from edge_agent.drift.baseline import Baseline, PairBaseline, median
 from edge_agent.self_survey import Displaced, Priors, self_survey
+from wonderland.telemetry import Drift
+from wonderland.telemetry.fields import DriftCondition
 
 SLACK: Final = 1.0
 FALSE_ALARM_YEARS: Final = 10.0
@@ -46,7 +48,7 @@ Places = Mapping[str, tuple[float, float, float]]
 class DriftState:
     """What the pad knows about itself. ``state``: ok; drifting (something changed); moved (an anchor is elsewhere)."""
 
-    state: str
+    state: DriftCondition
     checked_ms: int
     looks: int
     anchor_id: str = ""
@@ -64,14 +66,21 @@ class DriftState:
             return 0
         return min(max(abs(self.common_mm), round(math.hypot(self.off_mm, self.sigma_mm)), LEAST_MM), MOST_MM)
 
-    def health(self) -> dict[str, Any]:
-        """Part ``drift`` of a health record (docs/seams.md)."""
-        out: dict[str, Any] = {"state": self.state, "checked_ms": self.checked_ms, "looks": self.looks}
-        if self.state != "ok":
-            out |= {"since_ms": self.since_ms, "common_mm": self.common_mm, "extra_sigma_mm": self.extra_sigma_mm}
-            if self.anchor_id:
-                out |= {"anchor_id": self.anchor_id, "off_mm": self.off_mm, "sigma_mm": self.sigma_mm}
-        return out
+    def health(self) -> Drift:
+        """Part ``drift`` of a health record."""
+        if self.state == "ok":
+            return Drift(state=self.state, checked_ms=self.checked_ms, looks=self.looks)
+        return Drift(
+            state=self.state,
+            checked_ms=self.checked_ms,
+            looks=self.looks,
+            since_ms=self.since_ms,
+            common_mm=self.common_mm,
+            extra_sigma_mm=self.extra_sigma_mm,
+            anchor_id=self.anchor_id or None,
+            off_mm=self.off_mm if self.anchor_id else None,
+            sigma_mm=self.sigma_mm if self.anchor_id else None,
+        )
 
 
 @dataclass(slots=True)

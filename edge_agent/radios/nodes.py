@@ -14,6 +14,7 @@ from typing import Final, Self
 from edge_agent.radios.between import PairRanges, measure_between
 from edge_agent.session.events import AnchorRange, DataHeard, FrameHeard, PadEvent, RadiosFailed
 from wonderland.clock import Clock
+from wonderland.telemetry.fields import AnchorCondition
 from wonderland.uwb.blinks import BlinkPlan
 from wonderland.uwb.errors import NodeError, UwbError
 from wonderland.uwb.events import DataReceived, FrameStamped, RangeMeasurement, SessionFailed
@@ -52,7 +53,7 @@ class AnchorState:
     """One anchor's node, for people. ``state``: up, down (port or node away), or silent (no report when ranging)."""
 
     anchor_id: str
-    state: str
+    state: AnchorCondition
     detail: str
     firmware: str | None
 
@@ -92,7 +93,7 @@ class PadRadios:
         now_ms = self._clock()
         out: list[AnchorState] = []
         for anchor_id, node in self._nodes.items():
-            state = "up" if node.is_ready else "down"
+            state: AnchorCondition = "up" if node.is_ready else "down"
             if node.is_ready and ranging and now_ms - self._reported.get(anchor_id, now_ms) > 1_000:
                 state = "silent"
             out.append(AnchorState(anchor_id, state, node.detail, _firmware(node)))

@@ -9,19 +9,19 @@ from __future__ import annotations
 
 import re
 from collections import OrderedDict, deque
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from edge_agent.receiver.findings import RATE_HIGH, SEVERAL_IDENTITIES, SIGNATURE_BAD, Finding, FindingGate, Position
 from edge_agent.receiver.heard import Heard, ReceiverCounts
+from edge_agent.receiver.hearing import heard_of
 from edge_agent.receiver.limits import ReceiverLimits, TokenBucket
 from edge_agent.receiver.tracks import DroneTrack
 from edge_agent.receiver.transmitters import Source, Sources
+from wonderland import telemetry
 from wonderland.proofs.records.fields import ID_PATTERN
 from wonderland.proofs.records.sessions import BroadcastClaim
 from wonderland.remote_id import (
     BasicId,
-    ClassificationType,
-    DescriptionType,
     IdType,
     Location,
     OperatorId,
@@ -33,13 +33,12 @@ from wonderland.remote_id import (
     decode,
     encode,
     public_operator_id,
-    resolve_time,
 )
-from wonderland.remote_id.attested import stated_accuracy_mm
 
 if TYPE_CHECKING:
     from wonderland.remote_id import Message
     from wonderland.remote_id.drip.registry import Registry
+    from wonderland.telemetry import Signature
 
 MAX_IDENTITIES: Final = 8
 """Identities remembered of one source: two already make it ambiguous."""
@@ -102,8 +101,8 @@ class Assembler:
         drone = self._drones.get(uav_id)
         return () if drone is None else tuple(claim for claim in drone.unsure if claim.t_ms >= since_ms)
 
-    def signature(self, uav_id: str, since_ms: int) -> dict[str, str | int | bool] | None:
-        """Who signed what was heard of a drone from ``since_ms`` on (docs/seams.md, ``session_end``)."""
+    def signature(self, uav_id: str, since_ms: int) -> Signature | None:
+        """Who signed what was heard of a drone from ``since_ms`` on."""
         drone = self._drones.get(uav_id)
         return drone.signature(since_ms) if drone is not None else None
 
@@ -167,13 +166,13 @@ class Assembler:
         if drone.is_duplicate(encode(location), source, counter, now_ms):
             self._duplicates += 1
             return None
-        heard = _heard(uav_id, drone, location, transport=transport, now_ms=now_ms, rssi_dbm=rssi_dbm)
+        heard = heard_of(uav_id, drone, location, transport=transport, now_ms=now_ms, rssi_dbm=rssi_dbm)
         watched = uav_id in self._watched
         if watched:  # whoever floods, its session sees everything and chooses
             drone.history.append(heard.claim())
         if not drone.takes(source, now_ms):
             self._limited += 1
-            self._gate.put(Finding(uav_id=uav_id, kind=RATE_HIGH, t_ms=now_ms, transport=transport))
+            self._gate.put(Finding(now_ms, telemetry.Finding(uav_id=uav_id, kind=RATE_HIGH, transport=transport)))
             return None
         drone.look(uav_id, source, _position(heard), self._gate)
         if not watched:
@@ -210,7 +209,7 @@ class Assembler:
         for _, name in sender.identities:
             drone = self._drones.get(name) if name in self._watched else None
             if drone is not None:
-                heard = _heard(name, drone, location, transport=transport, now_ms=now_ms, rssi_dbm=None)
+                heard = heard_of(name, drone, location, transport=transport, now_ms=now_ms, rssi_dbm=None)
                 drone.unsure.append(heard.claim())
 
     def _look_at_names(self, known: dict[tuple[IdType, str], int], now_ms: int) -> None:
@@ -220,11 +219,13 @@ class Assembler:
         if len(serials) > 1:
             self._gate.put(
                 Finding(
-                    uav_id=serials[-1],
-                    kind=SEVERAL_IDENTITIES,
-                    t_ms=now_ms,
-                    other_uav_id=serials[-2],
-                    count=len(serials) - 1,
+                    now_ms,
+                    telemetry.Finding(
+                        uav_id=serials[-1],
+                        kind=SEVERAL_IDENTITIES,
+                        other_uav_id=serials[-2],
+                        count=len(serials) - 1,
+                    ),
                 )
             )
 
@@ -242,7 +243,7 @@ class Assembler:
         if observation is not None:
             drone.take_signature(observation)
             if observation.state == "refused":
-                self._gate.put(Finding(uav_id=uav_id, kind=SIGNATURE_BAD, t_ms=now_ms))
+                self._gate.put(Finding(now_ms, telemetry.Finding(uav_id=uav_id, kind=SIGNATURE_BAD)))
 
     def _drone(self, uav_id: str, now_ms: int) -> DroneTrack | None:
         """The drone's place; a new one only where new ones do not come too fast, and then in place of the stalest."""
@@ -291,74 +292,6 @@ def _preferred(identities: dict[tuple[IdType, str], int]) -> str | None:
     return None
 
 
-def _heard(
-    uav_id: str, drone: DroneTrack, location: Location, *, transport: str, now_ms: int, rssi_dbm: int | None
-) -> Heard:
-    assert location.lat_e7 is not None
-    assert location.lon_e7 is not None
-    claim_t_ms = resolve_time(location, now_ms)
-    if claim_t_ms is not None:
-        drone.latency_ms = now_ms - claim_t_ms
-    return Heard(
-        uav_id=uav_id,
-        t_ms=now_ms,
-        lat_e7=location.lat_e7,
-        lon_e7=location.lon_e7,
-        transport=transport,
-        height_mm=location.altitude_mm,
-        accuracy_mm=stated_accuracy_mm(location),
-        height_accuracy_mm=location.vertical_accuracy.mm,
-        speed_mm_s=location.speed_mm_s,
-        track_cdeg=location.track_cdeg,
-        vertical_mm_s=location.vertical_mm_s,
-        status=location.status.name.lower(),
-        operator_id=drone.operator_id,
-        above_mm=location.height_mm,
-        above=location.height_reference.name.lower() if location.height_mm is not None else None,
-        pressure_mm=location.pressure_altitude_mm,
-        speed_accuracy_mm_s=location.speed_accuracy.mm_s,
-        time_accuracy_ms=location.time_accuracy_ms,
-        ua_type=int(drone.ua_type) if drone.ua_type is not None else None,
-        **(_described(drone.system) if drone.system is not None else {}),
-        **(_said(drone.self_id) if drone.self_id is not None else {}),
-        claim_t_ms=claim_t_ms,
-        rssi_dbm=rssi_dbm,
-        latency_ms=drone.latency_ms if claim_t_ms is not None else None,
-        lost=drone.lost,
-        duplicates=drone.duplicates,
-        transports=drone.transports(now_ms),
-        drip=drone.drip.summary() if drone.drip is not None else None,
-    )
-
-
-def _described(system: System) -> dict[str, Any]:
-    is_eu = system.classification is ClassificationType.EU
-    return {
-        "operator_lat_e7": system.operator_lat_e7,
-        "operator_lon_e7": system.operator_lon_e7,
-        "operator_height_mm": system.operator_altitude_mm,
-        "operator_place": system.operator_location.name.lower(),
-        "eu_category": int(system.category) if is_eu else None,
-        "eu_class": int(system.uas_class) if is_eu else None,
-        **(_group(system) if system.area_count > 1 else {}),
-    }
-
-
-def _group(system: System) -> dict[str, Any]:
-    """Several aircraft under one identity, and where they are."""
-    return {
-        "area_count": system.area_count,
-        "area_radius_mm": system.area_radius_mm,
-        "area_ceiling_mm": system.area_ceiling_mm,
-        "area_floor_mm": system.area_floor_mm,
-    }
-
-
-def _said(self_id: SelfId) -> dict[str, Any]:
-    kind = self_id.description_type
-    name = kind.name.lower() if isinstance(kind, DescriptionType) else "private"
-    return {"description": self_id.text.strip(), "description_type": name}
-
-
 def _position(heard: Heard) -> Position:
-    return Position(heard.lat_e7, heard.lon_e7, heard.accuracy_mm, heard.t_ms, heard.claim_t_ms, heard.transport)
+    said = heard.track
+    return Position(said.lat_e7, said.lon_e7, said.accuracy_mm, heard.t_ms, said.claim_t_ms, said.transport)

@@ -10,7 +10,12 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
+
+from msgspec.structs import replace
+
+from wonderland import telemetry
+from wonderland.telemetry import FindingKind
 
 TWO_PLACES: Final = "two_places"
 IMPOSSIBLE_SPEED: Final = "impossible_speed"
@@ -20,9 +25,6 @@ TIME_OFF: Final = "time_off"
 SEVERAL_IDENTITIES: Final = "several_identities"
 RATE_HIGH: Final = "rate_high"
 SIGNATURE_BAD: Final = "signature_bad"
-KINDS: Final = (
-    TWO_PLACES, IMPOSSIBLE_SPEED, TIME_STUCK, TIME_BACKWARDS, TIME_OFF, SEVERAL_IDENTITIES, RATE_HIGH, SIGNATURE_BAD,
-)  # fmt: skip
 
 EARTH_RADIUS_M: Final = 6_371_008.8
 MAX_SPEED_M_S: Final = 150.0
@@ -40,28 +42,12 @@ AGAIN_MS: Final = 60_000
 MAX_REMEMBERED: Final = 1_024
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Finding:
-    """One oddity of one drone. ``count`` says how often it was seen since the last time that it was told."""
+    """One oddity of one drone, and when it was seen (Unix ms)."""
 
-    uav_id: str
-    kind: str
     t_ms: int
-    count: int = 1
-    lat_e7: int | None = None
-    lon_e7: int | None = None
-    other_lat_e7: int | None = None
-    other_lon_e7: int | None = None
-    transport: str | None = None
-    other_transport: str | None = None
-    distance_mm: int | None = None
-    interval_ms: int | None = None
-    other_uav_id: str | None = None
-
-    def body(self) -> dict[str, Any]:
-        """The body of a ``finding`` record (docs/seams.md, "ingest"); its time is the record's."""
-        fields = {name: getattr(self, name) for name in self.__slots__ if name != "t_ms"}
-        return {name: value for name, value in fields.items() if value is not None}
+    body: telemetry.Finding
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,19 +76,21 @@ def _tolerance_m(one: Position, other: Position) -> float:
     )
 
 
-def _between(kind: str, uav_id: str, new: Position, old: Position, away_m: float, interval_ms: int) -> Finding:
+def _between(kind: FindingKind, uav_id: str, new: Position, old: Position, away_m: float, interval_ms: int) -> Finding:
     return Finding(
-        uav_id=uav_id,
-        kind=kind,
-        t_ms=new.t_ms,
-        lat_e7=new.lat_e7,
-        lon_e7=new.lon_e7,
-        other_lat_e7=old.lat_e7,
-        other_lon_e7=old.lon_e7,
-        transport=new.transport,
-        other_transport=old.transport,
-        distance_mm=round(away_m * 1000),
-        interval_ms=max(0, interval_ms),
+        new.t_ms,
+        telemetry.Finding(
+            uav_id=uav_id,
+            kind=kind,
+            lat_e7=new.lat_e7,
+            lon_e7=new.lon_e7,
+            other_lat_e7=old.lat_e7,
+            other_lon_e7=old.lon_e7,
+            transport=new.transport,
+            other_transport=old.transport,
+            distance_mm=round(away_m * 1000),
+            interval_ms=max(0, interval_ms),
+        ),
     )
 
 
@@ -143,7 +131,8 @@ class ClaimClock:
         """What is odd about the time of a position."""
         if new.claim_ms is None:
             return None
-        last_ms, interval_ms, kind = self._last_ms, 0, ""
+        last_ms, interval_ms = self._last_ms, 0
+        kind: FindingKind | None = None
         if last_ms is not None and new.claim_ms == last_ms:
             self._count += 1
             interval_ms = new.t_ms - self._since_ms
@@ -153,18 +142,20 @@ class ClaimClock:
             if last_ms is not None and new.claim_ms < last_ms - BACKWARDS_MS:
                 kind, interval_ms = TIME_BACKWARDS, last_ms - new.claim_ms
             self._last_ms, self._since_ms, self._count = new.claim_ms, new.t_ms, 1
-        if not kind and abs(new.t_ms - new.claim_ms) > OFF_MS:
+        if kind is None and abs(new.t_ms - new.claim_ms) > OFF_MS:
             kind, interval_ms = TIME_OFF, abs(new.t_ms - new.claim_ms)
-        if not kind:
+        if kind is None:
             return None
         return Finding(
-            uav_id=uav_id,
-            kind=kind,
-            t_ms=new.t_ms,
-            lat_e7=new.lat_e7,
-            lon_e7=new.lon_e7,
-            transport=new.transport,
-            interval_ms=interval_ms,
+            new.t_ms,
+            telemetry.Finding(
+                uav_id=uav_id,
+                kind=kind,
+                lat_e7=new.lat_e7,
+                lon_e7=new.lon_e7,
+                transport=new.transport,
+                interval_ms=interval_ms,
+            ),
         )
 
 
@@ -179,7 +170,7 @@ class FindingGate:
         """Take what a check came to."""
         if finding is None:
             return
-        key = finding.uav_id, finding.kind
+        key = finding.body.uav_id, finding.body.kind
         told_ms, unseen = self._told.get(key, (None, 0))
         if told_ms is not None and 0 <= finding.t_ms - told_ms < AGAIN_MS:
             self._told[key] = told_ms, unseen + 1
@@ -189,8 +180,7 @@ class FindingGate:
         if len(self._told) > MAX_REMEMBERED:
             self._told.popitem(last=False)
         if len(self._waiting) < MAX_REMEMBERED:
-            fields = {name: getattr(finding, name) for name in finding.__slots__}
-            self._waiting.append(Finding(**fields | {"count": finding.count + unseen}))
+            self._waiting.append(Finding(finding.t_ms, replace(finding.body, count=finding.body.count + unseen)))
 
     def take(self) -> list[Finding]:
         """What is to be told now."""

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from wonderland.proofs.records.sessions import BroadcastClaim
     from wonderland.remote_id.drip.registry import Registry
     from wonderland.remote_id.framings.framed import Framed
+    from wonderland.telemetry import Signature
     from wonderland.uwb.serial_port import Opener
 
 OnHeard = Callable[["Heard"], None]
@@ -106,7 +107,7 @@ class RemoteIdReceiver:
         """Positions since then that may be a watched drone's, of transmitters that named others as well."""
         return self._assembler.unsure(uav_id, since_ms)
 
-    def signature(self, uav_id: str, since_ms: int) -> dict[str, str | int | bool] | None:
+    def signature(self, uav_id: str, since_ms: int) -> Signature | None:
         """Who signed what was heard of a drone from ``since_ms`` on; None where nothing was signed."""
         return self._assembler.signature(uav_id, since_ms)
 

@@ -6,6 +6,7 @@ from collections import OrderedDict, deque
 from typing import TYPE_CHECKING, Final
 
 from edge_agent.receiver.findings import ClaimClock, Finding, FindingGate, Position, impossible_speed, two_places
+from edge_agent.receiver.hearing import signature_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from wonderland.proofs.records.sessions import BroadcastClaim
     from wonderland.remote_id import SelfId, System, UaType
     from wonderland.remote_id.drip.observer import Observation, Observer
+    from wonderland.telemetry import Signature
 
 DUPLICATE_MS: Final = 1_000
 """The same content from elsewhere within this is the same message: a drone sends each over every transport it has."""
@@ -88,14 +90,14 @@ class DroneTrack:
         if self.drip is None or not self.drip.outlasts(observation):
             self.drip = observation
 
-    def signature(self, since_ms: int) -> dict[str, str | int | bool] | None:
+    def signature(self, since_ms: int) -> Signature | None:
         """Who signed since then: the last of the strongest kind, and how many were ``refused`` besides."""
         seen = [each for each in self.signatures if each.t_ms >= since_ms]
         if not seen:
             return None
         strongest = max(seen, key=lambda each: (_STRENGTH.index(each.state), each.covers_location, each.t_ms))
         refused = sum(each.state == "refused" for each in seen)
-        return strongest.summary() | ({"refused": refused} if refused else {})
+        return signature_of(strongest, refused)
 
     def count(self, source: str, transport: str, kind: int, counter: int | None, now_ms: int) -> None:
         """Note that a frame of message type ``kind`` was heard."""

@@ -21,6 +21,7 @@ from wonderland.proofs.records.sessions import (
     StepTime,
     TimeStamps,
 )
+from wonderland.telemetry import StepName
 from wonderland.uwb.link.proof_payloads import ClaimBatch
 
 MAX_ANSWERS: Final = 8
@@ -37,7 +38,7 @@ class GatheredEvidence:
         self._claims: list[Claim] = []
         self.attested: tuple[str, ...] = ()
         """Digests of the Remote ID positions that the drone says it broadcast; its signature covers them."""
-        self._steps: dict[str, int] = {}
+        self._steps: dict[StepName, int] = {}
         self._answers: list[ClockReading] = []
         self._said: ClockReading | None = None
         self.frozen = False
@@ -58,7 +59,7 @@ class GatheredEvidence:
         return tuple(self._claims)
 
     @property
-    def steps(self) -> dict[str, int]:
+    def steps(self) -> dict[StepName, int]:
         """Time of each step that was reached, ms."""
         return dict(self._steps)
 
@@ -106,7 +107,7 @@ class GatheredEvidence:
         elif self._said is None or uav_ms - heard_ms > self._said.uav_ms - self._said.heard_ms:
             self._said = reading
 
-    def reach(self, step: str, t_ms: int) -> bool:
+    def reach(self, step: StepName, t_ms: int) -> bool:
         """Note the time of a step, the first time only; False if it was reached before."""
         if step in self._steps:
             return False

@@ -41,6 +41,7 @@ from wonderland.proofs.rounds import MIN_ANCHORS
 from wonderland.proofs.stopping import LOOKS
 from wonderland.proofs.verdict import preview
 from wonderland.session.words import Word
+from wonderland.telemetry import StepName
 from wonderland.uwb.blinks import blink_plan
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.link.messages import AbortReason
@@ -471,7 +472,8 @@ class PadSession:
         if self.phase not in {Phase.POLLING, Phase.RANGING, Phase.CONFIRMING}:
             return
         self._failure = reason
-        step = {Phase.POLLING: "reply", Phase.RANGING: "range", Phase.CONFIRMING: "confirm"}[self.phase]
+        steps: dict[Phase, StepName] = {Phase.POLLING: "reply", Phase.RANGING: "range", Phase.CONFIRMING: "confirm"}
+        step = steps[self.phase]
         if self.phase is Phase.POLLING and "poll" not in self._gathered.steps:
             step = "poll"
         actions.append(do.ReportStep(step, now_ms, ok=False, detail=f"{reason}: {detail}" if detail else reason))
@@ -489,7 +491,9 @@ class PadSession:
         self._words.close()
         actions.append(do.Finish(state, end, now_ms, tx_id, detail))
 
-    def _reach(self, step: str, t_ms: int, actions: list[do.PadAction], *, ok: bool = True, detail: str = "") -> None:
+    def _reach(
+        self, step: StepName, t_ms: int, actions: list[do.PadAction], *, ok: bool = True, detail: str = ""
+    ) -> None:
         if self._gathered.reach(step, t_ms):
             actions.append(do.ReportStep(step, t_ms, ok=ok, detail=detail))
 

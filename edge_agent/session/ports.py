@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from edge_agent.session import actions as do
@@ -10,6 +10,7 @@ from edge_agent.session import events as on
 from wonderland.ledger.proof_contract import Committed
 from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import Verdict
+from wonderland.telemetry import StepName
 from wonderland.uwb.layout import RangingPlan
 
 Sink = Callable[[on.PadEvent], None]
@@ -67,5 +68,5 @@ class Reporter(Protocol):
     def estimate(self, session: Session, report: do.ReportEstimate) -> None:
         """A running estimate."""
 
-    def finish(self, session: Session, report: do.Finish, steps: dict[str, int], *, settled: bool) -> None:
+    def finish(self, session: Session, report: do.Finish, steps: Mapping[StepName, int], *, settled: bool) -> None:
         """The session is over for this pad; ``settled`` where the ledger holds the state that the report names."""

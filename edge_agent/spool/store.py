@@ -16,7 +16,9 @@ from edge_agent.spool.database import SpoolDatabase
 from edge_agent.spool.errors import SpoolCorruptError, SpoolError, SpoolFull
 from edge_agent.spool.schema import EVIDENCE, MARKER, TELEMETRY
 from edge_agent.spool.state import AgentState
+from wonderland import telemetry
 from wonderland.proofs import encoding
+from wonderland.telemetry import Dropped, SpoolHealth
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -25,7 +27,6 @@ if TYPE_CHECKING:
 ROW_BYTES: Final = 64
 """What a row costs besides its body: numbers, index entry, its share of a page."""
 MIN_QUOTA_BYTES: Final = 256 * 1024
-DROPPED: Final = "dropped"
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +68,9 @@ class SpoolStatus:
     acknowledged: int
     reason: str = ""
 
-    def health(self) -> dict[str, int]:
+    def health(self) -> SpoolHealth:
         """The ``spool`` part of a health record."""
-        return {"records": self.records, "bytes": self.bytes, "dropped": self.dropped}
+        return SpoolHealth(records=self.records, bytes=self.bytes, dropped=self.dropped)
 
 
 @dataclass(slots=True)
@@ -341,8 +342,8 @@ class SpoolStore:
     def _mark(self, from_seq: int, to_seq: int) -> None:
         row = self._db.execute("SELECT t_ms FROM records ORDER BY seq DESC LIMIT 1").fetchone()
         t_ms = 0 if row is None else row[0]
-        body = encoding.encode({"from_seq": from_seq, "to_seq": to_seq})
-        self._db.execute("INSERT INTO records VALUES (?, ?, ?, ?, ?)", (to_seq, MARKER, DROPPED, t_ms, body))
+        body = telemetry.canonical(Dropped(from_seq=from_seq, to_seq=to_seq))
+        self._db.execute("INSERT INTO records VALUES (?, ?, ?, ?, ?)", (to_seq, MARKER, Dropped.KIND, t_ms, body))
         self._totals.records += 1
         self._totals.kept_bytes += ROW_BYTES + len(body)
 

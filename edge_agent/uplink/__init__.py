@@ -7,7 +7,7 @@ from edge_agent.uplink.errors import (
     UplinkRefusedError,
     UplinkStalledError,
 )
-from edge_agent.uplink.protocol import Credentials, UplinkProtocol, challenge_bytes
+from edge_agent.uplink.protocol import Credentials, UplinkProtocol
 from edge_agent.uplink.uplink import Uplink, UplinkStatus, UplinkTimings
 
 __all__ = [
@@ -21,5 +21,4 @@ __all__ = [
     "UplinkStalledError",
     "UplinkStatus",
     "UplinkTimings",
-    "challenge_bytes",
 ]

@@ -1,4 +1,4 @@
-"""The agent's side of ``wonderland-ingest/1`` (docs/seams.md), without I/O: texts in, events out.
+"""The agent's side of ``wonderland-ingest/1`` (`wonderland.telemetry`), without I/O: texts in, events out.
 
 challenge → hello (signed with the ledger identity) → welcome, which says from where to go on → records and cumulative
 acknowledgements. One `UplinkProtocol` is one connection.
@@ -9,21 +9,35 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, Literal, TypeAlias
+
+from msgspec import Raw
 
 from edge_agent.uplink.errors import UplinkError, UplinkProtocolError
+from wonderland import telemetry
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import EncodingError
+from wonderland.telemetry import (
+    NONCE_BYTES,
+    PROTOCOL,
+    SERVER,
+    Ack,
+    Challenge,
+    Hello,
+    Record,
+    Refused,
+    Rejected,
+    TelemetryError,
+    Welcome,
+    signed_text,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edge_agent.spool import StoredRecord
+    from wonderland.telemetry.frames import FromServer
 
-PROTOCOL: Final = "wonderland-ingest/1"
-PURPOSE: Final = "wonderland-ingest"
-SERVER: Final = "wonderland"
-NONCE_BYTES: Final = 32
 MAX_FRAME_BYTES: Final = 256 * 1024
 MAX_SERVER_FRAME_BYTES: Final = 64 * 1024
 MAX_TEXT_CHARS: Final = 500
@@ -33,7 +47,7 @@ MAX_TEXT_CHARS: Final = 500
 class Credentials:
     """Who this agent is. ``sign`` maps a message to a DER low-S ECDSA P-256/SHA-256 signature with the ledger key."""
 
-    agent: str
+    agent: Literal["pad", "uav"]
     id: str
     msp_id: str
     certificate_pem: str
@@ -47,38 +61,7 @@ class SendHello:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Welcomed:
-    """The server knows this agent, and holds everything up to ``acknowledged``."""
-
-    acknowledged: int
-
-
-@dataclass(frozen=True, slots=True)
-class Refused:
-    """The server does not let this agent in, and closes."""
-
-    code: str
-    message: str
-
-
-@dataclass(frozen=True, slots=True)
-class Acknowledged:
-    """The server holds everything up to ``seq`` durably."""
-
-    seq: int
-
-
-@dataclass(frozen=True, slots=True)
-class Rejected:
-    """The server keeps this record as one that it could not read; it stays acknowledged with the others."""
-
-    seq: int
-    code: str
-    message: str
-
-
-Event: TypeAlias = SendHello | Welcomed | Refused | Acknowledged | Rejected
+Event: TypeAlias = SendHello | Welcome | Refused | Ack | Rejected
 
 
 class State(enum.Enum):
@@ -104,46 +87,43 @@ class UplinkProtocol:
 
     def receive(self, text: str | bytes) -> Event:
         """What a text of the server means. Raises `UplinkProtocolError`."""
-        message = _decoded(text)
-        kind = _text(message, "type")
-        if self.state is State.CHALLENGE and kind == "challenge":
-            return self._challenged(message)
-        if self.state in {State.CHALLENGE, State.WELCOME} and kind == "refused":
-            self.state = State.REFUSED
-            return Refused(_text(message, "code"), _text(message, "message", ""))
-        if self.state is State.WELCOME and kind == "welcome":
-            self.state = State.STREAMING
-            self.acknowledged_seq = self.sent_seq = _number(message, "acknowledged")
-            return Welcomed(self.acknowledged_seq)
-        if self.state is State.STREAMING and kind == "ack":
-            return self._acknowledged(_number(message, "seq"))
-        if self.state is State.STREAMING and kind == "rejected":
-            return Rejected(_number(message, "seq"), _text(message, "code"), _text(message, "message", ""))
-        if self.state is State.STREAMING and kind == "refused":
-            self.state = State.REFUSED
-            return Refused(_text(message, "code"), _text(message, "message", ""))
-        raise UplinkProtocolError(f"the server sent {kind[:40]!r} while the agent was {self.state.value}")
+        match self.state, _decoded(text):
+            case State.CHALLENGE, Challenge() as challenge:
+                return self._challenged(challenge)
+            case State.CHALLENGE | State.WELCOME | State.STREAMING, Refused() as refused:
+                self.state = State.REFUSED
+                return Refused(code=_text(refused.code), message=_text(refused.message))
+            case State.WELCOME, Welcome() as welcome:
+                self.state = State.STREAMING
+                self.acknowledged_seq = self.sent_seq = welcome.acknowledged
+                return welcome
+            case State.STREAMING, Ack() as ack:
+                return self._acknowledged(ack)
+            case State.STREAMING, Rejected() as rejected:
+                return Rejected(seq=rejected.seq, code=_text(rejected.code), message=_text(rejected.message))
+            case _, other:
+                said = other.__struct_config__.tag
+                raise UplinkProtocolError(f"the server sent {said!r} while the agent was {self.state.value}")
 
     def records(self, records: Sequence[StoredRecord]) -> str:
         """The text that carries records, in order and after those already sent. Raises `UplinkProtocolError`."""
         if self.state is not State.STREAMING:
             raise UplinkProtocolError(f"records cannot be sent while {self.state.value}")
         seq = self.sent_seq
-        parts = []
+        numbered = []
         for record in records:
             if record.seq <= seq:
                 raise UplinkProtocolError(f"record {record.seq} would follow record {seq}")
             seq = record.seq
-            # The body is canonical JSON already; a kind has no character that JSON would escape.
-            parts.append(f'{{"body":{record.body.decode()},"kind":"{record.kind}","seq":{seq},"t_ms":{record.t_ms}}}')
-        text = f'{{"records":[{",".join(parts)}],"type":"records"}}'
-        if len(text) > MAX_FRAME_BYTES // 3 and len(text.encode()) > MAX_FRAME_BYTES:
+            numbered.append(Record(seq=seq, kind=record.kind, t_ms=record.t_ms, body=Raw(record.body)))
+        frame = telemetry.canonical(telemetry.records_of(numbered))
+        if len(frame) > MAX_FRAME_BYTES:
             raise UplinkProtocolError(f"{len(records)} records need more than {MAX_FRAME_BYTES} bytes; send fewer")
         self.sent_seq = seq
-        return text
+        return frame.decode()
 
-    def _challenged(self, message: dict[str, Any]) -> SendHello:
-        nonce, server = _text(message, "nonce"), _text(message, "server")
+    def _challenged(self, challenge: Challenge) -> SendHello:
+        nonce, server = challenge.nonce, challenge.server
         try:
             size = len(encoding.from_base64url(nonce))
         except EncodingError as cause:
@@ -153,59 +133,41 @@ class UplinkProtocol:
         if server != SERVER:
             raise UplinkProtocolError(f"the server calls itself {server[:40]!r}, not {SERVER!r}: is the address right?")
         who = self._credentials
-        signed = challenge_bytes(nonce=nonce, server=server, agent=who.agent, agent_id=who.id, spool=self._spool)
+        signed = signed_text(nonce=nonce, server=server, agent=who.agent, agent_id=who.id, spool=self._spool)
         try:
             signature = who.sign(signed)
         except Exception as cause:
             raise UplinkError(f"the ledger key cannot sign ({cause})") from cause  # a signer is anybody's function
-        hello = {
-            "type": "hello",
-            "protocol": PROTOCOL,
-            "agent": who.agent,
-            "id": who.id,
-            "spool": self._spool,
-            "msp_id": who.msp_id,
-            "certificate": who.certificate_pem,
-            "signature": encoding.to_base64url(signature),
-        }
+        hello = Hello(
+            protocol=PROTOCOL,
+            agent=who.agent,
+            id=who.id,
+            spool=self._spool,
+            msp_id=who.msp_id,
+            certificate=who.certificate_pem,
+            signature=encoding.to_base64url(signature),
+        )
         self.state = State.WELCOME
-        return SendHello(encoding.encode(hello).decode())
+        return SendHello(telemetry.canonical(hello).decode())
 
-    def _acknowledged(self, seq: int) -> Acknowledged:
-        if seq > self.sent_seq:
-            raise UplinkProtocolError(f"the server acknowledged {seq}, but the last record sent is {self.sent_seq}")
-        if seq < self.acknowledged_seq:
-            raise UplinkProtocolError(f"the server went back from {self.acknowledged_seq} to {seq}")
-        self.acknowledged_seq = seq
-        return Acknowledged(seq)
-
-
-def challenge_bytes(*, nonce: str, server: str, agent: str, agent_id: str, spool: str) -> bytes:
-    """What an agent signs: canonical JSON that names its purpose, so that it can never pass for something else."""
-    return encoding.encode(
-        {"purpose": PURPOSE, "nonce": nonce, "server": server, "agent": agent, "id": agent_id, "spool": spool}
-    )
+    def _acknowledged(self, ack: Ack) -> Ack:
+        if ack.seq > self.sent_seq:
+            raise UplinkProtocolError(f"the server acknowledged {ack.seq}, but the last record sent is {self.sent_seq}")
+        if ack.seq < self.acknowledged_seq:
+            raise UplinkProtocolError(f"the server went back from {self.acknowledged_seq} to {ack.seq}")
+        self.acknowledged_seq = ack.seq
+        return ack
 
 
-def _decoded(text: str | bytes) -> dict[str, Any]:
+def _text(said: str) -> str:
+    """A text of the server's as it can be logged."""
+    return telemetry.clean(said, MAX_TEXT_CHARS)
+
+
+def _decoded(text: str | bytes) -> FromServer:
+    if len(text) > MAX_SERVER_FRAME_BYTES:
+        raise UplinkProtocolError(f"the server's message: more than {MAX_SERVER_FRAME_BYTES} bytes")
     try:
-        message = encoding.decode(text, max_bytes=MAX_SERVER_FRAME_BYTES)
-    except EncodingError as cause:
+        return telemetry.decode_server(text)
+    except TelemetryError as cause:
         raise UplinkProtocolError(f"the server's message: {cause}") from cause
-    if not isinstance(message, dict):
-        raise UplinkProtocolError("the server's message is no JSON object")
-    return message
-
-
-def _text(message: dict[str, Any], name: str, default: str | None = None) -> str:
-    value = message.get(name, default)
-    if not isinstance(value, str):
-        raise UplinkProtocolError(f"the server's message has no text {name!r}")
-    return value[:MAX_TEXT_CHARS]
-
-
-def _number(message: dict[str, Any], name: str) -> int:
-    value = message.get(name)
-    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise UplinkProtocolError(f"the server's message has no number {name!r} from 0 on")
-    return value

@@ -30,14 +30,11 @@ from edge_agent.uplink.errors import (
 )
 from edge_agent.uplink.protocol import (
     MAX_SERVER_FRAME_BYTES,
-    Acknowledged,
     Credentials,
-    Refused,
-    Rejected,
     SendHello,
     UplinkProtocol,
-    Welcomed,
 )
+from wonderland.telemetry import Ack, Refused, Rejected, Welcome
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
@@ -208,7 +205,7 @@ class Uplink:
             raise UplinkStalledError("the server did not finish the greeting in time") from None
         if isinstance(welcome, Refused):
             raise UplinkRefusedError(welcome.code, welcome.message)
-        assert isinstance(welcome, Welcomed)
+        assert isinstance(welcome, Welcome)
         if welcome.acknowledged > self._spool.status.last_seq:
             # The spool's file is older than what it has sent: under its old name nothing new would be believed.
             await self._spool.renew()
@@ -260,7 +257,7 @@ class Uplink:
     async def _receive(self, socket: ClientConnection, protocol: UplinkProtocol, acknowledged: _Latest) -> None:
         async for text in socket:
             event = protocol.receive(text)
-            if isinstance(event, Acknowledged):
+            if isinstance(event, Ack):
                 acknowledged.put(event.seq)
             elif isinstance(event, Rejected):
                 _log.warning("uplink: record %d rejected (%s: %s)", event.seq, event.code, event.message)

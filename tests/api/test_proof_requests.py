@@ -12,9 +12,10 @@ from jsonschema import Draft202012Validator
 from backend.description import openapi
 from backend.routes import new_app
 from backend.settings import Settings
-from uav_agent.requests import Requests, RequestsError, Wish, _object, _wish
+from uav_agent.requests import Requests, RequestsError, _said
 from uav_agent.willing import Willing
 from wonderland.ledger.signing import key_signer
+from wonderland.telemetry import PleaseProve
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -68,7 +69,11 @@ async def test_a_request_becomes_a_proof(running, machine, authorities, chain, f
         path = answer.headers["location"]
         found = await until(http, path, accepted=True)
         assert (found["state"], found["told_ms"]) == ("pending", clock.now_ms)
-        assert wishes == [Wish(found["request_id"], "pad-1", "land", clock.now_ms + 600_000)]
+        assert wishes == [
+            PleaseProve(
+                request_id=found["request_id"], pad_id="pad-1", action="land", expires_ms=clock.now_ms + 600_000
+            )
+        ]
         chain.add(facts.request("asked for", t_ms=clock.now_ms + 5_000))
         assert (await until(http, path, state="asked"))["session_id"] == number("session", "asked for")
         chain.add(facts.decide("asked for", t_ms=clock.now_ms + 5_000))
@@ -171,6 +176,10 @@ async def test_answers_to_what_was_asked_of_another_count_for_nothing(running, m
         assert (await http.get(path)).json()["state"] == "pending"
 
 
+def wish(digit, pad_id, action):
+    return PleaseProve(request_id=digit * 32, pad_id=pad_id, action=action, expires_ms=0)
+
+
 async def test_a_willing_drone_does_one_proof_at_a_time():
     gate, asked = asyncio.Event(), []
 
@@ -188,13 +197,13 @@ async def test_a_willing_drone_does_one_proof_at_a_time():
             gate.set()
 
     willing = Willing(Agent(), frozenset({"pad-1"}))
-    assert await willing.decide(Wish("1" * 32, "pad-1", "land", 0)) == ""
-    assert "another proof" in await willing.decide(Wish("2" * 32, "pad-1", "land", 0))
-    assert "pad-9" in await willing.decide(Wish("3" * 32, "pad-9", "land", 0))
+    assert await willing.decide(wish("1", "pad-1", "land")) == ""
+    assert "another proof" in await willing.decide(wish("2", "pad-1", "land"))
+    assert "pad-9" in await willing.decide(wish("3", "pad-9", "land"))
     await asyncio.sleep(0)
     gate.set()
     await asyncio.sleep(0.01)
-    assert await willing.decide(Wish("4" * 32, "pad-1", "dock", 0)) == ""
+    assert await willing.decide(wish("4", "pad-1", "dock")) == ""
     await willing.stop()
     assert asked == [("pad-1", "land"), ("pad-1", "dock")]
 
@@ -204,9 +213,10 @@ async def test_a_willing_drone_does_one_proof_at_a_time():
 )
 def test_a_server_that_talks_nonsense(change):
     message = {"type": "please_prove", "request_id": "0" * 32, "pad_id": "p", "action": "land", "expires_ms": 1}
-    assert _wish(message).pad_id == "p"
+    assert _said(json.dumps(message)).pad_id == "p"
     with pytest.raises(RequestsError):
-        _wish(message | change)
-    for text in ("", "[]", "x", json.dumps("y"), b"\xff"):
+        _said(json.dumps(message | change))
+    for text in ("", "[]", "x", json.dumps("y"), b"\xff", "{}"):
         with pytest.raises(RequestsError):
-            _object(text)
+            _said(text)
+    assert _said('{"type":"something later","x":null}') is None

@@ -32,7 +32,6 @@ from fabric_protos.peer import (
 from backend.app import Backend
 from backend.db.engine import Database
 from backend.db.migrate import migrate
-from backend.ingest.identity import signed_text
 from backend.serve import Listen, new_server
 from backend.settings import Settings
 from wonderland.ledger.blocks import BlockHeader, data_hash, parse_block
@@ -42,6 +41,7 @@ from wonderland.ledger.errors import LedgerError
 from wonderland.ledger.signing import key_signer
 from wonderland.proofs import encoding
 from wonderland.proofs.records import assets, keys, pads, policies, sessions, uavs, verdicts
+from wonderland.telemetry import signed_text
 
 START_MS = 1_800_000_000_000
 MSPS = ("AuthorityMSP", "PadMSP", "FleetMSP")

@@ -8,13 +8,10 @@ import json
 
 import pytest
 import websockets
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from sqlalchemy import func, select
 
 from backend.db.tables.ledger import VerdictRow
 from backend.db.tables.reported import IrregularRow, SpoolRow, StepRow, TrackRow
-from backend.ingest.messages import BODIES, DripBody, Entry, IngestError, parse_body, parse_hello, parse_records
 from backend.mirror.derive import Changes
 
 START_MS = 1_800_000_000_000
@@ -414,6 +411,9 @@ async def test_drones_report_their_own_steps_only(running, agent_client, number)
         '{"type":"records","records":[{"seq":1e99,"kind":"track","t_ms":1,"body":{}}]}',
         b"binary",
         "{" * 10_000,
+        '{"type":"records","records":[{"seq":1,"kind":"track","t_ms":1,"body":{"x":NaN}}]}',
+        '{"type":"records","records":[{"seq":1,"kind":"track","t_ms":1,"body":' + "[" * 60_000 + "]" * 60_000 + "}]}",
+        '{"type":"answer","request_id":"' + "0" * 32 + '","accepted":true}',
         '{"type":"records","records":[{"seq":' + "9" * 5_000 + ',"kind":"track","t_ms":1,"body":{}}]}',
     ],
 )
@@ -541,7 +541,6 @@ async def test_absurd_records_are_refused_alone(running, agent_client):
     records = [
         '"kind":"track","t_ms":1,"body":{"x":' + "9" * 200 + "}",
         '"kind":"track","t_ms":1,"body":{"x":' + "[" * 150 + "]" * 150 + "}",
-        '"kind":"track","t_ms":1,"body":{"x":NaN}',
         '"kind":"track","t_ms":1,"body":{"lat_e7":1e400}',
         '"kind":"\\u0000' + "x" * 500 + '","t_ms":1,"body":{}',
         '"kind":"track","t_ms":-1,"body":{}',
@@ -594,40 +593,3 @@ async def test_old_telemetry_is_forgotten(running, agent_client, clock):
     assert await count(running, TrackRow) == 0
     assert await count(running, IrregularRow) == 0
     assert await count(running, StepRow) == 1, "evidence stays"
-
-
-json_values = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=12), inner, max_size=4),
-    max_leaves=12,
-)
-
-
-@given(st.text(max_size=200) | json_values.map(json.dumps))
-@settings(max_examples=200, deadline=None)
-def test_any_text_is_a_frame_or_an_ingest_error(text):
-    for parse in (parse_hello, lambda value: parse_records(value, 10)):
-        with pytest.raises(IngestError):
-            parse(text)
-
-
-@given(st.sampled_from(sorted(BODIES)), st.dictionaries(st.sampled_from([*TRACK, "ok", "steps"]), json_values))
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-def test_any_body_is_one_of_its_kind_or_an_ingest_error(kind, body):
-    entry = Entry(seq=1, kind=kind, t_ms=START_MS, body=body)
-    problem = None
-    try:
-        parsed = parse_body(entry)
-    except IngestError as error:
-        problem = error
-    if problem is None:
-        assert isinstance(parsed, BODIES[kind])
-    else:
-        assert problem.code == "bad_body"
-        assert len(problem.message) <= 300
-
-
-def test_an_endorsement_that_an_old_pad_calls_verified_is_none():
-    old = {name: DRIP[name] for name in ("state", "det", "format", "t_ms")}
-    assert DripBody.model_validate(old | {"format": "link"}).state == "endorsed"
-    assert DripBody.model_validate(old).state == "verified"

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 
+import msgspec
 import pytest
 
 from backend.alerts.kinds import plain_text
 from backend.alerts.watch import pad_conditions
-from backend.ingest.messages import BODIES
 from backend.pads.schemas import DriftHealth
 from edge_agent.drift import DriftState
+from wonderland import telemetry
 
 NOW_MS = 1_800_000_000_000
 STATES = [
@@ -22,9 +23,10 @@ STATES = [
 
 @pytest.mark.parametrize("state", STATES, ids=lambda state: state.state)
 def test_what_the_agent_says_is_taken_in_and_given_out(state):
-    body = {"anchors": [], "drift": state.health()}
-    assert BODIES["health"].model_validate(body).drift.state == state.state
-    assert DriftHealth.model_validate(state.health()).extra_sigma_mm == (state.extra_sigma_mm or None)
+    said = telemetry.plain(state.health())
+    body = json.dumps({"anchors": [], "drift": said})
+    assert msgspec.json.decode(body, type=telemetry.Health).drift == state.health()
+    assert DriftHealth.model_validate(said).extra_sigma_mm == (state.extra_sigma_mm or None)
 
 
 @pytest.mark.parametrize(
@@ -36,7 +38,10 @@ def test_what_the_agent_says_is_taken_in_and_given_out(state):
     ],
 )
 def test_the_alert_says_which_anchor_and_what_follows(state, why):
-    pads = [("roof", NOW_MS, json.dumps({"drift": state.health()})), ("other", NOW_MS, json.dumps({"prekeys": 1}))]
+    pads = [
+        ("roof", NOW_MS, json.dumps({"drift": telemetry.plain(state.health())})),
+        ("other", NOW_MS, json.dumps({"prekeys": 1})),
+    ]
     found = list(pad_conditions(pads, lambda _: True, NOW_MS))
     assert [(each.kind, each.pad_id, each.facts["why"]) for each in found] == (
         [("pad_drifting", "roof", why)] if why else []
@@ -45,7 +50,13 @@ def test_the_alert_says_which_anchor_and_what_follows(state, why):
 
 def test_what_the_alert_says_can_be_said_in_any_language():
     (moved, drifting) = (
-        next(iter(pad_conditions([("roof", NOW_MS, json.dumps({"drift": state.health()}))], lambda _: True, NOW_MS)))
+        next(
+            iter(
+                pad_conditions(
+                    [("roof", NOW_MS, json.dumps({"drift": telemetry.plain(state.health())}))], lambda _: True, NOW_MS
+                )
+            )
+        )
         for state in STATES[:2]
     )
     assert (moved.facts["state"], moved.facts["anchor_id"], moved.facts["off_mm"]) == ("moved", "A3", 114)

@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 
 import pytest
+from msgspec import Raw
 
 from backend.ingest.agents import Agent
 from backend.ingest.batch import read
@@ -54,7 +55,9 @@ async def test_flights_in_a_view(new_uss, recent):
         now = uss.uspace.clock()
         pad = Agent("pad", "pad-1", "1" * 32)
         for age in range(KEPT, -1, -1):  # positions of most of a minute, without writing them down
-            uss.uspace.hear(read(pad, heard_at(now, age), acknowledged=0, now_ms=now))
+            uss.uspace.hear(
+                read(pad, [Raw(json.dumps(each)) for each in heard_at(now, age)], acknowledged=0, now_ms=now)
+            )
         headers = {"Authorization": f"Bearer {uss.authority.token()}"}
         params = {"view": VIEW, "recent_positions_duration": recent}
         took, worked, sizes = [], [], []

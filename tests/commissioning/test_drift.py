@@ -60,7 +60,7 @@ def test_an_anchor_that_moved_by_ten_centimetres_is_named_within_three_looks(nam
     assert (state.state, state.anchor_id) == ("moved", name)
     assert state.off_mm == pytest.approx(100, abs=60)
     assert state.extra_sigma_mm >= state.off_mm
-    assert state.health()["anchor_id"] == name
+    assert state.health().anchor_id == name
 
 
 def test_seasons_and_noise_raise_no_alarm_and_a_lasting_common_change_does():

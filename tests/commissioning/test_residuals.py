@@ -135,8 +135,8 @@ def test_the_keeper_says_so_in_evidence_and_health(tmp_path):
         keeper.decided(verdict, SHA, commissioning, added)
     extra = keeper.extra_sigma_mm(SHA)
     assert 8 <= extra <= 60
-    assert keeper.state.health()["state"] == "drifting"
-    assert keeper.state.health()["extra_sigma_mm"] == extra
+    assert keeper.state.health().state == "drifting"
+    assert keeper.state.health().extra_sigma_mm == extra
     assert not keeper.moved(SHA)
     again = DriftKeeper(NoRadios(), tmp_path / "anchors.json", lambda: START_MS, 600)
     again.load(SHA, commissioning)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from edge_agent.spool import Entry, SpoolCorruptError, SpoolError, SpoolFull, SpoolStore, StoredRecord
+from wonderland.telemetry import SpoolHealth
 
 T0 = 1_760_000_400_000
 QUOTA = 256 * 1024
@@ -65,7 +66,7 @@ def test_records_come_back_in_order_and_survive_a_restart(tmp_path: Path) -> Non
     assert store.status.records == 3
     assert store.status.bytes == 3 * 64 + 40
     assert store.status.evidence_bytes == 2 * 64 + 30
-    assert store.status.health() == {"records": 3, "bytes": 232, "dropped": 0}
+    assert store.status.health() == SpoolHealth(records=3, bytes=232, dropped=0)
     store.close()
 
 

@@ -18,11 +18,12 @@ from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 
 from edge_agent.spool import Spool
-from edge_agent.uplink import Credentials, Uplink, UplinkConfigurationError, UplinkTimings, challenge_bytes
+from edge_agent.uplink import Credentials, Uplink, UplinkConfigurationError, UplinkTimings
 from wonderland.ledger.ca import Kind
 from wonderland.ledger.ca.local import LocalCa
 from wonderland.ledger.signing import key_signer, verify
 from wonderland.proofs import encoding
+from wonderland.telemetry import signed_text
 
 KEY = ec.derive_private_key(7, ec.SECP256R1())
 CREDENTIALS = Credentials(agent="pad", id="pad-1", msp_id="PadMSP", certificate_pem="PEM", sign=key_signer(KEY))
@@ -64,7 +65,7 @@ class Ingest:
             return
         await connection.send(json.dumps({"type": "challenge", "nonce": NONCE, "server": "wonderland", "t_ms": T0}))
         hello = json.loads(await connection.recv())
-        signed = challenge_bytes(
+        signed = signed_text(
             nonce=NONCE, server="wonderland", agent=hello["agent"], agent_id=hello["id"], spool=hello["spool"]
         )
         verify(KEY.public_key(), signed, encoding.from_base64url(hello["signature"]))

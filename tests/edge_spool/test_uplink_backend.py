@@ -24,6 +24,7 @@ from backend.settings import Settings
 from edge_agent.receiver import Assembler
 from edge_agent.spool import Spool
 from edge_agent.uplink import Credentials, Uplink, UplinkTimings
+from wonderland import telemetry
 from wonderland.ledger.ca.local import LocalCa
 from wonderland.ledger.signing import key_signer
 from wonderland.remote_id import BasicId, HorizontalAccuracy, Location, OperatorId, Pack, encode
@@ -136,7 +137,7 @@ def heard_track() -> dict[str, Any]:
     )
     heard = Assembler(NOW).feed(frame, source="test", transport="serial", now_ms=NOW, rssi_dbm=-60)
     assert heard is not None
-    return heard.track()
+    return telemetry.plain(heard.track)
 
 
 async def test_everything_a_pad_reports_is_taken(
@@ -153,8 +154,8 @@ async def test_everything_a_pad_reports_is_taken(
         NOW,
         {
             "anchors": [],
-            "spool": spool.status.health(),
-            "receiver": Assembler(NOW).counts.health(),
+            "spool": telemetry.plain(spool.status.health()),
+            "receiver": telemetry.plain(Assembler(NOW).counts.health()),
             "prekeys": 3,
             "version": "0.1.0",
         },

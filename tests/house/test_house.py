@@ -12,11 +12,10 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_the_reference_of_records_is_fresh(tmp_path):
-    subprocess.run(
-        [sys.executable, str(ROOT / "scripts" / "reference.py"), str(tmp_path / "records.md")], check=True, cwd=ROOT
-    )
-    assert (tmp_path / "records.md").read_text() == (ROOT / "docs/reference/records.md").read_text(), "run: make docs"
+@pytest.mark.parametrize(("script", "page"), [("reference.py", "records.md"), ("ingest_reference.py", "ingest.md")])
+def test_references_are_fresh(tmp_path, script, page):
+    subprocess.run([sys.executable, str(ROOT / "scripts" / script), str(tmp_path / page)], check=True, cwd=ROOT)
+    assert (tmp_path / page).read_text() == (ROOT / "docs/reference" / page).read_text(), "run: make docs"
 
 
 @pytest.mark.parametrize("command", ["demo", "simulate", "reproduce", "ledger", "backend", "pad", "uav", "uwb"])

@@ -38,6 +38,7 @@ from wonderland.remote_id.drip import (
 )
 from wonderland.remote_id.drip.det import cshake128, message_hash
 from wonderland.remote_id.drip.formats import endorse, manifest_evidence, sign_evidence, verify
+from wonderland.telemetry import Drip
 
 T0 = 1_800_000_000_000
 # RFC 9575, appendix: one drone's tag and key, its messages, a Wrapper and a Manifest with parity.
@@ -268,29 +269,28 @@ def test_the_receiver_tells_who_signed_apart_from_the_position(world) -> None:
     for page in paginate(link.sam(), T0):
         assembler.feed(encode(page), source="ble:1", transport="ble4", now_ms=T0 + 50)
     heard = hear(identity, place(), now_ms=T0 + 100)
-    assert heard.drip == {
-        "state": "endorsed",
-        "format": "link",
-        "det": str(drone.det),
-        "t_ms": T0 + 50,
-        "signer": "HDA 20",
-        "covers_location": False,
-        "bound": True,
-    }
-    assert heard.track()["drip"]["signer"] == "HDA 20"
+    assert heard.track.drip == Drip(
+        state="endorsed",
+        format="link",
+        det=str(drone.det),
+        t_ms=T0 + 50,
+        signer="HDA 20",
+        covers_location=False,
+        bound=True,
+    )
     for page in paginate(wrapped(drone, place()), T0):
         assembler.feed(encode(page), source="ble:1", transport="ble4", now_ms=T0 + 150)
-    signed = hear(identity, place(601_700_001), now_ms=T0 + 160).drip
-    assert (signed["state"], signed["covers_location"], signed["bound"]) == ("verified", True, True)
+    signed = hear(identity, place(601_700_001), now_ms=T0 + 160).track.drip
+    assert (signed.state, signed.covers_location, signed.bound) == ("verified", True, True)
     for page in paginate(link.sam(), T0):
         assembler.feed(encode(page), source="ble:1", transport="ble4", now_ms=T0 + 170)
-    assert hear(identity, place(601_700_002), now_ms=T0 + 180).drip == signed, "an endorsement takes nothing back"
+    assert hear(identity, place(601_700_002), now_ms=T0 + 180).track.drip == signed, "an endorsement takes nothing back"
     bad = bytearray(wrapped(drone, place()))
     bad[-1] ^= 1
     for page in paginate(bytes(bad), T0):
         assembler.feed(encode(page), source="ble:1", transport="ble4", now_ms=T0 + 200)
-    assert [finding.kind for finding in assembler.findings()] == ["signature_bad"]
-    assert hear(identity, place(601_700_003), now_ms=T0 + 300).drip["state"] == "refused"
+    assert [finding.body.kind for finding in assembler.findings()] == ["signature_bad"]
+    assert hear(identity, place(601_700_003), now_ms=T0 + 300).track.drip.state == "refused"
 
 
 def test_only_registries_endorse(world) -> None:
@@ -329,16 +329,17 @@ def test_a_link_that_somebody_repeats_proves_nothing(world) -> None:
     borrowed = BasicId(uas_id="1581F5FKD229400A1234", id_type=IdType.SERIAL_NUMBER)
 
     def hear(*messages):
-        return assembler.feed(pack(*messages), source="ble:1", transport="ble5", now_ms=T0).drip
+        return assembler.feed(pack(*messages), source="ble:1", transport="ble5", now_ms=T0).track.drip
 
     for page in paginate(link.sam(), T0):
         assembler.feed(pack(borrowed, page), source="ble:1", transport="ble5", now_ms=T0)
-    assert {name: hear(borrowed, place())[name] for name in ("state", "bound")} == {"state": "endorsed", "bound": False}
+    vouched = hear(borrowed, place())
+    assert (vouched.state, vouched.bound) == ("endorsed", False)
     made_of_it = BasicId(uas_id=drone.det.serial_number("1581"), id_type=IdType.SERIAL_NUMBER)
     for page in paginate(wrapped(drone, place()), T0):
         assembler.feed(pack(made_of_it, page), source="ble:2", transport="ble5", now_ms=T0)
-    seen = assembler.feed(pack(made_of_it, place(1)), source="ble:2", transport="ble5", now_ms=T0).drip
-    assert {name: seen[name] for name in ("state", "bound")} == {"state": "verified", "bound": True}
+    seen = assembler.feed(pack(made_of_it, place(1)), source="ble:2", transport="ble5", now_ms=T0).track.drip
+    assert (seen.state, seen.bound) == ("verified", True)
 
 
 def test_the_strongest_signature_since_a_session_began(world) -> None:
@@ -352,15 +353,15 @@ def test_the_strongest_signature_since_a_session_began(world) -> None:
 
     assert assembler.signature(drone.det.session_id, T0) is None
     send(link.sam(), T0)
-    assert assembler.signature(drone.det.session_id, T0)["state"] == "endorsed"
+    assert assembler.signature(drone.det.session_id, T0).state == "endorsed"
     send(wrapped(drone, place()), T0 + 100)
     send(wrapped(drone, place())[:-1] + b"x", T0 + 200)
     send(link.sam(), T0 + 300)
     found = assembler.signature(drone.det.session_id, T0)
-    assert (found["state"], found["t_ms"], found["covers_location"], found["refused"]) == (
+    assert (found.state, found.t_ms, found.covers_location, found.refused) == (
         "verified", T0 + 100, True, 1,
     )  # fmt: skip
-    assert assembler.signature(drone.det.session_id, T0 + 250)["state"] == "endorsed", "the session began later"
+    assert assembler.signature(drone.det.session_id, T0 + 250).state == "endorsed", "the session began later"
 
 
 def test_a_link_is_of_the_entity_tag_in_the_basic_id(world) -> None:

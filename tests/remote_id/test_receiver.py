@@ -27,6 +27,7 @@ from wonderland.remote_id import (
     System,
     encode,
 )
+from wonderland.telemetry import ReceiverHealth, Track
 
 T0 = 1_760_000_400_000
 SERIAL = "1581F5FKD229400A1234"
@@ -72,43 +73,26 @@ def test_a_pack_says_everything_at_once() -> None:
         T0 + 250,
     )
     assert heard == Heard(
-        uav_id=SERIAL,
-        t_ms=T0 + 250,
-        lat_e7=601_700_000,
-        lon_e7=249_400_000,
-        transport="udp",
-        height_mm=40_000,
-        accuracy_mm=3_000,
-        speed_mm_s=5_000,
-        track_cdeg=9_000,
-        vertical_mm_s=-500,
-        status="airborne",
-        operator_id="FIN87astrdge12k8",
-        operator_lat_e7=601_800_000,
-        operator_lon_e7=249_500_000,
-        operator_place="takeoff",
-        claim_t_ms=T0,
-        latency_ms=250,
-        transports=("udp",),
+        T0 + 250,
+        Track(
+            uav_id=SERIAL,
+            lat_e7=601_700_000,
+            lon_e7=249_400_000,
+            transport="udp",
+            height_mm=40_000,
+            accuracy_mm=3_000,
+            speed_mm_s=5_000,
+            track_cdeg=9_000,
+            vertical_mm_s=-500,
+            status="airborne",
+            operator_id="FIN87astrdge12k8",
+            operator_lat_e7=601_800_000,
+            operator_lon_e7=249_500_000,
+            operator_place="takeoff",
+            claim_t_ms=T0,
+            latency_ms=250,
+        ),
     )
-    assert heard.track() == {
-        "uav_id": SERIAL,
-        "lat_e7": 601_700_000,
-        "lon_e7": 249_400_000,
-        "height_mm": 40_000,
-        "accuracy_mm": 3_000,
-        "speed_mm_s": 5_000,
-        "track_cdeg": 9_000,
-        "vertical_mm_s": -500,
-        "status": "airborne",
-        "operator_id": "FIN87astrdge12k8",
-        "claim_t_ms": T0,
-        "latency_ms": 250,
-        "transport": "udp",
-        "operator_lat_e7": 601_800_000,
-        "operator_lon_e7": 249_500_000,
-        "operator_place": "takeoff",
-    }
     claims = assembler.recent(SERIAL, T0)
     assert claims == (heard.claim(),)
     assert BroadcastClaim.parse(claims[0].to_json()) == claims[0]
@@ -118,16 +102,16 @@ def test_what_the_operator_says_and_of_how_many_goes_with_the_track() -> None:
     assembler = Assembler(T0)
     emergency = SelfId(text="<b>Engine fire</b>", description_type=DescriptionType.EMERGENCY)
     group = System(area_count=3, area_radius_mm=120_000, area_ceiling_mm=90_000)
-    track = feed(assembler, pack(BasicId(uas_id=SERIAL), location(), emergency, group)).track()
-    assert (track["description"], track["description_type"]) == ("<b>Engine fire</b>", "emergency")
-    assert (track["area_count"], track["area_radius_mm"], track["area_ceiling_mm"]) == (3, 120_000, 90_000)
-    assert "area_floor_mm" not in track
+    track = feed(assembler, pack(BasicId(uas_id=SERIAL), location(), emergency, group)).track
+    assert (track.description, track.description_type) == ("<b>Engine fire</b>", "emergency")
+    assert (track.area_count, track.area_radius_mm, track.area_ceiling_mm) == (3, 120_000, 90_000)
+    assert track.area_floor_mm is None
     private = pack(BasicId(uas_id=SERIAL), location(), SelfId(text="x", description_type=201), System())
-    later = feed(assembler, private, T0 + 1_000).track()
-    assert (later["description"], later["description_type"]) == ("x", "private")
-    assert "area_count" not in later, "one is no group"
+    later = feed(assembler, private, T0 + 1_000).track
+    assert (later.description, later.description_type) == ("x", "private")
+    assert later.area_count is None, "one is no group"
     silent = pack(BasicId(uas_id=SERIAL), location(), SelfId(text="  "))
-    assert "description" not in feed(assembler, silent, T0 + 2_000).track()
+    assert feed(assembler, silent, T0 + 2_000).track.description is None
 
 
 def test_single_messages_are_put_together_by_source() -> None:
@@ -137,7 +121,7 @@ def test_single_messages_are_put_together_by_source() -> None:
     assert feed(assembler, OperatorId(operator_id="FIN87astrdge12k8")) is None
     heard = feed(assembler, location(), T0 + 1000)
     assert heard is not None
-    assert (heard.uav_id, heard.operator_id) == (SERIAL, "FIN87astrdge12k8")
+    assert (heard.track.uav_id, heard.track.operator_id) == (SERIAL, "FIN87astrdge12k8")
     assert feed(assembler, location(), source="udp:10.0.0.2:1") is None
     counts = assembler.counts
     assert (counts.frames, counts.unattributed, counts.heard, counts.bad, counts.drones) == (5, 2, 1, 0, 1)
@@ -152,12 +136,12 @@ def test_a_relay_that_mixes_drones_gives_positions_to_nobody() -> None:
     # A pack still says whose it is,
     heard = feed(assembler, pack(BasicId(uas_id=OTHER), location()))
     assert heard is not None
-    assert heard.uav_id == OTHER
+    assert heard.track.uav_id == OTHER
     # and when one of the two has been silent for longer than an identity lives, the other's positions count again.
     feed(assembler, BasicId(uas_id=SERIAL), T0 + 10_001)
     heard = feed(assembler, location(), T0 + 10_002)
     assert heard is not None
-    assert heard.uav_id == SERIAL
+    assert heard.track.uav_id == SERIAL
 
 
 def test_an_identity_that_is_not_repeated_ends() -> None:
@@ -172,10 +156,10 @@ def test_the_serial_number_is_preferred() -> None:
     session = BasicId(uas_id="01" + "ab" * 19, id_type=IdType.SPECIFIC_SESSION)
     heard = feed(assembler, pack(session, BasicId(uas_id=SERIAL), location()))
     assert heard is not None
-    assert heard.uav_id == SERIAL
+    assert heard.track.uav_id == SERIAL
     heard = feed(assembler, pack(session, location()), source="udp:10.0.0.2:1")
     assert heard is not None
-    assert heard.uav_id == session.uas_id
+    assert heard.track.uav_id == session.uas_id
 
 
 @pytest.mark.parametrize("uas_id", ["", " ", "../etc", "a b", "-x"])
@@ -194,7 +178,7 @@ def test_a_position_that_is_unknown_is_none() -> None:
 def test_ten_nautical_miles_are_as_good_as_unknown() -> None:
     heard = feed(Assembler(T0), pack(BasicId(uas_id=SERIAL), location(horizontal_accuracy=HorizontalAccuracy.NM_10)))
     assert heard is not None
-    assert heard.accuracy_mm is None
+    assert heard.track.accuracy_mm is None
     assert BroadcastClaim.parse(heard.claim().to_json()) == heard.claim()
 
 
@@ -294,9 +278,9 @@ async def test_datagrams() -> None:
             for frame in (b"", b"garbage", encode(BasicId(uas_id=SERIAL)), encode(location())):
                 sender.sendto(frame, receiver.address)
             await until(lambda: receiver.counts.frames == 4)
-        assert [one.uav_id for one in heard] == [SERIAL]
+        assert [one.track.uav_id for one in heard] == [SERIAL]
         assert receiver.counts.bad == 2
-        assert receiver.counts.health() == {"frames": 4, "bad": 2}
+        assert receiver.counts.health() == ReceiverHealth(frames=4, bad=2)
         assert receiver.recent(SERIAL, T0) == (heard[0].claim(),)
         second = RemoteIdReceiver(listen=receiver.address)
         with pytest.raises(ReceiverError, match="cannot listen on UDP"):
@@ -362,8 +346,8 @@ async def test_serial_lines_survive_garbage_and_unplugging() -> None:
             address = f"02:00:00:00:00:0{index % 2}"
             os.write(masters[0], f"{address} -70 {data.hex()}\n".encode())
         await until(lambda: len(heard) == 3)
-        assert [(one.uav_id, one.rssi_dbm) for one in heard[1:]] == [(SERIAL, -70), (OTHER, -70)]
-        assert {one.transport for one in heard} == {"serial"}
+        assert [(one.track.uav_id, one.track.rssi) for one in heard[1:]] == [(SERIAL, -70), (OTHER, -70)]
+        assert {one.track.transport for one in heard} == {"serial"}
         os.close(masters[0])  # unplugged
         await until(lambda: len(masters) == 2)
         os.write(masters[1], frame + b"\n")

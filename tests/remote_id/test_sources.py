@@ -87,7 +87,11 @@ async def test_datagrams_of_every_kind() -> None:
             ):
                 sender.sendto(data, receiver.address)
             await until(lambda: len(heard) == 3 and receiver.counts.bad >= 3)
-    assert [(one.lat_e7, one.transport) for one in heard] == [(1_000, "udp"), (2_000, "mavlink"), (3, "json")]
+    assert [(one.track.lat_e7, one.track.transport) for one in heard] == [
+        (1_000, "udp"),
+        (2_000, "mavlink"),
+        (3, "json"),
+    ]
 
 
 async def test_a_mavlink_bridge_on_a_serial_line() -> None:
@@ -98,7 +102,7 @@ async def test_a_mavlink_bridge_on_a_serial_line() -> None:
         for at in range(0, len(stream), 7):
             device.write(stream[at : at + 7])
         await until(lambda: len(heard) == 1)
-    assert (heard[0].uav_id, heard[0].transport) == (SERIAL, "mavlink")
+    assert (heard[0].track.uav_id, heard[0].track.transport) == (SERIAL, "mavlink")
 
 
 async def test_lines_of_json_on_a_serial_line() -> None:
@@ -115,7 +119,7 @@ async def test_lines_of_json_on_a_serial_line() -> None:
         await until(lambda: receiver.counts.bad == 3)
         device.write(b"\n" + json.dumps(document).replace("60.17", "60.18").encode() + b"\n")
         await until(lambda: len(heard) == 2)
-    assert heard[0].rssi_dbm == -70
+    assert heard[0].track.rssi == -70
 
 
 async def test_a_capture_in_place_of_a_receiver(tmp_path: Path) -> None:
@@ -128,7 +132,7 @@ async def test_a_capture_in_place_of_a_receiver(tmp_path: Path) -> None:
     async with listening(source) as (receiver, heard):
         async with asyncio.timeout(30):
             await source.finished.wait()
-        assert [one.lat_e7 for one in heard] == [1, 2, 3, 4, 5]
+        assert [one.track.lat_e7 for one in heard] == [1, 2, 3, 4, 5]
         assert receiver.counts.bad == 1
     broken = tmp_path / "broken.pcap"
     broken.write_bytes(file.read_bytes()[:-3])
@@ -160,7 +164,7 @@ async def test_wifi_in_monitor_mode() -> None:
             theirs.send(b"\1\2")
             theirs.send(wifi.radiotap(wifi.beacon(pack(5), 8, ADDRESS), -67))
             await until(lambda: len(heard) == 2)
-    assert [(one.transport, one.rssi_dbm) for one in heard] == [("wifi-nan", -66), ("wifi-beacon", -67)]
+    assert [(one.track.transport, one.track.rssi) for one in heard] == [("wifi-nan", -66), ("wifi-beacon", -67)]
     assert receiver.counts.bad == 1
 
 
@@ -205,7 +209,11 @@ async def test_a_receiver_that_publishes_over_mqtt(tmp_path: Path, monkeypatch: 
             await until(lambda: len(heard) == 3, 60)
     finally:
         broker.stop()
-    assert [(one.lat_e7, one.rssi_dbm) for one in heard] == [(601_700_000, -71), (601_800_000, -71), (601_900_000, -71)]
+    assert [(one.track.lat_e7, one.track.rssi) for one in heard] == [
+        (601_700_000, -71),
+        (601_800_000, -71),
+        (601_900_000, -71),
+    ]
 
 
 async def test_mqtt_settings_that_cannot_be_read(tmp_path: Path) -> None:
@@ -294,7 +302,7 @@ async def test_bluetooth_by_bluez(tmp_path: Path) -> None:
             await until(lambda: len(heard) == 2 and receiver.counts.bad == 1)
         peer.disconnect()
         await peer.wait_for_disconnect()
-    assert [(one.transport, one.rssi_dbm) for one in heard] == [("ble4", -77), ("ble5", -77)]
+    assert [(one.track.transport, one.track.rssi) for one in heard] == [("ble4", -77), ("ble5", -77)]
 
 
 async def test_bluetooth_that_is_not_there(tmp_path: Path) -> None:

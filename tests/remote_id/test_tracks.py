@@ -8,6 +8,7 @@ import pytest
 
 from edge_agent.receiver import Assembler, Finding
 from edge_agent.receiver.findings import AGAIN_MS, FindingGate
+from wonderland import telemetry
 from wonderland.remote_id import BasicId, HorizontalAccuracy, Location, Pack, encode
 
 T0 = 1_760_000_400_000
@@ -38,25 +39,25 @@ class Pad:
 
     @property
     def kinds(self) -> list[str]:
-        return [finding.kind for finding in self.found]
+        return [finding.body.kind for finding in self.found]
 
 
 def test_one_message_over_two_transports_is_one_position() -> None:
     pad = Pad()
-    assert pad.hear(frame(), T0 + 100).lost == 0
+    assert pad.hear(frame(), T0 + 100).track.lost is None
     assert pad.hear(frame(), T0 + 400, NAN) is None
     second = pad.hear(frame(5, T0 + 1_000), T0 + 1_200, NAN)
-    assert (second.duplicates, second.transports, second.latency_ms) == (1, ("ble4", "wifi-nan"), 200)
+    assert (second.track.duplicates, second.track.transports, second.track.latency_ms) == (1, ("ble4", "wifi-nan"), 200)
     assert pad.assembler.counts.duplicates == 1
     assert len(pad.assembler.recent(SERIAL, T0)) == 2
-    assert pad.hear(frame(5, T0 + 1_000), T0 + 13_000).transports == ("ble4",)
+    assert pad.hear(frame(5, T0 + 1_000), T0 + 13_000).track.transports is None, "one is said by `transport`"
 
 
 def test_gaps_in_the_counters() -> None:
     pad = Pad()
     for step, (counter, lost) in enumerate([(250, 0), (251, 0), (254, 2), (1, 4), (0, 4), (3, 5), (3, 5)]):
         heard = pad.hear(frame(step, T0 + 1_000 * step), T0 + 1_000 * step, counter=counter)
-        assert heard.lost == lost, counter
+        assert (heard.track.lost or 0) == lost, counter
     pad.hear(frame(9, T0 + 60_000), T0 + 60_000, counter=100)
     assert pad.assembler.counts.lost == 5, "after a silence nothing follows from a counter"
     # The same counter with the same content from the same transmitter is the same message.
@@ -83,10 +84,10 @@ def test_one_serial_from_two_places() -> None:
     pad = Pad()
     pad.hear(frame(0), T0)
     pad.hear(frame(2_000, T0 + 500), T0 + 500, NAN)
-    [finding] = pad.found
+    [finding] = [each.body for each in pad.found]
     assert (finding.kind, finding.transport, finding.other_transport) == ("two_places", "wifi-nan", "ble4")
     assert 1_990_000 < finding.distance_mm < 2_010_000
-    assert finding.body()["interval_ms"] == 500
+    assert finding.interval_ms == 500
 
 
 def test_faster_than_anything_flies() -> None:
@@ -103,7 +104,7 @@ def test_time_that_does_not_advance() -> None:
     for step in range(8):
         pad.hear(frame(step, T0), T0 + 1_000 * step)
     assert pad.kinds == ["time_stuck"]
-    assert pad.found[0].interval_ms >= 5_000
+    assert pad.found[0].body.interval_ms >= 5_000
 
 
 def test_time_that_goes_back_is_a_replay() -> None:
@@ -117,7 +118,7 @@ def test_time_that_is_not_ours() -> None:
     pad = Pad()
     pad.hear(frame(0, T0 - 60_000), T0)
     assert pad.kinds == ["time_off"]
-    assert pad.found[0].interval_ms == 60_000
+    assert pad.found[0].body.interval_ms == 60_000
 
 
 def test_one_transmitter_with_several_serials() -> None:
@@ -125,7 +126,7 @@ def test_one_transmitter_with_several_serials() -> None:
     pad.hear(frame(0), T0, address="02:00:00:00:00:01")
     pad.hear(frame(0, uav_id=OTHER), T0 + 500, address="02:00:00:00:00:01")
     assert pad.kinds == ["several_identities"]
-    assert (pad.found[0].uav_id, pad.found[0].other_uav_id) == (OTHER, SERIAL)
+    assert (pad.found[0].body.uav_id, pad.found[0].body.other_uav_id) == (OTHER, SERIAL)
     relay = Pad()  # a relay, which tells no transmitter's address, may well hear two drones
     relay.hear(frame(0), T0)
     relay.hear(frame(0, uav_id=OTHER), T0 + 500)
@@ -142,9 +143,9 @@ def test_more_positions_than_any_drone_sends() -> None:
 def test_a_finding_is_told_once_a_minute_with_its_count() -> None:
     gate = FindingGate()
     for step in range(100):
-        gate.put(Finding(uav_id=SERIAL, kind="time_off", t_ms=T0 + 1_000 * step))
+        gate.put(Finding(T0 + 1_000 * step, telemetry.Finding(uav_id=SERIAL, kind="time_off")))
     told = gate.take()
-    assert [(finding.t_ms, finding.count) for finding in told] == [(T0, 1), (T0 + AGAIN_MS, 60)]
+    assert [(finding.t_ms, finding.body.count) for finding in told] == [(T0, 1), (T0 + AGAIN_MS, 60)]
     for step in range(5_000):
-        gate.put(Finding(uav_id=f"drone-{step}", kind="time_off", t_ms=T0))
+        gate.put(Finding(T0, telemetry.Finding(uav_id=f"drone-{step}", kind="time_off")))
     assert len(gate.take()) <= 1_024

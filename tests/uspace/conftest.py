@@ -10,9 +10,11 @@ import uuid
 from pathlib import Path
 
 import httpx
+import orjson
 import pytest
 import uvicorn
 from joserfc.jwk import ECKey, RSAKey
+from msgspec import Raw
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
@@ -135,7 +137,7 @@ class Uss:
             self.seq += 1
             records.append({"seq": self.seq, "kind": "track", "t_ms": t_ms, "body": body})
         agent = Agent("pad", "pad-1", "0" * 32, "PadMSP", b"", lambda _: None)
-        batch = read(agent, records, acknowledged=0, now_ms=self.uspace.clock())
+        batch = read(agent, [Raw(orjson.dumps(each)) for each in records], acknowledged=0, now_ms=self.uspace.clock())
         assert batch.rejected == []
         await (await self.backend.context.intake.take(batch))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import orjson
+from msgspec import Raw
 from sqlalchemy import insert
 
 from backend.db.tables.ledger import DroneRow
@@ -22,7 +23,7 @@ def position(now, **change):
 
 
 async def say(uss, agent, *records):
-    batch = read(agent, list(records), acknowledged=0, now_ms=uss.uspace.clock())
+    batch = read(agent, [Raw(orjson.dumps(each)) for each in records], acknowledged=0, now_ms=uss.uspace.clock())
     await (await uss.backend.context.intake.take(batch))
     return batch.rejected
 

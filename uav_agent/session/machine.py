@@ -31,6 +31,7 @@ from wonderland.proofs.records.sessions import MAX_ATTESTED, MAX_CLAIMS, AnchorR
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.statement import statement
 from wonderland.session.words import Word
+from wonderland.telemetry import StepName
 from wonderland.uwb.blinks import BlinkPlan, blink_plan
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.link.messages import AbortReason
@@ -90,7 +91,7 @@ class UavSession:
         self.verdict: Verdict | None = None
         self.failure = ""
         """Why the drone stopped taking part before the verdict; empty where it did not."""
-        self.steps: dict[str, int] = {}
+        self.steps: dict[StepName, int] = {}
         self._timing = timing or UavTiming()
         self._claims_now = claims
         self._broadcasts = broadcasts
@@ -306,7 +307,8 @@ class UavSession:
         if self.phase is Phase.WAITING:
             return
         self._words.abort(_ABORTS.get(reason, AbortReason.UNSPECIFIED), now_ms, reason)
-        step = {Phase.LISTENING: "poll", Phase.RANGING: "range"}.get(self.phase, "confirm")
+        steps: dict[Phase, StepName] = {Phase.LISTENING: "poll", Phase.RANGING: "range"}
+        step = steps.get(self.phase, "confirm")
         actions.append(do.ReportStep(step, now_ms, ok=False, detail=f"{reason}: {detail}" if detail else reason))
         self._wait(reason)
 
@@ -397,7 +399,7 @@ class UavSession:
             self._radios_open = False
             actions.append(do.CloseRadios())
 
-    def _reach(self, step: str, t_ms: int, actions: list[do.UavAction], *, detail: str = "") -> None:
+    def _reach(self, step: StepName, t_ms: int, actions: list[do.UavAction], *, detail: str = "") -> None:
         if step not in self.steps:
             self.steps[step] = t_ms
             actions.append(do.ReportStep(step, t_ms, detail=detail))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from wonderland.telemetry import StepName
 from wonderland.uwb.layout import RangingPlan
 
 
@@ -31,7 +32,7 @@ class Cancel:
 class ReportStep:
     """A step of the proof was reached, or failed, at ``t_ms``."""
 
-    step: str
+    step: StepName
     t_ms: int
     ok: bool = True
     detail: str = ""

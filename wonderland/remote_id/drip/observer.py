@@ -64,19 +64,6 @@ class Observation:
             return False
         return 0 <= other.t_ms - self.t_ms <= SIGNED_FOR_MS
 
-    def summary(self) -> dict[str, str | int | bool]:
-        """For the track: docs/seams.md, "ingest", ``drip``."""
-        fields: dict[str, str | int | bool] = {
-            "state": self.state,
-            "format": self.format,
-            "det": self.det,
-            "t_ms": self.t_ms,
-            "covers_location": self.covers_location,
-            "bound": self.bound,
-        }
-        extra = {"signer": self.signer, "reason": self.reason}
-        return fields | {name: value for name, value in extra.items() if value is not None}
-
 
 class Observer:
     """One drone's authentication. Sans-I/O; bounded. ``name`` is the identity that the drone is heard under."""
