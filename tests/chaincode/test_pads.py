@@ -31,12 +31,37 @@ def test_a_pad_from_registration_to_retirement(empty):
     assert [name for name, _ in empty.events] == ["PadRegistered", "PadCommissioned", "PadUpdated", "PadRetired"]
 
 
+def test_a_session_names_the_site_plan_that_held_at_its_request(scene):
+    one, two = "1" * 64, "2" * 64
+    assert "site_plan_sha256" not in scene.request("k1")
+    pad = scene.call(scene.operator, "SetSitePlan", pad_id="pad-1", site_plan_sha256=one)
+    assert (pad["site_plan_sha256"], scene.events[-1][0]) == (one, "SitePlanSet")
+    session = scene.request("k2")
+    assert session["site_plan_sha256"] == one
+    scene.call(scene.admin, "SetSitePlan", pad_id="pad-1", site_plan_sha256=two)
+    assert scene.submit(session)["permission"] == "granted", "a new plan is no new survey"
+    assert scene.call(scene.mirror, "ReadSession", session_id=session["session_id"])["site_plan_sha256"] == one
+    assert "site_plan_sha256" not in scene.call(scene.operator, "SetSitePlan", pad_id="pad-1")
+
+
+def test_who_may_set_which_site_plan(scene):
+    plan = {"pad_id": "pad-1", "site_plan_sha256": "1" * 64}
+    scene.refuse(403, "PAD_OF_OTHER_ORGANISATION", scene.other_operator, "SetSitePlan", plan)
+    scene.refuse(403, "ROLE_NOT_ALLOWED", scene.uav, "SetSitePlan", plan)
+    scene.refuse(400, "BAD_ARGUMENT", scene.operator, "SetSitePlan", {**plan, "site_plan_sha256": "A" * 64})
+    scene.refuse(404, "PAD_UNKNOWN", scene.operator, "SetSitePlan", {**plan, "pad_id": "pad-9"})
+    scene.refuse(409, "SITE_PLAN_UNCHANGED", scene.operator, "SetSitePlan", pad_id="pad-1")
+    scene.call(scene.operator, "SetSitePlan", plan)
+    scene.refuse(409, "SITE_PLAN_UNCHANGED", scene.operator, "SetSitePlan", plan)
+
+
 def test_a_retired_pad_stays_retired(scene):
     scene.call(scene.operator, "RetirePad", pad_id="pad-1", reason="gone")
     for who, function, argument in (
         (scene.operator, "UpdatePad", {"pad_id": "pad-1", "name": "x"}),
         (scene.operator, "RetirePad", {"pad_id": "pad-1", "reason": "again"}),
         (scene.operator, "CommissionPad", {"pad_id": "pad-1", "commissioning": scene.commissioning()}),
+        (scene.operator, "SetSitePlan", {"pad_id": "pad-1", "site_plan_sha256": "1" * 64}),
         (
             scene.pad,
             "PublishPrekeys",

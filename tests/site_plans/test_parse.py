@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import hashlib
 import json
 import struct
 import time
 import zlib
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from edge_agent.commands import pad
 from simulator.place.plans import site_plan
 from wonderland.site_plans import MAX_BYTES, MAX_PROBLEMS, SitePlanError, parse
 
@@ -167,3 +170,18 @@ def test_whatever_comes_is_a_plan_or_told_why_not(given_features, given_image):
     body = plan(*given_features, image=given_image)
     with contextlib.suppress(SitePlanError):
         assert parse(body).features or given_image
+
+
+def test_the_command_checks_as_the_server_does(tmp_path):
+    good, bad = tmp_path / "good.json", tmp_path / "bad.json"
+    good.write_bytes(site_plan("hatter-quay"))
+    bad.write_bytes(plan(area("castle"), area(ring=SQUARE[:-1])))
+    told = CliRunner().invoke(pad, ["site-plan", str(good)])
+    assert (told.exit_code, told.stdout.split()[0]) == (0, "13")
+    assert hashlib.sha256(good.read_bytes()).hexdigest() in told.stdout
+    refused = CliRunner().invoke(pad, ["site-plan", str(bad), "--json"])
+    assert refused.exit_code == 1
+    assert [each["where"] for each in json.loads(refused.stdout)["problems"]] == [
+        "features[0].properties.kind",
+        "features[1].geometry.coordinates[0]",
+    ]

@@ -72,10 +72,10 @@ def commissioning(now_ms, lat=60.4518, lon=22.2666):
 class Somebody:
     """A signed-in person with a key of hers, as a browser would have them, by HTTP."""
 
-    def __init__(self, house, name, roles):
+    def __init__(self, house, name, roles, msp_id=""):
         self.house = house
         self.http = httpx.Client(base_url=house.url, trust_env=False, timeout=30)
-        token = house.run(house.backend.context.sign_ins.new_token(name, roles))
+        token = house.run(house.backend.context.sign_ins.new_token(name, roles, msp_id=msp_id))
         answer = self.http.post("/api/v1/session", json={"token": token})
         assert answer.status_code == 200, answer.text
         self.key = ec.generate_private_key(ec.SECP256R1())
@@ -249,8 +249,8 @@ class House:
         while not server.started:
             await asyncio.sleep(0.005)
 
-    def person(self, name, *roles):
-        self.people.append(Somebody(self, name, roles))
+    def person(self, name, *roles, msp_id=""):
+        self.people.append(Somebody(self, name, roles, msp_id))
         return self.people[-1]
 
     def link(self, name="Anna Officer", roles=("admin",)):
