@@ -115,7 +115,7 @@ export function groundLayers(colours: Palette, lat: number): LayerSpecification[
 /** Slopes of the ground, lit from the north-west and so lightly that a street on them is as white as elsewhere. */
 export function reliefLayer(colours: Palette, source: string): LayerSpecification {
   const c = (name: string): string => colours[name] ?? "";
-  const paint = { "hillshade-exaggeration": 0.35, "hillshade-shadow-color": c("building-edge"), "hillshade-accent-color": c("building-edge"), "hillshade-highlight-color": c("road"), "hillshade-illumination-direction": 320 };
+  const paint = { "hillshade-exaggeration": 0.3, "hillshade-shadow-color": c("place-ink"), "hillshade-accent-color": c("place-ink"), "hillshade-highlight-color": c("road"), "hillshade-illumination-direction": 320 };
   return { id: `${source}-relief`, type: "hillshade", source, paint };
 }
 
