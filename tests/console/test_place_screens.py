@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import io
 import os
+import re
+import zlib
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -32,7 +34,7 @@ ENOUGH = 0.004
 LEAST_COLOURS = 2
 """Paper has one."""
 MAP_ALONE = ".float, .map-tools, .map-credits, .map-labels, .replay-badge, .wall-side { visibility: hidden }"
-FLOATING = ".float, .header, .rail, .map-tools > *, [data-testid=credits], .replay-badge"
+FLOATING = ".float, .panel-foot, .header, .rail, .map-tools > *, [data-testid=credits], .replay-badge"
 COVERED = """(selector) => {
   const seen = [...document.querySelectorAll(selector)].filter((element) => element.checkVisibility());
   const boxes = seen.map((element) => [element, element.getBoundingClientRect()]).filter(([, box]) => box.width * box.height > 0);
@@ -110,17 +112,27 @@ def test_the_place_on_every_screen(real_backend, town_file, open_page, screen):
     keep(page, f"{screen}-session", full_page=True)
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     go("registry/pads/pad-1")
-    expect(page.get_by_role("heading", level=1)).to_be_visible()
+    expect(page.get_by_role("heading", name="Site plan")).to_be_visible()
     page.wait_for_load_state("networkidle")
     keep(page, f"{screen}-pad", full_page=True)
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def images_in(pdf):
+    """(width, height, RGB bytes) of the images of a PDF as Chromium writes it."""
+    for found in re.finditer(rb"<<[^>]*?/Subtype\s*/Image.*?>>\s*stream\r?\n", pdf, re.DOTALL):
+        sizes = (re.search(rb"/%s (\d+)" % name, found[0]) for name in (b"Width", b"Height", b"Length"))
+        width, height, length = (int(size[1]) for size in sizes)
+        raw = zlib.decompress(pdf[found.end() : found.end() + length])
+        if len(raw) == 3 * width * height:
+            yield width, height, raw
 
 
 @pytest.mark.timeout(240)
 def test_the_place_on_a_wall_and_on_paper(real_backend, town_file, open_page):
     running = real_backend(map={"archive": town_file})
     session = measure(running, **PLACE)
-    page = open_page(running.link(), width=1920, height=1080, room="live?as=wall")
+    page = open_page(running.link(), width=1920, height=1080, theme="dark", room="live?wall")
     drawn(page)  # so near to its one pad that there is land alone
     keep(page, "wall")
     tidy(page)
@@ -129,4 +141,10 @@ def test_the_place_on_a_wall_and_on_paper(real_backend, town_file, open_page):
     page.wait_for_load_state("networkidle")
     page.emulate_media(media="print")
     keep(page, "print-session", full_page=True)
-    assert page.pdf(print_background=True).startswith(b"%PDF")
+    page.emulate_media()
+    pdf = page.pdf(print_background=True)
+    maps = [raw for width, height, raw in images_in(pdf) if width > 400 and height > 200]
+    light = [raw for raw in maps if sum(raw[::7]) / len(raw[::7]) > 225]
+    assert light, "no map on the paper, or a dark one"
+    assert page.locator(".map-print").count() == 0
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"

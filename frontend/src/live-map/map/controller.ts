@@ -9,6 +9,7 @@ import { gridSpacing_m } from "./features";
 import { BEARING, bestBearing, dronesNear, freeRoom, PITCH, placesOf } from "./framing";
 import { upOf } from "./heights";
 import { palette } from "./icons";
+import { copyForPrint } from "./printing";
 import type { Overlay } from "./overlays";
 import { Picture, type Selection } from "./picture";
 import type { BaseMap } from "./place";
@@ -109,6 +110,7 @@ export class MapController {
     this.map.on("mousemove", (event) => this.onPointer(event));
     this.map.on("mouseout", () => this.picture.hover(undefined));
     this.surviveLoss(container);
+    this.ends.push(copyForPrint(this.map, () => this.retheme()));
   }
 
   destroy(): void {
