@@ -85,6 +85,7 @@ class Shot:
 
 
 SHOTS = (
+    Shot("place-light", "live"),
     Shot("live-dark", f"live?drone={LIAR}", "dark"),
     Shot("live-light", f"live?drone={LIAR}"),
     Shot("live-phone", f"live?drone={LIAR}", size=PHONE),

@@ -23,6 +23,7 @@ from backend.db.tables.ledger import CertificateRow, OrganisationRow
 from backend.db.tables.signing import SigningKeyRow
 from backend.ingest.agents import Agents
 from backend.registry.organisations import revoked_serials
+from wonderland.ledger.certificates import certificate_of
 from wonderland.ledger.errors import IdentityError
 from wonderland.ledger.identity import Identity
 
@@ -96,7 +97,7 @@ async def _cas(session: AsyncSession) -> list[_Certificate]:
         its = orjson.loads(definition)
         for pem in (*its.get("root_certs", ()), *its.get("intermediate_certs", ())):
             with contextlib.suppress(ValueError):  # The channel's peers judge what an MSP holds.
-                found.append(_of(msp_id, "CA", x509.load_pem_x509_certificate(pem.encode())))
+                found.append(_of(msp_id, "CA", certificate_of(pem.encode())))
     return found
 
 
@@ -123,7 +124,7 @@ def _of_alerts(alerts: Iterable[AlertRow]) -> Iterable[_Certificate]:
 
 @lru_cache(maxsize=1024)
 def _parsed(pem: str) -> x509.Certificate:
-    return x509.load_pem_x509_certificate(pem.encode())
+    return certificate_of(pem.encode())
 
 
 def _of(msp_id: str, name: str, certificate: x509.Certificate) -> _Certificate:

@@ -26,6 +26,7 @@ from starlette.requests import HTTPConnection
 
 from backend.errors import BadRequest, SettingsError
 from backend.settings import Settings
+from wonderland.ledger.certificates import certificate_of_der, certificates_of
 
 EXTENSION: Final = "wonderland.peer"
 """Under which name of ``scope["extensions"]`` the server tells whom it is connected with."""
@@ -134,7 +135,7 @@ def names_of(certificate: x509.Certificate) -> dict[str, set[str]]:
 
 def read_pem(text: str) -> x509.Certificate:
     """A registered client's certificate. Raises ValueError."""
-    found = x509.load_pem_x509_certificates(text.encode())
+    found = certificates_of(text.encode())
     if len(found) != 1:
         raise ValueError("one certificate, the client's own")
     return found[0]
@@ -170,13 +171,13 @@ def _byte_sequence(text: str) -> x509.Certificate:
 
 
 def _parse(der: bytes) -> x509.Certificate:
-    return x509.load_der_x509_certificate(der)
+    return certificate_of_der(der)
 
 
 def _read(path: Path | None) -> list[x509.Certificate]:
     if path is None:
         return []
     try:
-        return x509.load_pem_x509_certificates(path.read_bytes())
+        return certificates_of(path.read_bytes())
     except (OSError, ValueError) as cause:
         raise SettingsError(f"tls_client_ca: {path} cannot be read as PEM certificates ({cause})") from None

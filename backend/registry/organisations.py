@@ -13,6 +13,7 @@ from sqlalchemy.ext.asyncio import AsyncSession
 from backend.auth.person import Person
 from backend.db.tables.ledger import CertificateRow, DroneRow, OrganisationRow, PadRow
 from backend.registry.schemas import CertificateQuery
+from wonderland.ledger.certificates import certificate_of, revocation_list_of
 
 EXPIRING_MS: Final = 30 * 86_400_000
 _CERTIFICATE: Final = (
@@ -56,7 +57,7 @@ def _shown(row: OrganisationRow, counts: dict[Any, dict[str, int]]) -> dict[str,
 
 
 def _authority(pem: str) -> dict[str, Any]:
-    certificate = x509.load_pem_x509_certificate(pem.encode())
+    certificate = certificate_of(pem.encode())
     names = certificate.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)
     return {
         "name": str(names[0].value) if names else certificate.subject.rfc4514_string(),
@@ -70,7 +71,7 @@ def _revoked(definition: dict[str, Any]) -> set[str]:
     return {
         f"{entry.serial_number:x}"
         for pem in definition["revocation_lists"]
-        for entry in x509.load_pem_x509_crl(pem.encode())
+        for entry in revocation_list_of(pem.encode())
     }
 
 

@@ -15,7 +15,7 @@ from backend.geojson import MEDIA_TYPE
 from backend.pads import queries
 from backend.responses import Json
 from backend.site_plans import store
-from backend.site_plans.schemas import StoredSitePlan
+from backend.site_plans.schemas import CONTENT, StoredSitePlan
 from wonderland.proofs.records.fields import ID_PATTERN
 from wonderland.site_plans import MAX_BYTES, SitePlanError, parse
 
@@ -26,7 +26,7 @@ _FILE: Final = {
     "requestBody": {
         "required": True,
         "description": f"GeoJSON in metres from the pad's origin, at most {MAX_BYTES >> 20} MiB (docs/site-plans.md)",
-        "content": {MEDIA_TYPE: {"schema": {"type": "object"}}},
+        "content": CONTENT,
     }
 }
 PadId = Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)]
@@ -74,7 +74,7 @@ async def keep_site_plan(request: Request, person: SignedInPerson, pad_id: PadId
 @router.get(
     "/{pad_id}/{sha256}",
     response_class=Response,
-    responses=documented(_NOT_FOUND) | {200: {"content": {MEDIA_TYPE: {"schema": {"type": "object"}}}}},
+    responses=documented(_NOT_FOUND) | {200: {"content": CONTENT}},
 )
 async def read_site_plan(request: Request, person: SignedInPerson, pad_id: PadId, sha256: Sha256) -> Response:
     """The file of a site plan, byte for byte; its SHA-256 is in the address, and on the ledger."""

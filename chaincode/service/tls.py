@@ -19,6 +19,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_private_key
 
 from chaincode.service.errors import SettingsError
+from wonderland.ledger.certificates import certificates_of
 from wonderland.ledger.files import read_bounded
 
 EXPIRES_SOON: Final = dt.timedelta(days=14)
@@ -126,6 +127,6 @@ class Tls:
 
 def _certificates(pem: bytes, path: Path) -> list[x509.Certificate]:
     try:
-        return x509.load_pem_x509_certificates(pem)
+        return certificates_of(pem)
     except ValueError as cause:
         raise SettingsError(f"{path} holds no PEM certificate") from cause

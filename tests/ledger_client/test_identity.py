@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 from datetime import UTC, datetime, timedelta
@@ -168,3 +169,14 @@ def test_a_certificate_file(pad, tmp_path):
     path.write_bytes(b"no certificate")
     with pytest.raises(IdentityError, match="PEM"):
         Identity.from_file("PadMSP", path)
+
+
+def test_a_certificate_of_no_known_version_is_a_typed_error(pad):
+    der = pad.identity.certificate_der
+    version = bytes.fromhex("a003020102")  # [0] EXPLICIT INTEGER 2: version 3
+    assert der.count(version) == 1
+    of_version_6 = base64.encodebytes(der.replace(version, version[:-1] + b"\x05")).decode()
+    pem = f"-----BEGIN CERTIFICATE-----\n{of_version_6}-----END CERTIFICATE-----\n".encode()
+    creator = identities_pb2.SerializedIdentity(mspid="PadMSP", id_bytes=pem).SerializeToString()
+    with pytest.raises(IdentityError, match="5 is not a valid X509 version"):
+        _ = Identity.from_creator(creator).certificate

@@ -75,6 +75,7 @@ async def test_every_transaction_has_its_event(people, site):
         await tells(operator, "RegisterPad", scene.pad_argument(pad_id))
         await tells(operator, "UpdatePad", pad_id=pad_id, note="Mind the crane")
         await tells(operator, "CommissionPad", pad_id=pad_id, commissioning=scene.commissioning(**valid))
+        await tells(operator, "SetSitePlan", pad_id=pad_id, site_plan_sha256="1" * 64)
         prekeys = [{"prekey_id": f"k{index}", "public_key": scene.point(90 + index)} for index in range(2)]
         await tells(pad, "PublishPrekeys", pad_id=pad_id, prekeys=prekeys)
         _, record = await happens(admin, "SetPolicy", landing, policy={"buffer_mm": 1500})

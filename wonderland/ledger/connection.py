@@ -25,9 +25,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import grpc
-from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
+from wonderland.ledger.certificates import certificate_of
 from wonderland.ledger.errors import ConnectionFileError, LedgerError
 from wonderland.ledger.files import read_bounded, write_atomic
 from wonderland.ledger.gateways import Gateways
@@ -88,7 +88,7 @@ class ClientTls:
     def sha256(self) -> bytes:
         """SHA-256 over the DER certificate, which requests for blocks name."""
         try:
-            certificate = x509.load_pem_x509_certificate(self.certificate_pem())
+            certificate = certificate_of(self.certificate_pem())
         except ValueError as cause:
             raise ConnectionFileError(
                 f"client_tls.certificate: {self.certificate} holds no PEM certificate ({cause})"

@@ -14,6 +14,7 @@ from cryptography.x509.oid import NameOID
 from fabric_protos.msp import identities_pb2
 
 from wonderland.ledger import attributes as attrs
+from wonderland.ledger.certificates import certificate_of
 from wonderland.ledger.errors import IdentityError, SignatureError
 from wonderland.ledger.files import read_bounded
 from wonderland.ledger.protobuf import decode
@@ -68,7 +69,7 @@ class Identity:
     def certificate(self) -> x509.Certificate:
         """The parsed certificate."""
         try:
-            return x509.load_pem_x509_certificate(self.certificate_pem)
+            return certificate_of(self.certificate_pem)
         except ValueError as cause:
             raise IdentityError(f"{self.msp_id}: the certificate is no PEM X.509 certificate ({cause})") from cause
 

@@ -12,6 +12,7 @@ from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric import ec
 
+from wonderland.ledger.certificates import certificate_of, revocation_list_of
 from wonderland.ledger.errors import IdentityError, RevocationListError
 
 if TYPE_CHECKING:
@@ -25,14 +26,14 @@ def check_revocation_list(crl_pem: bytes, roots: Iterable[bytes]) -> x509.Certif
     authority key identifier makes every identity of the organisation invalid.
     """
     try:
-        crl = x509.load_pem_x509_crl(crl_pem)
+        crl = revocation_list_of(crl_pem)
         key_id = crl.extensions.get_extension_for_class(x509.AuthorityKeyIdentifier).value.key_identifier
     except x509.ExtensionNotFound as cause:
         raise RevocationListError("the revocation list has no authority key identifier; issue it again") from cause
     except (ValueError, UnsupportedAlgorithm, x509.DuplicateExtension) as cause:
         raise RevocationListError(f"no PEM revocation list ({cause})") from cause
     for pem in roots:
-        issuer = x509.load_pem_x509_certificate(pem)
+        issuer = certificate_of(pem)
         if issuer.subject == crl.issuer and subject_key_id(issuer) == key_id:
             public_key = issuer.public_key()
             if isinstance(public_key, ec.EllipticCurvePublicKey) and crl.is_signature_valid(public_key):

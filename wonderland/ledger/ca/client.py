@@ -25,6 +25,7 @@ from cryptography.x509.oid import NameOID
 
 from wonderland.ledger.ca.application import is_address
 from wonderland.ledger.ca.errors import CaError
+from wonderland.ledger.certificates import certificate_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -281,7 +282,7 @@ class FabricCaClient:
     def _certificate(self, result: dict[str, Any], name: str, key: ec.EllipticCurvePublicKey) -> bytes:
         pem = _base64(result, "Cert")
         try:
-            certificate = x509.load_pem_x509_certificate(pem)
+            certificate = certificate_of(pem)
             ours = certificate.public_key() == key
         except ValueError as cause:
             raise FabricCaAnswerError(
@@ -295,7 +296,7 @@ class FabricCaClient:
     def _listed(self, entry: object) -> IssuedByFabricCa:
         pem = _text(entry, "PEM").encode()
         try:
-            return IssuedByFabricCa(x509.load_pem_x509_certificate(pem), pem)
+            return IssuedByFabricCa(certificate_of(pem), pem)
         except ValueError as cause:
             raise FabricCaAnswerError(
                 f"CA {self.address}: lists a certificate that cannot be read ({cause})"

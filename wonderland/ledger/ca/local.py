@@ -21,7 +21,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
@@ -46,6 +45,7 @@ from wonderland.ledger.ca.register import (
     moment,
     open_register,
 )
+from wonderland.ledger.certificates import certificate_of
 from wonderland.ledger.errors import FileWriteError, SignatureError
 from wonderland.ledger.files import PRIVATE, PUBLIC, read_bounded, sync_directory, write_atomic
 from wonderland.ledger.identity import Identity
@@ -369,7 +369,7 @@ def _load_authority(directory: Path, stem: str) -> build.Authority:
     pem = read_bounded(directory / f"{stem}.pem", CaCorruptError, "root certificate")
     key_pem = read_bounded(directory / f"{stem}.key", CaCorruptError, "root key")
     try:
-        certificate = x509.load_pem_x509_certificate(pem)
+        certificate = certificate_of(pem)
         key = load_pem_private_key(key_pem, None)
         public_key = certificate.public_key()
     except (ValueError, TypeError, UnsupportedAlgorithm) as cause:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.x509.oid import NameOID
 
 from wonderland.ledger.ca.errors import CaRequestError
+from wonderland.ledger.certificates import request_of
 from wonderland.ledger.errors import SignatureError
 from wonderland.ledger.signing import require_p256
 
@@ -33,7 +33,7 @@ class CertificateRequest:
         if len(pem) > MAX_BYTES:
             raise CaRequestError(f"a certificate request of {len(pem)} characters; at most {MAX_BYTES}")
         try:
-            request = x509.load_pem_x509_csr(pem.encode("ascii"))
+            request = request_of(pem.encode("ascii"))
             signed = request.is_signature_valid
             names = [each.value for each in request.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
             key = require_p256(request.public_key())

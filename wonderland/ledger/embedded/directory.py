@@ -21,12 +21,12 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from wonderland.ledger.attributes import ID, ROLE
 from wonderland.ledger.ca import AlreadyEnrolledError, CaNotFoundError, Invitations, Kind, LocalCa
 from wonderland.ledger.ca.application import VALIDITY
+from wonderland.ledger.certificates import certificate_of
 from wonderland.ledger.connection import FILE_NAME, Connection, IdentityFiles
 from wonderland.ledger.embedded import organisations as orgs
 from wonderland.ledger.embedded.config_update import ConfigSigners, SigningIdentity
@@ -277,7 +277,7 @@ class LedgerDirectory:
 def _fits(certificate_pem: bytes, key_pem: bytes) -> bool:
     """Whether a key belongs to a certificate; not after a write that was interrupted between the two."""
     try:
-        certificate = x509.load_pem_x509_certificate(certificate_pem)
+        certificate = certificate_of(certificate_pem)
         return load_pem_private_key(key_pem, None).public_key() == certificate.public_key()
     except (ValueError, TypeError):
         return False

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 
+from wonderland.ledger.certificates import certificate_of
 from wonderland.ledger.embedded.errors import AccessDeniedError
 from wonderland.ledger.errors import IdentityError, SignatureError
 from wonderland.ledger.identity import Identity
@@ -169,7 +170,7 @@ class ChannelMembership:
 def _load(trust: OrganisationTrust) -> _Organisation:
     def certificates(pems: Iterable[bytes]) -> list[x509.Certificate]:
         try:
-            return [x509.load_pem_x509_certificate(pem) for pem in pems]
+            return [certificate_of(pem) for pem in pems]
         except ValueError as cause:
             raise IdentityError(f"{trust.msp_id}: a CA certificate is no PEM certificate ({cause})") from cause
 

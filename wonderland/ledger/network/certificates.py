@@ -11,6 +11,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from wonderland.ledger.ca.certificates import private_key_pem
+from wonderland.ledger.certificates import certificate_of
 from wonderland.ledger.files import PUBLIC, read_bounded, write_atomic
 from wonderland.ledger.identity import Identity, SigningIdentity
 from wonderland.ledger.network.errors import CertificateStateError, DirectoryStateError
@@ -46,7 +47,7 @@ def fits(paths: IdentityPaths) -> bool:
     if not paths.exist():
         return False
     try:
-        certificate = x509.load_pem_x509_certificate(paths.certificate.read_bytes())
+        certificate = certificate_of(paths.certificate.read_bytes())
         key = load_pem_private_key(paths.key.read_bytes(), None)
         return key.public_key() == certificate.public_key()
     except (OSError, ValueError, TypeError, UnsupportedAlgorithm):
@@ -57,7 +58,7 @@ def load(path: Path) -> x509.Certificate:
     """A certificate of a PEM file. Raises `CertificateStateError`."""
     data = read_bounded(path, CertificateStateError, "certificate")
     try:
-        return x509.load_pem_x509_certificate(data)
+        return certificate_of(data)
     except ValueError as cause:
         raise CertificateStateError(f"{path}: no PEM certificate ({cause})") from cause
 

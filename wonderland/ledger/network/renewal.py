@@ -14,8 +14,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from cryptography import x509
-
+from wonderland.ledger.certificates import revocation_list_of
 from wonderland.ledger.files import write_atomic
 from wonderland.ledger.network import certificates, settings
 from wonderland.ledger.network.errors import NetworkError, UnreachableError
@@ -109,7 +108,7 @@ class _Renewal:
         await authority.start(self._network.processes, self._binaries.ca_server)
 
     async def _identities(self, authority: Authority) -> None:
-        crl = x509.load_pem_x509_crl(await authority.ca.revocation_list(await authority.registrar()))
+        crl = revocation_list_of(await authority.ca.revocation_list(await authority.registrar()))
         revoked = {entry.serial_number for entry in crl}
         for file in sorted(self._organisation.identity("x").certificate.parent.glob("*.pem")):
             name, is_tls = file.stem.removesuffix(".tls"), file.stem.endswith(".tls")

@@ -15,6 +15,7 @@ from fabric_protos.msp import msp_config_pb2
 
 from wonderland.ledger.ca.certificates import REASONS
 from wonderland.ledger.ca.errors import CaRequestError, UnknownCertificateError
+from wonderland.ledger.certificates import revocation_list_of
 from wonderland.ledger.channel_groups import serialise
 from wonderland.ledger.errors import RevocationListError
 from wonderland.ledger.network import certificates
@@ -126,7 +127,7 @@ def _require_harmless(
         return crl
     now = network.now()
     for former_pem in msp.revocation_list:
-        former = x509.load_pem_x509_crl(former_pem)
+        former = revocation_list_of(former_pem)
         if former.last_update_utc > crl.last_update_utc:
             raise RevocationListError(
                 f"{msp_id}: the channel's list is newer ({former.last_update_utc:%Y-%m-%d %H:%M:%S} UTC) than this one "
@@ -140,7 +141,7 @@ def _require_harmless(
 
 
 def _names_the_same(crl: x509.CertificateRevocationList, there: Iterable[bytes]) -> bool:
-    known = {entry.serial_number for pem in there for entry in x509.load_pem_x509_crl(pem)}
+    known = {entry.serial_number for pem in there for entry in revocation_list_of(pem)}
     return known == {entry.serial_number for entry in crl}
 
 
@@ -160,4 +161,4 @@ def _require_no_lock_out(network: Network, msp_id: str, serials: set[int]) -> No
 
 async def _revoked_already(ca: Any, registrar: Any) -> set[int]:
     """Serial numbers that the CA has revoked."""
-    return {entry.serial_number for entry in x509.load_pem_x509_crl(await ca.revocation_list(registrar))}
+    return {entry.serial_number for entry in revocation_list_of(await ca.revocation_list(registrar))}
