@@ -191,7 +191,7 @@ def _show(said: dict[str, Any], *, alive: bool, age_s: float) -> None:
         table.add_row("session", said["session"] or "none under way")
         table.add_row("run since start", str(said["sessions_run"]))
         table.add_row("waiting, to be ended", f"{said['requests_waiting']}, {said['sessions_to_end']}")
-        table.add_row("prekeys offered", str(said["prekeys"]))
+        table.add_row("prekeys offered", str(said.get("prekeys", "not known yet: the ledger has not said it")))
         spool = said["spool"]
         table.add_row("spool", f"{spool['records']} records, {spool['bytes']} bytes, {spool['dropped']} dropped")
         if not said["accepts_sessions"]:

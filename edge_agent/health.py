@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import logging
 from collections.abc import Callable, Sequence
@@ -22,6 +23,8 @@ from wonderland.telemetry import AnchorHealth, Health
 _log = logging.getLogger(__name__)
 
 HEALTH_S: Final = 10.0
+LOOK_S: Final = 1.0
+"""Between two looks whether something changed that is told at once."""
 
 
 class StatusError(LedgerError):
@@ -32,7 +35,7 @@ def health_record(
     anchors: Sequence[AnchorState],
     spool: SpoolStatus,
     receiver: ReceiverCounts,
-    prekeys: int,
+    prekeys: int | None,
     drift: DriftState | None = None,
 ) -> Health:
     """A pad's word on itself."""
@@ -55,17 +58,28 @@ async def tell_health(
     reporter: SpoolReporter,
     files: Sequence[tuple[Path | None, Callable[[Path, dict[str, Any]], None]]],
 ) -> None:
-    """Tell until cancelled: to the backend, and to each file that there is."""
+    """Tell until cancelled: to the backend, and to each file that there is.
+
+    Every ten seconds, and within one when an anchor, the drift or the offer of prekeys comes to another state.
+    """
     while True:
-        now = status()
-        reporter.offer(now["t_ms"], health())
+        now, told = status(), health()
+        reporter.offer(now["t_ms"], told)
         for path, write in files:
             if path is not None:
                 try:
                     await asyncio.to_thread(write, path, now)
                 except LedgerError as error:
                     _log.warning("%s", error)
-        await asyncio.sleep(HEALTH_S)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(HEALTH_S):
+                while _states(health()) == _states(told):
+                    await asyncio.sleep(LOOK_S)
+
+
+def _states(health: Health) -> tuple[object, ...]:
+    anchors = tuple((anchor.anchor_id, anchor.state) for anchor in health.anchors)
+    return anchors, None if health.drift is None else health.drift.state, bool(health.prekeys)
 
 
 def write_status(path: Path, status: dict[str, Any]) -> None:

@@ -49,7 +49,8 @@ def _families(status: Mapping[str, Any]) -> Iterator[tuple[str, str, str, list[_
     yield one("sessions_total", "counter", "Sessions run since the start", status["sessions_run"])
     yield one("requests_waiting", "gauge", "Drones that wait for the pad", status["requests_waiting"])
     yield one("sessions_to_end", "gauge", "Sessions whose end the ledger has not got yet", status["sessions_to_end"])
-    yield one("prekeys", "gauge", "Keys on the ledger that drones may use", status["prekeys"])
+    if status.get("prekeys") is not None:
+        yield one("prekeys", "gauge", "Keys on the ledger that drones may use", status["prekeys"])
     yield one("spool_records", "gauge", "Records that wait for the backend", spool["records"])
     yield one("spool_bytes", "gauge", "Bytes of these", spool["bytes"])
     yield one("spool_dropped_total", "counter", "Telemetry dropped for want of room", spool["dropped"])

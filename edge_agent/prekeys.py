@@ -69,13 +69,13 @@ class PrekeyKeeper:
         self._clock = clock
         self._target = target
         self._lock = asyncio.Lock()
-        self.available = 0
-        """How many are offered and usable, as far as this agent knows."""
+        self.available: int | None = None
+        """How many are offered and usable, as far as this agent knows; None before the ledger has said it."""
 
     @property
     def low(self) -> bool:
         """Whether it is time to publish."""
-        return self.available * 2 <= self._target
+        return (self.available or 0) * 2 <= self._target
 
     async def ensure(self) -> None:
         """Compare what is offered with what is kept, and publish what is missing. Raises AwayError, RefusedError."""
@@ -93,7 +93,7 @@ class PrekeyKeeper:
         secret = await self._vault.take_secret(_PREFIX + prekey_id)
         if secret is None:
             return None
-        self.available = max(0, self.available - 1)
+        self.available = max(0, (self.available or 0) - 1)
         return ec.derive_private_key(int.from_bytes(secret, "big"), ec.SECP256R1())
 
     async def _publish(self, count: int) -> None:
@@ -115,7 +115,7 @@ class PrekeyKeeper:
         except AwayError:
             _log.warning("prekeys: %d may or may not have been published; the next look will tell", count)
             raise
-        self.available += count
+        self.available = (self.available or 0) + count
         _log.info("prekeys: %d published, %d offered", count, self.available)
 
     async def _drop_orphans(self, orphans: set[str]) -> None:

@@ -44,12 +44,15 @@ class Clip:
     drone: str = ""
 
 
+QUAY: Final = "at=43.7345241,7.4278181,18.4,-38.0,52.0"
+MOLE: Final = "at=43.7398900,7.4315500,18.4,24.0,50.0"
 STORYBOARD: Final = (
-    Clip("live", 0.0, 4.5),
-    # Its approach and its landing are one picture: it is verified on the way down.
-    Clip("live?drone=OH-DRN-0102&follow", -5.0, 4.0, "OH-DRN-0102"),
+    Clip("live", 0.0, 3.5),
+    # An honest drone lands, and the liar comes to the same pad.
+    Clip(f"live?{QUAY}", -1.5, 3.0, "OH-DRN-0233"),
+    Clip(f"live?drone=OH-DRN-0417&{QUAY}", -2.5, 5.0, "OH-DRN-0417"),
     # Its radio falsifies its time stamps.
-    Clip("live?drone=OH-DRN-0559&follow", -1.5, 5.0, "OH-DRN-0559"),
+    Clip(f"live?drone=OH-DRN-0559&{MOLE}", -1.0, 4.5, "OH-DRN-0559"),
 )
 GROUND: Final = "performance.getEntriesByType('resource').some(({ name }) => name.includes('/map/archive'))"
 
@@ -122,7 +125,10 @@ async def film(page: Page, demo: Demo) -> list[tuple[float, float]]:
             await page.evaluate("(hash) => { location.hash = hash; }", f"#/{place}")
             if not clip.drone:
                 await page.wait_for_selector(".map-drones")
-                await page.wait_for_function(GROUND)
+                # Not `wait_for_function`: from its second look on it is eval, which the console's policy forbids.
+                async with asyncio.timeout(PATIENCE_MS / 1000):
+                    while not await page.evaluate(GROUND):
+                        await asyncio.sleep(0.1)
                 await asyncio.sleep(SETTLE_S)
         base = await demo.verdict_of(clip.drone) if clip.drone else time.time()
         await asyncio.sleep(max(0.0, base + clip.last_s - time.time()))
@@ -165,7 +171,7 @@ async def main() -> None:
         async with async_playwright() as playwright:
             browser = await playwright.chromium.launch(executable_path=browser_path(), args=list(FLAGS))
             context = await browser.new_context(
-                viewport={"width": SIZE[0], "height": SIZE[1]}, color_scheme="dark", reduced_motion="no-preference"
+                viewport={"width": SIZE[0], "height": SIZE[1]}, color_scheme="light", reduced_motion="no-preference"
             )
             page = await context.new_page()
             page.set_default_timeout(PATIENCE_MS)

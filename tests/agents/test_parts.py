@@ -272,6 +272,7 @@ def keeper():
 
 
 async def test_prekeys_are_published_when_half_are_used_and_taken_once(keeper):
+    assert keeper.available is None  # the ledger has not said it yet
     await keeper.ensure()
     assert keeper.available == len(keeper.ledger.offered) == 8
     names = list(keeper.ledger.offered)

@@ -3,6 +3,7 @@ import type { Pad } from "../shared/api/records";
 import { length } from "../shared/format";
 import { reachOf, type Metres, type Plan, type PlanFeature, type PlanKind } from "./plan";
 import { planTexts as t } from "./texts";
+import { LINE, planWords } from "./words";
 import "./plans.css";
 
 const SIZE = 420;
@@ -12,19 +13,6 @@ const STEPS_M = [1, 2, 5, 10, 20, 50, 100, 200, 500] as const;
 const ORDER: readonly PlanKind[] = ["approach_sector", "departure_sector", "surface", "safety_area", "fato", "tlof", "marking", "fence", "charger", "obstacle"];
 
 type Anchor = NonNullable<Pad["commissioning"]>["anchors"][number];
-
-/** Where the name of something large stands: inside, at the middle of its longest edge. */
-function besideEdge(points: readonly Metres[]): Metres {
-  const edges = points.slice(1).map((to, i) => [points[i] ?? to, to] as const);
-  const long = edges.reduce((best, edge) => (Math.hypot(edge[1][0] - edge[0][0], edge[1][1] - edge[0][1]) > Math.hypot(best[1][0] - best[0][0], best[1][1] - best[0][1]) ? edge : best), edges[0] ?? [[0, 0], [0, 0]]);
-  const [at, inside] = [middle(long), middle(points)];
-  return [at[0] + 0.16 * (inside[0] - at[0]), at[1] + 0.16 * (inside[1] - at[1])];
-}
-
-function middle(points: readonly Metres[]): Metres {
-  const sum = (axis: 0 | 1): number => points.reduce((found, point) => found + point[axis], 0) / Math.max(1, points.length);
-  return [sum(0), sum(1)];
-}
 
 /** The plan from above, north up, with the pad's anchors, a scale, and what stands there by name and height. */
 export function PlanDrawing({ plan, anchors = [] }: { plan: Plan; anchors?: readonly Anchor[] }): ReactElement {
@@ -42,16 +30,6 @@ export function PlanDrawing({ plan, anchors = [] }: { plan: Plan; anchors?: read
     if (form === "Point") return point === undefined || kind === "marking" ? <g key={i} /> : <rect key={i} className={`plan-${kind}`} x={x(point[0]) - 3} y={y(point[1]) - 3} width="6" height="6" />;
     return <path key={i} className={`plan-${kind}`} fillRule="evenodd" d={form === "LineString" ? path(first, false) : rings.map((ring) => path(ring, true)).join("")} />;
   };
-  const words = drawn.filter(({ kind, name }) => name !== "" || kind === "obstacle").flatMap(({ kind, name, height_m, rings }, i) => {
-    const [east, north] = (kind === "obstacle" || kind === "charger" ? middle : besideEdge)(rings[0] ?? []);
-    if (Math.abs(east) > reach_m || Math.abs(north) > reach_m) return [];
-    const text = [name, ...(height_m === undefined ? [] : [length(height_m * 1000, true)])].filter((each) => each !== "").join(" · ");
-    return [
-      <text key={i} x={x(east)} y={y(north) - 7} textAnchor="middle">
-        {text}
-      </text>,
-    ];
-  });
   const { image } = plan;
   const [upperLeft, upperRight, , lowerLeft] = image?.corners ?? [];
   return (
@@ -76,7 +54,11 @@ export function PlanDrawing({ plan, anchors = [] }: { plan: Plan; anchors?: read
             <title>{anchor.anchor_id}</title>
           </rect>
         ))}
-        {words}
+        {planWords(plan.features, { size: SIZE, x, y }).map(({ text, left, top, width }) => (
+          <text key={`${left} ${top}`} x={left + width / 2} y={top + LINE - 3} textAnchor="middle">
+            {text}
+          </text>
+        ))}
       </g>
       <path className="plan-scale" d={`M${MARGIN} ${SIZE - 14}v4h${bar_m * scale}v-4`} />
       <text x={MARGIN + (bar_m * scale) / 2} y={SIZE - 16} textAnchor="middle">
