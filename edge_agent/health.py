@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import logging
 from collections.abc import Callable, Sequence
@@ -71,10 +70,10 @@ async def tell_health(
                     await asyncio.to_thread(write, path, now)
                 except LedgerError as error:
                     _log.warning("%s", error)
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(HEALTH_S):
-                while _states(health()) == _states(told):
-                    await asyncio.sleep(LOOK_S)
+        for _ in range(round(HEALTH_S / LOOK_S)):
+            await asyncio.sleep(LOOK_S)
+            if _states(health()) != _states(told):
+                break
 
 
 def _states(health: Health) -> tuple[object, ...]:

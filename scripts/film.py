@@ -54,7 +54,14 @@ STORYBOARD: Final = (
     # Its radio falsifies its time stamps.
     Clip(f"live?drone=OH-DRN-0559&{MOLE}", -1.0, 4.5, "OH-DRN-0559"),
 )
-GROUND: Final = "performance.getEntriesByType('resource').some(({ name }) => name.includes('/map/archive'))"
+# Not `wait_for_function`: from its second look on it is eval, which the console's policy forbids.
+GROUND_DRAWN: Final = """() => new Promise((drawn) => {
+  const timer = setInterval(() => {
+    if (!performance.getEntriesByType('resource').some(({ name }) => name.includes('/map/archive'))) return;
+    clearInterval(timer);
+    drawn();
+  }, 100);
+})"""
 
 
 @dataclass
@@ -125,10 +132,7 @@ async def film(page: Page, demo: Demo) -> list[tuple[float, float]]:
             await page.evaluate("(hash) => { location.hash = hash; }", f"#/{place}")
             if not clip.drone:
                 await page.wait_for_selector(".map-drones")
-                # Not `wait_for_function`: from its second look on it is eval, which the console's policy forbids.
-                async with asyncio.timeout(PATIENCE_MS / 1000):
-                    while not await page.evaluate(GROUND):
-                        await asyncio.sleep(0.1)
+                await page.evaluate(GROUND_DRAWN)
                 await asyncio.sleep(SETTLE_S)
         base = await demo.verdict_of(clip.drone) if clip.drone else time.time()
         await asyncio.sleep(max(0.0, base + clip.last_s - time.time()))
