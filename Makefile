@@ -83,7 +83,6 @@ compose: $(VENV)/.ready ## Regenerate compose.yaml from deploy/network.yaml
 
 api: setup ## Regenerate the console's types from the backend's OpenAPI
 	@$(BIN)/python scripts/console.py generate
-	@$(BIN)/python scripts/finnish_reasons.py
 
 lock: ## Resolve the Python dependencies anew (needs uv)
 	@uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --prerelease if-necessary-or-explicit pyproject.toml --all-extras --output-file requirements/dev.txt

@@ -14,10 +14,17 @@ from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, create_model
 
-from wonderland.proofs.records.schema import Binary, Choice, Flag, Integer, Items, Record, Text
+from wonderland.proofs.records.schema import Binary, Choice, Facts, Flag, Integer, Items, Record, Text
 
-_CHECKS: Final = (Integer, Text, Choice, Flag, Binary)
-_PLAIN_TYPES: Final[dict[type, type]] = {Integer: int, Text: str, Choice: str, Flag: bool, Binary: str}
+_CHECKS: Final = (Integer, Text, Choice, Flag, Binary, Facts)
+_PLAIN_TYPES: Final[dict[type, Any]] = {
+    Integer: int,
+    Text: str,
+    Choice: str,
+    Flag: bool,
+    Binary: str,
+    Facts: dict[str, int | str],
+}
 
 
 def _without_null(schema: dict[str, Any], model: type[BaseModel]) -> None:

@@ -23,6 +23,7 @@ from simulator.place.making import archive_path, start_making
 from simulator.scenarios import DEFAULT, SCENARIOS
 from simulator.stage import ProcessError, Stage, StageSettings
 from simulator.verdicts import CommittedVerdict, committed
+from wonderland import messages
 from wonderland.ledger.embedded import NOTICE
 
 STYLES: Final = {"verified": "green", "refuted": "red", "inconclusive": "yellow", "unauthorised": "magenta"}
@@ -208,7 +209,7 @@ def _sentence(item: CommittedVerdict, after_s: float) -> str:
         parts.append(f"its serial number is broadcast {heard.error_mm / 1000:.0f} m away")
     parts.append(f"{verdict.action} {verdict.permission}")
     if item.answer != "verified" and verdict.reasons:
-        parts.append(verdict.reasons[-1].text)
+        parts.append(messages.text("reasons", verdict.reasons[-1].code, verdict.reasons[-1].facts))
     took = sum(item.step_ms().values())
     return f"{' · '.join(parts)} [dim]{took} ms, tx {item.tx_id[:8]}…, {after_s:.0f} s[/dim]"
 

@@ -97,7 +97,7 @@ class Window:
             "rounds": verdict.rounds,
             "more_rounds": verdict.more_rounds,
             "distance_m": round(self.distance_m, 3),
-            "reasons": [{"code": reason.code, "text": reason.text} for reason in verdict.reasons],
+            "reasons": [{"code": reason.code, "facts": dict(reason.facts)} for reason in verdict.reasons],
         }
         if verdict.signed is not None:
             value |= {

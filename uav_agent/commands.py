@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 
 import click
 
+from wonderland import messages
 from wonderland.clock import Clock, SteadyClock
 from wonderland.proofs.records.fields import ACTIONS
 from wonderland.proofs.records.sessions import STEP_NAMES
@@ -320,4 +321,4 @@ def _show(result: ProofResult) -> None:
         return
     click.echo(f"{verdict.outcome.capitalize()}, permission {verdict.permission} (session {result.session_id[:12]}…)")
     for reason in verdict.reasons:
-        click.echo(f"  {reason.text}")
+        click.echo(f"  {messages.text('reasons', reason.code, reason.facts)}")

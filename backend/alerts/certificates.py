@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
-from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Final
 
@@ -81,8 +80,7 @@ async def conditions(
 
 
 def _condition(certificate: _Certificate, who: str, now_ms: int) -> Condition:
-    until = datetime.fromtimestamp(certificate.until_ms / 1000, UTC).strftime("%Y-%m-%d")
-    facts = {"who": who, "until": until, **asdict(certificate)}
+    facts = {"who": who, **asdict(certificate)}
     return Condition(KIND, f"{certificate.msp_id}/{certificate.serial}", now_ms, None, facts)
 
 

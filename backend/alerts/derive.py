@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
@@ -35,20 +34,13 @@ _OWN_LIE: Final = frozenset({"own_contradicted", "refuted"})
 """What the drone signed for; "refuted" in verdicts of former contracts, which took every broadcast for the drone's."""
 _BY_ZONES: Final = frozenset({"zone_active", "closures_outdated"})
 _BY_PAPERS: Final = ("uav_", "maintenance_", "not_authorised")
-_ZONE: Final = re.compile("^Zone (.+) forbids the action ")
-"""The contract's reason has the zone's name in its sentence only."""
 
 
 def _against(record: dict[str, Any]) -> tuple[dict[str, str], bool]:
     """Why it may not do what it asked: what closes it (empty: nothing), and whether by its papers, too."""
-    reasons = [(str(each["code"]), str(each["text"])) for each in record["reasons"]]
-    closed: dict[str, str] = {}
-    for code, text in reasons:
-        if code in _BY_ZONES and not closed:
-            closed = {"why": text.rstrip("."), "code": code}
-            if named := _ZONE.match(text):
-                closed["zone"] = named[1]
-    return closed, any(code.startswith(_BY_PAPERS) for code, _ in reasons)
+    zones = [each for each in record["reasons"] if each["code"] in _BY_ZONES]
+    closed = {"code": zones[0]["code"], "zone_id": zones[0]["facts"].get("zone_id", "")} if zones else {}
+    return closed, any(each["code"].startswith(_BY_PAPERS) for each in record["reasons"])
 
 
 def _elsewhere(record: dict[str, Any]) -> bool:
@@ -76,12 +68,15 @@ def alerts_of(verdicts: Iterable[dict[str, Any]]) -> Iterator[Alert]:
         facts: dict[str, Any] = {"action": row["action"]}
         if row["outcome"] == "refuted":
             kind, error_mm = _refutation(record)
+            if kind == "stamps_contradict":
+                facts["located"] = "no" if error_mm is None else "yes"
             if error_mm is not None:
                 facts["error_mm"] = error_mm
             yield Alert(kind, row["session_id"], row["decided_ms"], **place, facts=facts)
         broadcast = record.get("broadcast") or {}
         if broadcast.get("outcome") == "contradicted" and _elsewhere(record):
-            facts = {"action": row["action"], "error_mm": broadcast["error_mm"], "supported": broadcast["supported"]}
+            supported = "yes" if broadcast["supported"] else "no"
+            facts = {"action": row["action"], "error_mm": broadcast["error_mm"], "supported": supported}
             yield Alert("broadcast_unattributed", row["session_id"], row["decided_ms"], **place, facts=facts)
         if record.get("authorised") is False:
             closed, others = _against(record)

@@ -7,7 +7,7 @@ time, and how many there are besides is an alert, too: nothing is left out in si
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple
 
 import orjson
@@ -24,18 +24,6 @@ _FACTS: Final = ("distance_mm", "interval_ms", "other_uav_id")
 
 IDENTITY: Final = frozenset({"two_places", "impossible_speed", "time_backwards", "several_identities", "signature_bad"})
 """Kinds that tell of a false identity or of a replay; the others may be no more than a bad clock or radio."""
-
-TEXTS: Final[Mapping[str, str]] = {
-    "two_places": "the same identity from two places, {away} apart",
-    "impossible_speed": "{away} in {interval}, which nothing flies",
-    "time_stuck": "its own time stood still for {interval}",
-    "time_backwards": "its own time went back by {interval}, as in a replay",
-    "time_off": "its own time differs from the pad's by {interval}",
-    "several_identities": "one transmitter also goes under the name {other}",
-    "rate_high": "more positions than a drone sends",
-    "signature_bad": "a signature that does not hold",
-}
-"""In plain English, for e-mail; the console says the same in its user's language and units."""
 
 
 class Odd(NamedTuple):
@@ -86,8 +74,4 @@ def conditions(found: Sequence[Odd]) -> Iterable[Condition]:
 
 def _facts(each: Odd) -> dict[str, Any]:
     body = orjson.loads(each.body)
-    facts = {name: body[name] for name in _FACTS if body.get(name) is not None}
-    away = f"{body['distance_mm'] / 1000:.0f} m" if "distance_mm" in facts else "far"
-    interval = f"{body['interval_ms'] / 1000:.1f} s" if "interval_ms" in facts else "a time"
-    what = TEXTS[each.kind].format(away=away, interval=interval, other=body.get("other_uav_id", "unknown"))
-    return {"finding": each.kind, "what": what, **facts}
+    return {"finding": each.kind, **{name: body[name] for name in _FACTS if body.get(name) is not None}}

@@ -7,31 +7,12 @@ from typing import Annotated, Any, Literal, Self
 from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from backend.alerts.kinds import KindName
 from backend.filters import AboutQuery
 from backend.schemas import ApiModel, page_of
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
 
 _ID = f"^{ID_PATTERN}$"
-KindName = Literal[
-    "refuted",
-    "broadcast_contradicts",
-    "broadcast_unattributed",
-    "stamps_contradict",
-    "leaving",
-    "permission_unmatched",
-    "ledger_halted",
-    "unauthorised",
-    "zone_closed",
-    "closures_ending",
-    "closures_differ",
-    "identity_odd",
-    "broadcast_odd",
-    "broadcasts_flooded",
-    "pad_silent",
-    "pad_drifting",
-    "certificate_expiring",
-    "ledger_away",
-]
 ActName = Literal["acknowledge", "reopen", "assign", "snooze", "note"]
 
 
@@ -48,9 +29,10 @@ class Alert(ApiModel):
     tx_id: str | None = None
     facts: dict[str, Any] = Field(
         description="What its text needs: error_mm, action, supported (broadcast_unattributed: whether "
-        "another broadcast under that name is where the drone was measured), why (in English, or as somebody else "
-        "said it), code and zone (zone_closed), state, anchor_id, off_mm and extra_sigma_mm (pad_drifting), since_ms, "
-        "who, until_ms, serial, finding, distance_mm, interval_ms, other_uav_id, drones"
+        "another broadcast under that name is where the drone was measured), located (stamps_contradict: whether "
+        "there is an error_mm), why (as somebody else said it), code and zone_id (zone_closed), state, anchor_id, "
+        "off_mm and extra_sigma_mm (pad_drifting), since_ms, who, until_ms, serial, finding, distance_mm, "
+        "interval_ms, other_uav_id, drones"
     )
     text: str | None = Field(
         default=None, description="The same in one sentence, in the language asked for; not in live frames"

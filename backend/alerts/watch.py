@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterable
-from datetime import UTC, datetime
 from typing import Any, Final
 
 import orjson
@@ -60,22 +59,22 @@ def pad_conditions(
     """`pads`: (pad_id, last health report's time, its body) of commissioned pads that have ever reported."""
     for pad_id, t_ms, body in pads:
         if now_ms - t_ms > SILENT_MS and not connected(pad_id):
-            since = datetime.fromtimestamp(t_ms / 1000, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-            yield Condition("pad_silent", pad_id, t_ms, pad_id, {"since_ms": t_ms, "since": since})
+            yield Condition("pad_silent", pad_id, t_ms, pad_id, {"since_ms": t_ms})
             continue
         drift = orjson.loads(body).get("drift")
         if isinstance(drift, dict) and drift.get("state", "ok") != "ok":
-            told = {name: drift[name] for name in ("state", "anchor_id", "off_mm", "extra_sigma_mm") if name in drift}
-            yield Condition("pad_drifting", pad_id, t_ms, pad_id, {"why": _drift(drift), **told})
+            yield Condition("pad_drifting", pad_id, t_ms, pad_id, _drift(drift))
 
 
-def _drift(drift: dict[str, Any]) -> str:
+def _drift(drift: dict[str, Any]) -> dict[str, Any]:
     """What a pad's health says of anchors that no longer measure as commissioned (`wonderland.telemetry.Drift`)."""
-    anchor, off_mm = drift.get("anchor_id"), drift.get("off_mm")
+    anchor, off_mm, extra_mm = (drift.get(name) for name in ("anchor_id", "off_mm", "extra_sigma_mm"))
+    state = "drifting"
     if drift["state"] == "moved" and anchor is not None and off_mm is not None:
-        return f"anchor {anchor} stands about {off_mm / 10:.0f} cm from its place, nothing is proved there"
-    added = f", {drift['extra_sigma_mm']} mm of uncertainty are added" if drift.get("extra_sigma_mm") else ""
-    return f"{f'anchor {anchor}' if anchor is not None else 'its anchors together'}{added}"
+        state = "moved"
+    elif extra_mm:
+        state = "widened"
+    return {"state": state, "anchor_id": anchor or "all", "off_mm": off_mm or 0, "extra_sigma_mm": extra_mm or 0}
 
 
 def ledger_conditions(context: Context, now_ms: int) -> Iterable[Condition]:
@@ -84,7 +83,8 @@ def ledger_conditions(context: Context, now_ms: int) -> Iterable[Condition]:
     if mirror.halted is not None:
         yield Condition("ledger_halted", mirror.channel, now_ms, None, {"why": mirror.halted[:500]})
     elif not mirror.connected and mirror.lag_ms(now_ms) > AWAY_MS:
-        facts = {"why": mirror.problem[:500]} if mirror.problem else {"why": "no answer", "state": "no_answer"}
+        state = "problem" if mirror.problem else "no_answer"
+        facts = {"state": state, "why": (mirror.problem or "")[:500]}
         yield Condition("ledger_away", mirror.channel, now_ms - mirror.lag_ms(now_ms), None, facts)
 
 
@@ -92,16 +92,13 @@ def closure_conditions(closures: Iterable[tuple[str, int]], now_ms: int) -> Iter
     """`closures`: pads in service, and until when their closures by zones are published."""
     for pad_id, until_ms in closures:
         if until_ms - now_ms < CLOSURES_MS:
-            until = datetime.fromtimestamp(until_ms / 1000, UTC).strftime("%Y-%m-%d %H:%M UTC")
-            facts = {"until_ms": until_ms, "until": until}
-            yield Condition("closures_ending", f"{pad_id}/{until_ms}", now_ms, pad_id, facts)
+            yield Condition("closures_ending", f"{pad_id}/{until_ms}", now_ms, pad_id, {"until_ms": until_ms})
 
 
 def differing_conditions(pads: Iterable[tuple[str, str]], now_ms: int) -> Iterable[Condition]:
     """`pads`: whose closures on the ledger are not what today's zones ask for, and how (`backend.zones.pads`)."""
     for pad_id, state in pads:
-        why = "a zone closes it, and nothing is published" if state == "missing" else "the zones have changed since"
-        yield Condition("closures_differ", pad_id, now_ms, pad_id, {"state": state, "why": why})
+        yield Condition("closures_differ", pad_id, now_ms, pad_id, {"state": state})
 
 
 class Watch:

@@ -10,7 +10,7 @@ from fastapi.responses import Response
 from sqlalchemy import select
 
 from backend.auth.access import SignedInPerson
-from backend.conformance import queries, texts
+from backend.conformance import queries
 from backend.conformance.rules import Broadcast, Finding, Question, judge
 from backend.conformance.schemas import Conformance, ConformanceFor, ConformanceQuery
 from backend.context import context_of
@@ -20,6 +20,7 @@ from backend.languages import HEADER, Language, language_of
 from backend.proofs.queries import shown
 from backend.responses import resource
 from backend.sessions import queries as sessions
+from wonderland import messages
 
 router = APIRouter(tags=["conformance"])
 
@@ -89,8 +90,11 @@ def _broadcast(broadcast: Broadcast, source: str) -> dict[str, Any]:
 def _shown(finding: Finding, language: Language) -> dict[str, Any]:
     content: dict[str, Any] = {
         "status": finding.status,
-        "text": texts.STATUS[finding.status][language],
-        "limits": [{"code": code, "text": texts.LIMITS[code][language]} for code in finding.limits],
+        "text": messages.text("conformance", f"status.{finding.status}", {}, language),
+        "limits": [
+            {"code": each, "text": messages.text("conformance", f"limit.{each}", {}, language)}
+            for each in finding.limits
+        ],
     }
     facts = {
         "distance_mm": finding.distance_mm,

@@ -12,6 +12,7 @@ from typing import Any, Final
 from xml.etree import ElementTree as ET
 
 from backend.outputs.items import Item, Kind
+from backend.proofs.reasons import reasons_in
 from wonderland.remote_id.enums import UaType
 
 DRONE: Final = "a-u-A-C-H-q"
@@ -69,7 +70,7 @@ def _verdict(item: Item, now_ms: int) -> bytes | None:
         ET.SubElement(detail, "link", uid=_uid(item.uav_id, "claim"), relation="p-p", type=DRONE)
     names = ("outcome", "permission", "action", "pad_id", "assurance", "session_id", "tx_id", "block")
     _own(detail, item, {name: str(body[name]) for name in names})
-    reasons = "; ".join(reason["text"] for reason in body.get("reasons", ()))
+    reasons = "; ".join(each["text"] for each in reasons_in("en", body.get("reasons", [])))
     ET.SubElement(detail, "remarks").text = _clean(
         f"{outcome.capitalize()} at pad {body['pad_id']}, {body['action']} {body['permission']}. {reasons}"
     )

@@ -16,9 +16,13 @@ Outcome = Literal["verified", "refuted", "inconclusive"]
 
 
 class ProofReason(ApiModel):
-    """Why: a code for machines and a sentence for people, in the language that was asked for."""
+    """Why: a code and its facts for machines, and a sentence for people, in the language that was asked for."""
 
     code: str
+    facts: dict[str, int | str] = Field(
+        description="Figures and names; units end their names: _mm, _ms, _percent, _milli (thousandths)",
+        examples=[{"error_mm": 120, "buffer_mm": 1000}],
+    )
     text: str
 
 

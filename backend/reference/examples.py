@@ -35,7 +35,8 @@ KNOWN: Final[Mapping[str, Any]] = {
     "url": "https://hooks.example.com/wonderland",
     "secret": "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSwMfKQ9r8GKYo=",
     "registration": "FIN---k8",
-    "text": "The measured place is within the buffer.",
+    "facts": {"error_mm": 120, "buffer_mm": 1000},
+    "text": "Measured 0.12 m from the claim, within 1.00 m.",
     "detail": "No pad aurajoki-9 is registered.",
     "bbox": "22.2,60.4,22.3,60.5",
     "country": "FIN",
@@ -75,6 +76,8 @@ def example_of(schema: Schema, schemas: Mapping[str, Schema], name: str = "", de
 
 def _by_kind(schema: Schema, schemas: Mapping[str, Schema], name: str, depth: int) -> Any:
     kind = schema.get("type", "object" if "properties" in schema else None)
+    if kind == "object" and isinstance(KNOWN.get(name), dict) and "properties" not in schema:
+        return KNOWN[name]
     if kind == "object":
         return _object(schema, schemas, depth)
     if kind == "array":

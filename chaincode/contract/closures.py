@@ -10,6 +10,7 @@ from typing import Final
 from chaincode.contract import access, pads
 from chaincode.contract.call import Answer, Call
 from chaincode.contract.errors import not_there, refused
+from wonderland.proofs.reasons import reason
 from wonderland.proofs.records import keys
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.closures import Closures
@@ -61,15 +62,10 @@ async def reasons_against(call: Call, session: Session) -> tuple[Reason, ...]:
     if closures is None:
         return ()
     if session.expires_ms > closures.valid_until_ms:
-        return (
-            Reason(
-                code="closures_outdated",
-                text=f"The closures of pad {session.pad_id} by zones are out of date; nothing is permitted there.",
-            ),
-        )
+        return (reason("closures_outdated", pad_id=session.pad_id, until_ms=closures.valid_until_ms),)
     span = call.now_ms, session.expires_ms
     zones = sorted({each.zone_id for each in closures.closures if each.forbids(session.action, *span)})
     return tuple(
-        Reason(code="zone_active", text=f"Zone {zone_id} forbids the action {session.action} at pad {session.pad_id}.")
+        reason("zone_active", zone_id=zone_id, action=session.action, pad_id=session.pad_id)
         for zone_id in zones[:MAX_NAMED]
     )

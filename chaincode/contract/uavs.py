@@ -8,6 +8,7 @@ from typing import Final
 from chaincode.contract import access, pads
 from chaincode.contract.call import Answer, Call, stored
 from chaincode.contract.errors import bad_input, conflict, not_allowed, not_there, refused
+from wonderland.proofs.reasons import reason
 from wonderland.proofs.records import keys
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.policies import Policy
@@ -156,16 +157,16 @@ async def reasons_against(call: Call, session: Session) -> tuple[Reason, ...]:
 def _status_reasons(uav: Uav) -> tuple[Reason, ...]:
     if uav.status == "active":
         return ()
-    return (Reason(code=f"uav_{uav.status}", text=f"The drone is {uav.status}."),)
+    return (reason(f"uav_{uav.status}"),)
 
 
 def _maintenance_reasons(uav: Uav, policy: Policy, now_ms: int) -> tuple[Reason, ...]:
     if not policy.require_maintenance:
         return ()
     if uav.maintenance is None:
-        return (Reason(code="maintenance_missing", text="No maintenance of the drone is on record."),)
+        return (reason("maintenance_missing"),)
     if now_ms >= uav.maintenance.valid_until_ms:
-        return (Reason(code="maintenance_lapsed", text="The drone's last recorded maintenance is no longer valid."),)
+        return (reason("maintenance_lapsed", until_ms=uav.maintenance.valid_until_ms),)
     return ()
 
 
@@ -180,12 +181,7 @@ async def _authorisation_reasons(call: Call, session: Session) -> tuple[Reason, 
             and authorisation.valid_from_ms <= call.now_ms < authorisation.valid_until_ms
         ):
             return ()
-    return (
-        Reason(
-            code="not_authorised",
-            text=f"No authorisation of the drone for the action {session.action} at pad {session.pad_id} is in force.",
-        ),
-    )
+    return (reason("not_authorised", action=session.action, pad_id=session.pad_id),)
 
 
 async def _make_room(call: Call, uav_id: str) -> None:

@@ -13,11 +13,11 @@ from pyproj import Geod
 from sqlalchemy import insert
 
 from backend.conformance.rules import Broadcast, Measured, Question, distance_mm, judge
-from backend.conformance.texts import LIMITS, STATUS
 from backend.db.tables.reported import LatestTrackRow
 from backend.description import openapi
 from backend.routes import new_app
 from backend.settings import Settings
+from wonderland.messages import keys_of, text
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -132,12 +132,14 @@ def test_distances_are_those_of_the_ellipsoid_but_for_a_share(one, other):
 
 def test_every_state_and_limit_has_its_words():
     schema = DOCUMENT["components"]["schemas"]
-    assert set(schema["Conformance"]["properties"]["status"]["enum"]) == set(STATUS)
-    assert set(schema["ConformanceLimit"]["properties"]["code"]["enum"]) == set(LIMITS)
-    for texts in (*STATUS.values(), *LIMITS.values()):
-        assert texts["en"].endswith(".")
-        assert texts["fi"].endswith(".")
-        assert texts["fi"] != texts["en"]
+    named = {f"status.{each}" for each in schema["Conformance"]["properties"]["status"]["enum"]}
+    named |= {f"limit.{each}" for each in schema["ConformanceLimit"]["properties"]["code"]["enum"]}
+    assert keys_of("conformance") == keys_of("conformance", "fi") == named
+    for name in named:
+        english, finnish = text("conformance", name, {}), text("conformance", name, {}, "fi")
+        assert english.endswith(".")
+        assert finnish.endswith(".")
+        assert finnish != english
 
 
 async def hear(running, uav_id, t_ms, lat_e7=PLACE[0], lon_e7=PLACE[1], **more):
@@ -181,7 +183,7 @@ async def test_the_whole_way(running, machine, clock):
         )  # fmt: skip
         answer = await http.get("/api/v1/conformance", params={"serial": "uav-2"}, headers={"Accept-Language": "fi"})
         assert answer.headers["content-language"] == "fi"
-        assert answer.json()["limits"][-1]["text"] == LIMITS["last_proof_refuted"]["fi"]
+        assert answer.json()["limits"][-1]["text"] == text("conformance", "limit.last_proof_refuted", {}, "fi")
 
 
 @pytest.mark.parametrize(

@@ -72,7 +72,9 @@ async def test_every_list(running, register):
             proof = api.proof(next(api.proofs(outcome="verified"))["proof_id"])
             return proof["signed"]["reasons"][0]["text"]
 
-        assert await asyncio.to_thread(read) == "Mitattu paikka on puskurin sisällä."
+        assert (
+            await asyncio.to_thread(read) == "Mitattu 0,12\u00a0m päähän ilmoituksesta, 1,00\u00a0m puskurin sisälle."
+        )
 
 
 async def test_a_request_for_a_proof(running, register):

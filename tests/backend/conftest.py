@@ -400,7 +400,7 @@ class Facts:
             "error_mm": 120,
             "likelihood_ppm": 999_000,
             "paper_rule": True,
-            "reasons": [{"code": "within_buffer", "text": "χ² agrees"}],
+            "reasons": [{"code": "within_buffer", "facts": {"error_mm": 120, "buffer_mm": 1_000}}],
         }
         record = {
             "session_id": session_id,

@@ -17,10 +17,10 @@ from cryptography import x509
 from jsonschema import Draft202012Validator
 from sqlalchemy import insert, select, update
 
-from backend.alerts import finnish, oddities, store, watch
+from backend.alerts import oddities, store, watch
 from backend.alerts.deliver import Delivery
 from backend.alerts.derive import alerts_of
-from backend.alerts.kinds import KINDS, Alert, plain_text
+from backend.alerts.kinds import SEVERITIES, Alert, plain_text
 from backend.alerts.schemas import KindName
 from backend.db.tables.ledger import CertificateRow, OrganisationRow
 from backend.db.tables.reported import FindingRow
@@ -31,6 +31,7 @@ from backend.routes import new_app
 from backend.settings import Settings, load
 from backend.tracks.schemas import Finding
 from backend.webhooks.post import Poster, retry_ms
+from wonderland import messages
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -518,7 +519,7 @@ def test_what_refuted_is_what_the_alert_says(record, kind, error_mm):
     row = {"pad_id": "p", "uav_id": "u", "session_id": "s", "tx_id": "t", "action": "land", "decided_ms": 1}
     (alert,) = alerts_of([row | {"outcome": "refuted", "record": json.dumps(record)}])
     assert (alert.kind, alert.facts["error_mm"]) == (kind, error_mm)
-    assert f"{error_mm / 1000:.1f} m" in plain_text(alert.kind, alert.pad_id, alert.uav_id, alert.facts)
+    assert f"{error_mm / 1000:.2f}\u00a0m" in plain_text(alert.kind, alert.pad_id, alert.uav_id, alert.facts)
 
 
 def at(east_mm, north_mm=0):
@@ -554,7 +555,7 @@ def test_a_broadcast_of_unknown_origin_convicts_nobody_and_is_told(outcome, sign
     assert [alert.kind for alert in found] == kinds
     if found[-1].kind == "broadcast_unattributed":
         assert found[-1].severity == "warning"
-        assert found[-1].facts == {"action": "land", "error_mm": 30_000, "supported": supported}
+        assert found[-1].facts == {"action": "land", "error_mm": 30_000, "supported": "yes" if supported else "no"}
         assert "an impostor, or its own lie" in plain_text(found[-1].kind, "p", "u", found[-1].facts)
 
 
@@ -589,7 +590,6 @@ async def test_what_a_receiver_finds_odd_is_an_alert_until_it_is_odd_no_more(run
         "finding": "two_places",
         "distance_mm": 412_000,
         "interval_ms": 300,
-        "what": "the same identity from two places, 412 m apart",
     }
     conforms("Alert", identity)
     (rate,) = await alerts(running, kind="broadcast_odd")
@@ -613,41 +613,39 @@ async def test_a_flood_of_invented_identities_drowns_nobody_and_is_told(running,
 
 
 def test_every_kind_of_finding_has_its_words():
-    assert set(oddities.TEXTS) == set(Finding.model_fields["kind"].annotation.__args__)
-    for kind in oddities.TEXTS:
+    assert messages.keys_of("findings") == set(Finding.model_fields["kind"].annotation.__args__)
+    for kind in messages.keys_of("findings"):
         (condition,) = oddities.conditions([oddities.Odd("pad-1", "uav-1", kind, 1, "{}")])
         assert "{" not in plain_text(condition.kind, "pad-1", "uav-1", condition.facts)
 
 
 def test_everything_is_said_in_finnish_too():
-    assert set(finnish.TEXTS) == set(KINDS)
-    assert set(finnish.FINDINGS) == set(oddities.TEXTS)
-    for kind in KINDS:
+    for kind in SEVERITIES:
         text = plain_text(kind, "pad-1", None, {}, "fi")
         assert "{" not in text
         assert text.endswith(".")
         assert "unknown" not in text
-    for kind in oddities.TEXTS:
+    for kind in messages.keys_of("findings", "fi"):
         (condition,) = oddities.conditions([oddities.Odd("pad-1", "uav-1", kind, 1, '{"distance_mm": 5000}')])
         said = plain_text(condition.kind, "pad-1", "uav-1", condition.facts, "fi")
         assert "{" not in said
-    facts = {"until": "2027-01-18 09:05 UTC", "until_ms": 1_800_263_100_000}
-    assert "18.1.2027 klo 09.05 UTC" in plain_text("closures_ending", "pad-1", None, facts, "fi")
-    assert "laskeutuminen" in plain_text("unauthorised", "pad-1", "uav-1", {"action": "land"}, "fi")
+    facts = {"until_ms": 1_800_263_100_000}
+    assert "18.1.2027 klo\u00a009.05\u00a0UTC" in plain_text("closures_ending", "pad-1", None, facts, "fi")
+    assert "laskeutua" in plain_text("unauthorised", "pad-1", "uav-1", {"action": "land"}, "fi")
 
 
 @pytest.mark.parametrize(
     ("reason", "facts", "said"),
     [
         (
-            {"code": "zone_active", "text": "Zone FIN:P20 a forbids the action land at pad pad-1."},
-            {"code": "zone_active", "zone": "FIN:P20 a"},
-            "jonka vyöhyke FIN:P20 a sulkee.",
+            {"code": "zone_active", "facts": {"zone_id": "FIN:P20", "action": "land", "pad_id": "pad-1"}},
+            {"code": "zone_active", "zone_id": "FIN:P20"},
+            "jonka vyöhyke FIN:P20 sulkee.",
         ),
         (
-            {"code": "closures_outdated", "text": "The closures end too early."},
-            {"code": "closures_outdated"},
-            "jonka sulkuajat ovat vanhentuneet.",
+            {"code": "closures_outdated", "facts": {"pad_id": "pad-1", "until_ms": 5}},
+            {"code": "closures_outdated", "zone_id": ""},
+            "jonka sulkuajat vyöhykkeiden vuoksi ovat vanhentuneet.",
         ),
     ],
 )
@@ -656,7 +654,7 @@ def test_what_closes_a_pad_is_told_by_its_code(reason, facts, said):
     row = {"pad_id": "pad-1", "uav_id": "uav-1", "session_id": "0" * 64, "tx_id": "1" * 64, "action": "land"}
     (alert,) = alerts_of([{**row, "outcome": "verified", "decided_ms": START_MS, "record": record}])
     assert alert.kind == "zone_closed"
-    assert alert.facts == {"action": "land", "why": reason["text"].rstrip("."), **facts}
+    assert alert.facts == {"action": "land", **facts}
     assert plain_text(alert.kind, alert.pad_id, alert.uav_id, alert.facts, "fi").endswith(said)
 
 
@@ -674,8 +672,8 @@ async def test_alerts_say_what_they_are_in_the_language_asked_for(running):
 
 
 def test_every_kind_has_a_text_and_a_name_in_the_interface():
-    assert set(KINDS) == set(KindName.__args__)
-    for kind in KINDS:
+    assert set(SEVERITIES) == set(KindName.__args__)
+    for kind in SEVERITIES:
         text = plain_text(kind, "pad-1", None, {})
         assert "{" not in text
         assert text.endswith(".")

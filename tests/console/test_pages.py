@@ -96,7 +96,7 @@ def test_both_claims_steps_and_reasons_are_there(scripted, open_page):
     expect(claims.filter(has_text="Signed for the pad:")).to_contain_text("verified")
     expect(claims.filter(has_text="Impersonation or lie.")).to_contain_text("31.0 m from where it was measured")
     expect(
-        panel.get_by_text("Somebody broadcasts its serial number 31.04 m from where it was measured")
+        panel.get_by_text("Somebody broadcasts its serial number 31.0 m from where it was measured")
     ).to_be_attached()
     for number in range(1, 9):
         expect(panel.get_by_role("listitem").filter(has_text=re.compile(rf"^{number} "))).to_have_count(1)

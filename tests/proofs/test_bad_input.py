@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from tests_world import START_MS, World
 
 from wonderland.proofs.errors import RecordError
-from wonderland.proofs.judgement import metres
 from wonderland.proofs.prospects import hopeless, prospect
 from wonderland.proofs.records.pads import BiasPoint
 from wonderland.proofs.records.policies import Policy
@@ -329,8 +328,8 @@ def test_within_r_of_the_pad_wherever_it_is(count):
         evidence = world.evidence(lambda t, p=place: p, lambda t, p=place: p, bias_mm=[0] * count)
         verdict = judged(world, evidence, place)
         assert verdict.outcome == "verified"
-        said = {reason.code: reason.text for reason in verdict.reasons}
+        said = {reason.code: reason.facts for reason in verdict.reasons}
         assert "height_proved" in said
         assert verdict.within_mm >= math.hypot(*place)
         assert verdict.within_mm <= math.hypot(*place) + 2 * 6000 + 500
-        assert metres(float(verdict.within_mm)) in said["upper_bound"]
+        assert said["upper_bound"] == {"within_mm": verdict.within_mm}

@@ -230,8 +230,8 @@ def test_a_clock_that_is_off_is_noticed_and_earns_nothing(timed):
 def test_the_clock_that_is_off_is_named_by_what_the_ranges_know(timed, bad, off_mm):
     errors = tuple(off_mm if index == bad else 0 for index in range(4))
     verdict = verdict_of(timed(), NEAR, NEAR, stamps=timed().stamps(lambda t: NEAR, clock_mm=errors))
-    said = {reason.code: reason.text for reason in verdict.reasons}
-    assert said["clock_suspected"] == f"The pad: without the clock of A{bad} the time stamps agree."
+    said = {reason.code: reason.facts for reason in verdict.reasons}
+    assert said["clock_suspected"] == {"stamps_of": "pad", "anchor_ids": f"A{bad}", "anchors": 1}
 
 
 def test_four_clocks_alone_cannot_name_the_bad_one(timed):

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from wonderland.proofs.reasons import reason
 from wonderland.proofs.records.sessions import AnchorRanges, Evidence, Radio, RangeTable
-from wonderland.proofs.records.verdicts import Reason, Verdict
+from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.stopping import LOOKS
 from wonderland.proofs.testimony import WitnessBrought
 from wonderland.proofs.verdict import decide, preview
@@ -154,7 +155,7 @@ def test_an_anchor_that_is_rarely_heard_is_left_out_by_name(make_world, now_ms):
     session, evidence = without(world, 60, 60, lambda number: (4,) if number % 3 else ())
     verdict = preview(session, world.commissioning, evidence, now_ms)
     assert verdict.outcome == "verified"
-    assert next(reason.text for reason in verdict.reasons if reason.code == "anchor_rarely").startswith("A4 ")
+    assert next(each.facts for each in verdict.reasons if each.code == "anchor_rarely") == {"anchor_id": "A4"}
 
 
 def test_obstructed_ranges_are_silence_too(world, now_ms):
@@ -224,7 +225,7 @@ def test_one_bad_anchor_is_named_and_the_others_decide(world, now_ms):
     verdict = judge(world, now_ms, at(*HERE), at(*HERE), bias_mm=(0, 0, 900, 0))
     assert "ranges_inconsistent" in codes(verdict)
     suspected = next(reason for reason in verdict.reasons if reason.code == "anchor_suspected")
-    assert "A2" in suspected.text
+    assert suspected.facts == {"anchor_ids": "A2", "anchors": 1}
     assert verdict.outcome == "verified"
     assert verdict.signed.error_mm < 300
 
@@ -274,7 +275,7 @@ def test_anchors_in_a_line_leave_two_places_and_prefer_none(make_world, now_ms):
 def test_what_two_way_ranging_cannot_exclude_is_said(make_world, now_ms):
     outside = judge(make_world(), now_ms, at(*HERE), at(*HERE))
     assert "upper_bound" in codes(outside)
-    assert f"{outside.within_mm / 1000:.2f} m" in next(r.text for r in outside.reasons if r.code == "upper_bound")
+    assert next(r.facts for r in outside.reasons if r.code == "upper_bound") == {"within_mm": outside.within_mm}
     above = judge(make_world(), now_ms, at(300, -200, 4000), at(300, -200, 4000))
     assert above.outcome == "verified"
     # With another height one delay of all answers fits another place, among the anchors as well.
@@ -342,7 +343,7 @@ def test_a_vague_claim_buys_nothing(world, now_ms):
 
 
 def test_a_verified_drone_without_authorisation_may_not_act(world, now_ms):
-    lapsed = Reason(code="maintenance_lapsed", text="Maintenance lapsed.")
+    lapsed = reason("maintenance_lapsed", until_ms=1)
     verdict = judge(world, now_ms, at(*HERE), at(*HERE), authorisation=(lapsed,))
     assert (verdict.outcome, verdict.authorised, verdict.permission) == ("verified", False, "refused")
     assert "maintenance_lapsed" in codes(verdict)

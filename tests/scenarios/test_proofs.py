@@ -155,8 +155,8 @@ async def test_an_active_zone_closes_the_pad_until_it_ends(people, site):
     assert await site.mirror.query("ReadClosures", pad_id=site.pad_id) == stored
     verdict = await site.judge(await site.request("k0"))
     assert (verdict["outcome"], verdict["permission"]) == ("verified", "refused")
-    assert [each["text"] for each in verdict["reasons"] if each["code"] == "zone_active"] == [
-        f"Zone FIN:P1 forbids the action land at pad {site.pad_id}."
+    assert [each["facts"] for each in verdict["reasons"] if each["code"] == "zone_active"] == [
+        {"zone_id": "FIN:P1", "action": "land", "pad_id": site.pad_id}
     ]
     await site.admin.submit("SetClosures", said, closures=[])
     assert (await site.judge(await site.request("k1")))["permission"] == "granted"

@@ -95,7 +95,7 @@ def test_from_a_broken_file_to_a_landing_that_is_refused(console_house, officer)
     assert [each["code"] for each in verdict["reasons"]].count("zone_active") == 1
     house.wait_mirrored()
     go(page, f"sessions/{session_id}")
-    expect(page.get_by_text(f"Zone FIN:P20 forbids the action land at pad {pad_id}.").first).to_be_visible()
+    expect(page.get_by_text(f"Zone FIN:P20 forbids landing at pad {pad_id}.").first).to_be_visible()
     go(page, "alerts")
     expect(page.get_by_text("which the zone FIN:P20 closes").first).to_be_visible()
 

@@ -467,9 +467,10 @@ class Proof(TypedDict):
 
 
 class ProofReason(TypedDict):
-    """Why: a code for machines and a sentence for people, in the language that was asked for."""
+    """Why: a code and its facts for machines, and a sentence for people, in the language that was asked for."""
 
     code: str
+    facts: dict[str, int | str]
     text: str
 
 
@@ -494,10 +495,10 @@ class ProofRequest(TypedDict):
 
 
 class Reason(TypedDict):
-    """Why: a code for machines and a sentence for people."""
+    """Why: a code, and the facts that belong to it (`wonderland.proofs.reasons`); words for it are at the and so on."""
 
     code: str
-    text: str
+    facts: dict[str, int | str]
 
 
 class ReceiverHealth(TypedDict):

@@ -8,7 +8,7 @@ from typing import Final
 
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.drone_clock import EXCUSED_SHARE, Clock
-from wonderland.proofs.judgement import Reasons, metres, rounded
+from wonderland.proofs.reasons import Reasons, nearest
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import NO_RANGE, Evidence, Session
@@ -34,22 +34,22 @@ def fresh(session: Session, evidence: Evidence, now_ms: int, reasons: Reasons) -
     times = evidence.ranges.t_ms
     ordered = sorted(times)
     if ordered and not earliest <= ordered[0] <= ordered[-1] <= latest:
-        reasons.add("rounds_not_fresh", "Rounds were ranged outside of the session's time.")
+        reasons.add("rounds_not_fresh")
         fresh = False
     stamps = evidence.time_stamps
     if stamps is not None and not (earliest <= stamps.start_ms and stamps.end_ms <= latest):
-        reasons.add("frames_not_fresh", "Frames were time-stamped outside of the session's time.")
+        reasons.add("frames_not_fresh")
         fresh = False
     claimed = [claim.t_ms for claim in evidence.claims]
     in_order = sorted(claimed)
     if in_order and not earliest <= in_order[0] <= in_order[-1] <= latest:
-        reasons.add("claims_not_fresh", "Claims were made outside of the session's time.")
+        reasons.add("claims_not_fresh")
         fresh = False
     if claimed != in_order:
-        reasons.add("claims_go_back", "The claims' times go backwards.")
+        reasons.add("claims_go_back")
         fresh = False
     if list(times) != ordered:
-        reasons.add("time_goes_back", "The rounds' times go backwards.")
+        reasons.add("time_goes_back")
         fresh = False
     return fresh
 
@@ -58,19 +58,14 @@ def plausible(path: ClaimedPath, policy: Policy, reasons: Reasons) -> bool:
     """Step 1, the claims by themselves: a vague claim buys nothing, and a drone flies from one to the next."""
     plausible = True
     if path.accuracy_mm > policy.max_claim_accuracy_mm:
-        reasons.add("claim_vague", f"The claim is good to {metres(path.accuracy_mm)} only: a vague one proves nothing.")
+        reasons.add("claim_vague", accuracy_mm=nearest(path.accuracy_mm))
         plausible = False
     if path.height_accuracy_mm > MAX_HEIGHT_ACCURACY_MM:
-        reasons.add(
-            "claim_height_vague",
-            f"The claimed height is good to {metres(path.height_accuracy_mm)} only; a vague claim proves nothing.",
-        )
+        reasons.add("claim_height_vague", accuracy_mm=nearest(path.height_accuracy_mm))
         plausible = False
     jump = path.jump_mm()
     if jump > 0.0:
-        reasons.add(
-            "claims_jump", f"The claims jump by {metres(jump)}: no drone flies so, nor does accuracy explain it."
-        )
+        reasons.add("claims_jump", jump_mm=nearest(jump))
         plausible = False
     return plausible
 
@@ -78,27 +73,26 @@ def plausible(path: ClaimedPath, policy: Policy, reasons: Reasons) -> bool:
 def confirmed_by_both(evidence: Evidence, confirmed: bool, signature_valid: bool | None, reasons: Reasons) -> bool:
     """Step 2: without both codes and the drone's countersignature nothing can be verified."""
     if not confirmed:
-        reasons.add("codes_not_matched", "The session codes did not match over UWB: another drone, or a replay.")
+        reasons.add("codes_not_matched")
     if signature_valid is None:
-        reasons.add("not_countersigned", "The drone did not countersign the ranges.")
+        reasons.add("not_countersigned")
     elif not signature_valid:
-        reasons.add("countersignature_invalid", "The drone's countersignature does not fit these ranges and claims.")
+        reasons.add("countersignature_invalid")
     if evidence.failure is not None:
-        reasons.add("session_stopped", f"The pad stopped early: {evidence.failure.replace('_', ' ')}.")
+        reasons.add("session_stopped", failure=evidence.failure)
     return confirmed and signature_valid is True
 
 
 def clock_serves(clock: Clock, path: ClaimedPath, policy: Policy, reasons: Reasons) -> bool:
     """Step 1: the drone's clock may be wrong only as far as that hardly moves its claim."""
     if clock.contradictory:
-        reasons.add("clock_contradicts", "No clock gives the times that the drone said: some are later than heard.")
+        reasons.add("clock_contradicts")
         return False
     if clock.beyond_ms <= 0.0:
         return True
     off = path.mean_speed() * clock.beyond_ms
-    said = f"The drone's clock is off by at least {rounded(clock.beyond_ms)} ms"
     if off > EXCUSED_SHARE * policy.buffer_mm:
-        reasons.add("clock_off", f"{said}: at its speed {metres(off)} between what it claims and where it is.")
+        reasons.add("clock_off", off_ms=nearest(clock.beyond_ms), away_mm=nearest(off))
         return False
     return True
 
@@ -111,20 +105,20 @@ def usable_rounds(
     rounds = usable(evidence.ranges, anchor_ids, commissioning.max_range_mm)
     count = len(rounds.t_ms)
     if count < min_rounds:
-        reasons.add("too_few_rounds", f"{count} usable rounds; at least {min_rounds} are needed.")
+        reasons.add("too_few_rounds", rounds=count, min_rounds=min_rounds)
     if rounds.obstructed:
-        reasons.add("obstructed", f"{rounds.obstructed} ranges left out: their anchors saw an obstruction.")
+        reasons.add("obstructed", ranges=rounds.obstructed)
     strangers = sum(1 for column in evidence.ranges.anchors if column.anchor_id not in anchor_ids)
     if strangers:
-        reasons.add("anchors_unknown", f"{strangers} anchors of the evidence are not among those commissioned.")
+        reasons.add("anchors_unknown", anchors=strangers)
     silent = len(anchor_ids) - sum(1 for column in rounds.range_mm if any(value >= 0 for value in column))
     if silent and count:
-        reasons.add("anchor_silent", f"{silent} of {len(anchor_ids)} anchors measured nothing usable.")
+        reasons.add("anchor_silent", silent=silent, anchors=len(anchor_ids))
     if not count:
         return None, 0
     rounds, whole, rarely = wholly_heard(rounds, evidence.radio.attempted_rounds)
     for index in rarely:
-        reasons.add("anchor_rarely", f"{anchor_ids[index]} is left out: it measured in too few of the rounds.")
+        reasons.add("anchor_rarely", anchor_id=anchor_ids[index])
     return rounds, whole
 
 
@@ -176,10 +170,6 @@ def rounds_missing(evidence: Evidence, whole: int, policy: Policy, reasons: Reas
     attempted = evidence.radio.attempted_rounds
     if attempted is None or attempted <= MOST_ATTEMPTS * whole:
         return 0
-    reasons.add(
-        "rounds_missing",
-        f"Of {attempted} rounds that the pad attempted {whole} came about whole: a drone that lets only those through "
-        "that suit it, or silences single anchors, looks like this.",
-    )
+    reasons.add("rounds_missing", attempted=attempted, whole=whole)
     wanted = attempted - MOST_ATTEMPTS * whole
     return wanted if len(evidence.ranges.t_ms) + wanted <= policy.max_rounds else -1

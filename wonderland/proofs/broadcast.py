@@ -25,7 +25,8 @@ from wonderland.proofs.drone_clock import Clock
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.estimate import Offset, solve
 from wonderland.proofs.frame import to_local
-from wonderland.proofs.judgement import Measured, Reasons, judge, metres, rounded
+from wonderland.proofs.judgement import Measured, judge
+from wonderland.proofs.reasons import Reasons, nearest
 from wonderland.proofs.records.pads import Commissioning, Frame
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import BroadcastClaim, Evidence, Session
@@ -110,7 +111,7 @@ def judge_broadcast(
         return None if rounds is None else _measured_then(rounds, commissioning, path, clock, t_ms)
 
     bench = _Bench(session, commissioning, measured, place_then, may_refute=may_refute)
-    own, others = messages(session, commissioning, evidence.broadcast, path, attested, rounded(clock.offset_ms))
+    own, others = messages(session, commissioning, evidence.broadcast, path, attested, nearest(clock.offset_ms))
     mine = _own(bench, own)
     theirs = _others(bench, others)
     supported = mine.supported if own else theirs.supported
@@ -145,33 +146,20 @@ def unmeasured(broadcast: Broadcast) -> Broadcast:
 def outcome_with(outcome: str, broadcast: Broadcast, policy: Policy, reasons: Reasons) -> str:
     """The verdict's outcome, given that of the signed claim: what the public was told bears on it (decision 0003)."""
     finding = broadcast.finding
-    off = metres(float(finding.error_mm or 0))
+    off = finding.error_mm or 0
     if finding.outcome == "own_contradicted":
-        reasons.add(
-            "broadcast_own_contradicts",
-            f"Its broadcast, which it countersigned, puts it {off} from where it was measured.",
-        )
+        reasons.add("broadcast_own_contradicts", error_mm=off)
         return "refuted"
     if finding.outcome == "contradicted":
-        reasons.add(
-            "broadcast_contradicts",
-            f"Somebody broadcasts its serial number {off} from where it was measured; by whom is not known.",
-        )
+        reasons.add("broadcast_contradicts", error_mm=off)
     if outcome != "verified" or not (broadcast.own_open or _lacking(finding, policy)):
         return outcome
     if finding.outcome == "undecided":
-        can_mean = metres(float(finding.tolerance_mm or 0))
-        reasons.add(
-            "broadcast_undecided",
-            f"Its broadcast puts it {off} from where it was measured; whether within the {can_mean} that it can mean "
-            "is not settled.",
-        )
+        reasons.add("broadcast_undecided", error_mm=off, tolerance_mm=finding.tolerance_mm or 0)
     elif finding.outcome == "not_heard":
-        reasons.add("broadcast_not_heard", "Nothing was heard of it on Remote ID, and this policy demands it.")
+        reasons.add("broadcast_not_heard")
     else:
-        reasons.add(
-            "broadcast_unsupported", "No broadcast under its serial number was heard that the measurement supports."
-        )
+        reasons.add("broadcast_unsupported")
     return "inconclusive"
 
 

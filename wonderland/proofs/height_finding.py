@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from wonderland.proofs.judgement import LARGEST, Measured, Reasons, metres, place, rounded
+from wonderland.proofs.judgement import Measured, place
 from wonderland.proofs.likelihood import Matrix2
+from wonderland.proofs.reasons import Reasons, milli, nearest, reason
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.verdicts import Covariance, HeightFinding, Judgement, Position, Reason
@@ -22,56 +23,30 @@ def hold_height(signed: Judgement, height: Vertical | None, policy: Policy, *, m
     if height is not None and height.outcome == "contradicted" and may_refute:
         if signed.outcome == "refuted":
             return signed
-        return _with(
-            signed,
-            "refuted",
-            "height_contradicts",
-            f"Measured {_way(height.solid.up)} the height that it claims; {metres(height.tolerance_mm)} are tolerated.",
-        )
+        off, tolerance = nearest(height.solid.up), nearest(height.tolerance_mm)
+        return _with(signed, "refuted", reason("height_contradicts", off_mm=off, tolerance_mm=tolerance))
     if signed.outcome != "verified":
         return signed
     if height is not None and height.doubted:
-        return _with(
-            signed,
-            "inconclusive",
-            "height_doubted",
-            f"The ranges put it {_way(height.solid.up)} the height that it claims; that is not settled.",
-        )
+        return _with(signed, "inconclusive", reason("height_doubted", off_mm=nearest(height.solid.up)))
     if policy.height_required and (height is None or height.outcome != "proved"):
-        why = "tells nothing of the height" if height is None else "has not proved the height"
-        return _with(
-            signed, "inconclusive", "height_not_proved", f"The anchors' geometry {why}, and this policy demands it."
-        )
+        geometry = "tells_nothing" if height is None else "leaves_open"
+        return _with(signed, "inconclusive", reason("height_not_proved", geometry=geometry))
     return signed
 
 
-def _with(signed: Judgement, outcome: str, code: str, text: str) -> Judgement:
-    return replace(signed, outcome=outcome, reasons=(*signed.reasons, Reason(code=code, text=text)))
-
-
-def _way(up_mm: float) -> str:
-    return f"{metres(abs(up_mm))} {'above' if up_mm > 0.0 else 'below'}"
+def _with(signed: Judgement, outcome: str, why: Reason) -> Judgement:
+    return replace(signed, outcome=outcome, reasons=(*signed.reasons, why))
 
 
 def say_height(height: Vertical | None, policy: Policy, reasons: Reasons) -> None:
     """Of a verified place: whether its height is proved, or the drone's word."""
     if height is None:
-        reasons.add("height_claimed", "The height is the drone's word; what is proved is the place on the map.")
+        reasons.add("height_claimed")
     elif height.outcome == "proved":
-        buffer = metres(float(policy.height_buffer_mm))
-        reasons.add(
-            "height_proved", f"Its height is measured as well: {metres(abs(height.solid.up))} off, within {buffer}."
-        )
+        reasons.add("height_proved", off_mm=nearest(abs(height.solid.up)), buffer_mm=policy.height_buffer_mm)
     else:
-        low, high = _signed_metres(height.low), _signed_metres(height.high)
-        reasons.add(
-            "height_claimed",
-            f"The height is the drone's word; the ranges leave open {low} to {high} from it.",
-        )
-
-
-def _signed_metres(value: float) -> str:
-    return f"{'-' if value < 0.0 else '+'}{metres(min(abs(value), LARGEST))}"
+        reasons.add("height_open", lowest_mm=nearest(height.low), highest_mm=nearest(height.high))
 
 
 def height_record(height: Vertical | None, measured: Measured | None) -> HeightFinding | None:
@@ -118,13 +93,8 @@ def _covariance(matrix: Matrix2) -> Covariance:
 
 
 def _mm2(value: float) -> int:
-    return rounded(max(-_LARGEST_MM2, min(_LARGEST_MM2, value)))
+    return nearest(max(-_LARGEST_MM2, min(_LARGEST_MM2, value)))
 
 
 def _in_frame(up_mm: float) -> int:
-    return rounded(max(-_FRAME_MM, min(_FRAME_MM, up_mm)))
-
-
-def milli(value: float) -> int:
-    """A figure in thousandths."""
-    return int(min(value, LARGEST) * 1000.0 + 0.5)
+    return nearest(max(-_FRAME_MM, min(_FRAME_MM, up_mm)))

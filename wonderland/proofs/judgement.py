@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Final
 
@@ -13,10 +13,11 @@ from wonderland.proofs.estimate import Offset, least_chi2_within
 from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.likelihood import Matrix2, distance_to_disc, inside_disc
 from wonderland.proofs.moments import EDGE_MS, Moments
+from wonderland.proofs.reasons import Reasons, milli, nearest, reason
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim
-from wonderland.proofs.records.verdicts import Judgement, Position, Reason
+from wonderland.proofs.records.verdicts import Judgement, Position
 from wonderland.proofs.reduction import Reduced, Residuals, distance, said_at
 from wonderland.proofs.stopping import proved_outside, sides, step_of
 
@@ -24,19 +25,6 @@ VAGUE_BUFFERS: Final = 0.5
 """An estimate vaguer than this refutes only if the ranges themselves exclude every place in the buffer."""
 STATED_ACCURACIES: Final = 2.0
 """A claimed height may be off by so many of the accuracies (95 %) that it states."""
-LARGEST: Final = 1e12
-"""Figures beyond this are said as this: a text has to end somewhere."""
-
-
-@dataclass
-class Reasons:
-    """Collects why, in the order of the steps."""
-
-    items: list[Reason] = field(default_factory=list)
-
-    def add(self, code: str, text: str) -> None:
-        """One more reason; its text is cut to what a record holds."""
-        self.items.append(Reason(code=code, text=text[:300]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,25 +58,23 @@ def judge(
     offsets = measured.agreement.offsets or (measured.whole,)
     found = [compare(policy, measured.reduced, offset, shift) for offset in offsets]
     first = found[0]
-    radius = metres(float(policy.buffer_mm))
-    error = metres(first.error)
+    error = nearest(first.error)
     reasons = Reasons()
     outcome = "inconclusive"
     if all(one.inside for one in found):
         if may_verify:
             outcome = "verified"
-            reasons.add("within_buffer", f"Measured {error} from the claim, within {radius}.")
+            reasons.add("within_buffer", error_mm=error, buffer_mm=policy.buffer_mm)
     elif all(one.outside for one in found):
-        reasons.add(
-            "outside_buffer", f"Measured {error} from the claim, outside {radius} by {decimal(first.significance)} σ."
-        )
+        significance = milli(first.significance)
+        reasons.add("outside_buffer", error_mm=error, buffer_mm=policy.buffer_mm, significance_milli=significance)
         if may_refute and measured.agreement.usable and measured.agreement.anchors >= REFUTING_ANCHORS:
             outcome = "refuted"
         else:
-            reasons.add("cannot_refute", "Too few anchors, or too inconsistent ranges, to refute on.")
+            reasons.add("cannot_refute")
     else:
         axes = offsets[0].covariance.ellipse()
-        reasons.add("undecided", f"Measured {error} from the claim, known to {metres(axes.s1)} (1σ): not settled yet.")
+        reasons.add("undecided", error_mm=error, sigma_mm=nearest(axes.s1))
     said = said_at(measured.reduced)
     claim = place(commissioning, said.east + shift[0], said.north + shift[1], said.up)
     return Judgement(
@@ -104,24 +90,16 @@ def judge(
 def say_torn(seen: Residuals | None, reasons: Reasons) -> None:
     """Rounds that contradict what was claimed in the others, or do not know their place, if there are any."""
     if seen is not None and seen.torn:
-        reasons.add(
-            "claims_torn",
-            f"In {seen.torn} of {len(seen.claimed.kept)} rounds half of the anchors or more contradict what was "
-            "claimed in the others.",
-        )
+        reasons.add("claims_torn", torn=seen.torn, rounds=len(seen.claimed.kept))
     if seen is not None and seen.vague:
-        reasons.add(
-            "rounds_vague",
-            f"{seen.vague} rounds left out: the anchors that fit its claim there fit a second place as well.",
-        )
+        reasons.add("rounds_vague", rounds=seen.vague)
 
 
 def say_contradictions(moments: Moments, measured: Measured, reasons: Reasons) -> None:
     """Claimed moments that contradict one another, said where they matter."""
     say_torn(measured.reduced.residuals, reasons)
     if moments.unseen_share > 0.0:
-        share = int(moments.unseen_share * 100.0 + 0.5)
-        reasons.add("claims_unseen", f"{share} % of its claims lie off the flight that its claims in the rounds show.")
+        reasons.add("claims_unseen", share_percent=nearest(moments.unseen_share * 100.0))
 
 
 def hold_each_moment(
@@ -136,12 +114,8 @@ def hold_each_moment(
         again = judge(narrow, commissioning, measured, (0.0, 0.0), may_verify=True, may_refute=False)
         if again.outcome == "verified":
             return signed
-    reason = Reason(
-        code="claims_waver",
-        text=f"Its claims may waver by {metres(moments.waver_mm)} about where it was: their mean is proved, not each "
-        "of them.",
-    )
-    return replace(signed, outcome="inconclusive", reasons=(*signed.reasons, reason))
+    wavers = reason("claims_waver", waver_mm=nearest(moments.waver_mm))
+    return replace(signed, outcome="inconclusive", reasons=(*signed.reasons, wavers))
 
 
 def say_unjudged(request: Claim, measured: Measured, path: ClaimedPath, policy: Policy, reasons: Reasons) -> None:
@@ -153,11 +127,8 @@ def say_unjudged(request: Claim, measured: Measured, path: ClaimedPath, policy: 
     if climb > max(policy.height_buffer_mm, STATED_ACCURACIES * path.height_accuracy_mm):
         away = distance(away, climb, 0.0)
     if away > policy.buffer_mm:
-        seconds = decimal(max(reduced.t_ms - request.t_ms, 0) / 1000.0)
-        reasons.add(
-            "request_unjudged",
-            f"It asked from a place {metres(away)} away, {seconds} s before it was ranged: nothing measured it there.",
-        )
+        before = nearest(max(reduced.t_ms - request.t_ms, 0.0))
+        reasons.add("request_unjudged", away_mm=nearest(away), before_ms=before)
 
 
 def say_outside(claims: Sequence[LocalClaim], measured: Measured, policy: Policy, reasons: Reasons) -> None:
@@ -175,11 +146,7 @@ def say_outside(claims: Sequence[LocalClaim], measured: Measured, policy: Policy
         if away > policy.buffer_mm:
             count, farthest = count + 1, max(farthest, away)
     if count:
-        reasons.add(
-            "claims_unjudged",
-            f"{count} of its claims were made half a second or more before or after the rounds, up to "
-            f"{metres(farthest)} from there: nothing measured them.",
-        )
+        reasons.add("claims_unjudged", claims=count, away_mm=nearest(farthest))
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,7 +233,7 @@ def place(commissioning: Commissioning, east: float, north: float, up: float) ->
     """A point of the pad's frame as a record; beyond the frame's reach its globe position is the frame's edge."""
     limit = 19_999_999.0
     east, north, up = (max(-limit, min(limit, value)) for value in (east, north, up))
-    e, n, u = (rounded(value) for value in (east, north, up))
+    e, n, u = (nearest(value) for value in (east, north, up))
     lat_e7, lon_e7, height_mm = to_wgs84(commissioning.frame, e, n, u)
     return Position(
         east_mm=e,
@@ -278,23 +245,6 @@ def place(commissioning: Commissioning, east: float, north: float, up: float) ->
     )
 
 
-def rounded(value: float) -> int:
-    """The nearest integer, halves away from zero."""
-    return int(value + 0.5) if value >= 0.0 else -int(0.5 - value)
-
-
 def ppm(probability: float) -> int:
     """Rounded down: 0.99 must have been reached."""
     return max(0, min(1_000_000, int(probability * 1e6)))
-
-
-def decimal(value: float) -> str:
-    """One decimal, by integers: formatting of floats stays out of what endorsers compare."""
-    tenths = int(min(value, LARGEST) * 10.0 + 0.5)
-    return f"{tenths // 10}.{tenths % 10}"
-
-
-def metres(millimetres: float) -> str:
-    """Metres with two decimals."""
-    centimetres = int(millimetres / 10.0 + 0.5)
-    return f"{centimetres // 100}.{centimetres % 100:02d} m"

@@ -13,11 +13,12 @@ from typing import Final
 from wonderland.proofs.agreement import agreement
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.estimate import solve
-from wonderland.proofs.judgement import Measured, judge, metres
+from wonderland.proofs.judgement import Measured, judge
 from wonderland.proofs.moments import JUMP_BUFFERS
+from wonderland.proofs.reasons import reason
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.records.verdicts import Judgement, Reason
+from wonderland.proofs.records.verdicts import Judgement
 from wonderland.proofs.reduction import Reduced, Residuals, newest_of, reduce, residuals_of
 from wonderland.proofs.rounds import UsableRounds
 from wonderland.proofs.special import CHI2_LIMITS
@@ -69,13 +70,12 @@ def judge_newest(
         may_verify=False,
         may_refute=may_refute,
     )
-    away = metres(float(now.error_mm))
     if now.outcome == "refuted" and not _just_jumped(path, rounds, policy):
-        reason = Reason(code="leaving", text=f"Its newest {NEWEST} rounds put it {away} from its claim, and going.")
-        return replace(signed, outcome="refuted", reasons=(*signed.reasons, reason))
+        leaves = reason("leaving", rounds=NEWEST, away_mm=now.error_mm)
+        return replace(signed, outcome="refuted", reasons=(*signed.reasons, leaves))
     if signed.outcome == "verified" and now.error_mm > policy.buffer_mm:
-        reason = Reason(code="drifting", text=f"Its newest {NEWEST} rounds put it {away} from its claim.")
-        return replace(signed, outcome="inconclusive", reasons=(*signed.reasons, reason))
+        drifts = reason("drifting", rounds=NEWEST, away_mm=now.error_mm)
+        return replace(signed, outcome="inconclusive", reasons=(*signed.reasons, drifts))
     return signed
 
 

@@ -15,12 +15,13 @@ from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.differences import MIN_FRAMES, Stamped, Timed, halved, judge_times, stamped
 from wonderland.proofs.drone_clock import Clock
 from wonderland.proofs.errors import GeometryError
-from wonderland.proofs.judgement import LARGEST, Measured, Reasons, decimal, metres, ppm, rounded
+from wonderland.proofs.judgement import Measured, ppm
 from wonderland.proofs.likelihood import Matrix2
+from wonderland.proofs.reasons import Reasons, milli, nearest, reason
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim, Session, Testimony, TimeStamps
-from wonderland.proofs.records.verdicts import Covariance, Judgement, Reason, TimeDifferences
+from wonderland.proofs.records.verdicts import Covariance, Judgement, TimeDifferences
 
 TIMED_LEVEL: Final = 3
 WITNESSED_LEVEL: Final = 4
@@ -83,56 +84,30 @@ class TimeFinding:
         timed = self.timed
         if timed is None or self.record is None:
             if demanded >= self.level:
-                reasons.add(
-                    "no_time_stamps" if self.level == TIMED_LEVEL else "no_witness",
-                    f"{self.who} brought too few time stamps of the drone's frames on a common clock.",
-                )
+                reasons.add("no_time_stamps" if self.level == TIMED_LEVEL else "no_witness")
             return False
         prefix = "time_differences" if self.level == TIMED_LEVEL else "witness"
         if not self.bound:
-            reasons.add(f"{prefix}_unbound", f"Nothing ties the frames that {self.who.lower()} heard to this session.")
+            reasons.add(f"{prefix}_unbound")
             return False
         if timed.finding == "inconsistent":
-            reasons.add(
-                f"{prefix}_inconsistent",
-                f"{self.who}: the time stamps contradict one another (χ² {decimal(timed.chi2)}, limit "
-                f"{decimal(timed.limit)}); a clock is off.",
-            )
+            reasons.add(f"{prefix}_inconsistent", chi2_milli=milli(timed.chi2), limit_milli=milli(timed.limit))
             if self.suspects:
-                named = ", ".join(self.suspects)
-                reasons.add(
-                    "clock_suspected",
-                    f"{self.who}: without the clock of {named} the time stamps agree."
-                    if len(self.suspects) == 1
-                    else f"{self.who}: the time stamps agree without the clock of one of {named}.",
-                )
+                whose = "pad" if self.level == TIMED_LEVEL else "witness"
+                names = ", ".join(self.suspects)
+                reasons.add("clock_suspected", stamps_of=whose, anchor_ids=names, anchors=len(self.suspects))
             return False
         if not timed.agrees:
-            reasons.add(
-                f"{prefix}_disagree",
-                f"{self.who}: no one place explains the time stamps and the two-way ranges. A drone that falsifies "
-                "its own time stamps looks like this.",
-            )
+            reasons.add(f"{prefix}_disagree")
             return True
         if timed.finding == "vague" and timed.covariance is not None:
-            s1 = metres(timed.covariance.ellipse().s1)
-            reasons.add(
-                f"{prefix}_vague",
-                f"{self.who}: {timed.frames} time-stamped frames alone know the place to {s1} (1σ): "
-                + ("not settled yet." if timed.more_frames > 0 else "elsewhere on this bearing is not excluded here."),
-            )
+            sigma = nearest(timed.covariance.ellipse().s1)
+            reasons.add(f"{prefix}_vague", frames=timed.frames, sigma_mm=sigma, more_frames=timed.more_frames)
         elif timed.finding == "inside":
-            reasons.add(
-                f"{prefix}_prove",
-                f"{self.who}: {timed.frames} time-stamped frames alone prove it within the buffer, whatever its own "
-                "clock does.",
-            )
+            reasons.add(f"{prefix}_prove", frames=timed.frames)
         elif timed.finding == "outside" and self.level == WITNESSED_LEVEL:
-            reasons.add(
-                "witness_contradicts",
-                f"{self.who}: {timed.frames} time-stamped frames exclude every place within the buffer, by "
-                f"{decimal(timed.significance)} σ.",
-            )
+            significance = milli(timed.significance)
+            reasons.add("witness_contradicts", frames=timed.frames, significance_milli=significance)
         return timed.finding == "outside"
 
     @property
@@ -146,17 +121,11 @@ class TimeFinding:
         if timed is None or not self.bound:
             return signed
         if self.excludes and may_refute:
-            reason = Reason(
-                code="time_differences_contradict",
-                text=f"Its frames' time stamps exclude every place in the buffer by {decimal(timed.significance)} σ.",
-            )
-            return replace(signed, outcome="refuted", reasons=(*signed.reasons, reason))
+            excluded = reason("time_differences_contradict", significance_milli=milli(timed.significance))
+            return replace(signed, outcome="refuted", reasons=(*signed.reasons, excluded))
         if timed.finding == "inside" and signed.outcome == "refuted":
-            reason = Reason(
-                code="measurements_contradict",
-                text="Two-way ranges refute the claim and time stamps prove it: one of the two is wrong.",
-            )
-            return replace(signed, outcome="inconclusive", reasons=(*signed.reasons, reason))
+            contradiction = reason("measurements_contradict")
+            return replace(signed, outcome="inconclusive", reasons=(*signed.reasons, contradiction))
         return signed
 
 
@@ -238,7 +207,7 @@ def _finding(
         error_mm=min(int(timed.error + 0.5), 100_000_000),
         likelihood_ppm=ppm(timed.likelihood),
         covariance=_covariance(timed.covariance) if timed.covariance is not None else None,
-        chi2_milli=int(min(timed.chi2, LARGEST) * 1000.0 + 0.5),
+        chi2_milli=milli(timed.chi2),
     )
     suspects = tuple(commissioning.anchors[index].anchor_id for index in timed.suspects)
     return TimeFinding(
@@ -248,5 +217,5 @@ def _finding(
 
 def _covariance(matrix: Matrix2) -> Covariance:
     limit = _LARGEST_COVARIANCE
-    ee, en, nn = (rounded(max(-limit, min(limit, value))) for value in (matrix.ee, matrix.en, matrix.nn))
+    ee, en, nn = (nearest(max(-limit, min(limit, value))) for value in (matrix.ee, matrix.en, matrix.nn))
     return Covariance(ee_mm2=ee, en_mm2=en, nn_mm2=nn)

@@ -43,16 +43,12 @@ from wonderland.proofs.drift import widened
 from wonderland.proofs.drone_clock import Clock, drone_clock
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.estimate import solve
-from wonderland.proofs.height_finding import estimate, height_record, hold_height, milli, say_height
+from wonderland.proofs.height_finding import estimate, height_record, hold_height, say_height
 from wonderland.proofs.judgement import (
     STATED_ACCURACIES,
     Measured,
-    Reasons,
-    decimal,
     hold_each_moment,
     judge,
-    metres,
-    rounded,
     say_contradictions,
     say_outside,
     say_torn,
@@ -60,6 +56,7 @@ from wonderland.proofs.judgement import (
 )
 from wonderland.proofs.leaving import judge_newest
 from wonderland.proofs.moments import moments_of
+from wonderland.proofs.reasons import Reasons, milli, nearest
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim, Evidence, Session
@@ -101,8 +98,7 @@ def decide(
     reasons = Reasons()
     if evidence.drift_sigma_mm is not None:
         commissioning = widened(commissioning, evidence.drift_sigma_mm)
-        added = metres(float(evidence.drift_sigma_mm))
-        reasons.add("pad_drifts", f"The pad has drifted since it was commissioned: {added} are added to each anchor.")
+        reasons.add("pad_drifts", sigma_mm=evidence.drift_sigma_mm)
     clock = drone_clock(evidence.clock)
     claims = on_the_pads_clock((session.claim, *evidence.claims), clock)
     blocked = not fresh(session, evidence, now_ms, reasons)  # 1
@@ -116,7 +112,7 @@ def decide(
         told = ClaimedPath(commissioning.frame, claims[1:]) if evidence.claims else None
         path = ClaimedPath(commissioning.frame, claims[:1], told)
     except GeometryError:
-        reasons.add("claim_far_away", "The claimed position is nowhere near this pad.")
+        reasons.add("claim_far_away")
     if path is not None:
         blocked = not plausible(path, policy, reasons) or blocked
         blocked = not clock_serves(clock, path, policy, reasons) or blocked
@@ -135,7 +131,7 @@ def decide(
     blocked = timed.say(policy.min_assurance, reasons) or seen.say(policy.min_assurance, reasons) or blocked
     more_frames = max(timed.wanted, seen.wanted) if assurance < policy.min_assurance and not blocked else 0
     if assurance < policy.min_assurance:
-        reasons.add("assurance_too_low", f"Assurance {assurance}; this policy demands {policy.min_assurance}.")
+        reasons.add("assurance_too_low", assurance=assurance, min_assurance=policy.min_assurance)
         blocked = True
 
     signed: Judgement | None = None
@@ -273,7 +269,7 @@ def preview(
 
 def on_the_pads_clock(claims: Sequence[Claim], clock: Clock) -> tuple[Claim, ...]:
     """The claims with the times that they have by the pad's clock."""
-    offset_ms = rounded(clock.offset_ms)
+    offset_ms = nearest(clock.offset_ms)
     if offset_ms == 0:
         return tuple(claims)
     return tuple(replace(claim, t_ms=max(claim.t_ms - offset_ms, 0)) for claim in claims)
@@ -283,8 +279,8 @@ def _clock_record(clock: Clock) -> DroneClock | None:
     if clock.readings == 0:
         return None
     limit = 2**40
-    offset_ms = max(-limit, min(limit, rounded(clock.offset_ms)))
-    return DroneClock(offset_ms=offset_ms, sigma_ms=min(rounded(clock.sigma_ms), 2**31), readings=clock.readings)
+    offset_ms = max(-limit, min(limit, nearest(clock.offset_ms)))
+    return DroneClock(offset_ms=offset_ms, sigma_ms=min(nearest(clock.sigma_ms), 2**31), readings=clock.readings)
 
 
 def _assurance(evidence: Evidence) -> int:
@@ -301,11 +297,11 @@ def _measure(
     reduced = reduce(rounds, commissioning, path, clock.sigma_ms)
     if reduced is None:
         say_torn(residuals_of(rounds, commissioning, path), reasons)
-        reasons.add("no_estimate", "Too few anchors with ranges at the times of the claims.")
+        reasons.add("no_estimate", lacking="anchors")
         return None
     offset = solve(reduced)
     if offset is None:
-        reasons.add("no_estimate", "The anchors' geometry gives no position for these ranges.")
+        reasons.add("no_estimate", lacking="geometry")
         return None
     agreed = agreement(reduced, offset)
     seen = reduced.residuals
@@ -313,25 +309,14 @@ def _measure(
         agreed = replace(agreed, offsets=(), suspects=())  # nobody knows what the others would say
     measured = Measured(reduced, agreed, offset)
     if not agreed.consistent:
-        reasons.add(
-            "ranges_inconsistent",
-            f"The ranges contradict one another: χ² {decimal(agreed.chi2)}, limit {decimal(agreed.limit)}.",
-        )
+        reasons.add("ranges_inconsistent", chi2_milli=milli(agreed.chi2), limit_milli=milli(agreed.limit))
         if agreed.usable:
             names = [commissioning.anchors[index].anchor_id for index in agreed.suspects]
-            reasons.add(
-                "anchor_suspected",
-                f"Without {names[0]} the others agree."
-                if len(names) == 1
-                else f"The others agree without one of {', '.join(names)}; each of these was left out in turn.",
-            )
+            reasons.add("anchor_suspected", anchor_ids=", ".join(names), anchors=len(names))
     if measured.offset.mirror is not None:
-        reasons.add(
-            "mirror_ambiguity",
-            "The anchors stand nearly in a line: a second place fits the ranges as well, and none is preferred.",
-        )
+        reasons.add("mirror_ambiguity")
     if reduced.bursts:
-        reasons.add("bursts", f"{reduced.bursts} ranges left out as bursts of error.")
+        reasons.add("bursts", ranges=reduced.bursts)
     return measured
 
 
@@ -341,7 +326,7 @@ def _checked(commissioning: Commissioning, measured: Measured, reasons: Reasons)
         return False
     anchors = measured.reduced.anchors
     if len(anchors) < CHECKED_ANCHORS <= len(commissioning.anchors):
-        reasons.add("unchecked", "Of more anchors only three measured it: nothing checks these against one another.")
+        reasons.add("unchecked")
         return False
     return True
 
@@ -357,20 +342,12 @@ def _limits(
 ) -> None:
     """What an outcome does not mean: said with it, so that nobody reads more into it."""
     if outcome == "inconclusive" and measured.agreement.usable and more < 0:
-        reasons.add(
-            "cannot_settle",
-            "No number of rounds would settle it: too little is known of this pad's biases and survey.",
-        )
+        reasons.add("cannot_settle")
     if outcome != "verified":
         return
     if assurance < TIME_DIFFERENCES:
         # Nor do anchors all around it help: with another height, one delay of all answers fits another place.
-        bound = metres(float(_within(measured, commissioning)))
-        reasons.add(
-            "upper_bound",
-            f"Two-way ranges prove no more than: within {bound} of the pad, if its radio tells its times truly; a "
-            "drone that delays its answers could stand nearer than it says.",
-        )
+        reasons.add("upper_bound", within_mm=_within(measured, commissioning))
 
 
 def _outcome(signed: Judgement | None, public: Broadcast | None, policy: Policy, reasons: Reasons) -> str:

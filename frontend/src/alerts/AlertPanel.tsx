@@ -14,7 +14,7 @@ import { Sentence } from "../shared/ui/Sentence";
 import { Symbol } from "../shared/ui/Symbol";
 import { useDraft } from "../shared/useDraft";
 import { zonesHref } from "../zones/links";
-import { alertTexts, inboxTexts as t } from "./texts";
+import { alertTitles, inboxTexts as t } from "./texts";
 import { lookOf, sentence, wantsSomebody } from "./words";
 
 const SNOOZE_MIN = [15, 60, 480, 1440] as const;
@@ -142,7 +142,7 @@ export function AlertPanel({ alert_id, back, now_ms }: { alert_id: string; back:
         <div className="told-line">
           <h2 className={`look-${lookOf(alert)}`}>
             <Symbol look={lookOf(alert)} size={24} />
-            {alertTexts("title", { kind: alert.kind })}
+            {alertTitles(alert.kind)}
           </h2>
           <a className="icon-button" href={back} title={sharedTexts("close")} aria-label={sharedTexts("close")}>
             <svg viewBox="0 0 20 20" aria-hidden="true">
@@ -150,7 +150,7 @@ export function AlertPanel({ alert_id, back, now_ms }: { alert_id: string; back:
             </svg>
           </a>
         </div>
-        <Sentence phrases={sentence(alert, store.pads, now_ms)} />
+        <Sentence phrases={sentence(alert, store.pads)} />
       </header>
       <div className="alert-body">
         <p className="quiet num">

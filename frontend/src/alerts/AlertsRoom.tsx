@@ -14,7 +14,7 @@ import { AlertPanel } from "./AlertPanel";
 import "./alerts.css";
 import { useWishes, wishNotify, wishSound } from "./notice";
 import { Several, useName, type Chosen } from "./Several";
-import { alertTexts, inboxTexts as t, severalTexts } from "./texts";
+import { alertTitles, inboxTexts as t, severalTexts } from "./texts";
 import { lookOf, sentence } from "./words";
 
 const TOPICS: readonly Topic[] = ["alerts", "pads"];
@@ -66,10 +66,10 @@ function Row({ alert, selected, href, now_ms, chosen, onChoose }: RowProperties)
       )}
       <a className="alert-row" href={href} aria-current={selected ? "true" : undefined}>
         <Symbol look={lookOf(alert)} />
-        <b>{alertTexts("title", { kind: alert.kind })}</b>
+        <b>{alertTitles(alert.kind)}</b>
         <span className="quiet num">{age(now_ms - alert.t_ms)}</span>
         <small>
-          <Phrases phrases={sentence(alert, store.pads, now_ms)} />
+          <Phrases phrases={sentence(alert, store.pads)} />
           {alert.state === "returned" && (
             <em className="look-verified"> · {t("returned", { when: dayAndTime(alert.over_ms ?? alert.changed_ms, now_ms) })}</em>
           )}

@@ -2,7 +2,7 @@ import { useEffect, useRef, useState, type ReactElement } from "react";
 import { go } from "../app/location";
 import { useLiveStore } from "../shared/live/useLive";
 import { announce } from "./notice";
-import { alertTexts } from "./texts";
+import { alertTitles } from "./texts";
 import { isAsleep, isWaiting, sentence } from "./words";
 
 /** What was said before these is long read. */
@@ -32,10 +32,10 @@ export function Herald(): ReactElement {
       for (const { alert_id } of asleep) known.current.delete(alert_id);
       if (before === undefined) return;
       const news = waiting.filter(({ alert_id }) => !before.has(alert_id)).map((alert) => {
-        const text = sentence(alert, store.pads, now_ms)
+        const text = sentence(alert, store.pads)
           .map((part) => (typeof part === "string" ? part : part.strong))
           .join("");
-        announce(alert, alertTexts("title", { kind: alert.kind }), text, () =>
+        announce(alert, alertTitles(alert.kind), text, () =>
           go({ room: "alerts", path: [alert.alert_id], query: {} }),
         );
         return { key: `${alert.alert_id}/${alert.revision}`, text };

@@ -6,7 +6,7 @@ import { count, dayAndTime } from "../shared/format";
 import { useLiveStore } from "../shared/live/useLive";
 import { useDraft } from "../shared/useDraft";
 import { acknowledgeEach, type Outcome } from "./acknowledgeEach";
-import { alertTexts, severalTexts as t } from "./texts";
+import { alertTitles, severalTexts as t } from "./texts";
 import { isWaiting } from "./words";
 
 /** The most that one answer of the API holds. */
@@ -19,7 +19,7 @@ export type Chosen = ReadonlyMap<string, Alert>;
 export function useName(now_ms: number): (alert: Alert) => string {
   const store = useLiveStore();
   return ({ kind, pad_id, uav_id, t_ms }) =>
-    [alertTexts("title", { kind }), pad_id === undefined ? undefined : (store.pads.get(pad_id)?.name ?? pad_id), uav_id, dayAndTime(t_ms, now_ms)]
+    [alertTitles(kind), pad_id === undefined ? undefined : (store.pads.get(pad_id)?.name ?? pad_id), uav_id, dayAndTime(t_ms, now_ms)]
       .filter((part) => part !== undefined)
       .join(" · ");
 }

@@ -1,68 +1,12 @@
+import alertsEn from "../../../wonderland/messages/en/alerts.json";
+import titlesEn from "../../../wonderland/messages/en/alert-titles.json";
+import alertsFi from "../../../wonderland/messages/fi/alerts.json";
+import titlesFi from "../../../wonderland/messages/fi/alert-titles.json";
 import { texts } from "../shared/i18n/texts";
 
 /** What an alert says, in one sentence; by its kind. */
-export const alertTexts = texts({
-  en: {
-    refuted: "<b>{uav}</b> is not where it says: measured {distance} from its claim at {pad}.",
-    broadcast_contradicts: "<b>{uav}</b> signed for a broadcast of another place than it told {pad}: measured {distance} from there.",
-    broadcast_unattributed: "Somebody broadcasts under <b>{uav}</b> {distance} from where {pad} measured it: an impostor, or its own lie.{supported, select, yes { Another broadcast under this number is where it was measured.} other {}}",
-    stamps_contradict: "<b>{uav}</b> bends its own clock at {pad}: time stamps that need none put it {distance} from its claim.",
-    leaving: "<b>{uav}</b> was leaving the place that it claims at {pad} while it was ranged.",
-    permission_unmatched: "<b>{uav}</b> was given permission at {pad}; since then no broadcast of it was heard there.",
-    ledger_halted: "The mirror of the ledger has <b>halted</b>; it said: “{why}”",
-    unauthorised: "<b>{uav}</b> asked to {action} at {pad} without being authorised.",
-    zone_closed: "<b>{uav}</b> asked to {action} at {pad}, {code, select, zone_active {which the zone {zone} closes} closures_outdated {whose closures by zones are out of date} other {which a zone closes; the contract said: “{why}”}}.",
-    closures_ending: "The closures of <b>{pad}</b> by zones are published until {until} only; after that nothing is permitted there.",
-    closures_differ: "What the ledger says of zones that close <b>{pad}</b> is not what the imported zones say: {state, select, missing {a zone closes it, and nothing is published} other {they have changed since}}. Publish anew.",
-    identity_odd: "{pad} hears something odd under the name <b>{uav}</b>. {what}.",
-    broadcast_odd: "{pad} hears something odd of <b>{uav}</b>. {what}.",
-    broadcasts_flooded: "<b>{pad}</b> hears odd broadcasts under {drones} names at once; only the first of them have alerts of their own.",
-    pad_silent: "<b>{pad}</b> has not reported for {since}.",
-    pad_drifting: "<b>{pad}</b> no longer measures as it was commissioned: {drift}.",
-    certificate_expiring: "The certificate of <b>{who}</b> expires on {until}.",
-    ledger_away: "The ledger <b>cannot be reached</b>{state, select, no_answer {; it does not answer.} other {; the last attempt ended with: “{why}”}}",
-    title:
-      "{kind, select, refuted {Refuted} broadcast_contradicts {Broadcast contradicts the pad} broadcast_unattributed {Impersonation or lie} stamps_contradict {Time stamps contradict} permission_unmatched {Permission without telemetry} ledger_halted {Ledger mirror halted} unauthorised {Not authorised} zone_closed {Closed by a zone} leaving {Refuted while leaving} closures_ending {Closures run out} closures_differ {Closures differ from the zones} identity_odd {Odd identity} broadcast_odd {Odd broadcasts} broadcasts_flooded {Many odd broadcasts} pad_silent {Pad silent} pad_drifting {Pad drifting} certificate_expiring {Certificate expiring} other {Ledger away}}",
-    unknown: "unknown",
-  },
-  fi: {
-    refuted: "<b>{uav}</b> ei ole siellä missä sanoo: mitattu {distance} päähän ilmoituksestaan alustalla {pad}.",
-    broadcast_contradicts: "<b>{uav}</b> on allekirjoittanut lähetyksen muusta paikasta kuin alustalle {pad}: mitattu {distance} päähän siitä.",
-    broadcast_unattributed: "Joku lähettää tunnuksella <b>{uav}</b> {distance} päässä paikasta, johon {pad} sen mittasi: toisena esiintyjä tai droonin oma valhe.{supported, select, yes { Toinen lähetys pitää paikkansa.} other {}}",
-    stamps_contradict: "<b>{uav}</b> vääristää kelloaan alustalla {pad}: siitä riippumattomat aikaleimat asettavat sen {distance} päähän ilmoituksestaan.",
-    leaving: "<b>{uav}</b> oli lähdössä ilmoittamastaan paikasta alustalla {pad}, kun sitä mitattiin.",
-    permission_unmatched: "<b>{uav}</b> sai luvan alustalla {pad}; sen jälkeen sen lähetystä ei ole kuultu siellä.",
-    ledger_halted: "Tilikirjan peilaus on <b>pysähtynyt</b>; se sanoi: ”{why}”",
-    unauthorised: "<b>{uav}</b> pyysi saada {action} alustalla {pad} ilman lupaa.",
-    zone_closed: "<b>{uav}</b> pyysi saada {action} alustalla {pad}, {code, select, zone_active {jonka vyöhyke {zone} sulkee} closures_outdated {jonka sulkuajat vyöhykkeiden vuoksi ovat vanhentuneet} other {jonka vyöhyke sulkee; sopimus sanoi: ”{why}”}}.",
-    closures_ending: "Alustan <b>{pad}</b> sulkuajat vyöhykkeiden vuoksi on julkaistu vain {until} asti; sen jälkeen siellä ei sallita mitään.",
-    closures_differ: "Tilikirja kertoo alustan <b>{pad}</b> sulkevista vyöhykkeistä muuta kuin tuodut vyöhykkeet: {state, select, missing {vyöhyke sulkee sen, mutta mitään ei ole julkaistu} other {vyöhykkeet ovat sittemmin muuttuneet}}. Julkaise uudelleen.",
-    identity_odd: "{pad} kuulee outoa nimellä <b>{uav}</b>. {what}.",
-    broadcast_odd: "{pad} kuulee outoa droonista <b>{uav}</b>. {what}.",
-    broadcasts_flooded: "<b>{pad}</b> kuulee outoja lähetyksiä yhtä aikaa {drones} nimellä; vain ensimmäisistä on oma hälytyksensä.",
-    pad_silent: "<b>{pad}</b> ei ole raportoinut, viimeksi {since} sitten.",
-    pad_drifting: "<b>{pad}</b> ei enää mittaa kuten käyttöönotossa: {drift}.",
-    certificate_expiring: "Varmenne <b>{who}</b> vanhenee {until}.",
-    ledger_away: "Tilikirjaan <b>ei saada yhteyttä</b>{state, select, no_answer {; se ei vastaa.} other {; viime yritys päättyi: ”{why}”}}",
-    title:
-      "{kind, select, refuted {Kumottu} broadcast_contradicts {Lähetys ristiriidassa alustan kanssa} broadcast_unattributed {Toisena esiintyjä tai valhe} stamps_contradict {Aikaleimat ristiriidassa} permission_unmatched {Lupa ilman seurantaa} ledger_halted {Tilikirjan peilaus pysähtynyt} unauthorised {Ei lupaa} zone_closed {Vyöhykkeen sulkema} leaving {Kumottu lähtiessään} closures_ending {Sulkuajat loppumassa} closures_differ {Sulkuajat poikkeavat vyöhykkeistä} identity_odd {Outo tunnus} broadcast_odd {Outoja lähetyksiä} broadcasts_flooded {Paljon outoja lähetyksiä} pad_silent {Alusta vaiti} pad_drifting {Alusta ajautuu} certificate_expiring {Varmenne vanhenee} other {Tilikirja poissa}}",
-    unknown: "tuntematon",
-  },
-});
-
-/** How a pad drifts. */
-export const driftTexts = texts({
-  en: {
-    moved: "anchor {anchor} stands about {off} from its place, and nothing is proved there",
-    drifting: "{anchor, select, all {its anchors together} other {anchor {anchor}}}{more, select, none {} other {; {more} of uncertainty are added}}",
-    said: "it said: “{why}”",
-  },
-  fi: {
-    moved: "ankkuri {anchor} on noin {off} päässä paikaltaan, eikä siellä todisteta mitään",
-    drifting: "{anchor, select, all {sen ankkurit yhdessä} other {ankkuri {anchor}}}{more, select, none {} other {; epävarmuutta lisätään {more}}}",
-    said: "se sanoi: ”{why}”",
-  },
-});
+export const alertTexts = texts({ en: alertsEn, fi: alertsFi });
+export const alertTitles = texts({ en: titlesEn, fi: titlesFi });
 
 /** The inbox around them. */
 export const inboxTexts = texts({

@@ -1,6 +1,6 @@
 import type { ReactElement } from "react";
 import { lookOf, sentence } from "../alerts/words";
-import { alertTexts, inboxTexts } from "../alerts/texts";
+import { alertTitles, inboxTexts } from "../alerts/texts";
 import { age, dotted } from "../shared/format";
 import { useLive, useLiveStore } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
@@ -32,10 +32,10 @@ export function PastAlerts({ now_ms, onSelect }: Properties): ReactElement {
             }
           >
             <Symbol look={lookOf(alert)} />
-            <b>{alertTexts("title", { kind: alert.kind })}</b>
+            <b>{alertTitles(alert.kind)}</b>
             <span className="quiet num">{age(now_ms - alert.t_ms)}</span>
             <small>
-              <Phrases phrases={sentence(alert, store.pads, now_ms)} />
+              <Phrases phrases={sentence(alert, store.pads)} />
               {alert.assigned_to !== undefined && <em> · {inboxTexts("assigned", { who: dotted(alert.assigned_to) })}</em>}
             </small>
           </button>

@@ -1,7 +1,7 @@
 import { useEffect, useRef, type PointerEvent, type ReactElement } from "react";
 import type { PastMarks } from "../shared/api/records";
 import { day, timeOfDay } from "../shared/format";
-import { alertTexts } from "../alerts/texts";
+import { alertTitle } from "../alerts/words";
 import { replayTexts as t } from "./texts";
 
 const HEIGHT = 60;
@@ -34,7 +34,7 @@ export function apart(marks: readonly Mark[], from_ms: number, until_ms: number)
 
 function words(mark: Mark): string {
   const time = timeOfDay(mark.t_ms);
-  if (mark.kind === "alert") return t("alertAt", { title: alertTexts("title", { kind: mark.alert ?? "" }), time });
+  if (mark.kind === "alert") return t("alertAt", { title: alertTitle(mark.alert ?? ""), time });
   return t("refusalAt", { uav: mark.uav_id ?? "", time });
 }
 

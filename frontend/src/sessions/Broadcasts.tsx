@@ -1,6 +1,6 @@
 import type { ReactElement } from "react";
 import type { SessionDetail, Track, VerdictSummary } from "../shared/api/records";
-import { count, timeOfDay } from "../shared/format";
+import { count, sentenceCase, timeOfDay } from "../shared/format";
 import { isContradicted } from "../shared/refuted";
 import { Scroll } from "../shared/ui/Scroll";
 import { broadcastTexts as t, oddity, signature } from "./broadcastTexts";
@@ -35,7 +35,7 @@ export function Broadcasts({ detail, verdict, track }: { detail: SessionDetail; 
               {findings.map((each) => (
                 <tr key={`${each.kind}/${each.t_ms}`}>
                   <td>{timeOfDay(each.t_ms)}</td>
-                  <td>{oddity(each)}</td>
+                  <td>{sentenceCase(oddity(each.kind, { ...(each.distance_mm !== undefined && { distance_mm: each.distance_mm }), ...(each.interval_ms !== undefined && { interval_ms: each.interval_ms }), ...(each.other_uav_id !== undefined && { other_uav_id: each.other_uav_id }) }))}</td>
                   <td className="right">{each.count > 1 && t("times", { count: count(each.count) })}</td>
                 </tr>
               ))}

@@ -127,14 +127,9 @@ function Why({ verdict }: { verdict: VerdictSummary }): ReactElement {
       {verdict.broadcast ? <Heard finding={verdict.broadcast} /> : <p className="quiet">{t(verdict.signed ? "noBroadcast" : "notJudged")}</p>}
       <h3>{t("why")}</h3>
       <ul className="reasons">
-        {verdict.reasons.map((reason) => {
-          const { text, original } = reasonText(reason);
-          return (
-            <li key={reason.code + reason.text} title={original}>
-              {text}
-            </li>
-          );
-        })}
+        {verdict.reasons.map((reason, i) => (
+          <li key={i}>{reasonText(reason)}</li>
+        ))}
       </ul>
       <p className="note num">
         {t("block", { block: count(verdict.block) })} <Hash value={verdict.evidence_sha256} label={t("shaEvidence")} />

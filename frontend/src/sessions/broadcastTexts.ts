@@ -1,5 +1,7 @@
+import findingsEn from "../../../wonderland/messages/en/findings.json";
+import findingsFi from "../../../wonderland/messages/fi/findings.json";
 import type { Track } from "../shared/api/records";
-import { duration, length } from "../shared/format";
+import { shownFacts, type Facts } from "../shared/i18n/facts";
 import { texts } from "../shared/i18n/texts";
 
 /** What was odd about a drone's broadcasts, and who signed them. */
@@ -13,7 +15,6 @@ export const broadcastTexts = texts({
     besides: "{count} more with a signature that does not hold.",
     nothing: "Nothing odd was heard.",
     contradicted: "The receiver found nothing odd. One of the broadcasts contradicts the measurement: the verdict’s finding is impersonation or lie.",
-    kind: "{kind, select, two_places {The same identity from two places, {distance} apart} impossible_speed {{distance} in {interval}: nothing flies so fast} time_stuck {Its own time stood still for {interval}} time_backwards {Its own time went back by {interval}: a replay} time_off {Its own time differs from the pad’s by {interval}} several_identities {One transmitter, also under the name {other}} rate_high {More positions than a drone sends} signature_bad {A signature that does not hold} other {Something odd}}",
     times: "{count} times",
   },
   fi: {
@@ -25,21 +26,15 @@ export const broadcastTexts = texts({
     besides: "Lisäksi {count}, joiden allekirjoitus ei pidä.",
     nothing: "Mitään outoa ei kuultu.",
     contradicted: "Vastaanotin ei havainnut outoa. Yksi lähetyksistä on ristiriidassa mittauksen kanssa: päätöksen havainto on toisena esiintyjä tai valhe.",
-    kind: "{kind, select, two_places {Sama tunnus kahdesta paikasta, väliä {distance}} impossible_speed {{distance} ajassa {interval}: mikään ei lennä niin nopeasti} time_stuck {Sen oma aika seisoi: {interval}} time_backwards {Sen oma aika palasi taaksepäin: {interval}, toisto} time_off {Sen oma aika poikkeaa alustan ajasta: {interval}} several_identities {Yksi lähetin, myös nimellä {other}} rate_high {Enemmän sijainteja kuin drooni lähettää} signature_bad {Allekirjoitus, joka ei pidä} other {Jotain outoa}}",
     times: "{count} kertaa",
   },
 });
 
-type Odd = { kind: string; distance_mm?: number | undefined; interval_ms?: number | undefined; other_uav_id?: string | undefined };
+const findings = texts({ en: findingsEn, fi: findingsFi });
 
-/** One finding of a receiver in words. */
-export function oddity({ kind, distance_mm, interval_ms, other_uav_id }: Odd): string {
-  return broadcastTexts("kind", {
-    kind,
-    distance: length(distance_mm ?? 0),
-    interval: duration(interval_ms ?? 0),
-    other: other_uav_id ?? "",
-  });
+/** One finding of a receiver in words, as part of a sentence; a kind that is not known by its name. */
+export function oddity(kind: string, facts: Facts): string {
+  return kind in findings.all.en ? findings(kind as keyof typeof findingsEn, shownFacts(findingsEn[kind as keyof typeof findingsEn], facts, true)) : kind;
 }
 
 /** Who signed a drone's broadcasts in words: an endorsement alone, or a signature over no position, says less. */

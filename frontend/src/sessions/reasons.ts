@@ -1,15 +1,14 @@
+import en from "../../../wonderland/messages/en/reasons.json";
+import fi from "../../../wonderland/messages/fi/reasons.json";
 import type { VerdictSummary } from "../shared/api/records";
-import { reading } from "../shared/i18n/locale";
-import { FINNISH_REASONS } from "./finnishReasons";
+import { shownFacts } from "../shared/i18n/facts";
+import { texts } from "../shared/i18n/texts";
 
 type Reason = VerdictSummary["reasons"][number];
 
-/**
- * The contract writes its reasons in English, with their figures; in Finnish each code has its sentence.
- *
- * A reason as the user reads it; its `original` where that says more.
- */
-export function reasonText(reason: Reason): { text: string; original?: string } {
-  const finnish = reading().locale === "fi" ? FINNISH_REASONS[reason.code] : undefined;
-  return finnish === undefined ? { text: reason.text } : { text: finnish, original: reason.text };
+const t = texts({ en, fi });
+
+/** A reason as the user reads it; one of a newer contract by its code. */
+export function reasonText({ code, facts }: Reason): string {
+  return code in t.all.en ? t(code as keyof typeof en, shownFacts(en[code as keyof typeof en], facts)) : code;
 }

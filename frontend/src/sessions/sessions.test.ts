@@ -66,7 +66,7 @@ describe("the verdict in words", () => {
   it("says why a drone is refuted whose ranges fit", () => {
     const liar = verdict("OH-DRN-0417");
     const signed = { ...(liar.signed ?? expect.fail("it has no signed claim")), error_mm: 47, likelihood_ppm: 999_000 };
-    const by = (code: string): VerdictSummary => ({ ...liar, signed: { ...signed, reasons: [{ code: "within_buffer", text: "" }, { code, text: "" }] } });
+    const by = (code: string): VerdictSummary => ({ ...liar, reasons: [], signed: { ...signed, reasons: [{ code: "within_buffer", facts: {} }, { code, facts: {} }] } });
     const time_differences = { pad_id: "aurajoki-2", frames: 40, finding: "outside" as const, agrees: false, more_frames: -1, error_mm: 3_640 };
     const bent = { ...by("time_differences_contradict"), time_differences };
     expect(refutedBy(bent)).toBe("stamps");
@@ -79,7 +79,7 @@ describe("the verdict in words", () => {
     expect(refutedBy(high)).toBe("height");
     expect(say(high)).toMatch(/measured it 5 m below the height that it claims\.$/);
     // Where the ranges refute as well, they are the plainer word.
-    const both = { ...bent, signed: { ...signed, error_mm: 4_210, reasons: [{ code: "outside_buffer", text: "" }, { code: "time_differences_contradict", text: "" }] } };
+    const both = { ...bent, signed: { ...signed, error_mm: 4_210, reasons: [{ code: "outside_buffer", facts: {} }, { code: "time_differences_contradict", facts: {} }] } };
     expect(say(both)).toContain("Four anchors measured it 4.2 m from there.");
   });
 
@@ -90,7 +90,7 @@ describe("the verdict in words", () => {
   it("says a distance, not a place, where two-way ranges prove no more", () => {
     const fine = verdict("OH-DRN-0512");
     expect(say(fine)).toContain("measured it there");
-    const bounded = { ...fine, within_mm: 14_000, reasons: [{ code: "upper_bound", text: "" }] };
+    const bounded = { ...fine, within_mm: 14_000, reasons: [{ code: "upper_bound", facts: {} }] };
     expect(say(bounded)).toContain("What they prove is that it is within 14 m of the pad.");
     expect(say(bounded)).not.toContain("measured it there");
   });
@@ -99,7 +99,7 @@ describe("the verdict in words", () => {
     const open = verdict("OH-DRN-0871");
     expect(say(open)).toContain("160 rounds of ranging neither confirm nor refute it. About 38 more would settle it.");
     expect(say({ ...open, more_rounds: -1 })).toContain("No further ranging would settle it.");
-    const reasons = [{ code: "not_countersigned", text: "The drone did not countersign the ranges." }];
+    const reasons = [{ code: "not_countersigned", facts: {} }];
     expect(say({ ...open, more_rounds: -1, reasons })).toContain("Not verified: The drone did not countersign the ranges.");
   });
 

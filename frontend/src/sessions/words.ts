@@ -60,7 +60,7 @@ const BLOCKING = new Set([
 
 function undecided(verdict: VerdictSummary): string {
   const blocked = [...verdict.reasons, ...(verdict.signed?.reasons ?? [])].find(({ code }) => BLOCKING.has(code));
-  if (blocked !== undefined) return t("notVerified", { why: reasonText(blocked).text });
+  if (blocked !== undefined) return t("notVerified", { why: reasonText(blocked) });
   const rounds = t("undecided", { rounds: countWord(verdict.rounds) });
   if (verdict.more_rounds < 0) return rounds + t("noMore");
   if (verdict.more_rounds === 0) return rounds;

@@ -4,7 +4,7 @@ import { formatTexts as t } from "./texts";
 
 const MINUS = "−";
 /** Between a number and its unit, and between thousands: never broken. */
-const NBSP = "\u00a0";
+export const NBSP = "\u00a0";
 
 function grouped(whole: number): string {
   return String(whole).replace(/\B(?=(\d{3})+(?!\d))/g, NBSP);
@@ -173,4 +173,9 @@ export function actionVerb(action: Action): string {
 /** "landing", "take-off", "docking". */
 export function actionNoun(action: Action): string {
   return t("noun", { action });
+}
+
+/** What is part of a sentence, where it stands alone. */
+export function sentenceCase(text: string): string {
+  return text.charAt(0).toUpperCase() + text.slice(1);
 }

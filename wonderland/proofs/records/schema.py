@@ -2,7 +2,7 @@
 
 The contract may not depend on a validation library (it has to give the same answer for decades and on every
 endorser), so this is the small one that it needs: integers with bounds, strings with a pattern or an enumeration,
-base64url bytes with a length, booleans, records, lists of these, and optional fields, which are left out.
+base64url bytes with a length, booleans, records, lists of these, named facts, and optional fields, which are left out.
 
 >>> @dataclass(frozen=True, kw_only=True, slots=True)
 ... class Point(Record):
@@ -25,6 +25,7 @@ from wonderland.proofs import encoding
 from wonderland.proofs.errors import EncodingError, RecordError
 
 Check = Callable[[Any, str], Any]
+_FACT: Final = r"[a-z][a-z0-9_]*"
 
 
 @dataclass(frozen=True)
@@ -155,6 +156,45 @@ class Binary:
                 "contentEncoding": "base64url",
                 "pattern": "^[A-Za-z0-9_-]*$",
                 "maxLength": (self.max_bytes * 4 + 2) // 3,
+            },
+            self.description,
+        )
+
+
+@dataclass(frozen=True)
+class Facts:
+    """An object of a few integers and short texts, each with a name of its own."""
+
+    maximum: int = 8
+    max_length: int = 600
+    description: str = ""
+
+    def check(self, value: Any, path: str) -> dict[str, int | str]:
+        """The value itself, or a RecordError."""
+        if not isinstance(value, dict):
+            raise RecordError(path, f"expected an object, got {_kind(value)}")
+        if len(value) > self.maximum:
+            raise RecordError(path, f"{len(value)} facts, allowed are {self.maximum}")
+        name, integer, text = (
+            Text(32, _FACT),
+            Integer(-encoding.MAX_INTEGER, encoding.MAX_INTEGER),
+            Text(self.max_length),
+        )
+        for key, item in value.items():
+            name.check(key, path)
+            (text if isinstance(item, str) else integer).check(item, f"{path}.{key}")
+        return value
+
+    def schema(self) -> dict[str, Any]:
+        """JSON Schema (2020-12)."""
+        bounds = {"minimum": -encoding.MAX_INTEGER, "maximum": encoding.MAX_INTEGER}
+        values = [{"type": "integer", **bounds}, {"type": "string", "maxLength": self.max_length}]
+        return _described(
+            {
+                "type": "object",
+                "maxProperties": self.maximum,
+                "propertyNames": {"pattern": f"^(?:{_FACT})$", "maxLength": 32},
+                "additionalProperties": {"anyOf": values},
             },
             self.description,
         )
@@ -295,7 +335,7 @@ def _check_of(hint: Any) -> Check:
     if isinstance(kind, type) and issubclass(kind, Record):
         return kind.parse
     for item in annotations:
-        if isinstance(item, Integer | Text | Choice | Flag | Binary):
+        if isinstance(item, Integer | Text | Choice | Flag | Binary | Facts):
             return item.check
     if kind is bool:
         return Flag().check
@@ -330,7 +370,7 @@ def _schema_of(hint: Any) -> dict[str, Any]:
         schema = kind.json_schema()
         return _described(schema, described) if described else schema
     for item in annotations:
-        if isinstance(item, Integer | Text | Choice | Flag | Binary):
+        if isinstance(item, Integer | Text | Choice | Flag | Binary | Facts):
             return item.schema()
     return {"type": "boolean"}
 

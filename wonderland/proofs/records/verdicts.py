@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -18,7 +19,7 @@ from wonderland.proofs.records.fields import (
     TimeMs,
     UavId,
 )
-from wonderland.proofs.records.schema import Choice, Integer, Items, Record, Text
+from wonderland.proofs.records.schema import Choice, Facts, Integer, Items, Record, Text
 from wonderland.proofs.records.sessions import MAX_CLAIMS
 
 OUTCOMES = ("verified", "refuted", "inconclusive")
@@ -29,10 +30,10 @@ Mm2 = Annotated[int, Integer(-(2**52), 2**52, "Square millimetres")]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Reason(Record):
-    """Why: a code for machines and a sentence for people."""
+    """Why: a code, and the facts that belong to it (`wonderland.proofs.reasons`); words for it are at the edges."""
 
     code: Annotated[str, Text(48, r"[a-z0-9_]+")]
-    text: Annotated[str, Text(300)]
+    facts: Annotated[Mapping[str, int | str], Facts(description="Units end their names: _mm, _ms, _percent, _milli")]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -238,7 +238,7 @@ export class FakeWorld {
       error_mm: error(claim),
       likelihood_ppm: { verified: 998_200, refuted: 12, inconclusive: 834_000 }[outcome],
       paper_rule: error(claim) <= 1_000,
-      reasons: [{ code: outcome === "refuted" ? "outside_buffer" : "within_buffer", text: outcome === "refuted" ? "The estimate lies significantly outside the buffer around the claim" : "The estimate lies within the buffer around the claim" }],
+      reasons: [outcome === "refuted" ? { code: "outside_buffer", facts: { error_mm: error(claim), buffer_mm: 1_000, significance_milli: 12_400 } } : { code: "within_buffer", facts: { error_mm: error(claim), buffer_mm: 1_000 } }],
     });
     const broadcastAt = plus(signedAt, actor.broadcastLie);
     const heard = { verified: "supported", refuted: "contradicted", inconclusive: "undecided" } as const;
@@ -337,29 +337,20 @@ function covariance(place: Local, sigma_mm: number): { ee_mm2: number; en_mm2: n
 function reasons(actor: Actor): VerdictSummary["reasons"] {
   if (isPublicLiar(actor)) {
     return [
-      { code: "within_buffer", text: "Measured 0.11 m from the claim, within 1.00 m." },
-      { code: "broadcast_contradicts", text: "Somebody broadcasts its serial number 31.04 m from where it was measured; by whom is not known." },
-      { code: "broadcast_unsupported", text: "No broadcast under its serial number was heard that the measurement supports." },
+      { code: "within_buffer", facts: { error_mm: 110, buffer_mm: 1_000 } },
+      { code: "broadcast_contradicts", facts: { error_mm: 31_040 } },
+      { code: "broadcast_unsupported", facts: {} },
     ];
   }
-  if (actor.outcome === "refuted") {
-    return [
-      { code: "residuals", text: "Ranges disagree with the claim: χ² 412 for 4, limit 18.5" },
-      { code: "countersigned", text: "The drone countersigned the ranges" },
-      { code: "paper_rule", text: "The paper's rule (≤ 1 m) refuses it too" },
-    ];
-  }
+  if (actor.outcome === "refuted") return [{ code: "outside_buffer", facts: { error_mm: 4_210, buffer_mm: 1_000, significance_milli: 12_400 } }];
   if (actor.outcome === "inconclusive") {
     return [
-      { code: "between", text: "Likelihood 0.83 is between 0.01 and 0.99" },
-      { code: "obstructed", text: "Two of four anchors saw an obstruction in most rounds" },
+      { code: "obstructed", facts: { ranges: 38 } },
+      { code: "undecided", facts: { error_mm: 820, sigma_mm: 310 } },
     ];
   }
   return [
-    { code: "within_buffer", text: "The estimate lies within 1 m of the claim with likelihood 0.9982" },
-    { code: "consistent", text: "The four ranges agree with each other: χ² 3.1 for 2, limit 13.8" },
-    ...(actor.authorised === false
-      ? [{ code: "maintenance_lapsed", text: "Maintenance lapsed on 3 November 2025" }]
-      : [{ code: "authorised", text: `Authorised to ${actor.action} here until 31 December` }]),
+    { code: "within_buffer", facts: { error_mm: 40, buffer_mm: 1_000 } },
+    ...(actor.authorised === false ? [{ code: "maintenance_lapsed", facts: { until_ms: Date.UTC(2025, 10, 3) } }] : []),
   ];
 }
