@@ -47,7 +47,7 @@ VERDICT = {
     "signed": {"claim": {**PLACE, "lat_e7": 604_519_000}},
     "estimate": PLACE,
     "covariance": {"ee_mm2": 400, "en_mm2": 0, "nn_mm2": 400},
-    "reasons": [{"code": "claim_contradicted", "text": "8.9 m from <where> it says\x07"}],
+    "reasons": [{"code": "claim_contradicted", "facts": {"said": "8.9 m from <where> it says\x07"}}],
 }
 NOW_MS = 1_800_000_002_000
 

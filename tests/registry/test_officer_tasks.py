@@ -42,7 +42,7 @@ def test_from_the_liar_to_its_suspension_and_the_evidence(with_liar, open_page, 
     officer.click(liar)
     seen(page.get_by_role("heading", name="Refuted"))
     seen(page.get_by_text(re.compile(r"anchors measured it 4\.2\sm from there")))
-    seen(page.get_by_text(re.compile(r"Measured 4\.\d+ m from the claim, outside 1\.00 m")).first)
+    seen(page.get_by_text(re.compile(r"Measured 4\.\d+\sm from the claim, outside 1\.00\sm")).first)
     officer.did("explain why, in words", at_most=1)
     officer.click(page.get_by_role("link", name="Explain"))
     seen(page.get_by_role("heading", name="How it was decided"))
