@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 
+import barriers
 from playwright.sync_api import expect
 
 from backend.site_plans import store
@@ -89,12 +90,14 @@ def test_brought_looked_at_signed_and_drawn(console_house, open_page, tmp_path):
     drawing = page.get_by_role("img", name="Plan of the site from above: 13 things")
     expect(drawing).to_be_visible()
     expect(drawing).to_contain_text(HOSTILE)
+    assert barriers.on(page) == []
     page.get_by_role("button", name="Check and sign").click()
     page.get_by_role("button", name="Sign and send").click()
     expect(page.get_by_text("It is on the ledger, signed by you.")).to_be_visible()
     page.evaluate(f"location.hash = '#/registry/pads/{PAD}'")
     expect(drawing).to_be_visible()
     expect(page.locator(".plan-legend")).to_contain_text("Safety area")
+    assert barriers.anywhere(page) == []
     assert page.title() != "1", "a name was taken for markup"
     sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
     expect(page.locator(".history")).to_contain_text("Site plan, SHA-256")

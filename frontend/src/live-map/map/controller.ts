@@ -1,7 +1,7 @@
 import { LngLatBounds, Map as MapLibre, setWorkerUrl, type MapMouseEvent } from "maplibre-gl";
 import workerUrl from "maplibre-gl/dist/maplibre-gl-worker.mjs?url";
 import type { Camera } from "../../app/location";
-import { HIDDEN, type Fleet } from "../../shared/fleet";
+import type { Fleet } from "../../shared/fleet";
 import { frameOf, lonLat, toGlobe, type LonLat } from "../../shared/geo/frame";
 import type { LiveStore, Topic } from "../../shared/live/store";
 import { liveTexts as t } from "../texts";
@@ -9,13 +9,14 @@ import { gridSpacing_m } from "./features";
 import { BEARING, bestBearing, dronesNear, freeRoom, PITCH, placesOf } from "./framing";
 import { upOf } from "./heights";
 import { palette } from "./icons";
+import { surviveLoss } from "./losses";
 import { copyForPrint } from "./printing";
 import type { Overlay } from "./overlays";
 import { Picture, type Selection } from "./picture";
 import type { BaseMap } from "./place";
-import { SITE_ZOOM } from "./scales";
+import { droneAt, siteAt } from "./pointing";
 import { MAP_COLOURS, style } from "./style";
-import { placeAt, slantedCamera, slotAt, viewOf, type Room, type Seen } from "./view";
+import { placeAt, slantedCamera, viewOf, type Room, type Seen } from "./view";
 
 setWorkerUrl(workerUrl);
 
@@ -43,7 +44,6 @@ const SETTLING_MS = 500;
 /** Between two frames of a drone that is followed: about what lies between two of its positions. */
 const FOLLOW_MS = 250;
 const FOLLOW_ZOOM = 15;
-const REACH = 11;
 const TOPICS: readonly Topic[] = ["tracks", "estimates"];
 
 /** The map: MapLibre, fed straight from the live store, apart from React. Camera and pointer; `picture` draws. */
@@ -109,8 +109,7 @@ export class MapController {
     });
     this.map.on("mousemove", (event) => this.onPointer(event));
     this.map.on("mouseout", () => this.picture.hover(undefined));
-    this.surviveLoss(container);
-    this.ends.push(copyForPrint(this.map, () => this.retheme()));
+    this.ends.push(surviveLoss(this.map, container, { onLost: () => this.onLost(), onBack: () => this.onBack() }), copyForPrint(this.map, () => this.retheme()));
   }
 
   destroy(): void {
@@ -362,23 +361,15 @@ export class MapController {
     return slot === undefined || tilt === undefined ? {} : { offset: [0, upOf(this.store, slot) * tilt.perMetre * tilt.pitch[1]] };
   }
 
-  /** A graphics driver may start anew at any time; MapLibre makes its style again, and the picture what was added. */
-  private surviveLoss(container: HTMLElement): void {
-    const lost = (): void => {
-      this.picture.unload();
-      this.events.onFailure(t("graphicsLost"));
-    };
-    // On the way down, before MapLibre hears of it.
-    container.addEventListener("webglcontextlost", lost, true);
-    this.ends.push(() => container.removeEventListener("webglcontextlost", lost, true));
-    this.map.on("webglcontextrestored", () => {
-      void this.map.once("idle", () => {
-        this.picture.load();
-        if (this.measuring !== undefined) this.picture.measure(this.measuring);
-        this.events.onFailure(undefined);
-      });
-      this.map.triggerRepaint();
-    });
+  private onLost(): void {
+    this.picture.unload();
+    this.events.onFailure(t("graphicsLost"));
+  }
+
+  private onBack(): void {
+    this.picture.load();
+    if (this.measuring !== undefined) this.picture.measure(this.measuring);
+    this.events.onFailure(undefined);
   }
 
   private onMoved(): void {
@@ -394,27 +385,11 @@ export class MapController {
   }
 
   private droneUnder({ point }: MapMouseEvent): string | undefined {
-    if (!this.loaded || this.map.getZoom() < SITE_ZOOM) return undefined;
-    const { tracks } = this.store;
-    const { looks, judged, heard } = this.fleet;
-    const shown = Uint32Array.from([...heard, ...judged.flatMap(({ uav_id }) => tracks.slot(uav_id) ?? [])].filter((slot) => looks[slot] !== HIDDEN));
-    const slot = slotAt(viewOf(this.map), { x: tracks.x, y: tracks.y, up_m: (each) => upOf(this.store, each) }, shown, point.x, point.y, REACH);
-    return slot === undefined ? undefined : tracks.nameAt(slot);
+    return this.loaded ? droneAt(this.map, this.store, this.fleet, point) : undefined;
   }
 
   private siteUnder({ point }: MapMouseEvent): LngLatBounds | undefined {
-    if (!this.loaded || this.map.getZoom() >= SITE_ZOOM) return undefined;
-    const reach = 8;
-    const [found] = this.map.queryRenderedFeatures(
-      [
-        [point.x - reach, point.y - reach],
-        [point.x + reach, point.y + reach],
-      ],
-      { layers: ["sites"] },
-    );
-    const { bounds } = (found?.properties ?? {}) as { bounds?: string };
-    const [west = 0, south = 0, east = 0, north = 0] = (bounds ?? "").split(" ").map(Number);
-    return bounds === undefined ? undefined : new LngLatBounds([west, south], [east, north]);
+    return this.loaded ? siteAt(this.map, point) : undefined;
   }
 
   private onPointer(event: MapMouseEvent): void {
