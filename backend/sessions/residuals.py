@@ -8,14 +8,13 @@ from typing import Any
 
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.drift import widened
-from wonderland.proofs.drone_clock import drone_clock
+from wonderland.proofs.drone_clock import drone_clock, on_the_pads_clock
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.records.pads import Anchor, Commissioning
 from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.reduction import bias_at, residuals_of
 from wonderland.proofs.rounds import UsableRounds, usable
-from wonderland.proofs.verdict import on_the_pads_clock
 
 
 def residuals(session: Session, survey: Commissioning, evidence: Evidence, verdict: Verdict) -> list[dict[str, Any]]:

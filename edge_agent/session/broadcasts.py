@@ -16,11 +16,10 @@ from typing import Final
 from wonderland.proofs.attestation import digest_of
 from wonderland.proofs.broadcast import SAME_TIME_MS, place_said
 from wonderland.proofs.claims import ClaimedPath
-from wonderland.proofs.drone_clock import drone_clock
+from wonderland.proofs.drone_clock import drone_clock, on_the_pads_clock
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.records.pads import Frame
 from wonderland.proofs.records.sessions import MAX_CLAIMS, BroadcastClaim, Claim, ClockReading, Session
-from wonderland.proofs.verdict import on_the_pads_clock
 
 Broadcasts = Callable[[int], tuple[BroadcastClaim, ...]]
 """What the receiver heard of this drone since a time (ms), in order of time."""

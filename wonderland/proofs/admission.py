@@ -1,4 +1,4 @@
-"""What is asked of evidence before any position is solved: steps 1 to 3 of the verdict."""
+"""What is asked of evidence before any position is solved: steps 1 to 4 and 6 of the verdict."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def fresh(session: Session, evidence: Evidence, now_ms: int, reasons: Reasons) -
 
 
 def plausible(path: ClaimedPath, policy: Policy, reasons: Reasons) -> bool:
-    """Step 1, the claims by themselves: a vague claim buys nothing, and a drone flies from one to the next."""
+    """Step 4, the claims by themselves: a vague claim buys nothing, and a drone flies from one to the next."""
     plausible = True
     if path.accuracy_mm > policy.max_claim_accuracy_mm:
         reasons.add("claim_vague", accuracy_mm=nearest(path.accuracy_mm))
@@ -84,7 +84,7 @@ def confirmed_by_both(evidence: Evidence, confirmed: bool, signature_valid: bool
 
 
 def clock_serves(clock: Clock, path: ClaimedPath, policy: Policy, reasons: Reasons) -> bool:
-    """Step 1: the drone's clock may be wrong only as far as that hardly moves its claim."""
+    """Step 4: the drone's clock may be wrong only as far as that hardly moves its claim."""
     if clock.contradictory:
         reasons.add("clock_contradicts")
         return False
@@ -163,7 +163,7 @@ def _whole(columns: Sequence[Sequence[int]], count: int) -> int:
 
 
 def rounds_missing(evidence: Evidence, whole: int, policy: Policy, reasons: Reasons) -> int:
-    """Step 3: how many whole rounds in a row make it none too few of those attempted; 0 where they are enough.
+    """Step 6: how many whole rounds in a row make it none too few of those attempted; 0 where they are enough.
 
     −1 where the policy's rounds do not suffice for that. A pad that does not say what it attempted is not asked.
     """

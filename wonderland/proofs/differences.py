@@ -1,4 +1,4 @@
-"""Step 6 of the verdict: the time stamps of the drone's frames, judged against its claim and against the ranges.
+"""Step 7 of the verdict: the time stamps of the drone's frames, judged against its claim and against the ranges.
 
 A drone that lies about its own time stamps makes two-way ranges fit any claim, exactly. It cannot lie to four anchors
 that time-stamp the *same* frame on the pad's clock: one antenna gives no anchor a delay of its own. So assurance 3 is

@@ -10,11 +10,12 @@ widens them. The claims are shifted by the middle, which is to say that they are
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Final
 
-from wonderland.proofs.records.sessions import ClockReading
+from wonderland.proofs.reasons import nearest
+from wonderland.proofs.records.sessions import Claim, ClockReading
 from wonderland.proofs.reduction import CLAIM_CLOCK_SIGMA_MS
 
 HONEST_MS: Final = 2.0 * CLAIM_CLOCK_SIGMA_MS
@@ -62,3 +63,11 @@ def drone_clock(readings: Sequence[ClockReading]) -> Clock:
     # Anywhere between the bounds: a uniform distribution.
     sigma = max((high - low) / sqrt(12.0), FINEST_MS)
     return Clock(0.5 * (low + high), sigma, beyond, contradictory=False, readings=len(readings))
+
+
+def on_the_pads_clock(claims: Sequence[Claim], clock: Clock) -> tuple[Claim, ...]:
+    """The claims with the times that they have by the pad's clock."""
+    offset_ms = nearest(clock.offset_ms)
+    if offset_ms == 0:
+        return tuple(claims)
+    return tuple(replace(claim, t_ms=max(claim.t_ms - offset_ms, 0)) for claim in claims)

@@ -1,4 +1,4 @@
-"""From virtual ranges to the offset between where the drone is and where it says that it is: step 8 of the verdict.
+"""From virtual ranges to the offset between where the drone is and where it says it is: part of step 5 of the verdict.
 
 Generalised least squares: each anchor has its own error (σ²/N_eff + bias² + survey²), and all share two, the
 installation's bias and the uncertainty of the claimed height. Only σ²/N_eff shrinks with the number of rounds. Three

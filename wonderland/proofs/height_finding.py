@@ -1,4 +1,4 @@
-"""What the measured height means for a verdict, for its estimate and for its words: part of step 10."""
+"""What the measured height means for a verdict, for its estimate and for its words: part of steps 8 and 10."""
 
 from __future__ import annotations
 

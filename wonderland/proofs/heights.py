@@ -1,4 +1,4 @@
-"""Step 6, whatever the height: what time differences exclude when the drone's word on its height is not believed.
+"""Step 7, whatever the height: what time differences exclude when the drone's word on its height is not believed.
 
 Far from a small pad the differences tell bearing and elevation well, and the distance by the front's curvature alone.
 To believe the claimed height is to take the distance from the elevation; a drone that delays its answers *and* claims

@@ -1,4 +1,4 @@
-"""One claim, judged by what was measured: steps 9 and 10 of the verdict."""
+"""One claim, judged by what was measured: part of step 8 of the verdict."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def judge(
     may_verify: bool,
     may_refute: bool,
 ) -> Judgement:
-    """Steps 9 and 10 for one claim, which lies at ``shift`` (mm) from the signed one.
+    """Step 8 for one claim, which lies at ``shift`` (mm) from the signed one.
 
     Where one anchor is bad, every subset that may be the good one has to say the same.
     """

@@ -1,4 +1,4 @@
-"""Is the drone leaving its claim while it is ranged: steps 8 to 10 once more, for the newest rounds by themselves.
+"""Is the drone leaving its claim while it is ranged: steps 5 and 8 once more, for the newest rounds by themselves.
 
 The estimate of a session is a mean over its rounds. A receiver that is dragged away at 1 m/s is two buffers off when
 that mean is only one off. So where the newest rounds differ from all of them by more than noise explains, they are

@@ -1,4 +1,4 @@
-"""Is the drone where it claims at *every* claimed moment, or only on average: steps 1 and 7 of the verdict.
+"""Is the drone where it claims at *every* claimed moment, or only on average: part of step 8 of the verdict.
 
 An estimate is a mean over rounds, and means can be balanced: a drone that tells the truth at some moments and lies at
 others, or lies to both sides, keeps its mean claim where it is. So beside the mean stands the **waver**: the root mean

@@ -23,7 +23,7 @@ _STAMPS: Final[Mapping[str, tuple[str, ...]]] = {
 """What the time stamps of the pad's anchors come to, and those of a witness, each with its prefix."""
 
 REASONS: Final[Mapping[str, tuple[str, ...]]] = {
-    # Fresh, of this drone, plausible by itself (steps 1 and 2).
+    # Fresh, of this drone, plausible by itself (steps 1, 2 and 4).
     "rounds_not_fresh": (),
     "frames_not_fresh": (),
     "claims_not_fresh": (),
@@ -39,7 +39,7 @@ REASONS: Final[Mapping[str, tuple[str, ...]]] = {
     "not_countersigned": (),
     "countersignature_invalid": (),
     "session_stopped": ("failure",),
-    # Which rounds and anchors serve (step 3).
+    # Which rounds and anchors serve (steps 3 and 6).
     "pad_drifts": ("sigma_mm",),
     "too_few_rounds": ("rounds", "min_rounds"),
     "rounds_missing": ("attempted", "whole"),
@@ -47,7 +47,7 @@ REASONS: Final[Mapping[str, tuple[str, ...]]] = {
     "anchors_unknown": ("anchors",),
     "anchor_silent": ("silent", "anchors"),
     "anchor_rarely": ("anchor_id",),
-    # The place that the ranges give, and whether they agree (steps 4 to 8).
+    # The place that the ranges give, and whether they agree (step 5; what was claimed, step 8).
     "no_estimate": ("lacking",),
     "ranges_inconsistent": ("chi2_milli", "limit_milli"),
     "anchor_suspected": ("anchor_ids", "anchors"),
@@ -59,7 +59,7 @@ REASONS: Final[Mapping[str, tuple[str, ...]]] = {
     "claims_unseen": ("share_percent",),
     "claims_unjudged": ("claims", "away_mm"),
     "request_unjudged": ("away_mm", "before_ms"),
-    # Time stamps (step 6).
+    # Time stamps (step 7).
     "no_time_stamps": (),
     "no_witness": (),
     **{f"time_differences_{name}": facts for name, facts in _STAMPS.items()},
@@ -69,7 +69,7 @@ REASONS: Final[Mapping[str, tuple[str, ...]]] = {
     "witness_contradicts": ("frames", "significance_milli"),
     "measurements_contradict": (),
     "assurance_too_low": ("assurance", "min_assurance"),
-    # The claim against the measurement (steps 9 and 10).
+    # The claim against the measurement (steps 8 to 10).
     "within_buffer": ("error_mm", "buffer_mm"),
     "outside_buffer": ("error_mm", "buffer_mm", "significance_milli"),
     "cannot_refute": (),

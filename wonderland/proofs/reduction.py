@@ -1,4 +1,4 @@
-"""From rounds to one virtual range for each anchor: steps 4 and 7 of the verdict.
+"""From rounds to one virtual range for each anchor: part of step 5 of the verdict.
 
 Each range is corrected by its anchor's bias and compared with the one that the claim of its moment would give, so that
 a moving drone needs no special case; the mean of these residuals, put back onto the mean claimed position, is one

@@ -1,4 +1,4 @@
-"""Which rounds know their place: part of step 7.
+"""Which rounds know their place: part of step 5.
 
 A range that fits no claim is left out as a burst, and an anchor may not have been heard at all. The anchors that are
 left in such a round can be too few to tell its place: two of them, or three in a row, fit a second place as well, the

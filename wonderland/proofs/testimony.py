@@ -1,4 +1,4 @@
-"""Step 6 in words and consequences: what the pad's time stamps, and those of a witness, add to a verdict.
+"""Step 7 in words and consequences: what the pad's time stamps, and those of a witness, add to a verdict.
 
 The pad's own (``judge_time_stamps``) are held against its ranges; the witness is a second pad, of which nothing but
 its own survey, clocks and time stamps is believed (``judge_testimony``). Each has to prove the claim by itself: so

@@ -1,4 +1,4 @@
-"""How much of each anchor's bias is left in a session's mean of a drone that moved: part of step 7 of the verdict.
+"""How much of each anchor's bias is left in a session's mean of a drone that moved: part of step 5 of the verdict.
 
 What commissioning leaves of an anchor's bias has two parts. One stays wherever the drone is (antenna delay, mounting).
 The other belongs to a place: reflections and antenna patterns change along the way, with correlation exp(−d/L) between
