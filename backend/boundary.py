@@ -15,6 +15,7 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from backend.errors import problem_response
+from backend.problem_texts import said
 
 POLICY: Final = (
     "default-src 'none'; script-src 'self'; "
@@ -102,7 +103,7 @@ class Boundary:
         origin = headers.get("origin")
         guarded = scope["type"] == "websocket" or scope["method"] not in SAFE
         if origin is not None and guarded and urlsplit(origin).netloc.lower() != host.lower():
-            return 403, "foreign-origin", "Requests from pages of other origins are refused."
+            return 403, "foreign-origin", said("foreign_origin")
         return None
 
     def _limit(self, path: str) -> int:

@@ -16,8 +16,8 @@ from pydantic import Field
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from starlette.exceptions import HTTPException
 
-from backend import problems_fi
 from backend.languages import Language, language_of
+from backend.problem_texts import in_language, said, title_in
 from backend.schemas import ApiModel
 
 logger = logging.getLogger(__name__)
@@ -91,7 +91,7 @@ class SwitchedOff(Problem):
     """This server's administrator has switched it off; `GET /status` says what is on."""
 
     status, code = HTTPStatus.NOT_FOUND, "switched-off"
-    example = "Live GeoJSON is switched off on this server; its administrator can switch it on (outputs.live_geojson)."
+    example = said("live_geojson_off")
 
 
 class BadRequest(Problem):
@@ -105,7 +105,7 @@ class SignInRequired(Problem):
     """Nobody is signed in."""
 
     status, code = HTTPStatus.UNAUTHORIZED, "sign-in-required"
-    example = "Sign in first."
+    example = said("sign_in_first")
 
 
 class Forbidden(Problem):
@@ -126,14 +126,14 @@ class PreconditionFailed(Problem):
     """It has changed since the client saw it: `If-Match` names another state."""
 
     status, code = HTTPStatus.PRECONDITION_FAILED, "precondition-failed"
-    example = "This is not what you saw (If-Match): it has changed since. Look at it again, then change it."
+    example = said("changed_since_seen")
 
 
 class Unprocessable(Problem):
     """Well-formed, but it cannot be done as asked; `errors` names the field where one is to blame."""
 
     status, code = HTTPStatus.UNPROCESSABLE_ENTITY, "invalid-request"
-    example = "The request has fields or parameters that are not allowed; each is named in `errors`."
+    example = said("request_fields")
 
 
 class LedgerAway(Problem):
@@ -173,9 +173,7 @@ def problem_response(
     language: Language = "en",
 ) -> Response:
     """An answer in problem+json."""
-    title = title_of(status)
-    if language == "fi":
-        title, detail = problems_fi.TITLES.get(code, title), problems_fi.DETAILS.get(detail, detail)
+    title, detail = title_in(code, language) or title_of(status), in_language(detail, language)
     body: dict[str, Any] = {
         "type": TYPE_BASE + code,
         "title": title,
@@ -230,8 +228,8 @@ def example_of(problem: type[Problem] | Problem) -> dict[str, Any]:
 
 _CODES: Final = {404: "not-found", 405: "method-not-allowed", 413: "too-large", 400: "bad-request"}
 _DETAILS: Final = {
-    404: "There is nothing at this address; see /api/v1/openapi.json for what there is.",
-    405: "This address does not take that method; the Allow header says which it takes.",
+    404: said("nothing_here"),
+    405: said("method_not_allowed"),
 }
 
 
@@ -266,14 +264,14 @@ def install(app: FastAPI) -> None:
     async def on_validation(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
         errors = [(".".join(str(part) for part in each["loc"]), str(each["msg"])) for each in error.errors()[:20]]
-        detail = "The request has fields or parameters that are not allowed; each is named in `errors`."
+        detail = said("request_fields")
         return problem_response(
             request.url.path, 422, "invalid-request", detail, errors=errors, language=language_of(request)
         )
 
     async def on_busy(request: Request, error: Exception) -> Response:
         logger.warning("no connection to the database became free for %s: %s", request.url.path, error)
-        detail = "The database has no connection free just now; ask again in some seconds."
+        detail = said("database_busy")
         return problem_response(
             request.url.path, 503, "database-busy", detail, headers={"Retry-After": "5"}, language=language_of(request)
         )

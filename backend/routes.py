@@ -32,6 +32,7 @@ from backend.outputs import endpoints as outputs
 from backend.pads import endpoints as pads
 from backend.people import endpoints as people
 from backend.people import me, oidc_endpoints, ways_in
+from backend.problem_texts import said
 from backend.proof_requests import endpoints as proof_requests
 from backend.proofs import endpoints as proofs
 from backend.reference import page as reference
@@ -149,7 +150,7 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
 
 
 async def _unknown() -> None:
-    raise errors.NotFound("There is nothing at this address; see /api/v1/openapi.json for what there is.")
+    raise errors.NotFound(said("nothing_here"))
 
 
 def _description(request: Request) -> JSONResponse:

@@ -25,6 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from backend.errors import Problem
 from backend.http.addresses import ADDRESS
 from backend.http.transfer import TransferError, ask_object, parse_object
+from backend.problem_texts import said
 
 logger = logging.getLogger(__name__)
 
@@ -63,7 +64,7 @@ class TokenRefused(Problem):
     """There is no token, or it is not one to believe."""
 
     status, code = HTTPStatus.UNAUTHORIZED, "invalid-token"
-    example = "The token has expired."
+    example = said("token_expired")
 
     def __init__(self, detail: str, *, said: bool = True) -> None:
         challenge = f'Bearer realm="wonderland", error="invalid_token", error_description="{_quoted(detail)}"'
@@ -130,7 +131,7 @@ class TokenVerifier:
         issuer = claims.get("iss")
         keys = self._keys.get(issuer) if isinstance(issuer, str) else None
         if keys is None:
-            raise TokenRefused("The token is not of an issuer that is believed here.")
+            raise TokenRefused(said("token_issuer"))
         await self._check_signature(token, header, keys)
         caller = self._caller(claims)
         _check_confirmation(claims, thumbprint)
@@ -141,7 +142,7 @@ class TokenVerifier:
         try:
             jws.deserialize_compact(token, key, algorithms=ALGORITHMS)
         except (JoseError, ValueError, RecursionError):
-            raise TokenRefused("The token's signature is not its issuer's.") from None
+            raise TokenRefused(said("token_signature")) from None
 
     def _caller(self, claims: Mapping[str, Any]) -> Caller:
         now_s = self._clock() // 1000
@@ -149,9 +150,9 @@ class TokenVerifier:
         if expires is None:
             raise TokenRefused("The token does not say when it expires (exp).")
         if expires + self._leeway_s <= now_s:
-            raise TokenRefused("The token has expired.")
+            raise TokenRefused(said("token_expired"))
         if expires > now_s + MAX_LIFETIME_S + self._leeway_s:
-            raise TokenRefused("The token is good for longer than an hour; ask for one that is not.")
+            raise TokenRefused(said("token_too_long"))
         for name in ("nbf", "iat"):
             begins = _time(claims, name)
             if begins is not None and begins > now_s + self._leeway_s:
@@ -159,7 +160,7 @@ class TokenVerifier:
         audience = claims.get("aud")
         named = {audience} if isinstance(audience, str) else _texts(audience)
         if not named & self._audiences:
-            raise TokenRefused("The token is for somebody else: its aud is not this server's name.")
+            raise TokenRefused(said("token_audience"))
         subject = claims.get("sub")
         if not isinstance(subject, str) or not 0 < len(subject) <= MAX_SUBJECT:
             raise TokenRefused("The token does not say whose it is (sub).")
@@ -179,7 +180,7 @@ class _Held:
         """The key of this name; the only one there is, where a token names none. Raises `TokenRefused`."""
         key = _find(self._keys, kid)
         if key is None:
-            raise TokenRefused("The token's key is none of its issuer's.")
+            raise TokenRefused(said("token_key_of_nobody"))
         return key
 
 
@@ -206,8 +207,8 @@ class _Published:
         if key is not None:
             return key
         if self._tried_s != self._fetched_s:
-            raise TokenRefused("The token's key is not known, and its issuer's keys cannot be fetched just now.")
-        raise TokenRefused("The token's key is none of its issuer's.")
+            raise TokenRefused(said("token_key_unknown"))
+        raise TokenRefused(said("token_key_of_nobody"))
 
     def _known(self, kid: object) -> Key | None:
         return _find(self._keys, kid) if self._age_s() <= KEEP_S else None
@@ -296,20 +297,20 @@ def _check_confirmation(claims: Mapping[str, Any], thumbprint: str | None) -> No
     if not isinstance(bound, dict) or set(bound) != {THUMBPRINT} or not isinstance(bound[THUMBPRINT], str):
         raise TokenRefused("The token is bound to a key in a way that is not known here; x5t#S256 is.")
     if thumbprint is None:
-        raise TokenRefused("The token is bound to a certificate, and the connection shows none.")
+        raise TokenRefused(said("token_without_certificate"))
     if not hmac.compare_digest(bound[THUMBPRINT].encode(), thumbprint.encode()):
-        raise TokenRefused("The token is bound to another certificate than the connection shows.")
+        raise TokenRefused(said("token_other_certificate"))
 
 
 def _bearer(authorization: str | None) -> str:
     if authorization is None:
-        raise TokenRefused("A bearer token is needed (Authorization: Bearer …).", said=False)
+        raise TokenRefused(said("bearer_token_needed"), said=False)
     scheme, _, token = authorization.partition(" ")
     if scheme.lower() != "bearer":
-        raise TokenRefused("Authorization is not a bearer token.", said=False)
+        raise TokenRefused(said("no_bearer_token"), said=False)
     token = token.strip()
     if not token or len(token) > MAX_TOKEN or not token.isascii():
-        raise TokenRefused("The token is no JWT.")
+        raise TokenRefused(said("no_jwt"))
     return token
 
 
@@ -320,11 +321,11 @@ def _unverified(token: str) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
         claims = orjson.loads(parsed.payload)
         header = parsed.headers()
     except (JoseError, ValueError, RecursionError):
-        raise TokenRefused("The token is no JWT.") from None
+        raise TokenRefused(said("no_jwt")) from None
     if not isinstance(claims, dict) or not isinstance(header, dict):
-        raise TokenRefused("The token is no JWT.")
+        raise TokenRefused(said("no_jwt"))
     if header.get("alg") not in ALGORITHMS:
-        raise TokenRefused("The token is not signed by RS256 or ES256.")
+        raise TokenRefused(said("token_algorithm"))
     return header, claims
 
 
@@ -343,4 +344,4 @@ def _texts(value: object) -> set[str]:
 
 def _quoted(text: str) -> str:
     """A text for a quoted string of a header: ours, so only what would end it is taken out."""
-    return text.replace("\\", "").replace('"', "").encode("ascii", "replace").decode()
+    return text.replace("\\", "").replace('"', "").replace("’", "'").encode("ascii", "replace").decode()

@@ -19,10 +19,11 @@ from backend.db.tables.alerts import AlertDeliveryRow, AlertRow
 from backend.errors import BadRequest, Conflict, Forbidden, NotFound, documented
 from backend.languages import HEADER, Language, language_of
 from backend.people.masking import shown_act, shown_alert
+from backend.problem_texts import said
 from backend.responses import Json, page, resource
 
 router = APIRouter(tags=["alerts"], dependencies=SIGNED_IN)
-_NOT_FOUND: Final = NotFound("There is no such alert.")
+_NOT_FOUND: Final = NotFound(said("no_such_alert"))
 _LANGUAGE: Final = {"parameters": [HEADER]}
 AlertId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 

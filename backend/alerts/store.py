@@ -18,6 +18,7 @@ from backend.db.engine import Database
 from backend.db.tables.alerts import AlertActRow, AlertRow
 from backend.errors import Conflict, NotFound
 from backend.narrowing import narrowed
+from backend.problem_texts import said
 
 OPEN: Final = "open"
 ACKNOWLEDGED: Final = "acknowledged"
@@ -104,7 +105,7 @@ async def find(database: AsyncSession, scope: Scope, alert_id: str) -> AlertRow:
     )
     row = (await database.scalars(query)).first()
     if row is None:
-        raise NotFound("There is no such alert.")
+        raise NotFound(said("no_such_alert"))
     assert isinstance(row, AlertRow)
     return row
 

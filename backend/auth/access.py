@@ -11,6 +11,7 @@ from starlette.requests import HTTPConnection
 from backend.auth.person import AUTHORITY, Person, Role
 from backend.context import context_of
 from backend.errors import Forbidden, SignInRequired
+from backend.problem_texts import said
 
 
 async def person_of(connection: HTTPConnection) -> Person:
@@ -21,7 +22,7 @@ async def person_of(connection: HTTPConnection) -> Person:
         return await context.machines.person_of(connection, authorization)
     person = await context.sign_ins.find(connection.cookies.get(context.cookie_name))
     if person is None:
-        raise SignInRequired("Sign in first.")
+        raise SignInRequired(said("sign_in_first"))
     return person
 
 

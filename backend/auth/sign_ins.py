@@ -14,6 +14,7 @@ from backend.auth.secret import MAX_SECRET, new_id, new_secret, sha256
 from backend.db.engine import Database
 from backend.db.tables.people import LinkRow, PersonRow, SignInRow
 from backend.errors import SignInRequired
+from backend.problem_texts import said
 from backend.settings import Settings
 
 ACTIVE: Final = "active"
@@ -141,7 +142,7 @@ class SignIns:
         await connection.execute(insert(SignInRow), [row])
         found = (await connection.execute(_of_cookie(sha256(cookie)))).one()
         if found.state != ACTIVE:
-            raise SignInRequired("This account is suspended; an administrator can lift that.")
+            raise SignInRequired(said("account_suspended"))
         person = _person(found)
         subject = f"person/{person_id}"
         await audit.record(connection, person, "sign_in", subject, {"method": method}, t_ms=now)

@@ -21,6 +21,7 @@ from backend.context import context_of
 from backend.db.engine import Database
 from backend.db.tables.clients import IdempotencyRow
 from backend.errors import BadRequest, Conflict, Unprocessable
+from backend.problem_texts import said
 
 HEADER: Final = "Idempotency-Key"
 REPLAYED: Final = "Idempotency-Replayed"
@@ -29,7 +30,7 @@ KEPT_MS: Final = 86_400_000
 LEASE_MS: Final = 120_000
 """So long the first request may be under way; after that its server is held to have stopped, and the key is free."""
 BAD_KEY: Final = BadRequest(f"{HEADER} is a printable text of at most {MAX_KEY} characters.")
-BUSY: Final = Conflict("The first request with this key is under way; ask again in a moment.")
+BUSY: Final = Conflict(said("first_request_under_way"))
 PARAMETER: Final[dict[str, Any]] = {
     "name": HEADER,
     "in": "header",

@@ -17,6 +17,7 @@ from backend.clients.store import Clients, sha256
 from backend.clients.tokens import Tokens
 from backend.db.tables.clients import ClientRow
 from backend.errors import Forbidden
+from backend.problem_texts import said
 from backend.settings import Settings
 from backend.tokens import Caller, TokenRefused, TokenVerifier
 from backend.uspace.service import USpace
@@ -49,7 +50,7 @@ class Machines:
         self.limits.admit(connection.scope, person.person_id)
         enough = _scopes_for(connection)
         if not enough:
-            raise Forbidden("This is not open to machines; a person has to sign in.")
+            raise Forbidden(said("not_for_machines"))
         caller.require(*enough)
         connection.state.scopes = caller.scopes
         return person
@@ -67,7 +68,7 @@ class Machines:
             return caller, None
         client = await self._clients.find(caller.subject)
         if client is None or client.revoked_ms is not None:
-            raise TokenRefused("The client was revoked.")
+            raise TokenRefused(said("client_revoked"))
         # What was taken away from the client since is in its older tokens no longer.
         return replace(caller, scopes=caller.scopes & frozenset(client.scopes.split())), client
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from backend.errors import TooManyRequests
+from backend.problem_texts import said
 
 
 class Streams:
@@ -29,9 +30,7 @@ class Streams:
                 f"You have as many streams open as anybody may ({self._most_each}); close one, or ask without a stream."
             )
         if self.count >= self._most:
-            raise TooManyRequests(
-                "As many streams are open as this server has; try again later, or ask without a stream."
-            )
+            raise TooManyRequests(said("streams_busy"))
 
     @contextmanager
     def held(self, person_id: str) -> Iterator[None]:

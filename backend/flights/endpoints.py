@@ -17,9 +17,10 @@ from backend.errors import BadRequest, NotFound, documented
 from backend.flights import store
 from backend.flights.grouping import GAP_MS
 from backend.flights.schemas import Flight, FlightFilters, FlightPage
+from backend.problem_texts import said
 
 router = APIRouter(tags=["flights"])
-_NOT_FOUND: Final = NotFound("There is no such flight; they are kept as long as positions are.")
+_NOT_FOUND: Final = NotFound(said("no_such_flight"))
 MAX_PATH: Final = 5_000
 FlightId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 
@@ -52,7 +53,7 @@ async def read_flight(request: Request, flight_id: FlightId, person: SignedInPer
     async with context.database.read() as database:
         row = await store.find(database, flight_id, person.scope)
         if row is None:
-            raise NotFound("There is no such flight; they are kept as long as positions are.")
+            raise NotFound(said("no_such_flight"))
         proofs = await store.proofs(database, row)
         path = await store.path(database, row, MAX_PATH) if geojson.wanted(request) else ()
     return geojson.one(

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from backend.errors import LedgerAway, NotFound
 from backend.mirror.source import BlockSource
+from backend.problem_texts import said
 from wonderland.ledger.blocks import Block, BlockSignature, block_signatures
 from wonderland.ledger.errors import BlockError, IdentityError, LedgerError
 from wonderland.ledger.identity import Identity
@@ -26,7 +27,7 @@ MAX_TEXT: Final = 200_000
 async def fetch_block(source: BlockSource | None, number: int) -> Block:
     """The block as the ledger has it. Raises `LedgerAway` where the ledger cannot be asked just now."""
     if source is None:
-        raise LedgerAway("This server has no ledger of its own to ask.")
+        raise LedgerAway(said("no_ledger_here"))
     blocks = source.blocks(number)
     try:
         async with asyncio.timeout(FETCH_TIMEOUT_S):

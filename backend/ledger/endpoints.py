@@ -24,6 +24,7 @@ from backend.ledger.schemas import (
 )
 from backend.metrics import CONTENT_TYPE, exposition
 from backend.people.masking import shown_json
+from backend.problem_texts import said
 from backend.responses import Json, page, resource
 
 router = APIRouter(tags=["ledger"], dependencies=SIGNED_IN)
@@ -130,7 +131,7 @@ async def read_transaction_contents(
     async with context.database.read() as database:
         found = await queries.transaction(database, tx_id, person)
     if found is None:
-        raise NotFound("No transaction with this id is on the ledger, as far as it was mirrored.")
+        raise NotFound(said("no_such_transaction"))
     row, _ = found
     if not queries.sees_contents(row, person):
         raise Forbidden("What a transaction contains is for officers, and for the organisation that sent it.")
@@ -152,7 +153,7 @@ async def read_transaction(
     async with context_of(request).database.read() as database:
         found = await queries.transaction(database, tx_id, person)
     if found is None:
-        raise NotFound("No transaction with this id is on the ledger, as far as it was mirrored.")
+        raise NotFound(said("no_such_transaction"))
     row, event = found
     shown = queries.shown_transaction(row, event)
     if event is not None and queries.sees_contents(row, person):

@@ -17,13 +17,14 @@ from backend.context import Context, context_of
 from backend.db.tables.ledger import DroneRow, PadRow
 from backend.db.tables.proof_requests import ProofRequestRow
 from backend.errors import BadRequest, Conflict, Forbidden, NotFound, Unprocessable, documented
+from backend.problem_texts import said
 from backend.proof_requests import route, store
 from backend.proof_requests.schemas import NewProofRequest, ProofRequest, ProofRequestFilters, ProofRequestPage
 from backend.responses import Json, page, resource
 from backend.webhooks import store as webhooks
 
 router = APIRouter(tags=["proof requests"])
-_NOT_FOUND: Final = NotFound("There is no such request.")
+_NOT_FOUND: Final = NotFound(said("no_such_request"))
 _SETTLED: Final = Conflict("This request is fulfilled; only a pending one can be taken back.")
 RequestId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 NO_STORE: Final = {"Cache-Control": "private, no-store"}
@@ -118,7 +119,7 @@ async def read_proof_request(request: Request, request_id: RequestId, person: Si
     async with context.database.read() as database:
         row = await store.find(database, request_id, person.scope)
         if row is None:
-            raise NotFound("There is no such request.")
+            raise NotFound(said("no_such_request"))
         content = await store.shown(database, row, context.clock())
     return resource(request, content)
 
@@ -133,7 +134,7 @@ async def cancel_proof_request(request: Request, request_id: RequestId, person: 
     async with context.database.read() as database:
         row = await store.find(database, request_id, person.scope)
         if row is None or (row.requested_by != person.person_id and not person.has("admin", "inspector")):
-            raise NotFound("There is no such request.")
+            raise NotFound(said("no_such_request"))
         state = (await store.shown(database, row, now))["state"]
     if state != "pending":
         raise Conflict(f"This request is {state}; only a pending one can be taken back.")

@@ -12,11 +12,12 @@ from backend.auth.access import SignedInPerson
 from backend.context import context_of
 from backend.errors import BadRequest, NotFound, documented
 from backend.languages import HEADER, language_of
+from backend.problem_texts import said
 from backend.proofs import queries
 from backend.proofs.schemas import Proof, ProofFilters, ProofPage
 
 router = APIRouter(tags=["proofs"])
-_NOT_FOUND: Final = NotFound("No proof with this id is on the ledger, as far as it was mirrored.")
+_NOT_FOUND: Final = NotFound(said("no_such_proof"))
 ProofId = Annotated[str, Path(pattern="^[0-9a-f]{64}$", description="Transaction id of the request")]
 _LANGUAGES: dict[str, Any] = {"parameters": [HEADER]}
 
@@ -57,7 +58,7 @@ async def read_proof(request: Request, proof_id: ProofId, person: SignedInPerson
     async with context_of(request).database.read() as database:
         row = await queries.find(database, proof_id, person.scope)
     if row is None:
-        raise NotFound("No proof with this id is on the ledger, as far as it was mirrored.")
+        raise NotFound(said("no_such_proof"))
     language = language_of(request)
     return geojson.one(
         request,

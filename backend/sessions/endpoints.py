@@ -14,6 +14,7 @@ from backend.context import context_of
 from backend.errors import BadRequest, NotFound, documented
 from backend.filters import SessionFilters
 from backend.ledger.queries import with_events
+from backend.problem_texts import said
 from backend.responses import page, record, resource
 from backend.sessions import queries
 from backend.sessions.course import course_of
@@ -25,7 +26,7 @@ from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import Verdict
 
 router = APIRouter(tags=["sessions"], dependencies=SIGNED_IN)
-_NOT_FOUND: Final = NotFound("No session with this id is on the ledger, as far as it was mirrored.")
+_NOT_FOUND: Final = NotFound(said("no_such_session"))
 FINDINGS_BEFORE_MS = 60_000
 """A drone's broadcasts are looked at from this long before its request."""
 MAX_FINDINGS = 100
@@ -55,7 +56,7 @@ async def read_session(request: Request, person: SignedInPerson, session_id: Ses
         view = await queries.view(database, session_id, person.scope)
         row = await queries.row(database, session_id)
         if view is None or row is None:
-            raise NotFound("No session with this id is on the ledger, as far as it was mirrored.")
+            raise NotFound(said("no_such_session"))
         verdict = await verdicts.find(database, session_id)
         evidence = await queries.evidence(database, session_id)
         transactions = await with_events(database, await queries.transactions(database, view))

@@ -20,6 +20,7 @@ from backend.errors import BadRequest, Conflict, Forbidden, NotFound, Preconditi
 from backend.events import feed
 from backend.events.feed import Place
 from backend.filters import Paging
+from backend.problem_texts import said
 from backend.responses import Json, etag_of, page, require_match, resource
 from backend.webhooks import signing, store
 from backend.webhooks.schemas import (
@@ -35,7 +36,7 @@ from backend.webhooks.schemas import (
 from backend.webhooks.targets import TargetRefused, resolved
 
 router = APIRouter(tags=["subscriptions"])
-_NOT_FOUND: Final = NotFound("There is no such subscription.")
+_NOT_FOUND: Final = NotFound(said("no_such_subscription"))
 MAX_EACH: Final = 20
 SubscriptionIdPath = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 DeliveryIdPath = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
@@ -190,7 +191,7 @@ async def list_deliveries(
     responses=documented(
         idempotency.BAD_KEY,
         Forbidden,
-        NotFound("There is no such delivery; they are kept for two weeks."),
+        NotFound(said("no_such_delivery")),
         idempotency.BUSY,
         Unprocessable,
     ),
@@ -207,7 +208,7 @@ async def redeliver(
             await _theirs(database, subscription_id, person)
             row = await database.get(DeliveryRow, delivery_id)
         if row is None or row.subscription_id != subscription_id:
-            raise NotFound("There is no such delivery; they are kept for two weeks.")
+            raise NotFound(said("no_such_delivery"))
         async with context.database.write() as connection:
             await store.again(connection, delivery_id, context.clock())
         async with context.database.read() as database:
@@ -230,5 +231,5 @@ async def _theirs(database: AsyncSession, subscription_id: str, person: Person) 
     """Raises `NotFound` for what is not theirs, too."""
     row = await database.get(SubscriptionRow, subscription_id)
     if row is None or (row.owner != person.person_id and not person.has("admin")):
-        raise NotFound("There is no such subscription.")
+        raise NotFound(said("no_such_subscription"))
     return row

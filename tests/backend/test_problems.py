@@ -1,18 +1,26 @@
-"""Problems in Finnish: every kind has its title, and no translation outlives the English text that it is of."""
+"""Problems in every language: each kind has its title, and no sentence of the catalogue is left over."""
 
 from __future__ import annotations
 
 import contextlib
 import importlib
 import pkgutil
-import re
 from pathlib import Path
 
+import pytest
+
 import backend
-from backend import problems_fi
+from backend import problem_texts
 from backend.errors import Problem
+from wonderland import messages
 
 SOURCE = Path(backend.__file__).parent
+
+
+def finnish_of(english):
+    """What stands for an English sentence in the Finnish catalogue."""
+    (key,) = [key for key in messages.keys_of("problems") if messages.text("problems", key, {}) == english]
+    return messages.text("problems", key, {}, "fi")
 
 
 def kinds():
@@ -26,16 +34,18 @@ def kinds():
     return found
 
 
-def test_every_kind_of_problem_has_a_finnish_title():
-    assert kinds() <= set(problems_fi.TITLES)
+def test_every_kind_of_problem_has_its_title():
+    assert kinds() <= messages.keys_of("problem-titles")
+    assert messages.keys_of("problem-titles") == messages.keys_of("problem-titles", "fi")
 
 
-def test_every_finnish_detail_is_of_a_text_that_the_backend_says():
-    said = "".join(path.read_text() for path in SOURCE.rglob("*.py") if path.name != "problems_fi.py")
-    # A text may go on in the next line of the source.
-    said = re.sub(r'"\s*\n\s*f?"', "", said)
-    missing = [english for english in problems_fi.DETAILS if f'"{english}"' not in said]
-    assert missing == []
+def test_every_sentence_is_one_that_the_backend_says_and_in_every_language():
+    said = "".join(path.read_text() for path in SOURCE.rglob("*.py"))
+    unused = [key for key in messages.keys_of("problems") if f'said("{key}"' not in said]
+    assert unused == []
+    assert messages.keys_of("problems") == messages.keys_of("problems", "fi")
+    with pytest.raises(KeyError):
+        problem_texts.said("nothing_of_the_kind")
 
 
 async def test_the_request_chooses_the_language(running):
@@ -47,7 +57,7 @@ async def test_the_request_chooses_the_language(running):
         assert told["fi"]["title"] == title
         assert told["sv"] == told["en"] != told["fi"]
         assert told["fi"]["type"] == told["en"]["type"]
-        assert told["fi"]["detail"] == problems_fi.DETAILS[told["en"]["detail"]]
+        assert told["fi"]["detail"] == finnish_of(told["en"]["detail"])
     running.http.cookies.clear()
     answer = await running.get("/pads", headers={"Accept-Language": "fi"})
     assert (answer.status_code, answer.json()["detail"]) == (401, "Kirjaudu ensin.")

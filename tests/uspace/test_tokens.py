@@ -76,10 +76,10 @@ async def test_an_audience_may_be_one_of_several(authority, new_verifier):
         ({"without": ("sub",)}, "whose it is"),
         ({"sub": ""}, "whose it is"),
         ({"scope": ["rid.display_provider"]}, "scope is not a text"),
-        ({"key": "second"}, "none of its issuer's"),
+        ({"key": "second"}, "none of its issuer’s"),
         ({"key": "stranger"}, "signature"),
-        ({"header": {"kid": "x"}}, "none of its issuer's"),
-        ({"header": {"kid": None}}, "none of its issuer's"),
+        ({"header": {"kid": "x"}}, "none of its issuer’s"),
+        ({"header": {"kid": None}}, "none of its issuer’s"),
     ],
 )
 async def test_a_token_that_must_not_be_believed(authority, new_verifier, change, words):
@@ -183,7 +183,7 @@ async def test_a_new_key_is_found_and_made_up_ones_are_not_looked_for_all_the_ti
     clock.pass_s(REFETCH_S + 1)
     assert await verifier.verify(token(key="second"), None)
     assert authority.jwks_asked == 2
-    with pytest.raises(TokenRefused, match="none of its issuer's"):
+    with pytest.raises(TokenRefused, match="none of its issuer’s"):
         await verifier.verify(token(key="first"), None)
 
 
