@@ -29,39 +29,37 @@ def test_what_the_agent_says_is_taken_in_and_given_out(state):
     assert DriftHealth.model_validate(said).extra_sigma_mm == (state.extra_sigma_mm or None)
 
 
-@pytest.mark.parametrize(
-    ("state", "why"),
-    [
-        (STATES[0], "anchor A3 stands about 11 cm from its place, nothing is proved there"),
-        (STATES[1], "its anchors together, 180 mm of uncertainty are added"),
-        (STATES[2], None),
-    ],
-)
-def test_the_alert_says_which_anchor_and_what_follows(state, why):
+def conditions(state):
     pads = [
         ("roof", NOW_MS, json.dumps({"drift": telemetry.plain(state.health())})),
         ("other", NOW_MS, json.dumps({"prekeys": 1})),
     ]
-    found = list(pad_conditions(pads, lambda _: True, NOW_MS))
-    assert [(each.kind, each.pad_id, each.facts["why"]) for each in found] == (
-        [("pad_drifting", "roof", why)] if why else []
+    return list(pad_conditions(pads, lambda _: True, NOW_MS))
+
+
+@pytest.mark.parametrize(
+    ("state", "facts"),
+    [
+        (STATES[0], {"state": "moved", "anchor_id": "A3", "off_mm": 114, "extra_sigma_mm": 115}),
+        (STATES[1], {"state": "widened", "anchor_id": "all", "off_mm": 0, "extra_sigma_mm": 180}),
+        (STATES[2], None),
+    ],
+    ids=lambda value: getattr(value, "state", ""),
+)
+def test_the_alert_says_which_anchor_and_what_follows(state, facts):
+    found = conditions(state)
+    assert [(each.kind, each.pad_id, each.facts) for each in found] == (
+        [("pad_drifting", "roof", facts)] if facts else []
     )
 
 
 def test_what_the_alert_says_can_be_said_in_any_language():
-    (moved, drifting) = (
-        next(
-            iter(
-                pad_conditions(
-                    [("roof", NOW_MS, json.dumps({"drift": telemetry.plain(state.health())}))], lambda _: True, NOW_MS
-                )
-            )
-        )
-        for state in STATES[:2]
-    )
-    assert (moved.facts["state"], moved.facts["anchor_id"], moved.facts["off_mm"]) == ("moved", "A3", 114)
-    said = plain_text("pad_drifting", "roof", None, moved.facts, "fi")
-    assert "ankkuri A3 on noin 11 cm paikaltaan" in said
-    assert "ankkurit yhdessä, epävarmuutta lisätään 180 mm" in plain_text(
-        "pad_drifting", "roof", None, drifting.facts, "fi"
-    )
+    (moved,), (drifting,) = conditions(STATES[0]), conditions(STATES[1])
+
+    def said(condition, language):
+        return plain_text("pad_drifting", "roof", None, condition.facts, language).replace("\N{NO-BREAK SPACE}", " ")
+
+    assert "anchor A3 stands about 0.11 m from its place, and nothing is proved there" in said(moved, "en")
+    assert "ankkuri A3 on noin 0,11 m päässä paikaltaan" in said(moved, "fi")
+    assert "its anchors together; 0.18 m of uncertainty are added" in said(drifting, "en")
+    assert "0,18 m" in said(drifting, "fi")

@@ -1,9 +1,9 @@
 import { lazy, type ReactElement } from "react";
 import { LivePage } from "../live-map/LivePage";
-import { SessionsPage } from "../sessions/SessionsPage";
-import { VerdictsPage } from "../verdicts/VerdictsPage";
 import type { Place, PlainRoom } from "./location";
 
+const SessionsPage = lazy(() => import("../sessions/SessionsPage").then(({ SessionsPage: Page }) => ({ default: Page })));
+const VerdictsPage = lazy(() => import("../verdicts/VerdictsPage").then(({ VerdictsPage: Page }) => ({ default: Page })));
 const SessionPage = lazy(() => import("../sessions/SessionPage").then(({ SessionPage: Page }) => ({ default: Page })));
 const AlertsRoom = lazy(() => import("../alerts/AlertsRoom").then(({ AlertsRoom: Room }) => ({ default: Room })));
 const StatisticsRoom = lazy(() => import("../statistics/StatisticsRoom").then(({ StatisticsRoom: Room }) => ({ default: Room })));
