@@ -36,11 +36,18 @@ DESCRIPTION = NetworkDescription.parse(
 
 
 @pytest.fixture(scope="module")
-def robust(fabric, network_class, tmp_path_factory):
+def network_of_many(fabric, network_class, tmp_path_factory):
     """Three orderers, and two peers of the organisations that endorse."""
     network = network_class.start(tmp_path_factory.mktemp("faults") / "net", DESCRIPTION)
     yield network
     network.down()
+
+
+@pytest.fixture
+def robust(network_of_many):
+    """All of it up: what an earlier test killed and did not come to bring up again says nothing about this one."""
+    network_of_many.up()
+    return network_of_many
 
 
 async def leader(network):
