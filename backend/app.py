@@ -39,15 +39,17 @@ from backend.ledger.status import MirrorStatus
 from backend.live.board import Board
 from backend.live.hub import Hub
 from backend.maps.service import Maps
+from backend.metrics import Metrics
 from backend.mirror.derive import Changes
 from backend.mirror.follow import Mirror
 from backend.mirror.source import BlockSource
 from backend.outputs.mqtt import MqttOutput
+from backend.parts import Parts
 from backend.replay.arrivals import Connections, note_blocks, note_unknown
 from backend.routes import new_app
 from backend.settings import Settings
 from backend.tracks import queries as track_queries
-from backend.transactions.enrolment import Registrar
+from backend.transactions.enrolment import DemoRegistrar, Registrar
 from backend.transactions.keys import SigningKeys
 from backend.transactions.service import Signing
 from backend.uspace.service import USpace
@@ -101,28 +103,26 @@ class Backend:
         board = Board(mirror=status, agents=agents, clock=clock, version=__version__, epoch=epoch, demo=settings.demo)
         self._connections = Connections(database, epoch, clock)
         agents.on_change = self._connection_changed
-        self.context = Context(
-            settings=settings,
-            database=database,
+        hub = Hub(
+            board,
+            epoch=epoch,
             clock=clock,
-            randomness=randomness,
+            tick_ms=settings.tick_ms,
+            ring_bytes=settings.ring_bytes,
+            client_queue_bytes=settings.client_queue_bytes,
+            max_viewers=settings.max_viewers,
+        )
+        intake = Intake(database, board, clock)
+        self.context = Context(settings, database, clock, randomness, http, epoch, __version__)
+        self.parts = Parts(
             sign_ins=SignIns(database, settings, clock, randomness),
             attempts=Attempts(settings.sign_in_attempts),
-            http=http,
             mirror=status,
             board=board,
-            hub=Hub(
-                board,
-                epoch=epoch,
-                clock=clock,
-                tick_ms=settings.tick_ms,
-                ring_bytes=settings.ring_bytes,
-                client_queue_bytes=settings.client_queue_bytes,
-                max_viewers=settings.max_viewers,
-            ),
+            hub=hub,
             agents=agents,
             members=members,
-            intake=Intake(database, board, clock),
+            intake=intake,
             uspace=uspace,
             clients=clients,
             machines=machines_of(settings, clients, uspace, clock, randomness),
@@ -130,18 +130,16 @@ class Backend:
             streams=Streams(settings.max_event_streams, settings.max_event_streams_each),
             poster=poster_of(settings),
             maps=Maps(settings.map, http),
+            metrics=Metrics(status, hub, agents, intake, uspace, clock),
+            signing_keys=SigningKeys(database, members, clock),
             assets=assets,
             source=source,
-            instance="",
-            epoch=epoch,
-            version=__version__,
-            signing_keys=SigningKeys(database, members, clock),
             ledger=ledger,
             signing=Signing(database, ledger, clock, per_minute=settings.signed_per_minute) if ledger else None,
-            demo_registrar=demo_registrar,
+            demo_registrar=DemoRegistrar(demo_registrar) if demo_registrar else None,
         )
         self._alerts = Alerts(settings, board, clock)
-        self.watch = Watch(self.context)
+        self.watch = Watch(self.context, status, agents, board)
         self._mirror = (
             Mirror(
                 database,
@@ -158,45 +156,45 @@ class Backend:
             else None
         )
         self.app = new_app(settings, allowed_hosts, console_directory)
-        self.app.state.context = self.context
+        self.app.state.parts = self.parts.by_type(self.context)
 
     async def start(self) -> None:
         """Fill the board from the (migrated) database and start the parts that run by themselves."""
         self.context.instance = await _instance(self.database, self.context)
-        await asyncio.to_thread(self.context.maps.check)
+        await asyncio.to_thread(self.parts.maps.check)
         async with self.database.read() as session:
-            await self.context.board.load(session)
+            await self.parts.board.load(session)
             organisations = (await session.execute(select(OrganisationRow.msp_id, OrganisationRow.definition))).all()
-        self.context.members.configure((msp_id, definition) for msp_id, definition in organisations)
-        self.context.mirror.level_ms = self.context.clock()
+        self.parts.members.configure((msp_id, definition) for msp_id, definition in organisations)
+        self.parts.mirror.level_ms = self.context.clock()
         async with self.database.write() as connection:
             await make_ahead(connection, self.context.clock())
             await note_unknown(connection)
-        self._run(self.context.intake.run(), "intake")
-        self.context.uspace.attach(self.context.intake, self.context.agents, self.database)
-        self._run(self.context.uspace.run(self.context.instance), "uspace")
+        self._run(self.parts.intake.run(), "intake")
+        self.parts.uspace.attach(self.parts.intake, self.parts.agents, self.database)
+        self._run(self.parts.uspace.run(self.context.instance), "uspace")
         self._run(self._connections.run(), "connections")
-        self._run(self.context.hub.run(), "hub")
+        self._run(self.parts.hub.run(), "hub")
         self._run(self._tidy(), "tidy")
         self._run(self._check(), "check")
-        if self.context.assets is not None:
+        if self.parts.assets is not None:
             anchoring = Anchoring(
-                self.database, self.context.assets, every_s=self.settings.audit_anchor_s, clock=self.context.clock
+                self.database, self.parts.assets, every_s=self.settings.audit_anchor_s, clock=self.context.clock
             )
             self._run(anchoring.run(self.context.instance), "audit")
-        told = Webhooks(self.database, self.context.poster, self.context.commits, self.context.clock)
+        told = Webhooks(self.database, self.parts.poster, self.parts.commits, self.context.clock)
         self._run(told.run(), "webhooks")
-        if self.context.signing is not None:
-            await self.context.signing.resume()
+        if self.parts.signing is not None:
+            await self.parts.signing.resume()
         if self._mirror is not None:
             self._run(self._mirror.run(), "mirror")
             self._run(self.watch.run(), "watch")
         if (mqtt := self.settings.outputs.mqtt) is not None:
-            self._run(MqttOutput(mqtt, self.context.hub, self.context.instance).run(), "mqtt")
+            self._run(MqttOutput(mqtt, self.parts.hub, self.context.instance).run(), "mqtt")
         if (tak := self.settings.outputs.tak) is not None:
             from backend.outputs.tak import TakOutput  # noqa: PLC0415 - pytak brings much along
 
-            self._run(TakOutput(tak, self.context.hub, self.context.clock).run(), "tak")
+            self._run(TakOutput(tak, self.parts.hub, self.context.clock).run(), "tak")
         if self.settings.alert_emails or self.settings.alert_webhooks:
             self._run(Delivery(self.database, self.settings, self.context.clock).run(), "delivery")
 
@@ -207,17 +205,17 @@ class Backend:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         self._tasks.clear()
-        if self.context.signing is not None:
-            await self.context.signing.stop()
-        await self.context.uspace.close()
-        await self.context.poster.close()
+        if self.parts.signing is not None:
+            await self.parts.signing.stop()
+        await self.parts.uspace.close()
+        await self.parts.poster.close()
         await self.context.http.aclose()
         await self.database.close()
 
     def end_streams(self) -> None:
         """End what would last as long as the server: live connections, event streams."""
-        self.context.hub.close()
-        self.context.commits.stop()
+        self.parts.hub.close()
+        self.parts.commits.stop()
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[Backend]:
@@ -240,11 +238,11 @@ class Backend:
         if error is not None:
             logger.critical("%s ended by an unexpected error", task.get_name(), exc_info=error)
             if task.get_name() == "mirror":
-                self.context.mirror.halted = f"The mirror ended by an unexpected error: {type(error).__name__}: {error}"
+                self.parts.mirror.halted = f"The mirror ended by an unexpected error: {type(error).__name__}: {error}"
 
     def _connection_changed(self, pad_id: str) -> None:
-        self.context.board.connection_changed(pad_id)
-        self._connections.changed(pad_id, connected=self.context.agents.is_connected(pad_id))
+        self.parts.board.connection_changed(pad_id)
+        self._connections.changed(pad_id, connected=self.parts.agents.is_connected(pad_id))
 
     async def _in_transaction(self, connection: AsyncConnection, changes: Changes) -> None:
         await note_blocks(connection, changes.blocks, self.context.clock())
@@ -252,15 +250,15 @@ class Backend:
 
     def _committed(self, changes: Changes) -> None:
         if changes.organisations is not None:
-            self.context.members.configure((row["msp_id"], row["definition"]) for row in changes.organisations)
+            self.parts.members.configure((row["msp_id"], row["definition"]) for row in changes.organisations)
             self._dismiss()
-        self.context.board.commit(changes)
+        self.parts.board.commit(changes)
         self._alerts.committed()
-        self.context.commits.pulse()
+        self.parts.commits.pulse()
 
     def _dismiss(self) -> None:
         now = self.context.clock()
-        self.context.agents.dismiss(lambda msp_id, creator: self.context.members.is_member(msp_id, creator, now))
+        self.parts.agents.dismiss(lambda msp_id, creator: self.parts.members.is_member(msp_id, creator, now))
 
     async def _tidy(self) -> None:
         while True:
@@ -279,14 +277,14 @@ class Backend:
         while True:
             await asyncio.sleep(CHECK_EVERY_S)
             self._dismiss()
-            for person in self.context.hub.people():
+            for person in self.parts.hub.people():
                 try:
-                    found = await self.context.sign_ins.find_by_hash(person)
+                    found = await self.parts.sign_ins.find_by_hash(person)
                 except Exception:
                     logger.exception("a sign-in could not be checked; trying again later")
                     break
                 if found is None:
-                    self.context.hub.close_person(person)
+                    self.parts.hub.close_person(person)
 
 
 async def _instance(database: Database, context: Context) -> str:

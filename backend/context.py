@@ -1,85 +1,42 @@
-"""What the parts of a running backend share, handed to endpoints through the application's state."""
+"""What every part of a running backend stands on, and how an endpoint gets the parts that it needs.
+
+An endpoint names what it needs in its signature: ``context: ContextDep, hub: HubDep``. Each part declares its own
+``…Dep`` beside its class, so that nothing here knows the parts.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
 
+from fastapi import Depends
 from starlette.requests import HTTPConnection
 
-from backend.auth.sign_ins import SignIns
 from backend.db.engine import Database
-from backend.ledger.status import MirrorStatus
 from backend.settings import Settings
 
 if TYPE_CHECKING:
     import httpx
 
-    from backend.auth.attempts import Attempts
-    from backend.clients.machines import Machines
-    from backend.clients.store import Clients
-    from backend.events.feed import Commits
-    from backend.events.streams import Streams
-    from backend.ingest.agents import Agents
-    from backend.ingest.identity import Members
-    from backend.ingest.intake import Intake
-    from backend.ledger.access import LedgerAccess
-    from backend.live.board import Board
-    from backend.live.hub import Hub
-    from backend.maps.service import Maps
-    from backend.mirror.source import BlockSource
-    from backend.transactions.enrolment import Registrar
-    from backend.transactions.keys import SigningKeys
-    from backend.transactions.service import Signing
-    from backend.uspace.service import USpace
-    from backend.webhooks.post import Poster
-    from wonderland.ledger.proof_contract import ProofContract
+T = TypeVar("T")
 
 
 @dataclass
 class Context:
-    """One running backend."""
+    """One running backend: its settings, database, clock, randomness and name."""
 
     settings: Settings
     database: Database
     clock: Callable[[], int]
     """Milliseconds since the Unix epoch."""
     randomness: Callable[[int], bytes]
-    sign_ins: SignIns
-    attempts: Attempts
     http: httpx.AsyncClient
     """For asking other systems; bounded, without redirects."""
-    mirror: MirrorStatus
-    board: Board
-    hub: Hub
-    agents: Agents
-    members: Members
-    intake: Intake
-    uspace: USpace
-    clients: Clients
-    machines: Machines
-    commits: Commits
-    """Wakes whoever waits for the next block."""
-    streams: Streams
-    """Event streams (SSE) that are open."""
-    poster: Poster
-    maps: Maps
-    assets: ProofContract | None
-    """The contract as the identity that anchors the audit log; None where there is none."""
-    source: BlockSource | None
-    """The ledger itself, for what the mirror does not keep."""
-    instance: str
     epoch: str
     version: str
-    signing_keys: SigningKeys
-    ledger: LedgerAccess | None = None
-    """For what more is asked of the ledger than its blocks; None where this backend has none."""
-    signing: Signing | None = None
-    demo_registrar: Registrar | None = None
-    """In a demo: gives anybody who is signed in any role on the ledger."""
-    allowed_hosts: frozenset[str] = field(default_factory=frozenset)
-    """Host names (without port) by which this server may be addressed; empty: any."""
+    instance: str = ""
+    """Of the database, from the start on."""
 
     @property
     def cookie_name(self) -> str:
@@ -88,8 +45,35 @@ class Context:
         return f"__Host-{name}" if self.settings.is_https else name
 
 
-def context_of(connection: HTTPConnection) -> Context:
-    """The context of a request or WebSocket."""
-    found = connection.app.state.context
-    assert isinstance(found, Context)
+def part_of(connection: HTTPConnection, kind: type[T]) -> T | None:
+    """The one part of that type of the backend that serves this request; None where it has none."""
+    parts: Mapping[type, object] = connection.app.state.parts
+    return cast("T | None", parts.get(kind))
+
+
+def required(connection: HTTPConnection, kind: type[T]) -> T:
+    """The same for a part that every backend has, where no signature can name it."""
+    found = part_of(connection, kind)
+    assert found is not None, kind
     return found
+
+
+def part(kind: type[T]) -> Any:
+    """A dependency for a part that every backend has, as ``HubDep`` is made."""
+
+    async def find(connection: HTTPConnection) -> T:
+        return required(connection, kind)
+
+    return Depends(find)
+
+
+def maybe(kind: type[T]) -> Any:
+    """A dependency for a part that some backends have, as ``DemoRegistrarDep`` is made."""
+
+    async def find(connection: HTTPConnection) -> T | None:
+        return part_of(connection, kind)
+
+    return Depends(find)
+
+
+ContextDep = Annotated[Context, part(Context)]

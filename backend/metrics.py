@@ -2,54 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Annotated, Final
 
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from backend.context import Context
+from backend.context import part
+from backend.ingest.agents import Agents
+from backend.ingest.intake import Intake
+from backend.ledger.status import MirrorStatus
+from backend.live.hub import Hub
+from backend.uspace.service import USpace
 
 CONTENT_TYPE: Final = CONTENT_TYPE_LATEST
 
 
-class _Parts(Collector):
-    """Looks at a context's parts."""
+@dataclass(frozen=True, eq=False)
+class Metrics(Collector):
+    """Looks at the parts. `clock` gives milliseconds since the Unix epoch."""
 
-    def __init__(self, context: Context) -> None:
-        self._context = context
+    mirror: MirrorStatus
+    hub: Hub
+    agents: Agents
+    intake: Intake
+    uspace: USpace
+    clock: Callable[[], int]
+
+    def exposition(self) -> bytes:
+        """The text that Prometheus reads."""
+        registry = CollectorRegistry()
+        registry.register(self)
+        return generate_latest(registry)
 
     def collect(self) -> Iterable[Metric]:
         """The metrics of now."""
-        context = self._context
-        mirror, hub, intake = context.mirror, context.hub, context.intake
+        mirror, hub, intake, uspace = self.mirror, self.hub, self.intake, self.uspace
         yield _gauge("mirror_blocks", "Blocks mirrored", mirror.mirrored)
         yield _gauge("mirror_height_blocks", "Blocks that the ledger is known to have", mirror.height)
-        yield _gauge("mirror_lag_seconds", "Since when the mirror is behind", mirror.lag_ms(context.clock()) / 1000)
+        yield _gauge("mirror_lag_seconds", "Since when the mirror is behind", mirror.lag_ms(self.clock()) / 1000)
         yield _gauge(
             "mirror_halted", "1 when the mirror has halted until somebody looks", int(mirror.halted is not None)
         )
         yield _gauge("mirror_connected", "1 while the ledger can be reached", int(mirror.connected))
         yield _counter("mirror_transactions", "Transactions mirrored since the start", mirror.transactions)
         yield _counter("mirror_unread_writes", "Writes that could not be read since the start", mirror.unread)
-        yield _gauge("ingest_agents", "Agents connected", len(context.agents))
+        yield _gauge("ingest_agents", "Agents connected", len(self.agents))
         yield _counter("ingest_records", "Agents' records taken in since the start", intake.records)
         yield _counter("ingest_rejected", "Agents' records rejected since the start", intake.rejected)
         yield _gauge("live_clients", "Live connections", len(hub))
         yield _counter("live_frames", "Live frames queued for clients since the start", hub.frames)
         yield _counter("live_bytes", "Characters of these; of those that go packed, bytes", hub.bytes)
         yield _counter("live_closed_slow", "Live connections closed because they fell behind", hub.closed_slow)
-        yield _gauge("uspace_flights", "Flights that other U-space systems are told of", context.uspace.served)
-        yield _gauge("uspace_areas", "Identification service areas that stand in the DSS", len(context.uspace.areas))
-        yield _counter("uspace_problems", "Times that an area could not be announced", context.uspace.problems)
+        yield _gauge("uspace_flights", "Flights that other U-space systems are told of", uspace.served)
+        yield _gauge("uspace_areas", "Identification service areas that stand in the DSS", len(uspace.areas))
+        yield _counter("uspace_problems", "Times that an area could not be announced", uspace.problems)
 
 
-def exposition(context: Context) -> bytes:
-    """The text that Prometheus reads."""
-    registry = CollectorRegistry()
-    registry.register(_Parts(context))
-    return generate_latest(registry)
+MetricsDep = Annotated[Metrics, part(Metrics)]
 
 
 def _gauge(name: str, text: str, value: float) -> Metric:

@@ -61,7 +61,7 @@ API: Final = "/api/v1"
 
 
 def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory: Path | None) -> FastAPI:
-    """The routes; what they work on is in ``app.state.context``."""
+    """The routes; what they work on is in ``app.state.parts``."""
     app = FastAPI(
         title="Wonderland",
         version=__version__,

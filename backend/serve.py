@@ -183,7 +183,7 @@ async def serve(settings: Settings, listen: Listen, *, token_file: Path | None, 
             if not (await lock.take() or await _stood_by(lock, bound, url, settings, as_json=as_json)):
                 return
             async with backend_of(settings, hosts) as backend:
-                token = await links.at_start(backend.database, backend.context.sign_ins, demo=settings.demo)
+                token = await links.at_start(backend.database, backend.parts.sign_ins, demo=settings.demo)
                 if token_file is not None and token is not None:
                     write_atomic(token_file, token.encode() + b"\n")
                 await _serve_until_told(backend, bound, lock, Ready(url, token, settings, as_json=as_json))

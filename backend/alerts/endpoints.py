@@ -14,10 +14,11 @@ from backend.alerts.kinds import plain_text
 from backend.alerts.schemas import Act, Alert, AlertCount, AlertDetail, AlertFilters, AlertPage
 from backend.auth.access import SIGNED_IN, SignedInPerson, require
 from backend.auth.person import AUTHORITY, Person
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.db.tables.alerts import AlertDeliveryRow, AlertRow
 from backend.errors import BadRequest, Conflict, Forbidden, NotFound, documented
 from backend.languages import HEADER, Language, language_of
+from backend.live.board import BoardDep
 from backend.people.masking import shown_act, shown_alert
 from backend.problem_texts import said
 from backend.responses import Json, page, resource
@@ -29,9 +30,9 @@ AlertId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 
 
 @router.get("/alerts", response_model=AlertPage, responses=documented(BadRequest, etag=True), openapi_extra=_LANGUAGE)
-async def list_alerts(request: Request, person: SignedInPerson, filters: AlertFilters) -> Response:
+async def list_alerts(request: Request, context: ContextDep, person: SignedInPerson, filters: AlertFilters) -> Response:
     """Alerts, newest first."""
-    context, language = context_of(request), language_of(request)
+    language = language_of(request)
     place = filters.after_place(int, str)
     async with context.database.read() as database:
         position = (place[0], place[1]) if place else None
@@ -45,9 +46,8 @@ async def list_alerts(request: Request, person: SignedInPerson, filters: AlertFi
 
 
 @router.get("/alerts/count", response_model=AlertCount, responses=documented())
-async def count_alerts(request: Request, person: SignedInPerson) -> Response:
+async def count_alerts(context: ContextDep, person: SignedInPerson) -> Response:
     """How many wait in the inbox; the live interface holds the newest 500."""
-    context = context_of(request)
     async with context.database.read() as database:
         size = await store.inbox_size(database, person.scope, context.clock())
     return Json({"inbox": size}, headers={"Cache-Control": "private, no-store"})
@@ -59,9 +59,9 @@ async def count_alerts(request: Request, person: SignedInPerson) -> Response:
     responses=documented(_NOT_FOUND, etag=True),
     openapi_extra=_LANGUAGE,
 )
-async def read_alert(request: Request, person: SignedInPerson, alert_id: AlertId) -> Response:
+async def read_alert(request: Request, context: ContextDep, person: SignedInPerson, alert_id: AlertId) -> Response:
     """One alert, with what was done about it and who was told."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         row = await store.find(database, person.scope, alert_id)
         acts = await store.acts_of(database, alert_id)
         query = select(AlertDeliveryRow).where(AlertDeliveryRow.alert_id == alert_id).order_by(AlertDeliveryRow.target)
@@ -80,14 +80,15 @@ async def read_alert(request: Request, person: SignedInPerson, alert_id: AlertId
     responses=documented(Forbidden, _NOT_FOUND, Conflict),
     openapi_extra=_LANGUAGE,
 )
-async def act_on_alert(request: Request, alert_id: AlertId, body: Act, person: SignedInPerson) -> Response:
+async def act_on_alert(
+    request: Request, context: ContextDep, board: BoardDep, alert_id: AlertId, body: Act, person: SignedInPerson
+) -> Response:
     """Acknowledge, assign, snooze, reopen, or leave a note. Refused when somebody else has acted meanwhile."""
-    context = context_of(request)
     require(person, "admin", "inspector", "pad_operator", "fleet_operator")
     async with context.database.read() as database:
         await store.find(database, person.scope, alert_id)
     row = await store.act(context.database, alert_id, person, body, context.clock())
-    context.board.alert(store.shown(row))
+    board.alert(store.shown(row))
     return Json(_shown(row, person, language_of(request)), headers={"Cache-Control": "private, no-store"})
 
 

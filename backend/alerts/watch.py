@@ -22,6 +22,9 @@ from backend.context import Context
 from backend.db.tables.alerts import AlertRow
 from backend.db.tables.ledger import ClosuresRow, PadRow, VerdictRow
 from backend.db.tables.reported import HealthRow, TrackRow
+from backend.ingest.agents import Agents
+from backend.ledger.status import MirrorStatus
+from backend.live.board import Board
 from backend.zones.differing import Differing
 
 logger = logging.getLogger(__name__)
@@ -77,9 +80,8 @@ def _drift(drift: dict[str, Any]) -> dict[str, Any]:
     return {"state": state, "anchor_id": anchor or "all", "off_mm": off_mm or 0, "extra_sigma_mm": extra_mm or 0}
 
 
-def ledger_conditions(context: Context, now_ms: int) -> Iterable[Condition]:
+def ledger_conditions(mirror: MirrorStatus, now_ms: int) -> Iterable[Condition]:
     """The mirror halted, or not level for long because the ledger is away."""
-    mirror = context.mirror
     if mirror.halted is not None:
         yield Condition("ledger_halted", mirror.channel, now_ms, None, {"why": mirror.halted[:500]})
     elif not mirror.connected and mirror.lag_ms(now_ms) > AWAY_MS:
@@ -104,8 +106,11 @@ def differing_conditions(pads: Iterable[tuple[str, str]], now_ms: int) -> Iterab
 class Watch:
     """Looks every few seconds; `look` once by itself for tests."""
 
-    def __init__(self, context: Context) -> None:
+    def __init__(self, context: Context, mirror: MirrorStatus, agents: Agents, board: Board) -> None:
         self._context = context
+        self._mirror = mirror
+        self._agents = agents
+        self._board = board
         self._differing = Differing()
 
     async def run(self) -> None:
@@ -138,9 +143,9 @@ class Watch:
             ).all()
             found = [
                 *closure_conditions(((each[0], each[1]) for each in closures), now),
-                *pad_conditions(((each[0], each[1], each[2]) for each in pads), self._context.agents.is_connected, now),
-                *ledger_conditions(self._context, now),
-                *await certificates.conditions(session, self._context.agents, lasting, now),
+                *pad_conditions(((each[0], each[1], each[2]) for each in pads), self._agents.is_connected, now),
+                *ledger_conditions(self._mirror, now),
+                *await certificates.conditions(session, self._agents, lasting, now),
                 *differing_conditions(await self._differing.look(session, now), now),
                 *oddities.conditions(await oddities.recent(session, now)),
             ]
@@ -157,7 +162,7 @@ class Watch:
             ended = await store.end(connection, over, now)
         async with self._context.database.read() as session:
             for row in await store.by_ids(session, [*raised, *ended]):
-                self._context.board.alert(store.shown(row))
+                self._board.alert(store.shown(row))
 
     async def _unmatched(self, session: Any, now: int) -> list[Alert]:
         """Permissions that no broadcast followed, at pads that hear broadcasts."""

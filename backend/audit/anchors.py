@@ -7,11 +7,14 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Any, Final, Protocol
+from typing import Annotated, Any, Final, Protocol
 
+from fastapi import Depends
 from sqlalchemy import select
+from starlette.requests import HTTPConnection
 
 from backend.audit.chain import record
+from backend.context import ContextDep, part_of
 from backend.db.engine import Database
 from backend.db.tables.audit import AuditRow
 from backend.db.tables.reported import InstanceRow
@@ -74,6 +77,15 @@ class Anchors:
 
     def _id(self, day: datetime) -> str:
         return f"audit-head/{self._instance}/{day:%Y-%m-%d}"
+
+
+async def anchors_of(connection: HTTPConnection, context: ContextDep) -> Anchors | None:
+    """A dependency: None where no identity of this backend may anchor the log."""
+    contract = part_of(connection, ProofContract)
+    return None if contract is None else Anchors(contract, context.instance)
+
+
+AnchorsDep = Annotated[Anchors | None, Depends(anchors_of)]
 
 
 class Anchoring:

@@ -10,11 +10,11 @@ from fastapi.responses import Response
 from sqlalchemy import select
 
 from backend import audit
-from backend.audit.anchors import Anchors
+from backend.audit.anchors import AnchorsDep
 from backend.audit.schemas import AuditCheck, AuditFilters, AuditPage, AuditQuery, Unmask, Unmasked
 from backend.audit.verify import verify
 from backend.auth.access import Administrator, Officer
-from backend.context import Context, context_of
+from backend.context import ContextDep
 from backend.db.tables.audit import AuditRow
 from backend.db.tables.ledger import DroneRow
 from backend.db.tables.reported import BroadcastOperatorRow
@@ -28,19 +28,18 @@ SHOW_MS: Final = 60_000
 
 
 @router.get("/audit", response_model=AuditPage, responses=documented(BadRequest, Forbidden, etag=True))
-async def list_audit(request: Request, _: Administrator, filters: AuditFilters) -> Response:
+async def list_audit(request: Request, context: ContextDep, _: Administrator, filters: AuditFilters) -> Response:
     """What was done and read, newest first."""
     before = filters.after_key(int)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = (await database.scalars(_listing(filters, before))).all()
     return page(request, ((row, _shown(row)) for row in rows), filters.limit, cursor_of=lambda row: (row.seq,))
 
 
 @router.get("/audit/verify", response_model=AuditCheck, responses=documented(Forbidden))
-async def verify_audit(request: Request, who: Administrator) -> Response:
+async def verify_audit(context: ContextDep, who: Administrator, anchors: AnchorsDep) -> Response:
     """Check each row against its hash and the row before, and the chain against the heads on the ledger."""
-    context = context_of(request)
-    found = await verify(context.database, _anchors(context), context.clock())
+    found = await verify(context.database, anchors, context.clock())
     async with context.database.write() as connection:
         detail = {"ok": found.ok, "rows": found.rows, "anchors": found.anchors}
         await audit.record(connection, who, "audit_verified", "audit", detail, t_ms=context.clock())
@@ -48,9 +47,8 @@ async def verify_audit(request: Request, who: Administrator) -> Response:
 
 
 @router.post("/unmask", response_model=Unmasked, responses=documented(Forbidden, _NOT_FOUND))
-async def unmask(request: Request, who: Officer, body: Unmask) -> Response:
+async def unmask(context: ContextDep, who: Officer, body: Unmask) -> Response:
     """Show a number that is masked everywhere else. Recorded with the reason before it is shown."""
-    context = context_of(request)
     async with context.database.write() as connection:
         if body.field == "broadcast_operator_id":
             query: Any = select(BroadcastOperatorRow.operator_id).where(BroadcastOperatorRow.uav_id == body.uav_id)
@@ -66,10 +64,6 @@ async def unmask(request: Request, who: Officer, body: Unmask) -> Response:
         detail = {"field": body.field, "reason": body.reason.strip()}
         await audit.record(connection, who, "unmask", f"drone/{body.uav_id}", detail, t_ms=context.clock())
     return Json(Unmasked(value=value, show_ms=SHOW_MS).model_dump(), headers={"Cache-Control": "no-store"})
-
-
-def _anchors(context: Context) -> Anchors | None:
-    return None if context.assets is None else Anchors(context.assets, context.instance)
 
 
 def _listing(filters: AuditQuery, before: int | None) -> Any:

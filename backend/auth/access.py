@@ -9,18 +9,20 @@ from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from backend.auth.person import AUTHORITY, Person, Role
-from backend.context import context_of
+from backend.auth.sign_ins import SignIns
+from backend.clients.machines import Machines
+from backend.context import Context, required
 from backend.errors import Forbidden, SignInRequired
 from backend.problem_texts import said
 
 
 async def person_of(connection: HTTPConnection) -> Person:
     """Who is signed in, or which machine bears a token for this. Raises `SignInRequired`, `Forbidden`."""
-    context = context_of(connection)
     authorization = connection.headers.get("authorization")
     if authorization is not None:
-        return await context.machines.person_of(connection, authorization)
-    person = await context.sign_ins.find(connection.cookies.get(context.cookie_name))
+        return await required(connection, Machines).person_of(connection, authorization)
+    cookie = connection.cookies.get(required(connection, Context).cookie_name)
+    person = await required(connection, SignIns).find(cookie)
     if person is None:
         raise SignInRequired(said("sign_in_first"))
     return person

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Annotated, Final
 
+from backend.context import part
 from backend.errors import TooManyRequests
 
 WINDOW_MS: Final = 60_000
@@ -30,3 +31,6 @@ class Attempts:
                 f"Too many attempts to sign in from your address; try again in {wait_s} s.",
                 headers={"Retry-After": str(wait_s)},
             )
+
+
+AttemptsDep = Annotated[Attempts, part(Attempts)]

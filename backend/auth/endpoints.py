@@ -9,8 +9,10 @@ from backend.auth.access import SignedInPerson
 from backend.auth.limits import counted, failures_audited
 from backend.auth.person import Person
 from backend.auth.schemas import SignedIn, SignIn
-from backend.context import Context, context_of
+from backend.auth.sign_ins import SignInsDep
+from backend.context import Context, ContextDep
 from backend.errors import TooManyRequests, documented
+from backend.live.hub import HubDep
 from backend.responses import Json
 
 router = APIRouter(tags=["sign-in"])
@@ -20,33 +22,31 @@ NO_STORE = {"Cache-Control": "no-store"}
 @router.post(
     "/session", response_model=SignedIn, dependencies=[Depends(counted)], responses=documented(TooManyRequests)
 )
-async def sign_in(request: Request, body: SignIn) -> Response:
+async def sign_in(request: Request, context: ContextDep, sign_ins: SignInsDep, body: SignIn) -> Response:
     """Spend a one-time token for a cookie (HttpOnly, SameSite=Strict)."""
-    context = context_of(request)
     async with failures_audited(request, "link"):
-        cookie, person = await context.sign_ins.redeem(body.token, request.headers.get("user-agent", ""))
+        cookie, person = await sign_ins.redeem(body.token, request.headers.get("user-agent", ""))
     return signed_in(context, cookie, person)
 
 
 @router.get("/session", response_model=SignedIn, responses=documented())
-async def who_am_i(request: Request, person: SignedInPerson) -> Response:
+async def who_am_i(context: ContextDep, person: SignedInPerson) -> Response:
     """Who is signed in, and until when."""
-    return Json(_described(context_of(request), person), headers=NO_STORE)
+    return Json(_described(context, person), headers=NO_STORE)
 
 
 @router.post("/session/use", status_code=204, responses=documented())
-async def use(request: Request, person: SignedInPerson) -> Response:
+async def use(sign_ins: SignInsDep, person: SignedInPerson) -> Response:
     """Somebody is at the keys. Only this keeps a sign-in from ending unused; requests and open connections do not."""
-    await context_of(request).sign_ins.use(person)
+    await sign_ins.use(person)
     return Response(status_code=204)
 
 
 @router.delete("/session", status_code=204, responses=documented())
-async def sign_out(request: Request, person: SignedInPerson) -> Response:
+async def sign_out(context: ContextDep, hub: HubDep, sign_ins: SignInsDep, person: SignedInPerson) -> Response:
     """End the sign-in; open live connections of it are closed, too."""
-    context = context_of(request)
-    await context.sign_ins.end(person)
-    context.hub.close_person(person.cookie_sha256)
+    await sign_ins.end(person)
+    hub.close_person(person.cookie_sha256)
     response = Response(status_code=204)
     response.delete_cookie(
         context.cookie_name, path="/", httponly=True, samesite="strict", secure=context.settings.is_https

@@ -30,11 +30,10 @@ class SetUpGate:
         if scope["type"] not in {"http", "websocket"} or _is_open(scope):
             await self._app(scope, receive, send)
             return
-        context = getattr(scope["app"].state, "context", None)
-        if context is None:  # routes alone: there is nothing behind them that could be told
+        sign_ins = getattr(scope["app"].state, "parts", {}).get(SignIns)
+        if sign_ins is None:  # routes alone: there is nothing behind them that could be told
             await self._app(scope, receive, send)
             return
-        sign_ins = context.sign_ins
         assert isinstance(sign_ins, SignIns)
         if await sign_ins.is_set_up():
             await self._app(scope, receive, send)

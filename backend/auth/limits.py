@@ -8,14 +8,14 @@ from collections.abc import AsyncIterator
 from fastapi import Request
 
 from backend import audit
-from backend.context import context_of
+from backend.auth.attempts import AttemptsDep
+from backend.context import Context, ContextDep, required
 from backend.errors import Problem
 
 
-async def counted(request: Request) -> None:
+async def counted(request: Request, attempts: AttemptsDep, context: ContextDep) -> None:
     """A dependency of every way to sign in. Raises `TooManyRequests`."""
-    context = context_of(request)
-    context.attempts.count(address_of(request), context.clock())
+    attempts.count(address_of(request), context.clock())
 
 
 def address_of(request: Request) -> str:
@@ -29,7 +29,7 @@ async def failures_audited(request: Request, way: str) -> AsyncIterator[None]:
     try:
         yield
     except Problem as refused:
-        context = context_of(request)
+        context = required(request, Context)
         detail = {"why": refused.code, "address": address_of(request)}
         async with context.database.write() as connection:
             await audit.record(connection, "", "sign_in_failed", way, detail, t_ms=context.clock())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 from sqlalchemy import delete, insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
@@ -11,6 +11,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from backend import audit
 from backend.auth.person import Person, Role, roles_of
 from backend.auth.secret import MAX_SECRET, new_id, new_secret, sha256
+from backend.context import part
 from backend.db.engine import Database
 from backend.db.tables.people import LinkRow, PersonRow, SignInRow
 from backend.errors import SignInRequired
@@ -196,6 +197,9 @@ class SignIns:
         async with self._database.write() as connection:
             await connection.execute(delete(SignInRow).where(SignInRow.cookie_sha256 == person.cookie_sha256))
             await audit.record(connection, person, "sign_out", f"person/{person.person_id}", t_ms=self._clock())
+
+
+SignInsDep = Annotated[SignIns, part(SignIns)]
 
 
 def _of_cookie(cookie_sha256: str) -> Any:

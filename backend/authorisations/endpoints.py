@@ -10,7 +10,7 @@ from pydantic import Field
 from sqlalchemy import or_, select, tuple_
 
 from backend.auth.access import SignedInPerson
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.db.tables.ledger import AuthorisationRow
 from backend.drones.schemas import Authorisation
 from backend.errors import BadRequest, documented
@@ -38,7 +38,7 @@ class AuthorisationQuery(PageQuery):
 
 @router.get("/authorisations", response_model=AuthorisationPage, responses=documented(BadRequest, etag=True))
 async def list_authorisations(
-    request: Request, filters: Annotated[AuthorisationQuery, Query()], person: SignedInPerson
+    request: Request, context: ContextDep, filters: Annotated[AuthorisationQuery, Query()], person: SignedInPerson
 ) -> Response:
     """Authorisations by drone, past and future ones included."""
     query = (
@@ -59,7 +59,7 @@ async def list_authorisations(
     if filters.revoked is not None:
         state = "true" if filters.revoked else "false"
         query = query.where(AuthorisationRow.record.contains(f'"revoked":{state}'))
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = (await database.scalars(query)).all()
     return page(
         request,

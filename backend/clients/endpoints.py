@@ -11,6 +11,7 @@ from fastapi.responses import Response
 from backend.auth.access import Administrator
 from backend.auth.person import Person
 from backend.clients import idempotency, store
+from backend.clients.machines import MachinesDep
 from backend.clients.schemas import (
     AuthorizationServer,
     Client,
@@ -22,9 +23,9 @@ from backend.clients.schemas import (
     TokenKeys,
 )
 from backend.clients.scopes import SCOPES
-from backend.clients.store import ClientError
+from backend.clients.store import ClientError, Clients, ClientsDep
 from backend.clients.tokens import ASSERTION_ALGORITHMS, ASSERTION_TYPE, TokenDenied
-from backend.context import Context, context_of
+from backend.context import Context, ContextDep
 from backend.errors import BadRequest, Forbidden, NotFound, Unprocessable, documented
 from backend.filters import Paging
 from backend.responses import Json, page, resource
@@ -73,18 +74,17 @@ def _refused(error: str, text: str) -> dict[str, Any]:
     },
     openapi_extra=_REQUEST_BODY,
 )
-async def issue_token(request: Request) -> Response:
+async def issue_token(request: Request, machines: MachinesDep) -> Response:
     """An access token for a client: by its secret (HTTP Basic), an assertion that it has signed, or its certificate.
 
     A token that was asked for with a certificate is good with that certificate only (RFC 8705).
     """
-    context = context_of(request)
     remote = request.client.host if request.client is not None else ""
-    context.machines.limits.admit(request.scope, f"token/{remote}", TOKENS_PER_MINUTE)
+    machines.limits.admit(request.scope, f"token/{remote}", TOKENS_PER_MINUTE)
     try:
         form = await _form(request)
-        shown = context.machines.certificates.of(request)
-        answer = await context.machines.tokens.issue(form, request.headers.get("authorization"), shown)
+        shown = machines.certificates.of(request)
+        answer = await machines.tokens.issue(form, request.headers.get("authorization"), shown)
     except TokenDenied as refused:
         unknown = refused.code == "invalid_client"
         content = {"error": refused.code, "error_description": str(refused)}
@@ -94,16 +94,15 @@ async def issue_token(request: Request) -> Response:
 
 
 @oauth.get("/oauth/jwks.json", response_model=TokenKeys)
-async def read_token_keys(request: Request) -> Response:
+async def read_token_keys(machines: MachinesDep) -> Response:
     """The public keys of our access tokens (RFC 7517)."""
-    keys = context_of(request).machines.tokens.keys.public()
+    keys = machines.tokens.keys.public()
     return Json(keys, headers={"Cache-Control": "public, max-age=300"})
 
 
 @oauth.get("/.well-known/oauth-authorization-server", response_model=AuthorizationServer)
-async def read_authorization_server(request: Request) -> Response:
+async def read_authorization_server(machines: MachinesDep) -> Response:
     """Where tokens are had and how (RFC 8414)."""
-    machines = context_of(request).machines
     issuer, by_tls = machines.tokens.issuer, machines.certificates.offered
     methods = ["client_secret_basic", "private_key_jwt", *(TLS_METHODS if by_tls else ())]
     content = {
@@ -122,10 +121,10 @@ async def read_authorization_server(request: Request) -> Response:
 
 
 @router.get("/clients", response_model=ClientPage, responses=documented(BadRequest, Forbidden, etag=True))
-async def list_clients(request: Request, paging: Paging, _person: Administrator) -> Response:
+async def list_clients(request: Request, context: ContextDep, paging: Paging, _person: Administrator) -> Response:
     """The machines that are registered, revoked ones included."""
     after = paging.after_key(str)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = await store.listing(database, after=after, limit=paging.limit + 1)
     return page(
         request, ((row, store.shown(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.client_id,)
@@ -141,17 +140,19 @@ async def list_clients(request: Request, paging: Paging, _person: Administrator)
     ),
     openapi_extra={"parameters": [idempotency.PARAMETER]},
 )
-async def add_client(request: Request, body: NewClient, person: Administrator) -> Response:
+async def add_client(
+    request: Request, context: ContextDep, clients: ClientsDep, body: NewClient, person: Administrator
+) -> Response:
     """Register a machine. Its secret is in the answer, and nowhere else ever after."""
-    return await idempotency.once(request, person, lambda: _add(context_of(request), body, person))
+    return await idempotency.once(request, person, lambda: _add(context, clients, body, person))
 
 
-async def _add(context: Context, body: NewClient, person: Person) -> Response:
+async def _add(context: Context, clients: Clients, body: NewClient, person: Person) -> Response:
     try:
         tls = None if body.certificate is None else body.certificate.known_by()
         wanted = store.NewClient(body.name, tuple(body.scopes), body.role, body.msp_id, body.jwks, tls)
         async with context.database.write() as connection:
-            row, secret = await context.clients.add(connection, wanted, person)
+            row, secret = await clients.add(connection, wanted, person)
     except ClientError as cause:
         raise Unprocessable(str(cause)) from None
     content: dict[str, Any] = {"client": store.shown(row)}
@@ -161,21 +162,22 @@ async def _add(context: Context, body: NewClient, person: Person) -> Response:
 
 
 @router.get("/clients/{client_id}", response_model=Client, responses=documented(Forbidden, _NOT_FOUND, etag=True))
-async def read_client(request: Request, client_id: ClientId, _person: Administrator) -> Response:
+async def read_client(request: Request, clients: ClientsDep, client_id: ClientId, _person: Administrator) -> Response:
     """A machine."""
-    row = await context_of(request).clients.find(client_id)
+    row = await clients.find(client_id)
     if row is None:
         raise NotFound(f"There is no client {client_id}.")
     return resource(request, store.shown(row))
 
 
 @router.delete("/clients/{client_id}", response_model=Client, responses=documented(Forbidden, _NOT_FOUND))
-async def revoke_client(request: Request, client_id: ClientId, person: Administrator) -> Response:
+async def revoke_client(
+    context: ContextDep, clients: ClientsDep, client_id: ClientId, person: Administrator
+) -> Response:
     """Revoke a machine for good: its tokens are worth nothing from now on."""
-    context = context_of(request)
     async with context.database.write() as connection:
-        await context.clients.revoke(connection, client_id, person)
-    row = await context.clients.find(client_id)
+        await clients.revoke(connection, client_id, person)
+    row = await clients.find(client_id)
     assert row is not None
     return Json(store.shown(row), headers={"Cache-Control": "private, no-store"})
 

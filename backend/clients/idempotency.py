@@ -17,7 +17,7 @@ from sqlalchemy import delete, insert, or_, update
 from sqlalchemy.exc import IntegrityError
 
 from backend.auth.person import Person
-from backend.context import context_of
+from backend.context import Context, required
 from backend.db.engine import Database
 from backend.db.tables.clients import IdempotencyRow
 from backend.errors import BadRequest, Conflict, Unprocessable
@@ -52,7 +52,8 @@ async def once(request: Request, person: Person, write: Callable[[], Awaitable[R
         return await write()
     if not 0 < len(key) <= MAX_KEY or not key.isprintable():
         raise BadRequest(BAD_KEY.detail)
-    database, now = context_of(request).database, context_of(request).clock()
+    context = required(request, Context)
+    database, now = context.database, context.clock()
     place = {"principal": person.person_id, "key": _digest(b"key", key.encode()).hex()}
     digest = _digest(request.method.encode(), request.url.path.encode(), await request.body()).hex()
     cipher = Fernet(base64.urlsafe_b64encode(_digest(b"answer", person.person_id.encode(), key.encode())))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 from starlette.requests import HTTPConnection
 
@@ -15,6 +15,7 @@ from backend.clients.limits import RateLimits
 from backend.clients.scopes import scopes_for
 from backend.clients.store import Clients, sha256
 from backend.clients.tokens import Tokens
+from backend.context import part
 from backend.db.tables.clients import ClientRow
 from backend.errors import Forbidden
 from backend.problem_texts import said
@@ -71,6 +72,9 @@ class Machines:
             raise TokenRefused(said("client_revoked"))
         # What was taken away from the client since is in its older tokens no longer.
         return replace(caller, scopes=caller.scopes & frozenset(client.scopes.split())), client
+
+
+MachinesDep = Annotated[Machines, part(Machines)]
 
 
 def person_of_client(client: ClientRow, expires_ms: int = 0) -> Person:

@@ -7,7 +7,7 @@ import hmac
 from base64 import urlsafe_b64encode
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import orjson
 from cryptography import x509
@@ -19,6 +19,7 @@ from backend import audit
 from backend.audit.chain import Actor
 from backend.clients.certificates import ShownCertificate, names_of, read_pem, sha256_of
 from backend.clients.scopes import SCOPES
+from backend.context import part
 from backend.db.engine import Database
 from backend.db.tables.clients import AssertionRow, ClientRow
 from backend.errors import BackendError, NotFound
@@ -193,6 +194,9 @@ class Clients:
             new = (await connection.execute(statement.returning(AssertionRow.jti_sha256), row)).first() is not None
             await connection.execute(delete(AssertionRow).where(AssertionRow.expires_ms < self._clock() - 60_000))
         return new
+
+
+ClientsDep = Annotated[Clients, part(Clients)]
 
 
 async def listing(database: AsyncSession, *, after: str | None = None, limit: int) -> Sequence[ClientRow]:

@@ -13,7 +13,7 @@ from backend.auth.access import SignedInPerson
 from backend.conformance import queries
 from backend.conformance.rules import Broadcast, Finding, Question, judge
 from backend.conformance.schemas import Conformance, ConformanceFor, ConformanceQuery
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.db.tables.ledger import DroneRow
 from backend.errors import documented
 from backend.languages import HEADER, Language, language_of
@@ -28,13 +28,14 @@ router = APIRouter(tags=["conformance"])
 @router.get(
     "/conformance", response_model=Conformance, responses=documented(etag=True), openapi_extra={"parameters": [HEADER]}
 )
-async def read_conformance(request: Request, asked: ConformanceFor, person: SignedInPerson) -> Response:
+async def read_conformance(
+    request: Request, context: ContextDep, asked: ConformanceFor, person: SignedInPerson
+) -> Response:
     """Whether a drone's broadcast is supported by a proof, how fresh that proof is, and how strong.
 
     A proof bounds where the drone can be later: it flies no faster than `max_speed_mm_s`. The rules are in
     docs/api/conformance.md.
     """
-    context = context_of(request)
     now = context.clock()
     language = language_of(request)
     content: dict[str, Any] = {"serial": asked.serial, "t_ms": now}

@@ -9,7 +9,7 @@ from fastapi.responses import Response
 
 from backend import geojson
 from backend.auth.access import SIGNED_IN, SignedInPerson
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.drones import queries
 from backend.drones.schemas import Drone, DronePage
 from backend.errors import BadRequest, NotFound, documented
@@ -21,10 +21,10 @@ _NOT_FOUND: Final = NotFound("No drone OH-DRN-0417 is registered.")
 
 
 @router.get("/drones", response_model=DronePage, responses=documented(BadRequest) | geojson.documented(DronePage))
-async def list_drones(request: Request, person: SignedInPerson, filters: DroneFilters) -> Response:
+async def list_drones(request: Request, context: ContextDep, person: SignedInPerson, filters: DroneFilters) -> Response:
     """Drones by serial number. As GeoJSON each is where it broadcast last, unverified."""
     after = filters.after_key(str)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = await queries.listing(database, person.scope, filters, after=after)
         items = await queries.details(database, person, rows)
     return geojson.page(
@@ -39,10 +39,13 @@ async def list_drones(request: Request, person: SignedInPerson, filters: DroneFi
 
 @router.get("/drones/{uav_id}", response_model=Drone, responses=documented(_NOT_FOUND) | geojson.documented(Drone))
 async def read_drone(
-    request: Request, person: SignedInPerson, uav_id: Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=40)]
+    request: Request,
+    context: ContextDep,
+    person: SignedInPerson,
+    uav_id: Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=40)],
 ) -> Response:
     """A drone."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         row = await queries.find(database, person.scope, uav_id)
         if row is None:
             raise NotFound(f"No drone {uav_id} is registered.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
+from contextlib import AbstractContextManager
 from typing import Any, Final
 
 import orjson
@@ -11,11 +12,12 @@ from fastapi.responses import Response, StreamingResponse
 
 from backend.auth.access import SignedInPerson, person_of
 from backend.auth.person import Person
-from backend.context import Context, context_of
+from backend.context import Context, ContextDep
 from backend.errors import Problem, TooManyRequests, documented
 from backend.events import feed
-from backend.events.feed import BAD_PLACE, Filter, Place
+from backend.events.feed import BAD_PLACE, Commits, CommitsDep, Filter, Place
 from backend.events.schemas import EventFilters, EventPage
+from backend.events.streams import StreamsDep
 from backend.responses import Json
 
 router = APIRouter(tags=["events"])
@@ -41,13 +43,19 @@ _LAST_EVENT_ID: Final[dict[str, Any]] = {
     | {200: {"model": EventPage, "content": {STREAM: {"schema": {"type": "string"}, "example": _EXAMPLE}}}},
     openapi_extra={"parameters": [_LAST_EVENT_ID]},
 )
-async def read_events(request: Request, filters: EventFilters, person: SignedInPerson) -> Response:
+async def read_events(
+    request: Request,
+    context: ContextDep,
+    commits: CommitsDep,
+    streams: StreamsDep,
+    filters: EventFilters,
+    person: SignedInPerson,
+) -> Response:
     """What is committed to the ledger, in its order, from a place on.
 
     With `Accept: text/event-stream` a stream that never ends: `id` is the event's, `event` its type, `data` the
     LedgerEvent. After a break it goes on where it was, and nothing is missed. Otherwise one page.
     """
-    context = context_of(request)
     text = request.headers.get("last-event-id") or filters.after
     async with context.database.read() as database:
         after = Place.parse(text) if text is not None else await feed.tip(database)
@@ -59,17 +67,23 @@ async def read_events(request: Request, filters: EventFilters, person: SignedInP
                 "more": batch.more,
             }
             return Json(content, headers={"Cache-Control": "private, no-store"})
-    context.streams.check(person.person_id)
+    streams.check(person.person_id)
     headers = {"Cache-Control": "private, no-store", "X-Accel-Buffering": "no"}
-    stream = _stream(request, context, after, filters.filter(), person)
+    held = streams.held(person.person_id)
+    stream = _stream(request, context, commits, held, after, filters.filter(), person)
     return StreamingResponse(stream, headers=headers, media_type=STREAM)
 
 
 async def _stream(
-    request: Request, context: Context, after: Place, wanted: Filter, person: Person
+    request: Request,
+    context: Context,
+    commits: Commits,
+    held: AbstractContextManager[None],
+    after: Place,
+    wanted: Filter,
+    person: Person,
 ) -> AsyncIterator[bytes]:
-    commits = context.commits
-    with context.streams.held(person.person_id):
+    with held:
         yield f"retry: {RETRY_MS}\n: after {after}\n\n".encode()
         while not commits.stopping:
             upcoming = commits.upcoming

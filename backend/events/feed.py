@@ -6,13 +6,14 @@ import asyncio
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Self
+from typing import Annotated, Any, Final, Self
 
 import orjson
 from sqlalchemy import select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from backend.auth.person import Person
+from backend.context import part
 from backend.db.tables.ledger import Checkpoint, DroneRow, EventRow, PadRow, TransactionRow
 from backend.errors import BadRequest
 from backend.people.masking import shown_uav
@@ -175,6 +176,9 @@ class Commits:
     def upcoming(self) -> asyncio.Event:
         """Set by the next commit. Take it before you look, so that none slips by between looking and waiting."""
         return self._next
+
+
+CommitsDep = Annotated[Commits, part(Commits)]
 
 
 async def happens(upcoming: asyncio.Event, timeout_s: float) -> bool:

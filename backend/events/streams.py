@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Annotated
 
+from backend.context import part
 from backend.errors import TooManyRequests
 from backend.problem_texts import said
 
@@ -42,3 +44,6 @@ class Streams:
             self._open[person_id] -= 1
             if not self._open[person_id]:
                 del self._open[person_id]
+
+
+StreamsDep = Annotated[Streams, part(Streams)]

@@ -10,8 +10,8 @@ from fastapi.responses import Response, StreamingResponse
 
 from backend.auth.access import SIGNED_IN, SignedInPerson, require
 from backend.clients import idempotency
-from backend.clients.machines import METHOD
-from backend.context import context_of
+from backend.clients.machines import METHOD, MachinesDep
+from backend.context import ContextDep
 from backend.db.tables.exports import ExportRow
 from backend.errors import (
     BINARY,
@@ -26,6 +26,7 @@ from backend.errors import (
 )
 from backend.exports import service
 from backend.exports.schemas import Export, ExportQuery
+from backend.ledger.status import MirrorStatusDep
 from backend.responses import Json
 
 router = APIRouter(prefix="/exports", tags=["exports"], dependencies=SIGNED_IN)
@@ -48,15 +49,16 @@ NO_STORE = {"Cache-Control": "private, no-store"}
     responses=documented(_TOO_MUCH, Forbidden, _SWITCHED_OFF, idempotency.BUSY, Unprocessable, TooManyRequests),
     openapi_extra={"parameters": [idempotency.PARAMETER]},
 )
-async def prepare_export(request: Request, query: ExportQuery, person: SignedInPerson) -> Response:
+async def prepare_export(
+    request: Request, context: ContextDep, machines: MachinesDep, query: ExportQuery, person: SignedInPerson
+) -> Response:
     """Ask for a window of the past as files; it is audited. Its file is then fetched once, within the hour.
 
     People need a role beyond that of a viewer; machines get in each file what their own role shows them.
     """
-    context = context_of(request)
     if person.method == METHOD:
         caller, quota = f"export/{person.person_id}", context.settings.client_exports_per_min
-        context.machines.limits.admit(request.scope, caller, quota)
+        machines.limits.admit(request.scope, caller, quota)
     else:
         require(person, "admin", "inspector", "pad_operator", "fleet_operator")
 
@@ -68,9 +70,9 @@ async def prepare_export(request: Request, query: ExportQuery, person: SignedInP
 
 
 @router.get("/{export_id}", response_model=Export, responses=documented(_NOT_FOUND))
-async def read_export(request: Request, export_id: ExportId, person: SignedInPerson) -> Response:
+async def read_export(context: ContextDep, export_id: ExportId, person: SignedInPerson) -> Response:
     """How far one's own export has come."""
-    return Json(_shown(await service.find(context_of(request), person, export_id)), headers=NO_STORE)
+    return Json(_shown(await service.find(context, person, export_id)), headers=NO_STORE)
 
 
 @router.get(
@@ -81,14 +83,15 @@ async def read_export(request: Request, export_id: ExportId, person: SignedInPer
     )
     | {200: {"content": {"application/zip": {"schema": BINARY}}}},
 )
-async def fetch_export(request: Request, export_id: ExportId, person: SignedInPerson) -> Response:
+async def fetch_export(
+    context: ContextDep, mirror: MirrorStatusDep, export_id: ExportId, person: SignedInPerson
+) -> Response:
     """The archive (application/zip), once: the data's files and `manifest.json` with their SHA-256."""
-    context = context_of(request)
     row = await service.find(context, person, export_id)
     query = await service.begin(context, row)
     begin = datetime.fromtimestamp(query.from_ms / 1000, UTC)
     headers = {"Content-Disposition": f'attachment; filename="wonderland-{begin:%Y%m%dT%H%M%SZ}-{query.format}.zip"'}
-    content = service.stream(context, person, row, query)
+    content = service.stream(context, mirror, person, row, query)
     return StreamingResponse(content, media_type="application/zip", headers=NO_STORE | headers)
 
 

@@ -19,6 +19,7 @@ from backend.exports.archive import archive
 from backend.exports.formats import FORMATS, Counts
 from backend.exports.rows import Rows
 from backend.exports.schemas import ExportQuery
+from backend.ledger.status import MirrorStatus
 from backend.outputs.settings import Format
 from backend.replay.moment import moment
 
@@ -112,13 +113,15 @@ async def begin(context: Context, row: ExportRow) -> ExportQuery:
     return query
 
 
-async def stream(context: Context, person: Person, row: ExportRow, query: ExportQuery) -> AsyncIterator[bytes]:
+async def stream(
+    context: Context, mirror: MirrorStatus, person: Person, row: ExportRow, query: ExportQuery
+) -> AsyncIterator[bytes]:
     """The archive in pieces; how far it came is kept as it goes."""
     counts = Counts()
     digest = hashlib.sha256()
     sent = noted = 0
     state = "broken"
-    heights = await _heights(context, query)
+    heights = await _heights(context, mirror, query)
 
     def manifest(files: list[dict[str, Any]]) -> dict[str, Any]:
         return {
@@ -160,12 +163,12 @@ async def _note(context: Context, row: ExportRow, state: str, rows: int, size: i
         await connection.execute(update(ExportRow).where(ExportRow.export_id == row.export_id).values(**values))
 
 
-async def _heights(context: Context, query: ExportQuery) -> dict[str, Any]:
+async def _heights(context: Context, mirror: MirrorStatus, query: ExportQuery) -> dict[str, Any]:
     async with context.database.read() as database:
         first, last = await moment(database, query.from_ms), await moment(database, query.until_ms)
     return {
-        "channel": context.mirror.channel,
+        "channel": mirror.channel,
         "block_at_from": first.block,
         "block_at_until": last.block,
-        "block_when_made": context.mirror.mirrored - 1,
+        "block_when_made": mirror.mirrored - 1,
     }

@@ -11,7 +11,7 @@ from fastapi.responses import Response
 
 from backend import geojson
 from backend.auth.access import SignedInPerson
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.db.tables.flights import FlightRow
 from backend.errors import BadRequest, NotFound, documented
 from backend.flights import store
@@ -26,9 +26,10 @@ FlightId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 
 
 @router.get("/flights", response_model=FlightPage, responses=documented(BadRequest) | geojson.documented(FlightPage))
-async def list_flights(request: Request, filters: FlightFilters, person: SignedInPerson) -> Response:
+async def list_flights(
+    request: Request, context: ContextDep, filters: FlightFilters, person: SignedInPerson
+) -> Response:
     """Flights, newest first. As GeoJSON each is a line from its first to its last position."""
-    context = context_of(request)
     place = filters.after_place(int, str)
     async with context.database.read() as database:
         rows = await store.listing(
@@ -47,9 +48,8 @@ async def list_flights(request: Request, filters: FlightFilters, person: SignedI
 @router.get(
     "/flights/{flight_id}", response_model=Flight, responses=documented(_NOT_FOUND) | geojson.documented(Flight)
 )
-async def read_flight(request: Request, flight_id: FlightId, person: SignedInPerson) -> Response:
+async def read_flight(request: Request, context: ContextDep, flight_id: FlightId, person: SignedInPerson) -> Response:
     """One flight. As GeoJSON it is the line of its first 5,000 positions; as JSON they are at `/tracks/{uav_id}`."""
-    context = context_of(request)
     async with context.database.read() as database:
         row = await store.find(database, flight_id, person.scope)
         if row is None:

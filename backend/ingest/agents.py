@@ -6,8 +6,9 @@ import asyncio
 import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Annotated, Final
 
+from backend.context import part
 from wonderland.telemetry import PleaseProve
 
 PAD: Final = "pad"
@@ -101,3 +102,6 @@ class Agents:
     def _changed(self, agent: Agent) -> None:
         if agent.kind == PAD:
             self.on_change(agent.id)
+
+
+AgentsDep = Annotated[Agents, part(Agents)]

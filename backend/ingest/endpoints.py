@@ -5,17 +5,20 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+from dataclasses import dataclass
 from typing import Any, Final
 
 from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect
 
-from backend.context import Context, context_of
+from backend.context import Context, ContextDep
 from backend.errors import DatabaseError
 from backend.ingest import agents
 from backend.ingest import batch as batches
-from backend.ingest.agents import Agent, DuplicateAgent
+from backend.ingest.agents import Agent, Agents, AgentsDep, DuplicateAgent
 from backend.ingest.errors import IngestError
+from backend.ingest.identity import Members, MembersDep
+from backend.ingest.intake import Intake, IntakeDep
 from backend.proof_requests import route
 from wonderland import telemetry
 from wonderland.proofs import encoding
@@ -53,17 +56,18 @@ UnderWay = asyncio.Queue[tuple[batches.Batch, asyncio.Future[None] | None] | Tel
 
 
 @router.websocket("/ingest")
-async def ingest(socket: WebSocket) -> None:
+async def ingest(
+    socket: WebSocket, context: ContextDep, members: MembersDep, connected: AgentsDep, intake: IntakeDep
+) -> None:
     """Take in what an agent reports; see docs/seams.md, "Agents to backend: ingest"."""
-    context = context_of(socket)
     await socket.accept()
-    if context.agents.unproven >= MAX_UNPROVEN:
+    if connected.unproven >= MAX_UNPROVEN:
         await socket.close(TRY_LATER, "too many connections that say nothing")
         return
     with contextlib.suppress(WebSocketDisconnect):
         try:
-            with context.agents.proving():
-                agent = await _admit(socket, context)
+            with connected.proving():
+                agent = await _admit(socket, context, members, connected)
         except TelemetryError as problem:
             logger.warning("an agent was refused: %s: %s", problem.code, problem.message)
             await _send(socket, Refused(code=problem.code, message=problem.message))
@@ -71,12 +75,12 @@ async def ingest(socket: WebSocket) -> None:
             await socket.close(NOT_AUTHENTICATED if unknown else REFUSED)
             return
         try:
-            await _serve(socket, context, agent)
+            await _Serving(socket, context, connected, intake, agent).run()
         finally:
-            context.agents.leave(agent)
+            connected.leave(agent)
 
 
-async def _admit(socket: WebSocket, context: Context) -> Agent:
+async def _admit(socket: WebSocket, context: Context, members: Members, connected: Agents) -> Agent:
     """Who it is. Raises `TelemetryError`."""
     nonce = encoding.to_base64url(context.randomness(NONCE_BYTES))
     await _send(socket, Challenge(nonce=nonce, server=SERVER, t_ms=context.clock()))
@@ -86,14 +90,14 @@ async def _admit(socket: WebSocket, context: Context) -> Agent:
     except TimeoutError:
         raise IngestError("no_hello", f"no hello within {HELLO_S:g} s") from None
     hello = telemetry.decode_hello(text)
-    identity = context.members.authenticate(hello, nonce=nonce, server=SERVER, now_ms=context.clock())
-    if len(context.agents) >= context.settings.ingest_max_agents:
+    identity = members.authenticate(hello, nonce=nonce, server=SERVER, now_ms=context.clock())
+    if len(connected) >= context.settings.ingest_max_agents:
         raise IngestError("too_many_agents", "this server has as many agents as it may; try again later")
     agent = Agent(hello.agent, hello.id, hello.spool, hello.msp_id, identity.creator)
     if hello.agent == agents.UAV and hello.takes:
         agent.outbox = asyncio.Queue(MAX_OUTBOX)
     try:
-        context.agents.join(agent)
+        connected.join(agent)
     except DuplicateAgent:
         raise IngestError(
             "duplicate_agent",
@@ -102,60 +106,79 @@ async def _admit(socket: WebSocket, context: Context) -> Agent:
     return agent
 
 
-async def _serve(socket: WebSocket, context: Context, agent: Agent) -> None:
-    ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+@dataclass
+class _Serving:
+    """One agent's connection, once it is known whose it is."""
 
-    def end(why: str) -> None:
-        # What it sent and is not being written yet comes again from whoever replaces it, or not at all.
-        agent.broken = True
-        if not ended.done():
-            ended.set_result(why)
+    socket: WebSocket
+    context: Context
+    connected: Agents
+    intake: Intake
+    agent: Agent
 
-    agent.end = end
-    acknowledged = await context.intake.acknowledged(agent)
-    await _send(socket, Welcome(acknowledged=acknowledged))
-    under_way: UnderWay = asyncio.Queue(MAX_UNDER_WAY)
-    reading = asyncio.create_task(_read(socket, context, agent, acknowledged, under_way), name=f"ingest-{agent.id}")
-    answering = asyncio.create_task(_answer(socket, acknowledged, under_way), name=f"acknowledge-{agent.id}")
-    telling = asyncio.create_task(_outbox(socket, context, agent), name=f"outbox-{agent.id}")
-    try:
-        waiting: set[asyncio.Future[Any]] = {answering, ended}
-        await asyncio.wait({reading, *waiting}, return_when=asyncio.FIRST_COMPLETED)
-        if reading.done():
-            reading.result()  # raises where the agent has gone
-            # A frame that is none: `_answer` says so once everything before it is acknowledged, and closes.
-            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-        if answering.done():
-            answering.result()
-        elif ended.done():
-            why = ended.result()
-            await socket.close(REPLACED if why == agents.REPLACED else NOT_AUTHENTICATED, why)
-    finally:
-        ended.cancel()
-        for task in (reading, answering, telling):
-            task.cancel()
-        await asyncio.gather(reading, answering, telling, return_exceptions=True)
+    async def run(self) -> None:
+        """Until the agent goes, is replaced, or sends what is no frame."""
+        socket, agent = self.socket, self.agent
+        ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
 
+        def end(why: str) -> None:
+            # What it sent and is not being written yet comes again from whoever replaces it, or not at all.
+            agent.broken = True
+            if not ended.done():
+                ended.set_result(why)
 
-async def _read(socket: WebSocket, context: Context, agent: Agent, acknowledged: int, under_way: UnderWay) -> None:
-    """Takes in what the agent sends, while what came before is still being written; returns at a frame that is none."""
-    taken = acknowledged
-    while True:
+        agent.end = end
+        acknowledged = await self.intake.acknowledged(agent)
+        await _send(socket, Welcome(acknowledged=acknowledged))
+        under_way: UnderWay = asyncio.Queue(MAX_UNDER_WAY)
+        reading = asyncio.create_task(self._read(acknowledged, under_way), name=f"ingest-{agent.id}")
+        answering = asyncio.create_task(_answer(socket, acknowledged, under_way), name=f"acknowledge-{agent.id}")
+        telling = asyncio.create_task(self._outbox(), name=f"outbox-{agent.id}")
         try:
-            text = await _receive(socket, context)
-            message = _parsed(agent, text, context.settings.ingest_max_records)
-            if isinstance(message, Answer):
-                await route.answered(context, agent, message)
-                continue
-            batch = batches.read(agent, message.records, acknowledged=taken, now_ms=context.clock())
-        except TelemetryError as problem:
-            await under_way.put(problem)
+            waiting: set[asyncio.Future[Any]] = {answering, ended}
+            await asyncio.wait({reading, *waiting}, return_when=asyncio.FIRST_COMPLETED)
+            if reading.done():
+                reading.result()  # raises where the agent has gone
+                # A frame that is none: `_answer` says so once everything before it is acknowledged, and closes.
+                await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+            if answering.done():
+                answering.result()
+            elif ended.done():
+                why = ended.result()
+                await socket.close(REPLACED if why == agents.REPLACED else NOT_AUTHENTICATED, why)
+        finally:
+            ended.cancel()
+            for task in (reading, answering, telling):
+                task.cancel()
+            await asyncio.gather(reading, answering, telling, return_exceptions=True)
+
+    async def _read(self, acknowledged: int, under_way: UnderWay) -> None:
+        """Takes in what comes while what came before is still being written; returns at a frame that is none."""
+        taken = acknowledged
+        while True:
+            try:
+                text = await _receive(self.socket, self.context)
+                message = _parsed(self.agent, text, self.context.settings.ingest_max_records)
+                if isinstance(message, Answer):
+                    await route.answered(self.context, self.agent, message)
+                    continue
+                batch = batches.read(self.agent, message.records, acknowledged=taken, now_ms=self.context.clock())
+            except TelemetryError as problem:
+                await under_way.put(problem)
+                return
+            durable = None
+            if batch.last_seq > taken:
+                durable = await self.intake.take(batch)
+                taken = batch.last_seq
+            await under_way.put((batch, durable))
+
+    async def _outbox(self) -> None:
+        """What others have for the agent, one after the other."""
+        if self.agent.outbox is None:
             return
-        durable = None
-        if batch.last_seq > taken:
-            durable = await context.intake.take(batch)
-            taken = batch.last_seq
-        await under_way.put((batch, durable))
+        await route.tell_agent(self.context, self.connected, self.agent.id, again=True)
+        while True:
+            await _send(self.socket, await self.agent.outbox.get())
 
 
 async def _answer(socket: WebSocket, acknowledged: int, under_way: UnderWay) -> None:
@@ -189,15 +212,6 @@ def _parsed(agent: Agent, text: str, limit: int) -> Answer | Records:
     if len(message.records) > limit:
         raise IngestError("bad_frame", f"{len(message.records)} records; at most {limit}")
     return message
-
-
-async def _outbox(socket: WebSocket, context: Context, agent: Agent) -> None:
-    """What others have for the agent, one after the other."""
-    if agent.outbox is None:
-        return
-    await route.tell_agent(context, agent.id, again=True)
-    while True:
-        await _send(socket, await agent.outbox.get())
 
 
 async def _receive(socket: WebSocket, context: Context) -> str:

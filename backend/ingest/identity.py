@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
-from typing import Any
+from typing import Annotated, Any
 
 import orjson
 
+from backend.context import part
 from backend.ingest.errors import IngestError
 from wonderland.ledger.embedded.errors import AccessDeniedError, RevocationListError
 from wonderland.ledger.embedded.msp import ChannelMembership, Member, OrganisationTrust
@@ -78,6 +79,9 @@ class Members:
                 f"not of {hello.agent} {hello.id}",
             )
         return member.identity
+
+
+MembersDep = Annotated[Members, part(Members)]
 
 
 def _trust(msp_id: str, definition: dict[str, Any]) -> OrganisationTrust:

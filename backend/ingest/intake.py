@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterable
-from typing import Final
+from typing import Annotated, Final
 
 from sqlalchemy.exc import SQLAlchemyError
 
+from backend.context import part
 from backend.db import bulk
 from backend.db.engine import Database
 from backend.db.tables.reported import (
@@ -160,6 +161,9 @@ class Intake:
             await bulk.upsert(connection, HealthRow, _last(health, "agent", "agent_id"), rising=_LATEST)
             irregular = [row for batch in batches for row in batch.irregular]
             await bulk.upsert(connection, IrregularRow, _last(irregular, "agent", "agent_id", "spool", "seq"))
+
+
+IntakeDep = Annotated[Intake, part(Intake)]
 
 
 def _dated(rows: Iterable[Row], now_ms: int) -> list[Row]:

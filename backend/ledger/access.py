@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import json
-from typing import Final
+from typing import Annotated, Final
 
+from fastapi import Depends
+from starlette.requests import HTTPConnection
+
+from backend.context import part_of
+from backend.errors import LedgerAway
 from wonderland.ledger.ca import CertificateRequest
 from wonderland.ledger.ca.client import FabricCaClient
 from wonderland.ledger.ca.errors import CaError, CaRequestError
@@ -81,3 +86,14 @@ async def _enrol(authority: AuthorityAddress, request: CertificateRequest, secre
     root = read_bounded(authority.tls_ca, ConnectionFileError, "authorities: tls_ca")
     async with FabricCaClient(authority.address, authority.ca_name, root) as client:
         return await client.enrol_request(request, secret)
+
+
+async def ledger_of(connection: HTTPConnection) -> LedgerAccess:
+    """A dependency: the ledger for which is signed here. Raises `LedgerAway` where this backend has none."""
+    found = part_of(connection, LedgerAccess)
+    if found is None:
+        raise LedgerAway("This server has no ledger of its own: nothing can be signed here.")
+    return found
+
+
+LedgerDep = Annotated[LedgerAccess, Depends(ledger_of)]

@@ -10,7 +10,7 @@ from fastapi.responses import Response
 
 from backend import audit
 from backend.auth.access import SIGNED_IN, Officer, SignedInPerson, person_of
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import BINARY, BadRequest, Forbidden, LedgerAway, NotFound, documented
 from backend.filters import Paging
 from backend.ledger import contents, queries
@@ -22,7 +22,9 @@ from backend.ledger.schemas import (
     Status,
     TransactionContents,
 )
-from backend.metrics import CONTENT_TYPE, exposition
+from backend.live.board import BoardDep
+from backend.metrics import CONTENT_TYPE, MetricsDep
+from backend.mirror.source import BlockSourceDep
 from backend.people.masking import shown_json
 from backend.problem_texts import said
 from backend.responses import Json, page, resource
@@ -44,21 +46,19 @@ async def read_health() -> Response:
     responses=documented()
     | {200: {"content": {"text/plain": {"schema": {"type": "string"}, "example": "wonderland_mirror_block 1042\n"}}}},
 )
-async def read_metrics(request: Request) -> Response:
+async def read_metrics(request: Request, context: ContextDep, metrics: MetricsDep) -> Response:
     """Metrics in Prometheus's text format, for whoever is signed in or bears the metrics token."""
-    context = context_of(request)
     expected = context.settings.metrics_bearer()
     given = request.headers.get("authorization", "").removeprefix("Bearer ")
     if expected is None or not hmac.compare_digest(given.encode(), expected.encode()):
         await person_of(request)
-    return Response(exposition(context), media_type=CONTENT_TYPE, headers={"Cache-Control": "no-store"})
+    return Response(metrics.exposition(), media_type=CONTENT_TYPE, headers={"Cache-Control": "no-store"})
 
 
 @router.get("/status", response_model=Status, responses=documented())
-async def read_status(request: Request, person: SignedInPerson) -> Response:
+async def read_status(context: ContextDep, board: BoardDep, person: SignedInPerson) -> Response:
     """Which ledger this is, how far its mirror has come, how much there is, and which outputs are on."""
-    context = context_of(request)
-    status = context.board.status()
+    status = board.status()
     status["server"] = status["server"] | {"outputs": context.settings.outputs.switches()}
     if not person.scope.everything:
         del status["counts"]
@@ -66,10 +66,10 @@ async def read_status(request: Request, person: SignedInPerson) -> Response:
 
 
 @router.get("/blocks", response_model=BlockPage, responses=documented(BadRequest, etag=True))
-async def list_blocks(request: Request, paging: Paging) -> Response:
+async def list_blocks(request: Request, context: ContextDep, paging: Paging) -> Response:
     """Blocks, newest first."""
     before = paging.after_key(int)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = await queries.blocks(database, before=before, limit=paging.limit + 1)
     return page(
         request, ((row, queries.shown_block(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.number,)
@@ -78,10 +78,10 @@ async def list_blocks(request: Request, paging: Paging) -> Response:
 
 @router.get("/blocks/{number}", response_model=LedgerBlockDetail, responses=documented(NotFound, etag=True))
 async def read_block(
-    request: Request, person: SignedInPerson, number: Annotated[int, Path(ge=0, le=MAX_BLOCK)]
+    request: Request, context: ContextDep, person: SignedInPerson, number: Annotated[int, Path(ge=0, le=MAX_BLOCK)]
 ) -> Response:
     """A block with its transactions."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         row = await queries.block(database, number)
         if row is None:
             raise NotFound(f"Block {number} is not on the ledger, as far as it was mirrored.")
@@ -96,17 +96,16 @@ async def read_block(
     | {200: {"content": {"application/octet-stream": {"schema": BINARY}}}},
 )
 async def read_block_data(
-    request: Request, person: Officer, number: Annotated[int, Path(ge=0, le=MAX_BLOCK)]
+    context: ContextDep, source: BlockSourceDep, person: Officer, number: Annotated[int, Path(ge=0, le=MAX_BLOCK)]
 ) -> Response:
     """The block's transactions as bytes: their SHA-256 is the header's `data_hash`. Read from the ledger itself.
 
     These are what was signed, to the last byte: nothing is masked, so that they are for officers only, and audited.
     """
-    context = context_of(request)
     async with context.database.read() as database:
         if await queries.block(database, number) is None:
             raise NotFound(f"Block {number} is not on the ledger, as far as it was mirrored.")
-    block = await contents.fetch_block(context.source, number)
+    block = await contents.fetch_block(source, number)
     async with context.database.write() as connection:
         await audit.record(connection, person, "read_contents", f"block/{number}", t_ms=context.clock())
     headers = {"Cache-Control": "private, max-age=86400, immutable"}
@@ -120,6 +119,8 @@ async def read_block_data(
 )
 async def read_transaction_contents(
     request: Request,
+    context: ContextDep,
+    source: BlockSourceDep,
     person: SignedInPerson,
     tx_id: Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="SHA-256, hexadecimal")],
 ) -> Response:
@@ -127,7 +128,6 @@ async def read_transaction_contents(
 
     Numbers of operators are masked in it as everywhere (`masked`); the bytes of the block have them.
     """
-    context = context_of(request)
     async with context.database.read() as database:
         found = await queries.transaction(database, tx_id, person)
     if found is None:
@@ -135,7 +135,7 @@ async def read_transaction_contents(
     row, _ = found
     if not queries.sees_contents(row, person):
         raise Forbidden("What a transaction contains is for officers, and for the organisation that sent it.")
-    block = await contents.fetch_block(context.source, row.block)
+    block = await contents.fetch_block(source, row.block)
     async with context.database.write() as connection:
         subject = f"transaction/{tx_id}"
         await audit.record(connection, person, "read_contents", subject, tx_id=tx_id, t_ms=context.clock())
@@ -146,11 +146,12 @@ async def read_transaction_contents(
 @router.get("/transactions/{tx_id}", response_model=LedgerTransactionDetail, responses=documented(NotFound, etag=True))
 async def read_transaction(
     request: Request,
+    context: ContextDep,
     person: SignedInPerson,
     tx_id: Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="SHA-256, hexadecimal")],
 ) -> Response:
     """A transaction, valid or refused."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         found = await queries.transaction(database, tx_id, person)
     if found is None:
         raise NotFound(said("no_such_transaction"))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
+
+from backend.context import part
 
 
 @dataclass
@@ -66,3 +68,6 @@ class MirrorStatus:
         if self.problem is not None:
             shown["problem"] = self.problem
         return shown
+
+
+MirrorStatusDep = Annotated[MirrorStatus, part(MirrorStatus)]

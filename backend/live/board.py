@@ -10,13 +10,14 @@ from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final, Protocol
+from typing import Annotated, Any, Final, Protocol
 
 import orjson
 from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from backend.alerts import store as alerts
+from backend.context import part
 from backend.db.tables.ledger import DroneRow, EvidenceRow, OrganisationRow, PadRow
 from backend.ledger.status import MirrorStatus
 from backend.live.contents import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents, contents_now
@@ -324,3 +325,6 @@ class Board:
                 break
             count += 1
         return count
+
+
+BoardDep = Annotated[Board, part(Board)]

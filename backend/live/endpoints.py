@@ -11,8 +11,10 @@ from typing import Final
 from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect, WebSocketState
 
-from backend.context import context_of
-from backend.live.hub import SIGNED_OUT, Client
+from backend.auth.sign_ins import SignInsDep
+from backend.context import ContextDep
+from backend.live.board import BoardDep
+from backend.live.hub import SIGNED_OUT, Client, HubDep
 from backend.live.lens import Lens
 
 router = APIRouter()
@@ -21,19 +23,17 @@ _CLOSE_S: Final = 5.0
 
 
 @router.websocket("/live")
-async def live(socket: WebSocket) -> None:
+async def live(socket: WebSocket, context: ContextDep, board: BoardDep, hub: HubDep, sign_ins: SignInsDep) -> None:
     """Push what happens to a signed-in browser; see docs/seams.md, "Backend to browser: live"."""
-    context = context_of(socket)
-    person = await context.sign_ins.find(socket.cookies.get(context.cookie_name))
+    person = await sign_ins.find(socket.cookies.get(context.cookie_name))
     await socket.accept()
     if person is None:
         # Closed after accepting: a browser is not told why a handshake was refused.
         await socket.close(SIGNED_OUT, "sign in first")
         return
     found = _SINCE.fullmatch(socket.query_params.get("since", "")[:64])
-    board = context.board
     lens = Lens.of(person, pad_owner=board.pad_owner, drone_owner=board.drone_owner)
-    client, first = context.hub.join(
+    client, first = hub.join(
         person.cookie_sha256,
         (found[1], int(found[2])) if found else None,
         lens,
@@ -46,7 +46,7 @@ async def live(socket: WebSocket) -> None:
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
-        context.hub.leave(client)
+        hub.leave(client)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)

@@ -8,10 +8,11 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import orjson
 
+from backend.context import part
 from backend.live.board import Board
 from backend.live.lens import Lens
 
@@ -272,6 +273,9 @@ class Hub:
             if self._board.has_more_alerts:
                 content["alerts_more"] = True
         return orjson.dumps(content).decode()
+
+
+HubDep = Annotated[Hub, part(Hub)]
 
 
 class _Views:

@@ -9,12 +9,12 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
 from backend.auth.access import SIGNED_IN
-from backend.context import context_of
 from backend.errors import NotFound, documented
 from backend.maps.archive import Archive, ArchiveError, ReplacedError
 from backend.maps.imagery import ImageryError
 from backend.maps.ranges import RangeError, parse
 from backend.maps.schemas import BaseMap
+from backend.maps.service import MapsDep
 from backend.responses import resource
 
 router = APIRouter(prefix="/map", tags=["map"], dependencies=SIGNED_IN)
@@ -30,34 +30,34 @@ Index = Annotated[int, Path(ge=0, lt=1 << MAX_ZOOM)]
 
 
 @router.get("", response_model=BaseMap, responses=documented(etag=True))
-async def read_base_map(request: Request) -> Response:
+async def read_base_map(request: Request, maps: MapsDep) -> Response:
     """What the console's map is drawn from, and what of it is missing and where that is set."""
     prefix = request.url.path.removesuffix("/map")
-    return resource(request, await asyncio.to_thread(context_of(request).maps.describe, prefix))
+    return resource(request, await asyncio.to_thread(maps.describe, prefix))
 
 
 @router.api_route("/archive", methods=["GET", "HEAD"], include_in_schema=False)
-async def read_archive(request: Request) -> Response:
+async def read_archive(request: Request, maps: MapsDep) -> Response:
     """The archive of vector tiles, by byte ranges."""
-    return await _part(request, context_of(request).maps.archive)
+    return await _part(request, maps.archive)
 
 
 @router.api_route("/terrain", methods=["GET", "HEAD"], include_in_schema=False)
-async def read_terrain(request: Request) -> Response:
+async def read_terrain(request: Request, maps: MapsDep) -> Response:
     """The archive of heights, by byte ranges."""
-    return await _part(request, context_of(request).maps.terrain)
+    return await _part(request, maps.terrain)
 
 
 @router.api_route("/imagery", methods=["GET", "HEAD"], include_in_schema=False)
-async def read_imagery(request: Request) -> Response:
+async def read_imagery(request: Request, maps: MapsDep) -> Response:
     """The archive of aerial images, by byte ranges."""
-    return await _part(request, context_of(request).maps.images)
+    return await _part(request, maps.images)
 
 
 @router.get("/imagery/{z}/{x}/{y}", include_in_schema=False)
-async def read_image(request: Request, z: Zoom, x: Index, y: Index) -> Response:
+async def read_image(maps: MapsDep, z: Zoom, x: Index, y: Index) -> Response:
     """One aerial image of the WMTS."""
-    wmts = context_of(request).maps.wmts
+    wmts = maps.wmts
     if wmts is None or x >= 1 << z or y >= 1 << z:
         raise NotFound("There is no such image.")
     try:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import logging
 from dataclasses import asdict
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import httpx
 
+from backend.context import part
 from backend.maps.archive import Archive, ArchiveError, credits_of
 from backend.maps.imagery import Imagery
 from backend.maps.settings import MapSettings
@@ -72,3 +73,6 @@ class Maps:
                 "attribution": [asdict(each) for each in credits_of(self.settings.imagery_attribution)],
             }
         return result
+
+
+MapsDep = Annotated[Maps, part(Maps)]

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import AsyncGenerator
-from typing import Protocol
+from typing import Annotated, Protocol, cast
+
+from fastapi import Depends
+from starlette.requests import HTTPConnection
 
 from wonderland.ledger.blocks import Block
 from wonderland.ledger.gateway import Network
@@ -19,6 +22,14 @@ class BlockSource(Protocol):
     async def height(self) -> int:
         """Number of blocks on the ledger."""
         ...
+
+
+async def source_of(connection: HTTPConnection) -> BlockSource | None:
+    """A dependency: where this backend reads blocks, for what the mirror does not keep."""
+    return cast("BlockSource | None", connection.app.state.parts.get(BlockSource))
+
+
+BlockSourceDep = Annotated[BlockSource | None, Depends(source_of)]
 
 
 class GatewaySource:

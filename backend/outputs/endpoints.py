@@ -11,8 +11,9 @@ from fastapi.responses import Response
 from backend import geojson
 from backend.auth.access import SignedInPerson
 from backend.clients.scopes import PROOFS, TRACKS
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import SwitchedOff, documented
+from backend.live.board import BoardDep
 from backend.live.lens import Lens
 from backend.outputs.items import KINDS, Item, Kind, items_of
 from backend.responses import resource
@@ -43,16 +44,16 @@ Tell = Annotated[
     response_class=Response,
     responses=documented(SwitchedOff, etag=True) | {200: {"content": _CONTENT}},
 )
-async def read_picture(request: Request, person: SignedInPerson, tell: Tell = None) -> Response:
+async def read_picture(
+    request: Request, context: ContextDep, board: BoardDep, person: SignedInPerson, tell: Tell = None
+) -> Response:
     """What is known of each drone now: where it says it is, where a pad sees it, what the ledger decided last.
 
     Each is a feature of its own, and its properties say which (`kind`). `verified` is a verdict with that outcome only.
     """
-    context = context_of(request)
     if not context.settings.outputs.live_geojson:
         raise SwitchedOff(SwitchedOff.example)
     kinds = _allowed(getattr(request.state, "scopes", None), tell)
-    board = context.board
     text = orjson.dumps({"type": "snapshot", **board.snapshot()}).decode()
     lens = Lens.of(person, pad_owner=board.pad_owner, drone_owner=board.drone_owner)
     frame = orjson.loads(text if lens is None else lens.frame(text))

@@ -10,9 +10,10 @@ from fastapi.responses import Response
 from backend import geojson
 from backend.areas import Box
 from backend.auth.access import SIGNED_IN, SignedInPerson
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import BadRequest, NotFound, documented
 from backend.filters import PadFilters
+from backend.ingest.agents import AgentsDep
 from backend.narrowing import pads_within
 from backend.pads import queries
 from backend.pads.schemas import Pad, PadPage
@@ -23,9 +24,10 @@ _NOT_FOUND: Final = NotFound("No pad aurajoki-2 is registered.")
 
 
 @router.get("/pads", response_model=PadPage, responses=documented(BadRequest) | geojson.documented(PadPage))
-async def list_pads(request: Request, person: SignedInPerson, filters: PadFilters) -> Response:
+async def list_pads(
+    request: Request, context: ContextDep, agents: AgentsDep, person: SignedInPerson, filters: PadFilters
+) -> Response:
     """Pads by identifier."""
-    context = context_of(request)
     after = filters.after_key(str)
     async with context.database.read() as database:
         within = await pads_within(database, Box.parse(filters.bbox)) if filters.bbox is not None else None
@@ -34,7 +36,7 @@ async def list_pads(request: Request, person: SignedInPerson, filters: PadFilter
         )
         health = await queries.health_of(database, [row.pad_id for row in rows])
     items = (
-        (row, queries.shown(row.record, health.get(row.pad_id), connected=context.agents.is_connected(row.pad_id)))
+        (row, queries.shown(row.record, health.get(row.pad_id), connected=agents.is_connected(row.pad_id)))
         for row in rows
     )
     return geojson.page(request, items, filters.limit, cursor_of=lambda row: (row.pad_id,), id_of=_id)
@@ -42,16 +44,19 @@ async def list_pads(request: Request, person: SignedInPerson, filters: PadFilter
 
 @router.get("/pads/{pad_id}", response_model=Pad, responses=documented(_NOT_FOUND) | geojson.documented(Pad))
 async def read_pad(
-    request: Request, person: SignedInPerson, pad_id: Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)]
+    request: Request,
+    context: ContextDep,
+    agents: AgentsDep,
+    person: SignedInPerson,
+    pad_id: Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)],
 ) -> Response:
     """A pad."""
-    context = context_of(request)
     async with context.database.read() as database:
         row = await queries.find(database, person.scope, pad_id)
         if row is None:
             raise NotFound(f"No pad {pad_id} is registered.")
         health = await queries.health_of(database, [pad_id])
-    connected = context.agents.is_connected(pad_id)
+    connected = agents.is_connected(pad_id)
     return geojson.one(request, queries.shown(row.record, health.get(pad_id), connected=connected), id_of=_id)
 
 

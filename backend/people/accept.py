@@ -14,6 +14,7 @@ from backend.audit.chain import take_turns
 from backend.auth.oidc import Identity
 from backend.auth.person import Account
 from backend.auth.secret import new_id
+from backend.auth.sign_ins import SignIns
 from backend.context import Context
 from backend.db.tables.people import PasskeyRow, PersonRow
 from backend.errors import Conflict, SignInRequired
@@ -46,22 +47,22 @@ class Acceptance:
 
 
 async def look(
-    context: Context, connection: AsyncConnection, token_sha256: str, name: str | None
+    context: Context, sign_ins: SignIns, connection: AsyncConnection, token_sha256: str, name: str | None
 ) -> tuple[Any, Acceptance]:
     """The link's row, and whose it is or will be. Raises `SignInRequired` for a link that is none."""
-    link = await context.sign_ins.find_link(connection, token_sha256)
+    link = await sign_ins.find_link(connection, token_sha256)
     if link.person_id is None:
         return link, Acceptance(token_sha256, new_id(context.randomness), name or FIRST)
     person = await store.find(connection, link.person_id)
     return link, Acceptance(token_sha256, link.person_id, person["name"])
 
 
-async def accept(context: Context, connection: AsyncConnection, acceptance: Acceptance) -> Account:
+async def accept(context: Context, sign_ins: SignIns, connection: AsyncConnection, acceptance: Acceptance) -> Account:
     """Spend the link and make its person active; whoever comes back loses all earlier ways in.
 
     Raises `SignInRequired`, and `Conflict` where somebody has set the server up meanwhile.
     """
-    link = await context.sign_ins.spend(connection, acceptance.token_sha256, *KINDS)
+    link = await sign_ins.spend(connection, acceptance.token_sha256, *KINDS)
     now = context.clock()
     account = Account(acceptance.person_id, acceptance.name)
     if link.kind == SET_UP:

@@ -11,9 +11,11 @@ from backend import audit
 from backend.auth.access import Administrator
 from backend.auth.person import Person
 from backend.auth.secret import new_id
+from backend.auth.sign_ins import SignIns, SignInsDep
 from backend.clients import idempotency
-from backend.context import Context, context_of
+from backend.context import Context, ContextDep
 from backend.errors import Conflict, Forbidden, NotFound, PreconditionFailed, documented
+from backend.live.hub import HubDep
 from backend.people import store
 from backend.people.accept import INVITATION, RECOVERY
 from backend.people.me import detail_of
@@ -34,9 +36,8 @@ NO_STORE = {"Cache-Control": "no-store"}
 
 
 @router.get("/people", response_model=PeopleList, responses=documented(Forbidden))
-async def list_people(request: Request, who: Administrator) -> Response:
+async def list_people(context: ContextDep, who: Administrator) -> Response:
     """All people, by name. Audited: it has their e-mail addresses."""
-    context = context_of(request)
     async with context.database.write() as connection:
         found = await store.listing(connection)
         await audit.record_read(connection, who, "people", t_ms=context.clock())
@@ -52,25 +53,26 @@ async def list_people(request: Request, who: Administrator) -> Response:
     ),
     openapi_extra={"parameters": [idempotency.PARAMETER]},
 )
-async def invite_person(request: Request, who: Administrator, body: Invitation) -> Response:
+async def invite_person(
+    request: Request, context: ContextDep, sign_ins: SignInsDep, who: Administrator, body: Invitation
+) -> Response:
     """Make an account, and the link by which its owner takes it."""
-    return await idempotency.once(request, who, lambda: _invite(context_of(request), who, body))
+    return await idempotency.once(request, who, lambda: _invite(context, sign_ins, who, body))
 
 
-async def _invite(context: Context, who: Person, body: Invitation) -> Response:
+async def _invite(context: Context, sign_ins: SignIns, who: Person, body: Invitation) -> Response:
     person_id = new_id(context.randomness)
     async with context.database.write() as connection:
         await store.create(connection, who, body, person_id, state=store.INVITED, now_ms=context.clock())
         ttl_s = context.settings.invitation_ttl_s
-        token = await context.sign_ins.new_link(connection, INVITATION, person_id, ttl_s=ttl_s)
+        token = await sign_ins.new_link(connection, INVITATION, person_id, ttl_s=ttl_s)
         person = await store.find(connection, person_id)
     return _made(context, person, token, 201)
 
 
 @router.get("/people/{person_id}", response_model=PersonDetail, responses=documented(Forbidden, _NOT_FOUND, etag=True))
-async def read_person(request: Request, who: Administrator, person_id: PersonIdPath) -> Response:
+async def read_person(request: Request, context: ContextDep, who: Administrator, person_id: PersonIdPath) -> Response:
     """A person, with how and where they sign in. Audited, unless it is oneself."""
-    context = context_of(request)
     found = await detail_of(context, who, person_id)
     if person_id != who.person_id:
         async with context.database.write() as connection:
@@ -83,26 +85,28 @@ async def read_person(request: Request, who: Administrator, person_id: PersonIdP
     response_model=PersonDetail,
     responses=documented(Forbidden, _NOT_FOUND, Conflict, PreconditionFailed),
 )
-async def change_person(request: Request, who: Administrator, person_id: PersonIdPath, body: PersonChange) -> Response:
+async def change_person(
+    request: Request, context: ContextDep, hub: HubDep, who: Administrator, person_id: PersonIdPath, body: PersonChange
+) -> Response:
     """Change name, address, roles or organisation; suspend and restore. Takes effect at once."""
-    context = context_of(request)
     require_match(request, await detail_of(context, who, person_id))
     async with context.database.write() as connection:
         person, touched = await store.change(connection, who, person_id, body, context.clock())
     for cookie in touched:
         if person["state"] == store.SUSPENDED:
-            context.hub.close_person(cookie)
+            hub.close_person(cookie)
         else:
-            context.hub.restart_person(cookie)
+            hub.restart_person(cookie)
     return await _detail(context, who, person_id)
 
 
 @router.delete(
     "/people/{person_id}", status_code=204, responses=documented(Forbidden, _NOT_FOUND, Conflict, PreconditionFailed)
 )
-async def withdraw_invitation(request: Request, who: Administrator, person_id: PersonIdPath) -> Response:
+async def withdraw_invitation(
+    request: Request, context: ContextDep, who: Administrator, person_id: PersonIdPath
+) -> Response:
     """Take an invitation back that nobody has accepted."""
-    context = context_of(request)
     require_match(request, await detail_of(context, who, person_id))
     async with context.database.write() as connection:
         await store.withdraw(connection, who, person_id, context.clock())
@@ -115,19 +119,18 @@ async def withdraw_invitation(request: Request, who: Administrator, person_id: P
     status_code=201,
     responses=documented(Forbidden, _NOT_FOUND, Conflict),
 )
-async def make_link(request: Request, who: Administrator, person_id: PersonIdPath) -> Response:
+async def make_link(context: ContextDep, sign_ins: SignInsDep, who: Administrator, person_id: PersonIdPath) -> Response:
     """Another link: for an invitation that has not been accepted, or for somebody who cannot sign in any more.
 
     Whoever comes back by it makes a new passkey; all earlier ones, and all sign-ins, end then.
     """
-    context = context_of(request)
     async with context.database.write() as connection:
         person = await store.find(connection, person_id)
         if person["state"] == store.SUSPENDED:
             raise Conflict("This account is suspended; restore it first.")
         kind = INVITATION if person["state"] == store.INVITED else RECOVERY
         ttl_s = context.settings.invitation_ttl_s if kind == INVITATION else None
-        token = await context.sign_ins.new_link(connection, kind, person_id, ttl_s=ttl_s)
+        token = await sign_ins.new_link(connection, kind, person_id, ttl_s=ttl_s)
         await audit.record(connection, who, f"{kind}_link_made", store.subject(person_id), t_ms=context.clock())
     return _made(context, person, token, 201)
 
@@ -138,13 +141,12 @@ async def make_link(request: Request, who: Administrator, person_id: PersonIdPat
     responses=documented(Forbidden, _NOT_FOUND),
 )
 async def end_sign_in(
-    request: Request, who: Administrator, person_id: PersonIdPath, sign_in_id: SignInIdPath
+    context: ContextDep, hub: HubDep, who: Administrator, person_id: PersonIdPath, sign_in_id: SignInIdPath
 ) -> Response:
     """Sign one of somebody's browsers out."""
-    context = context_of(request)
     async with context.database.write() as connection:
         cookie = await store.end_sign_in(connection, who, person_id, sign_in_id, context.clock())
-    context.hub.close_person(cookie)
+    hub.close_person(cookie)
     return await _detail(context, who, person_id)
 
 

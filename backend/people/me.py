@@ -12,8 +12,9 @@ from backend.auth import passkeys
 from backend.auth.access import SignedInPerson
 from backend.auth.ceremonies import CeremonyOver
 from backend.auth.person import Person
-from backend.context import Context, context_of
+from backend.context import Context, ContextDep
 from backend.errors import BadRequest, Conflict, NotFound, documented
+from backend.live.hub import HubDep
 from backend.people import store
 from backend.people.schemas import (
     Challenge,
@@ -31,9 +32,9 @@ NO_STORE = {"Cache-Control": "no-store"}
 
 
 @router.get("/me", response_model=PersonDetail, responses=documented())
-async def read_me(request: Request, me: SignedInPerson) -> Response:
+async def read_me(context: ContextDep, me: SignedInPerson) -> Response:
     """One's account, passkeys and sign-ins."""
-    return await _me(context_of(request), me)
+    return await _me(context, me)
 
 
 @router.post(
@@ -41,9 +42,8 @@ async def read_me(request: Request, me: SignedInPerson) -> Response:
     response_model=Challenge,
     responses=documented(Conflict("There are 20 passkeys already; remove one first.")),
 )
-async def ask_passkey(request: Request, me: SignedInPerson) -> Response:
+async def ask_passkey(context: ContextDep, me: SignedInPerson) -> Response:
     """What the browser needs to make another passkey."""
-    context = context_of(request)
     async with context.database.write() as connection:
         found = await passkeys.ask_for_new(context, connection, me.person_id, me.name)
     return Json(found, headers=NO_STORE)
@@ -58,9 +58,8 @@ async def ask_passkey(request: Request, me: SignedInPerson) -> Response:
         Conflict("This passkey is known here already."),
     ),
 )
-async def add_passkey(request: Request, me: SignedInPerson, body: NewPasskey) -> Response:
+async def add_passkey(request: Request, context: ContextDep, me: SignedInPerson, body: NewPasskey) -> Response:
     """Keep the passkey that the browser has made."""
-    context = context_of(request)
     asked = await passkeys.asked_for(context, passkeys.REGISTER, body.ceremony)
     if asked["person_id"] != me.person_id:
         raise CeremonyOver("That was begun by somebody else; begin again.")
@@ -74,10 +73,9 @@ async def add_passkey(request: Request, me: SignedInPerson, body: NewPasskey) ->
 
 @router.patch("/me/passkeys/{credential_id}", response_model=PersonDetail, responses=documented(_NO_PASSKEY))
 async def rename_passkey(
-    request: Request, me: SignedInPerson, credential_id: PasskeyIdPath, body: PasskeyName
+    context: ContextDep, me: SignedInPerson, credential_id: PasskeyIdPath, body: PasskeyName
 ) -> Response:
     """Call a passkey something else."""
-    context = context_of(request)
     async with context.database.write() as connection:
         await store.rename_passkey(connection, me, credential_id, body.name, context.clock())
     return await _me(context, me)
@@ -88,9 +86,8 @@ async def rename_passkey(
     response_model=PersonDetail,
     responses=documented(_NO_PASSKEY, Conflict("This is your only way to sign in; add another passkey first.")),
 )
-async def remove_passkey(request: Request, me: SignedInPerson, credential_id: PasskeyIdPath) -> Response:
+async def remove_passkey(context: ContextDep, me: SignedInPerson, credential_id: PasskeyIdPath) -> Response:
     """Forget a passkey; not the last way in."""
-    context = context_of(request)
     async with context.database.write() as connection:
         await store.remove_passkey(connection, me, credential_id, context.clock())
     return await _me(context, me)
@@ -101,12 +98,11 @@ async def remove_passkey(request: Request, me: SignedInPerson, credential_id: Pa
     response_model=PersonDetail,
     responses=documented(NotFound("This sign-in has ended already.")),
 )
-async def end_own_sign_in(request: Request, me: SignedInPerson, sign_in_id: SignInIdPath) -> Response:
+async def end_own_sign_in(context: ContextDep, hub: HubDep, me: SignedInPerson, sign_in_id: SignInIdPath) -> Response:
     """Sign another of one's browsers out."""
-    context = context_of(request)
     async with context.database.write() as connection:
         cookie = await store.end_sign_in(connection, me, me.person_id, sign_in_id, context.clock())
-    context.hub.close_person(cookie)
+    hub.close_person(cookie)
     return await _me(context, me)
 
 

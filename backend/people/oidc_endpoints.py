@@ -20,8 +20,9 @@ from backend.auth.limits import address_of, counted
 from backend.auth.oidc import Identity, OidcError, Provider
 from backend.auth.person import Account, Person
 from backend.auth.secret import sha256
+from backend.auth.sign_ins import SignIns, SignInsDep
 from backend.auth.site import site_of
-from backend.context import Context, context_of
+from backend.context import Context, ContextDep
 from backend.db.tables.people import PersonRow
 from backend.errors import BadRequest, NotFound, Problem, TooManyRequests, documented
 from backend.people import store
@@ -74,9 +75,8 @@ class OidcStart(ApiModel):
         TooManyRequests,
     ),
 )
-async def start_oidc(request: Request, body: OidcQuestion) -> Response:
+async def start_oidc(request: Request, context: ContextDep, sign_ins: SignInsDep, body: OidcQuestion) -> Response:
     """Begin to sign in by the OpenID provider; the answer comes to the callback, in this browser only."""
-    context = context_of(request)
     provider = _provider(context)
     try:
         url, kept = await provider.ask(_redirect_uri(context, request))
@@ -85,7 +85,7 @@ async def start_oidc(request: Request, body: OidcQuestion) -> Response:
         raise ProviderAway("The OpenID provider cannot be asked just now; try again, or use a passkey.") from None
     async with context.database.write() as connection:
         if body.token is not None:
-            link, acceptance = await look(context, connection, sha256(body.token), body.name)
+            link, acceptance = await look(context, sign_ins, connection, sha256(body.token), body.name)
             if link.kind not in KINDS:
                 raise BadRequest("This link signs in at once; it is not for linking an identity.")
             kept |= acceptance.to_json()
@@ -105,11 +105,10 @@ async def start_oidc(request: Request, body: OidcQuestion) -> Response:
 
 
 @router.get("/sign-in/oidc/callback", include_in_schema=False, dependencies=_COUNTED)
-async def finish_oidc(request: Request) -> Response:
+async def finish_oidc(request: Request, context: ContextDep, sign_ins: SignInsDep) -> Response:
     """The way back from the provider: to the console, signed in or with a word why not."""
-    context = context_of(request)
     try:
-        cookie, person = await _finish(context, request)
+        cookie, person = await _finish(context, sign_ins, request)
         response = RedirectResponse("/", status_code=303)
         set_cookie(context, response, cookie, person)
     except (_RefusedError, OidcError, Problem) as refused:
@@ -126,7 +125,7 @@ async def finish_oidc(request: Request) -> Response:
     return response
 
 
-async def _finish(context: Context, request: Request) -> tuple[str, Person]:
+async def _finish(context: Context, sign_ins: SignIns, request: Request) -> tuple[str, Person]:
     async with context.database.write() as connection:
         secret = request.cookies.get(_cookie_name(context), "")
         kept = await ceremonies.finish(connection, OIDC, secret, context.clock())
@@ -137,21 +136,23 @@ async def _finish(context: Context, request: Request) -> tuple[str, Person]:
         raise _RefusedError("denied" if query["error"] == "access_denied" else "failed")
     identity = await _provider(context).answer(kept, query, _redirect_uri(context, request))
     async with context.database.write() as connection:
-        account = await _account(context, connection, kept, identity)
+        account = await _account(context, sign_ins, connection, kept, identity)
         roles = context.settings.oidc.roles_of(identity.claims)
         if roles is not None and "token_sha256" not in kept:
             if not roles:
                 raise _RefusedError("no_role")
             await store.set_roles(connection, account, roles, context.clock())
         browser = request.headers.get("user-agent", "")
-        return await context.sign_ins.begin(connection, account.person_id, OIDC, browser)
+        return await sign_ins.begin(connection, account.person_id, OIDC, browser)
 
 
-async def _account(context: Context, connection: AsyncConnection, kept: dict[str, Any], identity: Identity) -> Account:
+async def _account(
+    context: Context, sign_ins: SignIns, connection: AsyncConnection, kept: dict[str, Any], identity: Identity
+) -> Account:
     """Whose identity this is: by the link that is being accepted, by the subject, by the verified e-mail address."""
     now = context.clock()
     if "token_sha256" in kept:
-        account = await accept(context, connection, Acceptance.of(kept))
+        account = await accept(context, sign_ins, connection, Acceptance.of(kept))
         await link_identity(connection, account, identity, now)
         return account
     columns = (PersonRow.person_id, PersonRow.name, PersonRow.state, PersonRow.subject)

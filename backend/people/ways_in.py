@@ -16,8 +16,9 @@ from backend.auth.limits import counted, failures_audited
 from backend.auth.person import Role
 from backend.auth.schemas import SignedIn
 from backend.auth.secret import sha256
+from backend.auth.sign_ins import SignInsDep
 from backend.auth.site import site_of
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import BadRequest, Conflict, TooManyRequests, documented
 from backend.people import store
 from backend.people.accept import KINDS, Acceptance, accept, look
@@ -82,11 +83,10 @@ class LinkAnswer(_Body):
 
 
 @router.get("/sign-in", response_model=WaysIn)
-async def ways_in(request: Request) -> Response:
+async def ways_in(context: ContextDep, sign_ins: SignInsDep) -> Response:
     """How one can sign in here. Needs no sign-in."""
-    context = context_of(request)
     found = WaysIn(
-        set_up=await context.sign_ins.is_set_up(),
+        set_up=await sign_ins.is_set_up(),
         demo=context.settings.demo,
         site=site_of(context.settings, "").rp_id,
         oidc=context.settings.oidc.name if context.settings.oidc.issuer is not None else None,
@@ -100,9 +100,8 @@ async def ways_in(request: Request) -> Response:
     dependencies=_COUNTED,
     responses=documented(TooManyRequests),
 )
-async def challenge_passkey(request: Request) -> Response:
+async def challenge_passkey(context: ContextDep) -> Response:
     """What the browser's authenticator has to sign."""
-    context = context_of(request)
     async with context.database.write() as connection:
         found = await passkeys.ask_to_sign_in(context, connection)
     return Json(found, headers=NO_STORE)
@@ -114,9 +113,10 @@ async def challenge_passkey(request: Request) -> Response:
     dependencies=_COUNTED,
     responses=documented(CeremonyOver, TooManyRequests),
 )
-async def sign_in_by_passkey(request: Request, body: PasskeyAnswer) -> Response:
+async def sign_in_by_passkey(
+    request: Request, context: ContextDep, sign_ins: SignInsDep, body: PasskeyAnswer
+) -> Response:
     """Sign in by what the authenticator signed."""
-    context = context_of(request)
     async with failures_audited(request, "passkey"):
         asked = await passkeys.asked_for(context, passkeys.SIGN_IN, body.ceremony)
         async with context.database.write() as connection:
@@ -124,16 +124,15 @@ async def sign_in_by_passkey(request: Request, body: PasskeyAnswer) -> Response:
                 context, connection, asked, body.credential, host=request.headers.get("host", "")
             )
             browser = request.headers.get("user-agent", "")
-            cookie, person = await context.sign_ins.begin(connection, person_id, "passkey", browser)
+            cookie, person = await sign_ins.begin(connection, person_id, "passkey", browser)
     return signed_in(context, cookie, person)
 
 
 @router.post("/sign-in/link", response_model=LinkShown, dependencies=_COUNTED, responses=documented(TooManyRequests))
-async def look_at_link(request: Request, body: LinkQuestion) -> Response:
+async def look_at_link(request: Request, context: ContextDep, sign_ins: SignInsDep, body: LinkQuestion) -> Response:
     """What a link is good for; it stays good."""
-    context = context_of(request)
     async with failures_audited(request, "link"), context.database.write() as connection:
-        link = await context.sign_ins.find_link(connection, sha256(body.token))
+        link = await sign_ins.find_link(connection, sha256(body.token))
         person = await store.find(connection, link.person_id) if link.person_id is not None else None
     found = LinkShown(
         kind=link.kind,
@@ -150,11 +149,12 @@ async def look_at_link(request: Request, body: LinkQuestion) -> Response:
     dependencies=_COUNTED,
     responses=documented(BadRequest("This link signs in at once; it is not for making a passkey."), TooManyRequests),
 )
-async def ask_link_passkey(request: Request, body: LinkAcceptance) -> Response:
+async def ask_link_passkey(
+    request: Request, context: ContextDep, sign_ins: SignInsDep, body: LinkAcceptance
+) -> Response:
     """What the browser needs to make a passkey for the link's person."""
-    context = context_of(request)
     async with failures_audited(request, "link"), context.database.write() as connection:
-        link, acceptance = await look(context, connection, sha256(body.token), body.name)
+        link, acceptance = await look(context, sign_ins, connection, sha256(body.token), body.name)
         if link.kind not in KINDS:
             raise BadRequest("This link signs in at once; it is not for making a passkey.")
         found = await passkeys.ask_for_new(
@@ -174,19 +174,20 @@ async def ask_link_passkey(request: Request, body: LinkAcceptance) -> Response:
         TooManyRequests,
     ),
 )
-async def accept_link_by_passkey(request: Request, body: LinkAnswer) -> Response:
+async def accept_link_by_passkey(
+    request: Request, context: ContextDep, sign_ins: SignInsDep, body: LinkAnswer
+) -> Response:
     """Spend the link: from now on the new passkey signs its person in, and does so at once."""
-    context = context_of(request)
     host, browser = request.headers.get("host", ""), request.headers.get("user-agent", "")
     async with failures_audited(request, "link"):
         asked = await passkeys.asked_for(context, passkeys.REGISTER, body.ceremony)
         if "token_sha256" not in asked:
             raise CeremonyOver("That was begun by somebody who is signed in; begin again.")
         async with context.database.write() as connection:
-            account = await accept(context, connection, Acceptance.of(asked))
+            account = await accept(context, sign_ins, connection, Acceptance.of(asked))
             await passkeys.keep(context, connection, asked, body.credential, name=body.passkey_name, host=host)
             detail = {"name": body.passkey_name}
             subject = store.subject(account.person_id)
             await audit.record(connection, account, "passkey_added", subject, detail, t_ms=context.clock())
-            cookie, person = await context.sign_ins.begin(connection, account.person_id, "passkey", browser)
+            cookie, person = await sign_ins.begin(connection, account.person_id, "passkey", browser)
     return signed_in(context, cookie, person)

@@ -13,10 +13,11 @@ from backend.auth.access import SignedInPerson, require
 from backend.auth.person import Person
 from backend.clients import idempotency
 from backend.clients.machines import METHOD
-from backend.context import Context, context_of
+from backend.context import Context, ContextDep
 from backend.db.tables.ledger import DroneRow, PadRow
 from backend.db.tables.proof_requests import ProofRequestRow
 from backend.errors import BadRequest, Conflict, Forbidden, NotFound, Unprocessable, documented
+from backend.ingest.agents import Agents, AgentsDep
 from backend.problem_texts import said
 from backend.proof_requests import route, store
 from backend.proof_requests.schemas import NewProofRequest, ProofRequest, ProofRequestFilters, ProofRequestPage
@@ -40,19 +41,20 @@ _ONCE: Final[dict[str, Any]] = {"parameters": [idempotency.PARAMETER]}
     ),
     openapi_extra=_ONCE,
 )
-async def add_proof_request(request: Request, body: NewProofRequest, person: SignedInPerson) -> Response:
+async def add_proof_request(
+    request: Request, context: ContextDep, agents: AgentsDep, body: NewProofRequest, person: SignedInPerson
+) -> Response:
     """Ask that a drone proves its location at a pad.
 
     Nobody can prove a drone against its will: its agent has to ask on the ledger. It is told at once where it is
     connected, else when it next is; subscribers to `proof_request.created` are told, too.
     """
-    context = context_of(request)
     if person.method != METHOD:
         require(person, "admin", "inspector", "pad_operator", "fleet_operator")
-    return await idempotency.once(request, person, lambda: _add(context, body, person))
+    return await idempotency.once(request, person, lambda: _add(context, agents, body, person))
 
 
-async def _add(context: Context, body: NewProofRequest, person: Person) -> Response:
+async def _add(context: Context, agents: Agents, body: NewProofRequest, person: Person) -> Response:
     now = context.clock()
     async with context.database.read() as database:
         await _check_visible(database, body, person)
@@ -78,7 +80,7 @@ async def _add(context: Context, body: NewProofRequest, person: Person) -> Respo
         detail = {"uav_id": body.uav_id, "pad_id": body.pad_id, "action": body.action}
         subject = f"proof-request/{row['request_id']}"
         await audit.record(connection, person, "request_proof", subject, detail, t_ms=now)
-    await route.tell_agent(context, body.uav_id)
+    await route.tell_agent(context, agents, body.uav_id)
     async with context.database.read() as database:
         found = await database.get(ProofRequestRow, row["request_id"])
         assert found is not None
@@ -102,9 +104,10 @@ async def _check_visible(database: Any, body: NewProofRequest, person: Person) -
 
 
 @router.get("/proof-requests", response_model=ProofRequestPage, responses=documented(BadRequest, etag=True))
-async def list_proof_requests(request: Request, filters: ProofRequestFilters, person: SignedInPerson) -> Response:
+async def list_proof_requests(
+    request: Request, context: ContextDep, filters: ProofRequestFilters, person: SignedInPerson
+) -> Response:
     """Requests for proofs, newest first."""
-    context = context_of(request)
     place = filters.after_place(int, str)
     async with context.database.read() as database:
         rows = await store.listing(database, filters, person.scope, before=(place[0], place[1]) if place else None)
@@ -113,9 +116,10 @@ async def list_proof_requests(request: Request, filters: ProofRequestFilters, pe
 
 
 @router.get("/proof-requests/{request_id}", response_model=ProofRequest, responses=documented(_NOT_FOUND, etag=True))
-async def read_proof_request(request: Request, request_id: RequestId, person: SignedInPerson) -> Response:
+async def read_proof_request(
+    request: Request, context: ContextDep, request_id: RequestId, person: SignedInPerson
+) -> Response:
     """What has become of a request."""
-    context = context_of(request)
     async with context.database.read() as database:
         row = await store.find(database, request_id, person.scope)
         if row is None:
@@ -127,9 +131,8 @@ async def read_proof_request(request: Request, request_id: RequestId, person: Si
 @router.delete(
     "/proof-requests/{request_id}", response_model=ProofRequest, responses=documented(Forbidden, _NOT_FOUND, _SETTLED)
 )
-async def cancel_proof_request(request: Request, request_id: RequestId, person: SignedInPerson) -> Response:
+async def cancel_proof_request(context: ContextDep, request_id: RequestId, person: SignedInPerson) -> Response:
     """Take a request back, as long as the drone has not asked. Whoever made it may, and the authority."""
-    context = context_of(request)
     now = context.clock()
     async with context.database.read() as database:
         row = await store.find(database, request_id, person.scope)

@@ -10,7 +10,7 @@ from sqlalchemy.ext.asyncio import AsyncSession
 from backend.context import Context
 from backend.db.tables.webhooks import SubscriptionRow
 from backend.events.feed import Event, Place, visible
-from backend.ingest.agents import UAV, Agent
+from backend.ingest.agents import UAV, Agent, Agents
 from backend.proof_requests import store
 from backend.webhooks import store as webhooks
 from backend.webhooks.deliver import owner_of
@@ -21,9 +21,9 @@ CREATED: Final = "proof_request.created"
 _PUBLIC: Final = ("request_id", "uav_id", "pad_id", "action", "note", "created_ms", "expires_ms")
 
 
-async def tell_agent(context: Context, uav_id: str, *, again: bool = False) -> None:
+async def tell_agent(context: Context, agents: Agents, uav_id: str, *, again: bool = False) -> None:
     """Send the drone's agent what it has not been told yet; `again`: and what it has not answered."""
-    agent = context.agents.find(UAV, uav_id)
+    agent = agents.find(UAV, uav_id)
     if agent is None or agent.outbox is None:
         return
     now = context.clock()

@@ -9,7 +9,7 @@ from fastapi.responses import Response
 
 from backend import geojson
 from backend.auth.access import SignedInPerson
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import BadRequest, NotFound, documented
 from backend.languages import HEADER, language_of
 from backend.problem_texts import said
@@ -28,10 +28,10 @@ _LANGUAGES: dict[str, Any] = {"parameters": [HEADER]}
     responses=documented(BadRequest) | geojson.documented(ProofPage),
     openapi_extra=_LANGUAGES,
 )
-async def list_proofs(request: Request, filters: ProofFilters, person: SignedInPerson) -> Response:
+async def list_proofs(request: Request, context: ContextDep, filters: ProofFilters, person: SignedInPerson) -> Response:
     """Proofs, newest first. As GeoJSON each is a point: the measured place, else the place that was claimed."""
     place = filters.after_place(int, int)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = await queries.listing(
             database, filters, person.scope, before=(place[0], place[1]) if place is not None else None
         )
@@ -53,9 +53,9 @@ async def list_proofs(request: Request, filters: ProofFilters, person: SignedInP
     responses=documented(_NOT_FOUND) | geojson.documented(Proof),
     openapi_extra=_LANGUAGES,
 )
-async def read_proof(request: Request, proof_id: ProofId, person: SignedInPerson) -> Response:
+async def read_proof(request: Request, context: ContextDep, proof_id: ProofId, person: SignedInPerson) -> Response:
     """One proof. Its evidence, step by step, is `/sessions/{session_id}` with the same id."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         row = await queries.find(database, proof_id, person.scope)
     if row is None:
         raise NotFound(said("no_such_proof"))

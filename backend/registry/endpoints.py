@@ -9,7 +9,7 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
 from backend.auth.access import SIGNED_IN, SignedInPerson
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import BadRequest, NotFound, documented
 from backend.registry import imports, organisations, queries
 from backend.registry.reach import reach
@@ -51,9 +51,10 @@ async def list_forms() -> Response:
 
 
 @router.get("/drones", response_model=RegistryDronePage, responses=documented(BadRequest, etag=True))
-async def list_registry_drones(request: Request, filters: DroneFilters, person: SignedInPerson) -> Response:
+async def list_registry_drones(
+    request: Request, context: ContextDep, filters: DroneFilters, person: SignedInPerson
+) -> Response:
     """Drones, by serial number or the last changed first."""
-    context = context_of(request)
     kinds = (int, int, str) if filters.sort == "changed" else (str,)
     async with context.database.read() as database:
         rows = await queries.drones(database, person, filters, filters.after_place(*kinds))
@@ -73,9 +74,8 @@ async def list_registry_drones(request: Request, filters: DroneFilters, person: 
     response_model=RegistryDroneDetail,
     responses=documented(NotFound("No drone OH-DRN-0417 is registered."), etag=True),
 )
-async def read_registry_drone(request: Request, uav_id: UavId, person: SignedInPerson) -> Response:
+async def read_registry_drone(request: Request, context: ContextDep, uav_id: UavId, person: SignedInPerson) -> Response:
     """A drone and its authorisations, each with the version that a change names as seen."""
-    context = context_of(request)
     async with context.database.read() as database:
         row = await queries.drone(database, person, uav_id)
         if row is None:
@@ -86,10 +86,12 @@ async def read_registry_drone(request: Request, uav_id: UavId, person: SignedInP
 
 
 @router.get("/pads", response_model=RegistryPadPage, responses=documented(BadRequest, etag=True))
-async def list_registry_pads(request: Request, filters: PadFilters, person: SignedInPerson) -> Response:
+async def list_registry_pads(
+    request: Request, context: ContextDep, filters: PadFilters, person: SignedInPerson
+) -> Response:
     """Pads, by identifier or the last changed first."""
     kinds = (int, int, str) if filters.sort == "changed" else (str,)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = await queries.pads(database, person, filters, filters.after_place(*kinds))
     items = [(row, {"record": record(row.record), "version": queries.version(row)}) for row in rows]
     changed = filters.sort == "changed"
@@ -102,9 +104,9 @@ async def list_registry_pads(request: Request, filters: PadFilters, person: Sign
 
 
 @router.get("/policies", response_model=RegistryPolicies)
-async def list_policies(request: Request) -> Response:
+async def list_policies(request: Request, context: ContextDep) -> Response:
     """The policies that hold where no pad has one of its own."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         return resource(request, {"policies": await queries.policies(database, "*")})
 
 
@@ -113,9 +115,9 @@ async def list_policies(request: Request) -> Response:
     response_model=RegistryPadDetail,
     responses=documented(NotFound("No pad aurajoki-2 is registered."), etag=True),
 )
-async def read_registry_pad(request: Request, pad_id: PadId, person: SignedInPerson) -> Response:
+async def read_registry_pad(request: Request, context: ContextDep, pad_id: PadId, person: SignedInPerson) -> Response:
     """A pad and the policies that hold there, each with the version that a change names as seen."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         row = await queries.pad(database, person, pad_id)
         if row is None:
             raise NotFound(f"No pad {pad_id} is registered.")
@@ -138,11 +140,11 @@ async def read_registry_pad(request: Request, pad_id: PadId, person: SignedInPer
     },
 )
 async def check_import(
-    request: Request, kind: Literal["drones", "authorisations", "pads"], _person: Signer
+    request: Request, context: ContextDep, kind: Literal["drones", "authorisations", "pads"], _person: Signer
 ) -> Response:
     """A dry run of a CSV file: every error by line and column, and the arguments of what can be signed."""
     found = await asyncio.to_thread(imports.check, imports.KINDS[kind], await request.body())
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         there = await queries.known(database, kind, [row["id"] for row in found.rows])
     content = {
         "function": imports.KINDS[kind].function,
@@ -156,10 +158,12 @@ async def check_import(
 
 
 @router.get("/history", response_model=RegistryChangePage, responses=documented(BadRequest, NotFound, etag=True))
-async def list_history(request: Request, filters: HistoryFilters, person: SignedInPerson) -> Response:
+async def list_history(
+    request: Request, context: ContextDep, filters: HistoryFilters, person: SignedInPerson
+) -> Response:
     """Who changed what of a drone or pad, in which transaction; newest first."""
     place = filters.after_place(int, int, str, str)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         find = queries.drone if filters.kind == "drone" else queries.pad
         if await find(database, person, filters.id) is None:
             raise NotFound(f"No {filters.kind} {filters.id} is registered.")
@@ -173,17 +177,18 @@ async def list_history(request: Request, filters: HistoryFilters, person: Signed
 
 
 @router.get("/organisations", response_model=RegistryOrganisations)
-async def list_organisations(request: Request) -> Response:
+async def list_organisations(context: ContextDep) -> Response:
     """The organisations of the channel, as its configuration has them."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         items = await organisations.organisations(database)
     return Json({"items": items}, headers=NO_STORE)
 
 
 @router.get("/certificates", response_model=RegistryCertificatePage, responses=documented(BadRequest, etag=True))
-async def list_certificates(request: Request, filters: CertificateFilters, person: SignedInPerson) -> Response:
+async def list_certificates(
+    request: Request, context: ContextDep, filters: CertificateFilters, person: SignedInPerson
+) -> Response:
     """Certificates that have acted on the chain; those that end first first."""
-    context = context_of(request)
     now = context.clock()
     async with context.database.read() as database:
         place = filters.after_place(int, str)

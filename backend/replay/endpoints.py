@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter
 from fastapi.responses import Response, StreamingResponse
 
 from backend.auth.access import SIGNED_IN, SignedInPerson
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import NotFound, documented
+from backend.ledger.status import MirrorStatusDep
 from backend.replay import film, marks
 from backend.replay.schemas import (
     AtMoment,
@@ -32,9 +33,9 @@ NO_STORE = {"Cache-Control": "private, no-store"}
 
 
 @router.get("/state", response_model=PastState, responses=documented())
-async def past_state(request: Request, query: AtMoment, person: SignedInPerson) -> Response:
+async def past_state(context: ContextDep, mirror: MirrorStatusDep, query: AtMoment, person: SignedInPerson) -> Response:
     """What the live map showed at a moment."""
-    when, stage = await film.stage_at(context_of(request), query.at_ms, person)
+    when, stage = await film.stage_at(context, mirror, query.at_ms, person)
     content = {"t_ms": when.t_ms, "block": when.block, **stage.board.snapshot(), "status": stage.board.status()}
     return Json(content, headers=NO_STORE)
 
@@ -45,14 +46,17 @@ async def past_state(request: Request, query: AtMoment, person: SignedInPerson) 
     responses=documented()
     | {200: {"content": {"application/x-ndjson": {"schema": {"type": "string"}, "example": _END}}}},
 )
-async def past_frames(request: Request, query: FramesWanted, person: SignedInPerson) -> Response:
+async def past_frames(
+    context: ContextDep, mirror: MirrorStatusDep, query: FramesWanted, person: SignedInPerson
+) -> Response:
     """A span of the past as the live interface's frames, one JSON object a line (application/x-ndjson).
 
     LiveHello, LiveSnapshot, a LiveDelta for each step in which something changed, and last
     `{"type": "end", "t_ms", "complete"}`: a film that would be too long ends early, ask for the rest from there.
     """
     content = film.frames(
-        context_of(request),
+        context,
+        mirror,
         person,
         from_ms=query.from_ms,
         until_ms=query.until_ms,
@@ -63,10 +67,10 @@ async def past_frames(request: Request, query: FramesWanted, person: SignedInPer
 
 
 @router.get("/marks", response_model=PastMarks, responses=documented())
-async def past_marks(request: Request, query: MarksWanted, person: SignedInPerson) -> Response:
+async def past_marks(context: ContextDep, query: MarksWanted, person: SignedInPerson) -> Response:
     """How much there is when, and where it is worth looking."""
     span = {"from_ms": query.from_ms, "until_ms": query.until_ms}
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         bounds = await marks.stored(database)
         density = await marks.density(database, person.scope, buckets=query.buckets, **span)
         found = await marks.marks(database, person.scope, **span)
@@ -77,19 +81,19 @@ async def past_marks(request: Request, query: MarksWanted, person: SignedInPerso
 
 
 @router.get("/refusal", response_model=PastRefusal, responses=documented())
-async def past_refusal(request: Request, query: RefusalWanted, person: SignedInPerson) -> Response:
+async def past_refusal(context: ContextDep, query: RefusalWanted, person: SignedInPerson) -> Response:
     """The next refusal after a moment, or the last one before it."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         found = await marks.refusal_beside(database, person.scope, query.at_ms, query.direction)
     return Json({} if found is None else {"found": found}, headers=NO_STORE)
 
 
 @router.get("/sessions/{session_id}", response_model=SessionDetail, responses=documented(_NOT_FOUND))
 async def past_session(
-    request: Request, session_id: SessionIdPath, query: AtMoment, person: SignedInPerson
+    context: ContextDep, session_id: SessionIdPath, query: AtMoment, person: SignedInPerson
 ) -> Response:
     """All that was known of a session at a moment."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         content = await session_at(database, session_id, query.at_ms, person.scope)
     if content is None:
         raise NotFound("Nothing was known of such a session at that time.")

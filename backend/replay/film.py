@@ -66,13 +66,12 @@ class Stage:
         self.board.connection_changed(pad_id)
 
 
-async def stage_at(context: Context, t_ms: int, person: Person) -> tuple[Moment, Stage]:
+async def stage_at(context: Context, now: MirrorStatus, t_ms: int, person: Person) -> tuple[Moment, Stage]:
     """The board as it was at a time (ms since the Unix epoch), for this person."""
     async with context.database.read() as database:
         when = await moment(database, t_ms)
         contents = await contents_at(database, when, person)
         connected = await connected_at(database, t_ms)
-    now = context.mirror
     mirror = MirrorStatus(
         kind=now.kind,
         notice=now.notice,
@@ -98,14 +97,14 @@ async def stage_at(context: Context, t_ms: int, person: Person) -> tuple[Moment,
 
 
 async def frames(
-    context: Context, person: Person, *, from_ms: int, until_ms: int, step_ms: int, snapshot: bool
+    context: Context, now: MirrorStatus, person: Person, *, from_ms: int, until_ms: int, step_ms: int, snapshot: bool
 ) -> AsyncIterator[bytes]:
     """Frames of the live interface, one a line.
 
     A hello and a snapshot (both left out where a film is continued), a delta for each step in which something changed,
     and last ``{"type": "end", "t_ms", "complete"}``: how far it came.
     """
-    _, stage = await stage_at(context, from_ms, person)
+    _, stage = await stage_at(context, now, from_ms, person)
     if snapshot:
         yield _line(type="hello", epoch=EPOCH, seq=0, t_ms=from_ms, resumed=False)
         yield _line(type="snapshot", part=1, of=1, **stage.board.snapshot(), status=stage.board.status())

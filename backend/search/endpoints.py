@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter
 from fastapi.responses import Response
 
 from backend import audit
 from backend.auth.access import SIGNED_IN, SignedInPerson
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import documented
 from backend.responses import Json
 from backend.search import queries
@@ -17,12 +17,11 @@ router = APIRouter(tags=["search"], dependencies=SIGNED_IN)
 
 
 @router.get("/search", response_model=Hits, responses=documented())
-async def search(request: Request, person: SignedInPerson, wanted: SearchFor) -> Response:
+async def search(context: ContextDep, person: SignedInPerson, wanted: SearchFor) -> Response:
     """Pads, drones, broadcasts by any part of a name, sessions and transactions by the beginning of their ids, blocks.
 
     An operator's number that is masked is found by the whole of it only; that is audited as showing it is.
     """
-    context = context_of(request)
     async with context.database.read() as database:
         items = await queries.search(database, person, wanted.q, wanted.limit)
     revealed = [hit["id"] for hit in items if hit.pop(queries.REVEALED, False)]

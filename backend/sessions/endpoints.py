@@ -10,7 +10,7 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
 from backend.auth.access import SIGNED_IN, SignedInPerson
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import BadRequest, NotFound, documented
 from backend.filters import SessionFilters
 from backend.ledger.queries import with_events
@@ -34,10 +34,12 @@ SessionIdPath = Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="Tran
 
 
 @router.get("/sessions", response_model=SessionPage, responses=documented(BadRequest, etag=True))
-async def list_sessions(request: Request, person: SignedInPerson, filters: SessionFilters) -> Response:
+async def list_sessions(
+    request: Request, context: ContextDep, person: SignedInPerson, filters: SessionFilters
+) -> Response:
     """Sessions, newest first."""
     before = filters.after_place(int, str)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         found = await queries.listing(
             database, filters, person.scope, before=(before[0], before[1]) if before else None
         )
@@ -50,9 +52,11 @@ async def list_sessions(request: Request, person: SignedInPerson, filters: Sessi
 
 
 @router.get("/sessions/{session_id}", response_model=SessionDetail, responses=documented(_NOT_FOUND, etag=True))
-async def read_session(request: Request, person: SignedInPerson, session_id: SessionIdPath) -> Response:
+async def read_session(
+    request: Request, context: ContextDep, person: SignedInPerson, session_id: SessionIdPath
+) -> Response:
     """All that is known of a session: its record, verdict, steps, transactions, evidence."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         view = await queries.view(database, session_id, person.scope)
         row = await queries.row(database, session_id)
         if view is None or row is None:
@@ -89,9 +93,11 @@ async def read_session(request: Request, person: SignedInPerson, session_id: Ses
 
 
 @router.get("/sessions/{session_id}/course", response_model=Course, responses=documented(_NOT_FOUND, etag=True))
-async def read_course(request: Request, person: SignedInPerson, session_id: SessionIdPath) -> Response:
+async def read_course(
+    request: Request, context: ContextDep, person: SignedInPerson, session_id: SessionIdPath
+) -> Response:
     """How the likelihood of each claim went with the rounds, and what each range says against claim and estimate."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         view = await queries.view(database, session_id, person.scope)
         row = await queries.row(database, session_id)
         decided = await verdicts.find(database, session_id)

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
 from backend.auth.access import SIGNED_IN, SignedInPerson, require
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import Conflict, Forbidden, NotFound, Unprocessable, documented
 from backend.geojson import MEDIA_TYPE
 from backend.pads import queries
@@ -41,13 +41,12 @@ Sha256 = Annotated[str, Path(pattern="^[0-9a-f]{64}$")]
     | {200: {"model": StoredSitePlan, "description": "This very file is kept already"}},
     openapi_extra=_FILE,
 )
-async def keep_site_plan(request: Request, person: SignedInPerson, pad_id: PadId) -> Response:
+async def keep_site_plan(request: Request, context: ContextDep, person: SignedInPerson, pad_id: PadId) -> Response:
     """Check a plan of a pad's site and keep it. The ledger's SetSitePlan with its hash then makes it hold.
 
     Where something is wrong with it, `errors` names each place in the file and what to do.
     """
     require(person, "admin", "pad_operator")
-    context = context_of(request)
     async with context.database.read() as database:
         if await queries.find(database, person.scope, pad_id) is None:
             raise NotFound(f"No pad {pad_id} is registered.")
@@ -76,9 +75,8 @@ async def keep_site_plan(request: Request, person: SignedInPerson, pad_id: PadId
     response_class=Response,
     responses=documented(_NOT_FOUND) | {200: {"content": CONTENT}},
 )
-async def read_site_plan(request: Request, person: SignedInPerson, pad_id: PadId, sha256: Sha256) -> Response:
+async def read_site_plan(context: ContextDep, person: SignedInPerson, pad_id: PadId, sha256: Sha256) -> Response:
     """The file of a site plan, byte for byte; its SHA-256 is in the address, and on the ledger."""
-    context = context_of(request)
     async with context.database.read() as database:
         pad = await queries.find(database, person.scope, pad_id)
         body = None if pad is None else await store.find(database, pad_id, sha256)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter
 from fastapi.responses import Response
 
 from backend.auth.access import SIGNED_IN, SignedInPerson
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import documented
 from backend.responses import Json
 from backend.statistics import queries
@@ -16,8 +16,8 @@ router = APIRouter(tags=["statistics"], dependencies=SIGNED_IN)
 
 
 @router.get("/statistics", response_model=Statistics, responses=documented())
-async def read_statistics(request: Request, person: SignedInPerson, wanted: StatisticsFor) -> Response:
+async def read_statistics(context: ContextDep, person: SignedInPerson, wanted: StatisticsFor) -> Response:
     """What the verdicts of a span come to, by time, pad, operator and action."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         found = await queries.statistics(database, wanted, person)
     return Json(found, headers={"Cache-Control": "private, no-store"})

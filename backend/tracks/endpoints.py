@@ -10,7 +10,7 @@ from fastapi.responses import Response
 
 from backend import geojson
 from backend.auth.access import SIGNED_IN, SignedInPerson
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import BadRequest, documented
 from backend.filters import FindingFilters, LatestFilters, Spanning
 from backend.pagination import encode_cursor
@@ -23,10 +23,12 @@ router = APIRouter(tags=["tracks"], dependencies=SIGNED_IN)
 
 
 @router.get("/tracks", response_model=TrackPage, responses=documented(BadRequest) | geojson.documented(TrackPage))
-async def list_tracks(request: Request, person: SignedInPerson, filters: LatestFilters) -> Response:
+async def list_tracks(
+    request: Request, context: ContextDep, person: SignedInPerson, filters: LatestFilters
+) -> Response:
     """The last broadcast position of each drone. Unverified."""
     after = filters.after_key(str)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = await queries.latest(
             database, person.scope, since_ms=filters.since_ms, after=after, limit=filters.limit + 1
         )
@@ -40,10 +42,12 @@ async def list_tracks(request: Request, person: SignedInPerson, filters: LatestF
 
 
 @router.get("/findings", response_model=FindingPage, responses=documented(BadRequest, etag=True))
-async def list_findings(request: Request, person: SignedInPerson, filters: FindingFilters) -> Response:
+async def list_findings(
+    request: Request, context: ContextDep, person: SignedInPerson, filters: FindingFilters
+) -> Response:
     """What was odd about broadcasts (one serial from two places, time that stands still), newest first. Unverified."""
     place = filters.after_place(int, int)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = await queries.findings(
             database,
             person.scope,
@@ -60,14 +64,14 @@ async def list_findings(request: Request, person: SignedInPerson, filters: Findi
 
 @router.get("/tracks/{uav_id}", response_model=TrackHistory, responses=documented(BadRequest))
 async def read_track(
-    request: Request,
+    context: ContextDep,
     person: SignedInPerson,
     uav_id: Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=40)],
     filters: Spanning,
 ) -> Response:
     """Broadcast positions of a drone, oldest first. Unverified; empty for a drone never heard."""
     place = filters.after_place(int, int)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = await queries.history(
             database,
             person.scope,

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Annotated
 
+from backend.context import maybe
 from backend.errors import BadRequest, Forbidden, LedgerAway
 from backend.ledger.access import LedgerAccess
 from backend.transactions.functions import SIGNING_ROLES
@@ -14,7 +17,17 @@ from wonderland.ledger.ca.invitations import Invited
 from wonderland.ledger.errors import LedgerError
 
 Registrar = Callable[[str, str], Awaitable[Invited]]
-"""Invites a name to a role. Only a demo's backend has one; it is the right to make anybody of the organisations."""
+"""Invites a name to a role."""
+
+
+@dataclass(frozen=True)
+class DemoRegistrar:
+    """Only a demo's backend has one; it is the right to make anybody of the organisations."""
+
+    invite: Registrar
+
+
+DemoRegistrarDep = Annotated[DemoRegistrar | None, maybe(DemoRegistrar)]
 
 
 def read_request(pem: str) -> CertificateRequest:
@@ -38,13 +51,13 @@ async def enrol(ledger: LedgerAccess, msp_id: str, request: CertificateRequest, 
 
 
 async def enrol_in_demo(
-    ledger: LedgerAccess, registrar: Registrar, role: str, request: CertificateRequest
+    ledger: LedgerAccess, registrar: DemoRegistrar, role: str, request: CertificateRequest
 ) -> tuple[str, bytes]:
     """MSP id and certificate for a role of the demo. Raises `Problem`."""
     if role not in SIGNING_ROLES:
         raise BadRequest(f"The demo gives the roles {', '.join(sorted(SIGNING_ROLES))}.", ("body.role", "unknown"))
     try:
-        invited = await registrar(request.name, role)
+        invited = await registrar.invite(request.name, role)
     except CaError as error:
         raise BadRequest(f"{error}.", ("body.request", str(error))) from error
     return invited.msp_id, await enrol(ledger, invited.msp_id, request, invited.secret)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 from cryptography.hazmat.primitives.serialization import Encoding
 from sqlalchemy import insert, select, update
 
 from backend import audit
 from backend.auth.person import Person
+from backend.context import part
 from backend.db.engine import Database
 from backend.db.tables.signing import SigningKeyRow
 from backend.errors import BadRequest, Conflict, Forbidden, NotFound
@@ -157,6 +158,9 @@ class SigningKeys:
             return self._members.member(msp_id, plain.creator, self._clock())
         except (AccessDeniedError, IdentityError, ValueError) as error:
             raise BadRequest(f"The ledger would not take this certificate: {error}.") from None
+
+
+SigningKeysDep = Annotated[SigningKeys, part(SigningKeys)]
 
 
 def _require_theirs(person: Person, role: str, msp_id: str) -> None:

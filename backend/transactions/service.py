@@ -10,16 +10,19 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import orjson
+from fastapi import Depends
+from starlette.requests import HTTPConnection
 
 from backend import audit
 from backend.auth.person import Person
+from backend.context import part_of
 from backend.db.engine import Database
 from backend.db.tables.signing import SignedTransactionRow, SigningKeyRow
 from backend.errors import BadRequest, Conflict, Forbidden, LedgerAway, NotFound, TooManyRequests
-from backend.ledger.access import LedgerAccess
+from backend.ledger.access import LedgerAccess, LedgerDep
 from backend.ledger.queries import transaction as transaction_of
 from backend.transactions import problems, store
 from backend.transactions.functions import CHANGES, Change
@@ -255,6 +258,16 @@ class Signing:
                 f"More than {self._per_minute} transactions within a minute; go on in a moment.",
                 headers={"Retry-After": "15"},
             )
+
+
+async def signing_of(connection: HTTPConnection, _ledger: LedgerDep) -> Signing:
+    """A dependency: the service of a backend that has a ledger. Raises `LedgerAway` where it has none."""
+    found = part_of(connection, Signing)
+    assert found is not None
+    return found
+
+
+SigningDep = Annotated[Signing, Depends(signing_of)]
 
 
 def _argument(change: Change, value: dict[str, Any]) -> tuple[bytes, Any]:

@@ -6,21 +6,21 @@ from collections.abc import Awaitable, Callable
 
 from starlette.requests import HTTPConnection
 
-from backend.context import context_of
+from backend.clients.machines import MachinesDep
 from backend.tokens import Caller
+from backend.uspace.service import USpaceDep
 
 
-def system_with(*scopes: str) -> Callable[[HTTPConnection], Awaitable[Caller]]:
+def system_with(*scopes: str) -> Callable[..., Awaitable[Caller]]:
     """A dependency: the system whose token has one of these scopes.
 
     Else 401 or 403 as RFC 6750 has it, and 429 for one that asks too often.
     """
 
-    async def caller_of(connection: HTTPConnection) -> Caller:
-        context = context_of(connection)
-        caller = await context.machines.caller_of(connection)
+    async def caller_of(connection: HTTPConnection, machines: MachinesDep, uspace: USpaceDep) -> Caller:
+        caller = await machines.caller_of(connection)
         caller.require(*scopes)
-        context.uspace.limits.admit(connection.scope, f"{caller.issuer} {caller.subject}")
+        uspace.limits.admit(connection.scope, f"{caller.issuer} {caller.subject}")
         return caller
 
     return caller_of

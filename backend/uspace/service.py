@@ -6,10 +6,11 @@ import asyncio
 import logging
 import uuid
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 from urllib.parse import urlsplit
 
 from backend.clients.limits import RateLimits
+from backend.context import part
 from backend.errors import SettingsError
 from backend.http.transfer import TransferError, new_client
 from backend.ingest.agents import UAV
@@ -148,3 +149,6 @@ class USpace:
         await self.display.close()
         await self._client.aclose()
         await self._others.aclose()
+
+
+USpaceDep = Annotated[USpace, part(USpace)]

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
 from backend.auth.access import SIGNED_IN, SignedInPerson
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import BadRequest, documented
 from backend.filters import VerdictFilters
 from backend.responses import page
@@ -17,10 +17,12 @@ router = APIRouter(tags=["verdicts"], dependencies=SIGNED_IN)
 
 
 @router.get("/verdicts", response_model=VerdictPage, responses=documented(BadRequest, etag=True))
-async def list_verdicts(request: Request, person: SignedInPerson, filters: VerdictFilters) -> Response:
+async def list_verdicts(
+    request: Request, context: ContextDep, person: SignedInPerson, filters: VerdictFilters
+) -> Response:
     """Verdicts, newest first. A block's verdicts appear all at once."""
     place = filters.after_place(int, int)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = await queries.listing(database, filters, person.scope, position=(place[0], place[1]) if place else None)
     return page(
         request,

@@ -14,7 +14,7 @@ from backend.auth.access import SignedInPerson, require
 from backend.auth.person import Person
 from backend.clients import idempotency
 from backend.clients.machines import METHOD
-from backend.context import Context, context_of
+from backend.context import Context, ContextDep
 from backend.db.tables.webhooks import DeliveryRow, SubscriptionRow
 from backend.errors import BadRequest, Conflict, Forbidden, NotFound, PreconditionFailed, Unprocessable, documented
 from backend.events import feed
@@ -23,6 +23,7 @@ from backend.filters import Paging
 from backend.problem_texts import said
 from backend.responses import Json, etag_of, page, require_match, resource
 from backend.webhooks import signing, store
+from backend.webhooks.post import PosterDep
 from backend.webhooks.schemas import (
     ChangedSubscription,
     DeliveryFilters,
@@ -48,11 +49,11 @@ _ONCE: Final[dict[str, Any]] = {"parameters": [idempotency.PARAMETER]}
 
 
 @router.get("/subscriptions", response_model=SubscriptionPage, responses=documented(BadRequest, etag=True))
-async def list_subscriptions(request: Request, paging: Paging, person: SignedInPerson) -> Response:
+async def list_subscriptions(request: Request, context: ContextDep, paging: Paging, person: SignedInPerson) -> Response:
     """One's own webhooks; an administrator sees all."""
     after = paging.after_key(str)
     owner = None if person.has("admin") else person.person_id
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = await store.listing(database, owner=owner, after=after, limit=paging.limit + 1)
     return page(
         request, ((row, store.shown(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.subscription_id,)
@@ -68,19 +69,20 @@ async def list_subscriptions(request: Request, paging: Paging, person: SignedInP
     ),
     openapi_extra=_ONCE,
 )
-async def add_subscription(request: Request, body: NewSubscription, person: SignedInPerson) -> Response:
+async def add_subscription(
+    request: Request, context: ContextDep, poster: PosterDep, body: NewSubscription, person: SignedInPerson
+) -> Response:
     """Have events sent to a URL, signed with the secret in the answer.
 
     Check what comes as the Standard Webhooks specification says (https://www.standardwebhooks.com), by a library of it
     or by `wonderland.client.verify_webhook`.
     """
-    context = context_of(request)
     if person.method != METHOD:
         require(person, "admin", "inspector", "pad_operator", "fleet_operator")
 
     async def write() -> Response:
         try:
-            await resolved(body.url, context.poster.allowed)
+            await resolved(body.url, poster.allowed)
         except TargetRefused as refused:
             raise Unprocessable(f"url: {refused}.", ("body.url", str(refused))) from None
         return await _add(context, body, person)
@@ -117,9 +119,11 @@ async def _add(context: Context, body: NewSubscription, person: Person) -> Respo
 @router.get(
     "/subscriptions/{subscription_id}", response_model=Subscription, responses=documented(_NOT_FOUND, etag=True)
 )
-async def read_subscription(request: Request, subscription_id: SubscriptionIdPath, person: SignedInPerson) -> Response:
+async def read_subscription(
+    request: Request, context: ContextDep, subscription_id: SubscriptionIdPath, person: SignedInPerson
+) -> Response:
     """A webhook."""
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         row = await _theirs(database, subscription_id, person)
     return resource(request, store.shown(row))
 
@@ -130,10 +134,13 @@ async def read_subscription(request: Request, subscription_id: SubscriptionIdPat
     responses=documented(Forbidden, _NOT_FOUND, PreconditionFailed),
 )
 async def change_subscription(
-    request: Request, subscription_id: SubscriptionIdPath, body: ChangedSubscription, person: SignedInPerson
+    request: Request,
+    context: ContextDep,
+    subscription_id: SubscriptionIdPath,
+    body: ChangedSubscription,
+    person: SignedInPerson,
 ) -> Response:
     """Pause a webhook, or have it go on where it was."""
-    context = context_of(request)
     async with context.database.write() as connection:
         await _to_change(request, connection, subscription_id, person)
         await store.set_state(connection, subscription_id, body.state)
@@ -148,10 +155,9 @@ async def change_subscription(
     "/subscriptions/{subscription_id}", status_code=204, responses=documented(Forbidden, _NOT_FOUND, PreconditionFailed)
 )
 async def remove_subscription(
-    request: Request, subscription_id: SubscriptionIdPath, person: SignedInPerson
+    request: Request, context: ContextDep, subscription_id: SubscriptionIdPath, person: SignedInPerson
 ) -> Response:
     """End a webhook; what still waits to be delivered is dropped."""
-    context = context_of(request)
     async with context.database.write() as connection:
         await _to_change(request, connection, subscription_id, person)
         await store.remove(connection, subscription_id)
@@ -166,12 +172,16 @@ async def remove_subscription(
     responses=documented(BadRequest, _NOT_FOUND, etag=True),
 )
 async def list_deliveries(
-    request: Request, subscription_id: SubscriptionIdPath, filters: DeliveryFilters, person: SignedInPerson
+    request: Request,
+    context: ContextDep,
+    subscription_id: SubscriptionIdPath,
+    filters: DeliveryFilters,
+    person: SignedInPerson,
 ) -> Response:
     """What was sent, what waits, and what was given up (`state=dead`), newest first; kept for two weeks."""
     place = filters.after_place(int, str)
     before = (place[0], place[1]) if place is not None else None
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         await _theirs(database, subscription_id, person)
         rows = await store.deliveries(
             database, subscription_id, state=filters.state, before=before, limit=filters.limit + 1
@@ -198,10 +208,13 @@ async def list_deliveries(
     openapi_extra=_ONCE,
 )
 async def redeliver(
-    request: Request, subscription_id: SubscriptionIdPath, delivery_id: DeliveryIdPath, person: SignedInPerson
+    request: Request,
+    context: ContextDep,
+    subscription_id: SubscriptionIdPath,
+    delivery_id: DeliveryIdPath,
+    person: SignedInPerson,
 ) -> Response:
     """Send a delivery once more, with the same `webhook-id`."""
-    context = context_of(request)
 
     async def write() -> Response:
         async with context.database.read() as database:

@@ -6,10 +6,11 @@ import asyncio
 import ssl
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import httpx
 
+from backend.context import part
 from backend.errors import SettingsError
 from backend.settings import Settings
 from backend.webhooks import signing
@@ -88,6 +89,9 @@ class Poster:
     async def close(self) -> None:
         """Close what is open."""
         await self._client.aclose()
+
+
+PosterDep = Annotated[Poster, part(Poster)]
 
 
 def poster_of(settings: Settings, named: Iterable[str] = ()) -> Poster:

@@ -12,7 +12,7 @@ from sqlalchemy import select, tuple_
 from backend import errors, geojson
 from backend.areas import Box
 from backend.auth.access import Administrator, SignedInPerson
-from backend.context import context_of
+from backend.context import Context, ContextDep
 from backend.db.tables.ledger import PadRow
 from backend.db.tables.zones import ZoneRow, ZoneSetRow
 from backend.errors import BadRequest, Conflict, Forbidden, NotFound, TooManyRequests, Unprocessable
@@ -93,9 +93,10 @@ ZoneId = Annotated[str, Path(pattern=f"^{ZONE_ID_PATTERN}$", max_length=11)]
     responses=geojson.documented(ZonePage) | errors.documented(BadRequest),
     openapi_extra=_LANGUAGE,
 )
-async def list_zones(request: Request, filters: Annotated[ZoneQuery, Query()], _: SignedInPerson) -> Response:
+async def list_zones(
+    request: Request, context: ContextDep, filters: Annotated[ZoneQuery, Query()], _: SignedInPerson
+) -> Response:
     """The zones of all data sets that hold, by identifier; as JSON with their ED-318 features, or as plain GeoJSON."""
-    context = context_of(request)
     now = context.clock() if filters.at_ms is None else filters.at_ms
     query = store.holding(filters.at_ms)
     if filters.bbox is not None:
@@ -145,20 +146,23 @@ def _holds(row: Any, filters: ZoneQuery) -> bool:
     | {200: {"model": ImportReport, "description": "A dry run, or a file that is in force already"}},
     openapi_extra=_FILE,
 )
-async def import_zones(request: Request, asked: Annotated[ImportQuery, Query()], person: Administrator) -> Response:
+async def import_zones(
+    request: Request, context: ContextDep, asked: Annotated[ImportQuery, Query()], person: Administrator
+) -> Response:
     """Import a file of zones: all of it takes the place of its source's data set, or nothing does.
 
     With `dry_run` the report says what the file holds and all that is wrong with it, line by line. An empty list of
     features empties the data set. At most 32 MiB (`max_zone_file_bytes`).
     """
-    context = context_of(request)
     report = await importing.import_file(context, person, request, asked.source, dry_run=asked.dry_run)
     new = not asked.dry_run and report.pop("new")
     return Json(report, status_code=201 if new else 200)
 
 
 @router.get("/zones/imports", response_model=ZoneImportPage, responses=errors.documented(BadRequest, etag=True))
-async def list_zone_imports(request: Request, filters: Annotated[ImportsQuery, Query()], _: SignedInPerson) -> Response:
+async def list_zone_imports(
+    request: Request, context: ContextDep, filters: Annotated[ImportsQuery, Query()], _: SignedInPerson
+) -> Response:
     """Every import, newest first: who, when, of which source; the one without `replaced_ms` holds."""
     query = (
         select(ZoneSetRow).order_by(ZoneSetRow.imported_ms.desc(), ZoneSetRow.import_id.desc()).limit(filters.limit + 1)
@@ -170,7 +174,7 @@ async def list_zone_imports(request: Request, filters: Annotated[ImportsQuery, Q
         query = query.where(column.is_not(None) if filters.current else column.is_(None))
     if (before := filters.after_place(int, str)) is not None:
         query = query.where(tuple_(ZoneSetRow.imported_ms, ZoneSetRow.import_id) < before)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = (await database.scalars(query)).all()
     return page(
         request,
@@ -201,13 +205,15 @@ def _import(row: ZoneSetRow) -> dict[str, Any]:
     response_class=Response,
     responses=errors.documented(etag=True) | {200: {"content": {geojson.MEDIA_TYPE: {"schema": _ED318}}}},
 )
-async def export_zones(request: Request, asked: Annotated[ExportQuery, Query()], _: SignedInPerson) -> Response:
+async def export_zones(
+    request: Request, context: ContextDep, asked: Annotated[ExportQuery, Query()], _: SignedInPerson
+) -> Response:
     """The data sets that hold as one ED-318 collection; of one source, with its own title and metadata."""
     query = store.holding()
     if asked.source is not None:
         query = query.where(ZoneSetRow.source == asked.source)
     about: dict[str, Any] = {}
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         features = [orjson.Fragment(row[0].feature) for row in await database.execute(query)]
         if asked.source is not None and (data_set := await store.current(database, asked.source)) is not None:
             about = orjson.loads(data_set.about)
@@ -220,9 +226,8 @@ async def export_zones(request: Request, asked: Annotated[ExportQuery, Query()],
     responses=errors.documented(BadRequest, etag=True),
     openapi_extra=_LANGUAGE,
 )
-async def list_pad_closures(request: Request, filters: Paging, person: SignedInPerson) -> Response:
+async def list_pad_closures(request: Request, context: ContextDep, filters: Paging, person: SignedInPerson) -> Response:
     """Pads, the zones that come within their reach, and whether the ledger has the closures that follow."""
-    context = context_of(request)
     after = filters.after_key(str)
     query = person.scope.narrow(pads.in_service(after, filters.limit + 1), pad=PadRow.pad_id)
     language, now = language_of(request), context.clock()
@@ -243,31 +248,31 @@ async def list_pad_closures(request: Request, filters: Paging, person: SignedInP
     responses=errors.documented(_NO_PAD, etag=True),
     openapi_extra=_LANGUAGE,
 )
-async def read_pad_closures(request: Request, pad_id: PadId, person: SignedInPerson) -> Response:
+async def read_pad_closures(request: Request, context: ContextDep, pad_id: PadId, person: SignedInPerson) -> Response:
     """One pad with its zones and closures."""
-    its = await _pad(request, pad_id, person)
-    return resource(request, pads.shown(its, language_of(request), context_of(request).clock()))
+    its = await _pad(context, pad_id, person)
+    return resource(request, pads.shown(its, language_of(request), context.clock()))
 
 
 @router.get(
     "/zones/pads/{pad_id}/plan", response_model=ClosurePlan, responses=errors.documented(_NO_PAD, Unprocessable)
 )
 async def plan_closures(
-    request: Request, pad_id: PadId, asked: Annotated[PlanQuery, Query()], person: SignedInPerson
+    context: ContextDep, pad_id: PadId, asked: Annotated[PlanQuery, Query()], person: SignedInPerson
 ) -> Response:
     """The argument of SetClosures by today's zones, for an officer to sign: schedules and daylight written out.
 
     It ends sooner than asked for where a record has no room for so many closures.
     """
-    its = await _pad(request, pad_id, person)
-    due = pads.planned(its, context_of(request).clock(), asked.days)
+    its = await _pad(context, pad_id, person)
+    due = pads.planned(its, context.clock(), asked.days)
     closures = [each.to_json() for each in due.closures]
     return Json({"pad_id": pad_id, "closures": closures, "valid_until_ms": due.valid_until_ms})
 
 
-async def _pad(request: Request, pad_id: str, person: SignedInPerson) -> pads.PadZones:
+async def _pad(context: Context, pad_id: str, person: SignedInPerson) -> pads.PadZones:
     query = person.scope.narrow(pads.in_service(None, 1).where(PadRow.pad_id == pad_id), pad=PadRow.pad_id)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         row = (await database.execute(query)).first()
         if row is None:
             raise NotFound(f"There is no pad {pad_id} in service, or it is not yours to see.")
@@ -279,9 +284,8 @@ async def _pad(request: Request, pad_id: str, person: SignedInPerson) -> pads.Pa
     responses=geojson.documented(Zone) | errors.documented(NotFound("No data set that holds has a zone FIN:EFP20.")),
     openapi_extra=_LANGUAGE,
 )
-async def read_zone(request: Request, zone_id: ZoneId, _: SignedInPerson) -> Response:
+async def read_zone(request: Request, context: ContextDep, zone_id: ZoneId, _: SignedInPerson) -> Response:
     """One zone that is in force."""
-    context = context_of(request)
     async with context.database.read() as database:
         row = (await database.execute(store.holding().where(ZoneRow.zone_id == zone_id))).first()
     if row is None:
@@ -295,34 +299,36 @@ async def read_zone(request: Request, zone_id: ZoneId, _: SignedInPerson) -> Res
 
 
 @service.get("/geo-awareness", response_model=Awareness, responses=errors.documented(), openapi_extra=_LANGUAGE)
-async def zones_at(request: Request, asked: Annotated[AwarenessQuery, Query()], _: SignedInPerson) -> Response:
+async def zones_at(
+    request: Request, context: ContextDep, asked: Annotated[AwarenessQuery, Query()], _: SignedInPerson
+) -> Response:
     """Which zones hold at a place, in which heights, and when within a span of time."""
     geometry = {"type": "Point", "coordinates": [asked.lon, asked.lat]}
     heights = None if asked.height_m is None else Band(asked.height_m, asked.height_m, asked.height_reference)
-    return await _awareness(request, geometry, 0, heights, (asked.from_ms, asked.until_ms))
+    return await _awareness(request, context, geometry, 0, heights, (asked.from_ms, asked.until_ms))
 
 
 @service.post(
     "/geo-awareness", response_model=Awareness, responses=errors.documented(_GEOMETRY), openapi_extra=_LANGUAGE
 )
-async def zones_along(request: Request, asked: AwarenessArea, _: SignedInPerson) -> Response:
+async def zones_along(request: Request, context: ContextDep, asked: AwarenessArea, _: SignedInPerson) -> Response:
     """The same for a route or an area. It changes nothing, although it is a POST."""
     heights = None
     if asked.lower_m is not None or asked.upper_m is not None:
         lower = -1_000 if asked.lower_m is None else asked.lower_m
         upper = 100_000 if asked.upper_m is None else asked.upper_m
         heights = Band(lower, upper, asked.height_reference)
-    return await _awareness(request, asked.geometry, asked.margin_m, heights, (asked.from_ms, asked.until_ms))
+    return await _awareness(request, context, asked.geometry, asked.margin_m, heights, (asked.from_ms, asked.until_ms))
 
 
 async def _awareness(
     request: Request,
+    context: Context,
     geometry: dict[str, Any],
     margin_m: float,
     heights: Band | None,
     span: tuple[int | None, int | None],
 ) -> Response:
-    context = context_of(request)
     now = context.clock()
     start = now if span[0] is None else span[0]
     until = start if span[1] is None else span[1]

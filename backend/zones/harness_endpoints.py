@@ -9,12 +9,12 @@ import logging
 from http import HTTPStatus
 from typing import Annotated, Any, Final, TypeVar
 
-from fastapi import APIRouter, Body, Depends, Path, Request
+from fastapi import APIRouter, Body, Depends, Path
 from fastapi.responses import Response
 from pydantic import BaseModel
 from uas_standards.interuss.automated_testing.geo_awareness.v1.constants import Scope
 
-from backend.context import Context, context_of
+from backend.context import Context, ContextDep
 from backend.errors import BadRequest, NotFound, Problem, documented
 from backend.http.transfer import TransferError
 from backend.responses import Json
@@ -22,6 +22,7 @@ from backend.tokens import ScopeMissing, TokenRefused
 from backend.uspace.access import system_with
 from backend.uspace.dss.models import UUID4, parse
 from backend.uspace.netrid.endpoints import NO_STORE, StandardRoute
+from backend.uspace.service import USpaceDep
 from backend.zones import importing, store
 from backend.zones.tested import CheckRequest, SourceRequest, answer
 
@@ -52,15 +53,14 @@ async def get_geo_awareness_status() -> Response:
 
 @router.put("/geozone_sources/{geozone_source_id}")
 async def put_geozone_source(
-    request: Request, geozone_source_id: SourceId, body: Annotated[dict[str, Any], Body()]
+    context: ContextDep, uspace: USpaceDep, geozone_source_id: SourceId, body: Annotated[dict[str, Any], Body()]
 ) -> Response:
     """Fetch a file of zones and have it hold; what becomes of it is in the answer."""
     wanted = _parsed(SourceRequest, body).https_source
     if wanted is None or wanted.format not in FORMATS:
         return _result("Unsupported", f"Sources are files by HTTPS, in {' or '.join(sorted(FORMATS))}.")
-    context = context_of(request)
     try:
-        data = await context.uspace.peers.read(wanted.url, max_bytes=context.settings.max_zone_file_bytes)
+        data = await uspace.peers.read(wanted.url, max_bytes=context.settings.max_zone_file_bytes)
     except TransferError as error:
         return _result("Error", f"The source cannot be fetched: {error}")
     try:
@@ -72,26 +72,25 @@ async def put_geozone_source(
 
 
 @router.get("/geozone_sources/{geozone_source_id}", responses=documented(NotFound))
-async def get_geozone_source_status(request: Request, geozone_source_id: SourceId) -> Response:
+async def get_geozone_source_status(context: ContextDep, geozone_source_id: SourceId) -> Response:
     """Whether a source's zones hold."""
-    await _require(context_of(request), geozone_source_id)
+    await _require(context, geozone_source_id)
     return _result("Ready")
 
 
 @router.delete("/geozone_sources/{geozone_source_id}", responses=documented(NotFound))
-async def delete_geozone_source(request: Request, geozone_source_id: SourceId) -> Response:
+async def delete_geozone_source(context: ContextDep, geozone_source_id: SourceId) -> Response:
     """A source's zones hold no longer."""
-    context = context_of(request)
     await _require(context, geozone_source_id)
     await importing.end(context, WHO, _name(geozone_source_id))
     return _result("Deactivating")
 
 
 @router.post("/geozones/check")
-async def check_geozones(request: Request, body: Annotated[dict[str, Any], Body()]) -> Response:
+async def check_geozones(context: ContextDep, body: Annotated[dict[str, Any], Body()]) -> Response:
     """Whether there are zones that pass the filters, check by check."""
     asked = _parsed(CheckRequest, body)
-    async with context_of(request).database.read() as database:
+    async with context.database.read() as database:
         rows = [(row[0], row[1]) for row in await database.execute(store.holding())]
     return Json({"applicableGeozone": [answer(check, rows) for check in asked.checks]}, headers=NO_STORE)
 

@@ -20,11 +20,11 @@ backend_tests = tools_of("backend")
 globals().update(fixtures_of(backend_tests))
 
 
-async def register(context, scopes, **options):
+async def register(running, scopes, **options):
     """A client and its secret."""
     wanted = NewClient(options.pop("name", "Tester"), tuple(scopes.split()), **options)
-    async with context.database.write() as connection:
-        return await context.clients.add(connection, wanted, "a test")
+    async with running.context.database.write() as connection:
+        return await running.parts.clients.add(connection, wanted, "a test")
 
 
 @pytest.fixture(name="register")
@@ -35,7 +35,7 @@ def _register():
 @contextlib.asynccontextmanager
 async def machine_at(running, scopes, **options):
     """An HTTP client of this backend with a token of these scopes; further options are those of a new client."""
-    row, secret = await register(running.context, scopes, **options)
+    row, secret = await register(running, scopes, **options)
     async with httpx.AsyncClient(base_url=running.url, trust_env=False, timeout=30) as http:
 
         async def renew():

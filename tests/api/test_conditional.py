@@ -57,7 +57,7 @@ async def test_a_subscription_that_is_no_longer_what_one_saw(running, machine):
 
 
 async def test_a_person_that_is_no_longer_what_one_saw(running):
-    token = await running.context.sign_ins.new_token("Admin", ("admin",))
+    token = await running.parts.sign_ins.new_token("Admin", ("admin",))
     await running.http.post("/api/v1/session", json={"token": token})
     made = await running.http.post("/api/v1/people", json={"name": "Aino", "roles": ["inspector"]})
     path = f"/api/v1/people/{made.json()['person']['person_id']}"

@@ -123,10 +123,10 @@ async def test_a_stream_ends_with_the_right_to_look(running, machine, monkeypatc
     monkeypatch.setattr("backend.events.endpoints.HEARTBEAT_S", 0.05)
     async with machine("wonderland.proofs.read") as http, stream(http) as found:
         async with running.context.database.write() as connection:
-            await running.context.clients.revoke(connection, http.client_id, "a test")
+            await running.parts.clients.revoke(connection, http.client_id, "a test")
         with pytest.raises(EOFError):
             await found.event()
-    assert running.context.streams.count == 0
+    assert running.parts.streams.count == 0
 
 
 async def test_a_server_that_stops_ends_its_streams(running):

@@ -86,7 +86,7 @@ async def test_not_as_often_and_not_as_much_as_it_likes(new_backend, serving, ch
 
 
 async def test_by_the_python_client(heard, register, tmp_path):
-    row, secret = await register(heard.context, "wonderland.exports")
+    row, secret = await register(heard, "wonderland.exports")
     with Wonderland(heard.url, row.client_id, secret, http=httpx.Client(trust_env=False)) as api:
 
         def fetch():

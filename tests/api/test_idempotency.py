@@ -23,7 +23,7 @@ CLIENT = {"name": "City U-space", "scopes": ["wonderland.proofs.read"]}
 
 @pytest.fixture
 async def admin(running):
-    token = await running.context.sign_ins.new_token("Admin", ("admin",))
+    token = await running.parts.sign_ins.new_token("Admin", ("admin",))
     assert (await running.http.post("/api/v1/session", json={"token": token})).status_code == 200
     return running.http
 

@@ -69,7 +69,7 @@ async def served(backend):
                 await asyncio.sleep(0.005)
             try:
                 # Before its first administrator a server refuses everything.
-                await backend.context.sign_ins.new_token("Admin", ("admin",))
+                await backend.parts.sign_ins.new_token("Admin", ("admin",))
                 yield f"https://localhost:{bound.getsockname()[1]}"
             finally:
                 backend.end_streams()
@@ -102,7 +102,7 @@ async def by_tls(new_backend, authority):
 async def register(backend, scopes=PADS, **options):
     wanted = NewClient("Tester", tuple(scopes.split()), **options)
     async with backend.database.write() as connection:
-        row, secret = await backend.context.clients.add(connection, wanted, "a test")
+        row, secret = await backend.parts.clients.add(connection, wanted, "a test")
     return row.client_id, secret
 
 
@@ -177,7 +177,7 @@ async def test_other_certificates_and_none_buy_nothing(by_tls, authority, tmp_pa
     answer = await (await connect(own)).post("/oauth/token", data=GRANT | {"client_id": with_secret})
     assert answer.json()["error"] == "invalid_client"
     async with backend.database.write() as connection:
-        await backend.context.clients.revoke(connection, client_id, "a test")
+        await backend.parts.clients.revoke(connection, client_id, "a test")
     answer = await (await connect(own)).post("/oauth/token", data=GRANT | {"client_id": client_id})
     assert answer.json()["error"] == "invalid_client"
     # One of a CA that is not ours does not even come through the handshake.
@@ -373,7 +373,7 @@ def test_certificates_that_cannot_be_registered(make):
 
 
 async def test_an_administrator_registers_by_certificate(running):
-    token = await running.context.sign_ins.new_token("Admin", ("admin",))
+    token = await running.parts.sign_ins.new_token("Admin", ("admin",))
     assert (await running.http.post("/api/v1/session", json={"token": token})).status_code == 200
     own = self_signed()
     body = {"name": "City", "scopes": [PADS], "certificate": {"pem": pem(own)}}

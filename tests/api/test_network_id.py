@@ -31,12 +31,12 @@ async def test_where_a_drone_is_by_its_own_agent(running, authorities, clock):
     listening = asyncio.create_task(requests.run())
     try:
         async with asyncio.timeout(15):
-            while not (found := list(running.context.uspace.flights)):
+            while not (found := list(running.parts.uspace.flights)):
                 await asyncio.sleep(0.05)
         (flight,) = found
         assert flight.drone == "uav-1"
         assert (flight.current.lat, flight.current.altitude_m) == (604_518_000, 41.5)
-        assert list(running.context.uspace.provider.served()) == [flight]
+        assert list(running.parts.uspace.provider.served()) == [flight]
     finally:
         listening.cancel()
         await asyncio.gather(listening, return_exceptions=True)

@@ -129,7 +129,7 @@ async def test_who_may_ask_for_what(running, machine, chain, facts):
     async with machine("wonderland.proofs.read") as reader:
         assert (await reader.post("/api/v1/proof-requests", json=BODY)).status_code == 403
         assert (await reader.get("/api/v1/proof-requests")).status_code == 200
-    token = await running.context.sign_ins.new_token("Looker", ("viewer",))
+    token = await running.parts.sign_ins.new_token("Looker", ("viewer",))
     await running.http.post("/api/v1/session", json={"token": token})
     assert (await running.http.post("/api/v1/proof-requests", json=BODY)).status_code == 403
 

@@ -26,7 +26,7 @@ async def test_the_quick_start_runs_as_it_is_printed(running, register, chain, f
     await running.mirrored(chain.height)
     (program,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/api/README.md").read_text(), re.DOTALL)[:1]
     assert len([line for line in program.splitlines() if line.strip()]) <= 10
-    row, secret = await register(running.context, "wonderland.proofs.read wonderland.pads.read")
+    row, secret = await register(running, "wonderland.proofs.read wonderland.pads.read")
     environment = os.environ | {
         "WONDERLAND_URL": running.url, "CLIENT_ID": row.client_id, "CLIENT_SECRET": secret, "PYTHONPATH": str(ROOT),
     }  # fmt: skip
@@ -59,7 +59,7 @@ def test_its_types_are_those_of_the_description():
 
 
 async def client_of(running, register, scopes=ALL, **options):
-    row, secret = await register(running.context, scopes)
+    row, secret = await register(running, scopes)
     return Wonderland(running.url, row.client_id, secret, http=httpx.Client(trust_env=False), **options)
 
 
@@ -91,8 +91,8 @@ async def test_events_go_on_through_a_break(running, register, chain, facts, mon
     with await client_of(running, register) as api:
         events = api.events(after="0.0")
         seen = [await asyncio.to_thread(next, events) for _ in range(2)]
-        running.context.commits.stop()  # as a server that goes away
-        running.context.commits.stopping = False
+        running.parts.commits.stop()  # as a server that goes away
+        running.parts.commits.stopping = False
         chain.add(facts.request("after the break"))
         seen += [await asyncio.to_thread(next, events) for _ in range(5)]
         events.close()
@@ -102,7 +102,7 @@ async def test_events_go_on_through_a_break(running, register, chain, facts, mon
 
 
 async def test_credentials_that_are_not_good(running, register):
-    row, _ = await register(running.context, ALL)
+    row, _ = await register(running, ALL)
     with Wonderland(running.url, row.client_id, "wrong", http=httpx.Client(trust_env=False)) as api:
         with pytest.raises(TokenError) as refused:
             await asyncio.to_thread(api.conformance, "uav-1")

@@ -69,7 +69,7 @@ async def test_what_machines_may_do(new_backend, serving, chain, facts, source_o
 @pytest.mark.timeout(SECONDS + 60)
 async def test_what_administrators_do_with_clients_and_what_anybody_may_ask(new_backend, serving, tmp_path):
     async with serving(new_backend()) as client:
-        token = await client.context.sign_ins.new_token("Admin", ("admin",))
+        token = await client.parts.sign_ins.new_token("Admin", ("admin",))
         await client.http.post("/api/v1/session", json={"token": token})
         code, output = await schemathesis(tmp_path, client.url, f"Cookie: {client.cookie()}", tags=("clients",))
         assert code == 0, output[-60_000:]

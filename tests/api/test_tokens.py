@@ -31,7 +31,7 @@ async def stranger(running):
 
 @both
 async def test_a_secret_buys_a_token_and_the_token_opens_what_its_scope_says(running, register, stranger):
-    row, secret = await register(running.context, "wonderland.pads.read wonderland.proofs.read")
+    row, secret = await register(running, "wonderland.pads.read wonderland.proofs.read")
     answer = await stranger.post(
         "/oauth/token", data=GRANT | {"scope": "wonderland.pads.read"}, auth=(row.client_id, secret)
     )
@@ -47,12 +47,12 @@ async def test_a_secret_buys_a_token_and_the_token_opens_what_its_scope_says(run
     assert refused.status_code == 403
     assert refused.json()["type"] == "urn:wonderland:problem:insufficient-scope"
     assert 'scope="wonderland.proofs.read"' in refused.headers["www-authenticate"]
-    known = await running.context.clients.find(row.client_id)
+    known = await running.parts.clients.find(row.client_id)
     assert known.last_token_ms == running.context.clock()
 
 
 async def test_the_token_is_signed_by_a_published_key(running, register, stranger):
-    row, secret = await register(running.context, "wonderland.pads.read")
+    row, secret = await register(running, "wonderland.pads.read")
     server = (await stranger.get("/.well-known/oauth-authorization-server")).json()
     token = (await stranger.post("/oauth/token", data=GRANT, auth=(row.client_id, secret))).json()["access_token"]
     (key,) = (await stranger.get("/oauth/jwks.json")).json()["keys"]
@@ -81,7 +81,7 @@ def assertion(key, client_id, **change):
 @both
 async def test_an_assertion_in_place_of_a_secret_is_good_once(running, register, stranger):
     key = ECKey.generate_key("P-256", private=True)
-    row, secret = await register(running.context, "wonderland.pads.read", jwks={"keys": [key.as_dict(private=False)]})
+    row, secret = await register(running, "wonderland.pads.read", jwks={"keys": [key.as_dict(private=False)]})
     assert secret is None
 
     async def ask(text):
@@ -120,13 +120,13 @@ async def test_an_assertion_in_place_of_a_secret_is_good_once(running, register,
     ],
 )
 async def test_token_requests_that_ask_for_too_much(running, register, stranger, form, status, error):
-    row, secret = await register(running.context, "wonderland.pads.read")
+    row, secret = await register(running, "wonderland.pads.read")
     answer = await stranger.post("/oauth/token", data=form, auth=(row.client_id, secret))
     assert (answer.status_code, answer.json()["error"]) == (status, error)
 
 
 async def test_token_requests_of_nobody(running, register, stranger):
-    row, secret = await register(running.context, "wonderland.pads.read")
+    row, secret = await register(running, "wonderland.pads.read")
     for auth in ((row.client_id, "wrong"), ("wl-nobody", secret), (row.client_id, "")):
         answer = await stranger.post("/oauth/token", data=GRANT, auth=auth)
         assert (answer.status_code, answer.json()["error"]) == (401, "invalid_client")
@@ -149,7 +149,7 @@ async def test_a_revoked_client_is_out_at_once(running, machine):
         answer = await running.http.delete(f"/api/v1/clients/{http.client_id}")
         assert answer.status_code == 403, "an inspector is no administrator"
         async with running.context.database.write() as connection:
-            await running.context.clients.revoke(connection, http.client_id, "a test")
+            await running.parts.clients.revoke(connection, http.client_id, "a test")
         refused = await http.get("/api/v1/pads")
         assert refused.status_code == 401
         assert 'error="invalid_token"' in refused.headers["www-authenticate"]
@@ -163,7 +163,7 @@ async def test_a_revoked_client_is_out_of_network_remote_id_too(running, machine
             await connection.execute(update(ClientRow).values(scopes="rid.service_provider"))
         assert (await http.get(view)).status_code == 403, "what was taken away is in older tokens no longer"
         async with running.context.database.write() as connection:
-            await running.context.clients.revoke(connection, http.client_id, "a test")
+            await running.parts.clients.revoke(connection, http.client_id, "a test")
         refused = await http.get(view)
         assert (refused.status_code, refused.json()["detail"]) == (401, "The client was revoked.")
 
@@ -176,13 +176,13 @@ async def test_tokens_expire(running, machine, clock):
 
 
 async def test_forged_tokens_are_refused(running, stranger, register):
-    row, _ = await register(running.context, "wonderland.pads.read")
+    row, _ = await register(running, "wonderland.pads.read")
     claims = {
         "iss": "http://localhost", "sub": row.client_id, "client_id": row.client_id, "aud": "localhost",
         "iat": START_S, "exp": START_S + 600, "scope": "wonderland.pads.read",
     }  # fmt: skip
-    public = running.context.machines.tokens.keys.public()["keys"][0]
-    ours = running.context.machines.tokens.keys.signing
+    public = running.parts.machines.tokens.keys.public()["keys"][0]
+    ours = running.parts.machines.tokens.keys.signing
     foreign = ECKey.generate_key("P-256", private=True)
     forged = [
         jwt.encode({"alg": "ES256"}, claims, foreign, algorithms=["ES256"]),
@@ -243,7 +243,7 @@ def test_limits_forget_callers_rather_than_fill_memory(monkeypatch):
 
 
 async def test_an_administrator_registers_and_revokes(running):
-    token = await running.context.sign_ins.new_token("Admin", ("admin",))
+    token = await running.parts.sign_ins.new_token("Admin", ("admin",))
     assert (await running.http.post("/api/v1/session", json={"token": token})).status_code == 200
     body = {"name": "City U-space", "scopes": ["wonderland.proofs.read", "rid.display_provider"]}
     answer = await running.http.post("/api/v1/clients", json=body)

@@ -94,7 +94,8 @@ async def poster(ca, running, monkeypatch):
     monkeypatch.setattr(
         "backend.webhooks.endpoints.resolved", lambda url, allowed: resolved(url, found.allowed, loopback)
     )
-    running.context.poster = found
+    app = running.backend.app
+    app.state.parts = {**app.state.parts, Poster: found}
     for task in running.backend._tasks:
         if task.get_name() == "webhooks":
             task.cancel()  # These tests do its work themselves, step by step.
@@ -104,7 +105,7 @@ async def poster(ca, running, monkeypatch):
 
 @pytest.fixture
 async def webhooks(running, poster, clock):
-    return Webhooks(running.context.database, poster, running.context.commits, clock)
+    return Webhooks(running.context.database, poster, running.parts.commits, clock)
 
 
 async def work(webhooks):
@@ -202,7 +203,7 @@ async def test_a_replica_leaves_alone_what_another_has_begun(running, machine, w
         await http.post("/api/v1/subscriptions", json=body)
         busy = asyncio.create_task(work(webhooks))
         await asyncio.wait_for(receiver.arrived.wait(), 5)
-        other = Webhooks(running.context.database, poster, running.context.commits, clock)
+        other = Webhooks(running.context.database, poster, running.parts.commits, clock)
         await work(other)
         assert len(receiver.requests) == 1
         clock.now_ms += LEASE_MS
@@ -289,7 +290,7 @@ async def test_a_revoked_client_is_told_nothing_more(running, machine, webhooks,
         body = {"url": f"https://hooks.example:{port}/", "after": "0.0"}
         assert (await http.post("/api/v1/subscriptions", json=body)).status_code == 201
         async with running.context.database.write() as connection:
-            await running.context.clients.revoke(connection, http.client_id, "a test")
+            await running.parts.clients.revoke(connection, http.client_id, "a test")
         await work(webhooks)
         assert receiver.requests == []
 
@@ -301,10 +302,10 @@ async def test_each_sees_its_own_and_an_administrator_all(running, machine, webh
         assert (await other.get(path)).status_code == 404
         assert (await other.delete(path)).status_code == 404
         assert (await other.get("/api/v1/subscriptions")).json()["items"] == []
-        token = await running.context.sign_ins.new_token("Admin", ("admin",))
+        token = await running.parts.sign_ins.new_token("Admin", ("admin",))
         await running.http.post("/api/v1/session", json={"token": token})
         assert [each["name"] for each in (await running.json("/subscriptions"))["items"]] == ["mine"]
-    token = await running.context.sign_ins.new_token("Looker", ("viewer",))
+    token = await running.parts.sign_ins.new_token("Looker", ("viewer",))
     await running.http.post("/api/v1/session", json={"token": token})
     assert (await running.http.post("/api/v1/subscriptions", json=body)).status_code == 403
 

@@ -683,8 +683,12 @@ class Running:
     def context(self):
         return self.backend.context
 
+    @property
+    def parts(self):
+        return self.backend.parts
+
     async def sign_in(self):
-        token = await self.context.sign_ins.new_token("Inspector", ("inspector",))
+        token = await self.parts.sign_ins.new_token("Inspector", ("inspector",))
         answer = await self.http.post("/api/v1/session", json={"token": token})
         assert answer.status_code == 200, answer.text
 
@@ -698,8 +702,8 @@ class Running:
 
     async def mirrored(self, height):
         async with asyncio.timeout(10):
-            while self.context.mirror.mirrored < height:
-                assert self.context.mirror.halted is None
+            while self.parts.mirror.mirrored < height:
+                assert self.parts.mirror.halted is None
                 await asyncio.sleep(0.005)
 
     def cookie(self):

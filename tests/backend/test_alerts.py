@@ -228,13 +228,13 @@ async def test_a_pad_that_falls_silent_and_comes_back(running, database, clock):
 
 
 async def test_a_halted_mirror_and_certificates_that_expire(running, clock):
-    running.context.mirror.halted = "block 9 does not continue the chain"
+    running.parts.mirror.halted = "block 9 does not continue the chain"
     clock.now_ms += 20 * 365 * 86_400_000
     await running.backend.watch.look()
     await running.sign_in()
     kinds = {each["kind"] for each in await alerts(running, state="open", limit=100)}
     assert {"ledger_halted", "certificate_expiring"} <= kinds
-    running.context.mirror.halted = None
+    running.parts.mirror.halted = None
 
 
 async def expiring(running, state="open"):

@@ -170,7 +170,7 @@ async def test_who_signed_is_bound_to_the_session_and_apart_from_its_verdict(run
 
 async def gone(running, pad_id):
     async with asyncio.timeout(5):
-        while running.context.agents.is_connected(pad_id):
+        while running.parts.agents.is_connected(pad_id):
             await asyncio.sleep(0.01)
 
 
@@ -200,7 +200,7 @@ async def test_the_same_agent_replaces_its_hanging_connection(running, agent_cli
         with pytest.raises(websockets.ConnectionClosed) as closed:
             await asyncio.wait_for(first.recv(), 5)
         assert closed.value.rcvd.code == 4409
-        assert running.context.agents.is_connected("pad-1")
+        assert running.parts.agents.is_connected("pad-1")
 
 
 async def test_a_second_agent_of_the_same_pad_is_refused(running, agent_client):
@@ -239,7 +239,7 @@ async def test_agents_that_are_refused(running, agent_client, who, change, code,
         refused = await agent_client(socket, **who).hello(**change)
         assert (refused["type"], refused["code"]) == ("refused", code), refused
         await closed_with(socket, closed)
-    assert len(running.context.agents) == 0
+    assert len(running.parts.agents) == 0
 
 
 async def test_the_certificate_must_be_of_that_agent(running, agent_client, authorities):
@@ -297,7 +297,7 @@ async def test_a_revocation_on_the_ledger_shuts_the_agent_out(running, agent_cli
     async with running.connect("/ingest") as socket:
         assert (await agent_client(socket, agent_id="pad-7", enrolment=enrolment).hello())["type"] == "welcome"
         running.backend._dismiss()
-        assert running.context.agents.is_connected("pad-7")
+        assert running.parts.agents.is_connected("pad-7")
     ca = authorities.cas["PadMSP"]
     ca.revoke(serial=enrolment.certificate.serial)
     async with database.read() as session:
@@ -312,13 +312,13 @@ async def test_a_revocation_on_the_ledger_shuts_the_agent_out(running, agent_cli
         ]
         running.backend._committed(Changes(organisations=organisations))
         await closed_with(socket, 4401)
-        assert running.context.agents.is_connected("pad-1")
+        assert running.parts.agents.is_connected("pad-1")
     async with running.connect("/ingest") as socket:
         refused = await agent_client(socket, agent_id="pad-7", enrolment=enrolment).hello()
         assert refused["code"] == "not_authenticated"
         assert "revoked" in refused["message"]
     definitions["PadMSP"]["revocation_lists"] = ["rubbish"]
-    running.context.members.configure((msp_id, json.dumps(each)) for msp_id, each in definitions.items())
+    running.parts.members.configure((msp_id, json.dumps(each)) for msp_id, each in definitions.items())
     async with running.connect("/ingest") as socket:
         refused = await agent_client(socket).hello()
         assert refused["code"] == "unknown_organisation", "a definition that cannot be read lets nobody in"
@@ -448,7 +448,7 @@ async def test_nothing_is_acknowledged_while_the_database_fails(running, agent_c
             raise OSError("No space left on device")
 
         with monkeypatch.context() as patched:
-            patched.setattr(running.context.intake, "_write", full)
+            patched.setattr(running.parts.intake, "_write", full)
             await agent.send(
                 {"type": "records", "records": [{"seq": 1, "kind": "track", "t_ms": START_MS, "body": TRACK}]}
             )
@@ -468,7 +468,7 @@ def _track(seq):
 async def test_what_comes_while_others_are_written_is_read_and_acknowledged_in_order(
     running, agent_client, monkeypatch
 ):
-    write, begun, go_on, sizes = running.context.intake._write, asyncio.Event(), asyncio.Event(), []
+    write, begun, go_on, sizes = running.parts.intake._write, asyncio.Event(), asyncio.Event(), []
 
     async def slow(batches):
         sizes.append(len(batches))
@@ -476,7 +476,7 @@ async def test_what_comes_while_others_are_written_is_read_and_acknowledged_in_o
         await go_on.wait()
         await write(batches)
 
-    monkeypatch.setattr(running.context.intake, "_write", slow)
+    monkeypatch.setattr(running.parts.intake, "_write", slow)
     async with running.connect("/ingest") as socket:
         agent = agent_client(socket)
         await agent.hello()
@@ -484,7 +484,7 @@ async def test_what_comes_while_others_are_written_is_read_and_acknowledged_in_o
         await begun.wait()
         for seq in range(2, 6):
             await agent.send(_track(seq))
-        while running.context.intake._queue.qsize() < 4:
+        while running.parts.intake._queue.qsize() < 4:
             await asyncio.sleep(0.005)
         go_on.set()
         assert [await agent.receive() for _ in range(5)] == [{"type": "ack", "seq": seq} for seq in range(1, 6)]
@@ -493,7 +493,7 @@ async def test_what_comes_while_others_are_written_is_read_and_acknowledged_in_o
 
 
 async def test_after_a_batch_that_was_lost_none_of_its_connection_is_kept(running, agent_client, monkeypatch):
-    intake = running.context.intake
+    intake = running.parts.intake
     write, begun, go_on, failures = (
         intake._write,
         asyncio.Event(),
@@ -568,7 +568,7 @@ async def test_too_many_silent_connections_are_turned_away(running, agent_client
         async with running.connect("/ingest") as socket:
             await closed_with(socket, 1013)
     async with asyncio.timeout(5):
-        while running.context.agents.unproven:
+        while running.parts.agents.unproven:
             await asyncio.sleep(0.01)
     async with running.connect("/ingest") as socket:
         assert (await agent_client(socket).hello())["type"] == "welcome"

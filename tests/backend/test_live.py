@@ -120,7 +120,7 @@ async def test_positions_are_coalesced_and_session_changes_are_not(running, agen
         await snapshot(socket)
         agent = agent_client(other)
         await agent.hello()
-        running.context.hub._tick_s = 0.3
+        running.parts.hub._tick_s = 0.3
         await asyncio.sleep(0.1)
         chain.add(facts.request("four"), facts.decide("five"), facts.complete("five"))
         await running.mirrored(chain.height)
@@ -213,13 +213,13 @@ async def test_signing_out_closes_live_connections(running):
             while True:
                 await receive(socket)
         assert closed.value.rcvd.code == 4401
-    assert len(running.context.hub) == 0
+    assert len(running.parts.hub) == 0
 
 
 async def test_stopping_the_server_says_so(running):
     async with running.live() as socket:
         await snapshot(socket)
-        running.context.hub.close()
+        running.parts.hub.close()
         with pytest.raises(websockets.ConnectionClosed) as closed:
             while True:
                 await receive(socket)
@@ -238,16 +238,16 @@ async def test_a_client_that_does_not_read_is_closed_and_the_others_go_on(
             await snapshot(quick)
             slow.transport.pause_reading()
             reading = asyncio.create_task(read_all(quick))
-            board = running.context.board
+            board = running.parts.board
             for index in range(4_000):
                 for uav in range(20):
                     board.hear(f"uav-{uav}", START_MS + index, json.dumps(TRACK | {"detail": "x" * 500}))
-                running.context.hub.tick()
+                running.parts.hub.tick()
                 await asyncio.sleep(0)
-                if running.context.hub.closed_slow:
+                if running.parts.hub.closed_slow:
                     break
-            assert running.context.hub.closed_slow == 1
-            assert len(running.context.hub) == 1
+            assert running.parts.hub.closed_slow == 1
+            assert len(running.parts.hub) == 1
             await asyncio.sleep(0.1)
             assert not reading.done(), "the quick client is still connected"
             slow.transport.resume_reading()
@@ -265,7 +265,7 @@ async def read_all(socket):
 
 
 async def test_large_snapshots_come_in_parts(running, number):
-    board = running.context.board
+    board = running.parts.board
     for uav in range(2_000):
         board.hear(f"uav-{uav:04}", START_MS, json.dumps(TRACK | {"uav_id": f"uav-{uav:04}", "pad": "x" * 150}))
     async with running.live() as socket:
@@ -277,7 +277,7 @@ async def test_large_snapshots_come_in_parts(running, number):
             text = await socket.recv()
             sizes.append(len(text))
         assert max(sizes) < 140_000
-        assert hello["seq"] <= running.context.hub.seq
+        assert hello["seq"] <= running.parts.hub.seq
 
 
 class FakeBoard:

@@ -211,7 +211,7 @@ async def test_the_bytes_of_a_block_have_the_hash_that_its_header_names(running)
 
 
 async def test_a_ledger_that_cannot_be_asked_is_said(running, chain):
-    running.context.source.blocks = _away
+    running.parts.source.blocks = _away
     block = await running.json("/blocks/3")
     answer = await running.get(f"/transactions/{block['items'][0]['tx_id']}/contents")
     assert (answer.status_code, answer.json()["type"]) == (503, "urn:wonderland:problem:ledger-away")
@@ -245,7 +245,7 @@ async def test_status_says_which_ledger_and_how_far(running):
 
 async def test_counts_are_the_same_after_a_restart(running, new_backend, serving, source_of, chain):
     before = (await running.json("/status"))["counts"]
-    board = running.context.board
+    board = running.parts.board
     async with running.context.database.read() as session:
         await board.load(session)
     assert board.status()["counts"] == before
@@ -256,7 +256,7 @@ async def test_a_halted_mirror_is_said_and_rest_goes_on(running, chain, tx):
     import asyncio
 
     async with asyncio.timeout(5):
-        while running.context.mirror.halted is None:
+        while running.parts.mirror.halted is None:
             await asyncio.sleep(0.01)
     status = await running.json("/status")
     assert "does not continue the chain" in status["ledger"]["halted"]
@@ -313,7 +313,7 @@ async def test_an_unexpected_error_gives_a_reference_and_nothing_else(running, m
     def fail():
         raise RuntimeError("secret detail")
 
-    monkeypatch.setattr(running.context.board, "status", fail)
+    monkeypatch.setattr(running.parts.board, "status", fail)
     answer = await running.get("/status")
     assert answer.status_code == 500
     problem = answer.json()

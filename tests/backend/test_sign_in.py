@@ -32,7 +32,7 @@ async def test_nothing_is_shown_to_strangers(running, path):
 
 
 async def test_a_token_serves_once(running):
-    token = await running.context.sign_ins.new_token("Inspector", ("inspector",))
+    token = await running.parts.sign_ins.new_token("Inspector", ("inspector",))
     async with stranger(running) as first, stranger(running) as second:
         answer = await first.post("/api/v1/session", json={"token": token})
         assert answer.status_code == 200
@@ -49,10 +49,10 @@ async def test_a_token_serves_once(running):
 
 
 async def test_tokens_expire(running, clock):
-    token = await running.context.sign_ins.new_token("Inspector", (), ttl_s=60)
+    token = await running.parts.sign_ins.new_token("Inspector", (), ttl_s=60)
     clock.now_ms += 60_000
     with pytest.raises(SignInRequired):
-        await running.context.sign_ins.redeem(token)
+        await running.parts.sign_ins.redeem(token)
 
 
 HOUR_MS = 3_600_000
@@ -101,7 +101,7 @@ async def test_a_page_that_stands_open_is_no_use(checking, clock):
 
 
 async def test_a_display_stays_signed_in_through_the_night(checking, clock):
-    sign_ins = checking.context.sign_ins
+    sign_ins = checking.parts.sign_ins
     token = await links.for_display(checking.context.database, sign_ins, "Control room", clock())
     assert (await checking.http.post("/api/v1/session", json={"token": token})).json()["roles"] == ["viewer"]
     async with checking.live() as socket:
@@ -117,7 +117,7 @@ async def test_a_display_stays_signed_in_through_the_night(checking, clock):
 
 
 async def test_a_display_that_was_given_rights_is_a_person(running, clock):
-    sign_ins = running.context.sign_ins
+    sign_ins = running.parts.sign_ins
     token = await links.for_display(running.context.database, sign_ins, "Control room", clock())
     await running.http.post("/api/v1/session", json={"token": token})
     async with running.context.database.write() as connection:
@@ -132,8 +132,8 @@ async def test_signing_out(running):
 
 
 async def test_only_hashes_are_kept(running):
-    token = await running.context.sign_ins.new_token("Inspector", ())
-    cookie, _ = await running.context.sign_ins.redeem(token)
+    token = await running.parts.sign_ins.new_token("Inspector", ())
+    cookie, _ = await running.parts.sign_ins.redeem(token)
     async with running.context.database.read() as session:
         kept = [str(vars(row)) for model in (LinkRow, SignInRow) for row in await session.scalars(select(model))]
     assert kept
@@ -201,7 +201,7 @@ async def test_behind_https_cookies_are_secure(new_backend, serving, database):
     async with backend.running():
         transport = httpx.ASGITransport(backend.app)
         async with httpx.AsyncClient(transport=transport, base_url="https://127.0.0.1") as http:
-            token = await backend.context.sign_ins.new_token("Inspector", ())
+            token = await backend.parts.sign_ins.new_token("Inspector", ())
             answer = await http.post("/api/v1/session", json={"token": token})
             assert answer.headers["set-cookie"].startswith("__Host-")
             assert "secure" in answer.headers["set-cookie"].lower()

@@ -109,14 +109,14 @@ def field_of(options):
 
 async def prepare(backend, options):
     """Start what makes positions, and for `raw` what sends them; returns tasks, the feed, and where the counts are."""
-    context = backend.backend.context
-    feed = Feed(context.board, options.rate, options.drones or options.rate, field_of(options))
+    parts = backend.backend.parts
+    feed = Feed(parts.board, options.rate, options.drones or options.rate, field_of(options))
     tasks = [asyncio.create_task(feed.run())]
     if options.mode == "hub":
-        return tasks, feed, lambda: (context.hub.frames, context.hub.bytes)
-    raw = Raw(context.board, options.tick_ms / 1000)
+        return tasks, feed, lambda: (parts.hub.frames, parts.hub.bytes)
+    raw = Raw(parts.board, options.tick_ms / 1000)
     # The hub has no clients here; it must not take away what changed.
-    context.hub.tick = lambda: None
+    parts.hub.tick = lambda: None
     backend.backend.app.add_api_websocket_route("/raw", raw.endpoint)
     backend.backend.app.router.routes.insert(0, backend.backend.app.router.routes.pop())
     tasks.append(asyncio.create_task(raw.run()))
@@ -172,7 +172,7 @@ def main():
             print(json.dumps({"link": running.link()}), flush=True)
             continue
         frames, size = counts()
-        heard = running.backend.context.intake.records or feed.heard
+        heard = running.backend.parts.intake.records or feed.heard
         print(json.dumps({"frames": frames, "bytes": size, "heard": heard}), flush=True)
     running._run(cancel(tasks))
     running.close()

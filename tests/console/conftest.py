@@ -300,7 +300,7 @@ class RealBackend:
                         await asyncio.sleep(0.005)
                     ready.set()
                     await ending.wait()
-                    self.backend.context.hub.close()
+                    self.backend.parts.hub.close()
                     server.should_exit = True
                     await task
             finally:
@@ -318,7 +318,7 @@ class RealBackend:
 
     def link(self, name="M. Inspector", role="inspector", **options):
         """A link with a fresh one-time token."""
-        token = self._run(self.backend.context.sign_ins.new_token(name, (role,), **options))
+        token = self._run(self.backend.parts.sign_ins.new_token(name, (role,), **options))
         return f"{self.url}/#token={token}"
 
     def add(self, *transactions):
@@ -334,7 +334,7 @@ class RealBackend:
         t_ms = self.now_ms()
         told = {"uav_id": uav_id, "lat_e7": lat_e7, "lon_e7": lon_e7, "t_ms": t_ms, "pad_id": pad_id}
         body = json.dumps(told | {"transport": "wifi", "verified": False} | more, separators=(",", ":"))
-        self.loop.call_soon_threadsafe(self.backend.context.board.hear, uav_id, t_ms, body)
+        self.loop.call_soon_threadsafe(self.backend.parts.board.hear, uav_id, t_ms, body)
 
 
 @pytest.fixture

@@ -84,7 +84,7 @@ async def serving(database: Database, organisation: LocalCa, port: int = 0) -> A
     server = new_server(backend.app, backend.settings)
     bound = Listen("127.0.0.1", port).open()
     async with backend.running():
-        await backend.context.sign_ins.new_token("Inspector", ("inspector",))  # set up: agents are taken in from now on
+        await backend.parts.sign_ins.new_token("Inspector", ("inspector",))  # set up: agents are taken in from now on
         # What the mirror learns from the channel's configuration block.
         definition = {
             "root_certs": [organisation.root_pem().decode()],
@@ -92,7 +92,7 @@ async def serving(database: Database, organisation: LocalCa, port: int = 0) -> A
             "revocation_lists": [],
             "sections": ["Application"],
         }
-        backend.context.members.configure([("PadMSP", json.dumps(definition))])
+        backend.parts.members.configure([("PadMSP", json.dumps(definition))])
         task = asyncio.create_task(server.serve([bound]))
         while not server.started:
             await asyncio.sleep(0.005)

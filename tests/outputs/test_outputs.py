@@ -297,7 +297,7 @@ async def test_a_machine_gets_of_the_picture_what_its_scopes_open(running, agent
     await hear(running, agent_client)
     wanted = NewClient("Map", ("wonderland.tracks.read",))
     async with running.context.database.write() as connection:
-        client, secret = await running.context.clients.add(connection, wanted, "a test")
+        client, secret = await running.parts.clients.add(connection, wanted, "a test")
     form = {"grant_type": "client_credentials"}
     answer = await running.http.post("/oauth/token", data=form, auth=(client.client_id, secret))
     bearer = {"Authorization": f"Bearer {answer.json()['access_token']}"}

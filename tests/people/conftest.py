@@ -50,8 +50,9 @@ class Server(_console.RealBackend):
     def set_up_link(self):
         from backend.people.links import at_start
 
-        context = self.backend.context
-        return f"{self.url}/#token={self._run(at_start(context.database, context.sign_ins, demo=False))}"
+        return (
+            f"{self.url}/#token={self._run(at_start(self.backend.database, self.backend.parts.sign_ins, demo=False))}"
+        )
 
     def invite(self, name):
         """An invitation by the server itself; the person's id."""
@@ -162,7 +163,7 @@ async def _serve_at(backend, port):
         try:
             yield Fresh(backend, bound.getsockname()[1])
         finally:
-            backend.context.hub.close()
+            backend.parts.hub.close()
             server.should_exit = True
             await task
             bound.close()
@@ -185,14 +186,14 @@ class Fresh:
 
     def __init__(self, backend, port):
         self.backend = backend
-        self.context = backend.context
+        self.context, self.parts = backend.context, backend.parts
         self.url = f"http://localhost:{port}"
         self.address = f"http://127.0.0.1:{port}"
 
     async def set_up_token(self):
         from backend.people.links import at_start
 
-        return await at_start(self.backend.database, self.context.sign_ins, demo=False)
+        return await at_start(self.backend.database, self.parts.sign_ins, demo=False)
 
     @contextlib.asynccontextmanager
     async def visitor(self, authenticator=None):

@@ -36,7 +36,7 @@ async def world(new_backend, chain, source_of, serving, facts, tx):
 @contextlib.asynccontextmanager
 async def signed_in(running, *roles, msp_id=""):
     async with httpx.AsyncClient(base_url=running.url, trust_env=False) as http:
-        token = await running.context.sign_ins.new_token(f"P {roles}", roles, msp_id=msp_id)
+        token = await running.parts.sign_ins.new_token(f"P {roles}", roles, msp_id=msp_id)
         assert (await http.post("/api/v1/session", json={"token": token})).status_code == 200
         yield http
 

@@ -286,7 +286,7 @@ def test_a_backend_that_ends_leaves_nothing_half_done(house, officer):
     async def hold(_transaction):
         await asyncio.Event().wait()
 
-    house.backend.context.ledger.settle = hold
+    house.backend.parts.ledger.settle = hold
     assert officer.submit(endorsed).status_code == 202
     house.stop_backend()
     house.start_backend()

@@ -181,7 +181,7 @@ async def test_it_is_audited_and_fetched_once_by_whoever_asked(stored, clock):
     assert row.subject == f"export/{asked['export_id']}"
     assert json.loads(row.detail)["format"] == "csv"
     cookies = dict(stored.http.cookies)
-    token = await stored.context.sign_ins.new_token("Another", ("inspector",))
+    token = await stored.parts.sign_ins.new_token("Another", ("inspector",))
     stored.http.cookies.clear()
     assert (await stored.http.post("/api/v1/session", json={"token": token})).status_code == 200
     other = await stored.get(f"/exports/{asked['export_id']}/file")
@@ -197,7 +197,7 @@ async def test_it_is_audited_and_fetched_once_by_whoever_asked(stored, clock):
 
 
 async def test_who_only_looks_takes_nothing_away(running):
-    token = await running.context.sign_ins.new_token("Viewer", ("viewer",))
+    token = await running.parts.sign_ins.new_token("Viewer", ("viewer",))
     running.http.cookies.clear()
     assert (await running.http.post("/api/v1/session", json={"token": token})).status_code == 200
     answer = await running.http.post("/api/v1/exports", json=WINDOW | {"format": "csv"})

@@ -75,7 +75,7 @@ class Somebody:
     def __init__(self, house, name, roles, msp_id=""):
         self.house = house
         self.http = httpx.Client(base_url=house.url, trust_env=False, timeout=30)
-        token = house.run(house.backend.context.sign_ins.new_token(name, roles, msp_id=msp_id))
+        token = house.run(house.backend.parts.sign_ins.new_token(name, roles, msp_id=msp_id))
         answer = self.http.post("/api/v1/session", json={"token": token})
         assert answer.status_code == 200, answer.text
         self.key = ec.generate_private_key(ec.SECP256R1())
@@ -241,7 +241,7 @@ class House:
         task = asyncio.create_task(server.serve([bound]))
 
         async def end():
-            self.backend.context.hub.close()
+            self.backend.parts.hub.close()
             server.should_exit = True
             await task
 
@@ -254,7 +254,7 @@ class House:
         return self.people[-1]
 
     def link(self, name="Anna Officer", roles=("admin",)):
-        token = self.run(self.backend.context.sign_ins.new_token(name, roles))
+        token = self.run(self.backend.parts.sign_ins.new_token(name, roles))
         return f"{self.url}/#token={token}"
 
     def wait_mirrored(self, height=None):
@@ -263,7 +263,7 @@ class House:
         async def work():
             wanted = self.ledger.chain.height if height is None else height
             async with asyncio.timeout(20):
-                while self.backend.context.mirror.mirrored < wanted:
+                while self.backend.parts.mirror.mirrored < wanted:
                     await asyncio.sleep(0.01)
 
         self.run(work())

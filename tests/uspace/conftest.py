@@ -115,7 +115,7 @@ class Uss:
 
     def __init__(self, backend, url, http, authority):
         self.backend = backend
-        self.uspace = backend.context.uspace
+        self.uspace = backend.parts.uspace
         self.url = url
         self.http = http
         self.authority = authority
@@ -139,11 +139,11 @@ class Uss:
         agent = Agent("pad", "pad-1", "0" * 32, "PadMSP", b"", lambda _: None)
         batch = read(agent, [Raw(orjson.dumps(each)) for each in records], acknowledged=0, now_ms=self.uspace.clock())
         assert batch.rejected == []
-        await (await self.backend.context.intake.take(batch))
+        await (await self.backend.parts.intake.take(batch))
 
     async def set_up(self, role="inspector"):
         """Somebody can sign in: until then a server serves nothing else."""
-        return await self.backend.context.sign_ins.new_token(role.title(), (role,))
+        return await self.backend.parts.sign_ins.new_token(role.title(), (role,))
 
     async def sign_in(self, role="inspector"):
         token = await self.set_up(role)
@@ -208,7 +208,7 @@ def new_uss(authority, migrated_file, tmp_path):
                         await uss.set_up()
                         yield uss
                 finally:
-                    backend.context.hub.close()
+                    backend.parts.hub.close()
                     server.should_exit = True
                     await task
 

@@ -24,7 +24,7 @@ def position(now, **change):
 
 async def say(uss, agent, *records):
     batch = read(agent, [Raw(orjson.dumps(each)) for each in records], acknowledged=0, now_ms=uss.uspace.clock())
-    await (await uss.backend.context.intake.take(batch))
+    await (await uss.backend.parts.intake.take(batch))
     return batch.rejected
 
 
@@ -37,7 +37,7 @@ async def test_a_drones_own_word_counts_for_more_than_what_is_broadcast_in_its_n
         token = uss.authority.token
         uss.authority.token = lambda **claims: token(now_s=clock() // 1000, **claims)
         drone = Agent("uav", SERIAL, "1" * 32)
-        uss.backend.context.agents.join(drone)
+        uss.backend.parts.agents.join(drone)
         assert await say(uss, drone, position(clock())) == []
         clock.pass_s(1)
         await uss.heard(track(lat=604_530_000, claim_t_ms=clock()))

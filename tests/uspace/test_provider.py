@@ -187,9 +187,9 @@ async def test_only_flights_of_our_operators(new_uss, track):
         ids = [each["id"] for each in (await flights(uss))["flights"]]
         served = {uss.uspace.flights.find(each).drone for each in ids}
         assert served == {"SERIAL1", "SERIAL2"}
-        uss.backend.context.agents.join(Agent("uav", "SERIAL3", "0" * 32))
+        uss.backend.parts.agents.join(Agent("uav", "SERIAL3", "0" * 32))
         assert len((await flights(uss))["flights"]) == 3
-        uss.backend.context.agents.leave(next(iter(uss.backend.context.agents)))
+        uss.backend.parts.agents.leave(next(iter(uss.backend.parts.agents)))
         others = [each.flight_id for each in uss.uspace.flights if each.drone == "SERIAL3"]
         assert (await uss.get(f"/uss/flights/{others[0]}/details")).status_code == 404
 

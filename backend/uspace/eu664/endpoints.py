@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from typing import Annotated, Any, Final
 
 import orjson
@@ -14,18 +16,21 @@ from pydantic import BaseModel, ConfigDict, Field
 from backend import areas
 from backend.areas import BAD_BOX
 from backend.auth.access import SignedInPerson, person_of
-from backend.auth.person import Person
-from backend.context import Context, context_of
+from backend.context import ContextDep
 from backend.errors import Problem, TooManyRequests, documented
+from backend.events.feed import Commits, CommitsDep
+from backend.events.streams import StreamsDep
 from backend.responses import Json
 from backend.uspace.eu664.schemas import Recipient, Traffic
-from backend.uspace.eu664.traffic import SCOPES
+from backend.uspace.eu664.traffic import SCOPES, TrafficInformation
+from backend.uspace.service import USpaceDep
 
 router = APIRouter(tags=["traffic"])
 
 STREAM: Final = "text/event-stream"
 _EXAMPLE: Final = 'event: traffic\ndata: {"t_ms":1800000000000,"recipient":"ussp","items":[]}\n\n'
 TICK_S: Final = 0.5
+_NO_STORE: Final = {"Cache-Control": "private, no-store"}
 LOOK_AGAIN_TICKS: Final = 30
 """How often it is checked that whoever listens still may; and a sign of life where nothing flies."""
 
@@ -44,7 +49,15 @@ class TrafficQuery(BaseModel):
     responses=documented(BAD_BOX, TooManyRequests)
     | {200: {"model": Traffic, "content": {STREAM: {"schema": {"type": "string"}, "example": _EXAMPLE}}}},
 )
-async def read_traffic(request: Request, query: Annotated[TrafficQuery, Query()], person: SignedInPerson) -> Response:
+async def read_traffic(
+    request: Request,
+    context: ContextDep,
+    commits: CommitsDep,
+    streams: StreamsDep,
+    uspace: USpaceDep,
+    query: Annotated[TrafficQuery, Query()],
+    person: SignedInPerson,
+) -> Response:
     """Drones in flight, with the fields of EU 2021/664, article 8(2), that the recipient may have.
 
     The recipient follows from the token's scope: `wonderland.traffic.` with `authority`, `ats` (air traffic
@@ -53,16 +66,27 @@ async def read_traffic(request: Request, query: Annotated[TrafficQuery, Query()]
     second with what has changed. Its events have no ids: after a break there is nothing to resume, a new stream
     begins with everything that flies.
     """
-    context = context_of(request)
     box = areas.Box.parse(query.bbox) if query.bbox is not None else None
-    recipient = _recipient(request)
+    asked = _Asked(uspace.traffic, _recipient(request), box, context.clock)
     if STREAM not in request.headers.get("accept", ""):
-        items, _ = context.uspace.traffic.items(recipient, box)
-        return Json(_content(context, recipient, items), headers={"Cache-Control": "private, no-store"})
-    context.streams.check(person.person_id)
-    headers = {"Cache-Control": "private, no-store", "X-Accel-Buffering": "no"}
-    content = _stream(request, context, recipient, box, person)
-    return StreamingResponse(content, headers=headers, media_type=STREAM)
+        return Json(asked.content(asked.traffic.items(asked.recipient, box)[0]), headers=_NO_STORE)
+    streams.check(person.person_id)
+    content = _stream(request, asked, streams.held(person.person_id), commits)
+    return StreamingResponse(content, headers=_NO_STORE | {"X-Accel-Buffering": "no"}, media_type=STREAM)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a recipient is told, and of which part of the map."""
+
+    traffic: TrafficInformation
+    recipient: Recipient
+    box: areas.Box | None
+    clock: Callable[[], int]
+
+    def content(self, items: list[dict[str, Any]]) -> dict[str, Any]:
+        """The answer, or the data of an event."""
+        return {"t_ms": self.clock(), "recipient": self.recipient, "items": items}
 
 
 def _recipient(request: Request) -> Recipient:
@@ -70,19 +94,15 @@ def _recipient(request: Request) -> Recipient:
     return next((recipient for scope, recipient in SCOPES.items() if scope in scopes), "public")
 
 
-def _content(context: Context, recipient: Recipient, items: list[dict[str, Any]]) -> dict[str, Any]:
-    return {"t_ms": context.clock(), "recipient": recipient, "items": items}
-
-
 async def _stream(
-    request: Request, context: Context, recipient: Recipient, box: areas.Box | None, person: Person
+    request: Request, asked: _Asked, held: AbstractContextManager[None], commits: Commits
 ) -> AsyncIterator[bytes]:
     after, ticks = -1, 0
-    with context.streams.held(person.person_id):
-        while not context.commits.stopping:
-            items, seen = context.uspace.traffic.items(recipient, box, after=after)
+    with held:
+        while not commits.stopping:
+            items, seen = asked.traffic.items(asked.recipient, asked.box, after=after)
             if items or after < 0:
-                data = orjson.dumps(_content(context, recipient, items)).decode()
+                data = orjson.dumps(asked.content(items)).decode()
                 yield f"event: traffic\ndata: {data}\n\n".encode()
             after = seen
             await asyncio.sleep(TICK_S)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Query
 from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from backend import audit
 from backend.auth.access import SIGNED_IN, Officer
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import NotFound, TooManyRequests, documented
 from backend.http.transfer import TransferError
 from backend.responses import Json
@@ -23,6 +23,7 @@ from backend.uspace.netrid.endpoints import FlightId
 from backend.uspace.netrid.provider import within
 from backend.uspace.netrid.views import MAX_TEXT, BadView, ViewTooLarge, parse_view
 from backend.uspace.peers import ProviderAway
+from backend.uspace.service import USpaceDep
 
 router = APIRouter(tags=["networked flights"])
 PRIVATE = {"Cache-Control": "private, no-store"}
@@ -42,11 +43,12 @@ class ViewQuery(BaseModel):
     dependencies=SIGNED_IN,
     responses=documented(BadView, ViewTooLarge, TooManyRequests),
 )
-async def list_networked_flights(request: Request, query: Annotated[ViewQuery, Query()]) -> Response:
+async def list_networked_flights(
+    context: ContextDep, uspace: USpaceDep, query: Annotated[ViewQuery, Query()]
+) -> Response:
     """What Network Remote ID shows of a view: flights up to 2 km across, areas with some up to 7 km. Unverified."""
-    context = context_of(request)
     view = parse_view(query.view)
-    display = context.uspace.display
+    display = uspace.display
     shown = await display.look(view)
     content = {
         "t_ms": context.clock(),
@@ -74,11 +76,12 @@ async def list_networked_flights(request: Request, query: Annotated[ViewQuery, Q
     response_model=NetworkedFlightDetails,
     responses=documented(NotFound, ProviderAway),
 )
-async def read_networked_flight(request: Request, flight_id: FlightId, person: Officer) -> Response:
+async def read_networked_flight(
+    context: ContextDep, uspace: USpaceDep, flight_id: FlightId, person: Officer
+) -> Response:
     """Who flies, asked of the flight's provider: only for a flight shown by itself within the last minute. Audited."""
-    context = context_of(request)
     try:
-        details = await context.uspace.display.details(flight_id)
+        details = await uspace.display.details(flight_id)
     except TransferError as error:
         raise ProviderAway(f"The flight's provider cannot be asked: {error}.") from None
     if details is None:

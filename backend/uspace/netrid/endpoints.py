@@ -14,7 +14,6 @@ from fastapi.responses import Response
 from fastapi.routing import APIRoute
 from uas_standards.astm.f3411.v22a.constants import Scope
 
-from backend.context import context_of
 from backend.errors import BadRequest, NotFound, documented
 from backend.responses import Json
 from backend.tokens import Caller, ScopeMissing, TokenRefused
@@ -24,6 +23,7 @@ from backend.uspace.netrid.provider import MAX_RECENT_S
 from backend.uspace.netrid.schemas import RidArea, RidDetails, RidFlights
 from backend.uspace.netrid.views import BadView, ViewTooLarge, parse_view
 from backend.uspace.netrid.watches import NotTheOwner, OtherArea
+from backend.uspace.service import USpaceDep
 
 _INVALID: Final = BadRequest("A parameter or field is missing or not as it must be.")
 
@@ -62,14 +62,13 @@ FlightId = Annotated[str, Path(min_length=1, max_length=255)]
     responses=documented(BadView, _INVALID, TokenRefused, ScopeMissing, ViewTooLarge),
 )
 async def search_flights(
-    request: Request,
+    uspace: USpaceDep,
     view: View,
     recent_positions_duration: Annotated[
         float, Query(ge=0, le=MAX_RECENT_S, allow_inf_nan=False, description="Seconds of recent positions")
     ] = 0,
 ) -> Response:
     """Flights with a position of the last minute in a view of at most 7 km across (F3411-22a, searchFlights)."""
-    uspace = context_of(request).uspace
     uspace.harness.advance()
     box = parse_view(view)
     content = uspace.provider.flights_in(box, recent_positions_duration, has_areas=uspace.covers(box))
@@ -84,9 +83,9 @@ async def search_flights(
         _INVALID, TokenRefused, ScopeMissing, NotFound("There is no flight of this id, or no longer.")
     ),
 )
-async def read_flight_details(request: Request, flight_id: FlightId) -> Response:
+async def read_flight_details(uspace: USpaceDep, flight_id: FlightId) -> Response:
     """Who flies, as far as the drone said (F3411-22a, getFlightDetails)."""
-    content = context_of(request).uspace.provider.details(flight_id)
+    content = uspace.provider.details(flight_id)
     if content is None:
         raise NotFound("There is no flight of this id, or no longer.")
     return Json(content, headers=NO_STORE)
@@ -98,9 +97,9 @@ async def read_flight_details(request: Request, flight_id: FlightId) -> Response
     dependencies=[Depends(system_with(DISPLAY_PROVIDER))],
     responses=documented(_INVALID, TokenRefused, ScopeMissing, NotFound("There is no area of this id, or no longer.")),
 )
-async def read_identification_service_area(request: Request, area_id: AreaId) -> Response:
+async def read_identification_service_area(uspace: USpaceDep, area_id: AreaId) -> Response:
     """The extents of an identification service area of ours (F3411-22a, getIdentificationServiceAreaDetails)."""
-    extents = context_of(request).uspace.areas.find(area_id)
+    extents = uspace.areas.find(area_id)
     if extents is None:
         raise NotFound("There is no area of this id, or no longer.")
     return Json({"extents": extents}, headers=NO_STORE)
@@ -112,11 +111,11 @@ async def read_identification_service_area(request: Request, area_id: AreaId) ->
     responses=documented(_INVALID, TokenRefused, ScopeMissing, NotTheOwner, OtherArea),
 )
 async def notify_identification_service_area(
-    request: Request,
+    uspace: USpaceDep,
     area_id: AreaId,
     body: AreaNotification,
     caller: Annotated[Caller, Depends(system_with(SERVICE_PROVIDER))],
 ) -> Response:
     """Take in a changed or ended area of another provider (F3411-22a, postIdentificationServiceArea)."""
-    context_of(request).uspace.display.watches.take(area_id, body, caller.subject)
+    uspace.display.watches.take(area_id, body, caller.subject)
     return Response(status_code=204)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Body, Depends, Path, Request
+from fastapi import APIRouter, Body, Depends, Path
 from fastapi.responses import Response
 from uas_standards.interuss.automated_testing.rid.v1.constants import Scope
 from uas_standards.interuss.automated_testing.versioning.constants import Scope as VersioningScope
 
-from backend.context import context_of
+from backend.context import ContextDep
 from backend.errors import BadRequest, NotFound
 from backend.http.times import rfc3339, unix_ms
 from backend.responses import Json
@@ -23,6 +23,7 @@ from backend.uspace.netrid.endpoints import NO_STORE, FlightId, StandardRoute, V
 from backend.uspace.netrid.harness import Harness, InjectedTest
 from backend.uspace.netrid.provider import within
 from backend.uspace.netrid.views import parse_view
+from backend.uspace.service import USpaceDep
 
 router = APIRouter(tags=["test harness"], route_class=StandardRoute)
 
@@ -40,33 +41,43 @@ MAX_BODY: Final = 16 << 20
 INJECT: Final = [Depends(system_with(Scope.Inject.value))]
 OBSERVE: Final = [Depends(system_with(Scope.Observe.value))]
 READ_VERSIONS: Final = [Depends(system_with(VersioningScope.ReadSystemVersions.value))]
+
+
+async def _advanced(uspace: USpaceDep) -> Harness:
+    """The harness, brought up to now."""
+    uspace.harness.advance()
+    return uspace.harness
+
+
+HarnessDep = Annotated[Harness, Depends(_advanced)]
 SystemIdentity = Annotated[str, Path(min_length=1, max_length=200)]
 TestId = Annotated[str, Path(min_length=1, max_length=200)]
 
 
 @router.put("/tests/{test_id}", dependencies=INJECT)
-async def create_test(request: Request, test_id: TestId, body: Annotated[dict[str, Any], Body()]) -> Response:
+async def create_test(harness: HarnessDep, test_id: TestId, body: Annotated[dict[str, Any], Body()]) -> Response:
     """Inject flights."""
     try:
         test = parse(InjectedTest, body)
     except ValueError as error:
         raise BadRequest(f"The test cannot be read: {error}") from None
-    return Json(_harness(request).create(test_id, test, body), headers=NO_STORE)
+    return Json(harness.create(test_id, test, body), headers=NO_STORE)
 
 
 @router.delete("/tests/{test_id}/{version}", dependencies=INJECT)
-async def delete_test(request: Request, test_id: TestId, version: TestId) -> Response:
+async def delete_test(harness: HarnessDep, test_id: TestId, version: TestId) -> Response:
     """Take injected flights away."""
-    return Json(_harness(request).delete(test_id, version), headers=NO_STORE)
+    return Json(harness.delete(test_id, version), headers=NO_STORE)
 
 
 @router.get("/user_notifications", dependencies=INJECT)
-async def query_user_notifications(request: Request, after: str, before: str | None = None) -> Response:
+async def query_user_notifications(
+    harness: HarnessDep, context: ContextDep, after: str, before: str | None = None
+) -> Response:
     """What operators were told."""
-    harness = _harness(request)
     try:
         after_ms = unix_ms(after)
-        before_ms = unix_ms(before) if before is not None else context_of(request).clock()
+        before_ms = unix_ms(before) if before is not None else context.clock()
     except ValueError:
         raise BadRequest("`after` and `before` are times in RFC 3339.") from None
     if before is not None and before_ms <= after_ms:
@@ -74,12 +85,11 @@ async def query_user_notifications(request: Request, after: str, before: str | N
     return Json(harness.notices(after_ms, before_ms), headers=NO_STORE)
 
 
-@router.get("/display_data", dependencies=OBSERVE)
-async def get_display_data(request: Request, view: View) -> Response:
+@router.get("/display_data", dependencies=[*OBSERVE, Depends(_advanced)])
+async def get_display_data(uspace: USpaceDep, view: View) -> Response:
     """What a person would see of a view."""
     box = parse_view(view)
-    _harness(request)
-    shown = await context_of(request).uspace.display.look(box)
+    shown = await uspace.display.look(box)
     content = {
         "flights": [_flight(flight, box) for flight in shown.flights],
         "clusters": [_cluster(cluster) for cluster in shown.clusters],
@@ -87,29 +97,21 @@ async def get_display_data(request: Request, view: View) -> Response:
     return Json(content, headers=NO_STORE)
 
 
-@router.get("/display_data/{flight_id}", dependencies=OBSERVE)
-async def get_details(request: Request, flight_id: FlightId) -> Response:
+@router.get("/display_data/{flight_id}", dependencies=[*OBSERVE, Depends(_advanced)])
+async def get_details(uspace: USpaceDep, flight_id: FlightId) -> Response:
     """What a person would see of a flight."""
-    _harness(request)
-    details = await context_of(request).uspace.display.details(flight_id)
+    details = await uspace.display.details(flight_id)
     if details is None:
         raise NotFound("No flight of this id was shown by itself within the last minute.")
     return Json(_details(details), headers=NO_STORE)
 
 
 @router.get("/versions/{system_identity}", dependencies=READ_VERSIONS)
-async def get_version(request: Request, system_identity: SystemIdentity) -> Response:
+async def get_version(context: ContextDep, system_identity: SystemIdentity) -> Response:
     """Which version of a system runs here."""
-    context = context_of(request)
     if system_identity not in context.settings.uspace.system_identities:
         raise NotFound("This server is no system of that identity; see the setting system_identities.")
     return Json({"system_identity": system_identity, "system_version": f"v{context.version}"}, headers=NO_STORE)
-
-
-def _harness(request: Request) -> Harness:
-    harness = context_of(request).uspace.harness
-    harness.advance()
-    return harness
 
 
 def _flight(flight: Flight, view: Box) -> dict[str, Any]:
