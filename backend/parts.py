@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import get_args, get_type_hints
 
 from backend.auth.attempts import Attempts
 from backend.auth.sign_ins import SignIns
@@ -66,7 +67,6 @@ class Parts:
 
     def by_type(self, context: Context) -> Mapping[type, object]:
         """What `backend.context.part_of` looks into."""
-        ours = {type(each): each for each in vars(self).values()}
-        # These come from outside: their types may be kinds of what is asked for.
-        brought = {BlockSource: self.source, ProofContract: self.assets, LedgerAccess: self.ledger}
-        return MappingProxyType({**ours, **brought, Context: context})
+        # By the type that a field declares, not by what stands in it: that may be a kind of it, or None.
+        declared = {name: (get_args(hint) or (hint,))[0] for name, hint in get_type_hints(Parts).items()}
+        return MappingProxyType({Context: context} | {kind: getattr(self, name) for name, kind in declared.items()})

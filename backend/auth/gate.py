@@ -30,11 +30,11 @@ class SetUpGate:
         if scope["type"] not in {"http", "websocket"} or _is_open(scope):
             await self._app(scope, receive, send)
             return
-        sign_ins = getattr(scope["app"].state, "parts", {}).get(SignIns)
-        if sign_ins is None:  # routes alone: there is nothing behind them that could be told
+        parts = getattr(scope["app"].state, "parts", None)
+        if parts is None:  # routes alone: there is nothing behind them that could be told
             await self._app(scope, receive, send)
             return
-        assert isinstance(sign_ins, SignIns)
+        sign_ins: SignIns = parts[SignIns]  # a backend without them opens nothing
         if await sign_ins.is_set_up():
             await self._app(scope, receive, send)
         elif scope["type"] == "http":
