@@ -3,7 +3,7 @@
 Used by the demo, by recordings and by the reproduction of the paper, so that all three go the whole way.
 """
 
-from simulator.stage.processes import Process, ProcessError, Processes, free_ports
+from simulator.stage.processes import PortClaims, Process, ProcessError, Processes
 from simulator.stage.stage import Stage, StageSettings
 
-__all__ = ["Process", "ProcessError", "Processes", "Stage", "StageSettings", "free_ports"]
+__all__ = ["PortClaims", "Process", "ProcessError", "Processes", "Stage", "StageSettings"]

@@ -6,12 +6,15 @@ import asyncio
 import contextlib
 import ctypes
 import json
+import secrets
 import signal
 import socket
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Self
+
+from wonderland.ledger.network.ports import FREE_RANGE
 
 STOP_S: Final = 6.0
 READY_LINE_BYTES: Final = 1 << 16
@@ -143,13 +146,45 @@ class Processes:
         return next((child for child in self._children if not child.running), None)
 
 
-def free_ports(count: int, kind: socket.SocketKind = socket.SOCK_DGRAM) -> list[int]:
-    """Ports of loopback that nobody uses now."""
-    sockets = [socket.socket(socket.AF_INET, kind) for _ in range(count)]
+class PortClaims:
+    """UDP ports of loopback for programs that are started later; nobody else takes them until these claims are closed.
+
+    They lie below the range that systems give to whoever asks for any port, and on each its TCP twin is held: so two
+    stages that start at the same moment do not choose the same.
+    """
+
+    def __init__(self) -> None:
+        self._twins: list[socket.socket] = []
+
+    def claim(self, count: int) -> list[int]:
+        """So many ports. Raises `ProcessError` where there are not as many."""
+        chosen: list[int] = []
+        everything = range(*FREE_RANGE)
+        for port in secrets.SystemRandom().sample(everything, k=len(everything)):
+            twin = _bound(port, socket.SOCK_STREAM)
+            if twin is None:
+                continue
+            self._twins.append(twin)
+            if (probe := _bound(port, socket.SOCK_DGRAM)) is not None:
+                probe.close()
+                chosen.append(port)
+            if len(chosen) == count:
+                return chosen
+        raise ProcessError(f"127.0.0.1 has no {count} free UDP ports between {FREE_RANGE[0]} and {FREE_RANGE[1]}")
+
+    def close(self) -> None:
+        """Give them all back."""
+        for twin in self._twins:
+            twin.close()
+        self._twins.clear()
+
+
+def _bound(port: int, kind: socket.SocketKind) -> socket.socket | None:
+    """A socket on this port of loopback; None where it is taken."""
+    found = socket.socket(socket.AF_INET, kind)
     try:
-        for each in sockets:
-            each.bind(("127.0.0.1", 0))
-        return [each.getsockname()[1] for each in sockets]
-    finally:
-        for each in sockets:
-            each.close()
+        found.bind(("127.0.0.1", port))
+    except OSError:
+        found.close()
+        return None
+    return found

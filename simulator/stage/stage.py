@@ -17,7 +17,7 @@ from simulator.place.plans import site_plan
 from simulator.plan import Plan
 from simulator.scenario import DroneSpec, PadSite
 from simulator.stage.ledgers import EmbeddedStageLedger, FabricStageLedger, RunningStageLedger, StageLedger
-from simulator.stage.processes import Process, Processes, free_ports
+from simulator.stage.processes import PortClaims, Process, Processes
 from simulator.stage.registry import PAD_OPERATOR, Registry
 from simulator.world import Ports, anchor_path
 from wonderland.ledger.connection import Connection
@@ -161,7 +161,9 @@ class Stage:
 
     def _choose_ports(self) -> None:
         pads, drones = self.settings.pads, self.settings.drones
-        numbers = iter(free_ports(len(pads) + len(drones) + 2))
+        claims = PortClaims()
+        self._stack.callback(claims.close)
+        numbers = iter(claims.claim(len(pads) + len(drones) + 2))
         self.ports = Ports(
             rid={pad.pad_id: next(numbers) for pad in pads},
             position={drone.uav_id: next(numbers) for drone in drones},
