@@ -37,7 +37,7 @@ from simulator.stage import ProcessError, Processes, Stage, StageSettings
 from simulator.verdicts import CommittedVerdict, committed
 
 PATIENCE_S: Final = 120.0
-"""Longest time in which no verdict comes before the run is given up."""
+"""Longest time in which no verdict comes of a drone that still has none before the run is given up."""
 WATCH_S: Final = 0.5
 MOST_SESSIONS: Final = 4
 """So often a drone comes at most until a session tells something."""
@@ -114,13 +114,17 @@ async def fly(stage: Stage, flying: dict[str, DroneSpec]) -> AsyncIterator[tuple
     verdicts = committed(stage.connection, channel)
     waiting = dict(names)
     sessions = dict.fromkeys(names, 0)
+    last_s = time.monotonic()
     try:
         while waiting:
             item = await _next(stage.processes, verdicts, sorted(waiting.values()))
             uav_id = item.verdict.uav_id
             name = waiting.get(uav_id)
-            if name is None:
+            if name is None:  # who has its result flies on, and must not keep the run waiting for the others
+                if time.monotonic() - last_s > PATIENCE_S:
+                    raise _silent(sorted(waiting.values()))
                 continue
+            last_s = time.monotonic()
             sessions[uav_id] += 1
             if _came_to_nothing(name, item) and sessions[uav_id] < MOST_SESSIONS:
                 continue
@@ -218,7 +222,12 @@ def _came_to_nothing(name: str, item: CommittedVerdict) -> bool:
     """Whether a verdict says nothing about the attack, only about the radio or the witness."""
     if item.verdict.outcome != "inconclusive" or parsed(name)[0] in UNANSWERED:
         return False
-    return not NOTHING_HEARD.isdisjoint(reason.code for reason in item.verdict.reasons)
+    codes = {reason.code for reason in item.verdict.reasons}
+    return not NOTHING_HEARD.isdisjoint(codes) and "witness_contradicts" not in codes
+
+
+def _silent(waiting: Sequence[str]) -> ProcessError:
+    return ProcessError(f"no verdict for {PATIENCE_S:.0f} s; still without one: {', '.join(waiting)}")
 
 
 async def _next(
@@ -234,7 +243,7 @@ async def _next(
                 if ended is not None:
                     raise ProcessError(f"{ended.name} ended by itself.\n{ended.last_words()}")
     except TimeoutError:
-        raise ProcessError(f"no verdict for {PATIENCE_S:.0f} s; still without one: {', '.join(waiting)}") from None
+        raise _silent(waiting) from None
     finally:
         if not pending.done():
             pending.cancel()

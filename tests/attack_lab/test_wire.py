@@ -6,10 +6,11 @@ import json
 import math
 import random
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
-from simulator.attack_lab import ATTACKS
+from simulator.attack_lab import ATTACKS, wire
 from simulator.attack_lab.wire import LEDGER_ATTACKS, WireResult, markdown, run_wire, specs
 from simulator.attack_lab.wire_sites import (
     LEVEL,
@@ -26,6 +27,7 @@ from simulator.attack_lab.wire_sites import (
 )
 from simulator.attackers.ranging import RANGE_ATTACKS, Situation
 from simulator.scenario import PADS
+from simulator.stage import ProcessError
 
 HERE, CLAIMED = (9.0, 3.0, 5.0), (6.0, -2.0, 5.0)
 ANCHORS = [(site.east_m, site.north_m, site.up_m) for site in PADS[0].anchors]
@@ -57,6 +59,68 @@ async def test_attackers_on_the_air_and_on_the_ledger_win_nothing(tmp_path, capf
     assert said["wrong-role"]["reasons"] == ["ROLE_NOT_ALLOWED"]
     assert "countersignature_invalid" in said["evidence-replay"]["reasons"]
     assert "not_countersigned" in said["pad-alone"]["reasons"]
+
+
+def said_by(uav_id, *codes, outcome="inconclusive", permission="refused"):
+    """A committed verdict as far as `fly` looks at it."""
+    verdict = SimpleNamespace(
+        uav_id=uav_id,
+        pad_id="pad",
+        outcome=outcome,
+        permission=permission,
+        rounds=10,
+        assurance=2,
+        reasons=[SimpleNamespace(code=code) for code in codes],
+    )
+    return SimpleNamespace(verdict=verdict, tx_id="0" * 64)
+
+
+@pytest.fixture
+def flown(monkeypatch):
+    """Runs `fly` over such verdicts; the results."""
+
+    async def run(flying, *items, gap_s=0.0):
+        passed = {"s": 0.0}
+
+        async def committed(connection, channel):
+            for item in items:
+                passed["s"] += gap_s
+                yield item
+
+        async def close():
+            return None
+
+        monkeypatch.setattr(wire, "committed", committed)
+        monkeypatch.setattr(wire.time, "monotonic", lambda: passed["s"])
+        channel = SimpleNamespace(close=close)
+        stage = SimpleNamespace(
+            connection=SimpleNamespace(open_channel=lambda: channel), processes=SimpleNamespace(ended=lambda: None)
+        )
+        drones = {name: SimpleNamespace(uav_id=uav_id) for name, uav_id in flying.items()}
+        return [result async for result, _ in wire.fly(stage, drones)]
+
+    return run
+
+
+async def test_a_witness_that_contradicts_has_told_something(flown):
+    contradicted = said_by("U1", "no_time_stamps", "witness_contradicts", "assurance_too_low")
+    (result,) = await flown({"anchors-turned@4": "U1"}, contradicted, said_by("U1", "never looked at"))
+    assert (result.sessions, "witness_contradicts" in result.reasons) == (1, True)
+
+
+async def test_a_session_in_which_nothing_was_heard_is_flown_again(flown):
+    (result,) = await flown(
+        {"honest@4": "U1"},
+        said_by("U1", "no_witness"),
+        said_by("U1", "within_buffer", outcome="verified", permission="granted"),
+    )
+    assert (result.sessions, result.permission) == (2, "granted")
+
+
+async def test_who_has_its_result_does_not_keep_the_run_waiting_for_one_that_never_comes(flown):
+    others = [said_by("U1", "within_buffer", outcome="verified", permission="granted")] * 20
+    with pytest.raises(ProcessError, match=r"no verdict for 120 s; still without one: anchors-turned@4$"):
+        await flown({"honest": "U1", "anchors-turned@4": "U2"}, *others, gap_s=30.0)
 
 
 def test_each_sample_on_the_wire_is_a_documented_class():
