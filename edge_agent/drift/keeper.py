@@ -54,6 +54,7 @@ class DriftKeeper:
         self._clock = clock
         self._of = ""
         self._tries = 0
+        self._suspect = ""
         self._watch: DriftWatch | None = None
         self._anchors: DriftState | None = None
 
@@ -71,7 +72,7 @@ class DriftKeeper:
         if self._of == commissioning_sha256:
             return
         self._of, self._watch, self._anchors = commissioning_sha256, None, self._kept(commissioning_sha256)
-        self._tries = 0
+        self._tries, self._suspect = 0, ""
         try:
             self._residuals = ResidualWatch.load(self._residuals_file, commissioning_sha256)
         except BaselineError as error:
@@ -125,21 +126,27 @@ class DriftKeeper:
         if not measured:
             return self.state
         before = self._anchors
-        if self._watch is None:
-            self._learn(ranges, commissioning)
-        else:
+        if self._watch is not None:
             self._anchors = self._watch.look(self._clock(), measured)
+        elif not self._learn(ranges, commissioning):
+            # It closes the pad, so that one look is not enough: a bad moment of the air names an anchor, too.
+            again = await self._radios.measure_between(macs, FIRST_ROUNDS)
+            if summary(again):
+                self._learn(again, commissioning)
         if self._anchors is not None and (before is None or before.state != self._anchors.state):
             self._tell(self._anchors)
         return self.state
 
-    def _learn(self, ranges: PairRanges, commissioning: Commissioning) -> None:
-        """No baseline of the commissioning is here: the first look is one, unless it contradicts the survey."""
+    def _learn(self, ranges: PairRanges, commissioning: Commissioning) -> bool:
+        """No baseline of the commissioning is here: the first look is one, unless it contradicts the survey.
+
+        False where it does and has to be repeated: an anchor was moved where two looks running name it.
+        """
         baseline = Baseline.of(ranges, t_ms=self._clock(), source="first look")
         count = len(commissioning.anchors)
         self._tries += 1
         if len(baseline.pairs) < count * (count - 1) // 2 and self._tries < COMPLETE_TRIES:
-            return  # a node is away or hidden from another: what it would measure is worth waiting for
+            return True  # a node is away or hidden from another: what it would measure is worth waiting for
         found = self_survey(
             _places(commissioning),
             {pair: value.range_mm / 1000 for pair, value in baseline.pairs.items()},
@@ -149,6 +156,9 @@ class DriftKeeper:
         )
         suspect = found.suspect
         if suspect is not None and suspect.off_m * 1000 >= CONTRADICTED_MM:
+            if suspect.anchor_id != self._suspect:
+                self._suspect = suspect.anchor_id
+                return False
             now_ms = self._clock()
             self._anchors = DriftState(
                 "moved",
@@ -159,13 +169,15 @@ class DriftKeeper:
                 sigma_mm=round(suspect.sigma_m * 1000),
                 since_ms=now_ms,
             )
-            return
+            return True
+        self._suspect = ""
         self._watch = self._over(baseline, commissioning)
         self._anchors = DriftState("ok", baseline.t_ms, 1)
         try:
             baseline.save(self._baseline_file, self._of)
         except (LedgerError, OSError) as error:
             _log.warning("the anchors' ranges to each other are not kept: %s", error)
+        return True
 
     def _over(self, baseline: Baseline, commissioning: Commissioning) -> DriftWatch:
         return DriftWatch(baseline, _places(commissioning), self.every_s)
