@@ -127,7 +127,9 @@ class Ranging:
             self._heard += 1
             if self._look_by_ms is not None:
                 continue
-            if complete.count < MIN_ANCHORS:  # it decides nothing, and would only cost time on the air
+            # With too few anchors it decides nothing, and would only cost time on the air. The first one is brought all
+            # the same: from its moment on claims were made while the drone was ranged.
+            if complete.count < MIN_ANCHORS and self._heard > 1:
                 self.partial += 1
                 self._too_few += 1
             elif self._gathered.add_round(complete):

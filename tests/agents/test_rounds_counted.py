@@ -63,6 +63,16 @@ def test_rounds_that_too_few_anchors_measured_were_attempted_too(ranging):
     assert ranging.attempted == 10
 
 
+def test_the_first_round_is_brought_however_few_measured_it(ranging):
+    """From its moment on the drone was ranged, so that its claims are judged; the others would only cost air."""
+    play(ranging, 12, lambda number: EVERYBODY if number > 4 else (0, 2))
+    table = ranging._gathered.table()
+    assert ranging.attempted == 12
+    assert len(table.t_ms) == 1 + 7
+    assert table.t_ms[0] - SEEN_FROM_MS < INTERVAL_MS
+    assert table.t_ms[1] - table.t_ms[0] > 4 * INTERVAL_MS
+
+
 def test_rounds_that_every_node_reports_as_failed_are_missing(ranging):
     ranging.start(SEEN_FROM_MS)
     for number in range(9):

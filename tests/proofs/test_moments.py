@@ -182,7 +182,7 @@ def test_a_drone_that_passes_the_pad_is_seen_from_all_sides(chunk, row, rounds):
     assert verdict_of(batch, row, rounds).permission == "refused"
 
 
-def mirrored_session(world, rounds, *, silent):
+def mirrored_session(world, rounds, *, silent, lies=lambda t: t // 150 % 2 == 1, heard=3):
     """Truth and mirror image in turn, three rounds each; anchors A1 and A2 cannot tell one from the other."""
     anchors = world.commissioning.anchors
     one, other = anchors[0], anchors[1]
@@ -192,13 +192,14 @@ def mirrored_session(world, rounds, *, silent):
     truth = (one.east_mm + 2_000 * unit[0] + 500, one.north_mm + 2_000 * unit[1] + 500, 4_000)
     over = (truth[0] - one.east_mm) * unit[0] + (truth[1] - one.north_mm) * unit[1]
     image = (truth[0] - 2 * over * unit[0], truth[1] - 2 * over * unit[1], truth[2])
-    lies = lambda t: (t - START_MS if t > START_MS else t) // 150 % 2 == 1  # noqa: E731
     evidence = world.evidence(lambda t: truth, lambda t: image if lies(t) else truth, rounds=rounds)
     fields = evidence.to_json()
     times = fields["ranges"]["t_ms"]
     if silent:
-        for column in fields["ranges"]["anchors"][3:]:
-            column["range_mm"] = [-1 if lies(t) else v for t, v in zip(times, column["range_mm"], strict=True)]
+        for column in fields["ranges"]["anchors"][heard:]:
+            column["range_mm"] = [
+                -1 if lies(t - START_MS) else v for t, v in zip(times, column["range_mm"], strict=True)
+            ]
     return truth, Evidence.parse(fields)
 
 
@@ -208,6 +209,21 @@ def test_the_mirror_image_behind_two_anchors_certifies_nothing_while_the_others_
     verdict = preview(world.session(world.claim(truth, START_MS)), world.commissioning, evidence, now_ms)
     assert verdict.permission == "refused"
     assert codes(verdict) & {"rounds_vague", "claims_unseen", "rounds_missing", "claims_torn"}
+
+
+@pytest.mark.parametrize("heard", [2, 3])
+@pytest.mark.parametrize(
+    "lies",
+    [lambda t: t < 500 + 50 * 25, lambda t: t < 500 + 50 * 37, lambda t: t >= 500 + 50 * 43],
+    ids=["a third, first", "nearly half, first", "nearly half, last"],
+)
+def test_claims_during_rounds_that_do_not_count_are_judged_all_the_same(world, now_ms, lies, heard):
+    """All lies in a row, at the session's beginning or end, where too few are heard to contradict them."""
+    truth, evidence = mirrored_session(world, 80, silent=True, lies=lies, heard=heard)
+    verdict = preview(world.session(world.claim(truth, START_MS)), world.commissioning, evidence, now_ms)
+    assert verdict.outcome != "refuted"
+    assert verdict.permission == "refused"
+    assert codes(verdict) & {"claims_unseen", "claims_torn"}
 
 
 @pytest.mark.parametrize("name", [name for name in ATTACKS if name.startswith("mirrored-")])
@@ -269,3 +285,19 @@ def test_a_glitch_that_begins_while_it_is_ranged_refutes_no_honest_drone(world, 
         glitch = lambda t, f=flown: (f(t)[0], f(t)[1] + (5_000 if 900 <= t < 900 + lasts_ms else 0), f(t)[2])  # noqa: E731
         for rounds in (10, 14, 20, 24, 30):
             assert judged(world, flown, glitch, now_ms, rounds=rounds).outcome != "refuted"
+
+
+@pytest.mark.parametrize("rounds", [37, 45, 57])
+def test_the_place_is_never_taken_beside_a_torn_round(make_world, now_ms, rounds):
+    """There the claim is on its way to a lie, or back: too small for a burst, and yet more than a buffer off."""
+    middle = 500 + 25 * (rounds - 1)
+    granted = 0
+    for seed in range(12):
+        world = make_world(seed=seed, anchors=PAPERS, sigma_mm=20, bias_sigma_mm=2)
+        claimed = lambda t: (  # noqa: E731
+            (FAR[0] - 885.0, FAR[1] + 2_657.0, FAR[2]) if abs(t - middle) < 150 else FAR
+        )
+        verdict = judged(world, lambda t: FAR, claimed, now_ms, rounds=rounds)
+        granted += verdict.permission == "granted"
+        assert math.hypot(verdict.signed.claim.east_mm - FAR[0], verdict.signed.claim.north_mm - FAR[1]) < 50
+    assert granted, "a glitch as short as that costs no honest drone its permission"

@@ -58,6 +58,23 @@ TIMED = {
 }
 
 
+def _circle(t_ms: int) -> tuple[float, float, float]:
+    """Four metres about a place, by products alone: the same bits on every machine."""
+    turn = (t_ms % 4_000) / 4_000.0
+    across, along = turn - 0.5, (turn * (1.0 - turn)) * 8.0
+    return 3000.0 + 8000.0 * across, 6000.0 + 2000.0 * along, 4000.0
+
+
+FLOWN = {
+    "in flight round a curve": (_circle, _circle, 40),
+    "a short leap about the middle": (
+        lambda t: (3000, 6000, 4000),
+        lambda t: (7000 if 1_300 < t < 1_700 else 3000, 6000, 4000),
+        40,
+    ),
+}
+
+
 CLOCKS_MM = {"one clock is off": (0, 0, 400, 0)}
 
 
@@ -113,6 +130,10 @@ def main() -> None:
         session = world.session(world.claim(claimed, START_MS))
         evidence = world.evidence(lambda t, p=truth: p, lambda t, p=claimed: p, rounds=rounds, **more)
         vectors.append(_vector(name, world, session, evidence))
+    for name, (truth, claimed, rounds) in FLOWN.items():
+        world = World(seed=9)
+        session = world.session(world.claim(claimed(0), START_MS))
+        vectors.append(_vector(name, world, session, world.evidence(truth, claimed, rounds=rounds)))
     Path(__file__).with_name("verdicts.json").write_text(
         json.dumps(vectors, separators=(",", ":"), sort_keys=True) + "\n"
     )

@@ -137,10 +137,11 @@ def say_outside(claims: Sequence[LocalClaim], measured: Measured, policy: Policy
     if seen is None:
         return
     track = seen.claimed
+    first_ms, last_ms = seen.span_ms
     count, farthest = 0, 0.0
     for claim in claims:
-        edge = 0 if claim.t_ms < track.t_ms[0] else -1
-        if track.t_ms[0] - EDGE_MS <= claim.t_ms <= track.t_ms[-1] + EDGE_MS:
+        edge = 0 if claim.t_ms < first_ms else -1
+        if first_ms - EDGE_MS <= claim.t_ms <= last_ms + EDGE_MS:
             continue
         away = distance(claim.east - track.east[edge], claim.north - track.north[edge], claim.up - track.up[edge])
         if away > policy.buffer_mm:

@@ -30,6 +30,7 @@ from wonderland.proofs.fix import MIN_ANCHORS as MIN_FIX_ANCHORS
 from wonderland.proofs.fix import Multilateration
 from wonderland.proofs.motion import LARGEST_MM, extent_mm, unfollowed_motion
 from wonderland.proofs.reduction import AnchorMean, Reduced, Residuals, distance, mean
+from wonderland.proofs.sights import Sights
 from wonderland.proofs.special import CHI2_LIMITS
 
 LIE_SHARE: Final = 0.2
@@ -58,7 +59,6 @@ EDGE_MS: Final = 500
 """Over so long the velocity at the first and at the last round is taken."""
 _STRETCHES: Final = ((80, 8), (20, 4), (0, 2))
 """(rounds, stretches of time) into which so many rounds and more are cut."""
-_SINGULAR: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ def moments_of(
     if most <= quiet_mm and max(ups) - min(ups) <= height_mm:  # whatever the claims hide, it is less than could win
         return Moments(off_share, 0.0, sqrt(most * most + slow), most, jumping=False)
     during, around = _Count(), _Count()
-    first_ms, last_ms = seen.claimed.t_ms[0], seen.claimed.t_ms[-1]
+    first_ms, last_ms = seen.span_ms
     held = []
     judged = []
     for claim in claims:
@@ -126,7 +126,7 @@ def moments_of(
         if not inside and not first_ms - EDGE_MS <= claim.t_ms <= last_ms + EDGE_MS:
             continue  # its moment is not one of the session's rounds: unjudged, like the request's
         judged.append(claim)
-        explained = _explained(seen.claimed, claim, buffer_mm, height_mm)
+        explained = _explained(seen.claimed, claim, buffer_mm, height_mm, ranged=inside)
         torn = explained and bool(off) and _nearest(seen.claimed, claim.t_ms) in off
         around.add(unseen=not explained, torn=torn)
         if inside:
@@ -182,10 +182,12 @@ def _nearest(track: Track, t_ms: int) -> int:
     return after
 
 
-def _explained(track: Track, claim: LocalClaim, buffer_mm: float, height_mm: float) -> bool:
+def _explained(track: Track, claim: LocalClaim, buffer_mm: float, height_mm: float, *, ranged: bool) -> bool:
     """Whether a drone that flew by the rounds' claims can have been at this one, give or take a buffer.
 
     Not where the rounds before and after are so far apart that a drone may have turned off and come back: nobody saw.
+    ``ranged``: the claim was made while the drone was ranged, so that before the first round that counts, and after the
+    last, the same holds.
     """
     times = track.t_ms
     after = bisect_right(times, claim.t_ms)
@@ -196,8 +198,6 @@ def _explained(track: Track, claim: LocalClaim, buffer_mm: float, height_mm: flo
         north = track.north[after - 1] + (track.north[after] - track.north[after - 1]) * share
         up = track.up[after - 1] + (track.up[after] - track.up[after - 1]) * share
         turned = MAX_ACCELERATION_MM_MS2 * since * until / 2.0
-        if turned > TURNED_BUFFERS * buffer_mm:
-            return False
     else:
         edge = 0 if after == 0 else len(times) - 1
         gap = claim.t_ms - times[edge]
@@ -205,6 +205,8 @@ def _explained(track: Track, claim: LocalClaim, buffer_mm: float, height_mm: flo
         east, north = track.east[edge] + velocity_east * gap, track.north[edge] + velocity_north * gap
         up = track.up[edge] + velocity_up * gap
         turned = MAX_ACCELERATION_MM_MS2 * gap * gap / 2.0
+    if (ranged or 0 < after < len(times)) and turned > TURNED_BUFFERS * buffer_mm:
+        return False
     if abs(claim.up - up) > height_mm + turned:
         return False
     return distance(claim.east - east, claim.north - north, 0.0) <= buffer_mm + turned
@@ -227,50 +229,6 @@ def _edge_velocity(track: Track, edge: int) -> tuple[float, float, float]:
     )
 
 
-class _Fan:
-    """The directions from the anchors to a claimed place, and the offset that residuals along them come to.
-
-    Of that moment, not of the mean: a drone that flies past a small pad is seen from all sides.
-    """
-
-    def __init__(self, reduced: Reduced, offset: Offset, east: float, north: float, up: float) -> None:
-        self.sights: Final[list[tuple[float, float]]] = []
-        for anchor in reduced.anchors:
-            x, y = east + offset.east - anchor.east, north + offset.north - anchor.north
-            away = max(distance(x, y, up - anchor.up), 1.0)
-            self.sights.append((x / away, y / away))
-
-    def offset(self, residuals: Sequence[float | None]) -> tuple[float, float, float] | None:
-        """Offset (east, north, mm) that fits one residual for each anchor best, and its χ² for 1 mm; None without one.
-
-        None among the residuals: that anchor has none.
-        """
-        ee = en = nn = be = bn = 0.0
-        for (x, y), residual in zip(self.sights, residuals, strict=True):
-            if residual is None:
-                continue
-            ee += x * x
-            en += x * y
-            nn += y * y
-            be += x * residual
-            bn += y * residual
-        determinant = ee * nn - en * en
-        if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
-            return None
-        east, north = (nn * be - en * bn) / determinant, (ee * bn - en * be) / determinant
-        return east, north, be * east + bn * north
-
-    def spread(self) -> float:
-        """Mean square of the offset that 1 mm of noise in each residual makes; 0 where none can be told."""
-        ee = en = nn = 0.0
-        for x, y in self.sights:
-            ee += x * x
-            en += x * y
-            nn += y * y
-        determinant = ee * nn - en * en
-        return (ee + nn) / determinant if determinant > _SINGULAR * (ee + nn) * (ee + nn) else 0.0
-
-
 def _off_rounds(reduced: Reduced, offset: Offset, seen: Residuals, least_mm: float) -> frozenset[int]:
     """Torn rounds (positions in the claimed track) whose residuals come to an offset that is worth the name.
 
@@ -289,7 +247,7 @@ def _off_rounds(reduced: Reduced, offset: Offset, seen: Residuals, least_mm: flo
     off = []
     claimed = seen.claimed
     for position, residuals in torn.items():
-        fan = _Fan(reduced, offset, claimed.east[position], claimed.north[position], claimed.up[position])
+        fan = Sights(reduced, offset, claimed.east[position], claimed.north[position], claimed.up[position])
         found = fan.offset([residuals.get(anchor) for anchor in order])
         if found is None or distance(found[0], found[1], 0.0) > least_mm:
             off.append(position)
@@ -348,7 +306,7 @@ def _stretches(reduced: Reduced, offset: Offset, seen: Residuals) -> float:
     for part, residuals in enumerate(away):
         # The middle round of a stretch stands for it.
         middle = (2 * part + 1) * count // (2 * parts)
-        fan = _Fan(reduced, offset, seen.claimed.east[middle], seen.claimed.north[middle], seen.claimed.up[middle])
+        fan = Sights(reduced, offset, seen.claimed.east[middle], seen.claimed.north[middle], seen.claimed.up[middle])
         found = fan.offset(residuals)
         if found is not None:
             east, north, explained = found

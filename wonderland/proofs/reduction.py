@@ -85,6 +85,8 @@ class Residuals:
     """Rounds left out because half of the anchors or more saw them: there the claim jumped, not the radio."""
     claimed: Track
     """The moments of all rounds that have a claim and know their place."""
+    span_ms: tuple[int, int]
+    """First and last moment that was ranged, whether its round counts or not."""
     vague: int = 0
     """Rounds left out because the anchors that measured there leave a second place open (``sustained``)."""
 
@@ -232,17 +234,20 @@ def residuals_of(rounds: UsableRounds, commissioning: Commissioning, path: Claim
         series = _residuals(index, commissioning.anchors[index], values, track)
         whole = whole and len(series.values) == len(column)
         raw.append(series)
-    return _sifted(track, raw, commissioning, whole=whole)
+    return _sifted(track, raw, commissioning, rounds.span_ms, whole=whole)
 
 
 def newest_of(seen: Residuals, count: int, commissioning: Commissioning) -> Residuals:
     """The same of the newest rounds alone, where ``seen`` is whole."""
     rows = range(len(seen.claimed.kept))[-count:]
     raw = [Series(column.anchor, range(len(rows)), column.values[-count:]) for column in seen.raw]
-    return _sifted(seen.claimed.only(rows), raw, commissioning, whole=True)
+    newest = seen.claimed.only(rows)
+    return _sifted(newest, raw, commissioning, (newest.t_ms[0], newest.t_ms[-1]), whole=True)
 
 
-def _sifted(track: Track, raw: list[Series], commissioning: Commissioning, *, whole: bool) -> Residuals:
+def _sifted(
+    track: Track, raw: list[Series], commissioning: Commissioning, span_ms: tuple[int, int], *, whole: bool
+) -> Residuals:
     sigma = float(commissioning.range_sigma_mm)
     rounds = len(track.kept)
     while True:
@@ -261,7 +266,7 @@ def _sifted(track: Track, raw: list[Series], commissioning: Commissioning, *, wh
         if len(kept.values) >= MIN_VALUES:
             series.append((kept, mean(kept.values)))
     left = track.only([position for position in range(len(track.kept)) if position not in torn]) if torn else track
-    return Residuals(left, raw, whole, series, bursts, len(torn), track, rounds - len(track.kept))
+    return Residuals(left, raw, whole, series, bursts, len(torn), track, span_ms, rounds - len(track.kept))
 
 
 def _vague(

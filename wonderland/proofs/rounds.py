@@ -39,6 +39,8 @@ class UsableRounds:
     """Rounds with too few ranges."""
     obstructed: int
     """Ranges left out because their anchor saw an obstruction."""
+    span_ms: tuple[int, int]
+    """First and last moment of all rounds that were brought, usable or not; zeros where there is none."""
 
 
 def usable(table: RangeTable, anchor_ids: Sequence[str], max_range_mm: int) -> UsableRounds:
@@ -77,6 +79,7 @@ def usable(table: RangeTable, anchor_ids: Sequence[str], max_range_mm: int) -> U
         range_mm=tuple(chosen),
         discarded=len(table.t_ms) - len(kept),
         obstructed=obstructed,
+        span_ms=(min(table.t_ms, default=0), max(table.t_ms, default=0)),
     )
 
 

@@ -46,6 +46,7 @@ from wonderland.proofs.records.sessions import Claim, Evidence, Session
 from wonderland.proofs.records.verdicts import Judgement
 from wonderland.proofs.reduction import loses_its_place, reduce, residuals_of
 from wonderland.proofs.rounds import UsableRounds
+from wonderland.proofs.standing import standing_at
 from wonderland.proofs.stopping import more_rounds
 from wonderland.proofs.testimony import TimeFinding, WitnessBrought, judge_testimony, judge_time_stamps
 from wonderland.proofs.travel import hope
@@ -184,6 +185,7 @@ def _measure(
     if offset is None:
         reasons.add("no_estimate", lacking="geometry")
         return None
+    reduced = replace(reduced, moment=standing_at(reduced, offset))
     agreed = agreement(reduced, offset)
     seen = reduced.residuals
     if seen is not None and any(loses_its_place(seen, suspect, commissioning) for suspect in agreed.suspects):

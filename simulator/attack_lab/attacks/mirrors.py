@@ -22,18 +22,18 @@ FARTHEST_MM: Final = 4_000.0
 LEAST_BASE_MM: Final = 500.0
 
 
-def mirrored(pad: LabPad, rng: np.random.Generator, count: int, *, silence: bool) -> Batch:
+def mirrored(pad: LabPad, rng: np.random.Generator, count: int, *, heard: int | None = None) -> Batch:
     """Hovering or circling about; true for some rounds, then at its mirror image for some.
 
-    ``silence``: in lying rounds it leaves anchors out of its frames until three are heard, of which two fit the lie;
-    else the pad's first two anchors fit it, with all that stand in a row with them.
+    ``heard``: in lying rounds it leaves anchors out of its frames until so many are heard, of which two fit the lie;
+    without it the pad's first two anchors fit it, with all that stand in a row with them.
     """
     rounds, claims_at = round_times().astype(np.float64), claim_times(CLAIM_MS).astype(np.float64)
     truth = np.empty((count, ROUNDS, 3))
     claims = np.empty((count, len(claims_at), 3))
     silent = np.zeros((count, ROUNDS, len(pad.anchors)), dtype=np.bool_)
     for index in range(count):
-        place, order, base, normal = _standpoint(pad, rng, silence=silence)
+        place, order, base, normal = _standpoint(pad, rng, silence=heard is not None)
         flown = _Flight(rng, place)
         lies = _Lies(rng)
         truth[index], said = flown(rounds), flown(claims_at)
@@ -41,8 +41,8 @@ def mirrored(pad: LabPad, rng: np.random.Generator, count: int, *, silence: bool
         told = lies(claims_at)
         said[:, :2] -= 2.0 * (told * over)[:, None] * normal
         claims[index] = said
-        if silence:
-            silent[index][:, order[3:]] = lies(rounds)[:, None]
+        if heard is not None:
+            silent[index][:, order[heard:]] = lies(rounds)[:, None]
     range_mm = measured(rng, pad, truth)
     range_mm[silent] = NO_RANGE
     whole = np.rint(claims).astype(np.int64)
@@ -107,25 +107,26 @@ ATTACKS: Final = (
         WINS,
         _STOPS,
         0,
-        (Variant(TWO_WAY, make=partial(mirrored, ROW, silence=False)),),
+        (Variant(TWO_WAY, make=partial(mirrored, ROW)),),
     ),
     *(
         Attack(
             name,
             Family.INSIDER,
-            f"The same behind any two anchors, while all but three are left out of its frames; {where}",
+            f"The same behind any two anchors, while all but {left} are left out of its frames; {where}",
             "Which responders the drone names in its frames, and what it claims.",
             "A changed radio driver.",
             WINS,
             _STOPS,
             0,
-            (Variant(TWO_WAY, make=partial(mirrored, pad, silence=True)),),
+            (Variant(TWO_WAY, make=partial(mirrored, pad, heard=heard)),),
         )
-        for name, pad, where in (
-            ("mirrored-silence", SQUARE, "four anchors in a square"),
-            ("mirrored-silence-of-6", SIX, "six on a circle"),
-            ("mirrored-silence-masts", MASTS, "six on masts of two heights"),
-            ("mirrored-silence-cube", CUBE, "eight at the corners of a cube"),
+        for name, pad, heard, left, where in (
+            ("mirrored-silence", SQUARE, 3, "three", "four anchors in a square"),
+            ("mirrored-silence-of-6", SIX, 3, "three", "six on a circle"),
+            ("mirrored-silence-masts", MASTS, 3, "three", "six on masts of two heights"),
+            ("mirrored-silence-cube", CUBE, 3, "three", "eight at the corners of a cube"),
+            ("mirrored-silence-two", SQUARE, 2, "two", "four anchors in a square"),
         )
     ),
 )

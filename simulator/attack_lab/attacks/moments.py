@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Final
 
@@ -72,7 +73,34 @@ def plan(rng: np.random.Generator, kind: int, share: float, planned_ms: float) -
 KINDS: Final = 9
 
 
-def mixed(level: int, pad: LabPad, rng: np.random.Generator, count: int, *, aloud: bool = False) -> Batch:
+def some_plan(rng: np.random.Generator, planned_ms: float) -> Floats:
+    """Any of the plans."""
+    return plan(rng, int(rng.integers(KINDS)), rng.uniform(0.25, 0.7), planned_ms)
+
+
+def middle_plan(rng: np.random.Generator, planned_ms: float) -> Floats:
+    """A short lie about the middle of the session, whose claim the verdict's place may be of: sudden, slow, or both."""
+    passed = (claim_times(CLAIM_MS) - FIRST_ROUND_MS) / planned_ms
+    width = rng.uniform(0.02, 0.3)
+    away = (passed - 0.5 - rng.uniform(-1.0, 1.0) * width) / width
+    return np.asarray(
+        (
+            np.where(np.abs(away) < 0.5, 1.0, 0.0),
+            np.maximum(0.0, 1.0 - np.abs(away)),
+            np.where(np.abs(away) < 0.5, np.sign(away), 0.0),
+        )[int(rng.integers(3))]
+    )
+
+
+def mixed(
+    level: int,
+    pad: LabPad,
+    rng: np.random.Generator,
+    count: int,
+    *,
+    aloud: bool = False,
+    planned: Callable[[np.random.Generator, float], Floats] = some_plan,
+) -> Batch:
     """Hovering or in flight; across the line of sight more often than not, where a pad sees least."""
     place = pad.places(rng, count)
     velocity = directions(rng, count) * rng.uniform(0.5, _FASTEST, count)[:, None] * (rng.random((count, 1)) < 0.5)
@@ -85,12 +113,7 @@ def mixed(level: int, pad: LabPad, rng: np.random.Generator, count: int, *, alou
     across = np.column_stack((-place[:, 1] / away, place[:, 0] / away, np.zeros(count)))
     heading = np.where(rng.random((count, 1)) < 0.6, across, directions(rng, count))
     size = LEAST_LIE_MM * (MOST_LIE_MM / LEAST_LIE_MM) ** rng.random(count)
-    told = np.stack(
-        [
-            plan(rng, int(rng.integers(KINDS)), rng.uniform(0.25, 0.7), float(ROUND_MS * rng.choice(PLANNED_ROUNDS)))
-            for _ in range(count)
-        ]
-    )
+    told = np.stack([planned(rng, float(ROUND_MS * rng.choice(PLANNED_ROUNDS))) for _ in range(count)])
     lies = told[:, :, None] * (heading * size[:, None])[:, None, :]
     claims = np.rint(flown(claim_times(CLAIM_MS).astype(np.float64)) + lies).astype(np.int64)
     truth = flown(round_times().astype(np.float64))
@@ -185,6 +208,20 @@ ATTACKS: Final = (
         _STOPS,
         0,
         (Variant(TWO_WAY, make=partial(mixed, 2, SMALL)),),
+    ),
+    *(
+        Attack(
+            f"mixed-claims-middle{suffix}",
+            Family.CLAIM,
+            f"A short lie (2 to 10 m) about the middle of the session, which the verdict's place might be of; {where}",
+            "As before.",
+            "Nothing.",
+            WINS,
+            "The place is that of a moment which the rounds about it bear out, with a claim like its neighbours'.",
+            0,
+            (Variant(TWO_WAY, make=partial(mixed, 2, pad, planned=middle_plan)),),
+        )
+        for suffix, pad, where in (("", SQUARE, "the lab's square"), ("-small-pad", SMALL, "the paper's pad"))
     ),
     Attack(
         "mixed-claims-aloud",
