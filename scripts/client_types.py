@@ -1,4 +1,4 @@
-"""Write wonderland/client/types.py from the backend's OpenAPI: ``python scripts/client_types.py``."""
+"""Write libraries/core/wonderland/client/types.py from the backend's OpenAPI: ``python scripts/client_types.py``."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from backend.description import openapi
-from backend.routes import new_app
-from backend.settings import Settings
+from wonderland_backend.description import openapi
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
 
-TARGET = Path(__file__).parents[1] / "wonderland" / "client" / "types.py"
+TARGET = Path(__file__).parents[1] / "libraries" / "core" / "wonderland" / "client" / "types.py"
 ROOTS = (
     "Alert", "Authorisation", "Conformance", "Drone", "Export", "Flight", "LedgerEvent", "Pad", "Proof", "ProofRequest",
     "SessionState", "Subscription", "SubscriptionCreated", "Track", "WebhookDelivery",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from simulator.reproduction.method_figures import draw_all
+from wonderland_research.reproduction.method_figures import draw_all
 
 IMAGES = Path(__file__).parent.parent / "docs" / "images"
 

@@ -23,7 +23,7 @@ def page() -> str:
     lines = [
         "# What agents report: `wonderland-ingest/1`",
         "",
-        "Made by `make docs` from `wonderland/telemetry/`; do not edit. Who says what when is in",
+        "Made by `make docs` from `libraries/core/wonderland/telemetry/`; do not edit. Who says what when is in",
         "[seams](../seams.md#agents--backend-ingest). JSON texts; integers only, no floats; units are in the names.",
         "What has no value is left out. Agents may say what is listed here and nothing else; what the server says",
         "besides is passed over. Agents' texts have no control characters, but for the lines of `certificate`. All of",

@@ -28,8 +28,9 @@ def page() -> str:
     lines = [
         "# Records and transactions",
         "",
-        "Made by `make docs` from `wonderland/proofs/records/`; do not edit. One canonical encoding for all:",
-        "RFC 8785 JSON of objects, arrays, strings, booleans and integers. Units are in the names.",
+        "Made by `make docs` from `libraries/core/wonderland/proofs/records/`; do not edit.",
+        "One canonical encoding for all: RFC 8785 JSON of objects, arrays, strings, booleans and integers.",
+        "Units are in the names.",
         "",
         "## Transactions",
         "",

@@ -10,10 +10,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from simulator.attack_lab import LabResult, LabSettings, run, total_tries
-from simulator.attack_lab.attacks import ATTACKS
-from simulator.attack_lab.plots import draw_detection, draw_permissions
-from simulator.attack_lab.report import markdown, result_from
+from wonderland_research.attack_lab import LabResult, LabSettings, run, total_tries
+from wonderland_research.attack_lab.attacks import ATTACKS
+from wonderland_research.attack_lab.plots import draw_detection, draw_permissions
+from wonderland_research.attack_lab.report import markdown, result_from
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 RESULTS = DOCS / "threat-model.json"

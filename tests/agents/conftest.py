@@ -15,31 +15,8 @@ from pathlib import Path
 import pytest
 from cryptography.hazmat.primitives.asymmetric import ec
 
-from chaincode.contract import CONTRACT
-from edge_agent.assembly import open_pad
-from edge_agent.geodesy import frame_at
-from edge_agent.session import actions as pad_do
-from edge_agent.session import events as pad_on
-from edge_agent.session.machine import PadSession
-from edge_agent.session.timing import PadTiming
-from edge_agent.settings import parse
-from simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
-from uav_agent.agent import UavAgent
-from uav_agent.ledger_events import LedgerEvents
-from uav_agent.radio import UavRadio
-from uav_agent.session import actions as uav_do
-from uav_agent.session import events as uav_on
-from uav_agent.session.machine import UavSession
-from uav_agent.session.timing import UavTiming
 from wonderland.clock import SteadyClock
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.embedded.administration import DirectoryAdministration
-from wonderland.ledger.embedded.node import EmbeddedLedger, LedgerSettings
-from wonderland.ledger.embedded.orderer import BatchLimits
-from wonderland.ledger.errors import SignatureError
-from wonderland.ledger.gateway import Gateway
-from wonderland.ledger.proof_contract import ProofContract
-from wonderland.ledger.signing import der_from_raw, key_signer, raw_from_der, verify
+from wonderland.proof_contract import ProofContract
 from wonderland.proofs import encoding, keys
 from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.records.pads import Commissioning
@@ -48,6 +25,29 @@ from wonderland.proofs.records.sessions import TICKS_PER_SECOND, Claim, Evidence
 from wonderland.proofs.statement import statement
 from wonderland.proofs.transcript import transcript_of
 from wonderland.proofs.verdict import decide
+from wonderland_chaincode.contract import CONTRACT
+from wonderland_edge_agent.assembly import open_pad
+from wonderland_edge_agent.geodesy import frame_at
+from wonderland_edge_agent.session import actions as pad_do
+from wonderland_edge_agent.session import events as pad_on
+from wonderland_edge_agent.session.machine import PadSession
+from wonderland_edge_agent.session.timing import PadTiming
+from wonderland_edge_agent.settings import parse
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.embedded.administration import DirectoryAdministration
+from wonderland_fabric_gateway.embedded.node import EmbeddedLedger, LedgerSettings
+from wonderland_fabric_gateway.embedded.orderer import BatchLimits
+from wonderland_fabric_gateway.errors import SignatureError
+from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_fabric_gateway.signing import der_from_raw, key_signer, raw_from_der, verify
+from wonderland_simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
+from wonderland_uav_agent.agent import UavAgent
+from wonderland_uav_agent.ledger_events import LedgerEvents
+from wonderland_uav_agent.radio import UavRadio
+from wonderland_uav_agent.session import actions as uav_do
+from wonderland_uav_agent.session import events as uav_on
+from wonderland_uav_agent.session.machine import UavSession
+from wonderland_uav_agent.session.timing import UavTiming
 
 FRAME = frame_at(604_518_000, 222_666_000, 30_000)
 ANCHORS = {

@@ -8,15 +8,15 @@ import socket
 
 import pytest
 
-from uav_agent.broadcasts import BroadcastError, NoBroadcasts, RemoteIdModule
+from wonderland.attested import attested_position, stated_accuracy_mm
 from wonderland.proofs.attestation import digest_of
 from wonderland.proofs.encoding import from_base64url, to_base64url
 from wonderland.proofs.records.sessions import MAX_ATTESTED, BroadcastClaim
-from wonderland.remote_id import BasicId, HorizontalAccuracy, IdType, Location, Pack, decode, encode
-from wonderland.remote_id.attested import attested_position, stated_accuracy_mm
-from wonderland.remote_id.framings import mavlink
 from wonderland.uwb.link.errors import PayloadError
 from wonderland.uwb.link.messages import MAX_DIGESTS, MessageType, decode_attested, encode_attested
+from wonderland_remote_id import BasicId, HorizontalAccuracy, IdType, Location, Pack, decode, encode
+from wonderland_remote_id.framings import mavlink
+from wonderland_uav_agent.broadcasts import BroadcastError, NoBroadcasts, RemoteIdModule
 
 HOUR_MS = 3_600_000
 NOW_MS = 1_800_000_000_000

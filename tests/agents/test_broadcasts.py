@@ -10,9 +10,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 from tests_world import START_MS, World
 
-from edge_agent.session.broadcasts import NEAREST, HeardBroadcasts
 from wonderland.proofs.attestation import digest_of
 from wonderland.proofs.records.sessions import MAX_CLAIMS, BroadcastClaim
+from wonderland_edge_agent.session.broadcasts import NEAREST, HeardBroadcasts
 
 
 def path(t):

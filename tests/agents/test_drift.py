@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
-from edge_agent.drift import Baseline
-from edge_agent.drift.baseline import PairBaseline
+from wonderland_edge_agent.drift import Baseline
+from wonderland_edge_agent.drift.baseline import PairBaseline
 
 DRIFT = {"every_s": 1}
 

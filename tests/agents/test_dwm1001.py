@@ -10,16 +10,16 @@ from dataclasses import replace
 import pytest
 from click.testing import CliRunner
 
-from edge_agent.assembly import open_pad
-from edge_agent.ports import AgentError
-from edge_agent.radios.reported import ReportedRadios
-from edge_agent.session.timing import PadTiming
-from edge_agent.settings import SettingsError, parse
-from simulator.dwm1001_node import Quirks, VirtualAnchor, VirtualDwm1001
-from simulator.uci_node import PtyPort
-from uav_agent.commands import uav as uav_command
-from uav_agent.radio.tag import TagRadio
-from wonderland.uwb.dwm1001 import BoardPosition, Generation, Mode, Timings
+from wonderland_edge_agent.assembly import open_pad
+from wonderland_edge_agent.ports import AgentError
+from wonderland_edge_agent.radios.reported import ReportedRadios
+from wonderland_edge_agent.session.timing import PadTiming
+from wonderland_edge_agent.settings import SettingsError, parse
+from wonderland_fira_uci.dwm1001 import BoardPosition, Generation, Mode, Timings
+from wonderland_simulator.dwm1001_node import Quirks, VirtualAnchor, VirtualDwm1001
+from wonderland_simulator.uci_node import PtyPort
+from wonderland_uav_agent.commands import uav as uav_command
+from wonderland_uav_agent.radio.tag import TagRadio
 
 ANCHOR_NAMES = ("A1", "A2", "A3", "A4")
 QUICK = Timings(poll_ms=25, listen_ms=50, prompt_ms=300)
@@ -128,7 +128,7 @@ async def test_distances_that_the_board_itself_rates_low_are_left_out(world, fas
 
 
 async def test_a_tag_that_is_away_ends_in_a_recorded_state(world, fast_timing, monkeypatch):
-    monkeypatch.setattr("uav_agent.radio.tag.READY_GRACE_S", 0.2)
+    monkeypatch.setattr("wonderland_uav_agent.radio.tag.READY_GRACE_S", 0.2)
     async with proofs(world, fast_timing) as (_, uav):
         world.ports["tag"].unplug()
         await asyncio.sleep(0.05)

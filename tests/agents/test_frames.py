@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_agent.session.frames import MAX_TICKS, WINDOW_MS, FrameGatherer
 from wonderland.proofs.records.sessions import MAX_FRAMES, TimeStamps
+from wonderland_edge_agent.session.frames import MAX_TICKS, WINDOW_MS, FrameGatherer
 
 NAMES = ("A1", "A2", "A3", "A4")
 ANSWER = b"answered"

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyproj import Transformer
 
-from edge_agent.geodesy import GeodesyError, frame_at
 from wonderland.proofs.frame import to_local, to_wgs84
+from wonderland_edge_agent.geodesy import GeodesyError, frame_at
 
 LATITUDES_E7 = [-700_000_000, -335_000_000, 0, 1_234_567, 375_665_000, 601_699_000, 800_000_000]
 

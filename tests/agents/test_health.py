@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 
-from edge_agent import health
-from edge_agent.health import tell_health
 from wonderland.telemetry import AnchorHealth, Health
+from wonderland_edge_agent import health
+from wonderland_edge_agent.health import tell_health
 
 
 def word(state, prekeys=20):

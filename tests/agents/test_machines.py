@@ -9,14 +9,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from edge_agent.session import actions as pad_do
-from edge_agent.session import events as pad_on
-from edge_agent.session.machine import Phase as PadPhase
-from uav_agent.session import actions as uav_do
-from uav_agent.session import events as uav_on
-from uav_agent.session.machine import Phase as UavPhase
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import STEP_NAMES, Evidence
+from wonderland_edge_agent.session import actions as pad_do
+from wonderland_edge_agent.session import events as pad_on
+from wonderland_edge_agent.session.machine import Phase as PadPhase
+from wonderland_uav_agent.session import actions as uav_do
+from wonderland_uav_agent.session import events as uav_on
+from wonderland_uav_agent.session.machine import Phase as UavPhase
 
 
 def test_eight_steps_in_order_each_with_its_time(make_duo):

@@ -11,18 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_agent.prekeys import ORPHAN_AGE_MS, PrekeyKeeper
-from edge_agent.reconcile import UNKNOWN_MS, Reconciler
-from edge_agent.session.evidence import GatheredEvidence
-from edge_agent.session.gather import Round, RoundGatherer
-from uav_agent.position import AutopilotPosition, PositionError, TrackPosition
-from uav_agent.session.crosscheck import OwnRanges
 from wonderland.clock import SteadyClock
-from wonderland.ledger.proof_contract import AwayError, Committed, RefusedError
+from wonderland.proof_contract import AwayError, Committed, RefusedError
 from wonderland.proofs.records.pads import Prekey
 from wonderland.proofs.records.sessions import MAX_CLAIMS, AnchorRanges, Claim, RangeTable
 from wonderland.uwb.link.errors import PayloadError
 from wonderland.uwb.link.proof_payloads import ClaimBatch, RangesPart
+from wonderland_edge_agent.prekeys import ORPHAN_AGE_MS, PrekeyKeeper
+from wonderland_edge_agent.reconcile import UNKNOWN_MS, Reconciler
+from wonderland_edge_agent.session.evidence import GatheredEvidence
+from wonderland_edge_agent.session.gather import Round, RoundGatherer
+from wonderland_uav_agent.position import AutopilotPosition, PositionError, TrackPosition
+from wonderland_uav_agent.session.crosscheck import OwnRanges
 
 NAMES = ("A1", "A2", "A3", "A4")
 NOW_MS = 1_800_000_000_000

@@ -7,9 +7,9 @@ import stat
 
 import pytest
 
-from edge_agent.assembly import open_pad
-from edge_agent.permission import CommandPermission, LogPermission, Permissions
-from edge_agent.ports import AgentError
+from wonderland_edge_agent.assembly import open_pad
+from wonderland_edge_agent.permission import CommandPermission, LogPermission, Permissions
+from wonderland_edge_agent.ports import AgentError
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ async def test_the_operators_program_hears_of_granting_and_withdrawing(tmp_path,
 async def test_a_program_that_fails_hangs_or_is_missing_is_reported_and_stops_nothing(
     tmp_path, verdict, caplog, monkeypatch
 ):
-    monkeypatch.setattr("edge_agent.permission.permission.COMMAND_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("wonderland_edge_agent.permission.permission.COMMAND_TIMEOUT_S", 0.2)
 
     class Broken:
         async def grant(self, verdict):

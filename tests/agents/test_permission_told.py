@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import pytest
 
-from uav_agent.ledger_events import LedgerEvents
-from uav_agent.session import events as on
-from wonderland.ledger.proof_contract import AwayError, ContractEvent
+from wonderland.proof_contract import AwayError, ContractEvent
+from wonderland_uav_agent.ledger_events import LedgerEvents
+from wonderland_uav_agent.session import events as on
 
 
 @pytest.fixture

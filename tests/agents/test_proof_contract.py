@@ -5,8 +5,9 @@ from __future__ import annotations
 import grpc
 import pytest
 
-from wonderland.ledger.gateway import Event, Submitted
-from wonderland.ledger.gateway.errors import (
+from wonderland.proof_contract import MAX_NOTE, AwayError, Committed, ProofContract, RefusedError, _note
+from wonderland_fabric_gateway.gateway import Event, Submitted
+from wonderland_fabric_gateway.gateway.errors import (
     CommitError,
     CommitUnknownError,
     EndorseError,
@@ -15,7 +16,6 @@ from wonderland.ledger.gateway.errors import (
     GatewayError,
     SubmitError,
 )
-from wonderland.ledger.proof_contract import MAX_NOTE, AwayError, Committed, ProofContract, RefusedError, _note
 
 
 class Stream:

@@ -10,15 +10,15 @@ import time
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from edge_agent.ports import AgentError
-from edge_agent.session import machine
-from edge_agent.spool import Spool
-from uav_agent.agent import UavAgentError
-from wonderland.ledger.proof_contract import RefusedError
+from wonderland.proof_contract import RefusedError
 from wonderland.proofs.records.sessions import STEP_NAMES, Radio
-from wonderland.remote_id import BasicId, IdType, Location, Pack, encode
-from wonderland.remote_id.drip import Det, SamType, paginate
-from wonderland.remote_id.drip.formats import sign_evidence
+from wonderland_edge_agent.ports import AgentError
+from wonderland_edge_agent.session import machine
+from wonderland_edge_agent.spool import Spool
+from wonderland_remote_id import BasicId, IdType, Location, Pack, encode
+from wonderland_remote_id.drip import Det, SamType, paginate
+from wonderland_remote_id.drip.formats import sign_evidence
+from wonderland_uav_agent.agent import UavAgentError
 
 
 async def records(world):
@@ -291,8 +291,8 @@ async def test_two_drones_at_once_are_served_one_after_the_other(world):
 
 
 async def test_a_flood_of_requests_is_ended_and_the_next_drone_is_served(world, monkeypatch):
-    monkeypatch.setattr("edge_agent.agent.MAX_WAITING", 1)
-    monkeypatch.setattr("edge_agent.agent.CARE_S", 0.2)
+    monkeypatch.setattr("wonderland_edge_agent.agent.MAX_WAITING", 1)
+    monkeypatch.setattr("wonderland_edge_agent.agent.CARE_S", 0.2)
     await world.policy(session_ttl_ms=8_000)
     ledger = world.contract("uav")
     async with world.pad(prekeys=8), world.uav() as uav:

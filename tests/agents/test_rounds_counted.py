@@ -6,9 +6,9 @@ import random
 
 import pytest
 
-from edge_agent.session.evidence import GatheredEvidence
-from edge_agent.session.ranging import Ranging
-from edge_agent.session.timing import PadTiming
+from wonderland_edge_agent.session.evidence import GatheredEvidence
+from wonderland_edge_agent.session.ranging import Ranging
+from wonderland_edge_agent.session.timing import PadTiming
 
 ANCHORS = ("A0", "A1", "A2", "A3")
 INTERVAL_MS = 50

@@ -11,7 +11,7 @@ import pytest
 from wonderland.session.actions import Finish
 from wonderland.session.events import Tick
 from wonderland.session.runner import SessionRunner
-from wonderland.uwb.errors import UwbError
+from wonderland_fira_uci.errors import UwbError
 
 
 def now_ms():

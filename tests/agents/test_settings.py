@@ -11,9 +11,9 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_agent.commands import pad
-from edge_agent.settings import SettingsError, load, parse
-from uav_agent.commands import uav
+from wonderland_edge_agent.commands import pad
+from wonderland_edge_agent.settings import SettingsError, load, parse
+from wonderland_uav_agent.commands import uav
 
 GOOD = """
 pad_id = "pad-1"

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from uav_agent import agent as uav
-from uav_agent.agent import UavAgent
-from wonderland.ledger.proof_contract import AwayError, Committed, RefusedError
+from wonderland.proof_contract import AwayError, Committed, RefusedError
 from wonderland.proofs.records.pads import Pad, Prekey
+from wonderland_uav_agent import agent as uav
+from wonderland_uav_agent.agent import UavAgent
 
 
 class Asked:

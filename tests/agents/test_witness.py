@@ -11,15 +11,15 @@ import pytest
 from tests_world import START_MS
 from tests_world import World as Proofs
 
-from edge_agent.session import actions as pad_do
-from edge_agent.session import events as pad_on
-from edge_agent.witness import frames_wanted
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.embedded.administration import DirectoryAdministration
 from wonderland.proofs.differences import Stamped, halved, judge_times
 from wonderland.proofs.hyperbolic import Heard, TimeFix
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Party, Witness
+from wonderland_edge_agent.session import actions as pad_do
+from wonderland_edge_agent.session import events as pad_on
+from wonderland_edge_agent.witness import frames_wanted
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.embedded.administration import DirectoryAdministration
 
 OTHERS = {
     "W1": (8_000, 2_000, 1_200),

@@ -10,7 +10,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from backend.clients.store import NewClient
+from wonderland_backend.clients.store import NewClient
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 

@@ -12,12 +12,12 @@ from jsonschema import Draft202012Validator
 from pyproj import Geod
 from sqlalchemy import insert
 
-from backend.conformance.rules import Broadcast, Measured, Question, distance_mm, judge
-from backend.db.tables.reported import LatestTrackRow
-from backend.description import openapi
-from backend.routes import new_app
-from backend.settings import Settings
 from wonderland.messages import keys_of, text
+from wonderland_backend.conformance.rules import Broadcast, Measured, Question, distance_mm, judge
+from wonderland_backend.db.tables.reported import LatestTrackRow
+from wonderland_backend.description import openapi
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -208,8 +208,8 @@ async def test_questions_that_make_no_sense(running, query):
     ],
 )
 async def test_a_place_that_time_stamps_contradict_is_nothing_to_build_on(running, facts, timed, place):
-    from backend.conformance.queries import measured
-    from backend.db.tables.ledger import VerdictRow
+    from wonderland_backend.conformance.queries import measured
+    from wonderland_backend.db.tables.ledger import VerdictRow
 
     record = facts.verdict("0" * 64).to_json()
     if timed is not None:

@@ -9,13 +9,13 @@ import httpx
 import pytest
 from fastapi import Request
 
-from backend.deprecation import deprecated
-from backend.description import openapi
-from backend.errors import NotFound, documented
-from backend.reference.page import rendered
-from backend.responses import resource
-from backend.routes import new_app
-from backend.settings import Settings
+from wonderland_backend.deprecation import deprecated
+from wonderland_backend.description import openapi
+from wonderland_backend.errors import NotFound, documented
+from wonderland_backend.reference.page import rendered
+from wonderland_backend.responses import resource
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
 
 MARK = {"since": date(2027, 1, 1), "until": date(2027, 7, 10), "instead": "https://example.com/api/changes#old"}
 

@@ -6,12 +6,12 @@ import re
 
 from jsonschema import Draft202012Validator
 
-from backend.clients.scopes import SCOPES
-from backend.description import openapi
-from backend.errors import BINARY, Problem
-from backend.reference.openapi import operations
-from backend.routes import new_app
-from backend.settings import Settings
+from wonderland_backend.clients.scopes import SCOPES
+from wonderland_backend.description import openapi
+from wonderland_backend.errors import BINARY, Problem
+from wonderland_backend.reference.openapi import operations
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
 
 DOCUMENT = openapi(new_app(Settings(), frozenset(), None))
 

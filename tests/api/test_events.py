@@ -9,10 +9,10 @@ import json
 import pytest
 from jsonschema import Draft202012Validator
 
-from backend.description import openapi
-from backend.events.feed import Place
-from backend.routes import new_app
-from backend.settings import Settings
+from wonderland_backend.description import openapi
+from wonderland_backend.events.feed import Place
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -120,7 +120,7 @@ async def test_a_stream_without_a_place_begins_with_what_is_new(running, chain, 
 
 
 async def test_a_stream_ends_with_the_right_to_look(running, machine, monkeypatch):
-    monkeypatch.setattr("backend.events.endpoints.HEARTBEAT_S", 0.05)
+    monkeypatch.setattr("wonderland_backend.events.endpoints.HEARTBEAT_S", 0.05)
     async with machine("wonderland.proofs.read") as http, stream(http) as found:
         async with running.context.database.write() as connection:
             await running.parts.clients.revoke(connection, http.client_id, "a test")

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
-from backend.description import openapi
-from backend.flights.grouping import GAP_MS, grouped, stretches
-from backend.flights.store import WRITE_EVERY_MS
-from backend.routes import new_app
-from backend.settings import Settings
+from wonderland_backend.description import openapi
+from wonderland_backend.flights.grouping import GAP_MS, grouped, stretches
+from wonderland_backend.flights.store import WRITE_EVERY_MS
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]

@@ -7,13 +7,13 @@ import json
 import pytest
 from sqlalchemy import select, update
 
-from backend.clients.idempotency import HEADER, KEPT_MS, LEASE_MS
-from backend.clients.scopes import scopes_for
-from backend.db.tables.clients import IdempotencyRow
-from backend.description import openapi
-from backend.reference.openapi import operations
-from backend.routes import new_app
-from backend.settings import Settings
+from wonderland_backend.clients.idempotency import HEADER, KEPT_MS, LEASE_MS
+from wonderland_backend.clients.scopes import scopes_for
+from wonderland_backend.db.tables.clients import IdempotencyRow
+from wonderland_backend.description import openapi
+from wonderland_backend.reference.openapi import operations
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
 
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)

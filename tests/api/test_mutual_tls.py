@@ -20,13 +20,13 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 
-from backend.clients.certificates import sha256_of
-from backend.clients.commands import client as client_commands
-from backend.clients.store import ByCertificate, ClientError, NewClient
-from backend.errors import SettingsError
-from backend.serve import Listen, new_server
-from backend.settings import Settings, load
 from wonderland.client import Wonderland
+from wonderland_backend.clients.certificates import sha256_of
+from wonderland_backend.clients.commands import client as client_commands
+from wonderland_backend.clients.store import ByCertificate, ClientError, NewClient
+from wonderland_backend.errors import SettingsError
+from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.settings import Settings, load
 
 NAME = "machine.city.example"
 GRANT = {"grant_type": "client_credentials"}

@@ -6,9 +6,9 @@ import asyncio
 
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
-from uav_agent.requests import Requests
-from wonderland.ledger.signing import key_signer
 from wonderland.proofs.records.sessions import Claim
+from wonderland_fabric_gateway.signing import key_signer
+from wonderland_uav_agent.requests import Requests
 
 
 async def test_where_a_drone_is_by_its_own_agent(running, authorities, clock):

@@ -9,13 +9,13 @@ import pytest
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from jsonschema import Draft202012Validator
 
-from backend.description import openapi
-from backend.routes import new_app
-from backend.settings import Settings
-from uav_agent.requests import Requests, RequestsError, _said
-from uav_agent.willing import Willing
-from wonderland.ledger.signing import key_signer
 from wonderland.telemetry import PleaseProve
+from wonderland_backend.description import openapi
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
+from wonderland_fabric_gateway.signing import key_signer
+from wonderland_uav_agent.requests import Requests, RequestsError, _said
+from wonderland_uav_agent.willing import Willing
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -139,7 +139,7 @@ async def test_subscribers_are_told_if_they_may_see_it(running, machine, chain, 
     async def allowed(url, hosts):
         return None
 
-    monkeypatch.setattr("backend.webhooks.endpoints.resolved", allowed)
+    monkeypatch.setattr("wonderland_backend.webhooks.endpoints.resolved", allowed)
     hook = {"url": "https://hooks.example/", "types": ["proof_request.created"]}
     async with machine(SCOPES) as all_seeing, machine(SCOPES, role="fleet_operator", msp_id="OtherMSP") as stranger:
         paths = [

@@ -7,14 +7,14 @@ import re
 import pytest
 from jsonschema import Draft202012Validator
 
-from backend.areas import Box
-from backend.description import openapi
-from backend.errors import BadRequest
-from backend.languages import language_of
-from backend.narrowing import field
-from backend.proofs import queries
-from backend.routes import new_app
-from backend.settings import Settings
+from wonderland_backend.areas import Box
+from wonderland_backend.description import openapi
+from wonderland_backend.errors import BadRequest
+from wonderland_backend.languages import language_of
+from wonderland_backend.narrowing import field
+from wonderland_backend.proofs import queries
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]

@@ -13,8 +13,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from backend.webhooks import signing
 from wonderland.client import ApiError, TokenError, Unreachable, WebhookError, Wonderland, verify_webhook
+from wonderland_backend.webhooks import signing
 
 ROOT = Path(__file__).parents[2]
 ALL = "wonderland.proofs.read wonderland.pads.read wonderland.drones.read wonderland.tracks.read wonderland.alerts.read"

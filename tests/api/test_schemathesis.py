@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from backend.clients.scopes import SCOPES
+from wonderland_backend.clients.scopes import SCOPES
 
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)

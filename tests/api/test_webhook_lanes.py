@@ -13,8 +13,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from other_conftest import tools_of
 
-from backend.webhooks import deliver
-from backend.webhooks.deliver import AT_ONCE, Webhooks
+from wonderland_backend.webhooks import deliver
+from wonderland_backend.webhooks.deliver import AT_ONCE, Webhooks
 
 tools = tools_of("api", "api_webhooks", file="test_webhooks.py")
 ca, poster, webhooks = tools.ca, tools.poster, tools.webhooks

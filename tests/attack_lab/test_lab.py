@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from simulator.attack_command import attack as command
-from simulator.attack_lab import ATTACKS, LabError, LabSettings, UnknownAttackError, kept, run, total_tries
-from simulator.attack_lab import judge as judging
-from simulator.attack_lab.attacks.insider import choosy
-from simulator.attack_lab.judge import run_batch, verdict_of
-from simulator.attack_lab.model import interval, percent, share
-from simulator.attack_lab.places import SMALL
-from simulator.attack_lab.report import markdown, result_from
-from simulator.attack_lab.screen import Look, look
+from wonderland_research.attack_command import attack as command
+from wonderland_research.attack_lab import ATTACKS, LabError, LabSettings, UnknownAttackError, kept, run, total_tries
+from wonderland_research.attack_lab import judge as judging
+from wonderland_research.attack_lab.attacks.insider import choosy
+from wonderland_research.attack_lab.judge import run_batch, verdict_of
+from wonderland_research.attack_lab.model import interval, percent, share
+from wonderland_research.attack_lab.places import SMALL
+from wonderland_research.attack_lab.report import markdown, result_from
+from wonderland_research.attack_lab.screen import Look, look
 
 TRIES = 10
-running = sys.modules["simulator.attack_lab.run"]  # the package has the function under that name
+running = sys.modules["wonderland_research.attack_lab.run"]  # the package has the function under that name
 SCREENED = [
     (name, number)
     for name, attack in ATTACKS.items()

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from simulator.attack_lab import ATTACKS, wire
-from simulator.attack_lab.wire import LEDGER_ATTACKS, WireResult, markdown, run_wire, specs
-from simulator.attack_lab.wire_sites import (
+from wonderland_research.attack_lab import ATTACKS, wire
+from wonderland_research.attack_lab.wire import LEDGER_ATTACKS, WireResult, markdown, run_wire, specs
+from wonderland_research.attack_lab.wire_sites import (
     LEVEL,
     SITES,
     TIMED,
@@ -25,9 +25,9 @@ from simulator.attack_lab.wire_sites import (
     parsed,
     sites_for,
 )
-from simulator.attackers.ranging import RANGE_ATTACKS, Situation
-from simulator.scenario import PADS
-from simulator.stage import ProcessError
+from wonderland_simulator.attackers.ranging import RANGE_ATTACKS, Situation
+from wonderland_simulator.scenario import PADS
+from wonderland_simulator.stage import ProcessError
 
 HERE, CLAIMED = (9.0, 3.0, 5.0), (6.0, -2.0, 5.0)
 ANCHORS = [(site.east_m, site.north_m, site.up_m) for site in PADS[0].anchors]

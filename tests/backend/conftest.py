@@ -29,19 +29,19 @@ from fabric_protos.peer import (
     transaction_pb2,
 )
 
-from backend.app import Backend
-from backend.db.engine import Database
-from backend.db.migrate import migrate
-from backend.serve import Listen, new_server
-from backend.settings import Settings
-from wonderland.ledger.blocks import BlockHeader, data_hash, parse_block
-from wonderland.ledger.ca.local import LocalCa
-from wonderland.ledger.embedded.genesis import ChannelDescription, OrganisationDescription, genesis_block
-from wonderland.ledger.errors import LedgerError
-from wonderland.ledger.signing import key_signer
 from wonderland.proofs import encoding
 from wonderland.proofs.records import assets, keys, pads, policies, sessions, uavs, verdicts
 from wonderland.telemetry import signed_text
+from wonderland_backend.app import Backend
+from wonderland_backend.db.engine import Database
+from wonderland_backend.db.migrate import migrate
+from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.settings import Settings
+from wonderland_fabric_gateway.blocks import BlockHeader, data_hash, parse_block
+from wonderland_fabric_gateway.ca.local import LocalCa
+from wonderland_fabric_gateway.embedded.genesis import ChannelDescription, OrganisationDescription, genesis_block
+from wonderland_fabric_gateway.errors import LedgerError
+from wonderland_fabric_gateway.signing import key_signer
 
 START_MS = 1_800_000_000_000
 MSPS = ("AuthorityMSP", "PadMSP", "FleetMSP")

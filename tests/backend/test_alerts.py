@@ -17,21 +17,21 @@ from cryptography import x509
 from jsonschema import Draft202012Validator
 from sqlalchemy import insert, select, update
 
-from backend.alerts import oddities, store, watch
-from backend.alerts.deliver import Delivery
-from backend.alerts.derive import alerts_of
-from backend.alerts.kinds import SEVERITIES, Alert, plain_text
-from backend.alerts.schemas import KindName
-from backend.db.tables.ledger import CertificateRow, OrganisationRow
-from backend.db.tables.reported import FindingRow
-from backend.description import openapi
-from backend.errors import SettingsError
-from backend.mirror.certificates import note_signers
-from backend.routes import new_app
-from backend.settings import Settings, load
-from backend.tracks.schemas import Finding
-from backend.webhooks.post import Poster, retry_ms
 from wonderland import messages
+from wonderland_backend.alerts import oddities, store, watch
+from wonderland_backend.alerts.deliver import Delivery
+from wonderland_backend.alerts.derive import alerts_of
+from wonderland_backend.alerts.kinds import SEVERITIES, Alert, plain_text
+from wonderland_backend.alerts.schemas import KindName
+from wonderland_backend.db.tables.ledger import CertificateRow, OrganisationRow
+from wonderland_backend.db.tables.reported import FindingRow
+from wonderland_backend.description import openapi
+from wonderland_backend.errors import SettingsError
+from wonderland_backend.mirror.certificates import note_signers
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings, load
+from wonderland_backend.tracks.schemas import Finding
+from wonderland_backend.webhooks.post import Poster, retry_ms
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -72,7 +72,7 @@ async def test_mirroring_anew_raises_nothing_twice_and_forgets_no_acknowledgemen
 ):
     (alert,) = await alerts(running)
     assert (await act(running, alert, "acknowledge", note="seen")).status_code == 200
-    from backend.mirror import store
+    from wonderland_backend.mirror import store
 
     await store.clear(running.context.database)
     again = new_backend(source_of(chain), database=running.context.database)
@@ -188,7 +188,7 @@ async def test_an_old_ledger_brings_history_not_news(new_backend, serving, sourc
 async def test_a_pad_that_falls_silent_and_comes_back(running, database, clock):
     from sqlalchemy import insert, update
 
-    from backend.db.tables.reported import HealthRow
+    from wonderland_backend.db.tables.reported import HealthRow
 
     row = {"agent": "pad", "agent_id": "pad-1", "t_ms": clock.now_ms, "body": "{}"}
     async with database.write() as connection:
@@ -319,7 +319,7 @@ async def test_an_agent_that_comes_and_goes_has_one_alert(running, clock, agent_
 async def test_a_permission_that_no_broadcast_follows(running, database, clock):
     from sqlalchemy import insert
 
-    from backend.db.tables.reported import TrackRow
+    from wonderland_backend.db.tables.reported import TrackRow
 
     clock.now_ms = START_MS + 2_000 + watch.MATCH_AFTER_MS + 1
     await running.backend.watch.look()

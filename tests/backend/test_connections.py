@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 import re
 
-from backend.description import openapi
-from backend.routes import new_app
-from backend.settings import Settings
+from wonderland_backend.description import openapi
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
 
 STREAMS = {"/api/v1/events", "/api/v1/traffic/stream", "/api/v1/live"}
 ONES = {"pad_id": "pad-1", "uav_id": "uav-1", "session_id": "one", "number": "1", "day": "2026-01-01"}

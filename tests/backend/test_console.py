@@ -5,9 +5,9 @@ from __future__ import annotations
 import httpx
 import pytest
 
-from backend.console import find
-from backend.routes import new_app
-from backend.settings import Settings
+from wonderland_backend.console import find
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
 
 
 @pytest.fixture

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from backend.sessions.course import course_of
-from backend.sessions.residuals import residuals
 from wonderland.proofs.records.sessions import NO_RANGE
 from wonderland.proofs.records.verdicts import BroadcastFinding
 from wonderland.proofs.verdict import decide
+from wonderland_backend.sessions.course import course_of
+from wonderland_backend.sessions.residuals import residuals
 
 _path = Path(__file__).parents[1] / "support" / "tests_world.py"
 _spec = importlib.util.spec_from_file_location("tests_world", _path)

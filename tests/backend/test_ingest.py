@@ -10,9 +10,9 @@ import pytest
 import websockets
 from sqlalchemy import func, select
 
-from backend.db.tables.ledger import VerdictRow
-from backend.db.tables.reported import IrregularRow, SpoolRow, StepRow, TrackRow
-from backend.mirror.derive import Changes
+from wonderland_backend.db.tables.ledger import VerdictRow
+from wonderland_backend.db.tables.reported import IrregularRow, SpoolRow, StepRow, TrackRow
+from wonderland_backend.mirror.derive import Changes
 
 START_MS = 1_800_000_000_000
 TRACK = {
@@ -275,7 +275,7 @@ async def test_a_recorded_hello_serves_no_second_time(running, agent_client):
 
 
 async def test_expired_and_foreign_certificates(running, agent_client, authorities, tmp_path, clock):
-    from wonderland.ledger.ca.local import LocalCa
+    from wonderland_fabric_gateway.ca.local import LocalCa
 
     impostor = LocalCa.create(tmp_path / "impostor", "PadMSP").enrol(
         "pad-1", attributes={"pol.role": "pad", "pol.id": "pad-1"}
@@ -291,7 +291,7 @@ async def test_expired_and_foreign_certificates(running, agent_client, authoriti
 
 
 async def test_a_revocation_on_the_ledger_shuts_the_agent_out(running, agent_client, authorities, database):
-    from backend.db.tables.ledger import OrganisationRow
+    from wonderland_backend.db.tables.ledger import OrganisationRow
 
     enrolment = authorities.enrol("pad-7", "PadMSP", role="pad", id="pad-7")
     async with running.connect("/ingest") as socket:
@@ -562,7 +562,7 @@ async def test_absurd_records_are_refused_alone(running, agent_client):
 
 
 async def test_too_many_silent_connections_are_turned_away(running, agent_client, monkeypatch):
-    monkeypatch.setattr("backend.ingest.endpoints.MAX_UNPROVEN", 1)
+    monkeypatch.setattr("wonderland_backend.ingest.endpoints.MAX_UNPROVEN", 1)
     async with running.connect("/ingest") as silent:
         await asyncio.wait_for(silent.recv(), 5)
         async with running.connect("/ingest") as socket:
@@ -582,7 +582,7 @@ async def test_browsers_of_other_origins_get_no_further(running):
 
 
 async def test_old_telemetry_is_forgotten(running, agent_client, clock):
-    from backend.tracks.queries import Retention, forget
+    from wonderland_backend.tracks.queries import Retention, forget
 
     async with running.connect("/ingest") as socket:
         agent = agent_client(socket)

@@ -9,8 +9,8 @@ import zlib
 import pytest
 import websockets
 
-from backend.live import hub as hub_module
-from backend.live.hub import Client, Hub
+from wonderland_backend.live import hub as hub_module
+from wonderland_backend.live.hub import Client, Hub
 
 START_MS = 1_800_000_000_000
 TRACK = {"uav_id": "uav-1", "lat_e7": 604_518_000, "lon_e7": 222_666_000, "transport": "wifi"}

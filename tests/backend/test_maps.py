@@ -12,13 +12,13 @@ import tracemalloc
 
 import pytest
 
-from backend.http.transfer import new_client
-from backend.maps.archive import Archive, ArchiveError, ReplacedError, credits_of
-from backend.maps.imagery import Imagery, ImageryError
-from backend.maps.ranges import MAX_PART, RangeError, parse
-from backend.maps.service import Maps
-from backend.maps.settings import MapSettings
-from simulator.place.archive import write
+from wonderland_backend.http.transfer import new_client
+from wonderland_backend.maps.archive import Archive, ArchiveError, ReplacedError, credits_of
+from wonderland_backend.maps.imagery import Imagery, ImageryError
+from wonderland_backend.maps.ranges import MAX_PART, RangeError, parse
+from wonderland_backend.maps.service import Maps
+from wonderland_backend.maps.settings import MapSettings
+from wonderland_simulator.place.archive import write
 
 LAYERS = ("earth", "water", "roads")
 

@@ -12,14 +12,14 @@ from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
 from sqlalchemy import inspect, text
 
-from backend.db import bulk
-from backend.db import migrate as migrations
-from backend.db.engine import Database, parse_url
-from backend.db.partitions import forget, is_partition, make_ahead, partition_of, partitions
-from backend.db.tables import Base
-from backend.db.tables.reported import TrackRow
-from backend.errors import DatabaseError, SettingsError
 from wonderland.proofs import encoding
+from wonderland_backend.db import bulk
+from wonderland_backend.db import migrate as migrations
+from wonderland_backend.db.engine import Database, parse_url
+from wonderland_backend.db.partitions import forget, is_partition, make_ahead, partition_of, partitions
+from wonderland_backend.db.tables import Base
+from wonderland_backend.db.tables.reported import TrackRow
+from wonderland_backend.errors import DatabaseError, SettingsError
 
 NEW_TRACK = {"uav_id": "new", "pad_id": "pad-1", "t_ms": 1, "received_ms": 1_800_000_000_001, "body": "{}"}
 

@@ -11,8 +11,10 @@ import orjson
 import pytest
 from sqlalchemy import select
 
-from backend.db import bulk
-from backend.db.tables.ledger import (
+from wonderland.proofs.records import keys
+from wonderland.proofs.records.verdicts import Verdict
+from wonderland_backend.db import bulk
+from wonderland_backend.db.tables.ledger import (
     AssetRow,
     AuthorisationRow,
     BlockRow,
@@ -28,14 +30,12 @@ from backend.db.tables.ledger import (
     UnreadRow,
     VerdictRow,
 )
-from backend.errors import MirrorHalted
-from backend.ledger.status import MirrorStatus
-from backend.mirror import store
-from backend.mirror.follow import Mirror
-from backend.mirror.rebuild import digest, rebuild
-from wonderland.ledger.errors import LedgerError
-from wonderland.proofs.records import keys
-from wonderland.proofs.records.verdicts import Verdict
+from wonderland_backend.errors import MirrorHalted
+from wonderland_backend.ledger.status import MirrorStatus
+from wonderland_backend.mirror import store
+from wonderland_backend.mirror.follow import Mirror
+from wonderland_backend.mirror.rebuild import digest, rebuild
+from wonderland_fabric_gateway.errors import LedgerError
 
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
@@ -187,8 +187,8 @@ async def test_other_chaincodes_and_odd_texts_do_no_harm(database, new_mirror, c
 async def test_block_by_block_and_in_batches_come_to_the_same(
     database, new_mirror, new_chain, source_of, facts, tmp_path, monkeypatch
 ):
-    from backend.db.engine import Database
-    from backend.db.migrate import migrate
+    from wonderland_backend.db.engine import Database
+    from wonderland_backend.db.migrate import migrate
 
     chain = new_chain()
     fill(chain, facts, 12)
@@ -316,7 +316,7 @@ async def test_a_database_that_restarts_is_survived(database, new_mirror, chain,
 
 
 def test_nothing_but_the_mirror_writes_what_the_ledger_says():
-    from backend.db.tables.ledger import ledger_tables
+    from wonderland_backend.db.tables.ledger import ledger_tables
 
     package = Path(store.__file__).parents[1]
     tables = "|".join(each.__name__ for each in ledger_tables())
@@ -384,8 +384,8 @@ async def test_two_mirrors_of_one_database_do_not_both_write(database, new_mirro
     chain.add(facts.put_uav())
     second, _ = new_mirror(source_of(chain))
     await second.run_until(chain.height)
-    from backend.mirror.derive import Changes, derive
-    from wonderland.ledger.blocks import parse_block
+    from wonderland_backend.mirror.derive import Changes, derive
+    from wonderland_fabric_gateway.blocks import parse_block
 
     changes = Changes()
     derive(parse_block(chain.blocks[-1]), "pol", changes)

@@ -7,11 +7,11 @@ import json
 import msgspec
 import pytest
 
-from backend.alerts.kinds import plain_text
-from backend.alerts.watch import pad_conditions
-from backend.pads.schemas import DriftHealth
-from edge_agent.drift import DriftState
 from wonderland import telemetry
+from wonderland_backend.alerts.kinds import plain_text
+from wonderland_backend.alerts.watch import pad_conditions
+from wonderland_backend.pads.schemas import DriftHealth
+from wonderland_edge_agent.drift import DriftState
 
 NOW_MS = 1_800_000_000_000
 STATES = [

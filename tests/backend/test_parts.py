@@ -8,7 +8,7 @@ from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
 from starlette.requests import Request
 
-from backend.auth.gate import SetUpGate
+from wonderland_backend.auth.gate import SetUpGate
 
 NO_LEDGER = [
     ("GET", "/signing-keys", None),
@@ -34,7 +34,7 @@ def dependencies_within(dependant):
 
 
 def named_parts(app):
-    """Every `find` that `backend.context.part` has made for some endpoint."""
+    """Every `find` that `wonderland_backend.context.part` has made for some endpoint."""
     effective = [each._effective_route for each in iter_route_contexts(app.routes)]
     dependants = [each.dependant for each in effective if getattr(each, "dependant", None) is not None]
     calls = {call for dependant in dependants for call in dependencies_within(dependant)}

@@ -4,8 +4,8 @@ import stat
 
 from click.testing import CliRunner
 
-from backend.commands import backend
-from backend.db import passwords
+from wonderland_backend.commands import backend
+from wonderland_backend.db import passwords
 
 
 def test_it_is_made_once_in_the_two_forms_in_which_it_is_read(tmp_path):

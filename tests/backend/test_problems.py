@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-import backend
-from backend import problem_texts
-from backend.errors import Problem
+import wonderland_backend
 from wonderland import messages
+from wonderland_backend import problem_texts
+from wonderland_backend.errors import Problem
 
-SOURCE = Path(backend.__file__).parent
+SOURCE = Path(wonderland_backend.__file__).parent
 
 
 def finnish_of(english):
@@ -24,7 +24,7 @@ def finnish_of(english):
 
 
 def kinds():
-    for module in pkgutil.walk_packages(backend.__path__, "backend."):
+    for module in pkgutil.walk_packages(wonderland_backend.__path__, "wonderland_backend."):
         importlib.import_module(module.name)
     found, waiting = set(), [Problem]
     while waiting:

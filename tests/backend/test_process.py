@@ -13,11 +13,11 @@ import httpx
 import pytest
 from click.testing import CliRunner
 
-from backend.commands import backend
-from wonderland.ledger.embedded.contracts import load_contract
-from wonderland.ledger.embedded.node import EmbeddedLedger
-from wonderland.ledger.gateway import Gateway
 from wonderland.proofs import encoding
+from wonderland_backend.commands import backend
+from wonderland_fabric_gateway.embedded.contracts import load_contract
+from wonderland_fabric_gateway.embedded.node import EmbeddedLedger
+from wonderland_fabric_gateway.gateway import Gateway
 
 WONDERLAND = [sys.executable, "-m", "wonderland.cli"]
 PAD = {

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 from sqlalchemy import insert
 
-from backend.db.tables.reported import LatestTrackRow
-from backend.description import openapi
-from backend.pagination import decode_cursor
-from backend.routes import new_app
-from backend.settings import Settings
-from wonderland.ledger.errors import LedgerError
+from wonderland_backend.db.tables.reported import LatestTrackRow
+from wonderland_backend.description import openapi
+from wonderland_backend.pagination import decode_cursor
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
+from wonderland_fabric_gateway.errors import LedgerError
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -365,7 +365,7 @@ def test_every_reference_of_the_description_resolves():
 @given(st.text(max_size=80))
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_any_cursor_is_a_position_or_a_bad_request(text):
-    from backend.errors import BadRequest
+    from wonderland_backend.errors import BadRequest
 
     for kinds in ((int,), (str,), (int, str)):
         try:

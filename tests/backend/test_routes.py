@@ -4,8 +4,8 @@ import gc
 import weakref
 from pathlib import Path
 
-from backend.routes import new_app
-from backend.settings import Settings
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
 
 
 def test_nothing_holds_an_application_that_is_no_longer_used():

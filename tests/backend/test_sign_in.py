@@ -9,10 +9,10 @@ import pytest
 import websockets
 from sqlalchemy import select, update
 
-from backend import app
-from backend.db.tables.people import LinkRow, PersonRow, SignInRow
-from backend.errors import SignInRequired
-from backend.people import links
+from wonderland_backend import app
+from wonderland_backend.db.tables.people import LinkRow, PersonRow, SignInRow
+from wonderland_backend.errors import SignInRequired
+from wonderland_backend.people import links
 
 
 def stranger(running, **options):
@@ -150,8 +150,8 @@ async def test_malformed_sign_ins(running, body):
 
 
 async def test_two_backends_on_one_host_do_not_share_a_cookie(running, new_backend, tmp_path):
-    from backend.db.engine import Database
-    from backend.db.migrate import migrate
+    from wonderland_backend.db.engine import Database
+    from wonderland_backend.db.migrate import migrate
 
     other = Database(f"sqlite:///{tmp_path / 'second.db'}")
     await migrate(other)

@@ -20,9 +20,9 @@ from other_conftest import tools_of
 from proof_actors import HERE, ROUNDS, Actors
 from tests_world import World
 
-from backend.app import now_ms
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.embedded.administration import DirectoryAdministration
+from wonderland_backend.app import now_ms
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.embedded.administration import DirectoryAdministration
 
 processes = tools_of("backend", "backend_processes", file="test_process.py")
 ledger = processes.ledger

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from backend.statistics.queries import percentile, step_times
+from wonderland_backend.statistics.queries import percentile, step_times
 
 START_MS = 1_800_000_000_000
 HOUR_MS = 3_600_000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from backend.sessions.state import OUTLINE, PAD, UAV, ReportedStep, SessionView
+from wonderland_backend.sessions.state import OUTLINE, PAD, UAV, ReportedStep, SessionView
 
 
 @pytest.fixture

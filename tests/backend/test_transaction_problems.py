@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from backend.transactions.problems import of_outcome
-from wonderland.ledger.gateway import CommitStatus
-from wonderland.ledger.transactions import ValidationCode
+from wonderland_backend.transactions.problems import of_outcome
+from wonderland_fabric_gateway.gateway import CommitStatus
+from wonderland_fabric_gateway.transactions import ValidationCode
 
 
 @pytest.mark.parametrize(

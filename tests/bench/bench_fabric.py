@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from wonderland.ledger.network import binaries, bringing_up, taking_down
-from wonderland.ledger.network.description import NetworkDescription
-from wonderland.ledger.network.errors import BinaryError
-from wonderland.ledger.network.layout import NetworkDirectory
+from wonderland_fabric_network import binaries, bringing_up, taking_down
+from wonderland_fabric_network.description import NetworkDescription
+from wonderland_fabric_network.errors import BinaryError
+from wonderland_fabric_network.layout import NetworkDirectory
 
 
 def quiet(_step, _text):

@@ -7,19 +7,19 @@ import contextlib
 import math
 import random
 
-from simulator.channel import Channel
-from simulator.playback import Playback
-from simulator.recording import RecordedRound, Recording
-from simulator.scenario import PADS, Behaviour, DroneSpec
-from simulator.stage import Stage, StageSettings
-from simulator.world import drone_path
-from uav_agent.agent import UavAgent
-from uav_agent.ledger_events import LedgerEvents
-from uav_agent.position.autopilot import AutopilotPosition
-from uav_agent.radio import UavRadio
 from wonderland.clock import SteadyClock
-from wonderland.ledger.gateway import Gateway
-from wonderland.ledger.proof_contract import ProofContract
+from wonderland.proof_contract import ProofContract
+from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_simulator.channel import Channel
+from wonderland_simulator.playback import Playback
+from wonderland_simulator.recording import RecordedRound, Recording
+from wonderland_simulator.scenario import PADS, Behaviour, DroneSpec
+from wonderland_simulator.stage import Stage, StageSettings
+from wonderland_simulator.world import drone_path
+from wonderland_uav_agent.agent import UavAgent
+from wonderland_uav_agent.ledger_events import LedgerEvents
+from wonderland_uav_agent.position.autopilot import AutopilotPosition
+from wonderland_uav_agent.radio import UavRadio
 
 UAV_ID = "BENCH"
 HOVER_M = (5.0, -6.0, 6.0)

@@ -20,8 +20,8 @@ import pytest
 # Children are started while gRPC's threads run; its own fork handlers would only complain about it.
 os.environ["GRPC_ENABLE_FORK_SUPPORT"] = "0"
 
-from simulator.stage.processes import Processes
-from wonderland.ledger.connection import Connection
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_simulator.stage.processes import Processes
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))

@@ -21,7 +21,7 @@ from fastapi import WebSocket
 from map_page import crowd_frame
 from starlette.websockets import WebSocketDisconnect
 
-from backend.serve import leave_to_itself
+from wonderland_backend.serve import leave_to_itself
 
 FEED_S = 0.04
 

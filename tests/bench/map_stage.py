@@ -17,8 +17,8 @@ import pytest
 from chrome import Chrome
 from map_page import FLAGS, FLOOR, WATCH
 
-from simulator.place.archive import is_whole
-from simulator.place.making import archive_path
+from wonderland_simulator.place.archive import is_whole
+from wonderland_simulator.place.making import archive_path
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -125,7 +125,7 @@ def place_archive():
     """The map of the demo's place, as set-up made it."""
     path = archive_path()
     if not is_whole(path):
-        pytest.skip("the map of the demo's place is not at hand (python -m simulator.place makes it)")
+        pytest.skip("the map of the demo's place is not at hand (python -m wonderland_simulator.place makes it)")
     return path
 
 

@@ -20,14 +20,14 @@ import websockets
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from map_page import beacon
 
-from edge_agent.assembly import _tell
-from edge_agent.receiver import RemoteIdReceiver
-from edge_agent.receiver.sources.udp import UdpSource
-from edge_agent.reporting import SpoolReporter
-from edge_agent.spool import Spool
-from edge_agent.spool.store import StoredRecord
-from edge_agent.uplink import Credentials, Uplink, UplinkProtocol
-from wonderland.ledger.signing import key_signer
+from wonderland_edge_agent.assembly import _tell
+from wonderland_edge_agent.receiver import RemoteIdReceiver
+from wonderland_edge_agent.receiver.sources.udp import UdpSource
+from wonderland_edge_agent.reporting import SpoolReporter
+from wonderland_edge_agent.spool import Spool
+from wonderland_edge_agent.spool.store import StoredRecord
+from wonderland_edge_agent.uplink import Credentials, Uplink, UplinkProtocol
+from wonderland_fabric_gateway.signing import key_signer
 
 LINGER_S = 0.05
 BEACONS = 50

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from bench_tools import show
 
-from simulator.attack_lab import ATTACKS, LabSettings, run
-from simulator.attack_lab.attacks.common import BUFFER_MM
-from simulator.attack_lab.attacks.position import GOAL_BUFFERS
-from simulator.attack_lab.judge import Tally, run_batch
-from simulator.attack_lab.model import interval
-from simulator.attack_lab.report import found_after
-from simulator.attack_lab.run import CHUNK
+from wonderland_research.attack_lab import ATTACKS, LabSettings, run
+from wonderland_research.attack_lab.attacks.common import BUFFER_MM
+from wonderland_research.attack_lab.attacks.position import GOAL_BUFFERS
+from wonderland_research.attack_lab.judge import Tally, run_batch
+from wonderland_research.attack_lab.model import interval
+from wonderland_research.attack_lab.report import found_after
+from wonderland_research.attack_lab.run import CHUNK
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(3600)]
 MANY = 100_000

@@ -13,9 +13,9 @@ import random
 
 import pytest
 
-from edge_agent.drift import Baseline, DriftWatch
-from edge_agent.drift.baseline import summary
-from edge_agent.self_survey import self_survey
+from wonderland_edge_agent.drift import Baseline, DriftWatch
+from wonderland_edge_agent.drift.baseline import summary
+from wonderland_edge_agent.self_survey import self_survey
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1_800)]
 PLACES = {"A1": (1.6, 1.6, 1.6), "A2": (-1.6, 1.6, 0.25), "A3": (-1.6, -1.6, 0.25), "A4": (1.6, -1.6, 0.25)}

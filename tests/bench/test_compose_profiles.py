@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from wonderland.ledger.network import binaries
+from wonderland_fabric_network import binaries
 
 ROOT = Path(__file__).parents[2]
 NAMESPACES = ["unshare", "--mount", "--net", "--pid", "--fork", "--kill-child", "--mount-proc"]

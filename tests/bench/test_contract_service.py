@@ -33,7 +33,7 @@ M = shim.ChaincodeMessage
 PACKAGE_ID = "pol_1.0:" + "cd" * 32
 EMPTY = """
 import asyncio, json
-from chaincode.service import ContractServer
+from wonderland_chaincode.service import ContractServer
 
 class Empty:
     version = "empty"

@@ -15,11 +15,11 @@ import pytest
 from bench_tools import show
 from fault_load import audit, faulty, kill, proofs_after, stall_s
 
-from wonderland.ledger.network import binaries, bringing_up, keeping, taking_down
-from wonderland.ledger.network.description import NetworkDescription
-from wonderland.ledger.network.errors import BinaryError
-from wonderland.ledger.network.layout import NetworkDirectory
-from wonderland.ledger.network.leadership import is_leader
+from wonderland_fabric_network import binaries, bringing_up, keeping, taking_down
+from wonderland_fabric_network.description import NetworkDescription
+from wonderland_fabric_network.errors import BinaryError
+from wonderland_fabric_network.layout import NetworkDirectory
+from wonderland_fabric_network.leadership import is_leader
 
 AT_ONCE = 4
 PROOFS = 20_000

@@ -10,9 +10,9 @@ import pytest
 from bench_tools import p50, show
 from scipy.optimize import least_squares
 
-from simulator.batch import fixes
-from simulator.paper_points import POINTS, SIGMA_M
 from wonderland.proofs.fix import Multilateration
+from wonderland_research.batch import fixes
+from wonderland_research.paper_points import POINTS, SIGMA_M
 
 pytestmark = pytest.mark.bench
 TRIES = 40_000

@@ -9,10 +9,10 @@ import pytest
 from bench_fabric import fabric_network
 from bench_tools import p50, p95, show
 
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.gateway import Gateway
-from wonderland.ledger.network import taking_down
 from wonderland.proofs import encoding
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_fabric_network import taking_down
 
 BLOCKS = 12
 PER_BLOCK = 40
@@ -90,7 +90,7 @@ async def compared(connection, node, keep, what, blocks, per_block):
         ("client", "n", "p50 ms", "p95 ms"),
         [
             ("@hyperledger/fabric-gateway (Node)", len(theirs), f"{p50(theirs):.2f}", f"{p95(theirs):.2f}"),
-            ("wonderland.ledger.gateway", len(mine), f"{p50(mine):.2f}", f"{p95(mine):.2f}"),
+            ("wonderland_fabric_gateway.gateway", len(mine), f"{p50(mine):.2f}", f"{p95(mine):.2f}"),
             ("ratio (goal ≤ 1.00)", "", f"{p50(mine) / p50(theirs):.2f}", f"{p95(mine) / p95(theirs):.2f}"),
         ],
     )

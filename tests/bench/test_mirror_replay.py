@@ -13,13 +13,13 @@ from collections import Counter
 import pytest
 from bench_tools import show
 
-from backend.db.engine import Database
-from backend.db.migrate import migrate
-from backend.ledger.status import MirrorStatus
-from backend.mirror import derive as deriving
-from backend.mirror.follow import Mirror
-from backend.mirror.rebuild import digest
-from wonderland.ledger.blocks import parse_block
+from wonderland_backend.db.engine import Database
+from wonderland_backend.db.migrate import migrate
+from wonderland_backend.ledger.status import MirrorStatus
+from wonderland_backend.mirror import derive as deriving
+from wonderland_backend.mirror.follow import Mirror
+from wonderland_backend.mirror.rebuild import digest
+from wonderland_fabric_gateway.blocks import parse_block
 
 PROOFS = 3_000
 PER_BLOCK = 30

@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 from msgspec import Raw
 
-from backend.ingest.agents import Agent
-from backend.ingest.batch import read
+from wonderland_backend.ingest.agents import Agent
+from wonderland_backend.ingest.batch import read
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "uspace"))

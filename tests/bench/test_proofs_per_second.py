@@ -19,11 +19,11 @@ from bench_fabric import fabric_network
 from bench_tools import p50, p95, show
 from proof_actors import DRONES, PADS, ROUNDS, Actors
 
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.embedded.administration import DirectoryAdministration
-from wonderland.ledger.embedded.directory import LedgerDirectory
-from wonderland.ledger.gateway import Gateway
-from wonderland.ledger.network import enrolment, taking_down
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.embedded.administration import DirectoryAdministration
+from wonderland_fabric_gateway.embedded.directory import LedgerDirectory
+from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_fabric_network import enrolment, taking_down
 
 FULL = os.environ.get("WONDERLAND_BENCH_FULL") == "1"
 PROOFS = 10_000 if FULL else 1_500

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from bench_tools import show
 
-from wonderland.remote_id import (
+from wonderland_remote_id import (
     BasicId,
     HorizontalAccuracy,
     Location,
@@ -28,7 +28,7 @@ from wonderland.remote_id import (
     decode_tolerant,
     encode,
 )
-from wonderland.remote_id.framings import ble, mavlink, wifi
+from wonderland_remote_id.framings import ble, mavlink, wifi
 
 pytestmark = pytest.mark.bench
 

@@ -10,12 +10,12 @@ from bench_sessions import sessions
 from bench_steps import write_steps
 from bench_tools import p50, p95, show
 
-from wonderland.ledger.gateway import Gateway
 from wonderland.proofs import encoding
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.transactions import SubmitProof
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.link.segments import MAX_TEXT_OCTETS
+from wonderland_fabric_gateway.gateway import Gateway
 
 SESSIONS = 24
 COMMITS = 6

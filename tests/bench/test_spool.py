@@ -8,7 +8,7 @@ import time
 import pytest
 from bench_tools import show
 
-from edge_agent.spool import Spool
+from wonderland_edge_agent.spool import Spool
 
 pytestmark = pytest.mark.bench
 

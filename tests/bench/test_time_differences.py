@@ -15,7 +15,6 @@ import pytest
 from bench_tools import show
 from tests_world import SQUARE, START_MS, World
 
-from simulator.reproduction.sampling import Share
 from wonderland.proofs.differences import Stamped, frames_needed, judge_times
 from wonderland.proofs.hyperbolic import Heard, TimeFix
 from wonderland.proofs.records.policies import Policy
@@ -23,6 +22,7 @@ from wonderland.proofs.reduction import distance
 from wonderland.proofs.stopping import LOOKS
 from wonderland.proofs.testimony import halved
 from wonderland.proofs.verdict import decide
+from wonderland_research.reproduction.sampling import Share
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(1800)]
 TRIES = 3_000

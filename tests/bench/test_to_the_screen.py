@@ -18,7 +18,7 @@ from map_page import beacon
 from map_stage import Server, built_console, new_chrome, open_map
 from test_live_push import Viewer, cookie_of
 
-from wonderland.remote_id import BasicId, Location, Pack, encode
+from wonderland_remote_id import BasicId, Location, Pack, encode
 
 pytestmark = [pytest.mark.bench, pytest.mark.browser, pytest.mark.timeout(900)]
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from bench_tools import show
 
-from simulator.attack_lab.places import FLOWN
-from simulator.reproduction.sampling import Share
 from wonderland.proofs import stopping
 from wonderland.proofs.travel import bias_left
+from wonderland_research.attack_lab.places import FLOWN
+from wonderland_research.reproduction.sampling import Share
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(900)]
 R, ROUNDS, TRIES = 1000.0, 160, 20_000

@@ -8,9 +8,9 @@ import time
 import pytest
 from bench_tools import show
 
-from wonderland.uwb.uci.codec import HostCodec
-from wonderland.uwb.uci.packets import MessageType, encode_control
-from wonderland.uwb.uci.ranging import RangeData, TwoWayMeasurement, encode_range_data
+from wonderland_fira_uci.uci.codec import HostCodec
+from wonderland_fira_uci.uci.packets import MessageType, encode_control
+from wonderland_fira_uci.uci.ranging import RangeData, TwoWayMeasurement, encode_range_data
 
 PACKETS = 20_000
 REPEAT = 5

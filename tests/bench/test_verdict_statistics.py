@@ -16,18 +16,18 @@ import pytest
 from bench_tools import show
 from tests_world import START_MS, World
 
-from simulator.paper_points import POINTS, SIGMA_M, cramer_rao_m
-from simulator.reproduction import sampling
-from simulator.reproduction.sampling import EVERY_ROUND, POLICY, Share, wald_rounds
-from simulator.reproduction.sampling import means as reduced
-from simulator.reproduction.sampling import outcome_of as outcome
-from simulator.reproduction.sampling import pad_at as pad
-from simulator.reproduction.sampling import place_of as at_mm
 from wonderland.proofs import stopping
 from wonderland.proofs.estimate import solve
 from wonderland.proofs.likelihood import Matrix2, distance_to_disc, distance_to_outside, inside_disc
 from wonderland.proofs.prospects import prospect
 from wonderland.proofs.verdict import preview
+from wonderland_research.paper_points import POINTS, SIGMA_M, cramer_rao_m
+from wonderland_research.reproduction import sampling
+from wonderland_research.reproduction.sampling import EVERY_ROUND, POLICY, Share, wald_rounds
+from wonderland_research.reproduction.sampling import means as reduced
+from wonderland_research.reproduction.sampling import outcome_of as outcome
+from wonderland_research.reproduction.sampling import pad_at as pad
+from wonderland_research.reproduction.sampling import place_of as at_mm
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(900)]
 R = 1000.0

@@ -14,13 +14,13 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.asymmetric.utils import decode_dss_signature
 
-from chaincode.contract import CONTRACT, ContractError
-from edge_agent.geodesy import frame_at
 from wonderland.proofs import encoding
 from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.keys import public_bytes
 from wonderland.proofs.records.sessions import Claim, RangeTable
 from wonderland.proofs.statement import statement
+from wonderland_chaincode.contract import CONTRACT, ContractError
+from wonderland_edge_agent.geodesy import frame_at
 
 START_MS = 1_800_000_000_000
 ORDER = 0xFFFFFFFF00000000FFFFFFFFFFFFFFFFBCE6FAADA7179E84F3B9CAC2FC632551

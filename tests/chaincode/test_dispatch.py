@@ -10,13 +10,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import chaincode.contract
-from chaincode.contract import CONTRACT, ContractError
-from chaincode.contract.dispatch import HANDLERS
-from chaincode.contract.errors import MAX_TEXT
+import wonderland_chaincode.contract
 from wonderland.proofs import encoding
 from wonderland.proofs.records import keys
 from wonderland.proofs.records.transactions import ROLES, TRANSACTIONS
+from wonderland_chaincode.contract import CONTRACT, ContractError
+from wonderland_chaincode.contract.dispatch import HANDLERS
+from wonderland_chaincode.contract.errors import MAX_TEXT
 
 STATUSES = {200, 400, 403, 404, 409, 422}
 AUTHORITY_ROLES = ("admin", "inspector", "mirror")
@@ -268,7 +268,7 @@ STATUS_OF = {"bad_input": 400, "not_allowed": 403, "not_there": 404, "conflict":
 def _codes():
     """Code and status of every refusal in the contract's source."""
     found = {(f"SESSION_{state}", 422) for state in ("REQUESTED", "DECIDED", "COMPLETED", "CANCELLED")}
-    for path in Path(chaincode.contract.__file__).parent.glob("*.py"):
+    for path in Path(wonderland_chaincode.contract.__file__).parent.glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in STATUS_OF:
                 assert isinstance(node.args[0], ast.Constant), ast.unparse(node)

@@ -7,13 +7,13 @@ import time
 
 import pytest
 
-from wonderland.ledger.embedded.contracts import load_contract
-from wonderland.ledger.embedded.node import EmbeddedLedger
-from wonderland.ledger.gateway import CommitError, EndorseError, EvaluateError, Gateway
-from wonderland.ledger.signing import raw_from_der
 from wonderland.proofs import encoding
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of
+from wonderland_fabric_gateway.embedded.contracts import load_contract
+from wonderland_fabric_gateway.embedded.node import EmbeddedLedger
+from wonderland_fabric_gateway.gateway import CommitError, EndorseError, EvaluateError, Gateway
+from wonderland_fabric_gateway.signing import raw_from_der
 
 YEAR_MS = 365 * 86_400_000
 

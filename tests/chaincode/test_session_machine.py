@@ -6,12 +6,12 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
 
-from chaincode.contract import ContractError
 from wonderland.proofs import encoding
 from wonderland.proofs.records import keys
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.records.uavs import Uav
 from wonderland.proofs.records.verdicts import Verdict
+from wonderland_chaincode.contract import ContractError
 
 NEXT = {
     "requested": {"decided", "cancelled"},

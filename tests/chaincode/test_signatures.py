@@ -7,7 +7,7 @@ from cryptography.hazmat.primitives.asymmetric.utils import decode_dss_signature
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from chaincode.contract.signatures import P256_ORDER, is_point, signature_holds
+from wonderland_chaincode.contract.signatures import P256_ORDER, is_point, signature_holds
 
 KEY = ec.derive_private_key(77, ec.SECP256R1())
 NUMBERS = KEY.public_key().public_numbers()

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from chaincode.contract import ContractError, survey
-from edge_agent.geodesy import frame_at
 from wonderland.proofs.records.pads import Commissioning, Frame
+from wonderland_chaincode.contract import ContractError, survey
+from wonderland_edge_agent.geodesy import frame_at
 
 COEFFICIENTS = ("e1", "e2", "e3", "n1", "n2", "n3", "n4", "u2", "u3")
 

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from chaincode.contract.uavs import MAX_AUTHORISATIONS
 from wonderland.proofs.records import transactions as tx
+from wonderland_chaincode.contract.uavs import MAX_AUTHORISATIONS
 
 
 def test_a_drone_is_registered_maintained_and_authorised(empty):

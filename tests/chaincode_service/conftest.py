@@ -30,11 +30,11 @@ from fabric_protos.peer import chaincode_pb2, proposal_pb2, proposal_response_pb
 from fabric_protos.peer import chaincode_shim_pb2 as shim
 from prometheus_client.parser import text_string_to_metric_families
 
-from chaincode.service import ContractServer, Limits
-from chaincode.service.metrics import Metrics
-from wonderland.ledger.attributes import ATTRIBUTES_OID, encode_attributes
-from wonderland.ledger.embedded import rwset as rwsets
-from wonderland.ledger.embedded.stub import TransactionStub
+from wonderland_chaincode.service import ContractServer, Limits
+from wonderland_chaincode.service.metrics import Metrics
+from wonderland_fabric_gateway.attributes import ATTRIBUTES_OID, encode_attributes
+from wonderland_fabric_gateway.embedded import rwset as rwsets
+from wonderland_fabric_gateway.embedded.stub import TransactionStub
 
 M = shim.ChaincodeMessage
 PACKAGE_ID = "pol_1.0:" + "ab" * 32
@@ -608,11 +608,11 @@ def _tools():
 
 def in_place(contract, call, state):
     """The same transaction on the embedded ledger's endorser: (status, text, payload, event, read-write set)."""
-    from wonderland.ledger.embedded.endorser import _run
-    from wonderland.ledger.embedded.errors import ContractFailedError
-    from wonderland.ledger.embedded.msp import Creator
-    from wonderland.ledger.embedded.watchdog import Watchdog
-    from wonderland.ledger.identity import Identity
+    from wonderland_fabric_gateway.embedded.endorser import _run
+    from wonderland_fabric_gateway.embedded.errors import ContractFailedError
+    from wonderland_fabric_gateway.embedded.msp import Creator
+    from wonderland_fabric_gateway.embedded.watchdog import Watchdog
+    from wonderland_fabric_gateway.identity import Identity
 
     identity = Identity.from_creator(call.creator)
     names = ("msp_id", "role", "pol_id", "common_name", "attributes", "certificate_sha256", "node_ou")

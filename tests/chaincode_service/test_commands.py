@@ -14,8 +14,8 @@ import grpc
 import pytest
 from click.testing import CliRunner
 
-from chaincode.commands import chaincode
 from wonderland.proofs import encoding
+from wonderland_chaincode.commands import chaincode
 
 PACKAGE_ID = "pol_1.0:" + "ef" * 32
 
@@ -119,7 +119,7 @@ def test_what_cannot_be_served_is_said_in_one_line(options, said):
 
 
 def test_a_certificate_that_expires_soon_is_warned_of(tools, tmp_path, caplog):
-    from chaincode.service import Tls
+    from wonderland_chaincode.service import Tls
 
     for days, warned in ((13, True), (15, False)):
         caplog.clear()

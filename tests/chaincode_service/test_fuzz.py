@@ -8,10 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from chaincode.service import Limits
-from chaincode.service.errors import StreamProtocolError
-from chaincode.service.metrics import Metrics
-from chaincode.service.stream import PeerStream
+from wonderland_chaincode.service import Limits
+from wonderland_chaincode.service.errors import StreamProtocolError
+from wonderland_chaincode.service.metrics import Metrics
+from wonderland_chaincode.service.stream import PeerStream
 
 QUIET = settings(
     deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from prometheus_client.parser import text_string_to_metric_families
 
-from chaincode.service.errors import SettingsError
-from chaincode.service.logs import JsonLines
-from chaincode.service.metrics import BUCKETS_S, Metrics
-from chaincode.service.operations import Operations
+from wonderland_chaincode.service.errors import SettingsError
+from wonderland_chaincode.service.logs import JsonLines
+from wonderland_chaincode.service.metrics import BUCKETS_S, Metrics
+from wonderland_chaincode.service.operations import Operations
 
 
 @pytest.fixture
@@ -112,7 +112,7 @@ async def test_a_request_without_end_is_cut_off(operations):
 
 
 async def test_a_slow_request_is_cut_off(operations, monkeypatch):
-    monkeypatch.setattr("chaincode.service.operations.REQUEST_S", 0.05)
+    monkeypatch.setattr("wonderland_chaincode.service.operations.REQUEST_S", 0.05)
     assert await raw(operations.address, b"GET /healthz") == b""
 
 
@@ -122,7 +122,7 @@ async def test_the_operations_port_is_said_when_it_is_taken(world, operations):
 
 
 def record(message, *args, **extra):
-    made = logging.LogRecord("chaincode.service", logging.ERROR, __file__, 1, message, args, None)
+    made = logging.LogRecord("wonderland_chaincode.service", logging.ERROR, __file__, 1, message, args, None)
     for name, value in extra.items():
         setattr(made, name, value)
     return made
@@ -138,7 +138,7 @@ def test_a_line_of_the_log_is_one_json_object():
     assert "\n" not in line
     document = json.loads(line)
     assert document["message"] == "transaction ab failed\nhard"
-    assert (document["level"], document["logger"]) == ("error", "chaincode.service")
+    assert (document["level"], document["logger"]) == ("error", "wonderland_chaincode.service")
     assert (document["tx_id"], document["reference"]) == ("ab", "01")
     assert "ValueError" in document["exception"]
     assert document["time"].endswith("+00:00")

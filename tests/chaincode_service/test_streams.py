@@ -12,10 +12,10 @@ import grpc
 import pytest
 from fabric_protos.peer import chaincode_pb2
 
-from chaincode.service import ContractServer, Limits, Tls
-from chaincode.service.errors import SettingsError, StreamProtocolError
-from chaincode.service.metrics import Metrics
-from chaincode.service.stream import PeerStream
+from wonderland_chaincode.service import ContractServer, Limits, Tls
+from wonderland_chaincode.service.errors import SettingsError, StreamProtocolError
+from wonderland_chaincode.service.metrics import Metrics
+from wonderland_chaincode.service.stream import PeerStream
 
 
 async def ending(stream):

@@ -7,8 +7,8 @@ import json
 import pytest
 from fabric_protos.peer import chaincode_shim_pb2 as shim
 
-from wonderland.ledger.embedded import rwset as rwsets
-from wonderland.ledger.signature_policies import key_policy
+from wonderland_fabric_gateway.embedded import rwset as rwsets
+from wonderland_fabric_gateway.signature_policies import key_policy
 
 
 @pytest.fixture

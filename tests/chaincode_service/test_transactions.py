@@ -8,7 +8,7 @@ import re
 
 import pytest
 
-from chaincode.service import Limits
+from wonderland_chaincode.service import Limits
 
 
 async def test_many_transactions_at_once_each_with_one_question_in_flight(tools, world):
@@ -80,7 +80,7 @@ async def test_writes_go_in_as_few_messages_as_the_peer_allows(tools, world, bat
 
 
 async def test_a_batch_stays_below_the_message_limit(tools, serving, monkeypatch):
-    monkeypatch.setattr("chaincode.service.stub.MAX_BATCH_BYTES", 100)
+    monkeypatch.setattr("wonderland_chaincode.service.stub.MAX_BATCH_BYTES", 100)
 
     class Writes:
         version = "1"

@@ -9,8 +9,8 @@ import random
 import numpy as np
 import pytest
 
-from edge_agent.commissioning.run import make_run
-from simulator.channel import Channel, bias_m
+from wonderland_edge_agent.commissioning.run import make_run
+from wonderland_simulator.channel import Channel, bias_m
 
 ANCHORS = {"A1": (1.6, 1.6, 1.6), "A2": (-1.6, 1.6, 0.25), "A3": (-1.6, -1.6, 0.25), "A4": (1.6, -1.6, 0.25)}
 OWN_BIAS_M = (0.03, -0.02, 0.0, 0.015)
@@ -89,7 +89,7 @@ def true_bias():
 @pytest.fixture(scope="session")
 def fitted():
     """One good fit, made once: it takes a second."""
-    from edge_agent.commissioning.fit import fit_runs
+    from wonderland_edge_agent.commissioning.fit import fit_runs
 
     return fit_runs([World().run()])
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_agent.commissioning.choice import Judged, _better, fit_best
-from edge_agent.commissioning.fit import fit_runs
-from edge_agent.commissioning.survey_files import NOWHERE
+from wonderland_edge_agent.commissioning.choice import Judged, _better, fit_best
+from wonderland_edge_agent.commissioning.fit import fit_runs
+from wonderland_edge_agent.commissioning.survey_files import NOWHERE
 
 
 def judged(basis, verified, windows=40, *, refuted=0, lies_verified=0):
@@ -38,7 +38,7 @@ def test_the_prior_is_what_a_pad_has_that_nobody_calibrated(fitted):
 
 def test_a_fit_that_is_vaguer_than_the_prior_is_not_used(good_run, fitted, monkeypatch):
     """Whatever made it so: the held-out windows tell."""
-    monkeypatch.setattr("edge_agent.commissioning.choice.refit", lambda *_: vague)
+    monkeypatch.setattr("wonderland_edge_agent.commissioning.choice.refit", lambda *_: vague)
     sigma = np.full_like(fitted.spread.bias_sigma_m, 0.19)
     vague = replace(fitted, spread=replace(fitted.spread, bias_sigma_m=sigma))
     choice = fit_best([good_run], vague)
@@ -56,7 +56,7 @@ def test_what_is_better():
 
 def test_the_choice_is_told(monkeypatch, fitted):
     rows = [judged("fitted", 6, 33), judged("halfway", 15, 33), judged("prior", 20, 33)]
-    monkeypatch.setattr("edge_agent.commissioning.choice._judge", lambda *_: iter(rows))
+    monkeypatch.setattr("wonderland_edge_agent.commissioning.choice._judge", lambda *_: iter(rows))
     choice = fit_best([], fitted)
     assert choice.fit.basis == "prior"
     (text,) = [note.text for note in choice.fit.warnings if note.code == "prior_better"]

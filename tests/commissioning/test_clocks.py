@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from edge_agent.commands import pad
-from edge_agent.commissioning.clocks import fit_clocks
-from edge_agent.commissioning.errors import ClockError, RecordingError
-from edge_agent.commissioning.recording import Recording
-from edge_agent.commissioning.stamps import M_PER_TICK, StampedRun
 from wonderland.proofs.records.pads import Commissioning
+from wonderland_edge_agent.commands import pad
+from wonderland_edge_agent.commissioning.clocks import fit_clocks
+from wonderland_edge_agent.commissioning.errors import ClockError, RecordingError
+from wonderland_edge_agent.commissioning.recording import Recording
+from wonderland_edge_agent.commissioning.stamps import M_PER_TICK, StampedRun
 
 OFFSETS_M = (0.42, -1.30, 0.05, 0.83)
 COUNTER = 1 << 40

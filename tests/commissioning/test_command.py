@@ -5,9 +5,9 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from edge_agent.commands import pad
-from simulator.evaluate import EvaluateSettings, evaluate
 from wonderland.proofs.records.pads import Commissioning
+from wonderland_edge_agent.commands import pad
+from wonderland_research.evaluate import EvaluateSettings, evaluate
 
 pytestmark = pytest.mark.timeout(300)  # seconds of work; minutes where the machine is crowded
 
@@ -145,7 +145,7 @@ def test_no_table_for_other_anchors(tmp_path, files, make_world):
     assert run("--recording", files[0], "--anchors", files[1], "--out", out).exit_code == 0
     moved = {name: (x + 0.5, y, z) for name, (x, y, z) in make_world().anchors.items()}
     others = make_world(anchors=moved).files(tmp_path, 10.0, "other-")
-    from simulator.recording import RecordingError
+    from wonderland_simulator.recording import RecordingError
 
     with pytest.raises(RecordingError, match=r"0\.50 m away"):
         list(evaluate(EvaluateSettings(*others, out)))

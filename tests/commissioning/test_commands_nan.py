@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from click.testing import CliRunner
 
-from edge_agent.commands import pad
+from wonderland_edge_agent.commands import pad
 
 
 @pytest.mark.parametrize(

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_agent.drift import Baseline, BaselineError, DriftWatch
-from edge_agent.drift.baseline import summary
-from edge_agent.drift.keeper import DriftKeeper
-from edge_agent.drift.watch import SLACK, Cusum, threshold
-from edge_agent.self_survey import Priors, self_survey
 from wonderland.proofs.drift import widened
 from wonderland.proofs.records.pads import Commissioning
+from wonderland_edge_agent.drift import Baseline, BaselineError, DriftWatch
+from wonderland_edge_agent.drift.baseline import summary
+from wonderland_edge_agent.drift.keeper import DriftKeeper
+from wonderland_edge_agent.drift.watch import SLACK, Cusum, threshold
+from wonderland_edge_agent.self_survey import Priors, self_survey
 
 PLACES = {"A1": (1.6, 1.6, 1.6), "A2": (-1.6, 1.6, 0.25), "A3": (-1.6, -1.6, 0.25), "A4": (1.6, -1.6, 0.25)}
 LOOK_S = 600
@@ -204,7 +204,7 @@ class Radios:
 
 @pytest.fixture
 def commissioning(fitted):
-    from edge_agent.commissioning.survey_files import NOWHERE
+    from wonderland_edge_agent.commissioning.survey_files import NOWHERE
 
     return fitted.commissioning(
         NOWHERE.frame, valid_from_ms=0, valid_until_ms=1, macs={f"A{i}": 0xA000 + i for i in range(1, 5)}

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_agent.commissioning.errors import SurveyError, TruthError
-from edge_agent.commissioning.reference import datagram, load_track
-from edge_agent.commissioning.survey_files import Origin, globe_of, load_survey, local_of, parse_origin
+from wonderland_edge_agent.commissioning.errors import SurveyError, TruthError
+from wonderland_edge_agent.commissioning.reference import datagram, load_track
+from wonderland_edge_agent.commissioning.survey_files import Origin, globe_of, load_survey, local_of, parse_origin
 
 ORIGIN = Origin(60.4503100, 22.2712400, 31.0)
 PLACES = {"A1": (1.6, 1.6, 1.6), "A2": (-1.6, 1.6, 0.25), "A3": (-1.6, -1.6, 0.25), "A4": (1.6, -1.6, 0.25)}

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_agent.commissioning.curves import Curves
-from edge_agent.commissioning.errors import CalibrationError, SurveyError
-from edge_agent.commissioning.fit import FitSettings, fit_runs
-from edge_agent.commissioning.run import make_run, windows
-from edge_agent.commissioning.spread import shrunk, wandered
-from edge_agent.commissioning.survey_files import NOWHERE
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.reduction import bias_at
+from wonderland_edge_agent.commissioning.curves import Curves
+from wonderland_edge_agent.commissioning.errors import CalibrationError, SurveyError
+from wonderland_edge_agent.commissioning.fit import FitSettings, fit_runs
+from wonderland_edge_agent.commissioning.run import make_run, windows
+from wonderland_edge_agent.commissioning.spread import shrunk, wandered
+from wonderland_edge_agent.commissioning.survey_files import NOWHERE
 
 
 def record_of(fit) -> Commissioning:

@@ -15,20 +15,20 @@ from pathlib import Path
 
 import pytest
 
-from chaincode.contract import CONTRACT
-from edge_agent.commissioning.errors import PublishError, RadioError, StateError, SurveyError
-from edge_agent.commissioning.live.publish import Operator
-from edge_agent.commissioning.live.wizard import LiveSettings, Wizard
-from edge_agent.commissioning.survey_files import Origin
-from edge_agent.settings import parse
-from edge_agent.spool.lock import ProcessLock
-from simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
-from wonderland.ledger.embedded.node import EmbeddedLedger, LedgerSettings
-from wonderland.ledger.embedded.orderer import BatchLimits
-from wonderland.ledger.gateway import Gateway
-from wonderland.ledger.proof_contract import ProofContract
+from wonderland.proof_contract import ProofContract
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.reduction import bias_at
+from wonderland_chaincode.contract import CONTRACT
+from wonderland_edge_agent.commissioning.errors import PublishError, RadioError, StateError, SurveyError
+from wonderland_edge_agent.commissioning.live.publish import Operator
+from wonderland_edge_agent.commissioning.live.wizard import LiveSettings, Wizard
+from wonderland_edge_agent.commissioning.survey_files import Origin
+from wonderland_edge_agent.settings import parse
+from wonderland_edge_agent.spool.lock import ProcessLock
+from wonderland_fabric_gateway.embedded.node import EmbeddedLedger, LedgerSettings
+from wonderland_fabric_gateway.embedded.orderer import BatchLimits
+from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
 
 SPEED = 8
 """The calibration's clock runs so much faster: half a minute takes four seconds."""

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_agent.commissioning import places
-from edge_agent.commissioning.fit import FitSettings, fit_runs
-from edge_agent.commissioning.offline import NOWHERE
+from wonderland_edge_agent.commissioning import places
+from wonderland_edge_agent.commissioning.fit import FitSettings, fit_runs
+from wonderland_edge_agent.commissioning.offline import NOWHERE
 
 
 class Data:

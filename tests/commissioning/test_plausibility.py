@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_agent.commissioning.errors import CalibrationError
-from edge_agent.commissioning.fit import fit_runs
-from edge_agent.commissioning.run import make_run
-from edge_agent.commissioning.shift import find_shift
+from wonderland_edge_agent.commissioning.errors import CalibrationError
+from wonderland_edge_agent.commissioning.fit import fit_runs
+from wonderland_edge_agent.commissioning.run import make_run
+from wonderland_edge_agent.commissioning.shift import find_shift
 
 
 @pytest.fixture

@@ -2,14 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from edge_agent.commissioning.reach import HeightProspects, by_distance, middle, reach
-from edge_agent.commissioning.survey_files import NOWHERE
-from simulator.attack_lab.attacks.height import still_at
-from simulator.attack_lab.judge import verdict_of
-from simulator.attack_lab.places import SQUARE
 from wonderland.proofs.honest import share_by
 from wonderland.proofs.prospects import prospect
 from wonderland.proofs.records.policies import Policy
+from wonderland_edge_agent.commissioning.reach import HeightProspects, by_distance, middle, reach
+from wonderland_edge_agent.commissioning.survey_files import NOWHERE
+from wonderland_research.attack_lab.attacks.height import still_at
+from wonderland_research.attack_lab.judge import verdict_of
+from wonderland_research.attack_lab.places import SQUARE
 
 
 def test_go_is_said_where_most_honest_drones_are_verified_and_no_further(fitted):

@@ -14,10 +14,10 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 from tests_world import START_MS, World
 
-from edge_agent.drift import BaselineError
-from edge_agent.drift.keeper import DriftKeeper
-from edge_agent.drift.residuals import ResidualWatch, stated_mm
 from wonderland.proofs.verdict import preview
+from wonderland_edge_agent.drift import BaselineError
+from wonderland_edge_agent.drift.keeper import DriftKeeper
+from wonderland_edge_agent.drift.residuals import ResidualWatch, stated_mm
 
 SHA = "a" * 64
 BIAS_MM = 8

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from edge_agent.commissioning.sight import in_sight
+from wonderland_edge_agent.commissioning.sight import in_sight
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_agent.commissioning.errors import TruthError
-from edge_agent.commissioning.fit import fit_runs
-from edge_agent.commissioning.truth import find_truth
+from wonderland_edge_agent.commissioning.errors import TruthError
+from wonderland_edge_agent.commissioning.fit import fit_runs
+from wonderland_edge_agent.commissioning.truth import find_truth
 
 
 def off(run, offset):

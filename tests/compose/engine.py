@@ -233,9 +233,9 @@ class Engine:
         """Programs at paths where the image has them."""
         if kind == "postgres":
             return {"/image/bin/postgres-entrypoint": _POSTGRES}
-        if kind == "wonderland-pol":
+        if kind == "wonderland":
             python = shlex.join([sys.executable, "-m", "wonderland.cli"])
-            return {"/image/bin/wonderland": f'#!/bin/sh\nPYTHONPATH={ROOT} exec {python} "$@"\n'}
+            return {"/image/bin/wonderland": f'#!/bin/sh\nexec {python} "$@"\n'}
         program = {"fabric-ca": "fabric-ca-server", "fabric-orderer": "orderer", "fabric-peer": "peer"}[kind]
         directory = Path(os.environ["FABRIC_BIN"]).absolute()
         files = {f"/image/bin/{program}": f'#!/bin/sh\nexec {directory / program} "$@"\n'}
@@ -259,7 +259,7 @@ class Engine:
         if service.kind == "postgres":
             path = f"/image/bin:{POSTGRES_BIN[-1]}:{path}"
             environment |= {"PGDATA": "/var/lib/postgresql/data", "LANG": "C.UTF-8"}
-        if service.kind == "wonderland-pol":
+        if service.kind == "wonderland":
             environment |= {"PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1", "HOME": "/nonexistent"}
         environment |= {"PATH": path, **document.get("environment", {})}
         return [

@@ -11,9 +11,9 @@ import jsonschema
 import pytest
 import yaml
 
-from wonderland.ledger.network import binaries
-from wonderland.ledger.network.compose import BFT, EMBEDDED, IMAGES, RAFT, compose, compose_yaml
-from wonderland.ledger.network.description import NetworkDescription, Organisation
+from wonderland_fabric_network import binaries
+from wonderland_fabric_network.compose import BFT, EMBEDDED, IMAGES, RAFT, compose, compose_yaml
+from wonderland_fabric_network.description import NetworkDescription, Organisation
 
 sys.path.insert(0, str(Path(__file__).parent))
 from monitoring_names import names

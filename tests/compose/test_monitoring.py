@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from edge_agent.metrics import exposition, write_metrics
-from wonderland.ledger.network.ports import USUAL
-from wonderland.ledger.network.status import CertificateStatus, ComponentStatus, NetworkStatus
+from wonderland_edge_agent.metrics import exposition, write_metrics
+from wonderland_fabric_network.ports import USUAL
+from wonderland_fabric_network.status import CertificateStatus, ComponentStatus, NetworkStatus
 
 sys.path.insert(0, str(Path(__file__).parent))
 from monitoring_names import DIRECTORY, expressions, names

@@ -23,14 +23,14 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from houses import console_house, house, ledger_template, with_liar
 
-from backend.app import Backend
-from backend.db.engine import Database
-from backend.db.migrate import migrate
-from backend.serve import Listen, new_server
-from backend.settings import Settings
 from wonderland.proofs import encoding
 from wonderland.proofs.records.sessions import StepTime
 from wonderland.proofs.verdict import decide
+from wonderland_backend.app import Backend
+from wonderland_backend.db.engine import Database
+from wonderland_backend.db.migrate import migrate
+from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.settings import Settings
 
 # A real ledger beside the backend, where a test signs something.
 __all__ = ["console_house", "house", "ledger_template", "with_liar"]

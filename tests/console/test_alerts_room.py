@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import expect
 
-from backend.alerts import store
-from backend.db import bulk
-from backend.db.tables.reported import HealthRow
+from wonderland_backend.alerts import store
+from wonderland_backend.db import bulk
+from wonderland_backend.db.tables.reported import HealthRow
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from click.testing import CliRunner
 
-from backend.commands import backend
+from wonderland_backend.commands import backend
 
 SCHEMA = Path(__file__).resolve().parents[2] / "frontend" / "src" / "shared" / "api" / "schema.d.ts"
 

@@ -16,8 +16,8 @@ from PIL import Image
 from playwright.sync_api import expect
 from town import a_town
 
-from simulator.place import archive as writing
-from simulator.place.build import build
+from wonderland_simulator.place import archive as writing
+from wonderland_simulator.place.build import build
 
 TOWN = "at=43.7325,7.4165,15.5"
 ARCHIVE = "/api/v1/map/archive"

@@ -8,7 +8,7 @@ from pathlib import Path
 import httpx
 from playwright.sync_api import expect
 
-from backend.clients.scopes import SCOPES
+from wonderland_backend.clients.scopes import SCOPES
 
 TEXTS = Path(__file__).resolve().parents[2] / "frontend" / "src" / "people" / "clientTexts.ts"
 

@@ -17,8 +17,8 @@ from PIL import Image
 from playwright.sync_api import expect
 from town import a_town
 
-from simulator.place.build import build
 from tests.console.conftest import measure
+from wonderland_simulator.place.build import build
 
 PLACE = {"lat_e7": 437_325_000, "lon_e7": 74_165_000}
 AT = "at=43.73175,7.41701"

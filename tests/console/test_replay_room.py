@@ -14,9 +14,9 @@ import pytest
 from playwright.sync_api import expect
 from sqlalchemy import insert
 
-from backend.db.tables.reported import LatestTrackRow, TrackMinuteRow, TrackRow
-from backend.outputs.settings import OutputSettings
-from backend.zones import importing
+from wonderland_backend.db.tables.reported import LatestTrackRow, TrackMinuteRow, TrackRow
+from wonderland_backend.outputs.settings import OutputSettings
+from wonderland_backend.zones import importing
 
 SECOND = 1_000
 TURKU = Path(__file__).parents[1] / "zones" / "files" / "turku.ed318.json"

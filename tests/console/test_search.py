@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import expect
 from sqlalchemy import insert
 
-from backend.db.tables.reported import LatestTrackRow, TrackMinuteRow, TrackRow
+from wonderland_backend.db.tables.reported import LatestTrackRow, TrackMinuteRow, TrackRow
 
 
 @pytest.fixture

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from simulator.dwm1001_node import Quirks, VirtualAnchor, VirtualDwm1001
-from simulator.uci_node import Measurement, PtyPort
-from wonderland.uwb.dwm1001 import AnchorDistance, BoardPosition, Generation
+from wonderland_fira_uci.dwm1001 import AnchorDistance, BoardPosition, Generation
+from wonderland_simulator.dwm1001_node import Quirks, VirtualAnchor, VirtualDwm1001
+from wonderland_simulator.uci_node import Measurement, PtyPort
 
 ANCHORS = tuple(
     VirtualAnchor(0xA001 + index, f"a{index}", BoardPosition(1_000 * index, 500, 2_250, 100)) for index in range(4)

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_agent.radios import RadiosError
-from edge_agent.radios.reported import ReportedRadios
-from edge_agent.session.events import AnchorRange, DataHeard
-from wonderland.uwb.dwm1001 import Dwm1001DecodeError, Dwm1001EncodeError, Dwm1001Error
-from wonderland.uwb.dwm1001.carrier import MAX_BODY_OCTETS, Carrier, Hello, Ranges, Words
-from wonderland.uwb.errors import NodeError
 from wonderland.uwb.layout import RangingPlan
+from wonderland_edge_agent.radios import RadiosError
+from wonderland_edge_agent.radios.reported import ReportedRadios
+from wonderland_edge_agent.session.events import AnchorRange, DataHeard
+from wonderland_fira_uci.dwm1001 import Dwm1001DecodeError, Dwm1001EncodeError, Dwm1001Error
+from wonderland_fira_uci.dwm1001.carrier import MAX_BODY_OCTETS, Carrier, Hello, Ranges, Words
+from wonderland_fira_uci.errors import NodeError
 
 KEY = bytes(range(16))
 PLAN = RangingPlan(session_a_id=7, session_b_id=8, pad_macs=(0xA001, 0xA002, 0xA003), uav_mac=0xD001, sts_key=KEY)

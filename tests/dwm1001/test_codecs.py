@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator.dwm1001_node.lines import WRITERS
-from wonderland.uwb.dwm1001 import (
+from wonderland_fira_uci.dwm1001 import (
     AnchorDistance,
     BoardPosition,
     Dwm1001DecodeError,
@@ -23,6 +22,7 @@ from wonderland.uwb.dwm1001 import (
     shell,
     tlv,
 )
+from wonderland_simulator.dwm1001_node.lines import WRITERS
 
 OK = tlv.Tlv(tlv.STATUS, b"\0")
 ENOUGH = settings(max_examples=150, deadline=None)

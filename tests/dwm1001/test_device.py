@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.uwb.dwm1001 import (
+from wonderland_fira_uci.dwm1001 import (
     AnchorDistance,
     BoardLost,
     BoardReady,

@@ -9,13 +9,13 @@ import sys
 
 import pytest
 
-from edge_agent.commissioning.live.radios import TagPlan
-from simulator.dwm1001_node import Quirks
-from simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
-from wonderland.uwb.events import FrameStamped
 from wonderland.uwb.listen import Summary, UciBench
-from wonderland.uwb.node import UwbNode
-from wonderland.uwb.uci.errors import UciEncodeError
+from wonderland_edge_agent.commissioning.live.radios import TagPlan
+from wonderland_fira_uci.events import FrameStamped
+from wonderland_fira_uci.node import UwbNode
+from wonderland_fira_uci.uci.errors import UciEncodeError
+from wonderland_simulator.dwm1001_node import Quirks
+from wonderland_simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
 
 PROGRAM = "from wonderland.uwb.commands import uwb; uwb()"
 

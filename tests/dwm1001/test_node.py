@@ -6,9 +6,9 @@ import asyncio
 
 import pytest
 
-from simulator.dwm1001_node import Quirks
-from wonderland.uwb.dwm1001 import Dwm1001Node, Generation, LocationReport, Mode, TimedReport, Timings
-from wonderland.uwb.errors import NodeUnavailableError
+from wonderland_fira_uci.dwm1001 import Dwm1001Node, Generation, LocationReport, Mode, TimedReport, Timings
+from wonderland_fira_uci.errors import NodeUnavailableError
+from wonderland_simulator.dwm1001_node import Quirks
 
 QUICK = Timings(
     poll_ms=10, answer_ms=150, retry_ms=50, listen_ms=60, prompt_ms=300, silence_ms=400, boot_ms=150, silence_max_ms=800

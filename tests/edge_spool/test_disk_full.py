@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_agent.spool import Spool, SpoolFull
+from wonderland_edge_agent.spool import Spool, SpoolFull
 
 T0 = 1_760_000_400_000
 RESERVE = 512 * 1024

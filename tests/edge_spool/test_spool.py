@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from edge_agent.spool import (
+from wonderland_edge_agent.spool import (
     RecordRefusedError,
     Spool,
     SpoolClosedError,
@@ -119,7 +119,7 @@ async def test_a_second_agent_is_refused(tmp_path: Path) -> None:
             await open_spool(tmp_path)
         script = (
             "import asyncio, pathlib, sys\n"
-            "from edge_agent.spool import Spool, SpoolLockedError\n"
+            "from wonderland_edge_agent.spool import Spool, SpoolLockedError\n"
             "try:\n    asyncio.run(Spool.open(pathlib.Path(sys.argv[1]), owner='pad-1'))\n"
             "except SpoolLockedError as error:\n    print('locked:', error)\n"
         )
@@ -208,7 +208,7 @@ async def test_a_caller_that_gives_up_loses_nothing(tmp_path: Path) -> None:
 
 WRITER = """
 import asyncio, os, pathlib, sys
-from edge_agent.spool import Spool
+from wonderland_edge_agent.spool import Spool
 
 def say(*words):
     os.write(1, (" ".join(map(str, words)) + "\\n").encode())  # in one piece, whatever kills this process

@@ -12,8 +12,8 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from edge_agent.spool import Entry, SpoolCorruptError, SpoolError, SpoolFull, SpoolStore, StoredRecord
 from wonderland.telemetry import SpoolHealth
+from wonderland_edge_agent.spool import Entry, SpoolCorruptError, SpoolError, SpoolFull, SpoolStore, StoredRecord
 
 T0 = 1_760_000_400_000
 QUOTA = 256 * 1024

@@ -17,13 +17,13 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 
-from edge_agent.spool import Spool
-from edge_agent.uplink import Credentials, Uplink, UplinkConfigurationError, UplinkTimings
-from wonderland.ledger.ca import Kind
-from wonderland.ledger.ca.local import LocalCa
-from wonderland.ledger.signing import key_signer, verify
 from wonderland.proofs import encoding
 from wonderland.telemetry import signed_text
+from wonderland_edge_agent.spool import Spool
+from wonderland_edge_agent.uplink import Credentials, Uplink, UplinkConfigurationError, UplinkTimings
+from wonderland_fabric_gateway.ca import Kind
+from wonderland_fabric_gateway.ca.local import LocalCa
+from wonderland_fabric_gateway.signing import key_signer, verify
 
 KEY = ec.derive_private_key(7, ec.SECP256R1())
 CREDENTIALS = Credentials(agent="pad", id="pad-1", msp_id="PadMSP", certificate_pem="PEM", sign=key_signer(KEY))

@@ -15,19 +15,19 @@ import pytest
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from sqlalchemy import func, select
 
-from backend.app import Backend
-from backend.db.engine import Database
-from backend.db.migrate import migrate
-from backend.db.tables.reported import HealthRow, IrregularRow, SessionEndRow, SpoolRow, StepRow, TrackRow
-from backend.serve import Listen, new_server
-from backend.settings import Settings
-from edge_agent.receiver import Assembler
-from edge_agent.spool import Spool
-from edge_agent.uplink import Credentials, Uplink, UplinkTimings
 from wonderland import telemetry
-from wonderland.ledger.ca.local import LocalCa
-from wonderland.ledger.signing import key_signer
-from wonderland.remote_id import BasicId, HorizontalAccuracy, Location, OperatorId, Pack, encode
+from wonderland_backend.app import Backend
+from wonderland_backend.db.engine import Database
+from wonderland_backend.db.migrate import migrate
+from wonderland_backend.db.tables.reported import HealthRow, IrregularRow, SessionEndRow, SpoolRow, StepRow, TrackRow
+from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.settings import Settings
+from wonderland_edge_agent.receiver import Assembler
+from wonderland_edge_agent.spool import Spool
+from wonderland_edge_agent.uplink import Credentials, Uplink, UplinkTimings
+from wonderland_fabric_gateway.ca.local import LocalCa
+from wonderland_fabric_gateway.signing import key_signer
+from wonderland_remote_id import BasicId, HorizontalAccuracy, Location, OperatorId, Pack, encode
 
 NOW = 1_800_000_000_000
 SERIAL = "1581F5FKD229400A1234"

@@ -10,12 +10,12 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_agent.spool import StoredRecord
-from edge_agent.uplink import Credentials, UplinkError, UplinkProtocol, UplinkProtocolError
-from edge_agent.uplink.protocol import SendHello, State
-from wonderland.ledger.signing import key_signer, verify
 from wonderland.proofs import encoding
 from wonderland.telemetry import Ack, Refused, Rejected, Welcome, signed_text
+from wonderland_edge_agent.spool import StoredRecord
+from wonderland_edge_agent.uplink import Credentials, UplinkError, UplinkProtocol, UplinkProtocolError
+from wonderland_edge_agent.uplink.protocol import SendHello, State
+from wonderland_fabric_gateway.signing import key_signer, verify
 
 KEY = ec.derive_private_key(7, ec.SECP256R1())
 CREDENTIALS = Credentials(

@@ -11,8 +11,8 @@ import sys
 
 import atheris
 
-with atheris.instrument_imports(include=["wonderland.remote_id", "wonderland"]):
-    from wonderland.remote_id import (
+with atheris.instrument_imports(include=["wonderland_remote_id", "wonderland"]):
+    from wonderland_remote_id import (
         Pack,
         Profile,
         RemoteIdError,
@@ -25,8 +25,8 @@ with atheris.instrument_imports(include=["wonderland.remote_id", "wonderland"]):
         parse_serial_number,
         to_json,
     )
-    from wonderland.remote_id.drip import Observer, Registry, parse_sam
-    from wonderland.remote_id.framings import ble, captures, core_structure, hex_lines, json_feed, mavlink, wifi
+    from wonderland_remote_id.drip import Observer, Registry, parse_sam
+    from wonderland_remote_id.framings import ble, captures, core_structure, hex_lines, json_feed, mavlink, wifi
 
 
 def codec(data: bytes) -> None:

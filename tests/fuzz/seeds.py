@@ -6,8 +6,8 @@ import json
 import sys
 from pathlib import Path
 
-from wonderland.remote_id import BasicId, Location, Pack, encode
-from wonderland.remote_id.framings import ble, captures, mavlink, wifi
+from wonderland_remote_id import BasicId, Location, Pack, encode
+from wonderland_remote_id.framings import ble, captures, mavlink, wifi
 
 PACK = encode(Pack(messages=(BasicId(uas_id="1581F5FKD229400A1234"), Location(lat_e7=1, lon_e7=2))))
 ADDRESS = "02:00:00:00:00:01"

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from wonderland.ledger.ca import LocalCa
+from wonderland_fabric_gateway.ca import LocalCa
 
 
 class Clock:

@@ -12,14 +12,14 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 
-from wonderland.ledger.ca import (
+from wonderland_fabric_gateway.ca import (
     AlreadyEnrolledError,
     CertificateRequest,
     Invitations,
     NotInvitedError,
 )
-from wonderland.ledger.ca.errors import CaRequestError
-from wonderland.ledger.ca.invitations import INVITATION_VALIDITY, MAX_FAILURES
+from wonderland_fabric_gateway.ca.errors import CaRequestError
+from wonderland_fabric_gateway.ca.invitations import INVITATION_VALIDITY, MAX_FAILURES
 
 
 @pytest.fixture

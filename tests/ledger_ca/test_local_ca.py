@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID, ExtensionOID
 
-from wonderland.ledger.ca import (
+from wonderland_fabric_gateway.ca import (
     AlreadyEnrolledError,
     CaBusyError,
     CaCorruptError,
@@ -25,9 +25,9 @@ from wonderland.ledger.ca import (
     LocalCa,
     UnknownCertificateError,
 )
-from wonderland.ledger.ca.register import open_register
-from wonderland.ledger.identity import Identity
-from wonderland.ledger.signing import key_file_signer, verify
+from wonderland_fabric_gateway.ca.register import open_register
+from wonderland_fabric_gateway.identity import Identity
+from wonderland_fabric_gateway.signing import key_file_signer, verify
 
 PAD = {"pol.role": "pad", "pol.id": "pad-1"}
 

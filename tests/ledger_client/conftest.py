@@ -24,10 +24,10 @@ from fabric_protos.peer import (
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 
-from wonderland.ledger.blocks import data_hash
-from wonderland.ledger.ca import Enrolment, LocalCa
-from wonderland.ledger.identity import Identity
-from wonderland.ledger.signing import Signer, key_signer
+from wonderland_fabric_gateway.blocks import data_hash
+from wonderland_fabric_gateway.ca import Enrolment, LocalCa
+from wonderland_fabric_gateway.identity import Identity
+from wonderland_fabric_gateway.signing import Signer, key_signer
 
 
 @dataclass(frozen=True)
@@ -219,8 +219,8 @@ class TinyContract:
 @pytest.fixture
 def start_ledger(tmp_path):
     """Makes an embedded ledger on the same directory each time; use it with ``async with``."""
-    from wonderland.ledger.embedded.node import EmbeddedLedger, LedgerSettings
-    from wonderland.ledger.embedded.orderer import BatchLimits
+    from wonderland_fabric_gateway.embedded.node import EmbeddedLedger, LedgerSettings
+    from wonderland_fabric_gateway.embedded.orderer import BatchLimits
 
     def apply(listen="127.0.0.1:0"):
         settings = LedgerSettings(listen=listen, limits=BatchLimits(time_ms=5))
@@ -237,7 +237,7 @@ async def ledger(start_ledger):
 
 @pytest.fixture
 async def gateway(ledger):
-    from wonderland.ledger.gateway import Deadlines, Gateway
+    from wonderland_fabric_gateway.gateway import Deadlines, Gateway
 
     connection = ledger.connection
     async with connection.open_channel() as channel:

@@ -11,10 +11,10 @@ from fabric_protos.common import common_pb2
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.blocks import BlockHeader, TransactionType, block_signatures, data_hash, parse_block
-from wonderland.ledger.errors import BlockError
-from wonderland.ledger.signing import verify
-from wonderland.ledger.transactions import RangeQuery, Read, ReadsSummary, Version, Write, code_name
+from wonderland_fabric_gateway.blocks import BlockHeader, TransactionType, block_signatures, data_hash, parse_block
+from wonderland_fabric_gateway.errors import BlockError
+from wonderland_fabric_gateway.signing import verify
+from wonderland_fabric_gateway.transactions import RangeQuery, Read, ReadsSummary, Version, Write, code_name
 
 MODERATE = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

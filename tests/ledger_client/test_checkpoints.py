@@ -8,14 +8,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.checkpoints import (
+from wonderland_fabric_gateway.checkpoints import (
     MAX_BLOCK_NUMBER,
     Checkpoint,
     FileCheckpointer,
     MemoryCheckpointer,
     SqliteCheckpointer,
 )
-from wonderland.ledger.errors import CheckpointError
+from wonderland_fabric_gateway.errors import CheckpointError
 
 MODERATE = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

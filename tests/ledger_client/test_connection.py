@@ -11,9 +11,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.connection import ClientTls, Connection, GatewayAddress, IdentityFiles, LedgerKind
-from wonderland.ledger.errors import ConnectionFileError, FileWriteError
-from wonderland.ledger.export import export_identities
+from wonderland_fabric_gateway.connection import ClientTls, Connection, GatewayAddress, IdentityFiles, LedgerKind
+from wonderland_fabric_gateway.errors import ConnectionFileError, FileWriteError
+from wonderland_fabric_gateway.export import export_identities
 
 
 @pytest.fixture

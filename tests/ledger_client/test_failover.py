@@ -14,10 +14,10 @@ from fabric_protos.orderer import ab_pb2
 from fabric_protos.peer import events_pb2
 from scripted_gateway import UNAVAILABLE, FailError, Scripted, details, hang, serving
 
-from wonderland.ledger.blocks import parse_block
-from wonderland.ledger.checkpoints import Checkpoint, MemoryCheckpointer
-from wonderland.ledger.errors import BlockError
-from wonderland.ledger.gateway import (
+from wonderland_fabric_gateway.blocks import parse_block
+from wonderland_fabric_gateway.checkpoints import Checkpoint, MemoryCheckpointer
+from wonderland_fabric_gateway.errors import BlockError
+from wonderland_fabric_gateway.gateway import (
     Deadlines,
     EndorseError,
     EvaluateError,
@@ -25,8 +25,8 @@ from wonderland.ledger.gateway import (
     StreamError,
     UnknownTransactionError,
 )
-from wonderland.ledger.gateway.deliver import is_level
-from wonderland.ledger.gateways import RETURN_S, Gateways
+from wonderland_fabric_gateway.gateway.deliver import is_level
+from wonderland_fabric_gateway.gateways import RETURN_S, Gateways
 
 LIMITS = Deadlines(evaluate_s=4, endorse_s=4, submit_s=4, locate_s=4, resubmit_s=0.4, catch_up_s=30)
 

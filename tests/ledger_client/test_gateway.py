@@ -10,8 +10,8 @@ import itertools
 import grpc
 import pytest
 
-from wonderland.ledger.checkpoints import Checkpoint, FileCheckpointer, MemoryCheckpointer
-from wonderland.ledger.gateway import (
+from wonderland_fabric_gateway.checkpoints import Checkpoint, FileCheckpointer, MemoryCheckpointer
+from wonderland_fabric_gateway.gateway import (
     CommitError,
     CommitStatusError,
     Deadlines,
@@ -24,7 +24,7 @@ from wonderland.ledger.gateway import (
     UnknownTransactionError,
     UnsignedError,
 )
-from wonderland.ledger.transactions import ValidationCode
+from wonderland_fabric_gateway.transactions import ValidationCode
 
 
 async def take(stream, count, within_s=10.0):

@@ -17,9 +17,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scripted_gateway import UNAVAILABLE, FailError, Scripted, details, hang, serving
 
-from wonderland.ledger.blocks import parse_block
-from wonderland.ledger.errors import BlockError, LedgerError
-from wonderland.ledger.gateway import (
+from wonderland_fabric_gateway.blocks import parse_block
+from wonderland_fabric_gateway.errors import BlockError, LedgerError
+from wonderland_fabric_gateway.gateway import (
     CommitError,
     CommitStatusError,
     CommitUnknownError,
@@ -33,9 +33,9 @@ from wonderland.ledger.gateway import (
     SubmitError,
     UnknownTransactionError,
 )
-from wonderland.ledger.gateway.backoff import Backoff
-from wonderland.ledger.signing import SignatureError, verify
-from wonderland.ledger.transactions import ValidationCode
+from wonderland_fabric_gateway.gateway.backoff import Backoff
+from wonderland_fabric_gateway.signing import SignatureError, verify
+from wonderland_fabric_gateway.transactions import ValidationCode
 
 MODERATE = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

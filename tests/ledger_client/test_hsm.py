@@ -13,9 +13,9 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.errors import SignatureError
-from wonderland.ledger.hsm import HsmKey
-from wonderland.ledger.signing import key_file_signer, verify
+from wonderland_fabric_gateway.errors import SignatureError
+from wonderland_fabric_gateway.hsm import HsmKey
+from wonderland_fabric_gateway.signing import key_file_signer, verify
 
 MODULES = [Path("/usr/lib/softhsm/libsofthsm2.so"), Path("/usr/lib64/libsofthsm2.so")]
 PIN = "271828"

@@ -17,9 +17,9 @@ from fabric_protos.msp import identities_pb2
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.attributes import ATTRIBUTES_OID, decode_attributes, encode_attributes
-from wonderland.ledger.errors import IdentityError
-from wonderland.ledger.identity import Identity
+from wonderland_fabric_gateway.attributes import ATTRIBUTES_OID, decode_attributes, encode_attributes
+from wonderland_fabric_gateway.errors import IdentityError
+from wonderland_fabric_gateway.identity import Identity
 
 MODERATE = settings(max_examples=60, deadline=None)
 

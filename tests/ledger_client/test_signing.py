@@ -12,8 +12,15 @@ from cryptography.hazmat.primitives.serialization import BestAvailableEncryption
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.errors import SignatureError
-from wonderland.ledger.signing import P256_ORDER, der_from_raw, key_file_signer, key_signer, raw_from_der, verify
+from wonderland_fabric_gateway.errors import SignatureError
+from wonderland_fabric_gateway.signing import (
+    P256_ORDER,
+    der_from_raw,
+    key_file_signer,
+    key_signer,
+    raw_from_der,
+    verify,
+)
 
 KEY = ec.derive_private_key(0x1234567, ec.SECP256R1())
 MODERATE = settings(max_examples=60, deadline=None)

@@ -19,10 +19,10 @@ from fabric_protos.gateway import gateway_pb2
 from fabric_protos.orderer import ab_pb2
 from fabric_protos.peer import chaincode_pb2, proposal_pb2
 
-from wonderland.ledger.embedded.config_update import SigningIdentity
-from wonderland.ledger.embedded.node import EmbeddedLedger, LedgerSettings
-from wonderland.ledger.embedded.orderer import BatchLimits
-from wonderland.ledger.gateway import Gateway
+from wonderland_fabric_gateway.embedded.config_update import SigningIdentity
+from wonderland_fabric_gateway.embedded.node import EmbeddedLedger, LedgerSettings
+from wonderland_fabric_gateway.embedded.orderer import BatchLimits
+from wonderland_fabric_gateway.gateway import Gateway
 
 
 class NotAllowedError(Exception):
@@ -300,7 +300,7 @@ def high_s(signature):
     """The other valid form of an ECDSA signature, which Fabric refuses."""
     from cryptography.hazmat.primitives.asymmetric.utils import decode_dss_signature, encode_dss_signature
 
-    from wonderland.ledger.signing import P256_ORDER
+    from wonderland_fabric_gateway.signing import P256_ORDER
 
     r, s = decode_dss_signature(signature)
     return encode_dss_signature(r, P256_ORDER - s)

@@ -6,8 +6,8 @@ import signal
 import sys
 from pathlib import Path
 
-from wonderland.ledger.embedded.node import EmbeddedLedger, LedgerSettings
-from wonderland.ledger.embedded.orderer import BatchLimits
+from wonderland_fabric_gateway.embedded.node import EmbeddedLedger, LedgerSettings
+from wonderland_fabric_gateway.embedded.orderer import BatchLimits
 
 spec = importlib.util.spec_from_file_location("embedded_conftest", Path(__file__).with_name("conftest.py"))
 conftest = importlib.util.module_from_spec(spec)

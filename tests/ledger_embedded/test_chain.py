@@ -8,20 +8,20 @@ import grpc
 import pytest
 from fabric_protos.common import common_pb2
 
-from wonderland.ledger.blocks import parse_block
-from wonderland.ledger.commit_hash import commit_hash_of, expected_commit_hash
-from wonderland.ledger.embedded import chain as chain_module
-from wonderland.ledger.embedded import organisations as orgs
-from wonderland.ledger.embedded.committer import Candidate
-from wonderland.ledger.embedded.errors import (
+from wonderland_fabric_gateway.blocks import parse_block
+from wonderland_fabric_gateway.commit_hash import commit_hash_of, expected_commit_hash
+from wonderland_fabric_gateway.embedded import chain as chain_module
+from wonderland_fabric_gateway.embedded import organisations as orgs
+from wonderland_fabric_gateway.embedded.committer import Candidate
+from wonderland_fabric_gateway.embedded.errors import (
     DirectoryError,
     LedgerCorruptedError,
     LedgerOverloadedError,
     RevocationListError,
     StorageError,
 )
-from wonderland.ledger.embedded.orderer import BatchCutter, BatchLimits
-from wonderland.ledger.gateway import EndorseError, GatewayError
+from wonderland_fabric_gateway.embedded.orderer import BatchCutter, BatchLimits
+from wonderland_fabric_gateway.gateway import EndorseError, GatewayError
 
 
 def candidate(name="t", size=10):

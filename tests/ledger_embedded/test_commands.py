@@ -9,10 +9,10 @@ import sys
 import pytest
 from click.testing import CliRunner
 
-from wonderland.ledger.commands import ledger
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.embedded import NOTICE
-from wonderland.ledger.gateway import Gateway, GatewayError
+from wonderland_fabric_gateway.commands import ledger
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.embedded import NOTICE
+from wonderland_fabric_gateway.gateway import Gateway, GatewayError
 
 MAIN = [sys.executable, "-m", "wonderland.cli", "ledger"]
 

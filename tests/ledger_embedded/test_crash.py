@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from wonderland.ledger.blocks import parse_block
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.embedded.integrity import verify_tip
-from wonderland.ledger.embedded.state import StateReader
-from wonderland.ledger.gateway import Gateway, GatewayError
+from wonderland_fabric_gateway.blocks import parse_block
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.embedded.integrity import verify_tip
+from wonderland_fabric_gateway.embedded.state import StateReader
+from wonderland_fabric_gateway.gateway import Gateway, GatewayError
 
 SERVER = Path(__file__).with_name("server_process.py")
 

@@ -9,16 +9,16 @@ import stat
 import pytest
 from cryptography import x509
 
-from wonderland.ledger.addresses import split_address
-from wonderland.ledger.ca import Kind, LocalCa
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.embedded import NOTICE
-from wonderland.ledger.embedded import organisations as orgs
-from wonderland.ledger.embedded.contracts import check_contract, load_contract
-from wonderland.ledger.embedded.directory import LedgerDirectory
-from wonderland.ledger.embedded.errors import ContractLoadError, DirectoryError, LedgerLockedError
-from wonderland.ledger.embedded.node import EmbeddedLedger, LedgerSettings
-from wonderland.ledger.errors import AddressError, ConnectionFileError
+from wonderland_fabric_gateway.addresses import split_address
+from wonderland_fabric_gateway.ca import Kind, LocalCa
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.embedded import NOTICE
+from wonderland_fabric_gateway.embedded import organisations as orgs
+from wonderland_fabric_gateway.embedded.contracts import check_contract, load_contract
+from wonderland_fabric_gateway.embedded.directory import LedgerDirectory
+from wonderland_fabric_gateway.embedded.errors import ContractLoadError, DirectoryError, LedgerLockedError
+from wonderland_fabric_gateway.embedded.node import EmbeddedLedger, LedgerSettings
+from wonderland_fabric_gateway.errors import AddressError, ConnectionFileError
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ async def test_a_port_that_is_taken(tmp_path, open_world, toy_contract):
 @pytest.mark.parametrize("interrupted_after", range(0, 70, 3))
 async def test_a_first_start_that_was_interrupted_is_completed(tmp_path, open_world, monkeypatch, interrupted_after):
     """The first start dies at its n-th durable file; whatever is there by then, the next one serves."""
-    from wonderland.ledger import files
+    from wonderland_fabric_gateway import files
 
     class Killed(BaseException):
         pass
@@ -163,7 +163,7 @@ async def test_ipv6(tmp_path, open_world):
 async def test_a_client_that_trusts_another_root_does_not_connect(tmp_path, world):
     from dataclasses import replace
 
-    from wonderland.ledger.gateway import EvaluateError, Gateway
+    from wonderland_fabric_gateway.gateway import EvaluateError, Gateway
 
     other = tmp_path / "other.pem"
     other.write_bytes(LocalCa.create(tmp_path / "otherca", "OtherMSP").root_pem(Kind.TLS))

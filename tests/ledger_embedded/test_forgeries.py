@@ -12,11 +12,11 @@ from fabric_protos.ledger.rwset.kvrwset import kv_rwset_pb2
 from fabric_protos.peer import proposal_pb2, proposal_response_pb2, transaction_pb2
 from google.rpc import status_pb2
 
-from wonderland.ledger.ca import LocalCa
-from wonderland.ledger.embedded.config_update import SigningIdentity
-from wonderland.ledger.identity import Identity
-from wonderland.ledger.signing import key_signer
-from wonderland.ledger.transactions import ValidationCode
+from wonderland_fabric_gateway.ca import LocalCa
+from wonderland_fabric_gateway.embedded.config_update import SigningIdentity
+from wonderland_fabric_gateway.identity import Identity
+from wonderland_fabric_gateway.signing import key_signer
+from wonderland_fabric_gateway.transactions import ValidationCode
 
 
 async def refusal(call):
@@ -357,7 +357,7 @@ async def test_a_revoked_certificate_everywhere(world, make_proposal, prepared):
 
 
 async def test_revoked_between_submission_and_block(tmp_path, open_world, make_proposal):
-    from wonderland.ledger.embedded.orderer import BatchLimits
+    from wonderland_fabric_gateway.embedded.orderer import BatchLimits
 
     async with open_world(tmp_path / "l", limits=BatchLimits(time_ms=60_000)) as world:
         who = world.signing("uav")

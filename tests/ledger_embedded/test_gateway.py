@@ -14,8 +14,8 @@ from google.rpc import status_pb2
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.embedded import NOTICE
-from wonderland.ledger.gateway import CommitError, EndorseError, EvaluateError, SubmitError
+from wonderland_fabric_gateway.embedded import NOTICE
+from wonderland_fabric_gateway.gateway import CommitError, EndorseError, EvaluateError, SubmitError
 
 
 def details_of(error):

@@ -11,10 +11,10 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 
-from wonderland.ledger.embedded.administration import DirectoryAdministration
-from wonderland.ledger.gateway import EvaluateError, Gateway, UnsignedError
-from wonderland.ledger.identity import Identity
-from wonderland.ledger.signing import key_signer
+from wonderland_fabric_gateway.embedded.administration import DirectoryAdministration
+from wonderland_fabric_gateway.gateway import EvaluateError, Gateway, UnsignedError
+from wonderland_fabric_gateway.identity import Identity
+from wonderland_fabric_gateway.signing import key_signer
 
 
 def request(name, key):

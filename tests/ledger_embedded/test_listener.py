@@ -12,8 +12,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 
 from listening import Listener
 
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.gateway import Gateway
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.gateway import Gateway
 
 SERVER = Path(__file__).with_name("server_process.py")
 pytestmark = pytest.mark.timeout(180)

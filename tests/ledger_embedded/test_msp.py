@@ -11,9 +11,14 @@ from cryptography.x509.oid import NameOID
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.embedded.errors import AccessDeniedError, RevocationListError
-from wonderland.ledger.embedded.msp import CACHED_MEMBERS, ChannelMembership, OrganisationTrust, check_revocation_list
-from wonderland.ledger.identity import Identity
+from wonderland_fabric_gateway.embedded.errors import AccessDeniedError, RevocationListError
+from wonderland_fabric_gateway.embedded.msp import (
+    CACHED_MEMBERS,
+    ChannelMembership,
+    OrganisationTrust,
+    check_revocation_list,
+)
+from wonderland_fabric_gateway.identity import Identity
 
 NOW = dt.datetime(2026, 6, 1, tzinfo=dt.UTC)
 NOW_MS = int(NOW.timestamp() * 1000)
@@ -188,7 +193,7 @@ def test_other_kinds_of_keys(root, key):
 
 
 def test_a_broken_attribute_extension_is_refused(root):
-    from wonderland.ledger.attributes import ATTRIBUTES_OID
+    from wonderland_fabric_gateway.attributes import ATTRIBUTES_OID
 
     key = ec.generate_private_key(ec.SECP256R1())
     certificate = (

@@ -4,9 +4,9 @@ import sqlite3
 
 import pytest
 
-from wonderland.ledger.embedded.errors import DirectoryError, LedgerCorruptedError, StorageError
-from wonderland.ledger.embedded.rwset import Write
-from wonderland.ledger.embedded.state import RANGE_PAGE, CommittedTx, StateReader, StateWriter, Tip, create
+from wonderland_fabric_gateway.embedded.errors import DirectoryError, LedgerCorruptedError, StorageError
+from wonderland_fabric_gateway.embedded.rwset import Write
+from wonderland_fabric_gateway.embedded.state import RANGE_PAGE, CommittedTx, StateReader, StateWriter, Tip, create
 
 
 @pytest.fixture

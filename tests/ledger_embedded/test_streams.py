@@ -13,10 +13,10 @@ from fabric_protos.peer import events_pb2
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.blocks import block_signatures, parse_block
-from wonderland.ledger.checkpoints import FileCheckpointer
-from wonderland.ledger.embedded.block_views import length_delimited
-from wonderland.ledger.signing import verify
+from wonderland_fabric_gateway.blocks import block_signatures, parse_block
+from wonderland_fabric_gateway.checkpoints import FileCheckpointer
+from wonderland_fabric_gateway.embedded.block_views import length_delimited
+from wonderland_fabric_gateway.signing import verify
 
 
 async def responses(call):

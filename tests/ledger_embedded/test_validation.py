@@ -6,12 +6,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.embedded.committer import Candidate, validate_block
-from wonderland.ledger.embedded.errors import MalformedRequestError
-from wonderland.ledger.embedded.rwset import KeyPolicy, RangeRead, Read, ReadWriteSet, Write, encode, from_accesses
-from wonderland.ledger.embedded.state import CommittedTx, StateReader, StateWriter, create
-from wonderland.ledger.signature_policies import PEER, Signer, key_policy, one_of_each
-from wonderland.ledger.transactions import NamespaceAccess, RangeQuery, ValidationCode, parse_accesses
+from wonderland_fabric_gateway.embedded.committer import Candidate, validate_block
+from wonderland_fabric_gateway.embedded.errors import MalformedRequestError
+from wonderland_fabric_gateway.embedded.rwset import (
+    KeyPolicy,
+    RangeRead,
+    Read,
+    ReadWriteSet,
+    Write,
+    encode,
+    from_accesses,
+)
+from wonderland_fabric_gateway.embedded.state import CommittedTx, StateReader, StateWriter, create
+from wonderland_fabric_gateway.signature_policies import PEER, Signer, key_policy, one_of_each
+from wonderland_fabric_gateway.transactions import NamespaceAccess, RangeQuery, ValidationCode, parse_accesses
 
 NS = "pol"
 BOTH = (Signer("AuthorityMSP"), Signer("PadMSP"))
@@ -317,7 +325,7 @@ def test_encoding_and_parsing_give_the_same_set(reads, writes, ranges, policies)
 
 
 def test_a_range_without_versions_is_refused():
-    from wonderland.ledger.transactions import Read as ParsedRead
+    from wonderland_fabric_gateway.transactions import Read as ParsedRead
 
     unversioned = NamespaceAccess(NS, (), (RangeQuery("a", "b", True, (ParsedRead("a", None),)),), ())
     with pytest.raises(MalformedRequestError, match="without its version"):

@@ -4,8 +4,8 @@ import logging
 
 import pytest
 
-from wonderland.ledger.embedded.watchdog import ContractOvertimeError, Watchdog
-from wonderland.ledger.gateway import EndorseError, EvaluateError
+from wonderland_fabric_gateway.embedded.watchdog import ContractOvertimeError, Watchdog
+from wonderland_fabric_gateway.gateway import EndorseError, EvaluateError
 
 
 @pytest.fixture

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from icu4py.messageformat import MessageFormat
 
-from backend.alerts.kinds import SEVERITIES
-from backend.conformance.rules import Limit, Status
 from wonderland.messages import LANGUAGES, keys_of, message_of, text
 from wonderland.proofs.reasons import REASONS, reason
+from wonderland_backend.alerts.kinds import SEVERITIES
+from wonderland_backend.conformance.rules import Limit, Status
 
-FOLDER = Path(__file__).resolve().parents[2] / "wonderland" / "messages"
+FOLDER = Path(__file__).resolve().parents[2] / "libraries" / "core" / "wonderland" / "messages"
 DOMAINS = sorted(path.stem for path in (FOLDER / "en").glob("*.json"))
 NAMES = {
     "reasons": set(REASONS),

@@ -10,13 +10,13 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.gateway import Gateway
-from wonderland.ledger.network import binaries as servers
-from wonderland.ledger.network import bringing_up, taking_down
-from wonderland.ledger.network.description import NetworkDescription
-from wonderland.ledger.network.errors import BinaryError
-from wonderland.ledger.network.layout import NetworkDirectory
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_fabric_network import binaries as servers
+from wonderland_fabric_network import bringing_up, taking_down
+from wonderland_fabric_network.description import NetworkDescription
+from wonderland_fabric_network.errors import BinaryError
+from wonderland_fabric_network.layout import NetworkDirectory
 
 
 def quiet(_step, _text):

@@ -8,10 +8,10 @@ import sys
 import time
 from pathlib import Path
 
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.gateway import Gateway, GatewayError
-from wonderland.ledger.network import bringing_up
-from wonderland.ledger.network.layout import NetworkDirectory
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.gateway import Gateway, GatewayError
+from wonderland_fabric_network import bringing_up
+from wonderland_fabric_network.layout import NetworkDirectory
 
 
 async def main(directory, component):

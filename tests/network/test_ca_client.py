@@ -13,18 +13,18 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.ca import CertificateRequest, Kind, LocalCa
-from wonderland.ledger.ca import client as module
-from wonderland.ledger.ca.client import (
+from wonderland_fabric_gateway.ca import CertificateRequest, Kind, LocalCa
+from wonderland_fabric_gateway.ca import client as module
+from wonderland_fabric_gateway.ca.client import (
     FabricCaAnswerError,
     FabricCaClient,
     FabricCaError,
     FabricCaUnreachableError,
     token,
 )
-from wonderland.ledger.ca.errors import CaError
-from wonderland.ledger.identity import SigningIdentity
-from wonderland.ledger.signing import key_file_signer, verify
+from wonderland_fabric_gateway.ca.errors import CaError
+from wonderland_fabric_gateway.identity import SigningIdentity
+from wonderland_fabric_gateway.signing import key_file_signer, verify
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from wonderland.ledger.capacity import Census, Share
-from wonderland.ledger.network.commands import network as commands
+from wonderland_fabric_gateway.capacity import Census, Share
+from wonderland_fabric_network.commands import network as commands
 
 
 def _census(**functions):

@@ -5,10 +5,10 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from wonderland.ledger.network import bringing_up
-from wonderland.ledger.network.commands import network
-from wonderland.ledger.network.description import NetworkDescription
-from wonderland.ledger.network.layout import NetworkDirectory
+from wonderland_fabric_network import bringing_up
+from wonderland_fabric_network.commands import network
+from wonderland_fabric_network.description import NetworkDescription
+from wonderland_fabric_network.layout import NetworkDirectory
 
 
 @pytest.fixture

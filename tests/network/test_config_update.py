@@ -5,10 +5,10 @@ from fabric_protos.common import common_pb2, configtx_pb2
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.ca import LocalCa
-from wonderland.ledger.identity import SigningIdentity
-from wonderland.ledger.network.config_update import compute_update, signed_update
-from wonderland.ledger.signing import key_file_signer, verify
+from wonderland_fabric_gateway.ca import LocalCa
+from wonderland_fabric_gateway.identity import SigningIdentity
+from wonderland_fabric_gateway.signing import key_file_signer, verify
+from wonderland_fabric_network.config_update import compute_update, signed_update
 
 
 def group(version=0, mod="Admins", values=None, policies=None, groups=None):

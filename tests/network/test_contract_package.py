@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from wonderland.ledger.network import builder
-from wonderland.ledger.network.contract import InstalledContract, build_package, installed_contract, source_digest
-from wonderland.ledger.network.settings import BUILDER_VARIABLE, builder_configuration
+from wonderland_fabric_network import builder
+from wonderland_fabric_network.contract import InstalledContract, build_package, installed_contract, source_digest
+from wonderland_fabric_network.settings import BUILDER_VARIABLE, builder_configuration
 
 CONTRACT = InstalledContract("pol", "1.0", "ab" * 32)
 

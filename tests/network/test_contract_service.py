@@ -14,17 +14,17 @@ from pathlib import Path
 
 import pytest
 
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.embedded import rwset as rwsets
-from wonderland.ledger.embedded.contracts import load_contract
-from wonderland.ledger.gateway import CommitError, EndorseError, EvaluateError, Gateway
-from wonderland.ledger.network.agreement import load_agreement
-from wonderland.ledger.network.network import contract_component
-from wonderland.ledger.signing import raw_from_der
-from wonderland.ledger.transactions import TransactionType
 from wonderland.proofs import encoding
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.embedded import rwset as rwsets
+from wonderland_fabric_gateway.embedded.contracts import load_contract
+from wonderland_fabric_gateway.gateway import CommitError, EndorseError, EvaluateError, Gateway
+from wonderland_fabric_gateway.signing import raw_from_der
+from wonderland_fabric_gateway.transactions import TransactionType
+from wonderland_fabric_network.agreement import load_agreement
+from wonderland_fabric_network.network import contract_component
 
 pytestmark = pytest.mark.fabric
 YEAR_MS = 365 * 86_400_000

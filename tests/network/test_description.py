@@ -10,16 +10,16 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.network.bringing_up import new_network
-from wonderland.ledger.network.description import (
+from wonderland_fabric_network.bringing_up import new_network
+from wonderland_fabric_network.description import (
     NetworkDescription,
     Organisation,
     json_schema,
     standard_endorsement,
 )
-from wonderland.ledger.network.errors import DescriptionError
-from wonderland.ledger.network.expansion import add_organisation
-from wonderland.ledger.network.layout import NetworkDirectory
+from wonderland_fabric_network.errors import DescriptionError
+from wonderland_fabric_network.expansion import add_organisation
+from wonderland_fabric_network.layout import NetworkDirectory
 
 SCHEMA_FILE = Path(__file__).parents[2] / "docs" / "reference" / "network-schema.json"
 

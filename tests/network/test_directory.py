@@ -8,18 +8,18 @@ import stat
 
 import pytest
 
-from wonderland.ledger.ca import Kind, LocalCa
-from wonderland.ledger.network import agreement, binaries, bringing_up, certificates, ports
-from wonderland.ledger.network.contract import InstalledContract
-from wonderland.ledger.network.description import NetworkDescription, Organisation
-from wonderland.ledger.network.errors import (
+from wonderland_fabric_gateway.ca import Kind, LocalCa
+from wonderland_fabric_network import agreement, binaries, bringing_up, certificates, ports
+from wonderland_fabric_network.contract import InstalledContract
+from wonderland_fabric_network.description import NetworkDescription, Organisation
+from wonderland_fabric_network.errors import (
     BinaryError,
     CertificateStateError,
     DescriptionError,
     DirectoryStateError,
     PortInUseError,
 )
-from wonderland.ledger.network.layout import IdentityPaths, NetworkDirectory
+from wonderland_fabric_network.layout import IdentityPaths, NetworkDirectory
 
 NOW = dt.datetime(2026, 6, 1, tzinfo=dt.UTC)
 

@@ -8,20 +8,20 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.errors import ConnectionFileError, FileWriteError
-from wonderland.ledger.export import export_identities
-from wonderland.ledger.network import bringing_up
-from wonderland.ledger.network.agreement import ContractDiffersError, load_agreement
-from wonderland.ledger.network.binaries import BY_NAME
-from wonderland.ledger.network.commands import network as commands
-from wonderland.ledger.network.contract import build_package, installed_contract
-from wonderland.ledger.network.description import EACH, NetworkDescription
-from wonderland.ledger.network.elsewhere import Elsewhere
-from wonderland.ledger.network.errors import ComponentError, DirectoryStateError
-from wonderland.ledger.network.hosts import CONTRACT, Hosts
-from wonderland.ledger.network.layout import NetworkDirectory
-from wonderland.ledger.network.processes import Launch
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.errors import ConnectionFileError, FileWriteError
+from wonderland_fabric_gateway.export import export_identities
+from wonderland_fabric_network import bringing_up
+from wonderland_fabric_network.agreement import ContractDiffersError, load_agreement
+from wonderland_fabric_network.binaries import BY_NAME
+from wonderland_fabric_network.commands import network as commands
+from wonderland_fabric_network.contract import build_package, installed_contract
+from wonderland_fabric_network.description import EACH, NetworkDescription
+from wonderland_fabric_network.elsewhere import Elsewhere
+from wonderland_fabric_network.errors import ComponentError, DirectoryStateError
+from wonderland_fabric_network.hosts import CONTRACT, Hosts
+from wonderland_fabric_network.layout import NetworkDirectory
+from wonderland_fabric_network.processes import Launch
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ from fabric_protos.common import policies_pb2
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.ledger.network.endorsement import parse_endorsement
-from wonderland.ledger.network.errors import DescriptionError
+from wonderland_fabric_network.endorsement import parse_endorsement
+from wonderland_fabric_network.errors import DescriptionError
 
 
 def test_and_of_two_is_two_out_of_two():

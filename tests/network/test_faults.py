@@ -15,11 +15,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 from fault_load import audit, faulty, kill, proofs_after
 from listening import Listener
 
-from wonderland.ledger.checkpoints import Checkpoint, MemoryCheckpointer
-from wonderland.ledger.gateway import Deadlines, Gateway, UnknownTransactionError
-from wonderland.ledger.network import bringing_up, keeping
-from wonderland.ledger.network.description import NetworkDescription
-from wonderland.ledger.network.leadership import is_leader
+from wonderland_fabric_gateway.checkpoints import Checkpoint, MemoryCheckpointer
+from wonderland_fabric_gateway.gateway import Deadlines, Gateway, UnknownTransactionError
+from wonderland_fabric_network import bringing_up, keeping
+from wonderland_fabric_network.description import NetworkDescription
+from wonderland_fabric_network.leadership import is_leader
 
 pytestmark = [pytest.mark.fabric, pytest.mark.timeout(240)]
 

@@ -12,12 +12,12 @@ from fabric_protos.orderer import configuration_pb2 as orderer_pb2
 from fabric_protos.orderer.etcdraft import configuration_pb2 as raft_pb2
 from fabric_protos.orderer.smartbft import configuration_pb2 as bft_pb2
 
-from wonderland.ledger.blocks import parse_block
-from wonderland.ledger.ca import Kind, LocalCa
-from wonderland.ledger.channel_groups import OrganisationDescription
-from wonderland.ledger.network import settings
-from wonderland.ledger.network.description import NetworkDescription
-from wonderland.ledger.network.genesis import ChannelPlan, Consenter, bft_options, first_block
+from wonderland_fabric_gateway.blocks import parse_block
+from wonderland_fabric_gateway.ca import Kind, LocalCa
+from wonderland_fabric_gateway.channel_groups import OrganisationDescription
+from wonderland_fabric_network import settings
+from wonderland_fabric_network.description import NetworkDescription
+from wonderland_fabric_network.genesis import ChannelPlan, Consenter, bft_options, first_block
 
 APPLICATIONS = ("AuthorityMSP", "PadMSP", "FleetMSP")
 

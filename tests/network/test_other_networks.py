@@ -12,11 +12,11 @@ import time
 import pytest
 import yaml
 
-from wonderland.ledger.gateway import GatewayError
-from wonderland.ledger.network import bringing_up, settings
-from wonderland.ledger.network.description import NetworkDescription
-from wonderland.ledger.network.layout import CLIENT, MSP_ADMIN
-from wonderland.ledger.network.status import network_status
+from wonderland_fabric_gateway.gateway import GatewayError
+from wonderland_fabric_network import bringing_up, settings
+from wonderland_fabric_network.description import NetworkDescription
+from wonderland_fabric_network.layout import CLIENT, MSP_ADMIN
+from wonderland_fabric_network.status import network_status
 
 pytestmark = [pytest.mark.fabric, pytest.mark.timeout(180)]
 

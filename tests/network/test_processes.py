@@ -10,8 +10,8 @@ import time
 
 import pytest
 
-from wonderland.ledger.network.errors import ComponentError
-from wonderland.ledger.network.processes import Launch, ProcessTable
+from wonderland_fabric_network.errors import ComponentError
+from wonderland_fabric_network.processes import Launch, ProcessTable
 
 SERVER = """
 import signal, socket, sys, time
@@ -87,7 +87,7 @@ async def test_it_outlives_the_process_that_started_it(table, tmp_path):
     launch = _server()
     script = (
         "from pathlib import Path\n"
-        "from wonderland.ledger.network.processes import *\n"
+        "from wonderland_fabric_network.processes import *\n"
         f"t = ProcessTable(Path({str(table._run)!r}), Path({str(table._logs)!r}))\n"
         f"print(t.start(Launch('server', {launch.arguments!r})))\n"
     )

@@ -25,12 +25,12 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from fabric_protos.common import common_pb2
 from fabric_protos.orderer import ab_pb2
 
-from wonderland.ledger.ca.errors import AlreadyEnrolledError, CaRequestError
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.errors import RevocationListError
-from wonderland.ledger.gateway import EndorseError, Gateway, GatewayError
-from wonderland.ledger.identity import Identity
-from wonderland.ledger.network import (
+from wonderland_fabric_gateway.ca.errors import AlreadyEnrolledError, CaRequestError
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.errors import RevocationListError
+from wonderland_fabric_gateway.gateway import EndorseError, Gateway, GatewayError
+from wonderland_fabric_gateway.identity import Identity
+from wonderland_fabric_network import (
     agreement,
     bringing_up,
     certificates,
@@ -41,12 +41,12 @@ from wonderland.ledger.network import (
     revocations,
     upgrading,
 )
-from wonderland.ledger.network.config_update import update_channel
-from wonderland.ledger.network.description import Organisation
-from wonderland.ledger.network.errors import CertificateStateError, ChannelUpdateError, PortInUseError
-from wonderland.ledger.network.layout import MSP_ADMIN
-from wonderland.ledger.network.network import Network
-from wonderland.ledger.network.status import network_status
+from wonderland_fabric_network.config_update import update_channel
+from wonderland_fabric_network.description import Organisation
+from wonderland_fabric_network.errors import CertificateStateError, ChannelUpdateError, PortInUseError
+from wonderland_fabric_network.layout import MSP_ADMIN
+from wonderland_fabric_network.network import Network
+from wonderland_fabric_network.status import network_status
 
 pytestmark = [pytest.mark.fabric, pytest.mark.timeout(120)]
 

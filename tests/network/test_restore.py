@@ -5,11 +5,11 @@ import shutil
 
 import pytest
 
-from wonderland.ledger.gateway import GatewayError
-from wonderland.ledger.network import recovery
-from wonderland.ledger.network.description import NetworkDescription
-from wonderland.ledger.network.errors import ComponentError
-from wonderland.ledger.network.status import network_status
+from wonderland_fabric_gateway.gateway import GatewayError
+from wonderland_fabric_network import recovery
+from wonderland_fabric_network.description import NetworkDescription
+from wonderland_fabric_network.errors import ComponentError
+from wonderland_fabric_network.status import network_status
 
 pytestmark = [pytest.mark.fabric, pytest.mark.timeout(180)]
 
@@ -131,7 +131,7 @@ def test_a_peer_goes_on_from_an_older_copy(running, tmp_path):
 
 def test_a_ca_goes_on_from_a_copy(running, tmp_path):
     """With its directory back, nobody has to enrol anew, and new ones can."""
-    from wonderland.ledger.network import enrolment
+    from wonderland_fabric_network import enrolment
 
     home = running.network.directory.organisation("PadMSP").ca_home
     asyncio.run(running.network.processes.stop("PadMSP.ca"))

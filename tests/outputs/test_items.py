@@ -6,10 +6,10 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from backend.errors import SettingsError
-from backend.outputs import cot
-from backend.outputs.items import KINDS, Gate, Item, items_of
-from backend.settings import load
+from wonderland_backend.errors import SettingsError
+from wonderland_backend.outputs import cot
+from wonderland_backend.outputs.items import KINDS, Gate, Item, items_of
+from wonderland_backend.settings import load
 
 TRACK = {
     "uav_id": "SERIAL1",

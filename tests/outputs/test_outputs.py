@@ -15,7 +15,7 @@ import trustme
 from backend_conftest import START_MS, Facts, serving
 from mqtt_broker import Broker, free_port
 
-from backend.clients.store import NewClient
+from wonderland_backend.clients.store import NewClient
 
 TRACK = {"uav_id": "uav-1", "lat_e7": 604_518_000, "lon_e7": 222_666_000, "transport": "wifi_beacon"}
 
@@ -84,7 +84,7 @@ async def test_mqtt_tells_each_thing_on_its_own_topic(new_backend, chain, source
 async def test_mqtt_tells_what_was_decided_while_the_broker_was_away(
     new_backend, chain, source_of, broker, monkeypatch
 ):
-    monkeypatch.setattr("backend.outputs.mqtt.LONGEST_PAUSE_S", 0.2)
+    monkeypatch.setattr("wonderland_backend.outputs.mqtt.LONGEST_PAUSE_S", 0.2)
     facts = a_chain(chain)
     outputs = {"mqtt": {"host": "127.0.0.1", "port": broker.port, "tls": False, "tell": ["verdict"]}}
     async with serving(new_backend(source_of(chain), outputs=outputs)) as running:
@@ -180,7 +180,7 @@ class TakServer:
 async def test_tak_gets_events_by_tcp_and_again_after_the_server_was_away(
     new_backend, chain, source_of, agent_client, monkeypatch
 ):
-    monkeypatch.setattr("backend.outputs.tak.LONGEST_PAUSE_S", 0.2)
+    monkeypatch.setattr("wonderland_backend.outputs.tak.LONGEST_PAUSE_S", 0.2)
     facts = a_chain(chain)
     tak = TakServer()
     await tak.start()

@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from other_conftest import fixtures_of, tools_of
 
-from backend.auth.settings import OidcSettings
 from tests.people.openid_provider import SECRET, command
+from wonderland_backend.auth.settings import OidcSettings
 
 _backend = tools_of("backend")
 _authenticator = tools_of("people", "people_authenticator", file="authenticator.py")
@@ -48,7 +48,7 @@ class Server(_console.RealBackend):
         return f"http://localhost:{self.port}"
 
     def set_up_link(self):
-        from backend.people.links import at_start
+        from wonderland_backend.people.links import at_start
 
         return (
             f"{self.url}/#token={self._run(at_start(self.backend.database, self.backend.parts.sign_ins, demo=False))}"
@@ -56,9 +56,9 @@ class Server(_console.RealBackend):
 
     def invite(self, name):
         """An invitation by the server itself; the person's id."""
-        from backend.auth.person import Account
-        from backend.people import store
-        from backend.people.schemas import Invitation
+        from wonderland_backend.auth.person import Account
+        from wonderland_backend.people import store
+        from wonderland_backend.people.schemas import Invitation
 
         async def make():
             async with self.backend.database.write() as connection:
@@ -73,7 +73,7 @@ class Server(_console.RealBackend):
         """As another administrator does."""
         from sqlalchemy import update
 
-        from backend.db.tables.people import PersonRow
+        from wonderland_backend.db.tables.people import PersonRow
 
         async def change():
             async with self.backend.database.write() as connection:
@@ -191,7 +191,7 @@ class Fresh:
         self.address = f"http://127.0.0.1:{port}"
 
     async def set_up_token(self):
-        from backend.people.links import at_start
+        from wonderland_backend.people.links import at_start
 
         return await at_start(self.backend.database, self.parts.sign_ins, demo=False)
 

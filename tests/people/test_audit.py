@@ -10,17 +10,17 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError
 
-from backend import audit
-from backend.alerts.schemas import ActName
-from backend.audit.acts import ACTS
-from backend.audit.anchors import Anchoring, Anchors
-from backend.audit.verify import verify
-from backend.auth.person import Account
-from backend.transactions.functions import CHANGES
-from wonderland.ledger.embedded.contracts import load_contract
-from wonderland.ledger.embedded.node import EmbeddedLedger
-from wonderland.ledger.gateway import Gateway
-from wonderland.ledger.proof_contract import ProofContract
+from wonderland.proof_contract import ProofContract
+from wonderland_backend import audit
+from wonderland_backend.alerts.schemas import ActName
+from wonderland_backend.audit.acts import ACTS
+from wonderland_backend.audit.anchors import Anchoring, Anchors
+from wonderland_backend.audit.verify import verify
+from wonderland_backend.auth.person import Account
+from wonderland_backend.transactions.functions import CHANGES
+from wonderland_fabric_gateway.embedded.contracts import load_contract
+from wonderland_fabric_gateway.embedded.node import EmbeddedLedger
+from wonderland_fabric_gateway.gateway import Gateway
 
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)

@@ -10,8 +10,8 @@ import sys
 import httpx
 import pytest
 
-from wonderland.ledger.embedded.contracts import load_contract
-from wonderland.ledger.embedded.node import EmbeddedLedger
+from wonderland_fabric_gateway.embedded.contracts import load_contract
+from wonderland_fabric_gateway.embedded.node import EmbeddedLedger
 
 pytestmark = pytest.mark.timeout(400)  # a dozen processes, on machines that do other things, too
 WONDERLAND = [sys.executable, "-m", "wonderland.cli", "backend"]

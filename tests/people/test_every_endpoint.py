@@ -6,9 +6,9 @@ import re
 
 import httpx
 
-from backend.description import openapi
-from backend.routes import new_app
-from backend.settings import Settings
+from wonderland_backend.description import openapi
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
 
 PUBLIC = {
     ("GET", "/api/v1/health"),

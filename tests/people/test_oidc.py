@@ -17,9 +17,9 @@ import pytest
 from joserfc import jws
 from joserfc.jwk import ECKey, RSAKey
 
-from backend.auth.oidc import OidcError, Provider
-from backend.auth.settings import OidcSettings
 from tests.people.openid_provider import SECRET, command
+from wonderland_backend.auth.oidc import OidcError, Provider
+from wonderland_backend.auth.settings import OidcSettings
 
 
 @contextlib.asynccontextmanager

@@ -14,13 +14,13 @@ import time
 import pytest
 import shapely
 
-from backend.maps.archive import Archive
-from simulator.place import fetch, making, osm
-from simulator.place.archive import tile_id
-from simulator.place.build import LEADS, WINDOW, build
-from simulator.place.layers import features_of
-from simulator.place.shore import shore
-from simulator.place.vector_tiles import Feature, Plane, cut
+from wonderland_backend.maps.archive import Archive
+from wonderland_simulator.place import fetch, making, osm
+from wonderland_simulator.place.archive import tile_id
+from wonderland_simulator.place.build import LEADS, WINDOW, build
+from wonderland_simulator.place.layers import features_of
+from wonderland_simulator.place.shore import shore
+from wonderland_simulator.place.vector_tiles import Feature, Plane, cut
 
 
 def test_an_extract_is_read(town):
@@ -180,7 +180,7 @@ def test_a_full_disk_is_said_in_one_line_and_leaves_nothing(cached, monkeypatch)
 
 
 def run(**more):
-    command = [sys.executable, "-m", "simulator.place"]
+    command = [sys.executable, "-m", "wonderland_simulator.place"]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)
 
 

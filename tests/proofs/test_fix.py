@@ -8,10 +8,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from simulator.batch import fixes
-from simulator.paper_points import POINTS, SIGMA_M, cramer_rao_m
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.fix import Multilateration
+from wonderland_research.batch import fixes
+from wonderland_research.paper_points import POINTS, SIGMA_M, cramer_rao_m
 
 PAD = ((1500.0, 1500.0, 300.0), (-1500.0, 1500.0, 1500.0), (-1500.0, -1500.0, 300.0), (1500.0, -1500.0, 300.0))
 metres = st.floats(-60_000, 60_000)

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_agent.geodesy import frame_at
 from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.frame import to_local, to_wgs84
+from wonderland_edge_agent.geodesy import frame_at
 
 pyproj = pytest.importorskip("pyproj")
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from tests_world import START_MS
 
-from simulator.attack_lab import ATTACKS
-from simulator.attack_lab.judge import run_batch, verdict_of
 from wonderland.proofs.records.sessions import Evidence
 from wonderland.proofs.verdict import preview
+from wonderland_research.attack_lab import ATTACKS
+from wonderland_research.attack_lab.judge import run_batch, verdict_of
 
 HERE = (3000.0, 6000.0, 4000.0)
 PAPERS = ((-171, -279), (-171, 279), (171, 279), (171, -279))

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator.reproduction.sampling import EVERY_ROUND, settle
 from wonderland.proofs import stopping
 from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.records.policies import Policy
+from wonderland_research.reproduction.sampling import EVERY_ROUND, settle
 
 R, ALPHA = 1000.0, 0.01
 POLICY = Policy()

@@ -10,9 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests_world import START_MS, World
 
-from simulator.attack_lab.attacks.motion import flown, honest
-from simulator.attack_lab.batch import measured, moving, round_times, standing
-from simulator.attack_lab.places import FLOWN
 from wonderland.proofs import travel
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.errors import RecordError
@@ -26,6 +23,9 @@ from wonderland.proofs.reduction import reduce
 from wonderland.proofs.rounds import usable
 from wonderland.proofs.stopping import more_rounds
 from wonderland.proofs.verdict import preview
+from wonderland_research.attack_lab.attacks.motion import flown, honest
+from wonderland_research.attack_lab.batch import measured, moving, round_times, standing
+from wonderland_research.attack_lab.places import FLOWN
 
 PAD = FLOWN.commissioning
 FIXED = PAD.bias_fixed_ppm / 1e6

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from simulator.attack_lab.attacks import height as lies
-from simulator.attack_lab.attacks.common import still
-from simulator.attack_lab.batch import claim_times, measured
-from simulator.attack_lab.judge import run_batch, verdict_of
-from simulator.attack_lab.places import CUBE, FLAT, MASTS, POLICY, SIX, SQUARE, distances
 from wonderland.proofs.estimate import solve
 from wonderland.proofs.prospects import height_rounds, hopeless
 from wonderland.proofs.records.sessions import Claim
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.reduction import AnchorMean, Reduced
 from wonderland.proofs.space import chi2_at_height, solve_in_space
+from wonderland_research.attack_lab.attacks import height as lies
+from wonderland_research.attack_lab.attacks.common import still
+from wonderland_research.attack_lab.batch import claim_times, measured
+from wonderland_research.attack_lab.judge import run_batch, verdict_of
+from wonderland_research.attack_lab.places import CUBE, FLAT, MASTS, POLICY, SIX, SQUARE, distances
 
 PLACE = np.array([1_000.0, -2_000.0, 4_000.0])
 ASIDE = np.array([5_000.0, 3_000.0, 5_000.0])

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backend.errors import BadRequest
-from backend.registry.imports import KINDS, MAX_ROWS, check
 from wonderland.proofs.records.transactions import RegisterUav
+from wonderland_backend.errors import BadRequest
+from wonderland_backend.registry.imports import KINDS, MAX_ROWS, check
 
 DRONES = KINDS["drones"]
 GOOD = "uav_id,model,operator_id,registration\nOH-1,Falcon,arctic-air,FIN87\nOH-2,Crane Ä,arctic-air,\n"

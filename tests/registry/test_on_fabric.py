@@ -8,11 +8,11 @@ import pytest
 from playwright.sync_api import expect
 from registry_house import House, request_pem
 
-from backend.transactions.registrar import registrar_of
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.network import binaries, bringing_up, enrolment, taking_down
-from wonderland.ledger.network.errors import BinaryError
-from wonderland.ledger.network.layout import NetworkDirectory
+from wonderland_backend.transactions.registrar import registrar_of
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_network import binaries, bringing_up, enrolment, taking_down
+from wonderland_fabric_network.errors import BinaryError
+from wonderland_fabric_network.layout import NetworkDirectory
 
 pytestmark = [pytest.mark.fabric, pytest.mark.timeout(300)]
 DRONE = "OH-DRN-0417"

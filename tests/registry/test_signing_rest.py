@@ -13,11 +13,11 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from registry_house import DAY_MS, base64url, decoded, new_house, request_pem
 from sqlalchemy import select
 
-from backend.db.tables.audit import AuditRow
-from backend.transactions.keys import signed_text
-from wonderland.ledger.identity import Identity
-from wonderland.ledger.signing import P256_ORDER
 from wonderland.proofs import encoding
+from wonderland_backend.db.tables.audit import AuditRow
+from wonderland_backend.transactions.keys import signed_text
+from wonderland_fabric_gateway.identity import Identity
+from wonderland_fabric_gateway.signing import P256_ORDER
 
 DRONE = "OH-DRN-0417"
 SUSPEND = {"uav_id": DRONE, "status": "suspended", "reason": "Flew where it did not say"}

@@ -20,10 +20,10 @@ from cryptography.hazmat.primitives.serialization import (
     load_pem_private_key,
 )
 
-from wonderland.ledger.ca import CertificateRequest, LocalCa
-from wonderland.ledger.identity import Identity
-from wonderland.ledger.signing import P256_ORDER, key_signer, verify
 from wonderland.proofs import encoding
+from wonderland_fabric_gateway.ca import CertificateRequest, LocalCa
+from wonderland_fabric_gateway.identity import Identity
+from wonderland_fabric_gateway.signing import P256_ORDER, key_signer, verify
 
 PATH = Path(__file__).resolve().parents[2] / "frontend" / "src" / "shared" / "signing" / "vectors.json"
 ARGUMENT = {"uav_id": "OH-DRN-0417", "status": "suspended", "reason": 'Ä "quoted" \u2028 line, 漢, 🛸\\'}
@@ -47,9 +47,9 @@ def canonical():
 
 async def transactions(directory):
     """A proposal and what a real ledger endorsed of it."""
-    from chaincode.contract import CONTRACT
-    from wonderland.ledger.embedded.node import EmbeddedLedger
-    from wonderland.ledger.gateway import Gateway
+    from wonderland_chaincode.contract import CONTRACT
+    from wonderland_fabric_gateway.embedded.node import EmbeddedLedger
+    from wonderland_fabric_gateway.gateway import Gateway
 
     async with (
         EmbeddedLedger(directory / "ledger", {"pol": CONTRACT}) as ledger,

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import strategies as st
 
-from wonderland.remote_id import (
+from wonderland_remote_id import (
     Authentication,
     AuthenticationType,
     BasicId,

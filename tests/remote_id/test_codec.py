@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.remote_id import (
+from wonderland_remote_id import (
     BasicId,
     CategoryEu,
     ClassEu,

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-import wonderland.remote_id as package
-from wonderland.remote_id import BasicId, Location, OperatorId, Pack, encode
-from wonderland.remote_id.commands import MAX_LINE_BYTES, remote_id
-from wonderland.remote_id.framings import captures, wifi
+import wonderland_remote_id as package
+from wonderland_remote_id import BasicId, Location, OperatorId, Pack, encode
+from wonderland_remote_id.commands import MAX_LINE_BYTES, remote_id
+from wonderland_remote_id.framings import captures, wifi
 
 SERIAL = encode(BasicId(uas_id="1581F5FKD229400A1234"))
 PLACE = encode(Location(lat_e7=604_518_000, lon_e7=222_666_000))

@@ -10,8 +10,9 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_agent.receiver import Assembler
-from wonderland.remote_id import (
+from wonderland.telemetry import Drip
+from wonderland_edge_agent.receiver import Assembler
+from wonderland_remote_id import (
     Authentication,
     AuthenticationType,
     BasicId,
@@ -23,7 +24,7 @@ from wonderland.remote_id import (
     encode,
     parse_serial_number,
 )
-from wonderland.remote_id.drip import (
+from wonderland_remote_id.drip import (
     Det,
     DripError,
     Link,
@@ -36,9 +37,8 @@ from wonderland.remote_id.drip import (
     paginate,
     parse_sam,
 )
-from wonderland.remote_id.drip.det import cshake128, message_hash
-from wonderland.remote_id.drip.formats import endorse, manifest_evidence, sign_evidence, verify
-from wonderland.telemetry import Drip
+from wonderland_remote_id.drip.det import cshake128, message_hash
+from wonderland_remote_id.drip.formats import endorse, manifest_evidence, sign_evidence, verify
 
 T0 = 1_800_000_000_000
 # RFC 9575, appendix: one drone's tag and key, its messages, a Wrapper and a Manifest with parity.

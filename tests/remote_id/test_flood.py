@@ -6,8 +6,8 @@ import itertools
 
 import pytest
 
-from edge_agent.receiver import Assembler, ReceiverLimits
-from wonderland.remote_id import BasicId, IdType, Location, Message, Pack, encode
+from wonderland_edge_agent.receiver import Assembler, ReceiverLimits
+from wonderland_remote_id import BasicId, IdType, Location, Message, Pack, encode
 
 T0 = 1_760_000_400_000
 SERIAL, OTHER = "1581F5FKD229400A1234", "1581F5FKD229400B9999"

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.remote_id import (
+from wonderland_remote_id import (
     BasicId,
     FramingError,
     Location,
@@ -23,9 +23,9 @@ from wonderland.remote_id import (
     decode,
     encode,
 )
-from wonderland.remote_id.framings import ble, captures, json_feed, mavlink, wifi
-from wonderland.remote_id.framings.framed import Framed
-from wonderland.remote_id.json_form import from_json, to_json
+from wonderland_remote_id.framings import ble, captures, json_feed, mavlink, wifi
+from wonderland_remote_id.framings.framed import Framed
+from wonderland_remote_id.json_form import from_json, to_json
 
 ADDRESS = "c0:ff:ee:00:00:01"
 SERIAL = encode(BasicId(uas_id="1581F5FKD229400A1234"))

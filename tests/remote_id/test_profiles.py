@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from wonderland.remote_id import (
+from wonderland_remote_id import (
     Authentication,
     AuthenticationType,
     BasicId,
@@ -25,9 +25,9 @@ from wonderland.remote_id import (
     System,
     VerticalAccuracy,
 )
-from wonderland.remote_id.operators import check_character, check_operator_id
-from wonderland.remote_id.profiles import Profile, Severity, check_message, check_set
-from wonderland.remote_id.serials import parse_serial_number
+from wonderland_remote_id.operators import check_character, check_operator_id
+from wonderland_remote_id.profiles import Profile, Severity, check_message, check_set
+from wonderland_remote_id.serials import parse_serial_number
 
 SERIAL = BasicId(uas_id="1581F5FKD229400A1234")
 PLACE = Location(

@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_agent.receiver import Assembler, Heard, ReceiverError, ReceiverLimits, RemoteIdReceiver
 from wonderland.proofs.records.sessions import BroadcastClaim
-from wonderland.remote_id import (
+from wonderland.telemetry import ReceiverHealth, Track
+from wonderland_edge_agent.receiver import Assembler, Heard, ReceiverError, ReceiverLimits, RemoteIdReceiver
+from wonderland_remote_id import (
     BasicId,
     DescriptionType,
     HorizontalAccuracy,
@@ -27,7 +28,6 @@ from wonderland.remote_id import (
     System,
     encode,
 )
-from wonderland.telemetry import ReceiverHealth, Track
 
 T0 = 1_760_000_400_000
 SERIAL = "1581F5FKD229400A1234"

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from wonderland.remote_id import (
+from wonderland_remote_id import (
     BasicId,
     FieldError,
     FrameLengthError,
@@ -26,7 +26,7 @@ from wonderland.remote_id import (
     decode,
     encode,
 )
-from wonderland.remote_id.framings.hex_lines import parse_line
+from wonderland_remote_id.framings.hex_lines import parse_line
 
 LOCATION = encode(Location(lat_e7=601_700_000, lon_e7=249_400_000, track_cdeg=9_000, speed_mm_s=0, vertical_mm_s=0))
 BASIC = encode(BasicId(uas_id="1581F5FKD229400A1234"))

@@ -17,14 +17,14 @@ import aiomqtt
 import pytest
 from mqtt_broker import Broker
 
-from edge_agent.receiver import Heard, ReceiverError, RemoteIdReceiver
-from edge_agent.receiver.configured import sources_of
-from edge_agent.receiver.settings import MqttSettings, ReceiverSettings
-from edge_agent.receiver.sources.replay import ReplaySource
-from edge_agent.receiver.sources.serial import SerialLines, SerialMavlink
-from edge_agent.receiver.sources.wifi_monitor import WifiMonitorSource, open_monitor
-from wonderland.remote_id import BasicId, Location, Pack, encode, to_json
-from wonderland.remote_id.framings import ble, captures, mavlink, wifi
+from wonderland_edge_agent.receiver import Heard, ReceiverError, RemoteIdReceiver
+from wonderland_edge_agent.receiver.configured import sources_of
+from wonderland_edge_agent.receiver.settings import MqttSettings, ReceiverSettings
+from wonderland_edge_agent.receiver.sources.replay import ReplaySource
+from wonderland_edge_agent.receiver.sources.serial import SerialLines, SerialMavlink
+from wonderland_edge_agent.receiver.sources.wifi_monitor import WifiMonitorSource, open_monitor
+from wonderland_remote_id import BasicId, Location, Pack, encode, to_json
+from wonderland_remote_id.framings import ble, captures, mavlink, wifi
 
 SERIAL = "1581F5FKD229400A1234"
 ADDRESS = "02:00:00:00:00:01"
@@ -183,7 +183,7 @@ async def publish(broker: Broker, topic: str, *payloads: bytes) -> None:
 
 
 async def test_a_receiver_that_publishes_over_mqtt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("edge_agent.receiver.sources.mqtt.AGAIN_S", 0.05)
+    monkeypatch.setattr("wonderland_edge_agent.receiver.sources.mqtt.AGAIN_S", 0.05)
     broker = Broker(tmp_path)
     [source] = sources_of(
         ReceiverSettings(mqtt=MqttSettings(host="127.0.0.1", port=broker.port, topics=("scout/+/drones",)))
@@ -259,7 +259,7 @@ async def test_bluetooth_by_bluez(tmp_path: Path) -> None:
         from dbus_fast import Message, MessageType, Variant
         from dbus_fast.aio import MessageBus
 
-        from edge_agent.receiver.sources.bluez import BluezSource
+        from wonderland_edge_agent.receiver.sources.bluez import BluezSource
 
         calls: list[tuple[str, list]] = []
         peer = await MessageBus(bus_address=address).connect()
@@ -307,7 +307,7 @@ async def test_bluetooth_by_bluez(tmp_path: Path) -> None:
 
 async def test_bluetooth_that_is_not_there(tmp_path: Path) -> None:
     pytest.importorskip("dbus_fast")
-    from edge_agent.receiver.sources.bluez import BluezSource
+    from wonderland_edge_agent.receiver.sources.bluez import BluezSource
 
     with pytest.raises(ReceiverError, match="D-Bus"):
         async with listening(BluezSource("hci0", f"unix:path={tmp_path / 'nothing'}")):
@@ -320,11 +320,11 @@ async def test_bluetooth_that_is_not_there(tmp_path: Path) -> None:
 
 def test_a_pad_loads_only_what_it_is_told_to() -> None:
     code = (
-        "import sys; from edge_agent.receiver.configured import sources_of; "
-        "from edge_agent.receiver.settings import ReceiverSettings; "
-        "import edge_agent.receiver; sources_of(ReceiverSettings()); "
+        "import sys; from wonderland_edge_agent.receiver.configured import sources_of; "
+        "from wonderland_edge_agent.receiver.settings import ReceiverSettings; "
+        "import wonderland_edge_agent.receiver; sources_of(ReceiverSettings()); "
         "print([name for name in sys.modules if name.split('.')[0] in {'aiomqtt', 'paho', 'dbus_fast', 'Crypto'} "
-        "or name.startswith(('wonderland.remote_id.framings.', 'edge_agent.receiver.sources.'))])"
+        "or name.startswith(('wonderland_remote_id.framings.', 'wonderland_edge_agent.receiver.sources.'))])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == "[]"

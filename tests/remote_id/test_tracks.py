@@ -6,10 +6,10 @@ import random
 
 import pytest
 
-from edge_agent.receiver import Assembler, Finding
-from edge_agent.receiver.findings import AGAIN_MS, FindingGate
 from wonderland import telemetry
-from wonderland.remote_id import BasicId, HorizontalAccuracy, Location, Pack, encode
+from wonderland_edge_agent.receiver import Assembler, Finding
+from wonderland_edge_agent.receiver.findings import AGAIN_MS, FindingGate
+from wonderland_remote_id import BasicId, HorizontalAccuracy, Location, Pack, encode
 
 T0 = 1_760_000_400_000
 SERIAL, OTHER = "1581F5FKD229400A1234", "1581F5FKD229400B9999"

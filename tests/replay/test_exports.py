@@ -14,10 +14,10 @@ import pytest
 from shapely.geometry import shape
 from sqlalchemy import func, select, update
 
-from backend.db.tables.audit import AuditRow
-from backend.db.tables.exports import ExportRow
-from backend.exports.formats import _cell
-from backend.exports.schemas import ExportArea
+from wonderland_backend.db.tables.audit import AuditRow
+from wonderland_backend.db.tables.exports import ExportRow
+from wonderland_backend.exports.formats import _cell
+from wonderland_backend.exports.schemas import ExportArea
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]

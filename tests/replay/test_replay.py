@@ -169,7 +169,7 @@ async def test_replay_is_what_the_live_map_showed(
 async def test_a_ledger_mirrored_anew_leaves_the_past_as_it_was_known(
     running, clock, chain, facts, database, source_of, texts, new_backend, serving
 ):
-    from backend.mirror.rebuild import rebuild
+    from wonderland_backend.mirror.rebuild import rebuild
 
     _, state_text = texts
     clock.now_ms += 5_000
@@ -188,7 +188,7 @@ async def test_a_ledger_mirrored_anew_leaves_the_past_as_it_was_known(
 async def test_what_was_mirrored_without_a_server_is_dated_by_the_ledger(
     new_backend, serving, chain, facts, database, source_of, clock
 ):
-    from backend.mirror.rebuild import rebuild
+    from wonderland_backend.mirror.rebuild import rebuild
 
     chain.add(facts.put_pad(), facts.put_uav())
     chain.add(facts.request("one", t_ms=START_MS + 5_000))

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from wonderland.ledger.network import binaries
-from wonderland.ledger.network.errors import BinaryError
+from wonderland_fabric_network import binaries
+from wonderland_fabric_network.errors import BinaryError
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 from node_client import Bridge, NodePeople

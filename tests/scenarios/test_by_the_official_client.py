@@ -9,8 +9,8 @@ import pytest
 from node_client import NodeError
 from scenario_world import people_at
 
-from wonderland.ledger.gateway import EndorseError
 from wonderland.proofs import encoding
+from wonderland_fabric_gateway.gateway import EndorseError
 
 pytestmark = [pytest.mark.node, pytest.mark.timeout(300), pytest.mark.parametrize("client", ["node"])]
 TEXT = {"type": "std_msgs/msg/String", "media_type": "text/plain", "value": "1"}

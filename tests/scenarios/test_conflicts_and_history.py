@@ -5,7 +5,7 @@ import asyncio
 import pytest
 from scenario_world import also_with_the_node_client
 
-from wonderland.ledger.gateway import CommitError, EndorseError
+from wonderland_fabric_gateway.gateway import CommitError, EndorseError
 
 pytestmark = pytest.mark.timeout(300)
 TEXT = {"type": "std_msgs/msg/String", "media_type": "text/plain"}

@@ -3,7 +3,7 @@
 import pytest
 from scenario_world import also_with_the_node_client, witnesses
 
-from wonderland.ledger.gateway import CommitError
+from wonderland_fabric_gateway.gateway import CommitError
 
 pytestmark = pytest.mark.timeout(300)
 NOT_ENOUGH = "ENDORSEMENT_POLICY_FAILURE"

@@ -22,22 +22,22 @@ from fabric_protos.ledger.rwset.kvrwset import kv_rwset_pb2
 from fabric_protos.peer import proposal_pb2, proposal_response_pb2, transaction_pb2
 from scenario_world import People, Person, Site, people_at
 
-from wonderland.ledger.blocks import parse_block
-from wonderland.ledger.channel_groups import OrganisationDescription
-from wonderland.ledger.commit_hash import commit_hash_of, expected_commit_hash
-from wonderland.ledger.connection import GatewayAddress
-from wonderland.ledger.embedded import organisations as orgs
-from wonderland.ledger.embedded.chain import Chain, ChainSettings, initialise
-from wonderland.ledger.embedded.committer import Candidate
-from wonderland.ledger.embedded.config_update import ConfigSigners
-from wonderland.ledger.embedded.contracts import load_contract
-from wonderland.ledger.embedded.genesis import ChannelDescription, genesis_block
-from wonderland.ledger.embedded.orderer import BatchLimits
-from wonderland.ledger.embedded.server import LedgerServer, TlsFiles
-from wonderland.ledger.gateway import EndorseError, Gateway
-from wonderland.ledger.network.certificates import signing_identity
-from wonderland.ledger.transactions import ValidationCode
 from wonderland.proofs import encoding
+from wonderland_fabric_gateway.blocks import parse_block
+from wonderland_fabric_gateway.channel_groups import OrganisationDescription
+from wonderland_fabric_gateway.commit_hash import commit_hash_of, expected_commit_hash
+from wonderland_fabric_gateway.connection import GatewayAddress
+from wonderland_fabric_gateway.embedded import organisations as orgs
+from wonderland_fabric_gateway.embedded.chain import Chain, ChainSettings, initialise
+from wonderland_fabric_gateway.embedded.committer import Candidate
+from wonderland_fabric_gateway.embedded.config_update import ConfigSigners
+from wonderland_fabric_gateway.embedded.contracts import load_contract
+from wonderland_fabric_gateway.embedded.genesis import ChannelDescription, genesis_block
+from wonderland_fabric_gateway.embedded.orderer import BatchLimits
+from wonderland_fabric_gateway.embedded.server import LedgerServer, TlsFiles
+from wonderland_fabric_gateway.gateway import EndorseError, Gateway
+from wonderland_fabric_gateway.transactions import ValidationCode
+from wonderland_fabric_network.certificates import signing_identity
 
 pytestmark = [
     pytest.mark.fabric,

@@ -5,8 +5,8 @@ import asyncio
 import pytest
 from scenario_world import also_with_the_node_client
 
-from wonderland.ledger.gateway import EndorseError
 from wonderland.proofs.records.transactions import ROLES, TRANSACTIONS
+from wonderland_fabric_gateway.gateway import EndorseError
 
 pytestmark = pytest.mark.timeout(300)
 

@@ -5,11 +5,11 @@ import asyncio
 import pytest
 from scenario_world import also_with_the_node_client
 
-from wonderland.ledger.checkpoints import Checkpoint, FileCheckpointer
-from wonderland.ledger.gateway import Gateway, StreamError, UnknownTransactionError
-from wonderland.ledger.identity import Identity
 from wonderland.proofs import encoding
 from wonderland.proofs.records.transactions import TRANSACTIONS
+from wonderland_fabric_gateway.checkpoints import Checkpoint, FileCheckpointer
+from wonderland_fabric_gateway.gateway import Gateway, StreamError, UnknownTransactionError
+from wonderland_fabric_gateway.identity import Identity
 
 pytestmark = pytest.mark.timeout(300)
 

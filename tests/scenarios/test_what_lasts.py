@@ -5,9 +5,9 @@ import asyncio
 import pytest
 from scenario_world import people_at
 
-from wonderland.ledger.checkpoints import FileCheckpointer
-from wonderland.ledger.gateway import EndorseError, EvaluateError, StreamError
 from wonderland.proofs import encoding
+from wonderland_fabric_gateway.checkpoints import FileCheckpointer
+from wonderland_fabric_gateway.gateway import EndorseError, EvaluateError, StreamError
 
 pytestmark = pytest.mark.timeout(300)
 TEXT = {"type": "std_msgs/msg/String", "media_type": "text/plain"}

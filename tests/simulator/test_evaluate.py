@@ -8,9 +8,9 @@ import re
 import pytest
 from click.testing import CliRunner
 
-from simulator.evaluate import EvaluateSettings, claims_of, evaluate
-from simulator.evaluate_command import evaluate as command
-from simulator.recording import Recording, RecordingError, dw1000_commissioning
+from wonderland_research.evaluate import EvaluateSettings, claims_of, evaluate
+from wonderland_research.evaluate_command import evaluate as command
+from wonderland_simulator.recording import Recording, RecordingError, dw1000_commissioning
 
 ANCHORS = {"3": (1.5, 1.5, 0.3), "5": (-1.5, 1.5, 1.5), "9": (-1.5, -1.5, 0.3), "12": (1.5, -1.5, 0.3)}
 

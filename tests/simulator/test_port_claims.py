@@ -6,8 +6,8 @@ import socket
 
 import pytest
 
-from simulator.stage import PortClaims, ProcessError, processes
-from wonderland.ledger.network.ports import FREE_RANGE
+from wonderland_fabric_network.ports import FREE_RANGE
+from wonderland_simulator.stage import PortClaims, ProcessError, processes
 
 
 @pytest.fixture

@@ -10,11 +10,13 @@ from html.parser import HTMLParser
 import pytest
 from click.testing import CliRunner
 
-from simulator.evaluate import judge
-from simulator.paper import recording_of
-from simulator.paper_points import POINTS, PaperRun
-from simulator.recording import RecordingError
-from simulator.reproduction import (
+from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.sessions import AnchorRanges, Evidence, Radio, RangeTable, StepTime
+from wonderland.proofs.stopping import LOOKS
+from wonderland_research.evaluate import judge
+from wonderland_research.paper import recording_of
+from wonderland_research.paper_points import POINTS, PaperRun
+from wonderland_research.reproduction import (
     calibration,
     goal_figures,
     goals,
@@ -27,13 +29,11 @@ from simulator.reproduction import (
     report,
     sampling,
 )
-from simulator.reproduction.commands import reproduce
-from simulator.reproduction.document import Cell, Document
-from simulator.reproduction.style import save, svg
-from simulator.verdicts import CommittedVerdict
-from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.records.sessions import AnchorRanges, Evidence, Radio, RangeTable, StepTime
-from wonderland.proofs.stopping import LOOKS
+from wonderland_research.reproduction.commands import reproduce
+from wonderland_research.reproduction.document import Cell, Document
+from wonderland_research.reproduction.style import save, svg
+from wonderland_simulator.recording import RecordingError
+from wonderland_simulator.verdicts import CommittedVerdict
 
 ANCHORS = {"3": (1.5, 1.5, 0.3), "5": (-1.5, 1.5, 1.5), "9": (-1.5, -1.5, 0.3), "12": (1.5, -1.5, 0.3)}
 SPEED_M_S = 1.5

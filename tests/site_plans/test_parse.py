@@ -15,9 +15,9 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_agent.commands import pad
-from simulator.place.plans import site_plan
 from wonderland.site_plans import MAX_BYTES, MAX_PROBLEMS, SitePlanError, parse
+from wonderland_edge_agent.commands import pad
+from wonderland_simulator.place.plans import site_plan
 
 SQUARE = [[-5, -5], [5, -5], [5, 5], [-5, 5], [-5, -5]]
 

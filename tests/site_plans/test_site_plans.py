@@ -8,8 +8,8 @@ import json
 import barriers
 from playwright.sync_api import expect
 
-from backend.site_plans import store
-from simulator.place.plans import site_plan
+from wonderland_backend.site_plans import store
+from wonderland_simulator.place.plans import site_plan
 
 PAD = "aurajoki-2"
 PLAN = site_plan("hatter-quay")

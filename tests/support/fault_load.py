@@ -18,16 +18,16 @@ from dataclasses import dataclass, field
 
 from proof_actors import Actors
 
-from backend.db.engine import Database
-from backend.db.migrate import migrate
-from backend.ledger.status import MirrorStatus
-from backend.mirror.follow import Mirror
-from backend.mirror.source import GatewaySource
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.gateway import CommitError, CommitUnknownError, EndorseError, Gateway
-from wonderland.ledger.network import enrolment
 from wonderland.proofs import encoding
 from wonderland.proofs.records import transactions as tx
+from wonderland_backend.db.engine import Database
+from wonderland_backend.db.migrate import migrate
+from wonderland_backend.ledger.status import MirrorStatus
+from wonderland_backend.mirror.follow import Mirror
+from wonderland_backend.mirror.source import GatewaySource
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.gateway import CommitError, CommitUnknownError, EndorseError, Gateway
+from wonderland_fabric_network import enrolment
 
 PAD_COUNT = 2
 DRONE_COUNT = 4

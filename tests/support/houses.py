@@ -9,7 +9,7 @@ from proof_actors import HERE, ROUNDS, Actors
 from registry_house import House, new_house
 from tests_world import World
 
-from wonderland.ledger.connection import Connection
+from wonderland_fabric_gateway.connection import Connection
 
 AWAY_MM = 4_200
 HONEST, LIAR = "uav-0", "uav-1"

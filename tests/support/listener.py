@@ -8,9 +8,9 @@ import sqlite3
 import sys
 from pathlib import Path
 
-from wonderland.ledger.checkpoints import SqliteCheckpointer
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.gateway import Gateway
+from wonderland_fabric_gateway.checkpoints import SqliteCheckpointer
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.gateway import Gateway
 
 
 def open_database(path):

@@ -17,8 +17,15 @@ import grpc
 import pytest
 from scenario_world import People, Person
 
-from wonderland.ledger.gateway import CommitStatus, EndorseError, ErrorDetail, EvaluateError, GatewayError, SubmitError
 from wonderland.proofs import encoding
+from wonderland_fabric_gateway.gateway import (
+    CommitStatus,
+    EndorseError,
+    ErrorDetail,
+    EvaluateError,
+    GatewayError,
+    SubmitError,
+)
 
 HERE = Path(__file__).parent.parent / "node_gateway"
 OLDEST_NODE = (20, 19)

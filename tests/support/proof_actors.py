@@ -9,9 +9,6 @@ from dataclasses import dataclass, replace
 from cryptography.hazmat.primitives.asymmetric import ec
 from tests_world import START_MS, World
 
-from edge_agent.geodesy import frame_at
-from wonderland.ledger.gateway import EndorseError, Gateway
-from wonderland.ledger.signing import raw_from_der
 from wonderland.proofs import encoding
 from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.keys import public_bytes
@@ -19,6 +16,9 @@ from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.pads import OfferedPrekey
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.statement import statement
+from wonderland_edge_agent.geodesy import frame_at
+from wonderland_fabric_gateway.gateway import EndorseError, Gateway
+from wonderland_fabric_gateway.signing import raw_from_der
 
 PADS = 4
 DRONES = 8

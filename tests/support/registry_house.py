@@ -17,22 +17,22 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 
-from backend.app import Backend
-from backend.db.engine import Database
-from backend.db.migrate import migrate
-from backend.ledger.access import LedgerAccess
-from backend.mirror.source import GatewaySource
-from backend.serve import Listen, new_server
-from backend.settings import Settings
-from backend.transactions.registrar import registrar_of
-from chaincode.contract import CONTRACT
-from edge_agent.geodesy import frame_at
-from wonderland.ledger.embedded.administration import DirectoryAdministration
-from wonderland.ledger.embedded.node import EmbeddedLedger, LedgerSettings
-from wonderland.ledger.embedded.orderer import BatchLimits
-from wonderland.ledger.gateway import Gateway
-from wonderland.ledger.signing import key_signer
 from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning
+from wonderland_backend.app import Backend
+from wonderland_backend.db.engine import Database
+from wonderland_backend.db.migrate import migrate
+from wonderland_backend.ledger.access import LedgerAccess
+from wonderland_backend.mirror.source import GatewaySource
+from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.settings import Settings
+from wonderland_backend.transactions.registrar import registrar_of
+from wonderland_chaincode.contract import CONTRACT
+from wonderland_edge_agent.geodesy import frame_at
+from wonderland_fabric_gateway.embedded.administration import DirectoryAdministration
+from wonderland_fabric_gateway.embedded.node import EmbeddedLedger, LedgerSettings
+from wonderland_fabric_gateway.embedded.orderer import BatchLimits
+from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_fabric_gateway.signing import key_signer
 
 DAY_MS = 86_400_000
 

@@ -21,16 +21,16 @@ from pathlib import Path
 import psutil
 import pytest
 
-from wonderland.ledger.connection import Connection
-from wonderland.ledger.embedded.administration import DirectoryAdministration
-from wonderland.ledger.embedded.directory import LedgerDirectory
-from wonderland.ledger.gateway import EndorseError, EvaluateError, Gateway
-from wonderland.ledger.network import binaries as servers
-from wonderland.ledger.network import bringing_up, enrolment, revocations, taking_down
-from wonderland.ledger.network.description import NetworkDescription, Organisation, standard_endorsement
-from wonderland.ledger.network.layout import NetworkDirectory
-from wonderland.ledger.signing import raw_from_der
 from wonderland.proofs import encoding
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.embedded.administration import DirectoryAdministration
+from wonderland_fabric_gateway.embedded.directory import LedgerDirectory
+from wonderland_fabric_gateway.gateway import EndorseError, EvaluateError, Gateway
+from wonderland_fabric_gateway.signing import raw_from_der
+from wonderland_fabric_network import binaries as servers
+from wonderland_fabric_network import bringing_up, enrolment, revocations, taking_down
+from wonderland_fabric_network.description import NetworkDescription, Organisation, standard_endorsement
+from wonderland_fabric_network.layout import NetworkDirectory
 
 PATIENCE_S = 60
 """For what comes soon, on a machine that is busy with other tests."""

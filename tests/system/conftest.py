@@ -73,8 +73,8 @@ def hyu() -> Path:
 @pytest.fixture
 def fabric_servers() -> None:
     """Skips with the reason where Fabric's servers are not here."""
-    from wonderland.ledger.errors import LedgerError
-    from wonderland.ledger.network import binaries
+    from wonderland_fabric_gateway.errors import LedgerError
+    from wonderland_fabric_network import binaries
 
     try:
         asyncio.run(binaries.check())

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from simulator.recording import Recording, RecordingError
+from wonderland_simulator.recording import Recording, RecordingError
 
 ANCHORS = {"1": (1.5, 1.5, 1.6), "2": (-1.5, 1.5, 0.2), "3": (-1.5, -1.5, 0.2), "4": (1.5, -1.5, 0.2)}
 

@@ -7,20 +7,19 @@ import json
 from types import SimpleNamespace
 from typing import Any
 
-from edge_agent.drift import DriftState
-from edge_agent.health import health_record
-from edge_agent.radios import AnchorState
-from edge_agent.receiver import Assembler, ReceiverCounts
-from edge_agent.receiver.findings import FindingGate, Position, two_places
-from edge_agent.receiver.tracks import DroneTrack
-from edge_agent.reporting import SpoolReporter
-from edge_agent.session import actions as do
-from edge_agent.spool import Spool, SpoolStatus
-from edge_agent.uplink import Credentials, UplinkProtocol
-from uav_agent.requests import Requests
 from wonderland.proofs import encoding
 from wonderland.proofs.records.sessions import Claim
-from wonderland.remote_id import (
+from wonderland_edge_agent.drift import DriftState
+from wonderland_edge_agent.health import health_record
+from wonderland_edge_agent.radios import AnchorState
+from wonderland_edge_agent.receiver import Assembler, ReceiverCounts
+from wonderland_edge_agent.receiver.findings import FindingGate, Position, two_places
+from wonderland_edge_agent.receiver.tracks import DroneTrack
+from wonderland_edge_agent.reporting import SpoolReporter
+from wonderland_edge_agent.session import actions as do
+from wonderland_edge_agent.spool import Spool, SpoolStatus
+from wonderland_edge_agent.uplink import Credentials, UplinkProtocol
+from wonderland_remote_id import (
     BasicId,
     CategoryEu,
     ClassEu,
@@ -36,7 +35,8 @@ from wonderland.remote_id import (
     UaType,
     encode,
 )
-from wonderland.remote_id.drip.observer import Observation
+from wonderland_remote_id.drip.observer import Observation
+from wonderland_uav_agent.requests import Requests
 
 T0 = 1_760_000_400_000
 SERIAL = "1581F5FKD229400A1234"

@@ -12,13 +12,13 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from backend.ingest.agents import Agent
-from backend.ingest.batch import read
-from edge_agent.reporting import SpoolReporter
-from edge_agent.session import actions as do
 from wonderland import telemetry
 from wonderland.proofs import encoding
 from wonderland.telemetry import TelemetryError
+from wonderland_backend.ingest.agents import Agent
+from wonderland_backend.ingest.batch import read
+from wonderland_edge_agent.reporting import SpoolReporter
+from wonderland_edge_agent.session import actions as do
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -40,7 +40,7 @@ def bodies() -> list[tuple[str, str]]:
 
 
 async def test_agents_say_what_they_said_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("edge_agent.health.__version__", "0.1.0")
+    monkeypatch.setattr("wonderland_edge_agent.health.__version__", "0.1.0")
     now = await said.everything(lambda body: telemetry.canonical(body).decode())
     now["drone"] = [json.loads(text) for text in now["drone"]]  # they were written with spaces
     before = GOLDEN | {"drone": [json.loads(text) for text in GOLDEN["drone"]]}
@@ -76,8 +76,8 @@ def test_steps_have_the_names_that_records_have() -> None:
 
 def test_a_spool_of_before_is_sent_as_it_is() -> None:
     """Bodies on a pad's disk are canonical JSON already, whoever wrote them: they go out byte for byte."""
-    from edge_agent.spool import StoredRecord
-    from edge_agent.uplink import Credentials, UplinkProtocol
+    from wonderland_edge_agent.spool import StoredRecord
+    from wonderland_edge_agent.uplink import Credentials, UplinkProtocol
 
     who = Credentials(agent="pad", id="pad-1", msp_id="PadMSP", certificate_pem="x", sign=lambda text: text[:70])
     protocol = UplinkProtocol(who, "ab" * 16)

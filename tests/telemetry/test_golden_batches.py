@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from msgspec import Raw
 
-from backend.ingest.agents import Agent
-from backend.ingest.batch import Batch, read
+from wonderland_backend.ingest.agents import Agent
+from wonderland_backend.ingest.batch import Batch, read
 
 T0 = 1_760_000_400_000
 CASES = json.loads((Path(__file__).parent / "golden_batches.json").read_text())

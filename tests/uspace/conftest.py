@@ -23,12 +23,12 @@ from dss_server import Dss
 from other_conftest import tools_of
 from token_server import Authority
 
-from backend.app import Backend, now_ms
-from backend.db.engine import Database
-from backend.ingest.agents import Agent
-from backend.ingest.batch import read
-from backend.serve import Listen, new_server
-from backend.settings import Settings
+from wonderland_backend.app import Backend, now_ms
+from wonderland_backend.db.engine import Database
+from wonderland_backend.ingest.agents import Agent
+from wonderland_backend.ingest.batch import read
+from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.settings import Settings
 
 START_MS = 1_800_000_000_000
 TURKU = (604_518_000, 222_666_000)

@@ -15,9 +15,9 @@ from fastapi.responses import JSONResponse
 from joserfc import jwt
 from joserfc.jwk import KeySet
 
-from backend.http.times import rfc3339, unix_ms
-from backend.uspace.dss import models
-from backend.uspace.geo import Box
+from wonderland_backend.http.times import rfc3339, unix_ms
+from wonderland_backend.uspace.dss import models
+from wonderland_backend.uspace.geo import Box
 
 MAX_AREA_M2 = 2_500e6
 MAX_SUBSCRIPTIONS = 10

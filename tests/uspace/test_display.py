@@ -10,12 +10,12 @@ from fastapi.responses import JSONResponse, Response
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backend.http.times import rfc3339
-from backend.uspace.claims import Details, State
-from backend.uspace.flights import Flight
-from backend.uspace.geo import E7, Box, distance_m
-from backend.uspace.netrid.clusters import clusters_of, shows_each
-from backend.uspace.netrid.foreign import FlightsAnswer
+from wonderland_backend.http.times import rfc3339
+from wonderland_backend.uspace.claims import Details, State
+from wonderland_backend.uspace.flights import Flight
+from wonderland_backend.uspace.geo import E7, Box, distance_m
+from wonderland_backend.uspace.netrid.clusters import clusters_of, shows_each
+from wonderland_backend.uspace.netrid.foreign import FlightsAnswer
 
 NEAR = "60.447,22.255,60.457,22.278"
 FAR = "60.44,22.23,60.47,22.30"

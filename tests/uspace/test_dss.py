@@ -7,14 +7,14 @@ import dataclasses
 import httpx
 import pytest
 
-from backend.http.transfer import TransferError
-from backend.uspace.dss.client import DssClient, extents_of
-from backend.uspace.dss.errors import AreaTooLarge, DssAway, NotThere, TooMany, VersionConflict
-from backend.uspace.geo import E7, TILES, Box, Cell
-from backend.uspace.netrid.areas import COMPARE_MS, EXTEND_MS, LIFETIME_MS, LINGER_MS, Areas
-from backend.uspace.peers import Peers
-from backend.uspace.settings import USpaceSettings
-from backend.uspace.token_client import TokenClient
+from wonderland_backend.http.transfer import TransferError
+from wonderland_backend.uspace.dss.client import DssClient, extents_of
+from wonderland_backend.uspace.dss.errors import AreaTooLarge, DssAway, NotThere, TooMany, VersionConflict
+from wonderland_backend.uspace.geo import E7, TILES, Box, Cell
+from wonderland_backend.uspace.netrid.areas import COMPARE_MS, EXTEND_MS, LIFETIME_MS, LINGER_MS, Areas
+from wonderland_backend.uspace.peers import Peers
+from wonderland_backend.uspace.settings import USpaceSettings
+from wonderland_backend.uspace.token_client import TokenClient
 
 TILE = Cell.at(604_518_000, 222_666_000, TILES)
 ID = "00000000-0000-4000-8000-000000000001"

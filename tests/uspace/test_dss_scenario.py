@@ -14,13 +14,13 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from backend.app import now_ms
-from backend.uspace.dss.client import DssClient, extents_of
-from backend.uspace.dss.errors import DssRefused, NotThere, VersionConflict
-from backend.uspace.geo import TILES, Cell
-from backend.uspace.peers import Peers
-from backend.uspace.settings import USpaceSettings
-from backend.uspace.token_client import TokenClient
+from wonderland_backend.app import now_ms
+from wonderland_backend.uspace.dss.client import DssClient, extents_of
+from wonderland_backend.uspace.dss.errors import DssRefused, NotThere, VersionConflict
+from wonderland_backend.uspace.geo import TILES, Cell
+from wonderland_backend.uspace.peers import Peers
+from wonderland_backend.uspace.settings import USpaceSettings
+from wonderland_backend.uspace.token_client import TokenClient
 
 REAL = pytest.mark.skipif("WONDERLAND_TEST_DSS" not in os.environ, reason="no real DSS: WONDERLAND_TEST_DSS is not set")
 CELL = Cell.at(604_518_000, 222_666_000, TILES)

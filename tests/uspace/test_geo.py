@@ -7,7 +7,7 @@ import math
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from backend.uspace.geo import E7, FINEST_E7, TILES, TURN, Box, Cell, cells_of, distance_m
+from wonderland_backend.uspace.geo import E7, FINEST_E7, TILES, TURN, Box, Cell, cells_of, distance_m
 
 LAT = st.integers(-90 * E7, 90 * E7)
 LNG = st.integers(-180 * E7, 180 * E7)

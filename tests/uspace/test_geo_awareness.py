@@ -9,10 +9,10 @@ import uuid
 import pytest
 from fastapi import FastAPI, Response
 
-from backend.zones.files.reading import read
-from backend.zones.store import rows_of
-from backend.zones.tested import holds_sometime
-from backend.zones.zone import zone_of
+from wonderland_backend.zones.files.reading import read
+from wonderland_backend.zones.store import rows_of
+from wonderland_backend.zones.tested import holds_sometime
+from wonderland_backend.zones.zone import zone_of
 
 SCOPE = "geo-awareness.test"
 SOURCE = str(uuid.UUID(int=1, version=4))

@@ -10,8 +10,8 @@ from implicitdict import ImplicitDict
 from uas_standards.interuss.automated_testing.rid.v1 import injection, observation
 from uas_standards.interuss.automated_testing.versioning import api as versioning
 
-from backend.http.times import rfc3339
 from wonderland import __version__
+from wonderland_backend.http.times import rfc3339
 
 INJECT, OBSERVE = "rid.inject_test_data", "dss.read.identification_service_areas"
 JSON = {"Content-Type": "application/json"}

@@ -6,9 +6,9 @@ import orjson
 from msgspec import Raw
 from sqlalchemy import insert
 
-from backend.db.tables.ledger import DroneRow
-from backend.ingest.agents import Agent
-from backend.ingest.batch import read
+from wonderland_backend.db.tables.ledger import DroneRow
+from wonderland_backend.ingest.agents import Agent
+from wonderland_backend.ingest.batch import read
 
 VIEW = "60.44,22.25,60.46,22.29"
 SERIAL = "1581F5FKD229400A1234"

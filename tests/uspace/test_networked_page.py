@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 import barriers
 from other_conftest import tools_of
 
-from backend.db.tables.audit import AuditRow
+from wonderland_backend.db.tables.audit import AuditRow
 
 console_tests = tools_of("console")
 PATIENCE_MS = console_tests.PATIENCE_MS

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from backend.errors import SettingsError
-from backend.settings import load
-from backend.uspace.service import USpace
+from wonderland_backend.errors import SettingsError
+from wonderland_backend.settings import load
+from wonderland_backend.uspace.service import USpace
 
 PREFIX = "WONDERLAND_BACKEND_USPACE__"
 

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backend.http.transfer import TransferError
-from backend.tokens import REFETCH_S, REFRESH_S, IssuerSettings, ScopeMissing, TokenRefused, TokenVerifier
-from backend.uspace.settings import USpaceSettings
-from backend.uspace.token_client import NoToken, TokenClient
+from wonderland_backend.http.transfer import TransferError
+from wonderland_backend.tokens import REFETCH_S, REFRESH_S, IssuerSettings, ScopeMissing, TokenRefused, TokenVerifier
+from wonderland_backend.uspace.settings import USpaceSettings
+from wonderland_backend.uspace.token_client import NoToken, TokenClient
 
 
 def now_ms():

@@ -9,9 +9,9 @@ import sys
 
 import pytest
 
-from backend.errors import SettingsError
-from backend.uspace.eu664.geoid import COLUMNS, ROWS, Geoid
-from backend.uspace.eu664.schemas import Traffic
+from wonderland_backend.errors import SettingsError
+from wonderland_backend.uspace.eu664.geoid import COLUMNS, ROWS, Geoid
+from wonderland_backend.uspace.eu664.schemas import Traffic
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from simulator.uci_node import Air, Measurement, PtyPort, Quirks, VirtualNode
 from wonderland.uwb.layout import RangingPlan
+from wonderland_simulator.uci_node import Air, Measurement, PtyPort, Quirks, VirtualNode
 
 PAD_MACS = (0xA001, 0xA002, 0xA003, 0xA004)
 UAV_MAC = 0xD001

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from simulator.uci_node import Quirks
 from wonderland.uwb.blinks import BlinkPlan
-from wonderland.uwb.errors import NodeClosedError, NodeUnavailableError, RangingPlanError
-from wonderland.uwb.events import (
+from wonderland.uwb.layout import RangingPlan
+from wonderland.uwb.link import Link, LinkKeys, MessageReceived, MessageType
+from wonderland_fira_uci.errors import NodeClosedError, NodeUnavailableError, RangingPlanError
+from wonderland_fira_uci.events import (
     DataFailed,
     DataReceived,
     FrameStamped,
@@ -24,13 +25,12 @@ from wonderland.uwb.events import (
     SessionInterrupted,
     SessionStateChanged,
 )
-from wonderland.uwb.layout import RangingPlan
-from wonderland.uwb.link import Link, LinkKeys, MessageReceived, MessageType
-from wonderland.uwb.node import UwbNode, UwbSession, monotonic_ms
-from wonderland.uwb.serial_port import PortTimings
-from wonderland.uwb.uci.device import Timings
-from wonderland.uwb.uci.errors import UciConfigRejectedError, UciStateError
-from wonderland.uwb.uci.status import SessionState, Status
+from wonderland_fira_uci.node import UwbNode, UwbSession, monotonic_ms
+from wonderland_fira_uci.serial_port import PortTimings
+from wonderland_fira_uci.uci.device import Timings
+from wonderland_fira_uci.uci.errors import UciConfigRejectedError, UciStateError
+from wonderland_fira_uci.uci.status import SessionState, Status
+from wonderland_simulator.uci_node import Quirks
 
 PAD = ("anchor-1", "anchor-2", "anchor-3", "anchor-4")
 FAST = Timings(command_ms=200, reset_ms=150, ready_ms=100, backoff_ms=50, silence_ms=400)

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from wonderland.uwb.serial_port import PortError, PortTimings, ReconnectingPort, serial_opener
-from wonderland.uwb.serial_port.port import MAX_WAITING_OCTETS
+from wonderland_fira_uci.serial_port import PortError, PortTimings, ReconnectingPort, serial_opener
+from wonderland_fira_uci.serial_port.port import MAX_WAITING_OCTETS
 
 FAST = PortTimings(backoff_s=0.01, backoff_max_s=0.04, stable_s=0.05, write_timeout_s=0.1)
 

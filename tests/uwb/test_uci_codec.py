@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland.uwb.errors import RangingPlanError
 from wonderland.uwb.layout import RangingPlan
-from wonderland.uwb.uci.codec import DeviceCodec, HostCodec, MalformedMessage, UnknownMessage
-from wonderland.uwb.uci.config import (
+from wonderland_fira_uci.errors import RangingPlanError
+from wonderland_fira_uci.uci.codec import DeviceCodec, HostCodec, MalformedMessage, UnknownMessage
+from wonderland_fira_uci.uci.config import (
     AppConfig,
     DeviceRole,
     DeviceType,
@@ -22,7 +22,7 @@ from wonderland.uwb.uci.config import (
     decode_parameters,
     encode_parameters,
 )
-from wonderland.uwb.uci.data import (
+from wonderland_fira_uci.uci.data import (
     DataCredit,
     DataReceive,
     DataSend,
@@ -35,8 +35,8 @@ from wonderland.uwb.uci.data import (
     encode_data_send,
     encode_data_transfer_status,
 )
-from wonderland.uwb.uci.errors import UciDecodeError, UciEncodeError, UciError
-from wonderland.uwb.uci.packets import (
+from wonderland_fira_uci.uci.errors import UciDecodeError, UciEncodeError, UciError
+from wonderland_fira_uci.uci.packets import (
     MAX_DATA_PAYLOAD,
     DataFormat,
     MessageType,
@@ -44,7 +44,7 @@ from wonderland.uwb.uci.packets import (
     encode_control,
     encode_data,
 )
-from wonderland.uwb.uci.ranging import (
+from wonderland_fira_uci.uci.ranging import (
     MeasurementType,
     OneWayMeasurement,
     RangeData,
@@ -52,7 +52,7 @@ from wonderland.uwb.uci.ranging import (
     decode_range_data,
     encode_range_data,
 )
-from wonderland.uwb.uci.session import (
+from wonderland_fira_uci.uci.session import (
     Command,
     DeviceInfo,
     DeviceStatus,
@@ -72,7 +72,7 @@ from wonderland.uwb.uci.session import (
     start_command,
     stop_command,
 )
-from wonderland.uwb.uci.status import Status, status_name
+from wonderland_fira_uci.uci.status import Status, status_name
 
 KEY = bytes(range(16))
 PAD_NODE = bytes.fromhex(

@@ -10,12 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator.uci_node import Quirks, VirtualNode
 from wonderland.uwb.layout import RangingPlan
-from wonderland.uwb.uci.config import ParameterId, SessionConfig
-from wonderland.uwb.uci.data import DataTransferStatus
-from wonderland.uwb.uci.device import UciDevice
-from wonderland.uwb.uci.device_events import (
+from wonderland_fira_uci.uci.config import ParameterId, SessionConfig
+from wonderland_fira_uci.uci.data import DataTransferStatus
+from wonderland_fira_uci.uci.device import UciDevice
+from wonderland_fira_uci.uci.device_events import (
     CreditGranted,
     DeviceLost,
     DeviceReady,
@@ -25,11 +24,12 @@ from wonderland.uwb.uci.device_events import (
     SessionMessage,
     StreamResynchronised,
 )
-from wonderland.uwb.uci.errors import UciConfigRejectedError, UciStateError, UciStatusError
-from wonderland.uwb.uci.packets import MessageType, encode_control
-from wonderland.uwb.uci.ranging import RangeData
-from wonderland.uwb.uci.session import Command, get_state_command, init_command, reset_command, start_command
-from wonderland.uwb.uci.status import SessionState, Status
+from wonderland_fira_uci.uci.errors import UciConfigRejectedError, UciStateError, UciStatusError
+from wonderland_fira_uci.uci.packets import MessageType, encode_control
+from wonderland_fira_uci.uci.ranging import RangeData
+from wonderland_fira_uci.uci.session import Command, get_state_command, init_command, reset_command, start_command
+from wonderland_fira_uci.uci.status import SessionState, Status
+from wonderland_simulator.uci_node import Quirks, VirtualNode
 
 PLAN = RangingPlan(session_a_id=1, session_b_id=2, pad_macs=(0xA001,), uav_mac=0xD001, sts_key=bytes(16))
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backend.zones.applicability import DAY_MS, merged, spans
-from backend.zones.zone import zone_of
+from wonderland_backend.zones.applicability import DAY_MS, merged, spans
+from wonderland_backend.zones.zone import zone_of
 
 TURKU, UTSJOKI, LONGYEARBYEN = (22.27, 60.45), (27.03, 69.91), (15.6, 78.2)
 HOUR = 3_600_000

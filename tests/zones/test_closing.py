@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyproj import Geod
 
-from backend.zones.applicability import DAY_MS
-from backend.zones.closing import PadPlace, TooManyClosuresError, Touch, distance_m, plan, same, touching
-from backend.zones.heights import Band, reaches
-from backend.zones.store import around
-from backend.zones.zone import Limit, Volume, zone_of
 from wonderland.proofs.records.closures import MAX_CLOSURES, Closure
 from wonderland.proofs.records.transactions import SetClosures
+from wonderland_backend.zones.applicability import DAY_MS
+from wonderland_backend.zones.closing import PadPlace, TooManyClosuresError, Touch, distance_m, plan, same, touching
+from wonderland_backend.zones.heights import Band, reaches
+from wonderland_backend.zones.store import around
+from wonderland_backend.zones.zone import Limit, Volume, zone_of
 
 NOON = round(datetime(2026, 6, 3, 12, tzinfo=UTC).timestamp() * 1000)
 PAD = PadPlace("pad-1", 60.45, 22.27, 30.0, 100.0)

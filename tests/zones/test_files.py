@@ -11,9 +11,9 @@ import referencing
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backend.zones.files.lines import Lines
-from backend.zones.files.reading import read
-from backend.zones.zone import volumes_of, zone_of
+from wonderland_backend.zones.files.lines import Lines
+from wonderland_backend.zones.files.reading import read
+from wonderland_backend.zones.zone import volumes_of, zone_of
 
 FILES = Path(__file__).parent / "files"
 STANDARD = Path(__file__).resolve().parents[3] / "shared" / "openapi" / "ed318"

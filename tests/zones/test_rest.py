@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
-from backend.db.tables.audit import AuditRow
-from backend.zones import differing
 from wonderland.proofs.records.closures import Closures
+from wonderland_backend.db.tables.audit import AuditRow
+from wonderland_backend.zones import differing
 
 FILES = Path(__file__).parent / "files"
 TURKU = (FILES / "turku.ed318.json").read_bytes()

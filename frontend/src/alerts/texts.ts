@@ -1,7 +1,7 @@
-import alertsEn from "../../../wonderland/messages/en/alerts.json";
-import titlesEn from "../../../wonderland/messages/en/alert-titles.json";
-import alertsFi from "../../../wonderland/messages/fi/alerts.json";
-import titlesFi from "../../../wonderland/messages/fi/alert-titles.json";
+import alertsEn from "../../../libraries/core/wonderland/messages/en/alerts.json";
+import titlesEn from "../../../libraries/core/wonderland/messages/en/alert-titles.json";
+import alertsFi from "../../../libraries/core/wonderland/messages/fi/alerts.json";
+import titlesFi from "../../../libraries/core/wonderland/messages/fi/alert-titles.json";
 import { texts } from "../shared/i18n/texts";
 
 /** What an alert says, in one sentence; by its kind. */

@@ -1,5 +1,5 @@
-import findingsEn from "../../../wonderland/messages/en/findings.json";
-import findingsFi from "../../../wonderland/messages/fi/findings.json";
+import findingsEn from "../../../libraries/core/wonderland/messages/en/findings.json";
+import findingsFi from "../../../libraries/core/wonderland/messages/fi/findings.json";
 import type { Track } from "../shared/api/records";
 import { shownFacts, type Facts } from "../shared/i18n/facts";
 import { texts } from "../shared/i18n/texts";

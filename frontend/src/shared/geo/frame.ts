@@ -18,7 +18,7 @@ export function lonLat(place: Place): LonLat {
 }
 
 /**
- * WGS-84 to the pad's frame, by the coefficients that the ledger records (wonderland/proofs/frame.py has the exact,
+ * WGS-84 to the pad's frame, by the coefficients that the ledger records (libraries/core/wonderland/proofs/frame.py has the exact,
  * integer form; this one is for drawing).
  */
 export function toLocal(frame: Frame, place: Place): Local {

@@ -1,5 +1,5 @@
 /**
- * Canonical JSON as the ledger's records have it (docs/decisions and wonderland/proofs/encoding.py): RFC 8785 restricted
+ * Canonical JSON as the ledger's records have it (docs/decisions and libraries/core/wonderland/proofs/encoding.py): RFC 8785 restricted
  * to objects, arrays, strings, booleans and integers. The same value gives the same bytes here, there and on the ledger.
  */
 import { utf8, type Bytes } from "./bytes";

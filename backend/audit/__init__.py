@@ -1,5 +1,0 @@
-"""The audit log: who did or read what, in rows that nobody can change, chained and anchored on the ledger."""
-
-from backend.audit.chain import record, record_read
-
-__all__ = ["record", "record_read"]

@@ -1,0 +1,62 @@
+"""Alerts of a running backend: raised with the mirror's commits, watched for, told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from sqlalchemy import update
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from wonderland_backend.alerts import store
+from wonderland_backend.alerts.deliver import enqueue
+from wonderland_backend.alerts.derive import alerts_of
+from wonderland_backend.db.tables.alerts import AlertRow
+from wonderland_backend.live.board import Board
+from wonderland_backend.mirror.derive import Changes
+from wonderland_backend.settings import Settings
+
+STALE_MS: Final = 7 * 86_400_000
+"""A ledger that is mirrored anew brings its whole past: what is older than this is history, not news."""
+TOLD_MS: Final = 3_600_000
+"""Nobody outside is told of what happened longer ago."""
+
+
+class Alerts:
+    """What follows from the ledger, in the mirror's own database transaction."""
+
+    def __init__(self, settings: Settings, board: Board, clock: Callable[[], int]) -> None:
+        self._settings = settings
+        self._board = board
+        self._clock = clock
+        self._raised: list[dict[str, Any]] = []
+
+    async def in_transaction(self, connection: AsyncConnection, changes: Changes) -> None:
+        """Raise what these changes call for. Nothing is told before the commit."""
+        self._raised = []
+        if not changes.verdict_writes:
+            return
+        now = self._clock()
+        alerts = list(alerts_of(changes.verdict_writes))
+        raised = await store.raise_all(connection, alerts, now)
+        if not raised:
+            return
+        await connection.execute(
+            update(AlertRow)
+            .where(AlertRow.alert_id.in_(raised), AlertRow.t_ms < now - STALE_MS)
+            .values(state=store.OVER, over_ms=now)
+        )
+        fresh = [alert for alert in alerts if alert.t_ms > now - TOLD_MS]
+        await enqueue(connection, self._settings, fresh, raised, now)
+        new = set(raised)
+        self._raised = [
+            store.shown(AlertRow(**store.row_of(alert, now)))
+            for alert in alerts
+            if alert.alert_id in new and alert.t_ms >= now - STALE_MS
+        ]
+
+    def committed(self) -> None:
+        """The commit has happened: tell the live side."""
+        raised, self._raised = self._raised, []
+        for alert in raised:
+            self._board.alert(alert)

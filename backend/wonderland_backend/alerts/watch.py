@@ -1,0 +1,194 @@
+"""Alerts that follow from watching: pads that fall silent or drift, a ledger that stops, certificates, permissions.
+
+`conditions` says what is wrong now; the watch raises what is new, and ends what is no longer so. Only the backend
+that mirrors watches, so that two never raise the same.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterable
+from typing import Any, Final
+
+import orjson
+from sqlalchemy import select
+
+from wonderland_backend.alerts import certificates, oddities, store
+from wonderland_backend.alerts.conditions import Condition
+from wonderland_backend.alerts.deliver import enqueue
+from wonderland_backend.alerts.kinds import Alert
+from wonderland_backend.context import Context
+from wonderland_backend.db.tables.alerts import AlertRow
+from wonderland_backend.db.tables.ledger import ClosuresRow, PadRow, VerdictRow
+from wonderland_backend.db.tables.reported import HealthRow, TrackRow
+from wonderland_backend.ingest.agents import Agents
+from wonderland_backend.ledger.status import MirrorStatus
+from wonderland_backend.live.board import Board
+from wonderland_backend.zones.differing import Differing
+
+logger = logging.getLogger(__name__)
+
+EVERY_S: Final = 5.0
+SILENT_MS: Final = 60_000
+"""Pads report every few seconds; a minute is more than a restart takes."""
+AWAY_MS: Final = 30_000
+CLOSURES_MS: Final = 3 * 86_400_000
+"""So long before they run out the closures of a pad should be published anew."""
+MATCH_AFTER_MS: Final = 60_000
+"""A drone that got permission is heard within this, at a pad that hears drones at all."""
+MATCH_BEFORE_MS: Final = 10_000
+MATCH_LOOK_BACK_MS: Final = 15 * 60_000
+HEARS_MS: Final = 10 * 60_000
+
+
+CONDITIONS: Final = (
+    "pad_silent",
+    "pad_drifting",
+    "ledger_halted",
+    "ledger_away",
+    "certificate_expiring",
+    "closures_ending",
+    "closures_differ",
+    "identity_odd",
+    "broadcast_odd",
+    "broadcasts_flooded",
+)
+
+
+def pad_conditions(
+    pads: Iterable[tuple[str, int, str]], connected: Callable[[str], bool], now_ms: int
+) -> Iterable[Condition]:
+    """`pads`: (pad_id, last health report's time, its body) of commissioned pads that have ever reported."""
+    for pad_id, t_ms, body in pads:
+        if now_ms - t_ms > SILENT_MS and not connected(pad_id):
+            yield Condition("pad_silent", pad_id, t_ms, pad_id, {"since_ms": t_ms})
+            continue
+        drift = orjson.loads(body).get("drift")
+        if isinstance(drift, dict) and drift.get("state", "ok") != "ok":
+            yield Condition("pad_drifting", pad_id, t_ms, pad_id, _drift(drift))
+
+
+def _drift(drift: dict[str, Any]) -> dict[str, Any]:
+    """What a pad's health says of anchors that no longer measure as commissioned (`wonderland.telemetry.Drift`)."""
+    anchor, off_mm, extra_mm = (drift.get(name) for name in ("anchor_id", "off_mm", "extra_sigma_mm"))
+    state = "drifting"
+    if drift["state"] == "moved" and anchor is not None and off_mm is not None:
+        state = "moved"
+    elif extra_mm:
+        state = "widened"
+    return {"state": state, "anchor_id": anchor or "all", "off_mm": off_mm or 0, "extra_sigma_mm": extra_mm or 0}
+
+
+def ledger_conditions(mirror: MirrorStatus, now_ms: int) -> Iterable[Condition]:
+    """The mirror halted, or not level for long because the ledger is away."""
+    if mirror.halted is not None:
+        yield Condition("ledger_halted", mirror.channel, now_ms, None, {"why": mirror.halted[:500]})
+    elif not mirror.connected and mirror.lag_ms(now_ms) > AWAY_MS:
+        state = "problem" if mirror.problem else "no_answer"
+        facts = {"state": state, "why": (mirror.problem or "")[:500]}
+        yield Condition("ledger_away", mirror.channel, now_ms - mirror.lag_ms(now_ms), None, facts)
+
+
+def closure_conditions(closures: Iterable[tuple[str, int]], now_ms: int) -> Iterable[Condition]:
+    """`closures`: pads in service, and until when their closures by zones are published."""
+    for pad_id, until_ms in closures:
+        if until_ms - now_ms < CLOSURES_MS:
+            yield Condition("closures_ending", f"{pad_id}/{until_ms}", now_ms, pad_id, {"until_ms": until_ms})
+
+
+def differing_conditions(pads: Iterable[tuple[str, str]], now_ms: int) -> Iterable[Condition]:
+    """`pads`: whose closures on the ledger are not what today's zones ask for, and how (`zones.pads`)."""
+    for pad_id, state in pads:
+        yield Condition("closures_differ", pad_id, now_ms, pad_id, {"state": state})
+
+
+class Watch:
+    """Looks every few seconds; `look` once by itself for tests."""
+
+    def __init__(self, context: Context, mirror: MirrorStatus, agents: Agents, board: Board) -> None:
+        self._context = context
+        self._mirror = mirror
+        self._agents = agents
+        self._board = board
+        self._differing = Differing()
+
+    async def run(self) -> None:
+        """Until cancelled. What goes wrong in one look is said, and the next look follows."""
+        while True:
+            await asyncio.sleep(EVERY_S)
+            try:
+                await self.look()
+            except Exception:
+                logger.exception("the watch for alerts failed; trying again")
+
+    async def look(self) -> None:
+        """Raise what is new, end what is over, and tell the live side."""
+        now = self._context.clock()
+        async with self._context.database.read() as session:
+            pads = await session.execute(
+                select(HealthRow.agent_id, HealthRow.t_ms, HealthRow.body)
+                .join(PadRow, PadRow.pad_id == HealthRow.agent_id)
+                .where(HealthRow.agent == "pad", PadRow.status == "commissioned")
+            )
+            closures = await session.execute(
+                select(ClosuresRow.pad_id, ClosuresRow.valid_until_ms)
+                .join(PadRow, PadRow.pad_id == ClosuresRow.pad_id)
+                .where(PadRow.status != "retired")
+            )
+            lasting = (
+                await session.scalars(
+                    select(AlertRow).where(AlertRow.state.in_(store.LASTING), AlertRow.kind.in_(CONDITIONS))
+                )
+            ).all()
+            found = [
+                *closure_conditions(((each[0], each[1]) for each in closures), now),
+                *pad_conditions(((each[0], each[1], each[2]) for each in pads), self._agents.is_connected, now),
+                *ledger_conditions(self._mirror, now),
+                *await certificates.conditions(session, self._agents, lasting, now),
+                *differing_conditions(await self._differing.look(session, now), now),
+                *oddities.conditions(await oddities.recent(session, now)),
+            ]
+            known = {(row.kind, row.source.rpartition("@")[0]): row.alert_id for row in lasting}
+            unmatched = await self._unmatched(session, now)
+        holds = {(each.kind, each.key) for each in found}
+        new = [each.alert(now) for each in found if (each.kind, each.key) not in known]
+        over = [alert_id for key, alert_id in known.items() if key not in holds]
+        if not new and not over and not unmatched:
+            return
+        async with self._context.database.write() as connection:
+            raised = await store.raise_all(connection, [*new, *unmatched], now)
+            await enqueue(connection, self._context.settings, [*new, *unmatched], raised, now)
+            ended = await store.end(connection, over, now)
+        async with self._context.database.read() as session:
+            for row in await store.by_ids(session, [*raised, *ended]):
+                self._board.alert(store.shown(row))
+
+    async def _unmatched(self, session: Any, now: int) -> list[Alert]:
+        """Permissions that no broadcast followed, at pads that hear broadcasts."""
+        granted = await session.scalars(
+            select(VerdictRow).where(
+                VerdictRow.permission == "granted",
+                VerdictRow.decided_ms.between(now - MATCH_LOOK_BACK_MS, now - MATCH_AFTER_MS),
+            )
+        )
+        alerts = []
+        for verdict in granted:
+            heard = select(TrackRow.id).limit(1)
+            of_drone = heard.where(
+                TrackRow.uav_id == verdict.uav_id,
+                TrackRow.t_ms.between(verdict.decided_ms - MATCH_BEFORE_MS, verdict.decided_ms + MATCH_AFTER_MS),
+            )
+            of_pad = heard.where(
+                TrackRow.pad_id == verdict.pad_id, TrackRow.received_ms > verdict.decided_ms - HEARS_MS
+            )
+            if await session.scalar(of_drone) is None and await session.scalar(of_pad) is not None:
+                place = {"pad_id": verdict.pad_id, "uav_id": verdict.uav_id, "session_id": verdict.session_id}
+                facts = {"action": verdict.action}
+                alerts.append(
+                    Alert(
+                        "permission_unmatched", verdict.session_id, verdict.decided_ms, **place,
+                        tx_id=verdict.tx_id, facts=facts,
+                    )
+                )  # fmt: skip
+        return alerts

@@ -1,0 +1,298 @@
+"""The application: its parts put together, started and stopped in order."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import secrets
+import time
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any, Final
+
+from sqlalchemy import insert, select
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from wonderland import __version__
+from wonderland.proof_contract import ProofContract
+from wonderland_backend.alerts.deliver import Delivery
+from wonderland_backend.alerts.service import Alerts
+from wonderland_backend.alerts.watch import Watch
+from wonderland_backend.audit.anchors import Anchoring
+from wonderland_backend.auth.attempts import Attempts
+from wonderland_backend.auth.sign_ins import SignIns
+from wonderland_backend.clients.machines import machines_of
+from wonderland_backend.clients.store import Clients
+from wonderland_backend.context import Context
+from wonderland_backend.db.engine import Database
+from wonderland_backend.db.partitions import make_ahead
+from wonderland_backend.db.tables.ledger import OrganisationRow
+from wonderland_backend.db.tables.reported import InstanceRow
+from wonderland_backend.events.feed import Commits
+from wonderland_backend.events.streams import Streams
+from wonderland_backend.flights.store import forget as forget_flights
+from wonderland_backend.http.transfer import new_client
+from wonderland_backend.ingest.agents import Agents
+from wonderland_backend.ingest.identity import Members
+from wonderland_backend.ingest.intake import Intake
+from wonderland_backend.ledger.access import LedgerAccess
+from wonderland_backend.ledger.status import MirrorStatus
+from wonderland_backend.live.board import Board
+from wonderland_backend.live.hub import Hub
+from wonderland_backend.maps.service import Maps
+from wonderland_backend.metrics import Metrics
+from wonderland_backend.mirror.derive import Changes
+from wonderland_backend.mirror.follow import Mirror
+from wonderland_backend.mirror.source import BlockSource
+from wonderland_backend.outputs.mqtt import MqttOutput
+from wonderland_backend.parts import Parts
+from wonderland_backend.replay.arrivals import Connections, note_blocks, note_unknown
+from wonderland_backend.routes import new_app
+from wonderland_backend.settings import Settings
+from wonderland_backend.tracks import queries as track_queries
+from wonderland_backend.transactions.enrolment import DemoRegistrar, Registrar
+from wonderland_backend.transactions.keys import SigningKeys
+from wonderland_backend.transactions.service import Signing
+from wonderland_backend.uspace.service import USpace
+from wonderland_backend.webhooks.deliver import Webhooks
+from wonderland_backend.webhooks.post import poster_of
+
+logger = logging.getLogger(__name__)
+
+TIDY_EVERY_S: Final = 300.0
+CHECK_EVERY_S: Final = 15.0
+
+
+def now_ms() -> int:
+    """Milliseconds since the Unix epoch."""
+    return time.time_ns() // 1_000_000
+
+
+class Backend:
+    """One backend: `start`, then serve `app`, then `stop`."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        *,
+        database: Database,
+        source: BlockSource | None = None,
+        assets: ProofContract | None = None,
+        ledger: LedgerAccess | None = None,
+        demo_registrar: Registrar | None = None,
+        channel: str = "",
+        chaincode: str = "",
+        ledger_kind: str = "unknown",
+        ledger_notice: str = "",
+        allowed_hosts: frozenset[str] = frozenset(),
+        clock: Callable[[], int] = now_ms,
+        randomness: Callable[[int], bytes] = secrets.token_bytes,
+        console_directory: Path | None = None,
+    ) -> None:
+        self.settings = settings
+        self.database = database
+        self._tasks: list[asyncio.Task[None]] = []
+        uspace = USpace(settings, clock)
+        clients = Clients(database, clock, randomness)
+        http = new_client()
+        epoch = randomness(8).hex()
+        status = MirrorStatus(kind=ledger_kind, notice=ledger_notice, channel=channel)
+        agents = Agents()
+        members = Members()
+        board = Board(mirror=status, agents=agents, clock=clock, version=__version__, epoch=epoch, demo=settings.demo)
+        self._connections = Connections(database, epoch, clock)
+        agents.on_change = self._connection_changed
+        hub = Hub(
+            board,
+            epoch=epoch,
+            clock=clock,
+            tick_ms=settings.tick_ms,
+            ring_bytes=settings.ring_bytes,
+            client_queue_bytes=settings.client_queue_bytes,
+            max_viewers=settings.max_viewers,
+        )
+        intake = Intake(database, board, clock)
+        self.context = Context(settings, database, clock, randomness, http, epoch, __version__)
+        self.parts = Parts(
+            sign_ins=SignIns(database, settings, clock, randomness),
+            attempts=Attempts(settings.sign_in_attempts),
+            mirror=status,
+            board=board,
+            hub=hub,
+            agents=agents,
+            members=members,
+            intake=intake,
+            uspace=uspace,
+            clients=clients,
+            machines=machines_of(settings, clients, uspace, clock, randomness),
+            commits=Commits(),
+            streams=Streams(settings.max_event_streams, settings.max_event_streams_each),
+            poster=poster_of(settings),
+            maps=Maps(settings.map, http),
+            metrics=Metrics(status, hub, agents, intake, uspace, clock),
+            signing_keys=SigningKeys(database, members, clock),
+            assets=assets,
+            source=source,
+            ledger=ledger,
+            signing=Signing(database, ledger, clock, per_minute=settings.signed_per_minute) if ledger else None,
+            demo_registrar=DemoRegistrar(demo_registrar) if demo_registrar else None,
+        )
+        self._alerts = Alerts(settings, board, clock)
+        self.watch = Watch(self.context, status, agents, board)
+        self._mirror = (
+            Mirror(
+                database,
+                source,
+                channel=channel,
+                chaincode=chaincode,
+                status=status,
+                clock=clock,
+                on_changes=self._committed,
+                also=self._in_transaction,
+                batch_transactions=settings.mirror_batch_transactions,
+            )
+            if source is not None
+            else None
+        )
+        self.app = new_app(settings, allowed_hosts, console_directory)
+        self.app.state.parts = self.parts.by_type(self.context)
+
+    async def start(self) -> None:
+        """Fill the board from the (migrated) database and start the parts that run by themselves."""
+        self.context.instance = await _instance(self.database, self.context)
+        await asyncio.to_thread(self.parts.maps.check)
+        async with self.database.read() as session:
+            await self.parts.board.load(session)
+            organisations = (await session.execute(select(OrganisationRow.msp_id, OrganisationRow.definition))).all()
+        self.parts.members.configure((msp_id, definition) for msp_id, definition in organisations)
+        self.parts.mirror.level_ms = self.context.clock()
+        async with self.database.write() as connection:
+            await make_ahead(connection, self.context.clock())
+            await note_unknown(connection)
+        self._run(self.parts.intake.run(), "intake")
+        self.parts.uspace.attach(self.parts.intake, self.parts.agents, self.database)
+        self._run(self.parts.uspace.run(self.context.instance), "uspace")
+        self._run(self._connections.run(), "connections")
+        self._run(self.parts.hub.run(), "hub")
+        self._run(self._tidy(), "tidy")
+        self._run(self._check(), "check")
+        if self.parts.assets is not None:
+            anchoring = Anchoring(
+                self.database, self.parts.assets, every_s=self.settings.audit_anchor_s, clock=self.context.clock
+            )
+            self._run(anchoring.run(self.context.instance), "audit")
+        told = Webhooks(self.database, self.parts.poster, self.parts.commits, self.context.clock)
+        self._run(told.run(), "webhooks")
+        if self.parts.signing is not None:
+            await self.parts.signing.resume()
+        if self._mirror is not None:
+            self._run(self._mirror.run(), "mirror")
+            self._run(self.watch.run(), "watch")
+        if (mqtt := self.settings.outputs.mqtt) is not None:
+            self._run(MqttOutput(mqtt, self.parts.hub, self.context.instance).run(), "mqtt")
+        if (tak := self.settings.outputs.tak) is not None:
+            from wonderland_backend.outputs.tak import TakOutput  # noqa: PLC0415 - pytak brings much along
+
+            self._run(TakOutput(tak, self.parts.hub, self.context.clock).run(), "tak")
+        if self.settings.alert_emails or self.settings.alert_webhooks:
+            self._run(Delivery(self.database, self.settings, self.context.clock).run(), "delivery")
+
+    async def stop(self) -> None:
+        """Close live connections, stop the parts, close the database."""
+        self.end_streams()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._tasks.clear()
+        if self.parts.signing is not None:
+            await self.parts.signing.stop()
+        await self.parts.uspace.close()
+        await self.parts.poster.close()
+        await self.context.http.aclose()
+        await self.database.close()
+
+    def end_streams(self) -> None:
+        """End what would last as long as the server: live connections, event streams."""
+        self.parts.hub.close()
+        self.parts.commits.stop()
+
+    @contextlib.asynccontextmanager
+    async def running(self) -> AsyncIterator[Backend]:
+        """Started inside, stopped after."""
+        try:
+            await self.start()
+            yield self
+        finally:
+            await self.stop()
+
+    def _run(self, work: Any, name: str) -> None:
+        task: asyncio.Task[None] = asyncio.create_task(work, name=name)
+        task.add_done_callback(self._ended)
+        self._tasks.append(task)
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        if task.cancelled():
+            return
+        error = task.exception()
+        if error is not None:
+            logger.critical("%s ended by an unexpected error", task.get_name(), exc_info=error)
+            if task.get_name() == "mirror":
+                self.parts.mirror.halted = f"The mirror ended by an unexpected error: {type(error).__name__}: {error}"
+
+    def _connection_changed(self, pad_id: str) -> None:
+        self.parts.board.connection_changed(pad_id)
+        self._connections.changed(pad_id, connected=self.parts.agents.is_connected(pad_id))
+
+    async def _in_transaction(self, connection: AsyncConnection, changes: Changes) -> None:
+        await note_blocks(connection, changes.blocks, self.context.clock())
+        await self._alerts.in_transaction(connection, changes)
+
+    def _committed(self, changes: Changes) -> None:
+        if changes.organisations is not None:
+            self.parts.members.configure((row["msp_id"], row["definition"]) for row in changes.organisations)
+            self._dismiss()
+        self.parts.board.commit(changes)
+        self._alerts.committed()
+        self.parts.commits.pulse()
+
+    def _dismiss(self) -> None:
+        now = self.context.clock()
+        self.parts.agents.dismiss(lambda msp_id, creator: self.parts.members.is_member(msp_id, creator, now))
+
+    async def _tidy(self) -> None:
+        while True:
+            try:
+                async with self.database.write() as connection:
+                    await make_ahead(connection, self.context.clock())
+                    keep_ms = int(self.settings.track_retention_h * 3_600_000)
+                    await forget_flights(connection, self.context.clock() - keep_ms)
+                    await track_queries.forget(connection, track_queries.kept(self.settings, self.context.clock()))
+            except Exception:
+                logger.exception("old positions could not be deleted; trying again later")
+            await asyncio.sleep(TIDY_EVERY_S)
+
+    async def _check(self) -> None:
+        """Live connections end with the sign-in that opened them, agents' with their certificate."""
+        while True:
+            await asyncio.sleep(CHECK_EVERY_S)
+            self._dismiss()
+            for person in self.parts.hub.people():
+                try:
+                    found = await self.parts.sign_ins.find_by_hash(person)
+                except Exception:
+                    logger.exception("a sign-in could not be checked; trying again later")
+                    break
+                if found is None:
+                    self.parts.hub.close_person(person)
+
+
+async def _instance(database: Database, context: Context) -> str:
+    async with database.write() as connection:
+        known = (await connection.execute(select(InstanceRow.instance))).scalar_one_or_none()
+        if known is not None:
+            return str(known)
+        instance = context.randomness(16).hex()
+        row = {"id": 1, "instance": instance, "created_ms": context.clock()}
+        await connection.execute(insert(InstanceRow), [row])
+        return instance

@@ -1,0 +1,71 @@
+"""What the log can say that was done: the one list, which the console's filter and its names follow."""
+
+from __future__ import annotations
+
+from typing import Final, Literal, get_args
+
+Act = Literal[
+    # Signing in.
+    "sign_in",
+    "sign_in_failed",
+    "sign_out",
+    "sign_in_ended",
+    "sign_in_link_made",
+    "display_link_made",
+    "passkey_added",
+    "passkey_renamed",
+    "passkey_removed",
+    "oidc_linked",
+    # People.
+    "person_active",
+    "person_invited",
+    "person_changed",
+    "person_suspended",
+    "person_restored",
+    "invitation_accepted",
+    "invitation_withdrawn",
+    "invitation_link_made",
+    "recovery_link_made",
+    "account_recovered",
+    # Reading what not everybody may.
+    "unmask",
+    "read_personal_data",
+    "read_contents",
+    "export",
+    # Alerts.
+    "acknowledge",
+    "reopen",
+    "assign",
+    "snooze",
+    "note",
+    # Proofs, zones, machines.
+    "request_proof",
+    "cancel_proof_request",
+    "import_zones",
+    "end_zones",
+    "add_client",
+    "revoke_client",
+    "add_subscription",
+    "active_subscription",
+    "paused_subscription",
+    "remove_subscription",
+    # Keys, and the transactions that are signed with them (`wonderland_backend.transactions.functions`).
+    "bind_key",
+    "end_key",
+    "RegisterPad",
+    "UpdatePad",
+    "RetirePad",
+    "CommissionPad",
+    "SetSitePlan",
+    "SetClosures",
+    "RegisterUav",
+    "SetUavStatus",
+    "RecordMaintenance",
+    "GrantAuthorisation",
+    "RevokeAuthorisation",
+    "SetPolicy",
+    # The log itself.
+    "audit_verified",
+    "audit_anchored",
+]
+ACTS: Final[frozenset[str]] = frozenset(get_args(Act))

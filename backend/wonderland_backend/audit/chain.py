@@ -1,0 +1,111 @@
+"""The log's chain: each row's hash covers the row and the hash of the row before."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Mapping
+from typing import Any, Final, Protocol
+
+from sqlalchemy import func, insert, select
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from wonderland.proofs import encoding
+from wonderland_backend.audit.acts import ACTS
+from wonderland_backend.db.tables.audit import AuditRow
+
+START: Final = "0" * 64
+"""What the first row has for the hash of the row before."""
+READ_AGAIN_MS: Final = 60_000
+_LOCK: Final = 0x415544  # "AUD"
+_HASHED: Final = ("seq", "t_ms", "person_id", "person", "act", "subject", "detail", "previous_sha256")
+
+
+class Actor(Protocol):
+    """Who does it; `wonderland_backend.auth.person.Person` is one."""
+
+    @property
+    def person_id(self) -> str:
+        """Whose account it is."""
+
+    @property
+    def name(self) -> str:
+        """What they are called."""
+
+
+async def record(
+    connection: AsyncConnection,
+    who: Actor | str,
+    act: str,
+    subject: str,
+    detail: Mapping[str, Any] | None = None,
+    tx_id: str | None = None,
+    *,
+    t_ms: int | None = None,
+) -> None:
+    """Append a row within the caller's database transaction; do it last, since others wait until that ends.
+
+    `who` is a text where no person acts: the server itself, or somebody who could not sign in. `act` is one of
+    `audit.acts`, `subject` what it was done to (``alert/…``), `detail` what is worth to be known besides:
+    texts, integers, booleans, lists and objects of these. `t_ms` defaults to now. Raises `ValueError` for another act.
+    """
+    if act not in ACTS:
+        raise ValueError(
+            f"{act} is no act that the log knows; add it to backend.audit.acts, and name it in the console"
+        )
+    await take_turns(connection)
+    last = (
+        await connection.execute(select(AuditRow.seq, AuditRow.sha256).order_by(AuditRow.seq.desc()).limit(1))
+    ).first()
+    seq, previous = (1, START) if last is None else (last.seq + 1, last.sha256)
+    row: dict[str, Any] = {
+        "seq": seq,
+        "t_ms": time.time_ns() // 1_000_000 if t_ms is None else t_ms,
+        "person_id": "" if isinstance(who, str) else who.person_id,
+        "person": (who if isinstance(who, str) else who.name)[:128],
+        "act": act,
+        "subject": subject[:256],
+        "detail": encoding.encode(dict(detail or {})).decode(),
+        "tx_id": tx_id,
+        "previous_sha256": previous,
+    }
+    row["sha256"] = hash_of(row)
+    await connection.execute(insert(AuditRow), [row])
+
+
+async def record_read(
+    connection: AsyncConnection,
+    who: Actor,
+    subject: str,
+    detail: Mapping[str, Any] | None = None,
+    *,
+    act: str = "read_personal_data",
+    t_ms: int,
+) -> None:
+    """The same for a read, which pages repeat by themselves: one row a minute for what one person reads."""
+    await take_turns(connection)
+    known = select(AuditRow.seq).where(
+        AuditRow.subject == subject,
+        AuditRow.act == act,
+        AuditRow.person_id == who.person_id,
+        AuditRow.t_ms.between(t_ms - READ_AGAIN_MS, t_ms),
+    )
+    if (await connection.execute(known.limit(1))).first() is None:
+        await record(connection, who, act, subject, detail, t_ms=t_ms)
+
+
+async def take_turns(connection: AsyncConnection) -> None:
+    """Wait until no other transaction that writes to the log is under way: each row needs the hash of the one before.
+
+    SQLite has one writer anyway.
+    """
+    if connection.dialect.name == "postgresql":
+        await connection.execute(select(func.pg_advisory_xact_lock(_LOCK)))
+
+
+def hash_of(row: Mapping[str, Any]) -> str:
+    """SHA-256 (hexadecimal) over the canonical JSON of a row: every column but the hash itself."""
+    content = {name: row[name] for name in _HASHED}
+    if row["tx_id"] is not None:
+        content["tx_id"] = row["tx_id"]
+    return hashlib.sha256(encoding.encode(content)).hexdigest()

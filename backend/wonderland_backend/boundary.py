@@ -1,0 +1,139 @@
+"""What holds for every request before any endpoint sees it: host, origin, size, headers of the answer.
+
+Plain ASGI, so that nothing is buffered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from wonderland_backend.errors import problem_response
+from wonderland_backend.problem_texts import said
+
+POLICY: Final = (
+    "default-src 'none'; script-src 'self'; "
+    # MapLibre positions its markers and popups by style attributes.
+    "style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self'; connect-src 'self'; worker-src 'self' blob:; child-src blob:; "
+    "manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+HEADERS: Final[Mapping[str, str]] = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), geolocation=(), microphone=(), payment=(), usb=()",
+    "X-Frame-Options": "DENY",
+}
+SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+
+
+class Boundary:
+    """Refuses foreign hosts (DNS rebinding), foreign origins (cross-site requests) and bodies that are too large."""
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        *,
+        allowed_hosts: frozenset[str],
+        max_body_bytes: int,
+        https: bool,
+        larger: Mapping[str, int] = MappingProxyType({}),
+    ) -> None:
+        """`larger`: beginnings of paths that take larger bodies, and how large."""
+        self._app = app
+        self._hosts = allowed_hosts
+        self._max_body_bytes = max_body_bytes
+        self._larger = larger
+        self._headers = dict(HEADERS)
+        if https:
+            self._headers["Strict-Transport-Security"] = "max-age=31536000"
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """ASGI."""
+        if scope["type"] not in {"http", "websocket"}:
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        refusal = self._refusal(scope, headers)
+        if scope["type"] == "websocket":
+            if refusal is not None:
+                await receive()
+                await send({"type": "websocket.close", "code": 1008, "reason": refusal[1]})
+                return
+            await self._app(scope, receive, send)
+            return
+        sending = self._with_headers(send, scope["path"])
+        limit = self._limit(scope["path"])
+        if refusal is None and _declared(headers) > limit:
+            refusal = _too_large(limit)
+        if refusal is not None:
+            await problem_response(scope["path"], *refusal)(scope, receive, sending)
+            return
+        await self._limited(scope, receive, sending, limit)
+
+    async def _limited(self, scope: Scope, receive: Receive, send: Send, limit: int) -> None:
+        received = 0
+
+        async def counting() -> Message:
+            nonlocal received
+            message = await receive()
+            received += len(message.get("body", b""))
+            if received > limit:
+                # The framework passes this kind on, whoever it was that read the body.
+                status, _, detail = _too_large(limit)
+                raise HTTPException(status, detail)
+            return message
+
+        await self._app(scope, counting, send)
+
+    def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str, str] | None:
+        host = headers.get("host", "")
+        if self._hosts and _name(host) not in self._hosts:
+            detail = "This server is not addressed by that name; see --public-url for the name it should have."
+            return 421, "unknown-host", detail
+        origin = headers.get("origin")
+        guarded = scope["type"] == "websocket" or scope["method"] not in SAFE
+        if origin is not None and guarded and urlsplit(origin).netloc.lower() != host.lower():
+            return 403, "foreign-origin", said("foreign_origin")
+        return None
+
+    def _limit(self, path: str) -> int:
+        return next((limit for start, limit in self._larger.items() if path.startswith(start)), self._max_body_bytes)
+
+    def _with_headers(self, send: Send, path: str) -> Send:
+        async def sending(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in self._headers.items():
+                    headers.setdefault(name, value)
+                if path.startswith("/api/"):
+                    # What an endpoint does not allow to be kept, problems above all, is not.
+                    headers.setdefault("Cache-Control", "no-store")
+            await send(message)
+
+        return sending
+
+
+def _too_large(limit: int) -> tuple[int, str, str]:
+    return 413, "too-large", f"The body is larger than the {limit} bytes allowed here."
+
+
+def _declared(headers: Headers) -> int:
+    value = headers.get("content-length", "0")
+    return int(value) if value.isdecimal() and len(value) < 20 else 0
+
+
+def _name(host: str) -> str:
+    """A Host header without its port, in lower case."""
+    if host.startswith("["):
+        return host[: host.find("]") + 1].lower()
+    return host.partition(":")[0].lower()

@@ -1,0 +1,243 @@
+"""Clients in the database: added by an administrator, revoked for good, found at each token."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+from base64 import urlsafe_b64encode
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Final, Literal
+
+import orjson
+from cryptography import x509
+from sqlalchemy import delete, insert, select, update
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
+
+from wonderland_backend import audit
+from wonderland_backend.audit.chain import Actor
+from wonderland_backend.clients.certificates import ShownCertificate, names_of, read_pem, sha256_of
+from wonderland_backend.clients.scopes import SCOPES
+from wonderland_backend.context import part
+from wonderland_backend.db.engine import Database
+from wonderland_backend.db.tables.clients import AssertionRow, ClientRow
+from wonderland_backend.errors import BackendError, NotFound
+from wonderland_backend.http.transfer import TransferError
+from wonderland_backend.tokens import read_keys
+
+SECRET_BYTES: Final = 32
+CLIENT: Final = "wl-"
+"""How the identifiers of clients begin; those of people are hexadecimal."""
+MAX_KEYS: Final = 8
+SHA256: Final = "sha256"
+_PRIVATE: Final = frozenset({"d", "p", "q", "k"})
+Role = Literal["viewer", "inspector", "pad_operator", "fleet_operator"]
+ROLES: Final[tuple[Role, ...]] = ("viewer", "inspector", "pad_operator", "fleet_operator")
+OWN_ONLY: Final = frozenset({"pad_operator", "fleet_operator"})
+"""Roles that see the things of one organisation."""
+
+
+class ClientError(BackendError):
+    """A client cannot be registered as asked; the text says why."""
+
+
+@dataclass(frozen=True)
+class ByCertificate:
+    """The certificate of a client: any of our client CAs with one of its names, or this very one (RFC 8705, 2)."""
+
+    kind: Literal["subject_dn", "san_dns", "san_uri", "sha256"]
+    value: str
+
+    @classmethod
+    def named(cls, kind: Literal["subject_dn", "san_dns", "san_uri"], name: str) -> ByCertificate:
+        """By a name. Raises `ClientError`."""
+        if not 0 < len(name) <= 500 or not name.isprintable():
+            raise ClientError(f"{kind}: a name of 1 to 500 characters, as the certificate has it")
+        if kind == "subject_dn":
+            try:
+                return cls(kind, x509.Name.from_rfc4514_string(name).rfc4514_string())
+            except ValueError:
+                raise ClientError("subject_dn: write it as RFC 4514 has it, such as CN=machine,O=City,C=FI") from None
+        return cls(kind, name.lower() if kind == "san_dns" else name)
+
+    @classmethod
+    def pinned(cls, pem: str) -> ByCertificate:
+        """By the certificate itself (PEM). Raises `ClientError`."""
+        try:
+            return cls(SHA256, sha256_of(read_pem(pem)).hex())
+        except ValueError as cause:
+            raise ClientError(f"certificate: PEM of one certificate is needed ({cause})") from None
+
+    def stored(self) -> dict[str, str]:
+        """As it is kept, and shown."""
+        return {self.kind: self.value}
+
+
+def is_certificate_of(row: ClientRow, shown: ShownCertificate) -> bool:
+    """Whether this is the client's certificate."""
+    if row.tls is None:
+        return False
+    ((kind, value),) = orjson.loads(row.tls).items()
+    if kind == SHA256:
+        return hmac.compare_digest(value, shown.sha256.hex())
+    return shown.trusted and value in names_of(shown.certificate).get(kind, set())
+
+
+@dataclass(frozen=True)
+class NewClient:
+    """What an administrator decides about a client."""
+
+    name: str
+    scopes: tuple[str, ...]
+    role: Role = "viewer"
+    msp_id: str = ""
+    jwks: dict[str, Any] | None = None
+    """Public keys of a client that signs assertions; without them it gets a secret."""
+    tls: ByCertificate | None = None
+    """The certificate by which it authenticates in place of both."""
+
+    def check(self) -> None:
+        """Raises `ClientError`."""
+        if not 0 < len(self.name) <= 120:
+            raise ClientError("a client needs a name of 1 to 120 characters")
+        unknown = [scope for scope in self.scopes if scope not in SCOPES]
+        if unknown or not self.scopes:
+            raise ClientError(f"scopes: {' '.join(unknown) or 'none'}; there are {' '.join(SCOPES)}")
+        if self.role not in ROLES:
+            raise ClientError(f"role: {self.role!r}; there are {', '.join(ROLES)}")
+        if (self.role in OWN_ONLY) != bool(self.msp_id):
+            raise ClientError("msp_id: pad_operator and fleet_operator name their organisation, the others name none")
+        if self.jwks is not None and self.tls is not None:
+            raise ClientError("jwks: a client signs assertions or shows a certificate, not both")
+        if self.jwks is not None:
+            self._check_keys(self.jwks)
+
+    @staticmethod
+    def _check_keys(jwks: dict[str, Any]) -> None:
+        try:
+            given, good = len(jwks.get("keys", ())), read_keys(jwks).keys
+        except (TransferError, TypeError) as cause:
+            raise ClientError(f"jwks: {cause}") from None
+        if not 0 < len(good) <= MAX_KEYS or len(good) != given:
+            raise ClientError(f"jwks: 1 to {MAX_KEYS} public keys, each RSA of 2,048 bits or more, or P-256")
+        if any(not _PRIVATE.isdisjoint(each) for each in jwks["keys"]):
+            raise ClientError("jwks: this has a private key; register public keys only, and make that one anew")
+
+
+class Clients:
+    """The registered clients. Only hashes of secrets are kept."""
+
+    def __init__(self, database: Database, clock: Callable[[], int], randomness: Callable[[int], bytes]) -> None:
+        self._database = database
+        self._clock = clock
+        self._randomness = randomness
+
+    async def add(
+        self, connection: AsyncConnection, wanted: NewClient, by: Actor | str
+    ) -> tuple[ClientRow, str | None]:
+        """Register; returns the client, and its secret where it has one: this once. Raises `ClientError`."""
+        wanted.check()
+        secret = None
+        if wanted.jwks is None and wanted.tls is None:
+            secret = urlsafe_b64encode(self._randomness(SECRET_BYTES)).rstrip(b"=").decode()
+        row = {
+            "client_id": CLIENT + self._randomness(12).hex(),
+            "name": wanted.name,
+            "scopes": " ".join(dict.fromkeys(wanted.scopes)),
+            "role": wanted.role,
+            "msp_id": wanted.msp_id,
+            "secret_sha256": sha256(secret) if secret is not None else None,
+            "jwks": orjson.dumps(wanted.jwks).decode() if wanted.jwks is not None else None,
+            "tls": orjson.dumps(wanted.tls.stored()).decode() if wanted.tls is not None else None,
+            "created_ms": self._clock(),
+            "created_by": by if isinstance(by, str) else by.name,
+            "revoked_ms": None,
+            "last_token_ms": None,
+        }
+        await connection.execute(insert(ClientRow), [row])
+        detail = {"name": wanted.name, "scopes": row["scopes"], "role": wanted.role}
+        await audit.record(connection, by, "add_client", f"client/{row['client_id']}", detail, t_ms=self._clock())
+        return ClientRow(**row), secret
+
+    async def revoke(self, connection: AsyncConnection, client_id: str, by: Actor | str) -> None:
+        """From now on it gets no token, and those it has are worth nothing. Raises `NotFound`."""
+        known = await connection.execute(select(ClientRow.client_id).where(ClientRow.client_id == client_id))
+        if known.first() is None:
+            raise NotFound(f"There is no client {client_id}.")
+        done = await connection.execute(
+            update(ClientRow)
+            .where(ClientRow.client_id == client_id, ClientRow.revoked_ms.is_(None))
+            .values(revoked_ms=self._clock())
+        )
+        if done.rowcount:
+            await audit.record(connection, by, "revoke_client", f"client/{client_id}", t_ms=self._clock())
+
+    async def find(self, client_id: str) -> ClientRow | None:
+        """A client, revoked or not."""
+        async with self._database.read() as session:
+            return await session.get(ClientRow, client_id)
+
+    async def used(self, client_id: str) -> None:
+        """A token was issued to it."""
+        async with self._database.write() as connection:
+            await connection.execute(
+                update(ClientRow).where(ClientRow.client_id == client_id).values(last_token_ms=self._clock())
+            )
+
+    async def spend(self, client_id: str, jti: str, expires_ms: int) -> bool:
+        """Take an assertion in; False where it was spent before."""
+        row = {"jti_sha256": sha256(f"{client_id}\0{jti}"), "expires_ms": expires_ms}
+        async with self._database.write() as connection:
+            dialect: Any = sqlite if self._database.is_sqlite else postgresql
+            statement = dialect.insert(AssertionRow).on_conflict_do_nothing(index_elements=["jti_sha256"])
+            new = (await connection.execute(statement.returning(AssertionRow.jti_sha256), row)).first() is not None
+            await connection.execute(delete(AssertionRow).where(AssertionRow.expires_ms < self._clock() - 60_000))
+        return new
+
+
+ClientsDep = Annotated[Clients, part(Clients)]
+
+
+async def listing(database: AsyncSession, *, after: str | None = None, limit: int) -> Sequence[ClientRow]:
+    """Clients by identifier."""
+    query = select(ClientRow).order_by(ClientRow.client_id).limit(limit)
+    if after is not None:
+        query = query.where(ClientRow.client_id > after)
+    return (await database.scalars(query)).all()
+
+
+def is_secret_of(row: ClientRow, secret: str) -> bool:
+    """Whether this is the client's secret, compared in constant time."""
+    return row.secret_sha256 is not None and hmac.compare_digest(row.secret_sha256, sha256(secret))
+
+
+def shown(row: ClientRow) -> dict[str, Any]:
+    """The client as the interface shows it: never its secret."""
+    content: dict[str, Any] = {
+        "client_id": row.client_id,
+        "name": row.name,
+        "scopes": row.scopes.split(),
+        "role": row.role,
+        "method": _method(row),
+        "created_ms": row.created_ms,
+        "created_by": row.created_by,
+    }
+    for name in ("msp_id", "revoked_ms", "last_token_ms"):
+        value = getattr(row, name)
+        if value not in {None, ""}:
+            content[name] = value
+    if row.tls is not None:
+        content["certificate"] = orjson.loads(row.tls)
+    return content
+
+
+def _method(row: ClientRow) -> str:
+    if row.tls is not None:
+        return "self_signed_tls_client_auth" if SHA256 in orjson.loads(row.tls) else "tls_client_auth"
+    return "private_key_jwt" if row.jwks is not None else "client_secret_basic"
+
+
+def sha256(text: str) -> str:
+    """Hexadecimal SHA-256 of a text."""
+    return hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()

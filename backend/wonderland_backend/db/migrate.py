@@ -1,0 +1,58 @@
+"""Bringing a database to the tables of this version (Alembic)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from alembic.util.exc import CommandError
+from sqlalchemy import Connection, func, select
+
+from alembic import command
+from wonderland_backend.db.engine import Database
+from wonderland_backend.errors import DatabaseError
+
+_LOCK: Final = 0x504F4C  # "POL"
+
+
+def scripts() -> Path:
+    """Where the migrations are: inside the installed package, or beside it in a working tree."""
+    packaged = Path(__file__).parent / "migrations"
+    beside = Path(__file__).parents[3] / "alembic"
+    for directory in (packaged, beside):
+        if (directory / "env.py").is_file():
+            return directory
+    raise DatabaseError("the migrations are missing from this installation; install the package again")
+
+
+async def migrate(database: Database, revision: str = "head") -> None:
+    """Bring the tables to a revision. Raises `DatabaseError` for a database of a later version."""
+
+    def run(connection: Connection) -> None:
+        config = Config()
+        config.set_main_option("script_location", str(scripts()).replace("%", "%%"))
+        config.attributes["connection"] = connection
+        try:
+            command.upgrade(config, revision)
+        except CommandError as cause:
+            raise DatabaseError(f"the database cannot be migrated: {cause}; is it of a later version?") from cause
+
+    async with database.write() as connection:
+        if not database.is_sqlite:
+            # Two servers that start at once migrate one after the other; SQLite's write lock does the same.
+            await connection.execute(select(func.pg_advisory_xact_lock(_LOCK)))
+        await connection.run_sync(run)
+
+
+async def revision(database: Database) -> str | None:
+    """The revision of the database; None for an empty one."""
+    async with database.engine.connect() as connection:
+        return await connection.run_sync(lambda each: MigrationContext.configure(each).get_current_revision())
+
+
+def head() -> str | None:
+    """The revision that this version needs."""
+    return ScriptDirectory(str(scripts())).get_current_head()

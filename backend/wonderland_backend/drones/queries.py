@@ -1,0 +1,72 @@
+"""Reading drones from the database."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import orjson
+from sqlalchemy import select
+from sqlalchemy.ext.asyncio import AsyncSession
+
+from wonderland_backend.areas import Box
+from wonderland_backend.auth.person import Person, Scope
+from wonderland_backend.db.tables.ledger import AuthorisationRow, DroneRow, VerdictRow
+from wonderland_backend.db.tables.reported import LatestTrackRow
+from wonderland_backend.filters import DroneQuery
+from wonderland_backend.narrowing import drones_of, drones_within
+from wonderland_backend.people.masking import shown_uav
+from wonderland_backend.responses import record
+from wonderland_backend.verdicts import queries as verdicts
+
+
+def shown(
+    row: DroneRow, person: Person, authorisations: list[str], track: str | None, verdict: VerdictRow | None
+) -> Any:
+    """The Drone of the interfaces, as this person sees it."""
+    return record(
+        shown_uav(row.record, person),
+        authorisations=[record(text) for text in authorisations],
+        track=orjson.Fragment(track) if track is not None else None,
+        verdict=verdicts.shown(verdict) if verdict is not None else None,
+    )
+
+
+async def listing(
+    database: AsyncSession, scope: Scope, filters: DroneQuery, *, after: str | None = None
+) -> Sequence[DroneRow]:
+    """Drones by identifier, one more than `filters.limit`. Raises `BadRequest` for a box with too many."""
+    query = select(DroneRow).order_by(DroneRow.uav_id).limit(filters.limit + 1)
+    query = scope.narrow(query, drone=DroneRow.uav_id)
+    if after is not None:
+        query = query.where(DroneRow.uav_id > after)
+    if filters.operator is not None:
+        query = query.where(DroneRow.uav_id.in_(drones_of(filters.operator)))
+    if filters.bbox is not None:
+        query = query.where(DroneRow.uav_id.in_(await drones_within(database, Box.parse(filters.bbox))))
+    return (await database.scalars(query)).all()
+
+
+async def find(database: AsyncSession, scope: Scope, uav_id: str) -> DroneRow | None:
+    """One drone."""
+    query = scope.narrow(select(DroneRow).where(DroneRow.uav_id == uav_id), drone=DroneRow.uav_id)
+    return (await database.scalars(query)).first()
+
+
+async def details(database: AsyncSession, person: Person, rows: Sequence[DroneRow]) -> list[Any]:
+    """The Drones of these rows, as this person sees them."""
+    names = [row.uav_id for row in rows]
+    allowed: dict[str, list[str]] = {}
+    query = (
+        select(AuthorisationRow.uav_id, AuthorisationRow.record)
+        .where(AuthorisationRow.uav_id.in_(names))
+        .order_by(AuthorisationRow.uav_id, AuthorisationRow.authorisation_id)
+    )
+    for uav_id, text in await database.execute(query):
+        allowed.setdefault(uav_id, []).append(text)
+    positions = select(LatestTrackRow.uav_id, LatestTrackRow.body).where(LatestTrackRow.uav_id.in_(names))
+    tracks = {row.uav_id: row.body for row in await database.execute(positions)}
+    last = await verdicts.latest_of(database, names)
+    return [
+        shown(row, person, allowed.get(row.uav_id, []), tracks.get(row.uav_id), last.get(row.uav_id)) for row in rows
+    ]

@@ -1,0 +1,73 @@
+"""How far the mirror is, as the mirror itself keeps it up to date."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+from wonderland_backend.context import part
+
+
+@dataclass
+class MirrorStatus:
+    """The mirror's state for everyone to read; only the mirror writes it."""
+
+    kind: str = "unknown"
+    notice: str = ""
+    channel: str = ""
+    height: int = 0
+    mirrored: int = 0
+    connected: bool = False
+    halted: str | None = None
+    problem: str | None = None
+    organisations: list[str] = field(default_factory=list)
+    level_ms: int | None = None
+    """When the mirror was last seen level with the ledger; None when never."""
+    transactions: int = 0
+    """Mirrored since the start, for metrics."""
+    unread: int = 0
+    """Writes since the start that could not be read, for metrics."""
+
+    @property
+    def is_level(self) -> bool:
+        """Whether everything that the ledger is known to have is here."""
+        return self.connected and self.halted is None and self.mirrored >= self.height
+
+    def saw(self, height: int, now_ms: int) -> None:
+        """The ledger has so many blocks."""
+        if self.is_level or self.level_ms is None:
+            self.level_ms = now_ms
+        self.height = max(self.height, height)
+
+    def lost(self, now_ms: int, problem: str) -> None:
+        """The ledger, or the database, cannot be reached just now."""
+        if self.is_level or self.level_ms is None:
+            self.level_ms = now_ms
+        self.connected = False
+        self.problem = problem
+
+    def lag_ms(self, now_ms: int) -> int:
+        """For how long the mirror has not been level with the ledger."""
+        if self.is_level:
+            return 0
+        return max(0, now_ms - self.level_ms) if self.level_ms is not None else 0
+
+    def to_json(self, now_ms: int) -> dict[str, Any]:
+        """As the status shows it."""
+        shown: dict[str, Any] = {
+            "kind": self.kind,
+            "notice": self.notice,
+            "channel": self.channel,
+            "height": self.height,
+            "mirrored": self.mirrored,
+            "lag_ms": self.lag_ms(now_ms),
+            "connected": self.connected,
+            "halted": self.halted,
+            "organisations": self.organisations,
+        }
+        if self.problem is not None:
+            shown["problem"] = self.problem
+        return shown
+
+
+MirrorStatusDep = Annotated[MirrorStatus, part(MirrorStatus)]

@@ -1,0 +1,330 @@
+"""The present in memory: pads, positions, sessions under way, the last verdicts; and what changed since the last look.
+
+Filled from the database at the start, then by the mirror and by what agents report. Whatever is shown once as JSON is
+kept as JSON.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Any, Final, Protocol
+
+import orjson
+from sqlalchemy import select
+from sqlalchemy.ext.asyncio import AsyncSession
+
+from wonderland.proofs.records.verdicts import OUTCOMES
+from wonderland_backend.alerts import store as alerts
+from wonderland_backend.context import part
+from wonderland_backend.db.tables.ledger import DroneRow, EvidenceRow, OrganisationRow, PadRow
+from wonderland_backend.ledger.status import MirrorStatus
+from wonderland_backend.live.contents import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents, contents_now
+from wonderland_backend.mirror.derive import Changes, Row
+from wonderland_backend.pads import queries as pads
+from wonderland_backend.responses import record
+from wonderland_backend.sessions.state import OUTLINE, ReportedStep, SessionView
+
+TRACK_AGE_MS: Final = 10 * 60_000
+"""Older positions are not part of a snapshot; REST has them."""
+HEARD_MS: Final = 60_000
+EARLY_STEPS: Final = 2_000
+"""Sessions whose steps may arrive before the mirror has the session."""
+APPLICATION: Final = "Application"
+
+
+class Connected(Protocol):
+    """Which agents are connected."""
+
+    def is_connected(self, pad_id: str) -> bool:
+        """Whether this pad's agent is."""
+
+    def __len__(self) -> int: ...
+
+
+@lru_cache(maxsize=4096)
+def _owner_in(pad_record: str) -> str:
+    return str(orjson.loads(pad_record)["msp_id"])
+
+
+@dataclass(slots=True)
+class _Pad:
+    record: str
+    health: str | None = None
+
+
+class Board:
+    """What is now. Everything here runs on the event loop's thread, without awaiting in the middle of a change."""
+
+    def __init__(
+        self, *, mirror: MirrorStatus, agents: Connected, clock: Callable[[], int], version: str, epoch: str, demo: bool
+    ) -> None:
+        self._mirror = mirror
+        self._agents = agents
+        self._clock = clock
+        self._server = {"version": version, "epoch": epoch, "demo": demo}
+        self.viewers: Callable[[], int] = lambda: 0
+        self._owners: dict[str, str] = {}
+        self._clear()
+
+    def _clear(self) -> None:
+        self._pads: dict[str, _Pad] = {}
+        self._drones: set[str] = set()
+        self._tracks: OrderedDict[str, tuple[int, orjson.Fragment]] = OrderedDict()
+        self._estimates: dict[str, tuple[str, orjson.Fragment]] = {}
+        self._sessions: OrderedDict[str, SessionView] = OrderedDict()
+        self._early: OrderedDict[str, list[ReportedStep]] = OrderedDict()
+        self._verdicts: deque[Any] = deque(maxlen=LAST_VERDICTS)
+        self._counts = dict.fromkeys(("sessions", *OUTCOMES), 0)
+        self._changed_pads: set[str] = set()
+        self._changed_tracks: dict[str, orjson.Fragment] = {}
+        self._changed_estimates: dict[str, orjson.Fragment] = {}
+        self._changed_sessions: list[Any] = []
+        self._new_verdicts: list[Any] = []
+        self._alerts: OrderedDict[str, dict[str, Any]] = OrderedDict()
+        self._changed_alerts: list[dict[str, Any]] = []
+        self.has_more_alerts = False
+        """Whether more are open than are here."""
+        self._shown_status: dict[str, Any] | None = None
+
+    async def load(self, database: AsyncSession) -> None:
+        """Fill from the database."""
+        self.fill(await contents_now(database))
+        owners = await database.execute(select(DroneRow.uav_id, DroneRow.msp_id))
+        self._owners = {row.uav_id: row.msp_id for row in owners}
+        self._mirror.organisations = sorted(
+            row.msp_id
+            for row in await database.scalars(select(OrganisationRow))
+            if APPLICATION in orjson.loads(row.definition)["sections"]
+        )
+
+    def fill(self, contents: Contents) -> None:
+        """Show this, and nothing else."""
+        self._clear()
+        for pad_id, pad, health in contents.pads:
+            self._pads[pad_id] = _Pad(pad, health)
+        self._drones = contents.drones
+        for uav_id, t_ms, body in contents.tracks:
+            self._tracks[uav_id] = (t_ms, orjson.Fragment(body))
+        for view in contents.sessions:
+            self._sessions[view.session_id] = view
+        for uav_id, session_id, body in contents.estimates:
+            self._estimates[uav_id] = (session_id, orjson.Fragment(body))
+        self._verdicts.extend(contents.verdicts)
+        for alert in contents.alerts:
+            self._alerts[alert["alert_id"]] = alert
+        self.has_more_alerts = len(self._alerts) >= alerts.MAX_OPEN
+        self._counts.update(contents.counts)
+
+    def commit(self, changes: Changes) -> None:
+        """Take in what the mirror has committed."""
+        if changes.organisations is not None:
+            self._mirror.organisations = [
+                row["msp_id"]
+                for row in changes.organisations
+                if APPLICATION in orjson.loads(row["definition"])["sections"]
+            ]
+        for table, rows in changes.upserts.items():
+            if table is PadRow:
+                for row in rows.values():
+                    self._put_pad(row)
+            elif table is DroneRow:
+                self._drones.update(row["uav_id"] for row in rows.values())
+                self._owners.update((row["uav_id"], row["msp_id"]) for row in rows.values())
+        decided = {row["session_id"]: row for row in changes.verdict_writes}
+        evidence = {key[0]: row["steps"] for key, row in changes.upserts.get(EvidenceRow, {}).items()}
+        for row in changes.session_writes:
+            self._put_session(row, decided.get(row["session_id"]), evidence.get(row["session_id"]))
+        self._forget_sessions()
+        for row in changes.verdict_writes:
+            shown = record(row["record"], tx_id=row["tx_id"], block=row["block"], tx_index=row["tx_index"])
+            self._verdicts.append(shown)
+            self._new_verdicts.append(shown)
+            self._counts[row["outcome"]] = self._counts.get(row["outcome"], 0) + 1
+
+    def alert(self, shown: dict[str, Any]) -> None:
+        """An alert that is new, or has changed."""
+        self._changed_alerts.append(shown)
+        if shown["state"] in alerts.WAITING:
+            self._alerts[shown["alert_id"]] = shown
+            while len(self._alerts) > alerts.MAX_OPEN:
+                self._alerts.popitem(last=False)
+                self.has_more_alerts = True
+        else:
+            self._alerts.pop(shown["alert_id"], None)
+
+    def hear(self, uav_id: str, t_ms: int, body: str) -> None:
+        """A position that a pad heard; an older one than is known changes nothing."""
+        known = self._tracks.get(uav_id)
+        if known is not None and known[0] > t_ms:
+            return
+        fragment = orjson.Fragment(body)
+        self._tracks[uav_id] = (t_ms, fragment)
+        self._tracks.move_to_end(uav_id)
+        while len(self._tracks) > MAX_TRACKS:
+            self._tracks.popitem(last=False)
+        self._changed_tracks[uav_id] = fragment
+
+    def estimate(self, uav_id: str, session_id: str, pad_id: str, body: str) -> None:
+        """A pad's running estimate; only of a session of its own that is under way."""
+        view = self._sessions.get(session_id)
+        if view is not None and (view.outline["state"] != "requested" or view.outline["pad_id"] != pad_id):
+            return
+        fragment = orjson.Fragment(body)
+        self._estimates[uav_id] = (session_id, fragment)
+        while len(self._estimates) > MAX_TRACKS:
+            del self._estimates[next(iter(self._estimates))]
+        self._changed_estimates[uav_id] = fragment
+
+    def step(self, session_id: str, step: ReportedStep) -> None:
+        """A step that an agent reported; it may come before the mirror knows the session."""
+        view = self._sessions.get(session_id)
+        if view is None:
+            self._early.setdefault(session_id, []).append(step)
+            while len(self._early) > EARLY_STEPS:
+                self._early.popitem(last=False)
+            return
+        view.report([step])
+        self._changed_sessions.append(view.to_json())
+
+    def health(self, pad_id: str, body: str) -> None:
+        """A pad's word on its health."""
+        pad = self._pads.get(pad_id)
+        if pad is not None:
+            pad.health = body
+            self._changed_pads.add(pad_id)
+
+    def connection_changed(self, pad_id: str) -> None:
+        """A pad's agent came or went."""
+        if pad_id in self._pads:
+            self._changed_pads.add(pad_id)
+
+    def status(self) -> dict[str, Any]:
+        """The Status of the interfaces."""
+        now = self._clock()
+        outcomes = {outcome: self._counts.get(outcome, 0) for outcome in OUTCOMES}
+        counts = {
+            "pads": len(self._pads),
+            "pads_connected": sum(1 for pad_id in self._pads if self._agents.is_connected(pad_id)),
+            "drones": len(self._drones),
+            "tracks": self._heard_since(now - HEARD_MS),
+            "sessions": self._counts["sessions"],
+            "verdicts": sum(outcomes.values()),
+            **outcomes,
+            "agents": len(self._agents),
+            "viewers": self.viewers(),
+        }
+        return {"ledger": self._mirror.to_json(now), "server": self._server, "counts": counts}
+
+    def pad_owner(self, pad_id: str) -> str | None:
+        """Whose pad it is on the ledger."""
+        pad = self._pads.get(pad_id)
+        return None if pad is None else _owner_in(pad.record)
+
+    def drone_owner(self, uav_id: str) -> str | None:
+        """Whose drone it is on the ledger."""
+        return self._owners.get(uav_id)
+
+    def snapshot(self) -> dict[str, list[Any]]:
+        """All that a client needs to begin, by kind; verdicts oldest first."""
+        oldest = self._clock() - TRACK_AGE_MS
+        return {
+            "pads": [self._shown_pad(pad_id) for pad_id in sorted(self._pads)],
+            "sessions": [view.to_json() for view in self._sessions.values()],
+            "verdicts": list(self._verdicts),
+            "alerts": list(self._alerts.values()),
+            "tracks": [fragment for t_ms, fragment in self._tracks.values() if t_ms >= oldest],
+            "estimates": [fragment for _, fragment in self._estimates.values()],
+        }
+
+    def take(self, *, with_status: bool) -> dict[str, Any]:
+        """What changed since the last call; empty when nothing did. `with_status`: look whether the status did, too."""
+        changed: dict[str, Any] = {}
+        if self._changed_tracks:
+            changed["tracks"] = list(self._changed_tracks.values())
+            self._changed_tracks = {}
+        if self._changed_estimates:
+            changed["estimates"] = list(self._changed_estimates.values())
+            self._changed_estimates = {}
+        if self._changed_sessions:
+            changed["sessions"] = self._changed_sessions
+            self._changed_sessions = []
+        if self._new_verdicts:
+            changed["verdicts"] = self._new_verdicts
+            self._new_verdicts = []
+        if self._changed_alerts:
+            changed["alerts"] = self._changed_alerts
+            self._changed_alerts = []
+        if self._changed_pads:
+            changed["pads"] = [self._shown_pad(pad_id) for pad_id in sorted(self._changed_pads)]
+            self._changed_pads = set()
+        if with_status:
+            status = self.status()
+            if status != self._shown_status:
+                changed["status"] = self._shown_status = status
+        return changed
+
+    def _put_pad(self, row: Row) -> None:
+        pad = self._pads.get(row["pad_id"])
+        if pad is None:
+            self._pads[row["pad_id"]] = _Pad(row["record"])
+        else:
+            pad.record = row["record"]
+        self._changed_pads.add(row["pad_id"])
+
+    def _put_session(self, row: Row, verdict: Row | None, evidence_steps: str | None) -> None:
+        session_id = row["session_id"]
+        outline = {name: row[name] for name in OUTLINE}
+        view = self._sessions.get(session_id)
+        if view is None:
+            view = SessionView(outline)
+            view.report(self._early.pop(session_id, ()))
+            self._sessions[session_id] = view
+        else:
+            for name in ("verdict_tx", "complete_tx"):
+                outline[name] = outline[name] or view.outline[name]
+            view.outline = outline
+        if row["state"] == "requested":
+            self._counts["sessions"] += 1
+        else:
+            self._end_estimate(row["uav_id"], session_id)
+            view.take_evidence(evidence_steps)
+            if verdict is not None:
+                view.outcome, view.permission, view.rounds = (
+                    verdict[name] for name in ("outcome", "permission", "rounds")
+                )
+        self._changed_sessions.append(view.to_json())
+
+    def _forget_sessions(self) -> None:
+        """Keep the recent ones, and of the older ones those that are not over, as long as they can still go on."""
+        if len(self._sessions) <= RECENT_SESSIONS:
+            return
+        now = self._clock()
+        for session_id, view in list(self._sessions.items()):
+            if len(self._sessions) <= RECENT_SESSIONS:
+                return
+            if view.is_ended or view.outline["expires_ms"] < now or len(self._sessions) > 4 * RECENT_SESSIONS:
+                del self._sessions[session_id]
+                self._end_estimate(view.outline["uav_id"], session_id)
+
+    def _end_estimate(self, uav_id: str, session_id: str) -> None:
+        known = self._estimates.get(uav_id)
+        if known is not None and known[0] == session_id:
+            del self._estimates[uav_id]
+
+    def _shown_pad(self, pad_id: str) -> Any:
+        pad = self._pads[pad_id]
+        return pads.shown(pad.record, pad.health, connected=self._agents.is_connected(pad_id))
+
+    def _heard_since(self, t_ms: int) -> int:
+        count = 0
+        for heard_ms, _ in reversed(self._tracks.values()):
+            if heard_ms < t_ms:
+                break
+            count += 1
+        return count
+
+
+BoardDep = Annotated[Board, part(Board)]

@@ -1,0 +1,249 @@
+"""People in the database. What changes them is audited in the same transaction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from sqlalchemy import delete, func, insert, or_, select, update
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
+
+from wonderland_backend import audit
+from wonderland_backend.audit.chain import take_turns
+from wonderland_backend.auth.person import Account, Person, Role, roles_of
+from wonderland_backend.auth.sign_ins import DISPLAY
+from wonderland_backend.db.tables.people import LinkRow, PasskeyRow, PersonRow, SignInRow
+from wonderland_backend.errors import Conflict, NotFound
+from wonderland_backend.people.schemas import OF_AN_ORGANISATION, Invitation, PersonChange
+
+INVITED: Final = "invited"
+ACTIVE: Final = "active"
+SUSPENDED: Final = "suspended"
+
+Row = dict[str, Any]
+
+
+def subject(person_id: str) -> str:
+    """What the audit log calls a person."""
+    return f"person/{person_id}"
+
+
+async def listing(database: AsyncSession | AsyncConnection) -> list[Row]:
+    """All people, by name."""
+    found = (await database.execute(_people().order_by(func.lower(PersonRow.name), PersonRow.person_id))).all()
+    return [_shown(row) for row in found]
+
+
+async def find(database: AsyncSession | AsyncConnection, person_id: str) -> Row:
+    """One person. Raises `NotFound`."""
+    row = (await database.execute(_people().where(PersonRow.person_id == person_id))).first()
+    if row is None:
+        raise NotFound("There is no such person.")
+    return _shown(row)
+
+
+async def passkeys(database: AsyncSession, person_id: str) -> list[Row]:
+    """Their passkeys, oldest first."""
+    columns = (PasskeyRow.credential_id, PasskeyRow.name, PasskeyRow.created_ms, PasskeyRow.last_used_ms)
+    query = select(*columns).where(PasskeyRow.person_id == person_id).order_by(PasskeyRow.created_ms)
+    return [_without_none(dict(row)) for row in (await database.execute(query)).mappings()]
+
+
+async def sign_ins(database: AsyncSession, person_id: str, *, current: str, alive_since_ms: int, now: int) -> list[Row]:
+    """Where they are signed in, the latest first. `current` is the hash of the asking browser's cookie."""
+    names = ("sign_in_id", "method", "browser", "created_ms", "last_seen_ms", "expires_ms")
+    query = (
+        select(*(getattr(SignInRow, name) for name in names), (SignInRow.cookie_sha256 == current).label("current"))
+        .where(SignInRow.person_id == person_id, SignInRow.expires_ms > now)
+        .where(or_(SignInRow.last_seen_ms > alive_since_ms, SignInRow.method == DISPLAY))
+        .order_by(SignInRow.last_seen_ms.desc())
+    )
+    return [dict(row) | {"current": bool(row["current"])} for row in (await database.execute(query)).mappings()]
+
+
+async def create(
+    connection: AsyncConnection, who: Person | Account, wanted: Invitation, person_id: str, *, state: str, now_ms: int
+) -> None:
+    """A new account. Raises `Conflict` where the e-mail address is somebody's already."""
+    row = {
+        "person_id": person_id,
+        "name": wanted.name,
+        "email": wanted.email,
+        "roles": " ".join(wanted.roles),
+        "msp_id": wanted.msp_id,
+        "state": state,
+        "created_ms": now_ms,
+        "changed_ms": now_ms,
+        "revision": 0,
+    }
+    try:
+        async with connection.begin_nested():
+            await connection.execute(insert(PersonRow), [row])
+    except IntegrityError:
+        raise Conflict("Somebody with this e-mail address has an account already.") from None
+    detail = {"name": wanted.name, "roles": list(wanted.roles), "msp_id": wanted.msp_id}
+    await audit.record(connection, who, f"person_{state}", subject(person_id), detail, t_ms=now_ms)
+
+
+async def change(
+    connection: AsyncConnection, who: Person, person_id: str, wanted: PersonChange, now_ms: int
+) -> tuple[Row, list[str]]:
+    """Change a person; the hashes of the sign-ins that ended or see something else now.
+
+    Raises `NotFound`, and `Conflict` for a change that somebody else made meanwhile, an address that is taken, a
+    suspension of oneself, or the loss of the last administrator.
+    """
+    # Two administrators who demote each other at once would leave none.
+    await take_turns(connection)
+    before = await find(connection, person_id)
+    values = wanted.model_dump(exclude_none=True, exclude={"revision"})
+    _check(before, values, by_oneself=who.person_id == person_id)
+    roles: Sequence[Role] = values.get("roles") or before["roles"]
+    if before["state"] == ACTIVE and (values.get("state") == SUSPENDED or "admin" not in roles):
+        await _keep_an_administrator(connection, person_id)
+    stored = dict(values)
+    if "roles" in stored:
+        stored["roles"] = " ".join(stored["roles"])
+    if stored.get("email") == "":
+        stored["email"] = None
+    try:
+        async with connection.begin_nested():
+            done = await connection.execute(
+                update(PersonRow)
+                .where(PersonRow.person_id == person_id, PersonRow.revision == wanted.revision)
+                .values(**stored, changed_ms=now_ms, revision=wanted.revision + 1)
+            )
+    except IntegrityError:
+        raise Conflict("Somebody with this e-mail address has an account already.") from None
+    if done.rowcount != 1:
+        raise Conflict("Somebody else has changed this account since you looked; look at it again, then change it.")
+    touched: list[str] = []
+    if {"roles", "msp_id", "state"} & values.keys():
+        theirs = select(SignInRow.cookie_sha256).where(SignInRow.person_id == person_id)
+        touched = list((await connection.execute(theirs)).scalars())
+    if values.get("state") == SUSPENDED:
+        await end_all(connection, person_id)
+    act = {SUSPENDED: "person_suspended", ACTIVE: "person_restored"}.get(values.get("state", ""), "person_changed")
+    was = {name: before.get(name, "") for name in values}
+    await audit.record(connection, who, act, subject(person_id), {"to": values, "from": was}, t_ms=now_ms)
+    return await find(connection, person_id), touched
+
+
+async def withdraw(connection: AsyncConnection, who: Person, person_id: str, now_ms: int) -> None:
+    """Take an invitation back. Raises `NotFound`, and `Conflict` for somebody who has accepted it."""
+    before = await find(connection, person_id)
+    if before["state"] != INVITED:
+        raise Conflict("The invitation was accepted: an account can be suspended, not deleted.")
+    await connection.execute(delete(PersonRow).where(PersonRow.person_id == person_id))
+    await audit.record(
+        connection, who, "invitation_withdrawn", subject(person_id), {"name": before["name"]}, t_ms=now_ms
+    )
+
+
+async def end_all(connection: AsyncConnection, person_id: str) -> None:
+    """End all sign-ins of a person, and the links that would let somebody in as them."""
+    await connection.execute(delete(SignInRow).where(SignInRow.person_id == person_id))
+    await connection.execute(delete(LinkRow).where(LinkRow.person_id == person_id, LinkRow.used_ms.is_(None)))
+
+
+async def end_sign_in(connection: AsyncConnection, who: Person, person_id: str, sign_in_id: str, now_ms: int) -> str:
+    """End one sign-in; the hash of its cookie. Raises `NotFound`."""
+    mine = (SignInRow.person_id == person_id, SignInRow.sign_in_id == sign_in_id)
+    found = (await connection.execute(select(SignInRow.cookie_sha256).where(*mine))).scalar_one_or_none()
+    if found is None:
+        raise NotFound("This sign-in has ended already.")
+    await connection.execute(delete(SignInRow).where(*mine))
+    await audit.record(connection, who, "sign_in_ended", subject(person_id), {"sign_in": sign_in_id}, t_ms=now_ms)
+    return str(found)
+
+
+async def rename_passkey(connection: AsyncConnection, who: Person, credential_id: str, name: str, now_ms: int) -> None:
+    """Raises `NotFound`."""
+    mine = (PasskeyRow.person_id == who.person_id, PasskeyRow.credential_id == credential_id)
+    done = await connection.execute(update(PasskeyRow).where(*mine).values(name=name))
+    if done.rowcount != 1:
+        raise NotFound("You have no such passkey.")
+    await audit.record(connection, who, "passkey_renamed", subject(who.person_id), {"name": name}, t_ms=now_ms)
+
+
+async def remove_passkey(connection: AsyncConnection, who: Person, credential_id: str, now_ms: int) -> None:
+    """Raises `NotFound`, and `Conflict` for the last way in."""
+    person = await find(connection, who.person_id)
+    mine = (PasskeyRow.person_id == who.person_id, PasskeyRow.credential_id == credential_id)
+    name = (await connection.execute(select(PasskeyRow.name).where(*mine))).scalar_one_or_none()
+    if name is None:
+        raise NotFound("You have no such passkey.")
+    if person["passkeys"] == 1 and not person["oidc"]:
+        raise Conflict("This is your only way to sign in; add another passkey first.")
+    await connection.execute(delete(PasskeyRow).where(*mine))
+    await audit.record(connection, who, "passkey_removed", subject(who.person_id), {"name": name}, t_ms=now_ms)
+
+
+async def set_roles(connection: AsyncConnection, account: Account, roles: Sequence[Role], now_ms: int) -> None:
+    """The provider's groups say what somebody is. The last administrator stays one all the same."""
+    before = await find(connection, account.person_id)
+    if list(roles) == before["roles"]:
+        return
+    if (
+        "admin" in before["roles"]
+        and "admin" not in roles
+        and not await _other_administrator(connection, account.person_id)
+    ):
+        return
+    await connection.execute(
+        update(PersonRow)
+        .where(PersonRow.person_id == account.person_id)
+        .values(roles=" ".join(roles), changed_ms=now_ms, revision=PersonRow.revision + 1)
+    )
+    detail = {"to": {"roles": list(roles)}, "from": {"roles": before["roles"]}, "by": "oidc"}
+    await audit.record(connection, account, "person_changed", subject(account.person_id), detail, t_ms=now_ms)
+
+
+def _check(before: Row, values: Row, *, by_oneself: bool) -> None:
+    if by_oneself and ("state" in values or "roles" in values):
+        raise Conflict("Nobody changes their own roles or suspends themselves; another administrator can.")
+    if "state" in values and before["state"] == INVITED:
+        raise Conflict("The invitation has not been accepted yet; withdraw it instead.")
+    roles: Sequence[Role] = values.get("roles") or before["roles"]
+    if not OF_AN_ORGANISATION.isdisjoint(roles) and not values.get("msp_id", before.get("msp_id", "")):
+        raise Conflict("An operator belongs to an organisation: choose which.")
+
+
+async def _keep_an_administrator(connection: AsyncConnection, person_id: str) -> None:
+    person = await find(connection, person_id)
+    if "admin" in person["roles"] and not await _other_administrator(connection, person_id):
+        raise Conflict("This is the last administrator; make somebody else one first.")
+
+
+async def _other_administrator(connection: AsyncConnection, person_id: str) -> bool:
+    query = select(PersonRow.roles).where(PersonRow.state == ACTIVE, PersonRow.person_id != person_id)
+    return any("admin" in roles_of(text) for text in (await connection.execute(query)).scalars())
+
+
+def _people() -> Any:
+    count = select(func.count()).where(PasskeyRow.person_id == PersonRow.person_id).scalar_subquery()
+    seen = select(func.max(SignInRow.last_seen_ms)).where(SignInRow.person_id == PersonRow.person_id).scalar_subquery()
+    return select(PersonRow.__table__, count.label("passkeys"), seen.label("last_seen_ms"))
+
+
+def _shown(row: Any) -> Row:
+    return _without_none(
+        {
+            "person_id": row.person_id,
+            "name": row.name,
+            "email": row.email,
+            "roles": list(roles_of(row.roles)),
+            "msp_id": row.msp_id or None,
+            "state": row.state,
+            "passkeys": row.passkeys,
+            "oidc": row.subject is not None,
+            "created_ms": row.created_ms,
+            "last_seen_ms": row.last_seen_ms,
+            "revision": row.revision,
+        }
+    )
+
+
+def _without_none(row: Row) -> Row:
+    return {name: value for name, value in row.items() if value is not None}

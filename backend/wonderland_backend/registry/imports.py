@@ -1,0 +1,252 @@
+"""Lists of drones, authorisations or pads as CSV: read in whatever way an office writes them, checked line by line.
+
+Nothing is changed here: what is right comes back as arguments to sign one by one, what is wrong by line and column.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from wonderland.proofs.errors import RecordError
+from wonderland.proofs.records import transactions as tx
+from wonderland.proofs.records.schema import Record
+from wonderland.proofs.records.uavs import without_secret
+from wonderland_backend.errors import BadRequest
+from wonderland_remote_id.errors import FieldError
+from wonderland_remote_id.operators import check_operator_id
+
+MAX_BYTES: Final = 1 << 20
+MAX_ROWS: Final = 5_000
+MAX_ERRORS: Final = 1_000
+_DELIMITERS: Final = (",", ";", "\t")
+_BOMS: Final = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
+
+
+class CellError(ValueError):
+    """What stands in a cell is no value of its column."""
+
+
+def _text(value: str) -> str:
+    return value
+
+
+def _scaled(scale: float, unit: str) -> Callable[[str], int]:
+    def read(value: str) -> int:
+        try:
+            number = float(value.replace(",", "."))
+        except ValueError:
+            raise CellError(f"{value[:40]!r} is no number of {unit}") from None
+        if not math.isfinite(number) or abs(number) > 1e6:
+            raise CellError(f"{value[:40]!r} is no number of {unit}")
+        return round(number * scale)
+
+    return read
+
+
+def _time(value: str) -> int:
+    """A date (from its first moment, UTC), a moment in ISO 8601 (UTC unless it says otherwise), or milliseconds."""
+    if value.isascii() and value.isdigit() and len(value) > 8:
+        return int(value[:16])
+    try:
+        moment = datetime.fromisoformat(value)
+    except ValueError:
+        raise CellError(f"{value[:40]!r} is no date like 2026-11-21 or 2026-11-21T14:00Z") from None
+    return int((moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)).timestamp() * 1000)
+
+
+def _registration(value: str) -> str:
+    """The public part: the secret is used to check the number and then left out."""
+    if without_secret(value) == value:
+        return value
+    try:
+        return check_operator_id(value[:3].upper() + value[3:].lower())
+    except FieldError:
+        raise CellError(
+            "the number's check character does not fit; copy the whole number, or leave out the dash and what follows"
+        ) from None
+
+
+def _actions(value: str) -> list[str]:
+    return value.replace("|", " ").replace("/", " ").replace("+", " ").split()
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the file: the field that it fills, and how a cell is read."""
+
+    field: str
+    read: Callable[[str], Any] = _text
+    optional: bool = False
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of list: the transaction that each line becomes, and its columns by their names in the first line."""
+
+    function: str
+    columns: Mapping[str, Column]
+    key: tuple[str, ...]
+
+    @property
+    def argument(self) -> type[Record]:
+        """The record of each line."""
+        return tx.TRANSACTIONS[self.function].argument
+
+
+KINDS: Final = {
+    "drones": Kind(
+        "RegisterUav",
+        {
+            **{name: Column(name) for name in ("uav_id", "model", "operator_id")},
+            "registration": Column("registration", _registration),
+        },
+        ("uav_id",),
+    ),
+    "authorisations": Kind(
+        "GrantAuthorisation",
+        {
+            **{name: Column(name) for name in ("uav_id", "authorisation_id", "pad_id")},
+            "actions": Column("actions", _actions),
+            "valid_from": Column("valid_from_ms", _time),
+            "valid_until": Column("valid_until_ms", _time),
+        },
+        ("uav_id", "authorisation_id"),
+    ),
+    "pads": Kind(
+        "RegisterPad",
+        {
+            **{name: Column(name) for name in ("pad_id", "name", "operator_id")},
+            "latitude": Column("lat_e7", _scaled(1e7, "degrees")),
+            "longitude": Column("lon_e7", _scaled(1e7, "degrees")),
+            "height_m": Column("height_mm", _scaled(1e3, "metres")),
+            "note": Column("note", optional=True),
+        },
+        ("pad_id",),
+    ),
+}
+
+
+@dataclass
+class Checked:
+    """What was found in a file. Lines are counted as an editor shows them, from 1."""
+
+    encoding: str
+    delimiter: str
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    errors: list[dict[str, Any]] = field(default_factory=list)
+
+    def wrong(self, line: int, column: str, message: str) -> None:
+        """Note an error."""
+        self.errors.append({"line": line, "column": column, "message": message[:300]})
+
+
+def check(kind: Kind, data: bytes) -> Checked:
+    """Read a file. Raises `BadRequest` for one that is no list of this kind at all."""
+    text, encoding = _decoded(data)
+    lines = text.splitlines()
+    if not lines or not lines[0].strip():
+        raise BadRequest("The file has no first line with the names of its columns.")
+    delimiter = max(_DELIMITERS, key=lines[0].count)
+    found = Checked(encoding, delimiter)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+    try:
+        header = [name.strip().lower() for name in next(reader)]
+        _require_columns(kind, header)
+        seen: dict[tuple[str, ...], int] = {}
+        for cells in reader:
+            if any(cell.strip() for cell in cells):
+                if len(seen) >= MAX_ROWS:
+                    raise BadRequest(f"The file has more than {MAX_ROWS} lines; split it.")
+                _row(kind, header, [cell.strip() for cell in cells], reader.line_num, seen, found)
+    except csv.Error as error:
+        found.wrong(reader.line_num, "", f"not read further: {error}")
+    return found
+
+
+def _decoded(data: bytes) -> tuple[str, str]:
+    for mark, encoding in _BOMS:
+        if data.startswith(mark):
+            return _decode(data, encoding), {"utf-8-sig": "UTF-8", "utf-16": "UTF-16"}[encoding]
+    if b"\x00" in data:
+        raise BadRequest(
+            "The file is no plain text (a spreadsheet, or UTF-16 without its mark). Save it as CSV, UTF-8."
+        )
+    try:
+        return data.decode("utf-8"), "UTF-8"
+    except UnicodeDecodeError:
+        # What offices in western Europe write otherwise; it is said, so that whoever signs looks at the names.
+        return _decode(data, "cp1252"), "Windows-1252"
+
+
+def _decode(data: bytes, encoding: str) -> str:
+    try:
+        return data.decode(encoding)
+    except UnicodeDecodeError as error:
+        raise BadRequest(f"The file is no text in {encoding} (byte {error.start}). Save it as CSV, UTF-8.") from None
+
+
+def _require_columns(kind: Kind, header: list[str]) -> None:
+    needed = [name for name, column in kind.columns.items() if not column.optional]
+    missing = [name for name in needed if name not in header]
+    unknown = [name for name in header if name not in kind.columns]
+    twice = sorted({name for name in header if header.count(name) > 1})
+    if missing or unknown or twice:
+        parts = [
+            f"missing: {', '.join(missing)}" if missing else "",
+            f"unknown: {', '.join(name[:40] or '(no name)' for name in unknown[:10])}" if unknown else "",
+            f"twice: {', '.join(twice[:10])}" if twice else "",
+        ]
+        why = "; ".join(part for part in parts if part)
+        raise BadRequest(f"The first line must name the columns {', '.join(kind.columns)}; {why}.")
+
+
+def _row(
+    kind: Kind, header: list[str], cells: list[str], line: int, seen: dict[tuple[str, ...], int], found: Checked
+) -> None:
+    if len(cells) != len(header):
+        found.wrong(line, "", f"{len(cells)} cells; the first line names {len(header)} columns")
+        seen[str(line), ""] = line
+        return
+    argument: dict[str, Any] = {}
+    before = len(found.errors)
+    for name, cell in zip(header, cells, strict=True):
+        column = kind.columns[name]
+        if cell == "" and (column.optional or column.field != "registration"):
+            if not column.optional:
+                found.wrong(line, name, "missing")
+            continue
+        try:
+            argument[column.field] = column.read(cell)
+        except (CellError, OverflowError) as error:
+            found.wrong(line, name, str(error))
+    if len(found.errors) == before:
+        _check_record(kind, argument, line, found)
+    key = tuple(str(argument.get(name, "")) for name in kind.key)
+    earlier = seen.setdefault(key if all(key) else (str(line), ""), line)
+    if earlier != line:
+        found.wrong(line, kind.key[-1], f"the same as in line {earlier}")
+    if len(found.errors) == before:
+        found.rows.append({"line": line, "id": "/".join(key), "argument": argument})
+
+
+def _check_record(kind: Kind, argument: dict[str, Any], line: int, found: Checked) -> None:
+    names = {column.field: name for name, column in kind.columns.items()}
+    # One field after the other, so that each that is wrong is named, not the first alone.
+    left = dict(argument)
+    for _ in range(len(kind.columns)):
+        try:
+            kind.argument.parse(left)
+        except RecordError as error:
+            name = error.path.partition("[")[0]
+            if name not in left:
+                return
+            found.wrong(line, names.get(name, name), error.message)
+            del left[name]
+        else:
+            return

@@ -1,0 +1,166 @@
+"""The application's routes, by domain, and what stands before all of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from fastapi import APIRouter, FastAPI, Request
+from fastapi.responses import JSONResponse
+from fastapi.routing import APIRoute
+
+from wonderland import __version__
+from wonderland.site_plans import MAX_BYTES
+from wonderland_backend import console, errors
+from wonderland_backend.alerts import endpoints as alerts
+from wonderland_backend.answer_headers import AnswerHeaders
+from wonderland_backend.audit import endpoints as audit_log
+from wonderland_backend.auth import endpoints as auth
+from wonderland_backend.auth.gate import SetUpGate
+from wonderland_backend.authorisations import endpoints as authorisations
+from wonderland_backend.boundary import Boundary
+from wonderland_backend.clients import endpoints as clients_api
+from wonderland_backend.conformance import endpoints as conformance
+from wonderland_backend.description import DESCRIPTION, openapi
+from wonderland_backend.drones import endpoints as drones
+from wonderland_backend.events import endpoints as events
+from wonderland_backend.exports import endpoints as exports
+from wonderland_backend.flights import endpoints as flights
+from wonderland_backend.ingest import endpoints as ingest
+from wonderland_backend.ledger import endpoints as ledger
+from wonderland_backend.live import endpoints as live
+from wonderland_backend.maps import endpoints as maps
+from wonderland_backend.outputs import endpoints as outputs
+from wonderland_backend.pads import endpoints as pads
+from wonderland_backend.people import endpoints as people
+from wonderland_backend.people import me, oidc_endpoints, ways_in
+from wonderland_backend.problem_texts import said
+from wonderland_backend.proof_requests import endpoints as proof_requests
+from wonderland_backend.proofs import endpoints as proofs
+from wonderland_backend.reference import page as reference
+from wonderland_backend.registry import endpoints as registry
+from wonderland_backend.registry import imports
+from wonderland_backend.replay import endpoints as replay
+from wonderland_backend.search import endpoints as search
+from wonderland_backend.sessions import endpoints as sessions
+from wonderland_backend.settings import Settings
+from wonderland_backend.site_plans import endpoints as site_plans
+from wonderland_backend.statistics import endpoints as statistics
+from wonderland_backend.tracks import endpoints as tracks
+from wonderland_backend.transactions import endpoints as transactions
+from wonderland_backend.uspace.eu664 import endpoints as traffic
+from wonderland_backend.uspace.netrid import console_endpoints as networked_flights
+from wonderland_backend.uspace.netrid import endpoints as network_remote_id
+from wonderland_backend.uspace.netrid import harness_endpoints as test_harness
+from wonderland_backend.verdicts import endpoints as verdicts
+from wonderland_backend.webhooks import endpoints as webhooks
+from wonderland_backend.zones import endpoints as zones
+from wonderland_backend.zones import harness_endpoints as zones_harness
+
+API: Final = "/api/v1"
+
+
+def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory: Path | None) -> FastAPI:
+    """The routes; what they work on is in ``app.state.parts``."""
+    app = FastAPI(
+        title="Wonderland",
+        version=__version__,
+        description=DESCRIPTION,
+        openapi_url=None,
+        docs_url=None,
+        redoc_url=None,
+        separate_input_output_schemas=False,
+        generate_unique_id_function=_operation_id,
+        redirect_slashes=False,
+        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+    )
+    api = APIRouter(prefix=API)
+    for router in (
+        auth.router,
+        ways_in.router,
+        oidc_endpoints.router,
+        me.router,
+        people.router,
+        audit_log.router,
+        transactions.router,
+        registry.router,
+        ledger.public,
+        ledger.router,
+        pads.router,
+        drones.router,
+        sessions.router,
+        verdicts.router,
+        tracks.router,
+        alerts.router,
+        search.router,
+        statistics.router,
+        replay.router,
+        exports.router,
+        authorisations.router,
+        proofs.router,
+        conformance.router,
+        proof_requests.router,
+        flights.router,
+        events.router,
+        webhooks.router,
+        zones.router,
+        zones.service,
+        maps.router,
+        site_plans.router,
+        clients_api.router,
+        reference.router,
+        live.router,
+        outputs.router,
+        traffic.router,
+        networked_flights.router,
+    ):
+        api.include_router(router)
+    app.include_router(api)
+    app.include_router(ingest.router)
+    app.include_router(network_remote_id.router)
+    app.include_router(clients_api.oauth)
+    errors.install(app)
+
+    app.add_api_route(f"{API}/openapi.json", _description, methods=["GET"], include_in_schema=False)
+    app.add_api_route("/api/{path:path}", _unknown, methods=["GET", "HEAD"], include_in_schema=False)
+    if settings.uspace.test_harness:
+        app.include_router(test_harness.router)
+        app.include_router(zones_harness.router)
+    for path in (*test_harness.PATHS, *zones_harness.PATHS):
+        app.add_api_route(path, _unknown, methods=["GET", "HEAD", "PUT", "POST", "DELETE"], include_in_schema=False)
+    console.install(app, console.find(console_directory))
+    app.add_middleware(AnswerHeaders)
+    app.add_middleware(SetUpGate)
+    app.add_middleware(
+        Boundary,
+        allowed_hosts=allowed_hosts,
+        max_body_bytes=_largest_body(settings),
+        https=settings.is_https,
+        larger={
+            f"{API}/registry/imports/": imports.MAX_BYTES,
+            f"{API}/zones/imports": settings.max_zone_file_bytes,
+            f"{API}/site-plans/": MAX_BYTES,
+        },
+    )
+    app.openapi = lambda: openapi(app)  # type: ignore[method-assign]
+    return app
+
+
+# FastAPI remembers the functions behind routes for ever: none of them may hold the application.
+
+
+async def _unknown() -> None:
+    raise errors.NotFound(said("nothing_here"))
+
+
+def _description(request: Request) -> JSONResponse:
+    """No coroutine: made for the first time it takes a second, which nobody else shall wait."""
+    return JSONResponse(request.app.openapi())
+
+
+def _largest_body(settings: Settings) -> int:
+    return max(settings.max_body_bytes, test_harness.MAX_BODY if settings.uspace.test_harness else 0)
+
+
+def _operation_id(route: APIRoute) -> str:
+    return route.name

@@ -1,0 +1,115 @@
+"""Looking for names and ids. Names are found by any part, ids of hashes by their beginning."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from typing import Any, Final
+
+import orjson
+from sqlalchemy import ColumnElement, func, or_, select
+from sqlalchemy.ext.asyncio import AsyncSession
+
+from wonderland.proofs.records.uavs import without_secret
+from wonderland_backend.auth.person import AUTHORITY, Person
+from wonderland_backend.db.tables.ledger import BlockRow, DroneRow, PadRow, SessionRow, TransactionRow
+from wonderland_backend.db.tables.reported import LatestTrackRow
+from wonderland_backend.ledger.queries import own_transactions
+from wonderland_backend.people.masking import shown_uav
+
+HASH_FROM: Final = 6
+"""Fewer digits of a hash fit too much."""
+_HEX: Final = frozenset("0123456789abcdef")
+
+Row = dict[str, Any]
+REVEALED: Final = "revealed"
+"""In a hit that was found by a number which its finder sees in part: to be audited, not to be told."""
+
+
+async def search(database: AsyncSession, person: Person, text: str, limit: int) -> list[Row]:
+    """At most `limit` hits: pads, drones, what is only heard, then sessions, transactions and blocks."""
+    wanted = text.strip()
+    found: list[Row] = []
+    for source in (_pads, _drones, _broadcasts, _hashes, _blocks):
+        if len(found) >= limit or not wanted:
+            break
+        found += [hit async for hit in source(database, person, wanted, limit - len(found))]
+    return found[:limit]
+
+
+def _contains(column: Any, text: str) -> ColumnElement[bool]:
+    """Any part, whatever the case. `autoescape`: a % that somebody types is a %."""
+    return func.lower(column).contains(text.lower(), autoescape=True)
+
+
+async def _pads(database: AsyncSession, person: Person, text: str, limit: int) -> AsyncIterator[Row]:
+    # Names are within the record: the text as it stands in JSON, so that ä and quotes are found, too.
+    inside = orjson.dumps(text).decode()[1:-1]
+    query = select(PadRow).where(or_(_contains(PadRow.pad_id, text), _contains(PadRow.record, inside)))
+    query = person.scope.narrow(query, pad=PadRow.pad_id)
+    for row in await database.scalars(query.order_by(PadRow.pad_id).limit(5 * limit)):
+        record = orjson.loads(row.record)
+        values = (row.pad_id, record.get("name", ""), record.get("operator_id", ""))
+        if any(text.lower() in value.lower() for value in values):
+            yield {"kind": "pad", "id": row.pad_id, "name": values[1] or row.pad_id, "detail": values[2]}
+
+
+async def _drones(database: AsyncSession, person: Person, text: str, limit: int) -> AsyncIterator[Row]:
+    public = without_secret(text)  # whoever tries secrets finds the drone by each of them, and learns nothing
+    inside = orjson.dumps(public).decode()[1:-1]
+    query = select(DroneRow).where(or_(_contains(DroneRow.uav_id, text), _contains(DroneRow.record, inside)))
+    query = person.scope.narrow(query, drone=DroneRow.uav_id)
+    for row in await database.scalars(query.order_by(DroneRow.uav_id).limit(5 * limit)):
+        # Officers find a drone by the whole number that they were told. By a part of it they could guess the rest.
+        known, record = orjson.loads(row.record), orjson.loads(shown_uav(row.record, person))
+        values = (row.uav_id, record.get("registration", ""), record.get("operator_id", ""), record.get("model", ""))
+        shown = any(text.lower() in value.lower() for value in values)
+        told = person.has(*AUTHORITY) and without_secret(known.get("registration", "")).lower() == public.lower()
+        if shown or told:
+            detail = " · ".join(value for value in values[1:3] if value)
+            hit = {"kind": "drone", "id": row.uav_id, "name": row.uav_id, "detail": detail}
+            yield hit if shown else hit | {REVEALED: True}
+
+
+async def _broadcasts(database: AsyncSession, person: Person, text: str, limit: int) -> AsyncIterator[Row]:
+    """Serial numbers that were heard on the air and are no drone's in the registry, the last heard first."""
+    registered = person.scope.narrow(select(DroneRow.uav_id), drone=DroneRow.uav_id)
+    query = select(LatestTrackRow).where(
+        _contains(LatestTrackRow.uav_id, text), LatestTrackRow.uav_id.not_in(registered)
+    )
+    query = person.scope.narrow(query, pad=LatestTrackRow.pad_id, drone=LatestTrackRow.uav_id)
+    for row in await database.scalars(query.order_by(LatestTrackRow.t_ms.desc()).limit(limit)):
+        yield {
+            "kind": "broadcast",
+            "id": row.uav_id,
+            "name": row.uav_id,
+            "detail": row.pad_id,
+            "heard_ms": row.t_ms,
+        }
+
+
+async def _hashes(database: AsyncSession, person: Person, text: str, limit: int) -> AsyncIterator[Row]:
+    digits = text.lower()
+    if len(digits) < HASH_FROM or not set(digits) <= _HEX:
+        return
+    sessions = select(SessionRow).where(SessionRow.session_id.startswith(digits)).limit(limit)
+    known = set()
+    sessions = person.scope.narrow(sessions, pad=SessionRow.pad_id, drone=SessionRow.uav_id)
+    for row in await database.scalars(sessions):
+        known.add(row.session_id)
+        yield {"kind": "session", "id": row.session_id, "name": row.uav_id, "detail": row.pad_id}
+    transactions = select(TransactionRow).where(TransactionRow.tx_id.startswith(digits)).limit(limit)
+    for transaction in await database.scalars(own_transactions(transactions, person)):
+        yield {
+            "kind": "transaction",
+            "id": transaction.tx_id,
+            "name": transaction.function or transaction.type,
+            "detail": transaction.creator_name,
+        }
+
+
+async def _blocks(database: AsyncSession, _: Person, text: str, limit: int) -> AsyncIterator[Row]:
+    if limit < 1 or not text.isascii() or not text.isdecimal() or len(text) > 15:
+        return
+    row = await database.get(BlockRow, int(text))
+    if row is not None:
+        yield {"kind": "block", "id": text.lstrip("0") or "0", "name": text.lstrip("0") or "0"}

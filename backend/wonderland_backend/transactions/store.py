@@ -1,0 +1,78 @@
+"""Transactions on their way, in the database; each step moves a row on only from where it was."""
+
+from __future__ import annotations
+
+from base64 import urlsafe_b64encode
+from collections.abc import Sequence
+from typing import Any, Final
+
+import orjson
+from sqlalchemy import delete, func, insert, select, update
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
+
+from wonderland_backend.db.tables.signing import SignedTransactionRow as Row
+
+PROPOSED, ENDORSED, SUBMITTED, UNKNOWN = "proposed", "endorsed", "submitted", "unknown"
+VALID, INVALID, REFUSED, EXPIRED = "valid", "invalid", "refused", "expired"
+WAITING: Final = (PROPOSED, ENDORSED)
+"""For a signature."""
+UNDER_WAY: Final = (SUBMITTED, UNKNOWN)
+"""With the ledger."""
+KEEP_MS: Final = 30 * 86_400_000
+"""The ledger and the audit log keep what was done; here it need not stay."""
+
+
+def shown(row: Row, *, to_sign: bytes | None = None) -> dict[str, Any]:
+    """The SignedTransaction of a row."""
+    content: dict[str, Any] = {
+        "tx_id": row.tx_id,
+        "function": row.function,
+        "subject": row.subject,
+        "argument": orjson.Fragment(row.argument),
+        "state": row.state,
+        "certificate_sha256": row.certificate_sha256,
+        "endorsers": row.endorsers.split(",") if row.endorsers else [],
+        "created_ms": row.created_ms,
+        "changed_ms": row.changed_ms,
+    }
+    if to_sign is not None:
+        content["to_sign"] = urlsafe_b64encode(to_sign).rstrip(b"=").decode()
+    if row.problem is not None:
+        content["problem"] = orjson.Fragment(row.problem)
+    return content | {name: getattr(row, name) for name in ("block", "validation") if getattr(row, name) is not None}
+
+
+async def add(connection: AsyncConnection, row: dict[str, Any]) -> None:
+    """A new one; those of long ago go."""
+    await connection.execute(
+        delete(Row).where(Row.changed_ms < row["created_ms"] - KEEP_MS, Row.state.not_in(UNDER_WAY))
+    )
+    await connection.execute(insert(Row), [row])
+
+
+async def count_since(database: AsyncSession, person_id: str, since_ms: int) -> int:
+    """How many somebody has begun since."""
+    query = select(func.count()).select_from(Row).where(Row.person_id == person_id, Row.created_ms > since_ms)
+    return int((await database.execute(query)).scalar_one())
+
+
+async def find(database: AsyncSession, tx_id: str) -> Row | None:
+    """One of them."""
+    return await database.get(Row, tx_id)
+
+
+async def latest(database: AsyncSession, person_id: str, limit: int) -> Sequence[Row]:
+    """Somebody's, newest first."""
+    query = select(Row).where(Row.person_id == person_id).order_by(Row.created_ms.desc(), Row.tx_id).limit(limit)
+    return (await database.scalars(query)).all()
+
+
+async def under_way(database: AsyncSession) -> Sequence[str]:
+    """Ids of those that the ledger has, or may have, and whose outcome nobody has told."""
+    return (await database.scalars(select(Row.tx_id).where(Row.state.in_(UNDER_WAY)))).all()
+
+
+async def move(connection: AsyncConnection, tx_id: str, before: tuple[str, ...], **values: Any) -> bool:
+    """Change a row, if it still is in one of these states; whether it was."""
+    moved = await connection.execute(update(Row).where(Row.tx_id == tx_id, Row.state.in_(before)).values(**values))
+    return moved.rowcount == 1

@@ -1,0 +1,102 @@
+"""Shapes of subscriptions and deliveries."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import Query
+from pydantic import BaseModel, ConfigDict, Field
+
+from wonderland.proofs.records.fields import ID_PATTERN
+from wonderland_backend.events.feed import PATTERN, Filter
+from wonderland_backend.events.schemas import EventType
+from wonderland_backend.filters import PageQuery
+from wonderland_backend.schemas import ApiModel, page_of
+from wonderland_backend.webhooks.targets import MAX_URL
+
+_Pad = Annotated[str, Field(pattern=f"^{ID_PATTERN}$", max_length=64)]
+_Drone = Annotated[str, Field(pattern=f"^{ID_PATTERN}$", max_length=40)]
+Outcome = Literal["verified", "refuted", "inconclusive"]
+
+
+class NewSubscription(BaseModel):
+    """What to be told of, and where."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    url: str = Field(min_length=1, max_length=MAX_URL, description="https://…")
+    name: str = Field(
+        default="", max_length=120, description="For people, to tell it from others", examples=["Situation room"]
+    )
+    types: list[EventType] = Field(
+        default_factory=list, max_length=32, description="Types of events; none: all", examples=[["ProofDecided"]]
+    )
+    pads: list[_Pad] = Field(default_factory=list, max_length=100, description="Only events of these pads; none: all")
+    drones: list[_Drone] = Field(default_factory=list, max_length=100, description="Only of these drones; none: all")
+    outcomes: list[Outcome] = Field(default_factory=list, max_length=3, description="Only verdicts with these")
+    after: str | None = Field(
+        default=None,
+        pattern=PATTERN,
+        description="Begin after this event; 0.0: with the first one; none: with new ones",
+    )
+
+    def filter(self) -> Filter:
+        """What the feed filters by."""
+        return Filter(frozenset(self.types), frozenset(self.pads), frozenset(self.drones), frozenset(self.outcomes))
+
+
+class ChangedSubscription(BaseModel):
+    """Pause, or go on."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    state: Literal["active", "paused"]
+
+
+class Subscription(ApiModel):
+    """A webhook."""
+
+    subscription_id: str
+    owner: str
+    name: str
+    url: str
+    types: list[str]
+    pads: list[str]
+    drones: list[str]
+    outcomes: list[Outcome]
+    state: Literal["active", "paused"] = Field(description="While it is paused nothing is lost: it goes on from there")
+    after: str = Field(description="Up to this event deliveries have been made")
+    created_ms: int
+
+
+class SubscriptionCreated(ApiModel):
+    """A new webhook, and the secret that signs what it gets: shown this once."""
+
+    subscription: Subscription
+    secret: str = Field(description="As in the Standard Webhooks specification: whsec_ and base64")
+
+
+class WebhookDelivery(ApiModel):
+    """A message to a subscriber."""
+
+    delivery_id: str = Field(description="The `webhook-id` of its requests")
+    event_id: str
+    type: str
+    state: Literal["waiting", "delivered", "dead"]
+    created_ms: int
+    attempts: int
+    next_ms: int | None = Field(default=None, description="When it is tried again")
+    delivered_ms: int | None = None
+    status: int | None = Field(default=None, description="What the receiver answered last")
+    problem: str | None = None
+
+
+class DeliveryQuery(PageQuery):
+    """Which deliveries."""
+
+    state: Literal["waiting", "delivered", "dead"] | None = None
+
+
+DeliveryFilters = Annotated[DeliveryQuery, Query()]
+SubscriptionPage = page_of("SubscriptionPage", Subscription)
+DeliveryPage = page_of("WebhookDeliveryPage", WebhookDelivery)

@@ -1,8 +1,0 @@
-"""The pad's UWB nodes: one serial port each, opened together for a session and read as one stream of reports.
-
-``reported`` stands in for them where the anchors are DWM1001 boards, whose ranges only the drone's tag knows.
-"""
-
-from edge_agent.radios.nodes import AnchorPort, AnchorState, PadRadios, RadiosError
-
-__all__ = ["AnchorPort", "AnchorState", "PadRadios", "RadiosError"]

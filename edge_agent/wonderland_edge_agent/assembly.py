@@ -1,0 +1,159 @@
+"""A pad's agent put together from its settings, every part opened and closed in order."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import ssl
+from collections.abc import AsyncIterator
+from typing import TYPE_CHECKING
+
+from wonderland.clock import SteadyClock
+from wonderland.proof_contract import ProofContract
+from wonderland_edge_agent.agent import PadAgent
+from wonderland_edge_agent.drift.keeper import DriftKeeper
+from wonderland_edge_agent.permission import CommandPermission, LogPermission, Permissions
+from wonderland_edge_agent.ports import AgentError, PadRadiosPort
+from wonderland_edge_agent.radios import AnchorPort, PadRadios, RadiosError
+from wonderland_edge_agent.receiver import Finding, Heard, ReceiverError, RemoteIdReceiver
+from wonderland_edge_agent.receiver.configured import sources_of
+from wonderland_edge_agent.receiver.settings import NOT_TRUSTWORTHY, registry_of, trust
+from wonderland_edge_agent.reporting import SpoolReporter
+from wonderland_edge_agent.spool import Spool, SpoolError
+from wonderland_fabric_gateway.checkpoints import FileCheckpointer
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.errors import LedgerError
+from wonderland_fabric_gateway.gateway import Gateway
+
+if TYPE_CHECKING:
+    from wonderland_edge_agent.session.timing import PadTiming
+    from wonderland_edge_agent.settings import PadSettings
+    from wonderland_edge_agent.uplink import Uplink
+    from wonderland_fabric_gateway.identity import Identity
+    from wonderland_fabric_gateway.signing import Signer
+
+_log = logging.getLogger(__name__)
+
+
+@contextlib.asynccontextmanager
+async def open_pad(settings: PadSettings, *, timing: PadTiming | None = None) -> AsyncIterator[PadAgent]:
+    """The agent of these settings; ``run`` it inside. Raises AgentError with what is wrong and what to do."""
+    async with contextlib.AsyncExitStack() as stack:
+        try:
+            yield await _open(settings, stack, timing)
+        except (LedgerError, SpoolError, ReceiverError) as cause:
+            raise AgentError(str(cause)) from cause
+
+
+async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing: PadTiming | None) -> PadAgent:
+    clock = SteadyClock()
+    connection = Connection.load(settings.connection)
+    identity, signer = connection.identity(settings.identity), connection.signer(settings.identity)
+    if identity.pol_id != settings.pad_id or identity.role != "pad":
+        raise AgentError(
+            f"identity {settings.identity}: its certificate is for {identity.role or 'no role'} "
+            f"{identity.pol_id or '(no id)'}, not for pad {settings.pad_id}; "
+            f"enrol one for it (wonderland ledger ca enrol {settings.pad_id} --role pad)"
+        )
+    spool = await stack.enter_async_context(
+        await Spool.open(settings.spool, owner=settings.pad_id, quota_bytes=settings.quota_bytes)
+    )
+    channel = await stack.enter_async_context(connection.open_channel())
+    ledger = ProofContract(Gateway(channel, identity, signer).network(connection.channel), connection.chaincode)
+    tracks = SpoolReporter(spool)
+    for source in trust(settings.remote_id_listen, settings.remote_id_serial, settings.receivers):
+        if NOT_TRUSTWORTHY in source:
+            _log.warning("%s", source)
+    receiver = RemoteIdReceiver(
+        listen=settings.remote_id_listen,
+        serial_ports=settings.remote_id_serial,
+        sources=sources_of(settings.receivers),
+        drip=registry_of(settings.receivers),
+        on_heard=lambda heard: _tell(tracks, heard),
+        on_finding=lambda finding: _tell_finding(tracks, finding),
+        clock_ms=clock,
+    )
+    await receiver.start()
+    stack.push_async_callback(receiver.close)
+    uplink = _uplink(settings, identity, signer, spool)
+    if uplink is not None:
+        await uplink.start()
+        stack.push_async_callback(uplink.close)
+    radios = await _radios(settings, stack, clock)
+    drift = None
+    if settings.drift_every_s and isinstance(radios, PadRadios):
+        drift = DriftKeeper(radios, settings.baseline_file, clock, settings.drift_every_s)
+    command = [CommandPermission(settings.permission_command)] if settings.permission_command else []
+    return PadAgent(
+        settings.pad_id,
+        ledger=ledger,
+        identity=identity,
+        radios=radios,
+        receiver=receiver,
+        spool=spool,
+        permission=Permissions(LogPermission(), *command),
+        checkpointer=FileCheckpointer(settings.checkpoint_file),
+        clock=clock,
+        prekeys=settings.prekeys,
+        timing=timing,
+        whole_certificate=settings.whole_certificate,
+        status_file=settings.status_file,
+        drift=drift,
+        metrics_file=settings.metrics_file,
+    )
+
+
+async def _radios(settings: PadSettings, stack: contextlib.AsyncExitStack, clock: SteadyClock) -> PadRadiosPort:
+    if settings.reports_listen is None:
+        ports = [AnchorPort(anchor.anchor_id, anchor.port) for anchor in settings.anchors]
+        return await stack.enter_async_context(PadRadios(ports, clock))
+    # Few pads are of this kind; the others need not carry the driver.
+    from wonderland_edge_agent.radios.reported import ReportedRadios  # noqa: PLC0415
+
+    try:
+        return await stack.enter_async_context(ReportedRadios(settings.reports_listen, clock))
+    except RadiosError as cause:
+        raise AgentError(str(cause)) from cause
+
+
+def _tell(tracks: SpoolReporter, heard: Heard) -> None:
+    tracks.offer(heard.t_ms, heard.track)
+
+
+def _tell_finding(tracks: SpoolReporter, finding: Finding) -> None:
+    tracks.offer(finding.t_ms, finding.body)
+
+
+def _uplink(settings: PadSettings, identity: Identity, signer: Signer, spool: Spool) -> Uplink | None:
+    if not settings.backend_url:
+        return None
+    # A pad without a backend need not carry a WebSocket client's memory.
+    from wonderland_edge_agent.uplink import Credentials, Uplink, UplinkError  # noqa: PLC0415
+
+    context: ssl.SSLContext | None = None
+    if settings.backend_url.startswith("wss:"):
+        try:
+            context = ssl.create_default_context(
+                cafile=str(settings.backend_tls_ca) if settings.backend_tls_ca is not None else None
+            )
+        except (OSError, ssl.SSLError) as cause:
+            raise AgentError(
+                f"backend.tls_ca: {settings.backend_tls_ca} is no certificate authority ({cause})"
+            ) from cause
+    try:
+        credentials = Credentials(
+            agent="pad",
+            id=settings.pad_id,
+            msp_id=identity.msp_id,
+            certificate_pem=identity.certificate_pem.decode("ascii", "replace"),
+            sign=signer,
+        )
+        return Uplink(
+            settings.backend_url,
+            credentials,
+            spool,
+            ssl_context=context,
+            allow_plaintext=settings.backend_plaintext,
+        )
+    except UplinkError as cause:
+        raise AgentError(f"backend: {cause}") from cause

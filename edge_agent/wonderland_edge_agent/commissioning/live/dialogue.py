@@ -1,0 +1,41 @@
+"""What a commissioning tells its operator, and asks."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from wonderland_edge_agent.commissioning.live.recorder import RunRecorder
+from wonderland_edge_agent.commissioning.offline import Calibrated
+from wonderland_edge_agent.self_survey import SelfSurvey
+
+
+class Dialogue(Protocol):
+    """Who sits in front of it."""
+
+    def step(self, number: int, name: str, text: str) -> None:
+        """A step begins."""
+        ...
+
+    def say(self, text: str) -> None:
+        """A plain fact."""
+        ...
+
+    def warn(self, text: str) -> None:
+        """Something to look at."""
+        ...
+
+    def confirm(self, text: str) -> bool:
+        """Whether it may go on."""
+        ...
+
+    def show_check(self, found: SelfSurvey) -> None:
+        """The self-survey."""
+        ...
+
+    def progress(self, recorder: RunRecorder, seconds: float, reach_m: float, problem: str) -> None:
+        """The run, twice a second."""
+        ...
+
+    def show_result(self, found: Calibrated) -> None:
+        """Fit and go/no-go."""
+        ...

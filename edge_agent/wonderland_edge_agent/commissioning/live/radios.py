@@ -1,0 +1,211 @@
+"""The pad's nodes, and the tag that the drone carries, in a session for calibrating."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from wonderland.clock import Clock
+from wonderland.proofs.records.pads import Frame
+from wonderland.uwb.blinks import BlinkPlan, blinks_beside
+from wonderland_edge_agent.commissioning.errors import RadioError, TruthError
+from wonderland_edge_agent.commissioning.live.recorder import RunRecorder
+from wonderland_edge_agent.commissioning.reference import datagram
+from wonderland_edge_agent.radios.between import ranging_config
+from wonderland_fira_uci.errors import UwbError
+from wonderland_fira_uci.events import FrameStamped, RangeMeasurement, SessionFailed
+from wonderland_fira_uci.node import UwbNode, UwbSession
+from wonderland_fira_uci.serial_port import Opener
+from wonderland_fira_uci.uci.config import SessionConfig
+
+READY_S: Final = 10.0
+RUN_INTERVAL_MS: Final = 100
+RUN_SLOTS: Final = 25
+SLOT_MS: Final = 2
+"""As ``wonderland uwb listen`` has them, so that the tag may hang on another computer."""
+MIN_NODES: Final = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TagPlan:
+    """The session of a calibration run: ``macs`` of the pad's nodes by anchor, and what the tag has to be told."""
+
+    macs: Mapping[str, int]
+    tag_mac: int
+    session_id: int
+    key: bytes
+    interval_ms: int = RUN_INTERVAL_MS
+
+    def blinks(self) -> BlinkPlan:
+        """The tag's blinks, which the pad's nodes time-stamp; as ``wonderland uwb listen --blink`` has them."""
+        return blinks_beside(self.session_id, tuple(self.macs.values()), self.tag_mac, self.key, self.interval_ms)
+
+    def command(self, key_file: Path) -> str:
+        """What to run where the tag hangs, if that is another computer."""
+        peers = " ".join(f"--peer {mac:04x}" for mac in self.macs.values())
+        return (
+            f"wonderland uwb listen --port PORT --kind uci --mac {self.tag_mac:04x} {peers} --lead "
+            f"--session {self.session_id} --interval-ms {self.interval_ms} --key-file {key_file.name} --blink"
+        )
+
+
+@contextlib.asynccontextmanager
+async def open_nodes(ports: Mapping[str, str | Opener], clock: Clock) -> AsyncIterator[dict[str, UwbNode]]:
+    """The pad's nodes, connected. Raises RadioError where fewer than three answer."""
+    async with contextlib.AsyncExitStack() as stack:
+        nodes = {}
+        for name, port in ports.items():
+            nodes[name] = await stack.enter_async_context(UwbNode(port, name=f"anchor {name}", clock=clock))
+        outcomes = await asyncio.gather(*(node.wait_ready(READY_S) for node in nodes.values()), return_exceptions=True)
+        away = {
+            name: str(outcome)
+            for name, outcome in zip(nodes, outcomes, strict=True)
+            if isinstance(outcome, BaseException)
+        }
+        if len(nodes) - len(away) < MIN_NODES:
+            raise RadioError(
+                f"fewer than {MIN_NODES} nodes answer: {'; '.join(away.values())}. Are they plugged in, and does no "
+                "agent use them?"
+            )
+        yield nodes
+
+
+async def run(
+    nodes: Mapping[str, UwbNode], tag: UwbNode | None, plan: TagPlan, recorder: RunRecorder, stop: asyncio.Event
+) -> None:
+    """Range until ``stop``. Raises RadioError where the nodes, or a tag that hangs here, do not take the session.
+
+    Nodes that know UL-TDoA also time-stamp the tag's blinks; without them the run goes on.
+    """
+    sessions: list[UwbSession] = []
+    readers: list[asyncio.Task[None]] = []
+    stampers: list[asyncio.Task[None]] = []
+    try:
+        for name, node in nodes.items():
+            try:
+                session = await node.open_session(_config(plan, plan.macs[name], (plan.tag_mac,), leads=False))
+            except UwbError as error:
+                raise RadioError(f"anchor {name} does not take the session: {error}") from error
+            sessions.append(session)
+            readers.append(asyncio.create_task(_read(session, name, plan.tag_mac, recorder)))
+        if tag is not None:
+            try:
+                await tag.wait_ready(READY_S)
+                sessions.append(
+                    await tag.open_session(_config(plan, plan.tag_mac, tuple(plan.macs.values()), leads=True))
+                )
+            except UwbError as error:
+                raise RadioError(f"the tag does not range: {error}") from error
+        stampers = await _listen_to_blinks(nodes, tag, plan, recorder, sessions)
+        waiting = asyncio.create_task(stop.wait())
+        done, _ = await asyncio.wait([waiting, *readers], return_when=asyncio.FIRST_COMPLETED)
+        waiting.cancel()
+        for task in done:
+            if task is not waiting:
+                task.result()
+    finally:
+        for reader in (*readers, *stampers):
+            reader.cancel()
+        await asyncio.gather(*readers, *stampers, return_exceptions=True)
+        await asyncio.gather(*(session.close() for session in sessions))
+
+
+async def _listen_to_blinks(
+    nodes: Mapping[str, UwbNode],
+    tag: UwbNode | None,
+    plan: TagPlan,
+    recorder: RunRecorder,
+    sessions: list[UwbSession],
+) -> list[asyncio.Task[None]]:
+    """Whoever reads the time stamps; nobody where a node does not take the session."""
+    blinks = plan.blinks()
+    opened: list[tuple[str, UwbSession]] = []
+    try:
+        for name, node in nodes.items():
+            index = blinks.pad_macs.index(plan.macs[name])
+            opened.append((name, await node.open_session(blinks.pad_anchor(index))))
+        if tag is not None:
+            opened.append(("", await tag.open_session(blinks.uav_tag())))
+    except UwbError as error:
+        recorder.no_stamps = str(error)
+        await asyncio.gather(*(session.close() for _, session in opened))
+        return []
+    sessions.extend(session for _, session in opened)
+    return [
+        asyncio.create_task(_read_stamps(session, name, plan.tag_mac, recorder)) for name, session in opened if name
+    ]
+
+
+@contextlib.asynccontextmanager
+async def listen(
+    address: tuple[str, int], frame: Frame | None, recorder: RunRecorder, *, clock: Clock
+) -> AsyncIterator[LiveReference]:
+    """Positions by UDP into the recorder. Raises RadioError where the address is taken."""
+    loop = asyncio.get_running_loop()
+    try:
+        transport, protocol = await loop.create_datagram_endpoint(
+            lambda: LiveReference(frame, recorder, clock), local_addr=address
+        )
+    except OSError as error:
+        raise RadioError(
+            f"reference: {address[0]}:{address[1]} cannot be listened to ({error.strerror or error})"
+        ) from error
+    try:
+        yield protocol
+    finally:
+        transport.close()
+
+
+class LiveReference(asyncio.DatagramProtocol):
+    """One position in each datagram. ``bad`` counts those that were none, ``problem`` says what the last one was."""
+
+    def __init__(self, frame: Frame | None, recorder: RunRecorder, clock: Clock) -> None:
+        self.bad = 0
+        self.problem = ""
+        self.address: tuple[str, int] = ("", 0)
+        self._frame = frame
+        self._recorder = recorder
+        self._clock = clock
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The socket is bound."""
+        self.address = transport.get_extra_info("sockname")[:2]
+
+    def datagram_received(self, data: bytes, addr: object) -> None:
+        """One position."""
+        del addr
+        try:
+            t_s, point = datagram(data, self._frame, self._clock() / 1000)
+        except TruthError as error:
+            self.bad += 1
+            self.problem = str(error)
+            return
+        self._recorder.reference(t_s, point)
+
+
+async def _read(session: UwbSession, name: str, tag_mac: int, recorder: RunRecorder) -> None:
+    async for event in session.events():
+        if isinstance(event, RangeMeasurement) and event.peer_mac == tag_mac:
+            recorder.range(name, event.t_ms, event.range_mm, nlos=bool(event.nlos))
+        elif isinstance(event, SessionFailed):
+            raise RadioError(f"anchor {name}: {event.error}")
+
+
+async def _read_stamps(session: UwbSession, name: str, tag_mac: int, recorder: RunRecorder) -> None:
+    async for event in session.events():
+        if isinstance(event, FrameStamped) and event.tag_mac == tag_mac:
+            recorder.stamp(name, event.t_ms, event.number, event.ticks)
+        elif isinstance(event, SessionFailed):
+            recorder.no_stamps = f"anchor {name}: {event.error}"
+            return
+
+
+def _config(plan: TagPlan, mac: int, peers: tuple[int, ...], *, leads: bool) -> SessionConfig:
+    slots = min(RUN_SLOTS, plan.interval_ms // SLOT_MS)
+    return ranging_config(
+        mac, peers, leads=leads, session_id=plan.session_id, key=plan.key, interval_ms=plan.interval_ms, slots=slots
+    )

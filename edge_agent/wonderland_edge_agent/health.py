@@ -1,0 +1,98 @@
+"""How the pad is: told to the backend as telemetry, and to ``wonderland pad status`` by a small file."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from wonderland import __version__
+from wonderland.telemetry import AnchorHealth, Health
+from wonderland_edge_agent.drift import DriftState
+from wonderland_edge_agent.radios import AnchorState
+from wonderland_edge_agent.receiver import ReceiverCounts
+from wonderland_edge_agent.reporting import SpoolReporter
+from wonderland_edge_agent.spool import SpoolStatus
+from wonderland_fabric_gateway.errors import LedgerError
+from wonderland_fabric_gateway.files import read_bounded, write_atomic
+
+_log = logging.getLogger(__name__)
+
+HEALTH_S: Final = 10.0
+LOOK_S: Final = 1.0
+"""Between two looks whether something changed that is told at once."""
+
+
+class StatusError(LedgerError):
+    """The agent's status file is missing or no status; the text says what to do."""
+
+
+def health_record(
+    anchors: Sequence[AnchorState],
+    spool: SpoolStatus,
+    receiver: ReceiverCounts,
+    prekeys: int | None,
+    drift: DriftState | None = None,
+) -> Health:
+    """A pad's word on itself."""
+    return Health(
+        anchors=tuple(
+            AnchorHealth(anchor_id=anchor.anchor_id, state=anchor.state, firmware=anchor.firmware or None)
+            for anchor in anchors
+        ),
+        spool=spool.health(),
+        receiver=receiver.health(),
+        prekeys=prekeys,
+        version=__version__,
+        drift=None if drift is None else drift.health(),
+    )
+
+
+async def tell_health(
+    status: Callable[[], dict[str, Any]],
+    health: Callable[[], Health],
+    reporter: SpoolReporter,
+    files: Sequence[tuple[Path | None, Callable[[Path, dict[str, Any]], None]]],
+) -> None:
+    """Tell until cancelled: to the backend, and to each file that there is.
+
+    Every ten seconds, and within one when an anchor, the drift or the offer of prekeys comes to another state.
+    """
+    while True:
+        now, told = status(), health()
+        reporter.offer(now["t_ms"], told)
+        for path, write in files:
+            if path is not None:
+                try:
+                    await asyncio.to_thread(write, path, now)
+                except LedgerError as error:
+                    _log.warning("%s", error)
+        for _ in range(round(HEALTH_S / LOOK_S)):
+            await asyncio.sleep(LOOK_S)
+            if _states(health()) != _states(told):
+                break
+
+
+def _states(health: Health) -> tuple[object, ...]:
+    anchors = tuple((anchor.anchor_id, anchor.state) for anchor in health.anchors)
+    return anchors, None if health.drift is None else health.drift.state, bool(health.prekeys)
+
+
+def write_status(path: Path, status: dict[str, Any]) -> None:
+    """Replace the status file. Raises LedgerError (FileWriteError) when the disk does not take it."""
+    write_atomic(path, json.dumps(status, indent=2, ensure_ascii=False).encode() + b"\n")
+
+
+def read_status(path: Path) -> dict[str, Any]:
+    """What the agent last said of itself. Raises StatusError."""
+    data = read_bounded(path, StatusError, "status", limit=1 << 20)
+    try:
+        status = json.loads(data.decode())
+    except (ValueError, RecursionError) as cause:
+        raise StatusError(f"{path} is no status file ({cause}); the agent writes it anew when it runs") from cause
+    if not isinstance(status, dict):
+        raise StatusError(f"{path} is no status file; the agent writes it anew when it runs")
+    return status

@@ -1,0 +1,124 @@
+"""Ranges between a pad's own nodes: each leads once and ranges all others. No drone takes part."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import secrets
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+from wonderland_fira_uci.errors import UwbError
+from wonderland_fira_uci.events import RangeMeasurement, SessionFailed
+from wonderland_fira_uci.node import UwbNode, UwbSession
+from wonderland_fira_uci.uci.config import AppConfig, DeviceRole, DeviceType, MultiNodeMode, SessionConfig
+from wonderland_fira_uci.uci.status import SessionType
+
+_log = logging.getLogger(__name__)
+
+INTERVAL_MS: Final = 50
+SLOTS: Final = 20
+"""Of 2 ms: one round of eight followers fits into the interval."""
+PATIENCE: Final = 4
+"""A leader gets this many times the time that its rounds should take."""
+LEAST_S: Final = 2.0
+
+PairRanges = dict[tuple[str, str], list[int]]
+"""Ranges in mm by (leader, follower)."""
+
+
+def ranging_config(
+    mac: int,
+    peers: Sequence[int],
+    *,
+    leads: bool,
+    session_id: int,
+    key: bytes,
+    interval_ms: int = INTERVAL_MS,
+    slots: int = SLOTS,
+) -> SessionConfig:
+    """One node's part in a session of one controller and several controlees. Raises UciEncodeError."""
+    app = AppConfig(
+        device_type=DeviceType.CONTROLLER if leads else DeviceType.CONTROLEE,
+        device_role=DeviceRole.INITIATOR if leads else DeviceRole.RESPONDER,
+        multi_node_mode=MultiNodeMode.ONE_TO_MANY,
+        mac_address=mac,
+        destination_macs=tuple(peers),
+        interval_ms=interval_ms,
+        slots_per_round=slots,
+        rssi_reporting=1,
+        session_key=key,
+    )
+    return SessionConfig(session_id=session_id, app=app, session_type=SessionType.RANGING)
+
+
+async def measure_between(
+    nodes: Mapping[str, UwbNode],
+    macs: Mapping[str, int],
+    *,
+    rounds: int = 20,
+    random_octets: Callable[[int], bytes] = secrets.token_bytes,
+    told: Callable[[str], None] = lambda _: None,
+) -> PairRanges:
+    """Let every node that is ready lead ``rounds`` rounds. ``told`` hears which anchor leads. Pairs may be missing.
+
+    Never raises for a node that is away or refuses: what it would have measured is missing then.
+    """
+    out: PairRanges = {}
+    present = [name for name, node in nodes.items() if node.is_ready and name in macs]
+    if len(present) < 2:
+        return out
+    for leader in present:
+        told(leader)
+        out |= await _lead(nodes, macs, leader, [name for name in present if name != leader], rounds, random_octets)
+    return out
+
+
+async def _lead(
+    nodes: Mapping[str, UwbNode],
+    macs: Mapping[str, int],
+    leader: str,
+    followers: Sequence[str],
+    rounds: int,
+    random_octets: Callable[[int], bytes],
+) -> PairRanges:
+    session_id = int.from_bytes(random_octets(4), "little") | 1
+    key = random_octets(16)
+    names = {macs[name]: name for name in followers}
+    found: PairRanges = {(leader, name): [] for name in followers}
+    sessions: list[UwbSession] = []
+
+    async def opened(name: str, peers: Sequence[int], *, leads: bool) -> UwbSession | None:
+        try:
+            config = ranging_config(macs[name], peers, leads=leads, session_id=session_id, key=key)
+            session = await nodes[name].open_session(config)
+        except UwbError as error:
+            _log.warning("anchor %s takes no part in ranging between anchors: %s", name, error)
+            return None
+        sessions.append(session)
+        return session
+
+    try:
+        await asyncio.gather(*(opened(name, (macs[leader],), leads=False) for name in followers))
+        leading = await opened(leader, tuple(names), leads=True)
+        if leading is None:
+            return {}
+        limit_s = max(PATIENCE * rounds * INTERVAL_MS / 1000, LEAST_S)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(limit_s):
+                await _collect(leading, names, leader, found, rounds)
+    finally:
+        await asyncio.gather(*(session.close() for session in sessions))
+    return {pair: values for pair, values in found.items() if values}
+
+
+async def _collect(session: UwbSession, names: Mapping[int, str], leader: str, found: PairRanges, rounds: int) -> None:
+    async for event in session.events():
+        if isinstance(event, RangeMeasurement) and event.range_mm and event.peer_mac in names:
+            found[leader, names[event.peer_mac]].append(event.range_mm)
+            if all(len(values) >= rounds for values in found.values()):
+                return
+        elif isinstance(event, SessionFailed):
+            _log.warning("anchor %s: ranging between anchors failed: %s", leader, event.error)
+            return

@@ -1,0 +1,157 @@
+"""A pad of DWM1001 anchors: they answer the drone's tag and tell the pad nothing, so the drone reports (assurance 0).
+
+The anchors need power only. Rounds and words come from the drone by UDP (``dwm1001.carrier``); what the
+pad makes of them is the same as with nodes of its own, but the evidence says who measured.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Final, Self, cast
+
+from wonderland.clock import Clock
+from wonderland.uwb.blinks import BlinkPlan
+from wonderland.uwb.layout import RangingPlan
+from wonderland_edge_agent.radios.nodes import MIN_ANCHORS, AnchorState, RadiosError, Sink
+from wonderland_edge_agent.session.events import AnchorRange, DataHeard
+from wonderland_fira_uci.dwm1001.carrier import Carrier, Content, Ranges, Words
+from wonderland_fira_uci.dwm1001.errors import Dwm1001DecodeError
+from wonderland_fira_uci.errors import NodeError
+
+_log = logging.getLogger(__name__)
+
+SILENT_MS: Final = 1_000
+FIRMWARE: Final = "drone-reported (DWM1001)"
+Address = tuple[str, int]
+
+
+class ReportedRadios(asyncio.DatagramProtocol):
+    """Use as an asynchronous context manager; the port is bound as long as it is open. Port 0: see ``address``."""
+
+    measured_by: Final = "uav"
+    sts: Final = "static"
+
+    def __init__(self, listen: Address, clock: Clock) -> None:
+        self._listen = listen
+        self._clock = clock
+        self._transport: asyncio.DatagramTransport | None = None
+        self._carrier: Carrier | None = None
+        self._peer: Address | None = None
+        self._anchors: dict[int, str] = {}
+        self._heard_ms: dict[str, int] = {}
+        self._sink: Sink | None = None
+        self._gone = asyncio.Event()
+        self.datagrams_bad = 0
+        """Datagrams that belonged to no session under way, or were forged or repeated."""
+
+    async def __aenter__(self) -> Self:
+        """Bind. Raises RadiosError."""
+        try:
+            await asyncio.get_running_loop().create_datagram_endpoint(lambda: self, local_addr=self._listen)
+        except OSError as error:
+            host, port = self._listen
+            raise RadiosError(f"uwb.listen: {host}:{port} cannot be bound ({error.strerror or error})") from error
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close_session()
+        if self._transport is not None:
+            self._transport.close()
+            self._transport = None
+            await self._gone.wait()
+
+    @property
+    def address(self) -> Address:
+        """Where drones reach this pad."""
+        if self._transport is None:
+            raise NodeError("the pad's port for drones is not open")
+        host, port = self._transport.get_extra_info("sockname")[:2]
+        return str(host), int(port)
+
+    def states(self) -> list[AnchorState]:
+        """The anchors of the last session: up while the drone reports ranges to them. No pad hears them itself."""
+        now_ms = self._clock()
+        return [
+            AnchorState(
+                anchor_id,
+                "up" if now_ms - self._heard_ms.get(anchor_id, -SILENT_MS) < SILENT_MS else "silent",
+                "seen only in what drones report",
+                FIRMWARE,
+            )
+            for anchor_id in self._anchors.values()
+        ]
+
+    async def open_session(self, plan: RangingPlan, anchor_ids: Sequence[str], sink: Sink) -> str | None:
+        """Listen for this session's drone; its reports go to ``sink``. Raises RadiosError."""
+        await self.close_session()
+        if len(anchor_ids) < MIN_ANCHORS:
+            raise RadiosError(f"{len(anchor_ids)} anchors; a position needs {MIN_ANCHORS}")
+        self._anchors = dict(zip(plan.pad_macs, anchor_ids, strict=True))
+        self._heard_ms.clear()
+        self._carrier = Carrier(plan.sts_key, plan.session_a_id, is_pad=True)
+        self._sink = sink
+        return FIRMWARE
+
+    async def listen(self, plan: BlinkPlan, anchor_ids: Sequence[str], sink: Sink) -> None:
+        """These anchors time-stamp nothing for the pad: always raises RadiosError."""
+        del plan, anchor_ids, sink
+        raise RadiosError("DWM1001 anchors tell the pad no time stamps, so that it cannot be a witness")
+
+    async def send(self, frame: bytes) -> None:
+        """Send a frame to the drone. Raises NodeError while nobody knows where it is."""
+        if self._carrier is None or self._transport is None:
+            raise NodeError("no session is open")
+        if self._peer is None:
+            raise NodeError("the drone has not been heard yet")
+        self._transport.sendto(self._carrier.words(frame), self._peer)
+
+    async def close_session(self) -> None:
+        """Hear nobody. Never raises."""
+        self._carrier = self._peer = self._sink = None
+
+    # asyncio.DatagramProtocol
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The port is bound."""
+        # Older Python versions do not derive their transports from the class that they implement.
+        self._transport = cast("asyncio.DatagramTransport", transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The port is free again."""
+        del exc
+        self._gone.set()
+
+    def datagram_received(self, data: bytes, addr: Address) -> None:
+        """Something came from somewhere; only this session's drone is heard."""
+        if self._carrier is None or self._sink is None:
+            self.datagrams_bad += 1
+            return
+        try:
+            content = self._carrier.open(data)
+        except Dwm1001DecodeError as error:
+            self.datagrams_bad += 1
+            _log.debug("from %s: %s", addr, error)
+            return
+        self._peer = addr
+        self._take(content, self._sink)
+
+    def error_received(self, exc: Exception) -> None:
+        """A datagram came back: the link repeats it."""
+        _log.debug("the drone's address: %s", exc)
+
+    def _take(self, content: Content, sink: Sink) -> None:
+        if isinstance(content, Words):
+            sink(DataHeard(content.frame))
+        elif isinstance(content, Ranges):
+            t_ms = self._clock()
+            for address, range_mm in content.rows:
+                with contextlib.suppress(KeyError):  # another pad's anchor in reach
+                    anchor_id = self._anchors[address]
+                    self._heard_ms[anchor_id] = t_ms
+                    sink(AnchorRange(anchor_id, t_ms, range_mm))

@@ -1,0 +1,218 @@
+"""``wonderland uwb``: try a UWB board at the bench."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import importlib.util
+import json
+import logging
+import signal
+import sys
+from collections.abc import AsyncGenerator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+if TYPE_CHECKING:
+    from wonderland.uwb.listen import Document, Summary, UciBench
+
+if importlib.util.find_spec("serial") is None:  # a machine without serial ports does not show this command
+    raise ModuleNotFoundError("pyserial is not installed; the extras edge and uav bring it", name="serial")
+
+MAX_KEY_FILE_OCTETS: Final = 256
+KINDS: Final = ("dwm1001", "uci")
+MODES: Final = ("tlv", "les", "lec", "lep")
+
+
+@click.group()
+def uwb() -> None:
+    """Try UWB boards: what one measures, how often, how steadily.
+
+    \b
+      wonderland uwb listen --port /dev/ttyACM0 --kind dwm1001
+      wonderland uwb listen --port /dev/ttyUSB0 --kind uci --mac a001 --peer d001 --lead
+    """  # noqa: D301 - \b is click's mark for "do not wrap"
+
+
+def _address(text: str) -> int:
+    """A 16-bit short address in hexadecimal digits."""
+    digits = text.lower().removeprefix("0x")
+    if not 1 <= len(digits) <= 4 or any(digit not in "0123456789abcdef" for digit in digits):
+        raise click.BadParameter(f"{text!r} is no short address; give up to four hexadecimal digits, for example d001")
+    return int(digits, 16)
+
+
+@uwb.command()
+@click.option("--port", required=True, help="Serial port of the board.")
+@click.option("--kind", required=True, type=click.Choice(KINDS), help="What the board speaks.")
+@click.option(
+    "--mode",
+    type=click.Choice(MODES),
+    default="tlv",
+    show_default=True,
+    help="DWM1001: ask for each round, or let its shell stream lines.",
+)
+@click.option("--mac", help="UCI: this board's short address, hexadecimal.")
+@click.option("--peer", "peers", multiple=True, help="UCI: a peer's short address; may be repeated.")
+@click.option("--lead/--follow", default=True, show_default=True, help="UCI: controller and initiator, or the other.")
+@click.option("--session", type=click.IntRange(1, 0xFFFFFFFF), default=1, show_default=True, help="UCI: session id.")
+@click.option("--channel", type=int, default=9, show_default=True, help="UCI: channel.")
+@click.option("--interval-ms", type=click.IntRange(20, 60_000), default=200, show_default=True, help="UCI: interval.")
+@click.option(
+    "--key-file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="UCI: file with the session key in hexadecimal (provisioned STS). Without it the public static STS is used.",
+)
+@click.option("--blink", is_flag=True, help="UCI: blink, too, for nodes that time-stamp (a pad's calibration run).")
+@click.option("--count", type=click.IntRange(1), help="Stop after so many reports.")
+@click.option("--seconds", type=click.FloatRange(0.1), help="Stop after so long. Otherwise Ctrl-C ends it.")
+@click.option("--json", "as_json", is_flag=True, help="A JSON document per line; the last one is the summary.")
+def listen(*, port: str, kind: str, count: int | None, seconds: float | None, as_json: bool, **options: Any) -> None:
+    """Print what a board measures, and at the end count, rate, mean and spread of the ranges to each peer.
+
+    Exit code 1 when the board does not report, 0 otherwise.
+    """
+    from wonderland_fira_uci.errors import UwbError  # noqa: PLC0415 - `--help` needs none of it
+
+    # A board that goes and comes says so in the log.
+    logging.basicConfig(level=logging.WARNING if as_json else logging.INFO, format="%(message)s", stream=sys.stderr)
+    try:
+        summary = asyncio.run(_listen(_reports(port, kind, **options), count, seconds, as_json=as_json))
+    except UwbError as error:
+        raise click.ClickException(str(error)) from error
+    if not summary.ready:
+        raise click.ClickException(f"{port}: not one report; is the board there, and of this kind?")
+    if as_json:
+        click.echo(json.dumps(summary.document()))
+    else:
+        _show(summary)
+
+
+def _reports(
+    port: str,
+    kind: str,
+    *,
+    mode: str,
+    mac: str | None,
+    peers: tuple[str, ...],
+    lead: bool,
+    session: int,
+    channel: int,
+    interval_ms: int,
+    key_file: Path | None,
+    blink: bool,
+) -> AsyncGenerator[Document, None]:
+    from wonderland.clock import SteadyClock  # noqa: PLC0415 - `--help` needs none of it
+    from wonderland.uwb import listen as bench  # noqa: PLC0415
+    from wonderland_fira_uci.dwm1001 import Mode  # noqa: PLC0415
+
+    if kind == "dwm1001":
+        return bench.dwm1001(port, Mode(mode), SteadyClock())
+    if mac is None or not peers:
+        raise click.UsageError("--kind uci needs --mac (this board) and --peer (the others)")
+    own, others = _address(mac), tuple(_address(peer) for peer in peers)
+    if len({own, *others}) != 1 + len(others):
+        raise click.UsageError("--mac and --peer: two boards have the same address")
+    if blink and not (lead and key_file):
+        raise click.UsageError("--blink is for the board that leads, with the run's key (--lead, --key-file)")
+    session_plan: UciBench = bench.UciBench(
+        mac=own,
+        peers=others,
+        leads=lead,
+        session_id=session,
+        channel=channel,
+        interval_ms=interval_ms,
+        key=_key(key_file),
+        blink=blink,
+    )
+    return bench.uci(port, session_plan, SteadyClock())
+
+
+def _key(path: Path | None) -> bytes | None:
+    if path is None:
+        return None
+    try:
+        with path.open("rb") as file:
+            text = file.read(MAX_KEY_FILE_OCTETS)
+        key = bytes.fromhex(text.decode("ascii"))
+    except OSError as error:
+        raise click.UsageError(f"--key-file {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise click.UsageError(f"--key-file {path}: holds no hexadecimal digits alone") from error
+    if len(key) not in {16, 32}:
+        raise click.UsageError(f"--key-file {path}: {len(key)} octets; a session key has 16 or 32")
+    return key
+
+
+async def _listen(
+    reports: AsyncGenerator[Document, None], count: int | None, seconds: float | None, *, as_json: bool
+) -> Summary:
+    from wonderland.uwb.listen import Summary  # noqa: PLC0415 - `--help` needs none of it
+
+    summary = Summary()
+
+    async def work() -> None:
+        async with contextlib.aclosing(reports):
+            async for document in reports:
+                summary.add(document)
+                click.echo(json.dumps(document) if as_json else _line(document))
+                if count is not None and summary.rounds >= count:
+                    return
+
+    task = asyncio.create_task(work())
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, task.cancel)
+    _, late = await asyncio.wait({task}, timeout=seconds)
+    for unfinished in late:
+        unfinished.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+    return summary
+
+
+def _line(document: Document) -> str:
+    match document["kind"]:
+        case "ready":
+            return f"{document['board']} is ready, firmware {document['firmware']}"
+        case "lost":
+            return f"away: {document['detail']}"
+        case "heard":
+            return f"{document['address']} says it is at {_place(document.get('position'))}"
+        case _:
+            rows = "  ".join(_row(row) for row in document["ranges"]) or "nobody heard"
+            place = f"  at {_place(document['position'])}" if "position" in document else ""
+            return rows + place + ("  (damaged line)" if document.get("damaged") else "")
+
+
+def _row(row: Document) -> str:
+    if "range_mm" not in row:
+        return f"{row['address']} – {row.get('status', '')}".rstrip()
+    return f"{row['address']} {row['range_mm'] / 1000:7.3f} m"
+
+
+def _place(position: Document | None) -> str:
+    if position is None:
+        return "no known place"
+    return ", ".join(f"{position[axis] / 1000:.2f}" for axis in ("x_mm", "y_mm", "z_mm")) + " m"
+
+
+def _show(summary: Summary) -> None:
+    from rich.console import Console  # noqa: PLC0415 - `--help` needs none of it
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(title=f"{summary.rounds} reports, {summary.damaged} of them damaged")
+    for name in ("peer", "ranges", "missing", "per second", "mean, m", "σ, mm"):
+        table.add_column(name, justify="right")
+    for address, tally in sorted(summary.peers.items()):
+        table.add_row(
+            address,
+            str(tally.count),
+            str(tally.missing),
+            f"{tally.rate_hz:.1f}",
+            f"{tally.mean_mm / 1000:.3f}",
+            f"{tally.sigma_mm:.0f}",
+        )
+    Console().print(table)

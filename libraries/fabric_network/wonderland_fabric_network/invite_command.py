@@ -1,0 +1,34 @@
+"""``wonderland network invite``: a one-time secret for somebody who makes the key himself."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+
+import click
+
+from wonderland_fabric_gateway.embedded.organisations import ROLES
+from wonderland_fabric_network import enrolment
+from wonderland_fabric_network.console import dir_option, json_option, open_at
+
+
+@click.command()
+@click.argument("name")
+@dir_option
+@click.option("--role", required=True, type=click.Choice(tuple(ROLES)), help="What it may do (pol.role).")
+@click.option("--id", "pol_id", default="", help="Registry id of the pad or drone (pol.id); the name unless given.")
+@click.option("--org", "msp_id", help="The organisation, where several of its kind give out the role.")
+@json_option
+def invite(*, name: str, directory: Path, role: str, pol_id: str, msp_id: str | None, as_json: bool) -> None:
+    """Print a one-time secret with which NAME enrols itself, with a key that never leaves its place.
+
+    People enter it in the console, under Registry, Signing key.
+    """
+    made = open_at(directory)
+    invited = asyncio.run(enrolment.invite(made, enrolment.Request(name, role, pol_id or name, msp_id)))
+    if as_json:
+        click.echo(json.dumps({"name": name, "msp_id": invited.msp_id, "role": role, "secret": invited.secret}))
+        return
+    click.echo(f"{name} of {invited.msp_id}, role {role}; good once:")
+    click.echo(f"secret  {invited.secret}")

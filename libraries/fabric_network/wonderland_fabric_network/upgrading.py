@@ -1,0 +1,161 @@
+"""A new version of the contract, or another endorsement policy, agreed on by every organisation while the old one runs.
+
+The new version's servers start beside the old ones; when the channel has agreed, the peers turn to them, and the old
+servers finish what they have and end. Every step may be interrupted and run again.
+"""
+
+from __future__ import annotations
+
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from wonderland_fabric_network import certificates, lifecycle
+from wonderland_fabric_network.agreement import Agreement, load_agreement, save_agreement
+from wonderland_fabric_network.bringing_up import PROBE, ensure_contract_tls
+from wonderland_fabric_network.concurrency import together
+from wonderland_fabric_network.contract import (
+    SLOTS,
+    ContractPackage,
+    InstalledContract,
+    build_package,
+    installed_contract,
+)
+from wonderland_fabric_network.errors import DirectoryStateError
+from wonderland_fabric_network.network import Network, contract_component
+
+if TYPE_CHECKING:
+    from wonderland_fabric_network.bringing_up import Report
+    from wonderland_fabric_network.peers import CommittedDefinition, PeerAdmin
+
+
+@dataclass(frozen=True)
+class Upgrade:
+    """What the organisations now agree on; `changed` says whether they did not before."""
+
+    agreement: Agreement
+    endorsement: str
+    changed: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """JSON values."""
+        return {
+            "sequence": self.agreement.sequence,
+            "version": self.agreement.version,
+            "package_id": self.agreement.package_id,
+            "endorsement": self.endorsement,
+            "changed": self.changed,
+        }
+
+
+async def upgrade(network: Network, report: Report, *, endorsement: str | None = None) -> tuple[Network, Upgrade]:
+    """Agree on the installed contract, and on `endorsement` where given. Raises `NetworkError`.
+
+    Returns the network with its changed description, too.
+    """
+    network.require_here()
+    if endorsement is not None:
+        network = network.with_description(network.description.with_endorsement(endorsement))
+    installed = installed_contract(network.description.contract.package)
+    async with AsyncExitStack() as stack:
+        peers = await network.peer_admins(stack)
+        committed = await peers[0].definition(network.channel, network.description.contract.name)
+        if committed is None:
+            raise DirectoryStateError("there is no contract on the channel yet; `wonderland network up` agrees on one")
+        former = load_agreement(network.directory.contract_file)
+        done = _Upgrading(network, report, peers, installed, committed, former)
+        result = await done.run()
+    network.description.save(network.directory.description_file)
+    return network, result
+
+
+class _Upgrading:
+    def __init__(
+        self,
+        network: Network,
+        report: Report,
+        peers: list[PeerAdmin],
+        installed: InstalledContract,
+        committed: CommittedDefinition,
+        former: Agreement | None,
+    ) -> None:
+        self._network = network
+        self._report = report
+        self._peers = peers
+        self._installed = installed
+        self._committed = committed
+        self._former = former
+        self._name = network.description.contract.name
+
+    async def run(self) -> Upgrade:
+        network, committed = self._network, self._committed
+        parameter = network.description.contract.policy.validation_parameter()
+        slot = await self._approved_slot()
+        changed = slot is None or committed.validation_parameter != parameter
+        package = self._package(slot or self._free_slot())
+        sequence = committed.sequence + 1 if changed else committed.sequence
+        agreement = Agreement(
+            sequence, self._installed.version, self._installed.sha256, package.slot, package.package_id
+        )
+        await self._serve(package)
+        if changed:
+            self._report("contract", f"agreeing on {self._name} {self._installed.version}, sequence {sequence}")
+            wanted = lifecycle.Definition(self._name, sequence, self._installed.version, parameter)
+            await lifecycle.agree(network, self._peers, wanted, package)
+            await together(
+                lifecycle.wait_definition(peer, network.channel, self._name, sequence) for peer in self._peers
+            )
+        save_agreement(network.directory.contract_file, agreement)
+        await self._probe()
+        await self._retire(package.slot)
+        return Upgrade(agreement, network.description.contract.endorsement, changed)
+
+    async def _approved_slot(self) -> str | None:
+        """The slot for which every organisation that endorses has approved the installed contract; None: not all."""
+        sequence = self._committed.sequence
+        approved = {
+            await lifecycle.approved_package(peer, self._network.channel, self._name, sequence)
+            for peer in self._peers
+            if peer.msp_id in self._network.endorsers
+        }
+        return next((each for each in SLOTS if approved == {self._package(each).package_id}), None)
+
+    def _free_slot(self) -> str:
+        """The slot for what is to run: another one than what runs now, unless that is the same."""
+        if self._former is not None and self._former.fits(self._installed):
+            return self._former.slot
+        return next(each for each in SLOTS if self._former is None or each != self._former.slot)
+
+    def _package(self, slot: str) -> ContractPackage:
+        return build_package(self._name, self._installed, slot)
+
+    async def _serve(self, package: ContractPackage) -> None:
+        network = self._network
+        for msp_id in network.endorsers:
+            async with network.authority(msp_id) as authority:
+                await ensure_contract_tls(authority)
+            network.configure_contract(msp_id, package)
+            launch = network.launch_contract(msp_id, package.slot)
+            # Something may be left there by an upgrade that was broken off, and serve another package.
+            if self._former is None or package.slot != self._former.slot:
+                await network.processes.stop(launch.name)
+            if network.processes.pid(launch.name) is None:
+                network.processes.start(launch)
+            await network.processes.wait_ready(launch)
+            self._report("contract", f"{launch.name} serves {package.label}")
+
+    async def _probe(self) -> None:
+        authority = self._peers[0].msp_id
+        inspector = certificates.signing_identity(
+            authority, self._network.directory.organisation(authority).identity("inspector")
+        )
+        await lifecycle.wait_answering(self._peers[0], inspector, self._network.channel, self._name, PROBE)
+
+    async def _retire(self, slot: str) -> None:
+        """End the servers of the version before; they finish what they have."""
+        for msp_id in self._network.msp_ids:
+            for each in SLOTS:
+                name = contract_component(msp_id, each)
+                unused = each != slot or msp_id not in self._network.endorsers
+                if unused and await self._network.processes.stop(name):
+                    self._report("contract", f"{name} ended")

@@ -1,0 +1,446 @@
+"""One UWB node on one serial port, asynchronous: ``UwbNode`` and its ``UwbSession``."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from wonderland_fira_uci.errors import NodeClosedError, NodeUnavailableError
+from wonderland_fira_uci.events import (
+    DataFailed,
+    DataReceived,
+    FrameStamped,
+    RangeMeasurement,
+    RangingSilent,
+    SessionEvent,
+    SessionFailed,
+    SessionInterrupted,
+    SessionStateChanged,
+)
+from wonderland_fira_uci.serial_port import Opener, PortTimings, ReconnectingPort, serial_opener
+from wonderland_fira_uci.uci.config import SessionConfig
+from wonderland_fira_uci.uci.data import DataReceive, DataTransferStatus
+from wonderland_fira_uci.uci.device import Timings, UciDevice
+from wonderland_fira_uci.uci.device_events import (
+    CreditGranted,
+    DeviceEvent,
+    DeviceLost,
+    DeviceReady,
+    SessionChanged,
+    SessionEnded,
+    SessionLost,
+    SessionMessage,
+    StreamResynchronised,
+)
+from wonderland_fira_uci.uci.ranging import FrameType, RangeData
+from wonderland_fira_uci.uci.session import DeviceInfo
+from wonderland_fira_uci.uci.status import SessionState, Status, TransferStatus
+
+MAX_QUEUED_EVENTS: Final = 4096
+CLOSE_TIMEOUT_S: Final = 2.0
+_DATA_SENT: Final = (TransferStatus.OK, TransferStatus.REPETITION_OK)
+
+_log = logging.getLogger(__name__)
+
+
+def monotonic_ms() -> int:
+    """Milliseconds of the monotonic clock."""
+    return time.monotonic_ns() // 1_000_000
+
+
+class UwbSession:
+    """One ranging session on a node; made by ``UwbNode.open_session``. Survives unplugging of the node."""
+
+    def __init__(self, node: UwbNode, config: SessionConfig) -> None:
+        self._node = node
+        self._queue: deque[SessionEvent] = deque()
+        self._wake = asyncio.Event()
+        self._credit = asyncio.Event()
+        self._settled = asyncio.Event()
+        self._ended = False
+        self._closing = False
+        self._error: Exception | None = None
+        self.config = config
+        self.state: SessionState | None = None
+        """The node's last word; None while it is away or does not have the session."""
+        self.events_dropped = 0
+        """Events lost because nobody read them (the queue holds 4096, the oldest go first)."""
+
+    @property
+    def session_id(self) -> int:
+        """The id shared by all nodes of the session."""
+        return self.config.session_id
+
+    @property
+    def mac_address(self) -> int:
+        """This node's short address in the session."""
+        return self.config.app.mac_address
+
+    @property
+    def active(self) -> bool:
+        """Whether the node is ranging now."""
+        return self.state is SessionState.ACTIVE
+
+    @property
+    def closed(self) -> bool:
+        """Whether the session is gone for good."""
+        return self._ended
+
+    @property
+    def credit(self) -> bool:
+        """Whether ``send`` would go through at once."""
+        return self._node.device.has_credit(self.session_id)
+
+    async def events(self) -> AsyncIterator[SessionEvent]:
+        """Every event in order; one reader. Ends after ``close`` or ``SessionFailed``."""
+        while True:
+            while self._queue:
+                yield self._queue.popleft()
+            if self._ended:
+                return
+            self._wake.clear()
+            await self._wake.wait()
+
+    def events_nowait(self) -> list[SessionEvent]:
+        """What is queued, without waiting."""
+        out = list(self._queue)
+        self._queue.clear()
+        return out
+
+    def send_nowait(self, data: bytes, *, destination: int | None = None) -> bool:
+        """As ``send``, but returns False where that would wait."""
+        if self._ended or self._closing:
+            raise NodeClosedError(f"session {self.session_id:#010x} is closed")
+        if not self.credit:
+            return False
+        self._node.send_data(self, self.config.app.destination_macs[0] if destination is None else destination, data)
+        return True
+
+    async def send(self, data: bytes, *, destination: int | None = None, timeout_s: float = 2.0) -> None:
+        """Hands one data unit to the node as soon as it gives credit; it goes on air in the next round.
+
+        Only the session's initiator is heard (session A: the drone, B: the pad), and in session A by every pad node
+        whatever the ``destination`` (default: the first peer). No word on whether anybody heard it. Raises
+        ``NodeUnavailableError`` when no credit comes in time or the node is away, ``NodeClosedError``,
+        ``UciStateError`` for data of a wrong size.
+        """
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not self.send_nowait(data, destination=destination):
+                    self._credit.clear()
+                    await self._credit.wait()
+        except TimeoutError as error:
+            detail = "gave no credit" if self.active else f"is away ({self._node.detail})"
+            raise NodeUnavailableError(f"{self._node.name}: {detail} within {timeout_s:g} s") from error
+
+    async def close(self) -> None:
+        """STOP and DEINIT; returns when the node has confirmed, or cannot be reached. Never raises."""
+        if not self._ended and not self._closing:
+            self._closing = True
+            self._node.close_session(self)
+        try:
+            async with asyncio.timeout(CLOSE_TIMEOUT_S):
+                while not self._ended:
+                    self._settled.clear()
+                    await self._settled.wait()
+        except TimeoutError:
+            _log.warning("%s: session %#010x was not confirmed closed", self._node.name, self.session_id)
+            self.ended(None)
+
+    async def wait_active(self) -> None:
+        """Until the node ranges; raises what the node refused with, or ``NodeClosedError``. Bound it with a timeout."""
+        while not self.active:
+            if self._ended:
+                raise self._error or NodeClosedError(f"session {self.session_id:#010x} is closed")
+            self._settled.clear()
+            await self._settled.wait()
+
+    # Called by the node
+
+    def push(self, event: SessionEvent) -> None:
+        """Queues an event for the reader."""
+        if len(self._queue) >= MAX_QUEUED_EVENTS:
+            self._queue.popleft()
+            self.events_dropped += 1
+        self._queue.append(event)
+        self._wake.set()
+
+    def settle(self, state: SessionState | None) -> None:
+        """Notes the node's word about the session."""
+        self.state = state
+        self._settled.set()
+        if self.active:
+            self._credit.set()
+
+    def credit_granted(self) -> None:
+        """Lets a waiting ``send`` try again."""
+        self._credit.set()
+
+    def ended(self, error: Exception | None) -> None:
+        """The session is gone for good."""
+        if self._ended:
+            return
+        self._ended, self._error, self.state = True, error, None
+        for event in (self._settled, self._credit, self._wake):
+            event.set()
+
+
+class UwbNode:
+    """One node. Use as an asynchronous context manager; it connects, resets the node, and keeps doing so.
+
+    ``port``: path of the serial device (a stable link as under /dev/serial/by-id is best), or an ``Opener``.
+    ``clock``: milliseconds for ``t_ms`` of all events. ``on_status``: told (ready, detail) when the node comes and
+    goes. ``name``: for messages and logs (default: the path).
+    """
+
+    def __init__(
+        self,
+        port: Path | str | Opener,
+        *,
+        name: str = "",
+        clock: Callable[[], int] = monotonic_ms,
+        on_status: Callable[[bool, str], None] | None = None,
+        timings: Timings | None = None,
+        port_timings: PortTimings | None = None,
+    ) -> None:
+        opener = serial_opener(port) if isinstance(port, (str, Path)) else port
+        self.name = name or (str(port) if isinstance(port, (str, Path)) else "UWB node")
+        self.device = UciDevice(timings)
+        self.detail = "not started"
+        """Why the node is not ready; empty while it is."""
+        self._clock = clock
+        self._on_status = on_status
+        self._port = ReconnectingPort(opener, self, timings=port_timings)
+        self._sessions: dict[int, UwbSession] = {}
+        self._status_changed = asyncio.Event()
+        self._session_gone = asyncio.Event()
+        self._timer: asyncio.TimerHandle | None = None
+        self._timer_ms = 0
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._closed = False
+
+    async def __aenter__(self) -> Self:
+        self._loop = asyncio.get_running_loop()
+        self.detail = "looking for the port"
+        self._port.start()
+        if self._port.last_error:
+            self.detail = self._port.last_error
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the node is there, was reset and answers."""
+        return not self.detail
+
+    @property
+    def info(self) -> DeviceInfo | None:
+        """What the node said about itself at its last reset."""
+        return self.device.info
+
+    async def wait_ready(self, timeout_s: float = 5.0) -> None:
+        """Until the node answers; raises ``NodeUnavailableError`` with the reason."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not self.is_ready:
+                    if self._closed:
+                        raise NodeClosedError(f"{self.name} is closed")
+                    self._status_changed.clear()
+                    await self._status_changed.wait()
+        except TimeoutError as error:
+            raise NodeUnavailableError(f"{self.name}: not ready within {timeout_s:g} s: {self._reason()}") from error
+
+    async def open_session(self, config: SessionConfig, *, timeout_s: float = 5.0) -> UwbSession:
+        """Until the session is ACTIVE. Several sessions may run at once.
+
+        Raises ``NodeUnavailableError`` (node silent or away), ``UciConfigRejectedError`` and other ``UciError``
+        (the node refuses; text and parameters say what), ``UciStateError`` when the id is in use on this node,
+        ``NodeClosedError``.
+        """
+        if self._closed or self._loop is None:
+            raise NodeClosedError(f"{self.name} is closed or was never entered")
+        session: UwbSession | None = None
+        try:
+            async with asyncio.timeout(timeout_s):
+                while self.device.is_closing(config.session_id):  # its predecessor, not yet confirmed gone
+                    self._session_gone.clear()
+                    await self._session_gone.wait()
+                self.device.open_session(config, monotonic_ms())
+                session = self._sessions[config.session_id] = UwbSession(self, config)
+                self._after_input()
+                await session.wait_active()
+        except TimeoutError as error:
+            if session is not None:
+                await session.close()
+            text = f"{self.name}: session {config.session_id:#010x} not active within {timeout_s:g} s"
+            raise NodeUnavailableError(f"{text}: {self._reason()}") from error
+        except asyncio.CancelledError:
+            if session is not None:
+                self.close_session(session)
+                session.ended(None)
+            raise
+        return session
+
+    async def close(self) -> None:
+        """Closes all sessions, then the port. Never raises."""
+        if self._closed:
+            return
+        self._closed = True
+        await asyncio.gather(*(session.close() for session in list(self._sessions.values())))
+        self._port.close()
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._set_detail("closed")
+
+    def _reason(self) -> str:
+        return self.detail or "the node answers, but the session did not start"
+
+    # Called by sessions
+
+    def send_data(self, session: UwbSession, destination: int, data: bytes) -> None:
+        """Hands data to the state machine, which has said that there is credit."""
+        self.device.send_data(session.session_id, destination, data, monotonic_ms())
+        self._after_input()
+
+    def close_session(self, session: UwbSession) -> None:
+        """Begins to close a session."""
+        self.device.close_session(session.session_id, monotonic_ms())
+        self._after_input()
+
+    # Called by the port
+
+    def port_up(self) -> None:
+        """Resets the node that appeared."""
+        self._set_detail("resetting the node")
+        self.device.port_up(monotonic_ms())
+        self._after_input()
+
+    def port_down(self, detail: str) -> None:
+        """Tells every session that the node is away."""
+        self.device.port_down(detail)
+        self._after_input()
+        self._set_detail(detail)
+
+    def data_received(self, data: bytes) -> None:
+        """Feeds the state machine."""
+        self.device.receive_data(data, monotonic_ms())
+        self._after_input()
+
+    def _after_input(self) -> None:
+        out = self.device.data_to_send()
+        if out:
+            self._port.write(out)
+        for event in self.device.events():
+            self._handle(event)
+        due_ms = self.device.next_timeout_ms()
+        if due_ms is None or self._loop is None:
+            return
+        # A timer that fires too early only looks again; most inputs move the next timeout back, so keep it.
+        if self._timer is None or due_ms < self._timer_ms:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._timer_ms = due_ms
+            self._timer = self._loop.call_later(max(due_ms - monotonic_ms(), 0) / 1000, self._timeout)
+
+    def _timeout(self) -> None:
+        self._timer = None
+        self.device.advance(monotonic_ms())
+        self._after_input()
+
+    def _handle(self, event: DeviceEvent) -> None:
+        if isinstance(event, SessionMessage):
+            session = self._sessions.get(event.session_id)
+            if session is not None:
+                self._deliver(session, event.message)
+        elif isinstance(event, CreditGranted):
+            session = self._sessions.get(event.session_id)
+            if session is not None:
+                session.credit_granted()
+        elif isinstance(event, (SessionChanged, SessionLost, SessionEnded)):
+            self._handle_session(event)
+        elif isinstance(event, DeviceReady):
+            self._set_detail("")
+        elif isinstance(event, DeviceLost):
+            self._set_detail(event.detail)
+        elif isinstance(event, StreamResynchronised):
+            _log.warning("%s: %d octets on the line made no sense and were dropped", self.name, event.octets)
+        else:
+            _log.warning("%s: %s", self.name, event.error)
+
+    def _handle_session(self, event: SessionChanged | SessionLost | SessionEnded) -> None:
+        session = self._sessions.get(event.session_id)
+        if session is None:
+            return
+        now_ms = self._clock()
+        if isinstance(event, SessionChanged):
+            if event.change.state is not None:
+                session.push(SessionStateChanged(now_ms, event.session_id, event.change.state, event.change.reason))
+            session.settle(event.change.state)
+        elif isinstance(event, SessionLost):
+            session.push(SessionInterrupted(now_ms, event.session_id, event.detail))
+            session.settle(None)
+        else:
+            del self._sessions[event.session_id]
+            self._session_gone.set()
+            if event.error is not None:
+                session.push(SessionFailed(now_ms, event.session_id, event.error))
+            session.ended(event.error)
+
+    def _deliver(self, session: UwbSession, message: RangeData | DataReceive | DataTransferStatus) -> None:
+        now_ms = self._clock()
+        session_id = session.session_id
+        if isinstance(message, RangeData):
+            if not message.two_way and not message.one_way:
+                session.push(RangingSilent(now_ms, session_id, message.sequence))
+            for m in message.two_way:
+                session.push(
+                    RangeMeasurement(
+                        now_ms,
+                        session_id,
+                        message.sequence,
+                        m.mac_address,
+                        m.status,
+                        m.range_mm,
+                        m.obstructed,
+                        m.rssi_dbm,
+                    )
+                )
+            for blink in message.one_way:
+                if blink.frame_type == FrameType.BLINK:  # what keeps the anchors' clocks together is their own affair
+                    session.push(
+                        FrameStamped(
+                            now_ms,
+                            session_id,
+                            blink.mac_address & 0xFFFF,
+                            blink.frame_number,
+                            blink.timestamp_ticks,
+                            blink.obstructed,
+                            blink.blink_payload,
+                        )
+                    )
+        elif isinstance(message, DataReceive):
+            if message.data and message.status == Status.OK:  # nodes send empty ones when there was nothing to hear
+                session.push(DataReceived(now_ms, session_id, message.source & 0xFFFF, message.data))
+        elif message.status not in _DATA_SENT:
+            session.push(DataFailed(now_ms, session_id, message.sequence, message.status))
+
+    def _set_detail(self, detail: str) -> None:
+        if detail == self.detail:
+            return
+        was_ready, self.detail = self.is_ready, detail
+        self._status_changed.set()
+        if was_ready != self.is_ready:
+            _log.info("%s: %s", self.name, detail or "ready")
+            if self._on_status is not None:
+                self._on_status(self.is_ready, detail)

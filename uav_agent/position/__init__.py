@@ -1,7 +1,0 @@
-"""Where a drone's claims come from: an autopilot's datagrams, or a recorded track."""
-
-from uav_agent.position.autopilot import AutopilotPosition
-from uav_agent.position.source import PositionError, PositionSource
-from uav_agent.position.track import TrackPosition
-
-__all__ = ["AutopilotPosition", "PositionError", "PositionSource", "TrackPosition"]

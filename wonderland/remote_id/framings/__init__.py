@@ -1,1 +1,0 @@
-"""How frames reach a receiver: one module for each wrapping that holds the bare messages of `wonderland.remote_id`."""
