@@ -101,7 +101,7 @@ def evaluate(
         raise click.ClickException(str(error)) from error
     except ModuleNotFoundError as error:
         text = (
-            f"{error.name} is not installed; a report needs an extra: pip install 'wonderland-edge-agent[commission]'"
+            f"{error.name} is not installed; a report needs it: pip install 'wonderland-edge-agent[commission]'"
         )
         raise click.ClickException(text) from error
     except KeyboardInterrupt:

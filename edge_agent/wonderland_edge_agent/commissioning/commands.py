@@ -128,7 +128,7 @@ def commission(*, config: Path | None, state: Path | None, **options: Any) -> No
         except (CommissioningError, SettingsError) as error:
             raise click.ClickException(str(error)) from error
     except ModuleNotFoundError as error:
-        text = f"{error.name} is not installed; calibrating needs an extra: pip install 'wonderland-edge-agent[commission]'"
+        text = f"{error.name} is not installed; calibrating needs it: pip install 'wonderland-edge-agent[commission]'"
         raise click.ClickException(text) from error
 
 
