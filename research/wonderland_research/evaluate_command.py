@@ -100,9 +100,7 @@ def evaluate(
     except RecordingError as error:
         raise click.ClickException(str(error)) from error
     except ModuleNotFoundError as error:
-        text = (
-            f"{error.name} is not installed; a report needs it: pip install 'wonderland-edge-agent[commission]'"
-        )
+        text = f"{error.name} is not installed; a report needs it: pip install 'wonderland-edge-agent[commission]'"
         raise click.ClickException(text) from error
     except KeyboardInterrupt:
         sys.exit(130)
