@@ -29,7 +29,8 @@ def test_a_track_has_the_places_of_its_moments(claimed, seed):
     assert track.t_ms == [place.t_ms for _, place in expected]
     columns = zip(track.east, track.north, track.up, strict=True)
     assert list(columns) == [(place.east, place.north, place.up) for _, place in expected]
-    assert track.only([0, 2]).east == [track.east[0], track.east[2]]
+    some = range(0, len(track.kept), 2)
+    assert track.only(some).east == track.east[::2]
 
 
 def test_nothing_is_along_no_moments_or_moments_far_from_every_claim():
@@ -44,7 +45,7 @@ def test_the_velocity_is_that_between_the_claims_it_rests_on():
     east, north = path.along([START_MS + 300, START_MS + 1_700]).velocity()
     assert east == pytest.approx(2.0, rel=1e-2)  # a claim is whole 10⁻⁷ degrees
     assert abs(north) < 1e-2
-    late = path.along([START_MS + 1_000, START_MS + 3_500])  # after the last claim its own time counts
+    late = path.along([START_MS + 1_000, START_MS + 2_080])  # after the last claim its own time counts
     assert late.t_ms == [START_MS + 1_000, START_MS + 2_000]
     assert late.velocity()[0] == pytest.approx(2.0, rel=1e-2)
     assert path.along([START_MS + 300]).velocity() == (0.0, 0.0)

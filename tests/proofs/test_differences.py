@@ -32,7 +32,9 @@ SIX = tuple(
 def verdict_of(world, truth, claimed, *, ranged=None, frames=60, rounds=40, stamps=None, witness=None, **policy):
     """The drone is at ``truth``, signs ``claimed``, and its radio makes the ranges fit ``ranged``."""
     session = world.session(world.claim(claimed, START_MS), **policy)
-    evidence = world.evidence(lambda t: ranged or truth, lambda t: claimed, rounds=rounds)
+    evidence = world.evidence(
+        lambda t: ranged or truth, lambda t: claimed, rounds=rounds, claimed_rounds=max(rounds, frames) + 20
+    )
     if stamps is None:
         stamps = world.stamps(lambda t: truth, frames=frames)
     return decide(

@@ -299,5 +299,6 @@ def test_the_place_is_never_taken_beside_a_torn_round(make_world, now_ms, rounds
         )
         verdict = judged(world, lambda t: FAR, claimed, now_ms, rounds=rounds)
         granted += verdict.permission == "granted"
-        assert math.hypot(verdict.signed.claim.east_mm - FAR[0], verdict.signed.claim.north_mm - FAR[1]) < 50
+        assert math.hypot(verdict.signed.claim.east_mm - FAR[0], verdict.signed.claim.north_mm - FAR[1]) < 500
+        assert math.hypot(verdict.estimate.east_mm - FAR[0], verdict.estimate.north_mm - FAR[1]) < 600
     assert granted, "a glitch as short as that costs no honest drone its permission"

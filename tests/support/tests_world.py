@@ -114,6 +114,7 @@ class World:
         rounds: int = 40,
         bias_mm: Sequence[float] = (0, 0, 0, 0, 0, 0),
         broadcast=None,
+        claimed_rounds: int | None = None,
         **more,
     ) -> Evidence:
         """``truth`` and ``claimed`` are functions of milliseconds since the start → (east, north, up) in mm."""
@@ -125,7 +126,9 @@ class World:
                 distance = math.dist(truth(t), (anchor.east_mm, anchor.north_mm, anchor.up_mm))
                 ranges.append(max(0, round((distance + bias_mm[index] + self.rng.gauss(0, self.sigma_mm)) / 10) * 10))
             columns.append(AnchorRanges(anchor_id=anchor.anchor_id, range_mm=tuple(ranges)))
-        claims = tuple(self.claim(claimed(t), START_MS + t) for t in range(400, 700 + 50 * rounds, 200))
+        claims = tuple(
+            self.claim(claimed(t), START_MS + t) for t in range(400, 700 + 50 * (claimed_rounds or rounds), 200)
+        )
         heard = ()
         if broadcast is not None:
             heard = tuple(

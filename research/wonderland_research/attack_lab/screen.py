@@ -23,6 +23,7 @@ from wonderland.proofs.estimate import MIRROR_CHI2
 from wonderland.proofs.judgement import VAGUE_BUFFERS
 from wonderland.proofs.leaving import NEWEST
 from wonderland.proofs.likelihood import Matrix2
+from wonderland.proofs.one_claim import FEW_CLAIMS
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.reduction import (
     CLAIM_CLOCK_SIGMA_MS,
@@ -37,7 +38,7 @@ from wonderland.proofs.reduction import (
 from wonderland.proofs.rounds import MIN_ANCHORS
 from wonderland.proofs.special import CHI2_LIMITS, CHI2_MILLIONTH
 from wonderland_research.attack_lab.batch import Batch, path_at_rounds
-from wonderland_research.attack_lab.places import Booleans, Floats, Integers
+from wonderland_research.attack_lab.places import ROUND_MS, Booleans, Floats, Integers
 
 MARGIN: Final = 0.02
 """Share of a threshold within which the decision itself is asked."""
@@ -113,6 +114,8 @@ def look(batch: Batch, rows: Integers, rounds: int) -> Integers:
     answer[means.nothing] = Look.STUCK if batch.steady else Look.OPEN
     if not batch.steady and rounds > NEWEST:
         answer[answer == Look.OPEN] = Look.ASK  # its newest rounds alone may tell more
+    if rounds * ROUND_MS <= (FEW_CLAIMS + 1) * batch.claim_ms:
+        answer[answer == Look.REFUTED] = Look.ASK  # not where it rests on one claim
     return answer
 
 

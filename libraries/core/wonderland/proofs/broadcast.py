@@ -241,7 +241,7 @@ def _claimed(path: ClaimedPath, t_ms: int) -> tuple[LocalClaim, int]:
     points = path.points
     after = bisect_right(points, t_ms, key=lambda point: point.t_ms)
     near = points[max(after - 1, 0) : after + 1]
-    if len(near) > 1 and near[1].t_ms - near[0].t_ms <= 2 * MAX_GAP_MS:
+    if len(near) > 1 and near[1].t_ms - near[0].t_ms <= MAX_GAP_MS:
         return path.at(t_ms) or near[0], 0
     nearest = min(near, key=lambda point: abs(point.t_ms - t_ms))
     return nearest, abs(nearest.t_ms - t_ms)

@@ -13,8 +13,10 @@ from wonderland.proofs.frame import to_local
 from wonderland.proofs.records.pads import Frame
 from wonderland.proofs.records.sessions import Claim
 
-MAX_GAP_MS: Final = 2_000
-"""A moment further than this from every claim has no claimed position of its own."""
+MAX_GAP_MS: Final = 1_200
+"""Between claims farther apart than this nothing is claimed: a drone that turns leaves the straight line by metres."""
+HELD_MS: Final = 100
+"""Before the first claim and after the last one a claim is held for so long: a drone in flight leaves it behind."""
 MAX_SPEED_MM_MS: Final = 120.0
 """No drone that lands on a pad flies faster (mm/ms = m/s); a claim that does so has jumped."""
 MAX_ACCELERATION_MM_MS2: Final = 0.01
@@ -164,9 +166,9 @@ class ClaimedPath:
         return total / span
 
     def at(self, t_ms: int) -> LocalClaim | None:
-        """The claimed position at a moment, or None where no claim is within MAX_GAP_MS of it.
+        """The claimed position at a moment, or None where there is none.
 
-        Between two claims on a straight line; before the first and after the last, the nearest one.
+        Between two claims on a straight line, unless they are too far apart; next to one alone, that one.
         """
         return self._between(bisect_right(self._times, t_ms), t_ms)
 
@@ -225,7 +227,7 @@ class ClaimedPath:
             return None
         before, after = self.points[low - 1], self.points[low]
         span = after.t_ms - before.t_ms
-        if not 0 < span <= 2 * MAX_GAP_MS:
+        if not 0 < span <= MAX_GAP_MS:
             return None
         return (
             before.t_ms,
@@ -243,7 +245,7 @@ class ClaimedPath:
         points = self.points
         before = points[low - 1] if low > 0 else None
         after = points[low] if low < len(points) else None
-        if before is not None and after is not None and after.t_ms - before.t_ms <= 2 * MAX_GAP_MS:
+        if before is not None and after is not None and after.t_ms - before.t_ms <= MAX_GAP_MS:
             span = after.t_ms - before.t_ms
             share = (t_ms - before.t_ms) / span if span > 0 else 0.0
             return LocalClaim(
@@ -256,7 +258,7 @@ class ClaimedPath:
         for candidate in (before, after):
             if (
                 candidate is not None
-                and abs(candidate.t_ms - t_ms) <= MAX_GAP_MS
+                and abs(candidate.t_ms - t_ms) <= HELD_MS
                 and (nearest is None or abs(candidate.t_ms - t_ms) < abs(nearest.t_ms - t_ms))
             ):
                 nearest = candidate

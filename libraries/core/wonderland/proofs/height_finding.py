@@ -84,8 +84,9 @@ def estimate(
     if height is not None and height.outcome == "contradicted":
         east, north = height.solid.east, height.solid.north
         covariance, chi2 = height.solid.horizontal, height.solid.chi2
+    spread = measured.reduced.moment_spread
     where = place(commissioning, said.east + east, said.north + north, said.up + up)
-    return where, _covariance(covariance), milli(chi2)
+    return where, _covariance(covariance if spread is None else covariance + spread), milli(chi2)
 
 
 def _covariance(matrix: Matrix2) -> Covariance:

@@ -20,6 +20,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import sqrt
 from typing import Final
 
@@ -48,17 +49,22 @@ OFF_BUFFERS: Final = 0.5
 """A torn round is off where what its ranges say lies farther than this from the others."""
 JUMP_BUFFERS: Final = 0.25
 """A claim that leaves its flight by more than this from one round to the next, and by more than a drone can, jumps."""
-TURNED_BUFFERS: Final = 0.5
+TURNED_BUFFERS: Final = 0.25
 """Where a drone may have turned off by more than this between two rounds, and come back, claims are unseen: with a
-buffer for the claim and twice this for the way, none that is seen can be two buffers off."""
+buffer for the claim, what the offset leaves of it, and twice this for the way, none that is seen can be two buffers
+off."""
 LEAP_BUFFERS: Final = 1.5
 """One that does so by more than this leaps, as an honest receiver does for a while."""
 LEAP_MS: Final = 2_000
 """So long after a leap nobody is convicted by his claims; what stays off for longer is no glitch."""
 EDGE_MS: Final = 500
 """Over so long the velocity at the first and at the last round is taken."""
-_STRETCHES: Final = ((80, 8), (20, 4), (0, 2))
-"""(rounds, stretches of time) into which so many rounds and more are cut."""
+THOUSANDTH_Z: Final = 3.0902
+"""Standard deviations that one in a thousand exceeds, on one side."""
+_CLEAR_BUFFERS: Final = 0.5
+"""Stretches of time are made shorter as long as one by itself is known to this, root mean square."""
+_SHORTEST: Final = 3
+"""Rounds of the shortest one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,22 +117,25 @@ def moments_of(
         return Moments(0.0, 0.0, 0.0, 0.0, jumping=False)
     quiet_mm = QUIET_SHARE * buffer_mm
     most = extent_mm(seen.claimed, claims)
-    slow = _stretches(reduced, offset, seen)
+    slow = _stretches(reduced, offset, seen, _CLEAR_BUFFERS * buffer_mm)
     off = _off_rounds(reduced, offset, seen, OFF_BUFFERS * buffer_mm) if seen.torn else frozenset()
     off_share = len(off) / len(seen.claimed.kept)
     ups = [*seen.claimed.up, *[claim.up for claim in claims]]
-    if most <= quiet_mm and max(ups) - min(ups) <= height_mm:  # whatever the claims hide, it is less than could win
+    quiet = most <= quiet_mm and max(ups) - min(ups) <= height_mm  # whatever the claims hide is less than could win
+    if quiet and _ranged_throughout(seen, TURNED_BUFFERS * buffer_mm):
         return Moments(off_share, 0.0, sqrt(most * most + slow), most, jumping=False)
     during, around = _Count(), _Count()
     first_ms, last_ms = seen.span_ms
     held = []
     judged = []
+    # The drone of a claim lies off by the mean offset already.
+    reach_mm = max(buffer_mm - distance(offset.east, offset.north, 0.0), quiet_mm)
     for claim in claims:
         inside = first_ms <= claim.t_ms <= last_ms
         if not inside and not first_ms - EDGE_MS <= claim.t_ms <= last_ms + EDGE_MS:
             continue  # its moment is not one of the session's rounds: unjudged, like the request's
         judged.append(claim)
-        explained = _explained(seen.claimed, claim, buffer_mm, height_mm, ranged=inside)
+        explained = _explained(seen.claimed, claim, reach_mm, height_mm, TURNED_BUFFERS * buffer_mm, ranged=inside)
         torn = explained and bool(off) and _nearest(seen.claimed, claim.t_ms) in off
         around.add(unseen=not explained, torn=torn)
         if inside:
@@ -182,8 +191,19 @@ def _nearest(track: Track, t_ms: int) -> int:
     return after
 
 
-def _explained(track: Track, claim: LocalClaim, buffer_mm: float, height_mm: float, *, ranged: bool) -> bool:
-    """Whether a drone that flew by the rounds' claims can have been at this one, give or take a buffer.
+def _ranged_throughout(seen: Residuals, most_mm: float) -> bool:
+    """Whether no drone can have turned off by more than this, and come back, between two rounds that count."""
+    times = seen.claimed.t_ms
+    before, after = times[0] - seen.span_ms[0], seen.span_ms[1] - times[-1]
+    longest = max([later - earlier for earlier, later in pairwise(times)], default=0)
+    turned = max(longest * longest / 4.0, float(before * before), float(after * after))
+    return MAX_ACCELERATION_MM_MS2 * turned / 2.0 <= most_mm
+
+
+def _explained(
+    track: Track, claim: LocalClaim, reach_mm: float, height_mm: float, turned_mm: float, *, ranged: bool
+) -> bool:
+    """Whether a drone that flew by the rounds' claims can have been at this one, give or take ``reach_mm``.
 
     Not where the rounds before and after are so far apart that a drone may have turned off and come back: nobody saw.
     ``ranged``: the claim was made while the drone was ranged, so that before the first round that counts, and after the
@@ -205,11 +225,11 @@ def _explained(track: Track, claim: LocalClaim, buffer_mm: float, height_mm: flo
         east, north = track.east[edge] + velocity_east * gap, track.north[edge] + velocity_north * gap
         up = track.up[edge] + velocity_up * gap
         turned = MAX_ACCELERATION_MM_MS2 * gap * gap / 2.0
-    if (ranged or 0 < after < len(times)) and turned > TURNED_BUFFERS * buffer_mm:
+    if (ranged or 0 < after < len(times)) and turned > turned_mm:
         return False
     if abs(claim.up - up) > height_mm + turned:
         return False
-    return distance(claim.east - east, claim.north - north, 0.0) <= buffer_mm + turned
+    return distance(claim.east - east, claim.north - north, 0.0) <= reach_mm + turned
 
 
 def _edge_velocity(track: Track, edge: int) -> tuple[float, float, float]:
@@ -286,13 +306,34 @@ def _by_fixes(reduced: Reduced, seen: Residuals) -> float:
     return sqrt(square / len(offsets))
 
 
-def _stretches(reduced: Reduced, offset: Offset, seen: Residuals) -> float:
-    """Mean square (mm²) of the offsets of stretches of time about the whole, where more than noise; else 0."""
+def _stretches(reduced: Reduced, offset: Offset, seen: Residuals, clear_mm: float) -> float:
+    """Mean square (mm²) of the offsets of stretches of time about the whole, where more than noise; else 0.
+
+    Of halves, quarters, eighths and so on, the largest: a swing that one length of stretch averages out another shows.
+    """
     count = len(seen.claimed.kept)
-    parts = next(parts for least, parts in _STRETCHES if count >= least)
-    away: list[list[float | None]] = [[] for _ in range(parts)]
     noise = 0.0
-    for (column, middle_mm), anchor in zip(seen.series, reduced.anchors, strict=True):
+    for anchor in reduced.anchors:
+        noise += anchor.white * anchor.count
+    variance = noise / len(reduced.anchors)
+    largest = 0.0
+    parts = 2
+    while parts == 2 or parts * _SHORTEST <= count:
+        square, spread = _of_stretches(reduced, offset, seen, parts, variance * parts / count)
+        largest = max(largest, square)
+        if spread > clear_mm * clear_mm:
+            break
+        parts *= 2
+    return largest
+
+
+def _of_stretches(
+    reduced: Reduced, offset: Offset, seen: Residuals, parts: int, variance: float
+) -> tuple[float, float]:
+    """(mean square of the offsets of so many stretches where more than noise, that which noise alone makes), mm²."""
+    count = len(seen.claimed.kept)
+    away: list[list[float | None]] = [[] for _ in range(parts)]
+    for column, middle_mm in seen.series:
         sums, counts = [0.0] * parts, [0] * parts
         for position, value in zip(column.rounds, column.values, strict=True):
             part = position * parts // count
@@ -300,20 +341,27 @@ def _stretches(reduced: Reduced, offset: Offset, seen: Residuals) -> float:
             counts[part] += 1
         for part in range(parts):
             away[part].append(sums[part] / counts[part] - middle_mm if counts[part] else None)
-        noise += anchor.white * anchor.count
-    variance = noise / len(reduced.anchors) * parts / count
     chi2 = square = spread = 0.0
     for part, residuals in enumerate(away):
         # The middle round of a stretch stands for it.
         middle = (2 * part + 1) * count // (2 * parts)
-        fan = Sights(reduced, offset, seen.claimed.east[middle], seen.claimed.north[middle], seen.claimed.up[middle])
-        found = fan.offset(residuals)
+        sights = Sights(reduced, offset, seen.claimed.east[middle], seen.claimed.north[middle], seen.claimed.up[middle])
+        found = sights.offset(residuals)
         if found is not None:
             east, north, explained = found
             chi2 += explained / variance
             square += (east * east + north * north) / parts
-            spread += fan.spread() / parts
-    freedom = 2 * (parts - 1)
-    if chi2 <= CHI2_LIMITS[min(freedom, len(CHI2_LIMITS)) - 1]:
-        return 0.0
-    return max(square - variance * spread * (parts - 1) / parts, 0.0)
+            spread += sights.spread() / parts
+    noise = variance * spread * (parts - 1) / parts
+    if chi2 <= _limit(2 * (parts - 1)):
+        return 0.0, noise
+    return max(square - noise, 0.0), noise
+
+
+def _limit(freedom: int) -> float:
+    """χ² that one in a thousand exceeds; beyond the table by Wilson and Hilferty's cube."""
+    if freedom <= len(CHI2_LIMITS):
+        return CHI2_LIMITS[freedom - 1]
+    part = 2.0 / (9.0 * freedom)
+    root = 1.0 - part + THOUSANDTH_Z * sqrt(part)
+    return freedom * root * root * root

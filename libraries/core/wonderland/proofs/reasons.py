@@ -57,6 +57,7 @@ REASONS: Final[Mapping[str, tuple[str, ...]]] = {
     "claims_torn": ("torn", "rounds"),
     "rounds_vague": ("rounds",),
     "claims_unseen": ("share_percent",),
+    "one_claim": (),
     "claims_unjudged": ("claims", "away_mm"),
     "request_unjudged": ("away_mm", "before_ms"),
     # Time stamps (step 7).

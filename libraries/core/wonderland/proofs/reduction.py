@@ -14,6 +14,7 @@ from math import sqrt
 from typing import Final, NamedTuple
 
 from wonderland.proofs.claims import ClaimedPath, LocalClaim, Track
+from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.records.pads import Anchor, Commissioning
 from wonderland.proofs.records.sessions import NO_RANGE
 from wonderland.proofs.rounds import UsableRounds
@@ -113,7 +114,9 @@ class Reduced:
     residuals: Residuals | None = None
     """What the means were taken of."""
     moment: LocalClaim | None = None
-    """The claim of the round in the middle of the session: a mean place is none where a drone was that flew a curve."""
+    """The claim of one moment of the session: a mean place is none where a drone was that flew a curve."""
+    moment_spread: Matrix2 | None = None
+    """How well that claim is known by itself, mm² (``standing``)."""
     bias_left: float = 1.0
     """Share of the biases' variance that the drone's way leaves, of the anchor where most is left (``travel``)."""
 

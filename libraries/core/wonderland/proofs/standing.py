@@ -1,60 +1,78 @@
-"""Which moment a verdict's place is of: part of step 5.
+"""Of which moment a verdict's place is, and where that was claimed to be: part of step 5.
 
 The place in a verdict is a claim of one moment, moved by the offset that all rounds measured. Claims that waver less
-than would matter for the whole may still be off by metres at a single moment, and one of these in the middle of the
-session would certify a place where the drone never was. So where the claims leave a straight flight, the moment is one
-that what was measured about it bears out: of the stretches of a session that whose own ranges agree best with all of
-them, and in it the round whose claim lies in the middle of its neighbours'.
+than would matter for the whole may still be off by metres at a single moment, and so may be a drone that swings out and
+comes back while its claims stand still. So a session is cut into stretches, and the moment is the middle of that one
+whose ranges scatter least about what all of them say: there the drone followed its claims. The claim of that moment is
+read off a parabola through the stretch's claims, since a single one has its receiver's noise; what is left of it, and
+what an uncertain clock means at the speed of that moment, stands beside it.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 from wonderland.proofs.claims import LocalClaim, Track
-from wonderland.proofs.estimate import Offset
-from wonderland.proofs.reduction import Reduced, Residuals, distance
-from wonderland.proofs.sights import Sights
+from wonderland.proofs.likelihood import Matrix2
+from wonderland.proofs.reduction import Reduced, Residuals
 
-STRAIGHT_MM: Final = 250.0
-"""Claims that lie so near to a straight flight, or nearer, are off by no more than that at any moment."""
 STRETCHES: Final = 6
 """A session is cut into so many, and each two neighbours' halves make one more."""
 LEAST_ROUNDS: Final = 6
-"""Fewer rounds by themselves tell too little of a place far from a small pad."""
+"""Fewer rounds by themselves tell too little, and give no parabola."""
+APART_MS: Final = 400
+"""Through rounds farther apart than this goes no parabola: the claim of the middle one stands for itself."""
+PARABOLA: Final = 2.25
+"""The middle of a parabola through evenly spaced values has so many times the variance of their mean."""
+_SINGULAR: Final = 1e-9
 
 
-def standing_at(reduced: Reduced, offset: Offset) -> LocalClaim | None:
-    """The claim of the moment that the verdict's place is of; None where nothing was ranged."""
+class Standing(NamedTuple):
+    """Where the drone claims to have been at the moment that the place is of."""
+
+    claim: LocalClaim
+    spread: Matrix2
+    """How well that is known, mm²: the claims' own noise, and the clock's; the offset's covariance is not in it."""
+
+
+def standing_at(reduced: Reduced, claims: Sequence[LocalClaim]) -> Standing | None:
+    """The moment of the verdict's place; None where nothing was ranged. ``claims``: all that were signed, in order."""
     seen = reduced.residuals
     if seen is None:
         return None
-    if _straight(seen.track):
-        return seen.track.middle()
+    rows = _calmest(seen)
+    track = seen.claimed.only(rows)
+    fit = _Parabola(track)
+    speed_east = fit.velocity_east - reduced.velocity_east
+    speed_north = fit.velocity_north - reduced.velocity_north
+    clock = reduced.clock_sigma_ms * reduced.clock_sigma_ms
+    moved = Matrix2(speed_east * speed_east, speed_east * speed_north, speed_north * speed_north).scaled(clock)
+    return Standing(fit.middle, _noise(track, claims) + moved)
+
+
+def _calmest(seen: Residuals) -> Sequence[int]:
+    """The stretch (positions in the claimed track) whose residuals scatter least about the means of all rounds."""
     steady = _steady(seen)
-    count = len(steady)
-    length = max(LEAST_ROUNDS, count // STRETCHES)
-    if count <= length:
-        return _central(seen.claimed.only(steady))
-    starts = [*range(0, count - length, max(length // 2, 1)), count - length]
-    stretches = [steady[start : start + length] for start in starts]
-    return _central(seen.claimed.only(min(stretches, key=lambda rows: _away(reduced, offset, seen, rows))))
-
-
-def _straight(track: Track) -> bool:
-    """Whether the claims lie on one straight flight at a steady speed, give or take ``STRAIGHT_MM``."""
-    first_ms, span = track.t_ms[0], track.t_ms[-1] - track.t_ms[0]
-    if span <= 0:
-        return True
-    east, north = track.east[-1] - track.east[0], track.north[-1] - track.north[0]
-    for t_ms, x, y in zip(track.t_ms, track.east, track.north, strict=True):
-        share = (t_ms - first_ms) / span
-        off = distance(x - track.east[0] - east * share, y - track.north[0] - north * share, 0.0)
-        if off > STRAIGHT_MM / 2.0:
-            return False
-    return True
+    length = max(LEAST_ROUNDS, len(steady) // STRETCHES)
+    if len(steady) <= length:
+        return steady
+    squares, counts = [0.0] * len(seen.claimed.kept), [0] * len(seen.claimed.kept)
+    for column, mean in seen.series:
+        for position, value in zip(column.rounds, column.values, strict=True):
+            squares[position] += (value - mean) * (value - mean)
+            counts[position] += 1
+    best, least = 0, -1.0
+    for start in [*range(0, len(steady) - length, max(length // 2, 1)), len(steady) - length]:
+        total, count = 0.0, 0
+        for position in steady[start : start + length]:
+            total += squares[position]
+            count += counts[position]
+        if count and (least < 0.0 or total / count < least):
+            best, least = start, total / count
+    return steady[best : best + length]
 
 
 def _steady(seen: Residuals) -> list[int]:
@@ -69,36 +87,61 @@ def _steady(seen: Residuals) -> list[int]:
     return steady if len(steady) >= LEAST_ROUNDS else kept
 
 
-def _away(reduced: Reduced, offset: Offset, seen: Residuals, rows: Sequence[int]) -> float:
-    """How far (mm) what a stretch's rounds measured against their claims lies from what all did."""
-    first, last, middle = rows[0], rows[-1], rows[len(rows) // 2]
-    inside = set(rows)
-    away: list[float | None] = []
-    for column, mean in seen.series:
-        values = [
-            value
-            for position, value in zip(column.rounds, column.values, strict=True)
-            if first <= position <= last and position in inside
-        ]
-        total = 0.0
-        for value in values:
-            total += value - mean
-        away.append(total / len(values) if values else None)
-    track = seen.claimed
-    found = Sights(reduced, offset, track.east[middle], track.north[middle], track.up[middle]).offset(away)
-    return distance(found[0], found[1], 0.0) if found is not None else float("inf")
+class _Parabola:
+    """Least squares through claimed places over time; a straight line, or their mean, where they are too few."""
+
+    def __init__(self, track: Track) -> None:
+        middle = len(track.t_ms) // 2
+        at_ms = track.t_ms[middle]
+        if max((after - before for before, after in pairwise(track.t_ms)), default=0) > APART_MS:
+            self.middle = LocalClaim(at_ms, track.east[middle], track.north[middle], track.up[middle])
+            self.velocity_east = self.velocity_north = 0.0
+            return
+        half = float(max(track.t_ms[-1] - at_ms, at_ms - track.t_ms[0], 1))
+        times = [(t_ms - at_ms) / half for t_ms in track.t_ms]
+        east, self.velocity_east = _at_zero(times, track.east, track.east[middle])
+        north, self.velocity_north = _at_zero(times, track.north, track.north[middle])
+        up, _ = _at_zero(times, track.up, track.up[middle])
+        self.velocity_east, self.velocity_north = self.velocity_east / half, self.velocity_north / half
+        self.middle = LocalClaim(at_ms, east, north, up)
 
 
-def _central(track: Track) -> LocalClaim:
-    """The claim nearest to the median of these, the one next to the middle of their times among equals."""
-    half = len(track.t_ms) // 2
-    east, north = sorted(track.east)[half], sorted(track.north)[half]
-    middle_ms = track.mean_ms()
-    at = min(
-        range(len(track.t_ms)),
-        key=lambda position: (
-            distance(track.east[position] - east, track.north[position] - north, 0.0),
-            abs(track.t_ms[position] - middle_ms),
-        ),
-    )
-    return LocalClaim(track.t_ms[at], track.east[at], track.north[at], track.up[at])
+def _at_zero(times: Sequence[float], values: Sequence[float], base: float) -> tuple[float, float]:
+    """(value, slope) at time 0 of the parabola through values at times; ``base`` is taken off before, for the bits."""
+    s0 = s1 = s2 = s3 = s4 = b0 = b1 = b2 = 0.0
+    for time, value in zip(times, values, strict=True):
+        square, above = time * time, value - base
+        s0, s1, s2, s3, s4 = s0 + 1.0, s1 + time, s2 + square, s3 + square * time, s4 + square * square
+        b0, b1, b2 = b0 + above, b1 + above * time, b2 + above * square
+    a, b, c = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
+    determinant = s0 * a + s1 * b + s2 * c
+    if determinant <= _SINGULAR * s0 * s2 * s4:
+        return base + b0 / s0, 0.0
+    d, e = s0 * s4 - s2 * s2, s1 * s2 - s0 * s3
+    return base + (a * b0 + b * b1 + c * b2) / determinant, (b * b0 + d * b1 + e * b2) / determinant
+
+
+def _noise(track: Track, claims: Sequence[LocalClaim]) -> Matrix2:
+    """What the claims' own noise leaves at the middle of a stretch, from how each lies about its two neighbours."""
+    first, last = bisect_left(claims, track.t_ms[0], key=_moment), bisect_right(claims, track.t_ms[-1], key=_moment)
+    inside = max(last - first, 1)
+    about = claims[max(first - 1, 0) : last + 1]
+    ee = en = nn = 0.0
+    count = 0
+    for before, claim, after in zip(about, about[1:], about[2:], strict=False):
+        span = after.t_ms - before.t_ms
+        if span <= 0:
+            continue
+        share = (claim.t_ms - before.t_ms) / span
+        east = claim.east - before.east - (after.east - before.east) * share
+        north = claim.north - before.north - (after.north - before.north) * share
+        worth = 1.0 + share * share + (1.0 - share) * (1.0 - share)
+        ee, en, nn = ee + east * east / worth, en + east * north / worth, nn + north * north / worth
+        count += 1
+    if count == 0:
+        return Matrix2(0.0, 0.0, 0.0)
+    return Matrix2(ee, en, nn).scaled(min(PARABOLA / inside, 1.0) / count)
+
+
+def _moment(claim: LocalClaim) -> int:
+    return claim.t_ms

@@ -39,7 +39,8 @@ from wonderland.proofs.judgement import (
 )
 from wonderland.proofs.leaving import judge_newest
 from wonderland.proofs.moments import moments_of
-from wonderland.proofs.reasons import Reasons, milli
+from wonderland.proofs.one_claim import rests_on_one
+from wonderland.proofs.reasons import Reasons, milli, reason
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim, Evidence, Session
@@ -185,7 +186,9 @@ def _measure(
     if offset is None:
         reasons.add("no_estimate", lacking="geometry")
         return None
-    reduced = replace(reduced, moment=standing_at(reduced, offset))
+    standing = standing_at(reduced, path.points)
+    if standing is not None:
+        reduced = replace(reduced, moment=standing.claim, moment_spread=standing.spread)
     agreed = agreement(reduced, offset)
     seen = reduced.residuals
     if seen is not None and any(loses_its_place(seen, suspect, commissioning) for suspect in agreed.suspects):
@@ -282,6 +285,10 @@ def signed_claim(case: Case, found: Findings) -> None:
             case.clock.sigma_ms,
             may_refute=enough and not moments.leaping,
         )
+    if signed.outcome == "refuted" and rests_on_one(
+        case.claims, found.rounds, judged, case.commissioning, case.clock.sigma_ms
+    ):
+        signed = replace(signed, outcome="inconclusive", reasons=(*signed.reasons, reason("one_claim")))
     signed = timed.overrule(signed, may_refute=may_refute)
     stamps = timed.means if timed.bound else None
     found.height = judge_vertical(policy, measured, told.points, path.height_accuracy_mm, stamps)
