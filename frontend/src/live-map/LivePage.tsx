@@ -1,7 +1,7 @@
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState, type ReactElement } from "react";
-import { roomTexts } from "../app/texts";
-import { changed, sameView, type Change } from "../app/livePlace";
-import { currentPlace, go, placeHash, type Camera, type LivePlace } from "../app/location";
+import { roomTexts } from "../shared/roomTexts";
+import { changed, sameView, type Change } from "../shared/address/livePlace";
+import { currentPlace, go, placeHash, type Camera, type LivePlace } from "../shared/address/location";
 import { asOf, sessionOf } from "../shared/drones";
 import type { Filter } from "../shared/fleet";
 import type { LonLat } from "../shared/geo/frame";
@@ -16,20 +16,21 @@ import { usePlanOverlays } from "../plans/usePlans";
 import { useMapZones, ZoneCard, ZoneLegend } from "../zones/MapZones";
 import { zonesAt } from "../zones/overlay";
 import { Announcer } from "./Announcer";
-import { DroneTable } from "./DroneTable";
-import { Legend } from "./Legend";
-import { ListPanel } from "./ListPanel";
-import { MapView, type MapHandle } from "./map/MapView";
-import { MeasureBar } from "./Measure";
-import { PanelTools, SheetHandle } from "./PanelTools";
-import { Resizer } from "./Resizer";
-import { mapWishes, useMapWishes, wishMap } from "./mapWishes";
+import { DroneTable } from "../desk/DroneTable";
+import { Legend } from "../desk/Legend";
+import { ListPanel } from "../desk/ListPanel";
+import { MapView, type MapHandle } from "../map/MapView";
+import { MeasureBar } from "../desk/Measure";
+import { PanelTools, SheetHandle } from "../desk/PanelTools";
+import { Resizer } from "../desk/Resizer";
+import { mapWishes, useMapWishes, wishMap } from "../map/mapWishes";
+import { deskTexts } from "../desk/texts";
 import { liveTexts as t } from "./texts";
 import { Timeline } from "./Timeline";
-import { useMeasure } from "./useMeasure";
+import { useMeasure } from "../desk/useMeasure";
 import { useBox, usePhone } from "../shared/ui/useBox";
 import { WallPage } from "./WallPage";
-import { ZoomControls } from "./ZoomControls";
+import { ZoomControls } from "../map/ZoomControls";
 
 const NO_FILTER: Filter = {};
 const CAMERA_IN_URL_MS = 400;
@@ -252,7 +253,7 @@ function Desk({ place }: { place: LivePlace }): ReactElement {
         />
       )}
       {(!phone || !open) && (
-        <section className="float list" aria-label={t("inTheAir")} ref={listRef} data-open={sheetOpen}>
+        <section className="float list" aria-label={deskTexts("inTheAir")} ref={listRef} data-open={sheetOpen}>
           {phone && <SheetHandle open={sheetOpen} onToggle={() => setSheetOpen(!sheetOpen)} name="list" />}
           <ListPanel
             fleet={fleet}
