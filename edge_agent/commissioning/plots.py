@@ -16,6 +16,7 @@ from edge_agent.commissioning.clocks import Clocks
 from edge_agent.commissioning.fit import Fit
 from edge_agent.commissioning.reach import SHARE, ReachMap
 from edge_agent.commissioning.run import Floats
+from wonderland.svg import compact
 
 INK: Final = "#171b1a"
 QUIET: Final = "#5d6664"
@@ -237,5 +238,4 @@ def _svg(figure: Any) -> str:
     text = io.StringIO()
     figure.savefig(text, format="svg", dpi=160, metadata={"Date": None, "Creator": "Wonderland"})
     plt.close(figure)
-    whole = text.getvalue()
-    return whole[whole.index("<svg") :]
+    return compact(text.getvalue())

@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 
 from simulator.attack_lab.model import AttackResult, LabResult, LevelResult, percent
 from simulator.attack_lab.report import FAMILIES, grouped, span
+from wonderland.svg import compact
 
 INK, MUTED, PAPER = "#171b1a", "#6b7271", "#ffffff"
 STOPPED, WON, DOCUMENTED = "#0b5c7a", "#b3261e", "#c9a227"
@@ -144,3 +145,5 @@ def _colour(attack: AttackResult, levels: tuple[int, ...], one: LevelResult) -> 
 def _save(figure: Any, path: Path) -> None:
     figure.savefig(path, facecolor=PAPER, bbox_inches="tight", metadata={"Date": None} if path.suffix == ".svg" else {})
     plt.close(figure)
+    if path.suffix == ".svg":
+        path.write_text(compact(path.read_text(encoding="utf-8")) + "\n", encoding="utf-8")
