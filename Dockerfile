@@ -1,14 +1,7 @@
 # The one image of this project: bootstrap of a Fabric network, contract servers, embedded ledger, backend with its
 # console, simulated pads and drones. compose.yaml runs it; Python and Node packages come from the locks, by hash.
 
-FROM node:24.19.0-bookworm-slim AS console
-WORKDIR /build/frontend
-COPY frontend/package.json frontend/package-lock.json frontend/.npmrc ./
-RUN npm ci --no-audit --no-fund --loglevel=error
-COPY frontend ./
-RUN npm run --silent build
-
-FROM python:3.11.14-slim-bookworm AS packages
+FROM python:3.11.14-slim-bookworm AS sources
 ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1
 COPY requirements/run.txt requirements/build.txt /build/requirements/
 RUN python -m venv /opt/wonderland \
@@ -24,6 +17,19 @@ COPY edge_agent edge_agent
 COPY libraries libraries
 COPY simulator simulator
 COPY uav_agent uav_agent
+RUN PYTHONPATH=$(echo /build/backend /build/libraries/* | tr ' ' ':') \
+    /opt/wonderland/bin/python -c "from wonderland_backend.commands import backend; backend()" openapi > openapi.json
+
+FROM node:24.19.0-bookworm-slim AS console
+WORKDIR /build/frontend
+COPY frontend/package.json frontend/package-lock.json frontend/.npmrc ./
+RUN npm ci --no-audit --no-fund --loglevel=error
+COPY frontend ./
+COPY libraries/core/wonderland/messages ../libraries/core/wonderland/messages
+COPY --from=sources /build/openapi.json ../openapi.json
+RUN OPENAPI=/build/openapi.json npm run --silent build
+
+FROM sources AS packages
 COPY --from=console /build/frontend/dist frontend/dist
 RUN /build/tools/bin/pip wheel --no-deps --no-build-isolation --wheel-dir /build/wheel \
       ./libraries/* ./backend ./chaincode ./edge_agent ./simulator ./uav_agent \

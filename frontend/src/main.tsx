@@ -3,7 +3,7 @@ import "@fontsource-variable/jetbrains-mono/wght.css";
 import "./shared/design/tokens.css";
 import "./shared/design/base.css";
 import "./app/app.css";
-import "./live-map/live.css";
+import "./desk/desk.css";
 import "./sessions/sessions.css";
 import { QueryClient, QueryClientProvider } from "@tanstack/react-query";
 import { StrictMode } from "react";

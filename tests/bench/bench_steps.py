@@ -12,6 +12,7 @@ from pathlib import Path
 from bench_tools import quantile
 
 from wonderland.proofs.records.sessions import STEP_NAMES
+from wonderland.svg import compact
 
 WORDS = {
     "request": "1 Request committed",
@@ -87,3 +88,4 @@ def _draw(document, path):
         for side in ("top", "right", "left", "bottom"):
             axes.spines[side].set_visible(False)
         figure.savefig(path, metadata={"Date": None})
+    path.write_text(compact(path.read_text()) + "\n")

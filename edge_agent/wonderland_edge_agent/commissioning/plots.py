@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
 
+from wonderland.svg import compact
 from wonderland_edge_agent.commissioning.clocks import Clocks
 from wonderland_edge_agent.commissioning.fit import Fit
 from wonderland_edge_agent.commissioning.reach import SHARE, ReachMap
@@ -237,5 +238,4 @@ def _svg(figure: Any) -> str:
     text = io.StringIO()
     figure.savefig(text, format="svg", dpi=160, metadata={"Date": None, "Creator": "Wonderland"})
     plt.close(figure)
-    whole = text.getvalue()
-    return whole[whole.index("<svg") :]
+    return compact(text.getvalue())

@@ -1,9 +1,9 @@
 import { useMutation, useQuery, useQueryClient } from "@tanstack/react-query";
 import type { ReactElement } from "react";
-import { placeHash } from "../app/location";
-import { transactionHref } from "../ledger/links";
-import { registryHref } from "../registry/links";
-import { ReplayLink } from "../replay/ReplayLink";
+import { placeHash } from "../shared/address/location";
+import { transactionHref } from "../shared/address/ledgerLinks";
+import { registryHref } from "../shared/address/registryLinks";
+import { ReplayLink } from "../shared/ui/ReplayLink";
 import { ProofActions } from "../sessions/ProofActions";
 import { ApiError, useApi, type AlertAction } from "../shared/api/api";
 import type { Alert, AlertAct, AlertDetail } from "../shared/api/records";

@@ -1,5 +1,5 @@
 import { useEffect, useState, type ReactElement } from "react";
-import { go, placeHash, type Place, type PlainRoom } from "../app/location";
+import { go, placeHash, type Place, type PlainRoom } from "../shared/address/location";
 import { useApi, type AlertFilters } from "../shared/api/api";
 import type { Alert } from "../shared/api/records";
 import { usePages } from "../shared/api/usePages";

@@ -1,5 +1,5 @@
 import { useEffect, useRef, useState, type ReactElement } from "react";
-import { go } from "../app/location";
+import { go } from "../shared/address/location";
 import { useLiveStore } from "../shared/live/useLive";
 import { announce } from "./notice";
 import { alertTitles } from "./texts";

@@ -9,11 +9,11 @@ import { count, duration } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
 import { Symbol } from "../shared/ui/Symbol";
-import { placeHash } from "./location";
+import { placeHash } from "../shared/address/location";
 import { Search } from "./Search";
 import { LOCALES, setReading, useReading } from "../shared/i18n/locale";
 import { appTexts as t } from "./texts";
-import { setThemeChoice, useTheme, type Choice } from "./theme";
+import { setThemeChoice, useTheme, type Choice } from "../shared/design/theme";
 import { TourOffer } from "./Tour";
 
 const COUNT_MS = 10_000;

@@ -1,7 +1,8 @@
 import { useEffect, useRef, type ReactElement } from "react";
 import { sharedTexts } from "../shared/texts";
 import { ROOMS } from "./rooms";
-import { appTexts, keyTexts, replayKeyTexts, roomTexts } from "./texts";
+import { roomTexts } from "../shared/roomTexts";
+import { appTexts, keyTexts, replayKeyTexts } from "./texts";
 
 type Key = readonly [keys: readonly string[], what: string];
 

@@ -1,7 +1,8 @@
 import type { ReactElement } from "react";
-import { placeHash } from "./location";
+import { placeHash } from "../shared/address/location";
 import { ROOMS, type RoomName } from "./rooms";
-import { appTexts as t, roomTexts } from "./texts";
+import { roomTexts } from "../shared/roomTexts";
+import { appTexts as t } from "./texts";
 
 export function NavRail({ room }: { room: RoomName }): ReactElement {
   return (

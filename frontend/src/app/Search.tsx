@@ -1,15 +1,15 @@
 import { useQuery } from "@tanstack/react-query";
 import { useDeferredValue, useId, useRef, useState, type KeyboardEvent, type ReactElement } from "react";
-import { blockHref, transactionHref } from "../ledger/links";
+import { blockHref, transactionHref } from "../shared/address/ledgerLinks";
 import { useApi } from "../shared/api/api";
 import type { Hit } from "../shared/api/records";
-import { replayHash } from "../replay/place";
+import { replayHash } from "../shared/address/replayPlace";
 import { typedTime } from "../replay/typedTime";
 import { day, shortHash, timeOfDay } from "../shared/format";
 import type { LiveStore } from "../shared/live/store";
 import { useLiveStore } from "../shared/live/useLive";
 import { useKeys } from "../shared/ui/useKeys";
-import { placeHash } from "./location";
+import { placeHash } from "../shared/address/location";
 import { appTexts as t } from "./texts";
 
 /** What the server found, or a moment that was typed: "yesterday 14:00". */

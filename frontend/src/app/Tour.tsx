@@ -1,7 +1,7 @@
 import { useEffect, useRef, type ReactElement } from "react";
 import { useKeys } from "../shared/ui/useKeys";
-import { go } from "./location";
-import { declineTour, goToStop, startTour, STOPS, useTour, type Stop } from "./tourStops";
+import { go } from "../shared/address/location";
+import { declineTour, goToStop, startTour, STOPS, useTour, type Stop } from "../shared/tourStops";
 import { tourTexts as t } from "./tourTexts";
 
 const HERE = "tour-here";

@@ -2,7 +2,7 @@
 import { describe, expect, it } from "vitest";
 import { LiveStore } from "../shared/live/store";
 import { warning } from "./Banner";
-import { parsePlace, placeHash, type Place } from "./location";
+import { parsePlace, placeHash, type Place } from "../shared/address/location";
 
 describe("the address", () => {
   it.each<Place>([

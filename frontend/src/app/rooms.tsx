@@ -1,6 +1,6 @@
 import { lazy, type ReactElement } from "react";
 import { LivePage } from "../live-map/LivePage";
-import type { Place, PlainRoom } from "./location";
+import type { Place, PlainRoom } from "../shared/address/location";
 
 const SessionsPage = lazy(() => import("../sessions/SessionsPage").then(({ SessionsPage: Page }) => ({ default: Page })));
 const VerdictsPage = lazy(() => import("../verdicts/VerdictsPage").then(({ VerdictsPage: Page }) => ({ default: Page })));

@@ -1,5 +1,5 @@
 import { afterEach, describe, expect, it } from "vitest";
-import { goToStop, STOPS } from "./tourStops";
+import { goToStop, STOPS } from "../shared/tourStops";
 import { tourTexts } from "./tourTexts";
 
 afterEach(() => goToStop(-1));

@@ -8,7 +8,7 @@ import { sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
 import { Scroll } from "../shared/ui/Scroll";
 import { checkLink, sha256 } from "./chain";
-import { blockHref, ledgerHref, transactionHref } from "./links";
+import { blockHref, ledgerHref, transactionHref } from "../shared/address/ledgerLinks";
 import { ledgerTexts as t } from "./texts";
 
 type Checked = { data: boolean; header: boolean; size: number };

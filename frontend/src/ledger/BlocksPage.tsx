@@ -9,7 +9,7 @@ import { Hash } from "../shared/ui/Hash";
 import { More } from "../shared/ui/More";
 import { Scroll } from "../shared/ui/Scroll";
 import { ChainCheck } from "./ChainCheck";
-import { blockHref } from "./links";
+import { blockHref } from "../shared/address/ledgerLinks";
 import { ledgerTexts as t } from "./texts";
 
 const STATUS: readonly Topic[] = ["status"];

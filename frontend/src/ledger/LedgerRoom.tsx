@@ -1,5 +1,5 @@
 import type { ReactElement } from "react";
-import type { Place, PlainRoom } from "../app/location";
+import type { Place, PlainRoom } from "../shared/address/location";
 import { BlockPage } from "./BlockPage";
 import { BlocksPage } from "./BlocksPage";
 import "./ledger.css";

@@ -1,14 +1,14 @@
 import { useQuery } from "@tanstack/react-query";
 import type { ReactElement, ReactNode } from "react";
-import { placeHash } from "../app/location";
+import { placeHash } from "../shared/address/location";
 import { useApi } from "../shared/api/api";
 import type { LedgerValue, TransactionContents } from "../shared/api/records";
 import { count, dayAndTime } from "../shared/format";
 import { useServerNow } from "../shared/live/useLive";
 import { sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
-import { laidOut } from "./json";
-import { blockHref, ledgerHref } from "./links";
+import { laidOut } from "../shared/json";
+import { blockHref, ledgerHref } from "../shared/address/ledgerLinks";
 import { ledgerTexts as t } from "./texts";
 
 const SESSION_FUNCTIONS = new Set(["RequestProof", "SubmitProof", "CompleteInteraction", "CancelProof"]);

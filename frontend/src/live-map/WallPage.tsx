@@ -1,5 +1,5 @@
 import { useEffect, useMemo, useRef, useState, type ReactElement } from "react";
-import { go, type LivePlace } from "../app/location";
+import { go, type LivePlace } from "../shared/address/location";
 import type { VerdictSummary } from "../shared/api/records";
 import { age, count, timeOfDay } from "../shared/format";
 import { useFleet } from "../shared/live/useFleet";
@@ -8,9 +8,11 @@ import { Sentence } from "../shared/ui/Sentence";
 import { Symbol } from "../shared/ui/Symbol";
 import { useKeys } from "../shared/ui/useKeys";
 import { account } from "../sessions/words";
-import { Legend } from "./Legend";
-import { MapView, type MapHandle } from "./map/MapView";
-import { padsByNeed } from "./padState";
+import { Legend } from "../desk/Legend";
+import { MapView, type MapHandle } from "../map/MapView";
+import { padsByNeed } from "../map/padState";
+import { mapTexts } from "../map/texts";
+import { deskTexts } from "../desk/texts";
 import { liveTexts as t } from "./texts";
 
 /** Each refusal has the wall for so long; after the last of them all pads have it. */
@@ -64,9 +66,9 @@ export function WallPage({ place }: { place: LivePlace }): ReactElement {
   const troubled = padsByNeed(store.pads.values(), now_ms).filter(({ state }) => state.tone !== "ok");
   return (
     <div className="live wall">
-      <h1 className="visually-hidden">{t("wall")}</h1>
+      <h1 className="visually-hidden">{mapTexts("wall")}</h1>
       <MapView ref={map} fleet={fleet} camera={undefined} selection={selection} padding={padding} onSelect={() => undefined} onCamera={() => undefined} />
-      <section className="wall-side" aria-label={t("wall")}>
+      <section className="wall-side" aria-label={mapTexts("wall")}>
         <p className="wall-time num">{timeOfDay(now_ms)}</p>
         <ul className="wall-counts num">
           {(["refuted", "inconclusive", "proving", "verified"] as const).map((look) => (
@@ -76,7 +78,7 @@ export function WallPage({ place }: { place: LivePlace }): ReactElement {
             </li>
           ))}
         </ul>
-        <p className="wall-all quiet num">{t("counts", { drones: fleet.total, pads: store.pads.size })}</p>
+        <p className="wall-all quiet num">{deskTexts("counts", { drones: fleet.total, pads: store.pads.size })}</p>
         {troubled.slice(0, 3).map(({ pad: each, state }) => (
           <p key={each.pad_id} className={`wall-pad tone-${state.tone}`}>
             <b>{each.name}</b>: {state.text}

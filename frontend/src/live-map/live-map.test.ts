@@ -7,10 +7,10 @@ import { FakeWorld } from "../shared/fake/world";
 import { LiveStore } from "../shared/live/store";
 import { leg } from "../shared/geo/geodesic";
 import { announcement } from "./Announcer";
-import { clusters } from "./map/clusters";
-import { accuracyFeatures, evidenceFeatures, gridFeatures, gridSpacing_m, hull, measureFeatures, metresPerPixel, padFeatures, siteFeatures, trailFeatures } from "./map/features";
-import { Occupied, place, type Label } from "./map/placing";
-import { padsByNeed, padState } from "./padState";
+import { clusters } from "../map/clusters";
+import { accuracyFeatures, evidenceFeatures, gridFeatures, gridSpacing_m, hull, measureFeatures, metresPerPixel, padFeatures, siteFeatures, trailFeatures } from "../map/features";
+import { Occupied, place, type Label } from "../map/placing";
+import { padsByNeed, padState } from "../map/padState";
 import { BIN_MS, BINS, bins } from "./timelineBins";
 
 const START_MS = 1_700_000_000_000;

@@ -1,7 +1,7 @@
 import { skipToken, useMutation, useQuery } from "@tanstack/react-query";
 import { useMemo, type ReactElement } from "react";
-import { MapCard } from "../live-map/MapCard";
-import type { Overlay } from "../live-map/map/overlays";
+import { MapCard } from "../map/MapCard";
+import type { Overlay } from "../map/overlays";
 import { useApi, type ApiError } from "../shared/api/api";
 import { useOfficer } from "../shared/api/who";
 import { ago, coordinates, dotted, length, speed } from "../shared/format";

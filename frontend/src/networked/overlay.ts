@@ -1,6 +1,6 @@
 /** What other service providers tell, as a layer of the live map: hollow marks without a verdict's colour. */
-import type { Overlay } from "../live-map/map/overlays";
-import { TILE } from "../live-map/map/view";
+import type { Overlay } from "../map/overlays";
+import { TILE } from "../map/view";
 import { lonLat, plainFrame, toGlobe, type LonLat } from "../shared/geo/frame";
 import { leg } from "../shared/geo/geodesic";
 import type { Bounds, Flight, Flights } from "./calls";

@@ -4,7 +4,6 @@ import { texts } from "../shared/i18n/texts";
 export const networkedTexts = texts({
   en: {
     title: "Networked flights",
-    show: "Flights that other providers tell of",
     unverified: "Told by other service providers, unverified.",
     closer: "Shown in views up to {most} across; this one is {now}. Zoom in.",
     flights: "{count, plural, =0 {No flight} one {# flight} other {# flights}} in view",
@@ -37,7 +36,6 @@ export const networkedTexts = texts({
   },
   fi: {
     title: "Verkkolennot",
-    show: "Muiden palveluntarjoajien ilmoittamat lennot",
     unverified: "Muiden palveluntarjoajien ilmoittamia, vahvistamatta.",
     closer: "Näytetään enintään {most} laajuisissa näkymissä; tämä on {now}. Lähennä.",
     flights: "{count, plural, =0 {Ei lentoja} one {# lento} other {# lentoa}} näkymässä",

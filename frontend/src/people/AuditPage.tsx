@@ -1,9 +1,9 @@
 import { useMutation, useQuery } from "@tanstack/react-query";
 import { useCallback, type ReactElement } from "react";
-import { go, placeHash, withChange, type Filters as Chosen } from "../app/location";
+import { go, placeHash, withChange, type Filters as Chosen } from "../shared/address/location";
 import { between } from "../shared/days";
 import { count, dayAndTime } from "../shared/format";
-import { transactionHref } from "../ledger/links";
+import { transactionHref } from "../shared/address/ledgerLinks";
 import { useServerNow } from "../shared/live/useLive";
 import { shortHash } from "../shared/format";
 import { Bar, Choice, Days, SearchBox } from "../shared/ui/Filters";

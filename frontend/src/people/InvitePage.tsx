@@ -1,6 +1,6 @@
 import { useMutation, useQueryClient } from "@tanstack/react-query";
 import type { SyntheticEvent, ReactElement } from "react";
-import { go, placeHash } from "../app/location";
+import { go, placeHash } from "../shared/address/location";
 import { useLive, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
 import { useDraft } from "../shared/useDraft";

@@ -1,5 +1,5 @@
 import type { ReactElement } from "react";
-import { placeHash, type Place, type PlainRoom } from "../app/location";
+import { placeHash, type Place, type PlainRoom } from "../shared/address/location";
 import { usePerson } from "../shared/api/who";
 import { AccountPage } from "./AccountPage";
 import { AuditPage } from "./AuditPage";

@@ -1,6 +1,6 @@
 import { useMutation, useQuery, useQueryClient } from "@tanstack/react-query";
 import type { SyntheticEvent, ReactElement } from "react";
-import { go, placeHash } from "../app/location";
+import { go, placeHash } from "../shared/address/location";
 import { ApiError } from "../shared/api/api";
 import { keepDraft } from "../shared/drafts";
 import { useServerNow } from "../shared/live/useLive";

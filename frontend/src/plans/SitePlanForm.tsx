@@ -1,7 +1,7 @@
 import { useMutation } from "@tanstack/react-query";
 import type { ReactElement, ReactNode } from "react";
-import type { RegistryPad } from "../registry/calls";
 import { useApi } from "../shared/api/api";
+import type { components } from "../shared/api/schema";
 import { keepPlan, PlanRefused } from "./calls";
 import { readPlan, type Plan } from "./plan";
 import { PlanDrawing, PlanLegend } from "./PlanDrawing";
@@ -11,7 +11,7 @@ import { planTexts as t } from "./texts";
 const MOST_BYTES = (3 << 20) + 1;
 
 type Properties = {
-  record: RegistryPad["record"];
+  record: components["schemas"]["RegistryPad"]["record"];
   /** What signs the hash of a plan; undefined: that there is none any more. */
   sign: (site_plan_sha256: string | undefined) => ReactNode;
 };

@@ -1,7 +1,7 @@
 /** Site plans on the map: lines and pale faces in the greys of the place, since colour means a verdict. */
 import type { ExpressionSpecification, LayerSpecification } from "maplibre-gl";
-import type { Palette } from "../live-map/map/icons";
-import type { Overlay } from "../live-map/map/overlays";
+import type { Palette } from "../map/icons";
+import type { Overlay } from "../map/overlays";
 import type { Frame } from "../shared/api/records";
 import { planFeatures, type Plan } from "./plan";
 

@@ -1,6 +1,6 @@
 import { useQueries, useQuery, type UseQueryResult } from "@tanstack/react-query";
 import { useMemo } from "react";
-import type { Overlay } from "../live-map/map/overlays";
+import type { Overlay } from "../map/overlays";
 import type { Pad } from "../shared/api/records";
 import { useApi } from "../shared/api/api";
 import { frameOf } from "../shared/geo/frame";

@@ -1,4 +1,4 @@
-import { Occupied, place, type Label } from "../live-map/map/placing";
+import { Occupied, place, type Label } from "../map/placing";
 import { length } from "../shared/format";
 import type { Metres, PlanFeature } from "./plan";
 

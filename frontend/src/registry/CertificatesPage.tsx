@@ -1,6 +1,6 @@
 import { useCallback, type ReactElement } from "react";
-import { withChange, type Place, type PlainRoom } from "../app/location";
-import { blockHref } from "../ledger/links";
+import { withChange, type Place, type PlainRoom } from "../shared/address/location";
+import { blockHref } from "../shared/address/ledgerLinks";
 import { useApi } from "../shared/api/api";
 import { count, day } from "../shared/format";
 import { roleName } from "../shared/signing/texts";
@@ -9,7 +9,7 @@ import { Bar, SearchBox } from "../shared/ui/Filters";
 import { More } from "../shared/ui/More";
 import { Scroll } from "../shared/ui/Scroll";
 import { certificates, type CertificateFilters } from "./calls";
-import { toRegistry } from "./links";
+import { toRegistry } from "../shared/address/registryLinks";
 import { registryTexts as t } from "./texts";
 import { usePages } from "../shared/api/usePages";
 

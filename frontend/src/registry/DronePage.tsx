@@ -1,6 +1,6 @@
 import { useQuery, useQueryClient } from "@tanstack/react-query";
 import { useCallback, useMemo, type ReactElement, type ReactNode } from "react";
-import { placeHash } from "../app/location";
+import { placeHash } from "../shared/address/location";
 import { Masked } from "../people/Masked";
 import { useApi } from "../shared/api/api";
 import { day, dayAndTime, dotted } from "../shared/format";
@@ -11,7 +11,7 @@ import { ChangeForm } from "./ChangeForm";
 import { maintenanceWord } from "./DronesPage";
 import { FORMS, formKey, type FormName } from "./forms";
 import { History } from "./History";
-import { registryHref, toRegistry } from "./links";
+import { registryHref, toRegistry } from "../shared/address/registryLinks";
 import { Status } from "./Status";
 import { registryTexts as t } from "./texts";
 import { actionList } from "./words";

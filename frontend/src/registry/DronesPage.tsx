@@ -1,5 +1,5 @@
 import { useCallback, type ReactElement } from "react";
-import { withChange, type Place, type PlainRoom } from "../app/location";
+import { withChange, type Place, type PlainRoom } from "../shared/address/location";
 import { useApi } from "../shared/api/api";
 import { day, dotted } from "../shared/format";
 import { useServerNow } from "../shared/live/useLive";
@@ -7,7 +7,7 @@ import { Bar, Choice, SearchBox } from "../shared/ui/Filters";
 import { More } from "../shared/ui/More";
 import { Scroll } from "../shared/ui/Scroll";
 import { drones, type DroneFilters, type RegistryDrone } from "./calls";
-import { registryHref, toRegistry } from "./links";
+import { registryHref, toRegistry } from "../shared/address/registryLinks";
 import { Status } from "./Status";
 import { registryTexts as t } from "./texts";
 import { usePages } from "../shared/api/usePages";

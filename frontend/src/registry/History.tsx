@@ -1,5 +1,5 @@
 import type { ReactElement } from "react";
-import { transactionHref } from "../ledger/links";
+import { transactionHref } from "../shared/address/ledgerLinks";
 import { useApi } from "../shared/api/api";
 import { count, dayAndTime } from "../shared/format";
 import { useServerNow } from "../shared/live/useLive";

@@ -1,6 +1,6 @@
 import { useMutation, useQueryClient } from "@tanstack/react-query";
 import { useCallback, useEffect, useRef, useState, type ReactElement } from "react";
-import { transactionHref } from "../ledger/links";
+import { transactionHref } from "../shared/address/ledgerLinks";
 import { useApi } from "../shared/api/api";
 import { count } from "../shared/format";
 import { problemText } from "../shared/signing/KeyPage";
@@ -9,7 +9,7 @@ import { useSigner } from "../shared/signing/useSigner";
 import { Hash } from "../shared/ui/Hash";
 import { Symbol } from "../shared/ui/Symbol";
 import { checkFile, keepRun, keptRun, newRun, report, send, type ImportCheck, type ImportKind, type Run } from "./importing";
-import { registryHref } from "./links";
+import { registryHref } from "../shared/address/registryLinks";
 import { importTexts as t } from "./importTexts";
 
 const KINDS = ["drones", "authorisations", "pads"] as const;

@@ -1,11 +1,11 @@
 import { useQuery } from "@tanstack/react-query";
 import type { ReactElement } from "react";
-import { blockHref } from "../ledger/links";
+import { blockHref } from "../shared/address/ledgerLinks";
 import { useApi } from "../shared/api/api";
 import { count, day } from "../shared/format";
 import { sharedTexts } from "../shared/texts";
 import { organisations, type RegistryOrganisation } from "./calls";
-import { registryHref } from "./links";
+import { registryHref } from "../shared/address/registryLinks";
 import { registryTexts as t } from "./texts";
 
 function Organisation({ found }: { found: RegistryOrganisation }): ReactElement {

@@ -1,6 +1,6 @@
 import { useQuery, useQueryClient } from "@tanstack/react-query";
 import { useCallback, type ReactElement } from "react";
-import { placeHash } from "../app/location";
+import { placeHash } from "../shared/address/location";
 import { SitePlanCard } from "../plans/SitePlanCard";
 import { SitePlanForm } from "../plans/SitePlanForm";
 import { useApi } from "../shared/api/api";
@@ -13,7 +13,7 @@ import { pad as fetchPad, type RegistryPadDetail } from "./calls";
 import { ChangeForm } from "./ChangeForm";
 import { FORMS, formKey } from "./forms";
 import { History } from "./History";
-import { registryHref, toRegistry } from "./links";
+import { registryHref, toRegistry } from "../shared/address/registryLinks";
 import { AnchorPlan, BiasPlot, ReachPlot } from "./PadPlots";
 import { isAction, Policies, policyBefore } from "./Policies";
 import { Status } from "./Status";

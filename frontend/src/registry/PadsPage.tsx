@@ -1,13 +1,13 @@
 import { useQuery } from "@tanstack/react-query";
 import { useCallback, type ReactElement } from "react";
-import { withChange, type Place, type PlainRoom } from "../app/location";
+import { withChange, type Place, type PlainRoom } from "../shared/address/location";
 import { useApi } from "../shared/api/api";
 import { day } from "../shared/format";
 import { Bar, Choice, SearchBox } from "../shared/ui/Filters";
 import { More } from "../shared/ui/More";
 import { commonPolicies, pads, type PadFilters } from "./calls";
 import { ChangeForm } from "./ChangeForm";
-import { registryHref, toRegistry } from "./links";
+import { registryHref, toRegistry } from "../shared/address/registryLinks";
 import { isAction, Policies, policyBefore } from "./Policies";
 import { Status } from "./Status";
 import { registryTexts as t } from "./texts";

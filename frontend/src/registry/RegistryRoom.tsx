@@ -1,5 +1,5 @@
 import type { ReactElement } from "react";
-import type { Place, PlainRoom } from "../app/location";
+import type { Place, PlainRoom } from "../shared/address/location";
 import { KeyPage } from "../shared/signing/KeyPage";
 import { ChangeForm } from "./ChangeForm";
 import { CertificatesPage } from "./CertificatesPage";
@@ -7,7 +7,7 @@ import { DronePage } from "./DronePage";
 import { DronesPage } from "./DronesPage";
 import { formKey, type FormName } from "./forms";
 import { ImportPage } from "./ImportPage";
-import { registryHref, TABS, toRegistry, type Tab } from "./links";
+import { registryHref, TABS, toRegistry, type Tab } from "../shared/address/registryLinks";
 import { OperatorsPage } from "./OperatorsPage";
 import { PadPage } from "./PadPage";
 import { PadsPage } from "./PadsPage";

@@ -1,7 +1,7 @@
 import { useRef, useState, type ReactElement, type SyntheticEvent } from "react";
 import { day, timeOfDay } from "../shared/format";
-import { SPANS, type Span } from "./place";
-import { SPEEDS, type PlayerState, type Speed } from "./player";
+import { SPANS, SPEEDS, type Span, type Speed } from "../shared/address/replayPlace";
+import type { PlayerState } from "./player";
 import { replayTexts as t } from "./texts";
 import { typedTime } from "./typedTime";
 

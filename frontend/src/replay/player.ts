@@ -1,12 +1,10 @@
 import type { ConnectionEvent } from "../shared/live/connection";
 import type { LiveFrame } from "../shared/live/protocol";
+import { SPEEDS, type Speed } from "../shared/address/replayPlace";
 
 /** A line of a film: a frame as a live client would have got it, or the end and how far it came. */
 export type FilmLine = LiveFrame | { type: "end"; t_ms: number; complete: boolean };
 export type FilmQuery = { from_ms: number; until_ms: number; step_ms: number; snapshot: boolean };
-
-export const SPEEDS = [1, 2, 5, 10, 30, 60] as const;
-export type Speed = (typeof SPEEDS)[number];
 
 export type PlayerState = {
   t_ms: number;

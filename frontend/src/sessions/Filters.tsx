@@ -1,5 +1,5 @@
 import { useCallback, type ReactElement } from "react";
-import { withChange, type Filters as Chosen } from "../app/location";
+import { withChange, type Filters as Chosen } from "../shared/address/location";
 import { between } from "../shared/days";
 import { actionNoun } from "../shared/format";
 import { useLive } from "../shared/live/useLive";

@@ -1,5 +1,5 @@
 import type { ReactElement } from "react";
-import { suspendHref } from "../registry/links";
+import { suspendHref } from "../shared/address/registryLinks";
 import { EvidenceButton } from "./EvidenceButton";
 import { sessionTexts as t } from "./texts";
 

@@ -1,5 +1,5 @@
 import type { ReactElement } from "react";
-import { transactionHref } from "../ledger/links";
+import { transactionHref } from "../shared/address/ledgerLinks";
 import type { SessionDetail, SessionState, StepName } from "../shared/api/records";
 import { count, duration, shortHash, timeOfDay } from "../shared/format";
 import { Scroll } from "../shared/ui/Scroll";

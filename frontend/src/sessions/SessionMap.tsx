@@ -1,7 +1,7 @@
 import { useMemo, useRef, type ReactElement } from "react";
-import { useBaseMap } from "../live-map/baseMap";
-import { MapView, type MapHandle } from "../live-map/map/MapView";
-import { ZoomControls } from "../live-map/ZoomControls";
+import { useBaseMap } from "../map/baseMap";
+import { MapView, type MapHandle } from "../map/MapView";
+import { ZoomControls } from "../map/ZoomControls";
 import { usePlanOverlays } from "../plans/usePlans";
 import type { VerdictSummary } from "../shared/api/records";
 import type { Filter } from "../shared/fleet";

@@ -1,9 +1,9 @@
 import { useQuery } from "@tanstack/react-query";
 import { useRef, type ReactElement } from "react";
-import { placeHash } from "../app/location";
-import { transactionHref } from "../ledger/links";
+import { placeHash } from "../shared/address/location";
+import { transactionHref } from "../shared/address/ledgerLinks";
 import { SitePlanCard } from "../plans/SitePlanCard";
-import { ReplayLink } from "../replay/ReplayLink";
+import { ReplayLink } from "../shared/ui/ReplayLink";
 import { useApi } from "../shared/api/api";
 import { useFresh } from "../shared/api/useFresh";
 import type { Evidence, LedgerTransaction, SessionDetail, SessionState, VerdictSummary } from "../shared/api/records";

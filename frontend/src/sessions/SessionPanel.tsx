@@ -1,7 +1,7 @@
 import { useQuery } from "@tanstack/react-query";
 import type { ReactElement, ReactNode } from "react";
-import { placeHash } from "../app/location";
-import { ReplayLink } from "../replay/ReplayLink";
+import { placeHash } from "../shared/address/location";
+import { ReplayLink } from "../shared/ui/ReplayLink";
 import { useApi } from "../shared/api/api";
 import type { BroadcastFinding, HeightFinding, Judgement, Pad, SessionState, VerdictSummary } from "../shared/api/records";
 import { TONE_OF } from "../shared/design/symbols";

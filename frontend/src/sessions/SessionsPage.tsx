@@ -1,5 +1,5 @@
 import type { ReactElement } from "react";
-import { go, placeHash, type Filters as Chosen } from "../app/location";
+import { go, placeHash, type Filters as Chosen } from "../shared/address/location";
 import { useApi } from "../shared/api/api";
 import { usePages } from "../shared/api/usePages";
 import type { SessionState } from "../shared/api/records";

@@ -1,10 +1,10 @@
 import { useId, useState, type ReactElement, type ReactNode } from "react";
-import { setThemeChoice, useTheme, type Choice } from "../app/theme";
-import { startTour } from "../app/tourStops";
+import { setThemeChoice, useTheme, type Choice } from "../shared/design/theme";
+import { startTour } from "../shared/tourStops";
 import { useWishes, wishNotify, wishSound } from "../alerts/notice";
 import { coordinates, dayAndTime, length } from "../shared/format";
 import { COORDINATE_FORMS, LENGTH_UNITS, LOCALES, setReading, useReading } from "../shared/i18n/locale";
-import { BLOCK_PARTS, useMapWishes, wishMap } from "../live-map/mapWishes";
+import { BLOCK_PARTS, useMapWishes, wishMap } from "../map/mapWishes";
 import { useServerNow } from "../shared/live/useLive";
 import "./settings.css";
 import { settingsTexts as t } from "./texts";

@@ -5,7 +5,6 @@ import { seeded } from "./fake/random";
 import { FakeWorld } from "./fake/world";
 import { droneOf, Fleet, type Filter } from "./fleet";
 import { LiveStore } from "./live/store";
-import { rowText } from "../sessions/words";
 
 const START_MS = 1_700_000_000_000;
 let store: LiveStore;
@@ -71,21 +70,6 @@ describe("drones, sorted by need", () => {
       need: "no-verdict",
       session: { state: "cancelled", end: "expired" },
     });
-  });
-
-  it("gives each row its two texts", () => {
-    const found = play(58);
-    const text = (id: string): { right: string; second: string } => {
-      const drone = found.get(id) ?? expect.fail(`${id} is not there`);
-      const { right, second } = rowText(drone, (pad) => PADS.find(({ pad_id }) => pad_id === pad)?.name ?? pad);
-      return { right: right.replaceAll("\u00a0", " "), second: second.replaceAll("\u00a0", " ") };
-    };
-    expect(text("OH-DRN-0417")).toEqual({ right: "4.3 m off", second: "Refuted at Aurajoki 2 · landing refused" });
-    expect(text("OH-DRN-0640")).toEqual({ right: "31 m off", second: "Impersonation or lie at Kupittaa · landing refused" });
-    expect(text("OH-DRN-0512")).toEqual({ right: "refused", second: "Verified at Satama 1 · not authorised" });
-    expect(text("OH-DRN-0733")).toEqual({ right: "no verdict", second: "Session at Kupittaa ended · codes did not match" });
-    expect(text("OH-DRN-0925").second).toMatch(/^Ranging at Kupittaa, \d+ rounds$/);
-    expect(text("OH-DRN-0233")).toEqual({ right: "0.03 m", second: "Verified at Aurajoki 2 · landed" });
   });
 
   it("shows what a filter asks for, and knows the others all the same", () => {

@@ -1,6 +1,6 @@
 import { keepPreviousData, useQuery } from "@tanstack/react-query";
 import type { ReactElement, ReactNode } from "react";
-import { go, type Place, type PlainRoom } from "../app/location";
+import { go, type Place, type PlainRoom } from "../shared/address/location";
 import { useApi } from "../shared/api/api";
 import type { Pad, Statistics } from "../shared/api/records";
 import { AsTable } from "../shared/charts/AsTable";

@@ -1,6 +1,6 @@
 import type { ReactElement } from "react";
-import { go, placeHash, type Filters as Chosen } from "../app/location";
-import { roomTexts } from "../app/texts";
+import { go, placeHash, type Filters as Chosen } from "../shared/address/location";
+import { roomTexts } from "../shared/roomTexts";
 import { useApi } from "../shared/api/api";
 import { usePages } from "../shared/api/usePages";
 import type { VerdictSummary } from "../shared/api/records";

@@ -1,7 +1,7 @@
 import { keepPreviousData, useQuery } from "@tanstack/react-query";
 import { useMemo, type ReactElement } from "react";
-import { MapCard } from "../live-map/MapCard";
-import type { Overlay } from "../live-map/map/overlays";
+import { MapCard } from "../map/MapCard";
+import type { Overlay } from "../map/overlays";
 import { useApi } from "../shared/api/api";
 import { zonesForMap, type ZoneFeature } from "./calls";
 import { zonesHref } from "./links";

@@ -1,6 +1,6 @@
 import { useQuery } from "@tanstack/react-query";
 import type { ReactElement } from "react";
-import { placeHash } from "../app/location";
+import { placeHash } from "../shared/address/location";
 import { useApi } from "../shared/api/api";
 import { useServerNow } from "../shared/live/useLive";
 import { Fact } from "../shared/ui/Fact";

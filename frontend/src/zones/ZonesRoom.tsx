@@ -1,5 +1,5 @@
 import type { ReactElement } from "react";
-import type { Place, PlainRoom } from "../app/location";
+import type { Place, PlainRoom } from "../shared/address/location";
 import { ImportPage } from "./ImportPage";
 import { TABS, zonesHref, type Tab } from "./links";
 import { ListPage } from "./ListPage";

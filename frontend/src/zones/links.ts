@@ -1,4 +1,4 @@
-import { go, placeHash, type Place } from "../app/location";
+import { go, placeHash, type Place } from "../shared/address/location";
 
 export const TABS = ["pads", "list", "import"] as const;
 export type Tab = (typeof TABS)[number];

@@ -1,7 +1,7 @@
 /** Zones as a layer of the live map: by type in colour and line, prohibited ones hatched, fainter while not in force. */
 import type { FilterSpecification, LayerSpecification } from "maplibre-gl";
-import type { Palette } from "../live-map/map/icons";
-import type { Overlay } from "../live-map/map/overlays";
+import type { Palette } from "../map/icons";
+import type { Overlay } from "../map/overlays";
 import type { LonLat } from "../shared/geo/frame";
 import type { Zone, ZoneFeature, ZoneType } from "./calls";
 import { hatching, holds, polygons } from "./geometry";

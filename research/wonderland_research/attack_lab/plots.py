@@ -10,6 +10,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
+from wonderland.svg import compact
 from wonderland_research.attack_lab.model import AttackResult, LabResult, LevelResult, percent
 from wonderland_research.attack_lab.report import FAMILIES, grouped, span
 
@@ -144,3 +145,5 @@ def _colour(attack: AttackResult, levels: tuple[int, ...], one: LevelResult) -> 
 def _save(figure: Any, path: Path) -> None:
     figure.savefig(path, facecolor=PAPER, bbox_inches="tight", metadata={"Date": None} if path.suffix == ".svg" else {})
     plt.close(figure)
+    if path.suffix == ".svg":
+        path.write_text(compact(path.read_text(encoding="utf-8")) + "\n", encoding="utf-8")

@@ -11,6 +11,8 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
+from wonderland.svg import compact
+
 INK: Final = "#171b1a"
 QUIET: Final = "#5d6664"
 LINE: Final = "#d5dad8"
@@ -71,12 +73,13 @@ def svg(figure: Any) -> str:
     out = io.StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     plt.close(figure)
-    text = out.getvalue()
-    return text[text.index("<svg") :].strip()
+    return compact(out.getvalue())
 
 
 def save(figure: Any, path: Path) -> None:
     """A figure as a file, by its suffix: .svg, .pdf or .png."""
-    undated = {"Date": None} if path.suffix == ".svg" else None
-    figure.savefig(path, metadata=undated, dpi=200)
+    if path.suffix == ".svg":
+        path.write_text(svg(figure) + "\n", encoding="utf-8")
+        return
+    figure.savefig(path, dpi=200)
     plt.close(figure)

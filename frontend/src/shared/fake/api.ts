@@ -2,7 +2,7 @@ import type { Page } from "../api/api";
 import type { Course, SessionDetail, SessionState, VerdictSummary } from "../api/records";
 import type { LiveStore } from "../live/store";
 import { sessionOf } from "../drones";
-import { FAKE_ME, FAKE_PERSON, FAKE_WAYS_IN } from "../../people/fake";
+import { FAKE_ME, FAKE_PERSON, FAKE_WAYS_IN } from "./people";
 import { hex, noise, seeded } from "./random";
 
 function json(value: unknown, status = 200): Response {

@@ -1,7 +1,7 @@
 import { useMutation } from "@tanstack/react-query";
 import { useEffect, useRef, useState, type ReactElement, type ReactNode } from "react";
-import { transactionHref } from "../../ledger/links";
-import { laidOut } from "../../ledger/json";
+import { transactionHref } from "../address/ledgerLinks";
+import { laidOut } from "../json";
 import { useApi } from "../api/api";
 import { count } from "../format";
 import { sharedTexts } from "../texts";
