@@ -16,6 +16,8 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland import __version__
 from wonderland.proof_contract import ProofContract
+from wonderland_backend.agents.connected import Agents
+from wonderland_backend.agents.members import Members
 from wonderland_backend.alerts.deliver import Delivery
 from wonderland_backend.alerts.service import Alerts
 from wonderland_backend.alerts.watch import Watch
@@ -33,11 +35,8 @@ from wonderland_backend.events.feed import Commits
 from wonderland_backend.events.streams import Streams
 from wonderland_backend.flights.store import forget as forget_flights
 from wonderland_backend.http.transfer import new_client
-from wonderland_backend.ingest.agents import Agents
-from wonderland_backend.ingest.identity import Members
 from wonderland_backend.ingest.intake import Intake
 from wonderland_backend.ledger.access import LedgerAccess
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.live.board import Board
 from wonderland_backend.live.hub import Hub
 from wonderland_backend.maps.service import Maps
@@ -45,6 +44,7 @@ from wonderland_backend.metrics import Metrics
 from wonderland_backend.mirror.derive import Changes
 from wonderland_backend.mirror.follow import Mirror
 from wonderland_backend.mirror.source import BlockSource
+from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.outputs.mqtt import MqttOutput
 from wonderland_backend.parts import Parts
 from wonderland_backend.replay.arrivals import Connections, note_blocks, note_unknown
@@ -125,7 +125,7 @@ class Backend:
             intake=intake,
             uspace=uspace,
             clients=clients,
-            machines=machines_of(settings, clients, uspace, clock, randomness),
+            machines=machines_of(settings, clients, uspace.verifier, uspace.host, clock, randomness),
             commits=Commits(),
             streams=Streams(settings.max_event_streams, settings.max_event_streams_each),
             poster=poster_of(settings),
@@ -138,8 +138,8 @@ class Backend:
             signing=Signing(database, ledger, clock, per_minute=settings.signed_per_minute) if ledger else None,
             demo_registrar=DemoRegistrar(demo_registrar) if demo_registrar else None,
         )
-        self._alerts = Alerts(settings, board, clock)
-        self.watch = Watch(self.context, status, agents, board)
+        self._alerts = Alerts(settings, board.alert, clock)
+        self.watch = Watch(self.context, status, agents, board.alert)
         self._mirror = (
             Mirror(
                 database,

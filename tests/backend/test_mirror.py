@@ -31,10 +31,10 @@ from wonderland_backend.db.tables.ledger import (
     VerdictRow,
 )
 from wonderland_backend.errors import MirrorHalted
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.mirror import store
 from wonderland_backend.mirror.follow import Mirror
 from wonderland_backend.mirror.rebuild import digest, rebuild
+from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_fabric_gateway.errors import LedgerError
 
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]

@@ -15,10 +15,10 @@ from bench_tools import show
 
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.migrate import migrate
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.mirror import derive as deriving
 from wonderland_backend.mirror.follow import Mirror
 from wonderland_backend.mirror.rebuild import digest
+from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_fabric_gateway.blocks import parse_block
 
 PROOFS = 3_000

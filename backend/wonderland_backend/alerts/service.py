@@ -12,7 +12,6 @@ from wonderland_backend.alerts import store
 from wonderland_backend.alerts.deliver import enqueue
 from wonderland_backend.alerts.derive import alerts_of
 from wonderland_backend.db.tables.alerts import AlertRow
-from wonderland_backend.live.board import Board
 from wonderland_backend.mirror.derive import Changes
 from wonderland_backend.settings import Settings
 
@@ -25,9 +24,9 @@ TOLD_MS: Final = 3_600_000
 class Alerts:
     """What follows from the ledger, in the mirror's own database transaction."""
 
-    def __init__(self, settings: Settings, board: Board, clock: Callable[[], int]) -> None:
+    def __init__(self, settings: Settings, tell: Callable[[dict[str, Any]], None], clock: Callable[[], int]) -> None:
         self._settings = settings
-        self._board = board
+        self._tell = tell
         self._clock = clock
         self._raised: list[dict[str, Any]] = []
 
@@ -59,4 +58,4 @@ class Alerts:
         """The commit has happened: tell the live side."""
         raised, self._raised = self._raised, []
         for alert in raised:
-            self._board.alert(alert)
+            self._tell(alert)

@@ -13,11 +13,11 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 from wonderland_backend import audit
 from wonderland_backend.alerts.kinds import Alert
 from wonderland_backend.alerts.schemas import Act, AlertQuery
-from wonderland_backend.auth.person import Person, Scope
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.alerts import AlertActRow, AlertRow
 from wonderland_backend.errors import Conflict, NotFound
 from wonderland_backend.narrowing import narrowed
+from wonderland_backend.person import Person, Scope
 from wonderland_backend.problem_texts import said
 
 OPEN: Final = "open"

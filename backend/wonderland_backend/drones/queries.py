@@ -10,12 +10,12 @@ from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland_backend.areas import Box
-from wonderland_backend.auth.person import Person, Scope
 from wonderland_backend.db.tables.ledger import AuthorisationRow, DroneRow, VerdictRow
 from wonderland_backend.db.tables.reported import LatestTrackRow
 from wonderland_backend.filters import DroneQuery
+from wonderland_backend.masking import shown_uav
 from wonderland_backend.narrowing import drones_of, drones_within
-from wonderland_backend.people.masking import shown_uav
+from wonderland_backend.person import Person, Scope
 from wonderland_backend.responses import record
 from wonderland_backend.verdicts import queries as verdicts
 

@@ -21,14 +21,13 @@ from wonderland.telemetry import (
     TelemetryError,
     Track,
 )
-from wonderland_backend.ingest.agents import PAD, Agent
-from wonderland_backend.ingest.errors import IngestError
+from wonderland_backend.agents.connected import PAD, Agent
+from wonderland_backend.agents.errors import IngestError
 from wonderland_backend.live.telling import HeardTrack, PadHealthTold, RunningEstimate, StepTaken, Telling
-from wonderland_backend.people.masking import masked
+from wonderland_backend.masking import masked
 from wonderland_backend.sessions.state import ReportedStep
+from wonderland_backend.tracks.queries import MAX_AHEAD_MS
 
-MAX_AHEAD_MS: Final = 60_000
-"""Telemetry dated further ahead would stand before everybody else's: its clock is wrong, and it is refused."""
 MAX_KEPT_BODY: Final = 4_096
 """Characters of a refused record's body."""
 MAX_HEIGHT_ACCURACY_MM: Final = 1_000_000

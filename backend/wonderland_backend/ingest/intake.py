@@ -9,6 +9,7 @@ from typing import Annotated, Final
 
 from sqlalchemy.exc import SQLAlchemyError
 
+from wonderland_backend.agents.connected import PAD, Agent
 from wonderland_backend.context import part
 from wonderland_backend.db import bulk
 from wonderland_backend.db.engine import Database
@@ -28,7 +29,6 @@ from wonderland_backend.db.tables.reported import (
 )
 from wonderland_backend.errors import DatabaseError
 from wonderland_backend.flights.store import FlightLog
-from wonderland_backend.ingest.agents import PAD, Agent
 from wonderland_backend.ingest.batch import Batch, Row
 from wonderland_backend.live.board import Board
 from wonderland_backend.live.telling import tell

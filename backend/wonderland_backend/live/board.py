@@ -20,9 +20,9 @@ from wonderland.proofs.records.verdicts import OUTCOMES
 from wonderland_backend.alerts import store as alerts
 from wonderland_backend.context import part
 from wonderland_backend.db.tables.ledger import DroneRow, EvidenceRow, OrganisationRow, PadRow
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.live.contents import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents, contents_now
 from wonderland_backend.mirror.derive import Changes, Row
+from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.pads import queries as pads
 from wonderland_backend.responses import record
 from wonderland_backend.sessions.state import OUTLINE, ReportedStep, SessionView

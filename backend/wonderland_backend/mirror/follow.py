@@ -12,10 +12,10 @@ from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from wonderland_backend.db.engine import Database
 from wonderland_backend.errors import MirrorHalted
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.mirror import store
 from wonderland_backend.mirror.derive import Changes, derive
 from wonderland_backend.mirror.source import BlockSource
+from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.mirror.store import AlsoWrite, Position
 from wonderland_fabric_gateway.blocks import Block
 from wonderland_fabric_gateway.errors import BlockError, LedgerError

@@ -14,10 +14,10 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.base import LedgerRow
 from wonderland_backend.db.tables.ledger import ledger_tables
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.mirror import store
 from wonderland_backend.mirror.follow import Mirror
 from wonderland_backend.mirror.source import BlockSource
+from wonderland_backend.mirror.status import MirrorStatus
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from wonderland_backend import audit
 from wonderland_backend.audit.chain import take_turns
-from wonderland_backend.auth.person import Account, Person, Role, roles_of
 from wonderland_backend.auth.sign_ins import DISPLAY
 from wonderland_backend.db.tables.people import LinkRow, PasskeyRow, PersonRow, SignInRow
 from wonderland_backend.errors import Conflict, NotFound
 from wonderland_backend.people.schemas import OF_AN_ORGANISATION, Invitation, PersonChange
+from wonderland_backend.person import Account, Person, Role, roles_of
 
 INVITED: Final = "invited"
 ACTIVE: Final = "active"

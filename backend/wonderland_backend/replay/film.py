@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import orjson
 
-from wonderland_backend.auth.person import Person
 from wonderland_backend.context import Context
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.live.board import Board
+from wonderland_backend.mirror.status import MirrorStatus
+from wonderland_backend.person import Person
 from wonderland_backend.replay.happenings import Span, happenings
 from wonderland_backend.replay.moment import Moment, connected_at, contents_at, moment
 

@@ -12,7 +12,6 @@ from sqlalchemy.ext.asyncio import AsyncSession
 from sqlalchemy.sql.functions import func
 
 from wonderland.proofs.records import keys
-from wonderland_backend.auth.person import Person, Scope
 from wonderland_backend.db.tables.alerts import AlertActRow, AlertRow
 from wonderland_backend.db.tables.ledger import (
     DroneRow,
@@ -33,8 +32,9 @@ from wonderland_backend.db.tables.reported import (
 )
 from wonderland_backend.live.board import Board
 from wonderland_backend.live.telling import HeardTrack, PadHealthTold, RunningEstimate, StepTaken, Telling, tell
+from wonderland_backend.masking import shown_alert
 from wonderland_backend.mirror.derive import Changes
-from wonderland_backend.people.masking import shown_alert
+from wonderland_backend.person import Person, Scope
 from wonderland_backend.replay.arrivals import CONFIRM_S
 from wonderland_backend.replay.moment import alert_at, outline_at
 from wonderland_backend.sessions.state import OUTLINE, ReportedStep

@@ -18,7 +18,6 @@ from sqlalchemy.orm import aliased
 
 from wonderland.proofs.records import keys
 from wonderland_backend.alerts import store as alerts
-from wonderland_backend.auth.person import Person, Scope
 from wonderland_backend.db.tables.alerts import AlertActRow, AlertRow
 from wonderland_backend.db.tables.ledger import (
     EvidenceRow,
@@ -37,12 +36,13 @@ from wonderland_backend.db.tables.reported import (
     StepRow,
     TrackRow,
 )
-from wonderland_backend.ingest.batch import MAX_AHEAD_MS
 from wonderland_backend.live.board import TRACK_AGE_MS
 from wonderland_backend.live.contents import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents
-from wonderland_backend.people.masking import shown_alert
+from wonderland_backend.masking import shown_alert
+from wonderland_backend.person import Person, Scope
 from wonderland_backend.replay.arrivals import CONFIRM_S
 from wonderland_backend.sessions.state import OUTLINE, ReportedStep, SessionView
+from wonderland_backend.tracks.queries import MAX_AHEAD_MS
 from wonderland_backend.verdicts import queries as verdicts
 
 CLOCKS_MS: Final = 10 * 60_000
