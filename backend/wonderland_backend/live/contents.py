@@ -25,8 +25,8 @@ MAX_TRACKS: Final = 20_000
 class Contents:
     """What a board shows. Lists are oldest first; texts are JSON."""
 
-    pads: list[tuple[str, str, str | None]] = field(default_factory=list)
-    """Pad's id, its record, its agent's last health report."""
+    pads: list[tuple[str, str, str, str | None]] = field(default_factory=list)
+    """Pad's id, whose it is, its record, its agent's last health report."""
     drones: set[str] = field(default_factory=set)
     tracks: list[tuple[str, int, str]] = field(default_factory=list)
     """Drone, time (ms), the Track."""
@@ -44,7 +44,7 @@ async def contents_now(database: AsyncSession) -> Contents:
     found = Contents()
     health = {row.agent_id: row.body for row in await database.scalars(select(HealthRow)) if row.agent == "pad"}
     for pad in await database.scalars(select(PadRow)):
-        found.pads.append((pad.pad_id, pad.record, health.get(pad.pad_id)))
+        found.pads.append((pad.pad_id, pad.msp_id, pad.record, health.get(pad.pad_id)))
     found.drones = set(await database.scalars(select(DroneRow.uav_id)))
     recent = select(LatestTrackRow).order_by(LatestTrackRow.t_ms.desc()).limit(MAX_TRACKS)
     for track in reversed((await database.scalars(recent)).all()):

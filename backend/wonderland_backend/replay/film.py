@@ -82,7 +82,7 @@ async def stage_at(context: Context, now: MirrorStatus, t_ms: int, person: Perso
         organisations=now.organisations,
         level_ms=t_ms,
     )
-    agents = PastAgents(connected.intersection(pad_id for pad_id, _, _ in contents.pads))
+    agents = PastAgents(connected.intersection(pad_id for pad_id, *_ in contents.pads))
     board = Board(
         mirror=mirror,
         agents=agents,

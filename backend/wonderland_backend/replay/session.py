@@ -30,18 +30,18 @@ async def session_at(database: AsyncSession, session_id: str, t_ms: int, scope: 
     (view,) = found
     outline = view.outline
     past = {name: value for name, value in orjson.loads(row.record).items() if name not in LATER}
-    past |= {name: outline[name] for name in LATER if outline[name] is not None}
+    past |= {name: value for name in LATER if (value := getattr(outline, name)) is not None}
     transactions = [each for each in await sessions.transactions(database, view) if each.block <= when.block]
     findings = await sessions.findings(database, outline, known_ms=t_ms)
     content: dict[str, Any] = {
         "summary": view.to_json(),
-        "session": past | {"state": outline["state"]},
+        "session": past | {"state": outline.state},
         "transactions": await with_events(database, transactions),
         "estimates": [orjson.Fragment(text) for text in await _estimates(database, session_id, t_ms)],
         "findings": [orjson.Fragment(finding.body) for finding in findings],
         "reported_ends": [orjson.Fragment(text) for text in await _ends(database, session_id, t_ms)],
     }
-    signature = await sessions.signature(database, session_id, outline["pad_id"], known_ms=t_ms)
+    signature = await sessions.signature(database, session_id, outline.pad_id, known_ms=t_ms)
     if signature is not None:
         content["signature"] = signature
     verdict = await database.get(VerdictRow, session_id)

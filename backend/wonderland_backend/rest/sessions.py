@@ -43,7 +43,7 @@ async def list_sessions(
         request,
         ((view, view.to_json()) for view in found),
         filters.limit,
-        cursor_of=lambda view: (view.outline["requested_ms"], view.session_id),
+        cursor_of=lambda view: (view.outline.requested_ms, view.session_id),
     )
 
 
@@ -63,7 +63,7 @@ async def read_session(
         estimates = await queries.estimates(database, session_id)
         ends = await queries.reported_ends(database, session_id)
         outline = view.outline
-        signature = await queries.signature(database, session_id, outline["pad_id"])
+        signature = await queries.signature(database, session_id, outline.pad_id)
         findings = await queries.findings(database, outline)
     content: dict[str, Any] = {
         "summary": view.to_json(),

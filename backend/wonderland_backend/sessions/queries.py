@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import orjson
@@ -14,9 +14,10 @@ from wonderland.proofs.records.sessions import Session
 from wonderland_backend.db.tables.ledger import EvidenceRow, RecordVersionRow, SessionRow, TransactionRow, VerdictRow
 from wonderland_backend.db.tables.reported import EstimateRow, FindingRow, SessionEndRow, StepRow
 from wonderland_backend.filters import SessionQuery
+from wonderland_backend.mirror.rows import OUTLINE, SessionWrite
 from wonderland_backend.narrowing import narrowed
 from wonderland_backend.person import ALL, Scope
-from wonderland_backend.sessions.state import OUTLINE, ReportedStep, SessionView
+from wonderland_backend.sessions.state import ReportedStep, SessionView
 from wonderland_backend.tracks import queries as tracks
 
 MAX_ESTIMATES = 500
@@ -56,7 +57,7 @@ async def views(database: AsyncSession, query: Select[Any]) -> list[SessionView]
     for outline, outcome, permission, rounds, steps in (
         (row[: len(OUTLINE)], *row[len(OUTLINE) :]) for row in await database.execute(query)
     ):
-        view = SessionView(dict(zip(OUTLINE, outline, strict=True)), outcome, permission, rounds)
+        view = SessionView(SessionWrite(*outline), outcome, permission, rounds)
         view.take_evidence(steps)
         found.append(view)
     reported = await _reported(database, [view.session_id for view in found])
@@ -96,7 +97,7 @@ async def commissioning(database: AsyncSession, session: Session) -> Commissioni
 
 async def transactions(database: AsyncSession, view: SessionView) -> Sequence[TransactionRow]:
     """The valid transactions that made the session what it is, oldest first."""
-    names = [view.session_id, view.outline["verdict_tx"], view.outline["complete_tx"]]
+    names = [view.session_id, view.outline.verdict_tx, view.outline.complete_tx]
     query = (
         select(TransactionRow)
         .where(TransactionRow.tx_id.in_([name for name in names if name]), TransactionRow.validation_code == 0)
@@ -116,15 +117,13 @@ async def estimates(database: AsyncSession, session_id: str) -> list[str]:
     return list(reversed((await database.scalars(query)).all()))
 
 
-async def findings(
-    database: AsyncSession, outline: Mapping[str, Any], *, known_ms: int | None = None
-) -> list[FindingRow]:
+async def findings(database: AsyncSession, outline: SessionWrite, *, known_ms: int | None = None) -> list[FindingRow]:
     """What was odd about the drone's broadcasts around a session, oldest first; as it was at `known_ms`, if given."""
-    until_ms = outline.get("ended_ms") or outline["expires_ms"]
+    until_ms = outline.ended_ms or outline.expires_ms
     found = await tracks.findings(
         database,
-        uav_id=outline["uav_id"],
-        since_ms=outline["requested_ms"] - FINDINGS_BEFORE_MS,
+        uav_id=outline.uav_id,
+        since_ms=outline.requested_ms - FINDINGS_BEFORE_MS,
         until_ms=until_ms if known_ms is None else min(known_ms, until_ms),
         limit=MAX_FINDINGS,
     )
