@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Final, Protocol
 
 import orjson
-from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland.proofs.records.verdicts import OUTCOMES
 from wonderland_backend.alerts import store as alerts
 from wonderland_backend.context import part
-from wonderland_backend.db.tables.ledger import DroneRow
 from wonderland_backend.live.contents import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents, contents_now
 from wonderland_backend.mirror.derive import Changes
 from wonderland_backend.mirror.rows import DroneWrite, EvidenceWrite, PadWrite, SessionWrite, VerdictWrite, outline_of
@@ -87,8 +85,6 @@ class Board:
     async def load(self, database: AsyncSession) -> None:
         """Fill from the database."""
         self.fill(await contents_now(database))
-        owners = await database.execute(select(DroneRow.uav_id, DroneRow.msp_id))
-        self._owners = {row.uav_id: row.msp_id for row in owners}
 
     def fill(self, contents: Contents) -> None:
         """Show this, and nothing else."""
@@ -96,6 +92,7 @@ class Board:
         for pad_id, msp_id, pad, health in contents.pads:
             self._pads[pad_id] = _Pad(msp_id, pad, health)
         self._drones = contents.drones
+        self._owners = contents.owners
         for uav_id, t_ms, body in contents.tracks:
             self._tracks[uav_id] = (t_ms, orjson.Fragment(body))
         for view in contents.sessions:

@@ -7,7 +7,6 @@ from typing import Annotated, Any, Final
 import orjson
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
-from sqlalchemy import select
 
 from wonderland_backend.access import SIGNED_IN, SignedInPerson, require
 from wonderland_backend.alerts import store
@@ -64,8 +63,7 @@ async def read_alert(request: Request, context: ContextDep, person: SignedInPers
     async with context.database.read() as database:
         row = await store.find(database, person.scope, alert_id)
         acts = await store.acts_of(database, alert_id)
-        query = select(AlertDeliveryRow).where(AlertDeliveryRow.alert_id == alert_id).order_by(AlertDeliveryRow.target)
-        deliveries = [_delivery(each) for each in await database.scalars(query)]
+        deliveries = [_delivery(each) for each in await store.deliveries_of(database, alert_id)]
     content: dict[str, Any] = {
         "alert": _shown(row, person, language_of(request)),
         "acts": [shown_act(each, person) for each in acts],

@@ -7,18 +7,17 @@ from typing import Any, Final
 import orjson
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
-from sqlalchemy import select
 
 from wonderland.proofs.records.uavs import without_secret
 from wonderland_backend import audit
 from wonderland_backend.access import Administrator, Officer
+from wonderland_backend.audit import queries
 from wonderland_backend.audit.anchors import AnchorsDep
-from wonderland_backend.audit.schemas import AuditCheck, AuditFilters, AuditPage, AuditQuery, Unmask, Unmasked
+from wonderland_backend.audit.schemas import AuditCheck, AuditFilters, AuditPage, Unmask, Unmasked
 from wonderland_backend.audit.verify import verify
 from wonderland_backend.context import ContextDep
 from wonderland_backend.db.tables.audit import AuditRow
-from wonderland_backend.db.tables.ledger import DroneRow
-from wonderland_backend.db.tables.reported import BroadcastOperatorRow
+from wonderland_backend.drones import queries as drones
 from wonderland_backend.errors import BadRequest, Forbidden, NotFound, documented
 from wonderland_backend.responses import Json, page
 
@@ -32,7 +31,7 @@ async def list_audit(request: Request, context: ContextDep, _: Administrator, fi
     """What was done and read, newest first."""
     before = filters.after_key(int)
     async with context.database.read() as database:
-        rows = (await database.scalars(_listing(filters, before))).all()
+        rows = await queries.listing(database, filters, before=before)
     return page(request, ((row, _shown(row)) for row in rows), filters.limit, cursor_of=lambda row: (row.seq,))
 
 
@@ -50,13 +49,7 @@ async def verify_audit(context: ContextDep, who: Administrator, anchors: Anchors
 async def unmask(context: ContextDep, who: Officer, body: Unmask) -> Response:
     """Show a number that is masked everywhere else. Recorded with the reason before it is shown."""
     async with context.database.write() as connection:
-        if body.field == "broadcast_operator_id":
-            query: Any = select(BroadcastOperatorRow.operator_id).where(BroadcastOperatorRow.uav_id == body.uav_id)
-            value = (await connection.execute(query)).scalar_one_or_none()
-        else:
-            query = select(DroneRow.record).where(DroneRow.uav_id == body.uav_id)
-            record = (await connection.execute(query)).scalar_one_or_none()
-            value = None if record is None else orjson.loads(record).get(body.field)
+        value = await drones.number_of(connection, body.uav_id, body.field)
         if not value:
             raise NotFound("There is no such number of this drone.")
         if body.field != "operator_id":
@@ -64,23 +57,6 @@ async def unmask(context: ContextDep, who: Officer, body: Unmask) -> Response:
         detail = {"field": body.field, "reason": body.reason.strip()}
         await audit.record(connection, who, "unmask", f"drone/{body.uav_id}", detail, t_ms=context.clock())
     return Json(Unmasked(value=value, show_ms=SHOW_MS).model_dump(), headers={"Cache-Control": "no-store"})
-
-
-def _listing(filters: AuditQuery, before: int | None) -> Any:
-    query = select(AuditRow).order_by(AuditRow.seq.desc()).limit(filters.limit + 1)
-    if before is not None:
-        query = query.where(AuditRow.seq < before)
-    if filters.person is not None:
-        query = query.where(AuditRow.person_id == filters.person)
-    if filters.act is not None:
-        query = query.where(AuditRow.act == filters.act)
-    if filters.subject is not None:
-        query = query.where(AuditRow.subject.startswith(filters.subject, autoescape=True))
-    if filters.since_ms is not None:
-        query = query.where(AuditRow.t_ms >= filters.since_ms)
-    if filters.until_ms is not None:
-        query = query.where(AuditRow.t_ms <= filters.until_ms)
-    return query
 
 
 def _shown(row: AuditRow) -> dict[str, Any]:

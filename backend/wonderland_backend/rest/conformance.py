@@ -7,7 +7,6 @@ from typing import Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
-from sqlalchemy import select
 
 from wonderland import messages
 from wonderland_backend.access import SignedInPerson
@@ -15,7 +14,7 @@ from wonderland_backend.conformance import queries
 from wonderland_backend.conformance.rules import Broadcast, Finding, Question, judge
 from wonderland_backend.conformance.schemas import Conformance, ConformanceFor, ConformanceQuery
 from wonderland_backend.context import ContextDep
-from wonderland_backend.db.tables.ledger import DroneRow
+from wonderland_backend.drones import queries as drones
 from wonderland_backend.errors import documented
 from wonderland_backend.languages import HEADER, Language, language_of
 from wonderland_backend.proofs.queries import shown
@@ -40,8 +39,7 @@ async def read_conformance(
     language = language_of(request)
     content: dict[str, Any] = {"serial": asked.serial, "t_ms": now}
     async with context.database.read() as database:
-        visible = person.scope.narrow(select(DroneRow.uav_id), drone=DroneRow.uav_id)
-        registered = (await database.execute(visible.where(DroneRow.uav_id == asked.serial))).first() is not None
+        registered = await drones.find(database, person.scope, asked.serial) is not None
         broadcast = _own(asked, now)
         last_heard = await queries.heard(database, asked.serial) if registered or person.scope.everything else None
         known = registered or last_heard is not None

@@ -10,7 +10,6 @@ from urllib.parse import urlsplit
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import RedirectResponse, Response
 from pydantic import BaseModel, ConfigDict, Field
-from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland_backend import audit
@@ -21,7 +20,6 @@ from wonderland_backend.auth.secret import sha256
 from wonderland_backend.auth.sign_ins import SignIns, SignInsDep
 from wonderland_backend.auth.site import site_of
 from wonderland_backend.context import Context, ContextDep
-from wonderland_backend.db.tables.people import PersonRow
 from wonderland_backend.errors import BadRequest, NotFound, Problem, TooManyRequests, documented
 from wonderland_backend.people import store
 from wonderland_backend.people.accept import KINDS, Acceptance, accept, activate, link_identity, look
@@ -155,11 +153,9 @@ async def _account(
         account = await accept(context, sign_ins, connection, Acceptance.of(kept))
         await link_identity(connection, account, identity, now)
         return account
-    columns = (PersonRow.person_id, PersonRow.name, PersonRow.state, PersonRow.subject)
-    known = select(*columns).where(PersonRow.issuer == identity.issuer, PersonRow.subject == identity.subject)
-    row = (await connection.execute(known)).first()
+    row = await store.of_identity(connection, identity.issuer, identity.subject)
     if row is None and identity.email is not None:
-        row = (await connection.execute(select(*columns).where(PersonRow.email == identity.email))).first()
+        row = await store.of_email(connection, identity.email)
         if row is not None and row.subject is not None:
             raise _RefusedError("unknown")
     if row is None:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
-from sqlalchemy import select
+from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland_backend import audit
 from wonderland_backend.access import SignedInPerson, require
@@ -14,10 +14,10 @@ from wonderland_backend.agents.connected import Agents, AgentsDep
 from wonderland_backend.clients import idempotency
 from wonderland_backend.clients.machines import METHOD
 from wonderland_backend.context import Context, ContextDep
-from wonderland_backend.db.tables.ledger import DroneRow, PadRow
-from wonderland_backend.db.tables.proof_requests import ProofRequestRow
+from wonderland_backend.drones import queries as drones
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, NotFound, Unprocessable, documented
-from wonderland_backend.person import Person
+from wonderland_backend.pads import queries as pads
+from wonderland_backend.person import ALL, Person
 from wonderland_backend.problem_texts import said
 from wonderland_backend.proof_requests import route, store
 from wonderland_backend.proof_requests.schemas import (
@@ -87,24 +87,21 @@ async def _add(context: Context, agents: Agents, body: NewProofRequest, person: 
         await audit.record(connection, person, "request_proof", subject, detail, t_ms=now)
     await route.tell_agent(context, agents, body.uav_id)
     async with context.database.read() as database:
-        found = await database.get(ProofRequestRow, row["request_id"])
+        found = await store.find(database, row["request_id"], ALL)
         assert found is not None
         content = await store.shown(database, found, now)
     return Json(content, 201, NO_STORE | {"Location": f"/api/v1/proof-requests/{row['request_id']}"})
 
 
-async def _check_visible(database: Any, body: NewProofRequest, person: Person) -> None:
+async def _check_visible(database: AsyncSession, body: NewProofRequest, person: Person) -> None:
     """Both have to be registered, and one of them the asker's, who may see not all. Raises `NotFound`."""
-    drone = (await database.execute(select(DroneRow.uav_id).where(DroneRow.uav_id == body.uav_id))).first()
-    pad = (await database.execute(select(PadRow.pad_id).where(PadRow.pad_id == body.pad_id))).first()
-    theirs = [
-        person.scope.narrow(select(DroneRow.uav_id).where(DroneRow.uav_id == body.uav_id), drone=DroneRow.uav_id),
-        person.scope.narrow(select(PadRow.pad_id).where(PadRow.pad_id == body.pad_id), pad=PadRow.pad_id),
-    ]
-    visible = [(await database.execute(query)).first() is not None for query in theirs]
-    if drone is None or not any(visible):
+    theirs = (
+        await drones.find(database, person.scope, body.uav_id),
+        await pads.find(database, person.scope, body.pad_id),
+    )
+    if not any(theirs) or await drones.find(database, ALL, body.uav_id) is None:
         raise NotFound(f"No drone {body.uav_id} is registered.")
-    if pad is None:
+    if await pads.find(database, ALL, body.pad_id) is None:
         raise NotFound(f"No pad {body.pad_id} is registered.")
 
 
@@ -150,7 +147,7 @@ async def cancel_proof_request(context: ContextDep, request_id: RequestId, perso
         await store.change(connection, request_id, row.uav_id, cancelled_ms=now)
         await audit.record(connection, person, "cancel_proof_request", f"proof-request/{request_id}", t_ms=now)
     async with context.database.read() as database:
-        found = await database.get(ProofRequestRow, request_id)
+        found = await store.find(database, request_id, ALL)
         assert found is not None
         content = await store.shown(database, found, now)
     return Json(content, headers=NO_STORE)

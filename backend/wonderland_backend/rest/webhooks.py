@@ -6,7 +6,6 @@ from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
-from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from wonderland_backend import audit
@@ -14,7 +13,7 @@ from wonderland_backend.access import SignedInPerson, require
 from wonderland_backend.clients import idempotency
 from wonderland_backend.clients.machines import METHOD
 from wonderland_backend.context import Context, ContextDep
-from wonderland_backend.db.tables.webhooks import DeliveryRow, SubscriptionRow
+from wonderland_backend.db.tables.webhooks import SubscriptionRow
 from wonderland_backend.errors import (
     BadRequest,
     Conflict,
@@ -227,13 +226,13 @@ async def redeliver(
     async def write() -> Response:
         async with context.database.read() as database:
             await _theirs(database, subscription_id, person)
-            row = await database.get(DeliveryRow, delivery_id)
+            row = await store.delivery(database, delivery_id)
         if row is None or row.subscription_id != subscription_id:
             raise NotFound(said("no_such_delivery"))
         async with context.database.write() as connection:
             await store.again(connection, delivery_id, context.clock())
         async with context.database.read() as database:
-            row = await database.get(DeliveryRow, delivery_id)
+            row = await store.delivery(database, delivery_id)
         assert row is not None
         return Json(store.shown_delivery(row), 202, NO_STORE)
 
@@ -242,15 +241,14 @@ async def redeliver(
 
 async def _to_change(request: Request, connection: AsyncConnection, subscription_id: str, person: Person) -> None:
     """Hold theirs until it is changed, if it is what they saw. Raises `NotFound`, `PreconditionFailed`."""
-    held = select(SubscriptionRow.subscription_id).where(SubscriptionRow.subscription_id == subscription_id)
-    await connection.execute(held.with_for_update())
+    await store.hold(connection, subscription_id)
     async with AsyncSession(connection) as database:
         require_match(request, store.shown(await _theirs(database, subscription_id, person)))
 
 
 async def _theirs(database: AsyncSession, subscription_id: str, person: Person) -> SubscriptionRow:
     """Raises `NotFound` for what is not theirs, too."""
-    row = await database.get(SubscriptionRow, subscription_id)
+    row = await store.find(database, subscription_id)
     if row is None or (row.owner != person.person_id and not person.has("admin")):
         raise NotFound(said("no_such_subscription"))
     return row

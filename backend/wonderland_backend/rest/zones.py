@@ -7,7 +7,6 @@ from typing import Annotated, Any, Final
 import orjson
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
-from sqlalchemy import select, tuple_
 
 from wonderland.proofs.records.closures import ZONE_ID_PATTERN
 from wonderland.proofs.records.fields import ID_PATTERN
@@ -15,14 +14,12 @@ from wonderland_backend import errors, geojson
 from wonderland_backend.access import Administrator, SignedInPerson
 from wonderland_backend.areas import Box
 from wonderland_backend.context import Context, ContextDep
-from wonderland_backend.db.tables.ledger import PadRow
-from wonderland_backend.db.tables.zones import ZoneRow, ZoneSetRow
+from wonderland_backend.db.tables.zones import ZoneSetRow
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, NotFound, TooManyRequests, Unprocessable
 from wonderland_backend.filters import Paging
 from wonderland_backend.languages import HEADER, language_of
 from wonderland_backend.responses import Json, page, resource
-from wonderland_backend.zones import awareness, importing, pads, store
-from wonderland_backend.zones.applicability import spans
+from wonderland_backend.zones import awareness, importing, pads, queries, store
 from wonderland_backend.zones.heights import Band
 from wonderland_backend.zones.schemas import (
     Awareness,
@@ -41,8 +38,7 @@ from wonderland_backend.zones.schemas import (
     ZonePage,
     ZoneQuery,
 )
-from wonderland_backend.zones.shown import Row, shown, taken_geometry
-from wonderland_backend.zones.zone import zone_of
+from wonderland_backend.zones.shown import shown, taken_geometry
 
 router = APIRouter(tags=["zones"])
 service = APIRouter(tags=["geo-awareness"])
@@ -82,8 +78,6 @@ _FILE: Final = {
 }
 _NO_PAD: Final = NotFound("There is no pad aurajoki-2 in service, or it is not yours to see.")
 _GEOMETRY: Final = BadRequest("The geometry cannot be understood; see `errors`.", ("body.geometry", "a ring is open"))
-_LOOKED_AT: Final = 200
-"""Zones read at a time where a filter by time sorts some of them out."""
 PadId = Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)]
 ZoneId = Annotated[str, Path(pattern=f"^{ZONE_ID_PATTERN}$", max_length=11)]
 
@@ -98,44 +92,17 @@ async def list_zones(
 ) -> Response:
     """The zones of all data sets that hold, by identifier; as JSON with their ED-318 features, or as plain GeoJSON."""
     now = context.clock() if filters.at_ms is None else filters.at_ms
-    query = store.holding(filters.at_ms)
-    if filters.bbox is not None:
-        query = store.within(query, Box.parse(filters.bbox))
-    for column, value in (
-        (ZoneRow.type, filters.type),
-        (ZoneRow.country, filters.country),
-        (ZoneSetRow.source, filters.source),
-    ):
-        if value is not None:
-            query = query.where(column == value)
-    after = filters.after_key(str)
-    found: list[Row] = []
-    timed = filters.since_ms is not None
-    many = max(_LOOKED_AT, filters.limit + 1) if timed else filters.limit + 1
     async with context.database.read() as database:
-        while len(found) <= filters.limit:
-            part = query if after is None else query.where(ZoneRow.zone_id > after)
-            rows = (await database.execute(part.limit(many))).all()
-            found += [(row[0], row[1]) for row in rows if not timed or _holds(row, filters)]
-            if len(rows) < many:
-                break
-            after = rows[-1][0].zone_id
+        found = await queries.listing(database, filters, after=filters.after_key(str))
     language = language_of(request)
     return geojson.page(
         request,
-        ((row, shown(row, language, now)) for row in found[: filters.limit + 1]),
+        ((row, shown(row, language, now)) for row in found),
         filters.limit,
         cursor_of=lambda row: (row[0].zone_id,),
         id_of=lambda item: str(item["zone_id"]),
         geometry_of=taken_geometry,
     )
-
-
-def _holds(row: Any, filters: ZoneQuery) -> bool:
-    assert filters.since_ms is not None
-    assert filters.until_ms is not None
-    until = max(filters.until_ms, filters.since_ms + 1)
-    return bool(spans(zone_of(row[0].feature), filters.since_ms, until, store.validity(row[1].about)))
 
 
 @router.post(
@@ -164,18 +131,9 @@ async def list_zone_imports(
     request: Request, context: ContextDep, filters: Annotated[ImportsQuery, Query()], _: SignedInPerson
 ) -> Response:
     """Every import, newest first: who, when, of which source; the one without `replaced_ms` holds."""
-    query = (
-        select(ZoneSetRow).order_by(ZoneSetRow.imported_ms.desc(), ZoneSetRow.import_id.desc()).limit(filters.limit + 1)
-    )
-    if filters.source is not None:
-        query = query.where(ZoneSetRow.source == filters.source)
-    if filters.current is not None:
-        column = ZoneSetRow.current
-        query = query.where(column.is_not(None) if filters.current else column.is_(None))
-    if (before := filters.after_place(int, str)) is not None:
-        query = query.where(tuple_(ZoneSetRow.imported_ms, ZoneSetRow.import_id) < before)
+    place = filters.after_place(int, str)
     async with context.database.read() as database:
-        rows = (await database.scalars(query)).all()
+        rows = await queries.imports(database, filters, before=(place[0], place[1]) if place else None)
     return page(
         request,
         ((row, _import(row)) for row in rows),
@@ -209,15 +167,16 @@ async def export_zones(
     request: Request, context: ContextDep, asked: Annotated[ExportQuery, Query()], _: SignedInPerson
 ) -> Response:
     """The data sets that hold as one ED-318 collection; of one source, with its own title and metadata."""
-    query = store.holding()
-    if asked.source is not None:
-        query = query.where(ZoneSetRow.source == asked.source)
     about: dict[str, Any] = {}
     async with context.database.read() as database:
-        features = [orjson.Fragment(row[0].feature) for row in await database.execute(query)]
+        zones = await queries.in_force(database, source=asked.source)
         if asked.source is not None and (data_set := await store.current(database, asked.source)) is not None:
             about = orjson.loads(data_set.about)
-    return resource(request, {"type": "FeatureCollection", **about, "features": features}, geojson.MEDIA_TYPE)
+    return resource(
+        request,
+        {"type": "FeatureCollection", **about, "features": [orjson.Fragment(zone.feature) for zone, _ in zones]},
+        geojson.MEDIA_TYPE,
+    )
 
 
 @router.get(
@@ -229,11 +188,9 @@ async def export_zones(
 async def list_pad_closures(request: Request, context: ContextDep, filters: Paging, person: SignedInPerson) -> Response:
     """Pads, the zones that come within their reach, and whether the ledger has the closures that follow."""
     after = filters.after_key(str)
-    query = person.scope.narrow(pads.in_service(after, filters.limit + 1), pad=PadRow.pad_id)
     language, now = language_of(request), context.clock()
     async with context.database.read() as database:
-        rows = (await database.execute(query)).all()
-        found = [await pads.zones_of(database, row[0], row[1]) for row in rows]
+        found = await pads.listing(database, person.scope, after=after, limit=filters.limit + 1)
     return page(
         request,
         ((its, pads.shown(its, language, now)) for its in found),
@@ -271,12 +228,11 @@ async def plan_closures(
 
 
 async def _pad(context: Context, pad_id: str, person: SignedInPerson) -> pads.PadZones:
-    query = person.scope.narrow(pads.in_service(None, 1).where(PadRow.pad_id == pad_id), pad=PadRow.pad_id)
     async with context.database.read() as database:
-        row = (await database.execute(query)).first()
-        if row is None:
-            raise NotFound(f"There is no pad {pad_id} in service, or it is not yours to see.")
-        return await pads.zones_of(database, row[0], row[1])
+        found = await pads.find(database, person.scope, pad_id)
+    if found is None:
+        raise NotFound(f"There is no pad {pad_id} in service, or it is not yours to see.")
+    return found
 
 
 @router.get(
@@ -287,12 +243,12 @@ async def _pad(context: Context, pad_id: str, person: SignedInPerson) -> pads.Pa
 async def read_zone(request: Request, context: ContextDep, zone_id: ZoneId, _: SignedInPerson) -> Response:
     """One zone that is in force."""
     async with context.database.read() as database:
-        row = (await database.execute(store.holding().where(ZoneRow.zone_id == zone_id))).first()
+        row = await queries.find(database, zone_id)
     if row is None:
         raise NotFound(f"No data set that holds has a zone {zone_id}.")
     return geojson.one(
         request,
-        shown((row[0], row[1]), language_of(request), context.clock()),
+        shown(row, language_of(request), context.clock()),
         id_of=lambda item: str(item["zone_id"]),
         geometry_of=taken_geometry,
     )
@@ -337,9 +293,9 @@ async def _awareness(
     limits = max(west, -180.0), max(south, -90.0), min(east, 180.0), min(north, 90.0)
     box = Box(*(round(each * 1e7) for each in limits))
     async with context.database.read() as database:
-        rows = (await database.execute(store.within(store.holding(), box))).all()
+        rows = await queries.in_force(database, box=box)
         sets = await store.data_sets(database)
-    found = awareness.holding([(row[0], row[1]) for row in rows], awareness.Question(area, heights, start, until))
+    found = awareness.holding(rows, awareness.Question(area, heights, start, until))
     language = language_of(request)
     content: dict[str, Any] = {
         "t_ms": now,

@@ -24,7 +24,7 @@ from wonderland_backend.uspace.dss.models import UUID4, parse
 from wonderland_backend.uspace.endpoints.remote_id import NO_STORE, StandardRoute
 from wonderland_backend.uspace.geo_awareness import CheckRequest, SourceRequest, answer
 from wonderland_backend.uspace.service import USpaceDep
-from wonderland_backend.zones import importing, store
+from wonderland_backend.zones import importing, queries, store
 
 logger = logging.getLogger(__name__)
 
@@ -91,7 +91,7 @@ async def check_geozones(context: ContextDep, body: Annotated[dict[str, Any], Bo
     """Whether there are zones that pass the filters, check by check."""
     asked = _parsed(CheckRequest, body)
     async with context.database.read() as database:
-        rows = [(row[0], row[1]) for row in await database.execute(store.holding())]
+        rows = await queries.in_force(database)
     return Json({"applicableGeozone": [answer(check, rows) for check in asked.checks]}, headers=NO_STORE)
 
 
