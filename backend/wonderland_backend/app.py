@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from sqlalchemy import insert, select
-from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland import __version__
 from wonderland.proof_contract import ProofContract
+from wonderland_backend.agents.connected import Agents
+from wonderland_backend.agents.members import Members
+from wonderland_backend.agents.standing import Standing
 from wonderland_backend.alerts.deliver import Delivery
 from wonderland_backend.alerts.service import Alerts
 from wonderland_backend.alerts.watch import Watch
@@ -33,21 +35,20 @@ from wonderland_backend.events.feed import Commits
 from wonderland_backend.events.streams import Streams
 from wonderland_backend.flights.store import forget as forget_flights
 from wonderland_backend.http.transfer import new_client
-from wonderland_backend.ingest.agents import Agents
-from wonderland_backend.ingest.identity import Members
 from wonderland_backend.ingest.intake import Intake
 from wonderland_backend.ledger.access import LedgerAccess
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.live.board import Board
 from wonderland_backend.live.hub import Hub
 from wonderland_backend.maps.service import Maps
 from wonderland_backend.metrics import Metrics
-from wonderland_backend.mirror.derive import Changes
 from wonderland_backend.mirror.follow import Mirror
+from wonderland_backend.mirror.rows import participants
 from wonderland_backend.mirror.source import BlockSource
+from wonderland_backend.mirror.status import MirrorStatus
+from wonderland_backend.mirror.subscriber import AfterCommit
 from wonderland_backend.outputs.mqtt import MqttOutput
 from wonderland_backend.parts import Parts
-from wonderland_backend.replay.arrivals import Connections, note_blocks, note_unknown
+from wonderland_backend.replay.arrivals import Arrivals, Connections, note_unknown
 from wonderland_backend.routes import new_app
 from wonderland_backend.settings import Settings
 from wonderland_backend.tracks import queries as track_queries
@@ -125,7 +126,7 @@ class Backend:
             intake=intake,
             uspace=uspace,
             clients=clients,
-            machines=machines_of(settings, clients, uspace, clock, randomness),
+            machines=machines_of(settings, clients, uspace.verifier, uspace.host, clock, randomness),
             commits=Commits(),
             streams=Streams(settings.max_event_streams, settings.max_event_streams_each),
             poster=poster_of(settings),
@@ -138,8 +139,8 @@ class Backend:
             signing=Signing(database, ledger, clock, per_minute=settings.signed_per_minute) if ledger else None,
             demo_registrar=DemoRegistrar(demo_registrar) if demo_registrar else None,
         )
-        self._alerts = Alerts(settings, board, clock)
-        self.watch = Watch(self.context, status, agents, board)
+        self.standing = Standing(agents, members, clock)
+        self.watch = Watch(self.context, status, agents, board.alert)
         self._mirror = (
             Mirror(
                 database,
@@ -148,8 +149,13 @@ class Backend:
                 chaincode=chaincode,
                 status=status,
                 clock=clock,
-                on_changes=self._committed,
-                also=self._in_transaction,
+                subscribers=(
+                    Arrivals(clock),
+                    AfterCommit(self.standing.committed),
+                    AfterCommit(board.commit),
+                    Alerts(settings, board.alert, clock),
+                    AfterCommit(lambda _changes: self.parts.commits.pulse()),
+                ),
                 batch_transactions=settings.mirror_batch_transactions,
             )
             if source is not None
@@ -164,8 +170,10 @@ class Backend:
         await asyncio.to_thread(self.parts.maps.check)
         async with self.database.read() as session:
             await self.parts.board.load(session)
-            organisations = (await session.execute(select(OrganisationRow.msp_id, OrganisationRow.definition))).all()
-        self.parts.members.configure((msp_id, definition) for msp_id, definition in organisations)
+            found = await session.execute(select(OrganisationRow.msp_id, OrganisationRow.definition))
+            organisations = [(msp_id, definition) for msp_id, definition in found]
+        self.parts.members.configure(organisations)
+        self.parts.mirror.organisations = participants(organisations)
         self.parts.mirror.level_ms = self.context.clock()
         async with self.database.write() as connection:
             await make_ahead(connection, self.context.clock())
@@ -244,22 +252,6 @@ class Backend:
         self.parts.board.connection_changed(pad_id)
         self._connections.changed(pad_id, connected=self.parts.agents.is_connected(pad_id))
 
-    async def _in_transaction(self, connection: AsyncConnection, changes: Changes) -> None:
-        await note_blocks(connection, changes.blocks, self.context.clock())
-        await self._alerts.in_transaction(connection, changes)
-
-    def _committed(self, changes: Changes) -> None:
-        if changes.organisations is not None:
-            self.parts.members.configure((row["msp_id"], row["definition"]) for row in changes.organisations)
-            self._dismiss()
-        self.parts.board.commit(changes)
-        self._alerts.committed()
-        self.parts.commits.pulse()
-
-    def _dismiss(self) -> None:
-        now = self.context.clock()
-        self.parts.agents.dismiss(lambda msp_id, creator: self.parts.members.is_member(msp_id, creator, now))
-
     async def _tidy(self) -> None:
         while True:
             try:
@@ -276,7 +268,7 @@ class Backend:
         """Live connections end with the sign-in that opened them, agents' with their certificate."""
         while True:
             await asyncio.sleep(CHECK_EVERY_S)
-            self._dismiss()
+            self.standing.check()
             for person in self.parts.hub.people():
                 try:
                     found = await self.parts.sign_ins.find_by_hash(person)

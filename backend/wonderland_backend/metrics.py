@@ -10,11 +10,11 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_l
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from wonderland_backend.agents.connected import Agents
 from wonderland_backend.context import part
-from wonderland_backend.ingest.agents import Agents
 from wonderland_backend.ingest.intake import Intake
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.live.hub import Hub
+from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.uspace.service import USpace
 
 CONTENT_TYPE: Final = CONTENT_TYPE_LATEST

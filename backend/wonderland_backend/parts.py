@@ -8,6 +8,8 @@ from types import MappingProxyType
 from typing import get_args, get_type_hints
 
 from wonderland.proof_contract import ProofContract
+from wonderland_backend.agents.connected import Agents
+from wonderland_backend.agents.members import Members
 from wonderland_backend.auth.attempts import Attempts
 from wonderland_backend.auth.sign_ins import SignIns
 from wonderland_backend.clients.machines import Machines
@@ -15,16 +17,14 @@ from wonderland_backend.clients.store import Clients
 from wonderland_backend.context import Context
 from wonderland_backend.events.feed import Commits
 from wonderland_backend.events.streams import Streams
-from wonderland_backend.ingest.agents import Agents
-from wonderland_backend.ingest.identity import Members
 from wonderland_backend.ingest.intake import Intake
 from wonderland_backend.ledger.access import LedgerAccess
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.live.board import Board
 from wonderland_backend.live.hub import Hub
 from wonderland_backend.maps.service import Maps
 from wonderland_backend.metrics import Metrics
 from wonderland_backend.mirror.source import BlockSource
+from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.transactions.enrolment import DemoRegistrar
 from wonderland_backend.transactions.keys import SigningKeys
 from wonderland_backend.transactions.service import Signing

@@ -12,50 +12,50 @@ from fastapi.routing import APIRoute
 from wonderland import __version__
 from wonderland.site_plans import MAX_BYTES
 from wonderland_backend import console, errors
-from wonderland_backend.alerts import endpoints as alerts
 from wonderland_backend.answer_headers import AnswerHeaders
-from wonderland_backend.audit import endpoints as audit_log
-from wonderland_backend.auth import endpoints as auth
 from wonderland_backend.auth.gate import SetUpGate
-from wonderland_backend.authorisations import endpoints as authorisations
 from wonderland_backend.boundary import Boundary
-from wonderland_backend.clients import endpoints as clients_api
-from wonderland_backend.conformance import endpoints as conformance
 from wonderland_backend.description import DESCRIPTION, openapi
-from wonderland_backend.drones import endpoints as drones
-from wonderland_backend.events import endpoints as events
-from wonderland_backend.exports import endpoints as exports
-from wonderland_backend.flights import endpoints as flights
 from wonderland_backend.ingest import endpoints as ingest
-from wonderland_backend.ledger import endpoints as ledger
 from wonderland_backend.live import endpoints as live
-from wonderland_backend.maps import endpoints as maps
 from wonderland_backend.outputs import endpoints as outputs
-from wonderland_backend.pads import endpoints as pads
-from wonderland_backend.people import endpoints as people
-from wonderland_backend.people import me, oidc_endpoints, ways_in
 from wonderland_backend.problem_texts import said
-from wonderland_backend.proof_requests import endpoints as proof_requests
-from wonderland_backend.proofs import endpoints as proofs
 from wonderland_backend.reference import page as reference
-from wonderland_backend.registry import endpoints as registry
 from wonderland_backend.registry import imports
-from wonderland_backend.replay import endpoints as replay
-from wonderland_backend.search import endpoints as search
-from wonderland_backend.sessions import endpoints as sessions
+from wonderland_backend.rest import (
+    alerts,
+    audit,
+    authorisations,
+    clients,
+    conformance,
+    drones,
+    events,
+    exports,
+    flights,
+    ledger,
+    maps,
+    me,
+    oidc,
+    pads,
+    people,
+    proof_requests,
+    proofs,
+    registry,
+    replay,
+    search,
+    sessions,
+    sign_in,
+    site_plans,
+    statistics,
+    tracks,
+    transactions,
+    verdicts,
+    ways_in,
+    webhooks,
+    zones,
+)
 from wonderland_backend.settings import Settings
-from wonderland_backend.site_plans import endpoints as site_plans
-from wonderland_backend.statistics import endpoints as statistics
-from wonderland_backend.tracks import endpoints as tracks
-from wonderland_backend.transactions import endpoints as transactions
-from wonderland_backend.uspace.eu664 import endpoints as traffic
-from wonderland_backend.uspace.netrid import console_endpoints as networked_flights
-from wonderland_backend.uspace.netrid import endpoints as network_remote_id
-from wonderland_backend.uspace.netrid import harness_endpoints as test_harness
-from wonderland_backend.verdicts import endpoints as verdicts
-from wonderland_backend.webhooks import endpoints as webhooks
-from wonderland_backend.zones import endpoints as zones
-from wonderland_backend.zones import harness_endpoints as zones_harness
+from wonderland_backend.uspace.endpoints import geo_awareness, networked_flights, remote_id, remote_id_tests, traffic
 
 API: Final = "/api/v1"
 
@@ -76,12 +76,12 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
     )
     api = APIRouter(prefix=API)
     for router in (
-        auth.router,
+        sign_in.router,
         ways_in.router,
-        oidc_endpoints.router,
+        oidc.router,
         me.router,
         people.router,
-        audit_log.router,
+        audit.router,
         transactions.router,
         registry.router,
         ledger.public,
@@ -107,7 +107,7 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
         zones.service,
         maps.router,
         site_plans.router,
-        clients_api.router,
+        clients.router,
         reference.router,
         live.router,
         outputs.router,
@@ -117,16 +117,16 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
         api.include_router(router)
     app.include_router(api)
     app.include_router(ingest.router)
-    app.include_router(network_remote_id.router)
-    app.include_router(clients_api.oauth)
+    app.include_router(remote_id.router)
+    app.include_router(clients.oauth)
     errors.install(app)
 
     app.add_api_route(f"{API}/openapi.json", _description, methods=["GET"], include_in_schema=False)
     app.add_api_route("/api/{path:path}", _unknown, methods=["GET", "HEAD"], include_in_schema=False)
     if settings.uspace.test_harness:
-        app.include_router(test_harness.router)
-        app.include_router(zones_harness.router)
-    for path in (*test_harness.PATHS, *zones_harness.PATHS):
+        app.include_router(remote_id_tests.router)
+        app.include_router(geo_awareness.router)
+    for path in (*remote_id_tests.PATHS, *geo_awareness.PATHS):
         app.add_api_route(path, _unknown, methods=["GET", "HEAD", "PUT", "POST", "DELETE"], include_in_schema=False)
     console.install(app, console.find(console_directory))
     app.add_middleware(AnswerHeaders)
@@ -159,7 +159,7 @@ def _description(request: Request) -> JSONResponse:
 
 
 def _largest_body(settings: Settings) -> int:
-    return max(settings.max_body_bytes, test_harness.MAX_BODY if settings.uspace.test_harness else 0)
+    return max(settings.max_body_bytes, remote_id_tests.MAX_BODY if settings.uspace.test_harness else 0)
 
 
 def _operation_id(route: APIRoute) -> str:

@@ -120,7 +120,7 @@ async def test_a_stream_without_a_place_begins_with_what_is_new(running, chain, 
 
 
 async def test_a_stream_ends_with_the_right_to_look(running, machine, monkeypatch):
-    monkeypatch.setattr("wonderland_backend.events.endpoints.HEARTBEAT_S", 0.05)
+    monkeypatch.setattr("wonderland_backend.rest.events.HEARTBEAT_S", 0.05)
     async with machine("wonderland.proofs.read") as http, stream(http) as found:
         async with running.context.database.write() as connection:
             await running.parts.clients.revoke(connection, http.client_id, "a test")

@@ -139,7 +139,7 @@ async def test_subscribers_are_told_if_they_may_see_it(running, machine, chain, 
     async def allowed(url, hosts):
         return None
 
-    monkeypatch.setattr("wonderland_backend.webhooks.endpoints.resolved", allowed)
+    monkeypatch.setattr("wonderland_backend.rest.webhooks.resolved", allowed)
     hook = {"url": "https://hooks.example/", "types": ["proof_request.created"]}
     async with machine(SCOPES) as all_seeing, machine(SCOPES, role="fleet_operator", msp_id="OtherMSP") as stranger:
         paths = [

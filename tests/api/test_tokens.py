@@ -11,11 +11,11 @@ from joserfc.jwk import ECKey, OctKey, RSAKey
 from sqlalchemy import update
 
 from wonderland_backend.clients.keys import TokenKeys
-from wonderland_backend.clients.limits import RateLimits
 from wonderland_backend.clients.store import ClientError, NewClient
 from wonderland_backend.clients.tokens import ASSERTION_TYPE
 from wonderland_backend.db.tables.clients import ClientRow
 from wonderland_backend.errors import SettingsError, TooManyRequests
+from wonderland_backend.http.limits import RateLimits
 
 START_S = 1_800_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -232,7 +232,7 @@ async def test_too_many_requests(new_backend, serving, machine_at, clock):
 def test_limits_forget_callers_rather_than_fill_memory(monkeypatch):
     now = [0]
     limits = RateLimits(1, lambda: now[0])
-    monkeypatch.setattr("wonderland_backend.clients.limits.MAX_CALLERS", 10)
+    monkeypatch.setattr("wonderland_backend.http.limits.MAX_CALLERS", 10)
     for index in range(1000):
         limits.count(f"caller {index}")
     assert len(limits._windows) <= 10

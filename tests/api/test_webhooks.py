@@ -15,12 +15,12 @@ import trustme
 from jsonschema import Draft202012Validator
 
 from wonderland_backend.description import openapi
+from wonderland_backend.http.targets import TargetRefused, check_url, is_public, resolved
 from wonderland_backend.routes import new_app
 from wonderland_backend.settings import Settings
 from wonderland_backend.webhooks import post as posting
 from wonderland_backend.webhooks.deliver import GIVE_UP_MS, LEASE_MS, Webhooks
 from wonderland_backend.webhooks.post import Poster, Undelivered, retry_ms
-from wonderland_backend.webhooks.targets import TargetRefused, check_url, is_public, resolved
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -92,7 +92,7 @@ async def poster(ca, running, monkeypatch):
     """Sends to hooks.example, whose name leads to this machine; allowed by name."""
     found = Poster(allowed=frozenset({"hooks.example"}), ca_file=ca.path, lookup=loopback)
     monkeypatch.setattr(
-        "wonderland_backend.webhooks.endpoints.resolved", lambda url, allowed: resolved(url, found.allowed, loopback)
+        "wonderland_backend.rest.webhooks.resolved", lambda url, allowed: resolved(url, found.allowed, loopback)
     )
     app = running.backend.app
     app.state.parts = {**app.state.parts, Poster: found}

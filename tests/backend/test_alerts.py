@@ -15,6 +15,7 @@ from aiosmtpd.controller import Controller
 from aiosmtpd.handlers import Message
 from cryptography import x509
 from jsonschema import Draft202012Validator
+from msgspec.structs import asdict
 from sqlalchemy import insert, select, update
 
 from wonderland import messages
@@ -28,6 +29,7 @@ from wonderland_backend.db.tables.reported import FindingRow
 from wonderland_backend.description import openapi
 from wonderland_backend.errors import SettingsError
 from wonderland_backend.mirror.certificates import note_signers
+from wonderland_backend.mirror.rows import VerdictWrite
 from wonderland_backend.routes import new_app
 from wonderland_backend.settings import Settings, load
 from wonderland_backend.tracks.schemas import Finding
@@ -252,7 +254,7 @@ def certificate_row(database):
         transaction = SimpleNamespace(creator=enrolment.identity, endorsers=(), index=0)
         rows = {}
         note_signers(rows, 1, transaction)
-        (row,) = rows.values()
+        row = asdict(*rows.values())
         async with database.write() as connection:
             await connection.execute(insert(CertificateRow), [row | change])
         return row
@@ -517,9 +519,13 @@ def test_settings_that_could_not_tell_anybody_are_refused(options, said):
 )
 def test_what_refuted_is_what_the_alert_says(record, kind, error_mm):
     row = {"pad_id": "p", "uav_id": "u", "session_id": "s", "tx_id": "t", "action": "land", "decided_ms": 1}
-    (alert,) = alerts_of([row | {"outcome": "refuted", "record": json.dumps(record)}])
+    (alert,) = alerts_of([verdict(**row, outcome="refuted", record=json.dumps(record))])
     assert (alert.kind, alert.facts["error_mm"]) == (kind, error_mm)
     assert f"{error_mm / 1000:.2f}\u00a0m" in plain_text(alert.kind, alert.pad_id, alert.uav_id, alert.facts)
+
+
+def verdict(**said):
+    return VerdictWrite(permission="denied", rounds=0, **said)
 
 
 def at(east_mm, north_mm=0):
@@ -551,7 +557,7 @@ def test_a_broadcast_of_unknown_origin_convicts_nobody_and_is_told(outcome, sign
         "reasons": [{"code": "outside_buffer"}],
     }
     record = json.dumps({"signed": signed, "broadcast": heard})
-    found = list(alerts_of([row | {"outcome": outcome, "record": record}]))
+    found = list(alerts_of([verdict(**row, outcome=outcome, record=record)]))
     assert [alert.kind for alert in found] == kinds
     if found[-1].kind == "broadcast_unattributed":
         assert found[-1].severity == "warning"
@@ -562,7 +568,7 @@ def test_a_broadcast_of_unknown_origin_convicts_nobody_and_is_told(outcome, sign
 def test_a_drone_that_was_leaving_is_not_said_to_be_off_by_the_error_of_all_its_rounds():
     row = {"pad_id": "p", "uav_id": "u", "session_id": "s", "tx_id": "t", "action": "land", "decided_ms": 1}
     signed = {"outcome": "refuted", "error_mm": 310, "reasons": [{"code": "within_buffer"}, {"code": "leaving"}]}
-    (alert,) = alerts_of([row | {"outcome": "refuted", "record": json.dumps({"signed": signed})}])
+    (alert,) = alerts_of([verdict(**row, outcome="refuted", record=json.dumps({"signed": signed}))])
     assert (alert.kind, "error_mm" in alert.facts) == ("leaving", False)
 
 
@@ -652,7 +658,7 @@ def test_everything_is_said_in_finnish_too():
 def test_what_closes_a_pad_is_told_by_its_code(reason, facts, said):
     record = json.dumps({"authorised": False, "reasons": [reason]})
     row = {"pad_id": "pad-1", "uav_id": "uav-1", "session_id": "0" * 64, "tx_id": "1" * 64, "action": "land"}
-    (alert,) = alerts_of([{**row, "outcome": "verified", "decided_ms": START_MS, "record": record}])
+    (alert,) = alerts_of([verdict(**row, outcome="verified", decided_ms=START_MS, record=record)])
     assert alert.kind == "zone_closed"
     assert alert.facts == {"action": "land", **facts}
     assert plain_text(alert.kind, alert.pad_id, alert.uav_id, alert.facts, "fi").endswith(said)

@@ -13,6 +13,7 @@ from sqlalchemy import func, select
 from wonderland_backend.db.tables.ledger import VerdictRow
 from wonderland_backend.db.tables.reported import IrregularRow, SpoolRow, StepRow, TrackRow
 from wonderland_backend.mirror.derive import Changes
+from wonderland_backend.mirror.rows import OrganisationWrite
 
 START_MS = 1_800_000_000_000
 TRACK = {
@@ -296,7 +297,7 @@ async def test_a_revocation_on_the_ledger_shuts_the_agent_out(running, agent_cli
     enrolment = authorities.enrol("pad-7", "PadMSP", role="pad", id="pad-7")
     async with running.connect("/ingest") as socket:
         assert (await agent_client(socket, agent_id="pad-7", enrolment=enrolment).hello())["type"] == "welcome"
-        running.backend._dismiss()
+        running.backend.standing.check()
         assert running.parts.agents.is_connected("pad-7")
     ca = authorities.cas["PadMSP"]
     ca.revoke(serial=enrolment.certificate.serial)
@@ -307,10 +308,9 @@ async def test_a_revocation_on_the_ledger_shuts_the_agent_out(running, agent_cli
         await agent_client(socket, agent_id="pad-7", enrolment=enrolment).hello()
         await agent_client(other).hello()
         organisations = [
-            {"msp_id": msp_id, "definition": json.dumps(each), "block": 9, "tx_index": 0}
-            for msp_id, each in definitions.items()
+            OrganisationWrite(msp_id, json.dumps(each), block=9, tx_index=0) for msp_id, each in definitions.items()
         ]
-        running.backend._committed(Changes(organisations=organisations))
+        running.backend.standing.committed(Changes(organisations=organisations))
         await closed_with(socket, 4401)
         assert running.parts.agents.is_connected("pad-1")
     async with running.connect("/ingest") as socket:

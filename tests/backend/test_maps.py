@@ -17,7 +17,7 @@ from wonderland_backend.maps.archive import Archive, ArchiveError, ReplacedError
 from wonderland_backend.maps.imagery import Imagery, ImageryError
 from wonderland_backend.maps.ranges import MAX_PART, RangeError, parse
 from wonderland_backend.maps.service import Maps
-from wonderland_backend.maps.settings import MapSettings
+from wonderland_backend.settings.maps import MapSettings
 from wonderland_simulator.place.archive import write
 
 LAYERS = ("earth", "water", "roads")

@@ -31,10 +31,10 @@ from wonderland_backend.db.tables.ledger import (
     VerdictRow,
 )
 from wonderland_backend.errors import MirrorHalted
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.mirror import store
 from wonderland_backend.mirror.follow import Mirror
 from wonderland_backend.mirror.rebuild import digest, rebuild
+from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_fabric_gateway.errors import LedgerError
 
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -147,10 +147,10 @@ async def test_deleted_assets_go_and_may_come_back(database, new_mirror, chain, 
         (keys.composite(keys.PAD, "pad-1"), b"\xff", "no JSON"),
         (keys.composite(keys.PAD, "pad-1"), b"[]", "no JSON object"),
         (keys.composite(keys.PAD, "pad-1"), b'{"pad_id":"pad-2","msp_id":"M","status":"s"}', "not that of the key"),
-        (keys.composite(keys.PAD, "pad-1"), b'{"pad_id":"pad-1","msp_id":5,"status":"s"}', "msp_id is no text"),
+        (keys.composite(keys.PAD, "pad-1"), b'{"pad_id":"pad-1","msp_id":5,"status":"s"}', "msp_id"),
         (keys.composite(keys.PAD, "a", "b"), b'{"pad_id":"a"}', "has 1 parts"),
         (keys.composite(keys.PAD, "p" * 200), b'{"pad_id":"a"}', "1 to 128 characters"),
-        (keys.composite(keys.SESSION, "x"), b'{"session_id":"x","state":"requested"}', "pad_id|no transaction id"),
+        (keys.composite(keys.SESSION, "x"), b'{"session_id":"x","state":"requested"}', "session_id"),
     ],
 )
 async def test_what_cannot_be_read_is_kept_and_counted(

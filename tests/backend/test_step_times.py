@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from wonderland_backend.sessions.state import OUTLINE, PAD, UAV, ReportedStep, SessionView
+from wonderland_backend.mirror.rows import OUTLINE, SessionWrite
+from wonderland_backend.sessions.state import PAD, UAV, ReportedStep, SessionView
 
 
 @pytest.fixture
@@ -17,7 +18,7 @@ def view():
         "requested_ms": 1_000,
         "decided_ms": 5_000,
     }
-    return SessionView(outline, outcome="verified", permission="granted", rounds=10)
+    return SessionView(SessionWrite(**outline), outcome="verified", permission="granted", rounds=10)
 
 
 def permission(view):

@@ -22,11 +22,11 @@ import pytest
 from bench_tools import p50, p95, show
 from sqlalchemy import insert, select, text
 
-from wonderland_backend.auth.person import ALL, Person
 from wonderland_backend.db import bulk, partitions
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.migrate import migrate
 from wonderland_backend.db.tables.reported import LatestTrackRow, TrackRow
+from wonderland_backend.person import ALL, Person
 from wonderland_backend.replay.happenings import Span, _tracks
 from wonderland_backend.replay.moment import Moment, contents_at
 from wonderland_backend.tracks import queries

@@ -12,13 +12,15 @@ from collections import Counter
 
 import pytest
 from bench_tools import show
+from msgspec.structs import asdict
 
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.migrate import migrate
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.mirror import derive as deriving
 from wonderland_backend.mirror.follow import Mirror
 from wonderland_backend.mirror.rebuild import digest
+from wonderland_backend.mirror.status import MirrorStatus
+from wonderland_backend.mirror.subscriber import AfterCommit
 from wonderland_fabric_gateway.blocks import parse_block
 
 PROOFS = 3_000
@@ -94,7 +96,7 @@ async def test_replay(blocks, new_url, keep):
         status=status,
         clock=lambda: 0,
         batch_transactions=BATCH,
-        on_changes=rows.append,
+        subscribers=[AfterCommit(rows.append)],
     )
     start = time.perf_counter()
     await mirror.run_until(len(blocks))
@@ -139,9 +141,9 @@ async def test_replay(blocks, new_url, keep):
 
 def tables_of(changes):
     """One batch: (table, rows, whether rows replace earlier ones)."""
-    out = [(model.__table__, getattr(changes, name), False) for model, name in deriving.APPENDED]
-    out += [(model.__table__, list(rows.values()), True) for model, rows in changes.upserts.items()]
-    return [each for each in out if each[1]]
+    out = [(rows[0].table, rows, False) for rows in changes.grown if rows]
+    out += [(kind.table, list(rows.values()), True) for kind, rows in changes.upserts.items() if rows]
+    return [(model.__table__, [asdict(row) for row in rows], replaces) for model, rows, replaces in out]
 
 
 def final_rows(batches):

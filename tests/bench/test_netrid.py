@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from msgspec import Raw
 
-from wonderland_backend.ingest.agents import Agent
+from wonderland_backend.agents.connected import Agent
 from wonderland_backend.ingest.batch import read
 
 HERE = Path(__file__).parent

@@ -15,7 +15,7 @@ from playwright.sync_api import expect
 from sqlalchemy import insert
 
 from wonderland_backend.db.tables.reported import LatestTrackRow, TrackMinuteRow, TrackRow
-from wonderland_backend.outputs.settings import OutputSettings
+from wonderland_backend.settings.outputs import OutputSettings
 from wonderland_backend.zones import importing
 
 SECOND = 1_000

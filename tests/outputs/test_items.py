@@ -8,8 +8,9 @@ import pytest
 
 from wonderland_backend.errors import SettingsError
 from wonderland_backend.outputs import cot
-from wonderland_backend.outputs.items import KINDS, Gate, Item, items_of
+from wonderland_backend.outputs.items import Gate, Item, items_of
 from wonderland_backend.settings import load
+from wonderland_backend.settings.outputs import KINDS
 
 TRACK = {
     "uav_id": "SERIAL1",

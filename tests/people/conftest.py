@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 from other_conftest import fixtures_of, tools_of
 
 from tests.people.openid_provider import SECRET, command
-from wonderland_backend.auth.settings import OidcSettings
+from wonderland_backend.settings.oidc import OidcSettings
 
 _backend = tools_of("backend")
 _authenticator = tools_of("people", "people_authenticator", file="authenticator.py")
@@ -56,9 +56,9 @@ class Server(_console.RealBackend):
 
     def invite(self, name):
         """An invitation by the server itself; the person's id."""
-        from wonderland_backend.auth.person import Account
         from wonderland_backend.people import store
         from wonderland_backend.people.schemas import Invitation
+        from wonderland_backend.person import Account
 
         async def make():
             async with self.backend.database.write() as connection:

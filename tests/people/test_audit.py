@@ -16,7 +16,7 @@ from wonderland_backend.alerts.schemas import ActName
 from wonderland_backend.audit.acts import ACTS
 from wonderland_backend.audit.anchors import Anchoring, Anchors
 from wonderland_backend.audit.verify import verify
-from wonderland_backend.auth.person import Account
+from wonderland_backend.person import Account
 from wonderland_backend.transactions.functions import CHANGES
 from wonderland_fabric_gateway.embedded.contracts import load_contract
 from wonderland_fabric_gateway.embedded.node import EmbeddedLedger

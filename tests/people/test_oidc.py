@@ -19,7 +19,7 @@ from joserfc.jwk import ECKey, RSAKey
 
 from tests.people.openid_provider import SECRET, command
 from wonderland_backend.auth.oidc import OidcError, Provider
-from wonderland_backend.auth.settings import OidcSettings
+from wonderland_backend.settings.oidc import OidcSettings
 
 
 @contextlib.asynccontextmanager

@@ -11,9 +11,9 @@ import pytest
 import websockets
 from sqlalchemy import insert
 
-from wonderland_backend.auth.person import Person
 from wonderland_backend.db.tables.reported import LatestTrackRow
-from wonderland_backend.people.masking import shown_uav
+from wonderland_backend.masking import shown_uav
+from wonderland_backend.person import Person
 
 START_MS = 1_800_000_000_000
 ROLES = ["admin", "inspector", "pad_operator", "fleet_operator", "viewer"]

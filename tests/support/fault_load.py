@@ -22,9 +22,9 @@ from wonderland.proofs import encoding
 from wonderland.proofs.records import transactions as tx
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.migrate import migrate
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.mirror.follow import Mirror
 from wonderland_backend.mirror.source import GatewaySource
+from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.gateway import CommitError, CommitUnknownError, EndorseError, Gateway
 from wonderland_fabric_network import enrolment

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from wonderland import telemetry
 from wonderland.proofs import encoding
 from wonderland.telemetry import TelemetryError
-from wonderland_backend.ingest.agents import Agent
+from wonderland_backend.agents.connected import Agent
 from wonderland_backend.ingest.batch import read
 from wonderland_edge_agent.reporting import SpoolReporter
 from wonderland_edge_agent.session import actions as do

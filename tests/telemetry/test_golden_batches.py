@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from msgspec import Raw
 
-from wonderland_backend.ingest.agents import Agent
+from wonderland_backend.agents.connected import Agent
 from wonderland_backend.ingest.batch import Batch, read
 
 T0 = 1_760_000_400_000

@@ -23,9 +23,9 @@ from dss_server import Dss
 from other_conftest import tools_of
 from token_server import Authority
 
+from wonderland_backend.agents.connected import Agent
 from wonderland_backend.app import Backend, now_ms
 from wonderland_backend.db.engine import Database
-from wonderland_backend.ingest.agents import Agent
 from wonderland_backend.ingest.batch import read
 from wonderland_backend.serve import Listen, new_server
 from wonderland_backend.settings import Settings

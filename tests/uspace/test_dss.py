@@ -8,12 +8,12 @@ import httpx
 import pytest
 
 from wonderland_backend.http.transfer import TransferError
+from wonderland_backend.settings.uspace import USpaceSettings
 from wonderland_backend.uspace.dss.client import DssClient, extents_of
 from wonderland_backend.uspace.dss.errors import AreaTooLarge, DssAway, NotThere, TooMany, VersionConflict
 from wonderland_backend.uspace.geo import E7, TILES, Box, Cell
 from wonderland_backend.uspace.netrid.areas import COMPARE_MS, EXTEND_MS, LIFETIME_MS, LINGER_MS, Areas
 from wonderland_backend.uspace.peers import Peers
-from wonderland_backend.uspace.settings import USpaceSettings
 from wonderland_backend.uspace.token_client import TokenClient
 
 TILE = Cell.at(604_518_000, 222_666_000, TILES)

@@ -15,11 +15,11 @@ import httpx
 import pytest
 
 from wonderland_backend.app import now_ms
+from wonderland_backend.settings.uspace import USpaceSettings
 from wonderland_backend.uspace.dss.client import DssClient, extents_of
 from wonderland_backend.uspace.dss.errors import DssRefused, NotThere, VersionConflict
 from wonderland_backend.uspace.geo import TILES, Cell
 from wonderland_backend.uspace.peers import Peers
-from wonderland_backend.uspace.settings import USpaceSettings
 from wonderland_backend.uspace.token_client import TokenClient
 
 REAL = pytest.mark.skipif("WONDERLAND_TEST_DSS" not in os.environ, reason="no real DSS: WONDERLAND_TEST_DSS is not set")

@@ -9,9 +9,9 @@ import uuid
 import pytest
 from fastapi import FastAPI, Response
 
+from wonderland_backend.uspace.geo_awareness import holds_sometime
 from wonderland_backend.zones.files.reading import read
 from wonderland_backend.zones.store import rows_of
-from wonderland_backend.zones.tested import holds_sometime
 from wonderland_backend.zones.zone import zone_of
 
 SCOPE = "geo-awareness.test"

@@ -6,8 +6,8 @@ import orjson
 from msgspec import Raw
 from sqlalchemy import insert
 
+from wonderland_backend.agents.connected import Agent
 from wonderland_backend.db.tables.ledger import DroneRow
-from wonderland_backend.ingest.agents import Agent
 from wonderland_backend.ingest.batch import read
 
 VIEW = "60.44,22.25,60.46,22.29"

@@ -17,7 +17,7 @@ from uas_standards.astm.f3411.v22a.api import (
     GetIdentificationServiceAreaDetailsResponse,
 )
 
-from wonderland_backend.ingest.agents import Agent
+from wonderland_backend.agents.connected import Agent
 from wonderland_backend.uspace.netrid.views import BadView, ViewTooLarge, parse_view
 
 INTERFACE = Path(__file__).resolve().parents[3] / "shared/openapi/f3411-22a_netrid_updated.yaml"

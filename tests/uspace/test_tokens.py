@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wonderland_backend.http.transfer import TransferError
+from wonderland_backend.settings.uspace import USpaceSettings
 from wonderland_backend.tokens import REFETCH_S, REFRESH_S, IssuerSettings, ScopeMissing, TokenRefused, TokenVerifier
-from wonderland_backend.uspace.settings import USpaceSettings
 from wonderland_backend.uspace.token_client import NoToken, TokenClient
 
 

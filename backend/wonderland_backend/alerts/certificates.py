@@ -16,11 +16,11 @@ from cryptography import x509
 from sqlalchemy import ColumnElement, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from wonderland_backend.agents.connected import Agents
 from wonderland_backend.alerts.conditions import Condition
 from wonderland_backend.db.tables.alerts import AlertRow
 from wonderland_backend.db.tables.ledger import CertificateRow, OrganisationRow
 from wonderland_backend.db.tables.signing import SigningKeyRow
-from wonderland_backend.ingest.agents import Agents
 from wonderland_backend.registry.organisations import revoked_serials
 from wonderland_fabric_gateway.certificates import certificate_of
 from wonderland_fabric_gateway.errors import IdentityError

@@ -9,6 +9,7 @@ from typing import Any, Final
 import orjson
 
 from wonderland_backend.alerts.kinds import Alert
+from wonderland_backend.mirror.rows import VerdictWrite
 
 
 def _refutation(record: dict[str, Any]) -> tuple[str, int | None]:
@@ -55,33 +56,33 @@ def _elsewhere(record: dict[str, Any]) -> bool:
     return bool(math.hypot(east, north) > record["broadcast"].get("tolerance_mm", 0))
 
 
-def alerts_of(verdicts: Iterable[dict[str, Any]]) -> Iterator[Alert]:
-    """The alerts of verdict rows (of `wonderland_backend.mirror.derive`), in their order."""
+def alerts_of(verdicts: Iterable[VerdictWrite]) -> Iterator[Alert]:
+    """The alerts of verdicts, in their order."""
     for row in verdicts:
-        record = orjson.loads(row["record"])
+        record = orjson.loads(row.record)
         place = {
-            "pad_id": row["pad_id"],
-            "uav_id": row["uav_id"],
-            "session_id": row["session_id"],
-            "tx_id": row["tx_id"],
+            "pad_id": row.pad_id,
+            "uav_id": row.uav_id,
+            "session_id": row.session_id,
+            "tx_id": row.tx_id,
         }
-        facts: dict[str, Any] = {"action": row["action"]}
-        if row["outcome"] == "refuted":
+        facts: dict[str, Any] = {"action": row.action}
+        if row.outcome == "refuted":
             kind, error_mm = _refutation(record)
             if kind == "stamps_contradict":
                 facts["located"] = "no" if error_mm is None else "yes"
             if error_mm is not None:
                 facts["error_mm"] = error_mm
-            yield Alert(kind, row["session_id"], row["decided_ms"], **place, facts=facts)
+            yield Alert(kind, row.session_id, row.decided_ms, **place, facts=facts)
         broadcast = record.get("broadcast") or {}
         if broadcast.get("outcome") == "contradicted" and _elsewhere(record):
             supported = "yes" if broadcast["supported"] else "no"
-            facts = {"action": row["action"], "error_mm": broadcast["error_mm"], "supported": supported}
-            yield Alert("broadcast_unattributed", row["session_id"], row["decided_ms"], **place, facts=facts)
+            facts = {"action": row.action, "error_mm": broadcast["error_mm"], "supported": supported}
+            yield Alert("broadcast_unattributed", row.session_id, row.decided_ms, **place, facts=facts)
         if record.get("authorised") is False:
             closed, others = _against(record)
             if closed:
-                yield Alert("zone_closed", row["session_id"], row["decided_ms"], **place, facts=facts | closed)
+                yield Alert("zone_closed", row.session_id, row.decided_ms, **place, facts=facts | closed)
             if others or not closed:
-                facts = {"action": row["action"]}
-                yield Alert("unauthorised", row["session_id"], row["decided_ms"], **place, facts=facts)
+                facts = {"action": row.action}
+                yield Alert("unauthorised", row.session_id, row.decided_ms, **place, facts=facts)

@@ -12,8 +12,8 @@ from wonderland_backend.alerts import store
 from wonderland_backend.alerts.deliver import enqueue
 from wonderland_backend.alerts.derive import alerts_of
 from wonderland_backend.db.tables.alerts import AlertRow
-from wonderland_backend.live.board import Board
 from wonderland_backend.mirror.derive import Changes
+from wonderland_backend.mirror.subscriber import Subscriber
 from wonderland_backend.settings import Settings
 
 STALE_MS: Final = 7 * 86_400_000
@@ -22,25 +22,23 @@ TOLD_MS: Final = 3_600_000
 """Nobody outside is told of what happened longer ago."""
 
 
-class Alerts:
-    """What follows from the ledger, in the mirror's own database transaction."""
+class Alerts(Subscriber[list[dict[str, Any]]]):
+    """What follows from the ledger, in the mirror's own database transaction; the live side hears of it after."""
 
-    def __init__(self, settings: Settings, board: Board, clock: Callable[[], int]) -> None:
+    def __init__(self, settings: Settings, tell: Callable[[dict[str, Any]], None], clock: Callable[[], int]) -> None:
         self._settings = settings
-        self._board = board
+        self._tell = tell
         self._clock = clock
-        self._raised: list[dict[str, Any]] = []
 
-    async def in_transaction(self, connection: AsyncConnection, changes: Changes) -> None:
-        """Raise what these changes call for. Nothing is told before the commit."""
-        self._raised = []
+    async def in_transaction(self, connection: AsyncConnection, changes: Changes) -> list[dict[str, Any]]:
+        """Raise what these changes call for: the alerts that are new, and news, as they are shown."""
         if not changes.verdict_writes:
-            return
+            return []
         now = self._clock()
         alerts = list(alerts_of(changes.verdict_writes))
         raised = await store.raise_all(connection, alerts, now)
         if not raised:
-            return
+            return []
         await connection.execute(
             update(AlertRow)
             .where(AlertRow.alert_id.in_(raised), AlertRow.t_ms < now - STALE_MS)
@@ -49,14 +47,13 @@ class Alerts:
         fresh = [alert for alert in alerts if alert.t_ms > now - TOLD_MS]
         await enqueue(connection, self._settings, fresh, raised, now)
         new = set(raised)
-        self._raised = [
+        return [
             store.shown(AlertRow(**store.row_of(alert, now)))
             for alert in alerts
             if alert.alert_id in new and alert.t_ms >= now - STALE_MS
         ]
 
-    def committed(self) -> None:
-        """The commit has happened: tell the live side."""
-        raised, self._raised = self._raised, []
-        for alert in raised:
-            self._board.alert(alert)
+    def after_commit(self, changes: Changes, found: list[dict[str, Any]]) -> None:  # noqa: ARG002
+        """Tell the live side."""
+        for alert in found:
+            self._tell(alert)

@@ -13,11 +13,11 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 from wonderland_backend import audit
 from wonderland_backend.alerts.kinds import Alert
 from wonderland_backend.alerts.schemas import Act, AlertQuery
-from wonderland_backend.auth.person import Person, Scope
 from wonderland_backend.db.engine import Database
-from wonderland_backend.db.tables.alerts import AlertActRow, AlertRow
+from wonderland_backend.db.tables.alerts import AlertActRow, AlertDeliveryRow, AlertRow
 from wonderland_backend.errors import Conflict, NotFound
 from wonderland_backend.narrowing import narrowed
+from wonderland_backend.person import Person, Scope
 from wonderland_backend.problem_texts import said
 
 OPEN: Final = "open"
@@ -196,6 +196,12 @@ async def acts_of(database: AsyncSession, alert_id: str) -> list[Row]:
             shown_act["note"] = each.note
         found.append(shown_act)
     return found
+
+
+async def deliveries_of(database: AsyncSession, alert_id: str) -> Sequence[AlertDeliveryRow]:
+    """Who is told of it, and how far that is."""
+    query = select(AlertDeliveryRow).where(AlertDeliveryRow.alert_id == alert_id).order_by(AlertDeliveryRow.target)
+    return (await database.scalars(query)).all()
 
 
 async def current(database: AsyncSession) -> list[AlertRow]:

@@ -14,6 +14,7 @@ from typing import Any, Final
 import orjson
 from sqlalchemy import select
 
+from wonderland_backend.agents.connected import Agents
 from wonderland_backend.alerts import certificates, oddities, store
 from wonderland_backend.alerts.conditions import Condition
 from wonderland_backend.alerts.deliver import enqueue
@@ -22,9 +23,7 @@ from wonderland_backend.context import Context
 from wonderland_backend.db.tables.alerts import AlertRow
 from wonderland_backend.db.tables.ledger import ClosuresRow, PadRow, VerdictRow
 from wonderland_backend.db.tables.reported import HealthRow, TrackRow
-from wonderland_backend.ingest.agents import Agents
-from wonderland_backend.ledger.status import MirrorStatus
-from wonderland_backend.live.board import Board
+from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.zones.differing import Differing
 
 logger = logging.getLogger(__name__)
@@ -106,11 +105,13 @@ def differing_conditions(pads: Iterable[tuple[str, str]], now_ms: int) -> Iterab
 class Watch:
     """Looks every few seconds; `look` once by itself for tests."""
 
-    def __init__(self, context: Context, mirror: MirrorStatus, agents: Agents, board: Board) -> None:
+    def __init__(
+        self, context: Context, mirror: MirrorStatus, agents: Agents, tell: Callable[[dict[str, Any]], None]
+    ) -> None:
         self._context = context
         self._mirror = mirror
         self._agents = agents
-        self._board = board
+        self._tell = tell
         self._differing = Differing()
 
     async def run(self) -> None:
@@ -162,7 +163,7 @@ class Watch:
             ended = await store.end(connection, over, now)
         async with self._context.database.read() as session:
             for row in await store.by_ids(session, [*raised, *ended]):
-                self._board.alert(store.shown(row))
+                self._tell(store.shown(row))
 
     async def _unmatched(self, session: Any, now: int) -> list[Alert]:
         """Permissions that no broadcast followed, at pads that hear broadcasts."""

@@ -22,7 +22,7 @@ _HASHED: Final = ("seq", "t_ms", "person_id", "person", "act", "subject", "detai
 
 
 class Actor(Protocol):
-    """Who does it; `wonderland_backend.auth.person.Person` is one."""
+    """Who does it; `wonderland_backend.person.Person` is one."""
 
     @property
     def person_id(self) -> str:

@@ -19,8 +19,8 @@ from joserfc.errors import JoseError
 
 from wonderland.proofs.encoding import to_base64url
 from wonderland_backend.auth.secret import new_secret
-from wonderland_backend.auth.settings import OidcSettings
 from wonderland_backend.http.transfer import TransferError, ask_object
+from wonderland_backend.settings.oidc import OidcSettings
 from wonderland_backend.tokens import ALGORITHMS, read_keys
 
 LEEWAY_S: Final = 60

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from wonderland_backend.auth.person import Role
+from wonderland_backend.person import Role
 from wonderland_backend.schemas import ApiModel
 
 

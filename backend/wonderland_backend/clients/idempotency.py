@@ -16,11 +16,11 @@ from fastapi.responses import Response
 from sqlalchemy import delete, insert, or_, update
 from sqlalchemy.exc import IntegrityError
 
-from wonderland_backend.auth.person import Person
 from wonderland_backend.context import Context, required
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.clients import IdempotencyRow
 from wonderland_backend.errors import BadRequest, Conflict, Unprocessable
+from wonderland_backend.person import Person
 from wonderland_backend.problem_texts import said
 
 HEADER: Final = "Idempotency-Key"

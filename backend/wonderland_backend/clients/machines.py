@@ -8,20 +8,19 @@ from typing import Annotated, Any, Final
 
 from starlette.requests import HTTPConnection
 
-from wonderland_backend.auth.person import Person, roles_of
 from wonderland_backend.clients.certificates import Certificates
 from wonderland_backend.clients.keys import TokenKeys
-from wonderland_backend.clients.limits import RateLimits
 from wonderland_backend.clients.scopes import scopes_for
 from wonderland_backend.clients.store import Clients, sha256
 from wonderland_backend.clients.tokens import Tokens
 from wonderland_backend.context import part
 from wonderland_backend.db.tables.clients import ClientRow
 from wonderland_backend.errors import Forbidden
+from wonderland_backend.http.limits import RateLimits
+from wonderland_backend.person import Person, roles_of
 from wonderland_backend.problem_texts import said
 from wonderland_backend.settings import Settings
 from wonderland_backend.tokens import Caller, TokenRefused, TokenVerifier
-from wonderland_backend.uspace.service import USpace
 
 METHOD: Final = "client"
 
@@ -94,21 +93,22 @@ def person_of_client(client: ClientRow, expires_ms: int = 0) -> Person:
 def machines_of(
     settings: Settings,
     clients: Clients,
-    uspace: USpace,
+    verifier: TokenVerifier,
+    host: str,
     clock: Callable[[], int],
     randomness: Callable[[int], bytes],
 ) -> Machines:
-    """As the settings say. Raises `SettingsError`."""
+    """As the settings say; `host` is our own name. Raises `SettingsError`."""
     tokens = Tokens(
         TokenKeys.load(settings.token_key_file),
         clients,
         issuer=(settings.public_url or "http://localhost").rstrip("/"),
-        audience=settings.uspace.audiences[0] if settings.uspace.audiences else uspace.host,
+        audience=settings.uspace.audiences[0] if settings.uspace.audiences else host,
         clock=clock,
         randomness=randomness,
     )
     limits = RateLimits(settings.client_requests_per_min, clock)
-    return Machines(tokens, clients, uspace.verifier, limits, Certificates.of_settings(settings, clock))
+    return Machines(tokens, clients, verifier, limits, Certificates.of_settings(settings, clock))
 
 
 def _system(caller: Caller) -> Person:

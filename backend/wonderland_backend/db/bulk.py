@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from sqlalchemy import MetaData, Table, func, insert
@@ -13,10 +14,10 @@ from wonderland_backend.db.tables.base import Base
 MANY_ROWS: Final = 100
 """From so many rows on a detour by COPY pays for an upsert."""
 
-Row = dict[str, Any]
+Row = Mapping[str, object]
 
 
-async def append(connection: AsyncConnection, model: type[Base], rows: list[Row]) -> None:
+async def append(connection: AsyncConnection, model: type[Base], rows: Sequence[Row]) -> None:
     """Insert these rows; all have the same columns."""
     if not rows:
         return
@@ -30,7 +31,7 @@ async def append(connection: AsyncConnection, model: type[Base], rows: list[Row]
 async def upsert(
     connection: AsyncConnection,
     model: type[Base],
-    rows: list[Row],
+    rows: Sequence[Row],
     *,
     keep: tuple[str, ...] = (),
     fill: tuple[str, ...] = (),
@@ -79,7 +80,7 @@ def table_of(model: type[Base]) -> Table:
     return table
 
 
-async def _copy(connection: AsyncConnection, into: str, rows: list[Row]) -> None:
+async def _copy(connection: AsyncConnection, into: str, rows: Sequence[Row]) -> None:
     names = list(rows[0])
     raw = await connection.get_raw_connection()
     driver = raw.driver_connection
@@ -90,7 +91,7 @@ async def _copy(connection: AsyncConnection, into: str, rows: list[Row]) -> None
             await copy.write_row([row[name] for name in names])
 
 
-async def _from_aside(connection: AsyncConnection, table: Table, rows: list[Row]) -> Any:
+async def _from_aside(connection: AsyncConnection, table: Table, rows: Sequence[Row]) -> Any:
     """COPY into a table aside; the INSERT from there."""
     aside = table.to_metadata(MetaData(), name=f"new_{table.name}")
     await connection.exec_driver_sql(

@@ -7,15 +7,15 @@ from typing import Any
 
 import orjson
 from sqlalchemy import select
-from sqlalchemy.ext.asyncio import AsyncSession
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from wonderland_backend.areas import Box
-from wonderland_backend.auth.person import Person, Scope
 from wonderland_backend.db.tables.ledger import AuthorisationRow, DroneRow, VerdictRow
-from wonderland_backend.db.tables.reported import LatestTrackRow
+from wonderland_backend.db.tables.reported import BroadcastOperatorRow, LatestTrackRow
 from wonderland_backend.filters import DroneQuery
+from wonderland_backend.masking import shown_uav
 from wonderland_backend.narrowing import drones_of, drones_within
-from wonderland_backend.people.masking import shown_uav
+from wonderland_backend.person import Person, Scope
 from wonderland_backend.responses import record
 from wonderland_backend.verdicts import queries as verdicts
 
@@ -70,3 +70,12 @@ async def details(database: AsyncSession, person: Person, rows: Sequence[DroneRo
     return [
         shown(row, person, allowed.get(row.uav_id, []), tracks.get(row.uav_id), last.get(row.uav_id)) for row in rows
     ]
+
+
+async def number_of(connection: AsyncConnection, uav_id: str, field: str) -> str | None:
+    """A number of a drone's operator in full: this field of its record, or what it broadcasts."""
+    if field == "broadcast_operator_id":
+        query = select(BroadcastOperatorRow.operator_id).where(BroadcastOperatorRow.uav_id == uav_id)
+        return (await connection.execute(query)).scalar_one_or_none()
+    record = (await connection.execute(select(DroneRow.record).where(DroneRow.uav_id == uav_id))).scalar_one_or_none()
+    return None if record is None else orjson.loads(record).get(field)

@@ -8,12 +8,12 @@ from typing import Any, Final
 import orjson
 from sqlalchemy import func, select, tuple_
 
-from wonderland_backend.auth.person import Scope
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.ledger import SessionRow, VerdictRow
 from wonderland_backend.db.tables.reported import EstimateRow, LatestTrackRow, TrackMinuteRow, TrackRow
 from wonderland_backend.exports.schemas import ExportQuery
-from wonderland_backend.ingest.batch import MAX_AHEAD_MS
+from wonderland_backend.person import Scope
+from wonderland_backend.tracks.queries import MAX_AHEAD_MS
 
 PAGE: Final = 2_000
 CLOCKS_MS: Final = 10 * 60_000

@@ -7,8 +7,8 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
-from wonderland_backend.outputs.settings import Format
 from wonderland_backend.schemas import ApiModel
+from wonderland_backend.settings.outputs import Format
 
 _ID = f"^{ID_PATTERN}$"
 TimeMs = Annotated[int, Field(strict=True, ge=0, le=MAX_TIME_MS, description="Unix, ms")]

@@ -11,7 +11,6 @@ import orjson
 from sqlalchemy import delete, insert, select, update
 
 from wonderland_backend import audit
-from wonderland_backend.auth.person import Person
 from wonderland_backend.context import Context
 from wonderland_backend.db.tables.exports import ExportRow
 from wonderland_backend.errors import BadRequest, Conflict, NotFound, SwitchedOff, TooManyRequests
@@ -19,9 +18,10 @@ from wonderland_backend.exports.archive import archive
 from wonderland_backend.exports.formats import FORMATS, Counts
 from wonderland_backend.exports.rows import Rows
 from wonderland_backend.exports.schemas import ExportQuery
-from wonderland_backend.ledger.status import MirrorStatus
-from wonderland_backend.outputs.settings import Format
+from wonderland_backend.mirror.status import MirrorStatus
+from wonderland_backend.person import Person
 from wonderland_backend.replay.moment import moment
+from wonderland_backend.settings.outputs import Format
 
 KEPT_MS: Final = 3_600_000
 MAX_AT_ONCE: Final = 4

@@ -9,7 +9,6 @@ from sqlalchemy import and_, delete, or_, select, tuple_
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from wonderland_backend.areas import Box
-from wonderland_backend.auth.person import Scope
 from wonderland_backend.db import bulk
 from wonderland_backend.db.tables.flights import FlightRow
 from wonderland_backend.db.tables.ledger import VerdictRow
@@ -17,6 +16,7 @@ from wonderland_backend.db.tables.reported import TrackRow
 from wonderland_backend.flights.grouping import Flight, Position, grouped, span, stretches
 from wonderland_backend.flights.schemas import FlightQuery
 from wonderland_backend.narrowing import drones_of
+from wonderland_backend.person import Scope
 
 WRITE_EVERY_MS: Final = 10_000
 MAX_REMEMBERED: Final = 10_000

@@ -21,21 +21,28 @@ from wonderland.telemetry import (
     TelemetryError,
     Track,
 )
-from wonderland_backend.ingest.agents import PAD, Agent
-from wonderland_backend.ingest.errors import IngestError
+from wonderland_backend.agents.connected import PAD, Agent
+from wonderland_backend.agents.errors import IngestError
+from wonderland_backend.ingest.rows import (
+    EndValues,
+    EstimateValues,
+    FindingValues,
+    HealthValues,
+    IrregularValues,
+    OperatorValues,
+    StepValues,
+    TrackValues,
+)
 from wonderland_backend.live.telling import HeardTrack, PadHealthTold, RunningEstimate, StepTaken, Telling
-from wonderland_backend.people.masking import masked
+from wonderland_backend.masking import masked
 from wonderland_backend.sessions.state import ReportedStep
+from wonderland_backend.tracks.queries import MAX_AHEAD_MS
 
-MAX_AHEAD_MS: Final = 60_000
-"""Telemetry dated further ahead would stand before everybody else's: its clock is wrong, and it is refused."""
 MAX_KEPT_BODY: Final = 4_096
 """Characters of a refused record's body."""
 MAX_HEIGHT_ACCURACY_MM: Final = 1_000_000
 """What a track can say; a drone that knows less of its height says no more."""
 _TELEMETRY: Final = (Track, Position, Finding, Estimate, Health)
-
-Row = dict[str, Any]
 
 
 @dataclass
@@ -45,14 +52,14 @@ class Batch:
     agent: Agent
     received_ms: int
     last_seq: int = 0
-    tracks: list[Row] = field(default_factory=list)
-    operators: list[Row] = field(default_factory=list)
-    findings: list[Row] = field(default_factory=list)
-    estimates: list[Row] = field(default_factory=list)
-    steps: list[Row] = field(default_factory=list)
-    ends: list[Row] = field(default_factory=list)
-    health: Row | None = None
-    irregular: list[Row] = field(default_factory=list)
+    tracks: list[TrackValues] = field(default_factory=list)
+    operators: list[OperatorValues] = field(default_factory=list)
+    findings: list[FindingValues] = field(default_factory=list)
+    estimates: list[EstimateValues] = field(default_factory=list)
+    steps: list[StepValues] = field(default_factory=list)
+    ends: list[EndValues] = field(default_factory=list)
+    health: HealthValues | None = None
+    irregular: list[IrregularValues] = field(default_factory=list)
     rejected: list[tuple[int, str, str]] = field(default_factory=list)
     heard: list[tuple[int, Track]] = field(default_factory=list)
     """Positions with everything that was said with them, and when they were heard."""
@@ -203,7 +210,7 @@ def _step(batch: Batch, body: Step) -> None:
 
 
 def _end(batch: Batch, t_ms: int, body: SessionEnd) -> None:
-    shown: Row = {"source": batch.agent.kind, "t_ms": t_ms, "state": body.state, "verified": False}
+    shown: dict[str, Any] = {"source": batch.agent.kind, "t_ms": t_ms, "state": body.state, "verified": False}
     if body.end is not None:
         shown["end"] = body.end
     if body.tx_id is not None:
@@ -259,9 +266,9 @@ def _text(body: msgspec.Raw) -> str:
     return bytes(body).decode()[:MAX_KEPT_BODY]
 
 
-def _shown(said: Row, **more: Any) -> str:
+def _shown(said: dict[str, Any], **more: Any) -> str:
     return _json({**said, **more, "verified": False})
 
 
-def _json(value: Row) -> str:
+def _json(value: dict[str, Any]) -> str:
     return msgspec.json.encode(value).decode()

@@ -26,13 +26,13 @@ from wonderland.telemetry import (
     Welcome,
 )
 from wonderland.telemetry.frames import FromServer
+from wonderland_backend.agents import connected as agents
+from wonderland_backend.agents.connected import Agent, Agents, AgentsDep, DuplicateAgent
+from wonderland_backend.agents.errors import IngestError
+from wonderland_backend.agents.members import Members, MembersDep
 from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import DatabaseError
-from wonderland_backend.ingest import agents
 from wonderland_backend.ingest import batch as batches
-from wonderland_backend.ingest.agents import Agent, Agents, AgentsDep, DuplicateAgent
-from wonderland_backend.ingest.errors import IngestError
-from wonderland_backend.ingest.identity import Members, MembersDep
 from wonderland_backend.ingest.intake import Intake, IntakeDep
 from wonderland_backend.proof_requests import route
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterable
-from typing import Annotated, Final
+from typing import Annotated, Final, TypeVar
 
 from sqlalchemy.exc import SQLAlchemyError
 
+from wonderland_backend.agents.connected import PAD, Agent
 from wonderland_backend.context import part
 from wonderland_backend.db import bulk
 from wonderland_backend.db.engine import Database
@@ -28,10 +29,13 @@ from wonderland_backend.db.tables.reported import (
 )
 from wonderland_backend.errors import DatabaseError
 from wonderland_backend.flights.store import FlightLog
-from wonderland_backend.ingest.agents import PAD, Agent
-from wonderland_backend.ingest.batch import Batch, Row
+from wonderland_backend.ingest.batch import Batch
+from wonderland_backend.ingest.rows import HealthValues, OperatorValues, TrackValues
 from wonderland_backend.live.board import Board
 from wonderland_backend.live.telling import tell
+
+R = TypeVar("R", bound=bulk.Row)
+OfDrone = TypeVar("OfDrone", TrackValues, OperatorValues)
 
 logger = logging.getLogger(__name__)
 
@@ -137,15 +141,14 @@ class Intake:
             await bulk.upsert(
                 connection, SpoolRow, list(spools.values()), keep=("first_seen_ms",), rising="acknowledged"
             )
-            tracks = _dated((row for batch in batches for row in batch.tracks), now)
-            await bulk.append(connection, TrackRow, tracks)
-            latest = [{name: row[name] for name in ("uav_id", "pad_id", "t_ms", "body")} for row in tracks]
-            await bulk.upsert(connection, LatestTrackRow, _latest(latest, "uav_id"), rising=_LATEST)
+            tracks = [row for batch in batches for row in batch.tracks]
+            await bulk.append(connection, TrackRow, _dated(tracks, now))
+            await bulk.upsert(connection, LatestTrackRow, _latest(tracks), rising=_LATEST)
             heard = (each for batch in batches for each in batch.heard)
             positions = ((body.uav_id, (t_ms, body.lat_e7, body.lon_e7)) for t_ms, body in heard)
             await self._flights.take(connection, positions, now)
             operators = [row for batch in batches for row in batch.operators]
-            await bulk.upsert(connection, BroadcastOperatorRow, _latest(operators, "uav_id"), rising=_LATEST)
+            await bulk.upsert(connection, BroadcastOperatorRow, _latest(operators), rising=_LATEST)
             if tracks:
                 minute = {"minute_ms": now - now % MINUTE_MS, "positions": len(tracks)}
                 await bulk.upsert(connection, TrackMinuteRow, [minute], adding=("positions",))
@@ -157,7 +160,9 @@ class Intake:
             ends = _dated((row for batch in batches for row in batch.ends), now)
             await bulk.upsert(connection, SessionEndRow, _last(ends, "session_id", "agent", "agent_id"))
             health = [batch.health for batch in batches if batch.health is not None]
-            await bulk.append(connection, PadHealthRow, _dated(map(_of_pad, filter(_is_pads, health)), now))
+            await bulk.append(
+                connection, PadHealthRow, _dated((_of_pad(each) for each in health if each["agent"] == PAD), now)
+            )
             await bulk.upsert(connection, HealthRow, _last(health, "agent", "agent_id"), rising=_LATEST)
             irregular = [row for batch in batches for row in batch.irregular]
             await bulk.upsert(connection, IrregularRow, _last(irregular, "agent", "agent_id", "spool", "seq"))
@@ -166,16 +171,12 @@ class Intake:
 IntakeDep = Annotated[Intake, part(Intake)]
 
 
-def _dated(rows: Iterable[Row], now_ms: int) -> list[Row]:
+def _dated(rows: Iterable[bulk.Row], now_ms: int) -> list[bulk.Row]:
     """Rows with the time at which this server took them in."""
     return [{**row, "received_ms": now_ms} for row in rows]
 
 
-def _is_pads(health: Row) -> bool:
-    return bool(health["agent"] == PAD)
-
-
-def _of_pad(health: Row) -> Row:
+def _of_pad(health: HealthValues) -> bulk.Row:
     return {"pad_id": health["agent_id"], "t_ms": health["t_ms"], "body": health["body"]}
 
 
@@ -192,10 +193,11 @@ def _fail(waiting: list[tuple[Batch, asyncio.Future[None]]], error: DatabaseErro
             done.set_exception(error)
 
 
-def _last(rows: list[Row], *keys: str) -> list[Row]:
+def _last(rows: Iterable[R], *keys: str) -> list[R]:
     """The last row of each key: one statement cannot write a row twice."""
     return list({tuple(row[key] for key in keys): row for row in rows}.values())
 
 
-def _latest(rows: list[Row], key: str) -> list[Row]:
-    return _last(sorted(rows, key=lambda row: int(row[_LATEST])), key)
+def _latest(rows: list[OfDrone]) -> list[OfDrone]:
+    """The newest row of each drone."""
+    return _last(sorted(rows, key=lambda row: row["t_ms"]), "uav_id")

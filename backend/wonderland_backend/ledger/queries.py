@@ -8,8 +8,8 @@ from typing import Any
 from sqlalchemy import select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wonderland_backend.auth.person import AUTHORITY, Person
 from wonderland_backend.db.tables.ledger import BlockRow, EventRow, TransactionRow
+from wonderland_backend.person import AUTHORITY, Person
 from wonderland_fabric_gateway.transactions import code_name
 
 _BLOCK_FIELDS = (

@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from wonderland_backend.outputs.settings import Format
 from wonderland_backend.schemas import ApiModel, page_of
+from wonderland_backend.settings.outputs import Format
 
 
 class Creator(ApiModel):

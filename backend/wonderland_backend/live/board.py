@@ -9,30 +9,27 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Annotated, Any, Final, Protocol
 
 import orjson
-from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland.proofs.records.verdicts import OUTCOMES
 from wonderland_backend.alerts import store as alerts
 from wonderland_backend.context import part
-from wonderland_backend.db.tables.ledger import DroneRow, EvidenceRow, OrganisationRow, PadRow
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.live.contents import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents, contents_now
-from wonderland_backend.mirror.derive import Changes, Row
+from wonderland_backend.mirror.derive import Changes
+from wonderland_backend.mirror.rows import DroneWrite, EvidenceWrite, PadWrite, SessionWrite, VerdictWrite, outline_of
+from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.pads import queries as pads
 from wonderland_backend.responses import record
-from wonderland_backend.sessions.state import OUTLINE, ReportedStep, SessionView
+from wonderland_backend.sessions.state import ReportedStep, SessionView
 
 TRACK_AGE_MS: Final = 10 * 60_000
 """Older positions are not part of a snapshot; REST has them."""
 HEARD_MS: Final = 60_000
 EARLY_STEPS: Final = 2_000
 """Sessions whose steps may arrive before the mirror has the session."""
-APPLICATION: Final = "Application"
 
 
 class Connected(Protocol):
@@ -44,13 +41,9 @@ class Connected(Protocol):
     def __len__(self) -> int: ...
 
 
-@lru_cache(maxsize=4096)
-def _owner_in(pad_record: str) -> str:
-    return str(orjson.loads(pad_record)["msp_id"])
-
-
 @dataclass(slots=True)
 class _Pad:
+    msp_id: str
     record: str
     health: str | None = None
 
@@ -92,20 +85,14 @@ class Board:
     async def load(self, database: AsyncSession) -> None:
         """Fill from the database."""
         self.fill(await contents_now(database))
-        owners = await database.execute(select(DroneRow.uav_id, DroneRow.msp_id))
-        self._owners = {row.uav_id: row.msp_id for row in owners}
-        self._mirror.organisations = sorted(
-            row.msp_id
-            for row in await database.scalars(select(OrganisationRow))
-            if APPLICATION in orjson.loads(row.definition)["sections"]
-        )
 
     def fill(self, contents: Contents) -> None:
         """Show this, and nothing else."""
         self._clear()
-        for pad_id, pad, health in contents.pads:
-            self._pads[pad_id] = _Pad(pad, health)
+        for pad_id, msp_id, pad, health in contents.pads:
+            self._pads[pad_id] = _Pad(msp_id, pad, health)
         self._drones = contents.drones
+        self._owners = contents.owners
         for uav_id, t_ms, body in contents.tracks:
             self._tracks[uav_id] = (t_ms, orjson.Fragment(body))
         for view in contents.sessions:
@@ -120,29 +107,21 @@ class Board:
 
     def commit(self, changes: Changes) -> None:
         """Take in what the mirror has committed."""
-        if changes.organisations is not None:
-            self._mirror.organisations = [
-                row["msp_id"]
-                for row in changes.organisations
-                if APPLICATION in orjson.loads(row["definition"])["sections"]
-            ]
-        for table, rows in changes.upserts.items():
-            if table is PadRow:
-                for row in rows.values():
-                    self._put_pad(row)
-            elif table is DroneRow:
-                self._drones.update(row["uav_id"] for row in rows.values())
-                self._owners.update((row["uav_id"], row["msp_id"]) for row in rows.values())
-        decided = {row["session_id"]: row for row in changes.verdict_writes}
-        evidence = {key[0]: row["steps"] for key, row in changes.upserts.get(EvidenceRow, {}).items()}
-        for row in changes.session_writes:
-            self._put_session(row, decided.get(row["session_id"]), evidence.get(row["session_id"]))
+        for pad in changes.rows(PadWrite).values():
+            self._put_pad(pad)
+        for drone in changes.rows(DroneWrite).values():
+            self._drones.add(drone.uav_id)
+            self._owners[drone.uav_id] = drone.msp_id
+        decided = {row.session_id: row for row in changes.verdict_writes}
+        steps = {row.session_id: row.steps for row in changes.rows(EvidenceWrite).values()}
+        for session in changes.session_writes:
+            self._put_session(session, decided.get(session.session_id), steps.get(session.session_id))
         self._forget_sessions()
-        for row in changes.verdict_writes:
-            shown = record(row["record"], tx_id=row["tx_id"], block=row["block"], tx_index=row["tx_index"])
+        for verdict in changes.verdict_writes:
+            shown = record(verdict.record, tx_id=verdict.tx_id, block=verdict.block, tx_index=verdict.tx_index)
             self._verdicts.append(shown)
             self._new_verdicts.append(shown)
-            self._counts[row["outcome"]] = self._counts.get(row["outcome"], 0) + 1
+            self._counts[verdict.outcome] = self._counts.get(verdict.outcome, 0) + 1
 
     def alert(self, shown: dict[str, Any]) -> None:
         """An alert that is new, or has changed."""
@@ -170,7 +149,7 @@ class Board:
     def estimate(self, uav_id: str, session_id: str, pad_id: str, body: str) -> None:
         """A pad's running estimate; only of a session of its own that is under way."""
         view = self._sessions.get(session_id)
-        if view is not None and (view.outline["state"] != "requested" or view.outline["pad_id"] != pad_id):
+        if view is not None and (view.outline.state != "requested" or view.outline.pad_id != pad_id):
             return
         fragment = orjson.Fragment(body)
         self._estimates[uav_id] = (session_id, fragment)
@@ -221,7 +200,7 @@ class Board:
     def pad_owner(self, pad_id: str) -> str | None:
         """Whose pad it is on the ledger."""
         pad = self._pads.get(pad_id)
-        return None if pad is None else _owner_in(pad.record)
+        return None if pad is None else pad.msp_id
 
     def drone_owner(self, uav_id: str) -> str | None:
         """Whose drone it is on the ledger."""
@@ -266,35 +245,29 @@ class Board:
                 changed["status"] = self._shown_status = status
         return changed
 
-    def _put_pad(self, row: Row) -> None:
-        pad = self._pads.get(row["pad_id"])
-        if pad is None:
-            self._pads[row["pad_id"]] = _Pad(row["record"])
-        else:
-            pad.record = row["record"]
-        self._changed_pads.add(row["pad_id"])
+    def _put_pad(self, row: PadWrite) -> None:
+        before = self._pads.get(row.pad_id)
+        self._pads[row.pad_id] = _Pad(row.msp_id, row.record, None if before is None else before.health)
+        self._changed_pads.add(row.pad_id)
 
-    def _put_session(self, row: Row, verdict: Row | None, evidence_steps: str | None) -> None:
-        session_id = row["session_id"]
-        outline = {name: row[name] for name in OUTLINE}
+    def _put_session(self, row: SessionWrite, verdict: VerdictWrite | None, evidence_steps: str | None) -> None:
+        session_id = row.session_id
+        outline = outline_of(row)
         view = self._sessions.get(session_id)
         if view is None:
             view = SessionView(outline)
             view.report(self._early.pop(session_id, ()))
             self._sessions[session_id] = view
         else:
-            for name in ("verdict_tx", "complete_tx"):
-                outline[name] = outline[name] or view.outline[name]
+            outline.keep(view.outline)
             view.outline = outline
-        if row["state"] == "requested":
+        if row.state == "requested":
             self._counts["sessions"] += 1
         else:
-            self._end_estimate(row["uav_id"], session_id)
+            self._end_estimate(row.uav_id, session_id)
             view.take_evidence(evidence_steps)
             if verdict is not None:
-                view.outcome, view.permission, view.rounds = (
-                    verdict[name] for name in ("outcome", "permission", "rounds")
-                )
+                view.outcome, view.permission, view.rounds = verdict.outcome, verdict.permission, verdict.rounds
         self._changed_sessions.append(view.to_json())
 
     def _forget_sessions(self) -> None:
@@ -305,9 +278,9 @@ class Board:
         for session_id, view in list(self._sessions.items()):
             if len(self._sessions) <= RECENT_SESSIONS:
                 return
-            if view.is_ended or view.outline["expires_ms"] < now or len(self._sessions) > 4 * RECENT_SESSIONS:
+            if view.is_ended or view.outline.expires_ms < now or len(self._sessions) > 4 * RECENT_SESSIONS:
                 del self._sessions[session_id]
-                self._end_estimate(view.outline["uav_id"], session_id)
+                self._end_estimate(view.outline.uav_id, session_id)
 
     def _end_estimate(self, uav_id: str, session_id: str) -> None:
         known = self._estimates.get(uav_id)

@@ -25,9 +25,11 @@ MAX_TRACKS: Final = 20_000
 class Contents:
     """What a board shows. Lists are oldest first; texts are JSON."""
 
-    pads: list[tuple[str, str, str | None]] = field(default_factory=list)
-    """Pad's id, its record, its agent's last health report."""
+    pads: list[tuple[str, str, str, str | None]] = field(default_factory=list)
+    """Pad's id, whose it is, its record, its agent's last health report."""
     drones: set[str] = field(default_factory=set)
+    owners: dict[str, str] = field(default_factory=dict)
+    """Whose a drone is, where the board is asked."""
     tracks: list[tuple[str, int, str]] = field(default_factory=list)
     """Drone, time (ms), the Track."""
     sessions: list[SessionView] = field(default_factory=list)
@@ -44,8 +46,10 @@ async def contents_now(database: AsyncSession) -> Contents:
     found = Contents()
     health = {row.agent_id: row.body for row in await database.scalars(select(HealthRow)) if row.agent == "pad"}
     for pad in await database.scalars(select(PadRow)):
-        found.pads.append((pad.pad_id, pad.record, health.get(pad.pad_id)))
-    found.drones = set(await database.scalars(select(DroneRow.uav_id)))
+        found.pads.append((pad.pad_id, pad.msp_id, pad.record, health.get(pad.pad_id)))
+    drones = await database.execute(select(DroneRow.uav_id, DroneRow.msp_id))
+    found.owners = {uav_id: msp_id for uav_id, msp_id in drones}  # noqa: C416 - rows are no pairs
+    found.drones = set(found.owners)
     recent = select(LatestTrackRow).order_by(LatestTrackRow.t_ms.desc()).limit(MAX_TRACKS)
     for track in reversed((await database.scalars(recent)).all()):
         found.tracks.append((track.uav_id, track.t_ms, track.body))

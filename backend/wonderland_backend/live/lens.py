@@ -11,8 +11,8 @@ from typing import Any, Final
 
 import orjson
 
-from wonderland_backend.auth.person import Person, Scope
-from wonderland_backend.people.masking import without_names
+from wonderland_backend.masking import without_names
+from wonderland_backend.person import Person, Scope
 
 _ITEMS: Final = ("pads", "tracks", "estimates", "sessions", "verdicts", "alerts")
 Owner = Callable[[str], str | None]

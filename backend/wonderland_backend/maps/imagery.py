@@ -11,7 +11,7 @@ from typing import Final
 
 import httpx
 
-from wonderland_backend.maps.settings import MapSettings
+from wonderland_backend.settings.maps import MapSettings
 
 MAX_TILE: Final = 2 << 20
 KEPT_BYTES: Final = 48 << 20

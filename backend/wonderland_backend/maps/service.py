@@ -11,7 +11,7 @@ import httpx
 from wonderland_backend.context import part
 from wonderland_backend.maps.archive import Archive, ArchiveError, credits_of
 from wonderland_backend.maps.imagery import Imagery
-from wonderland_backend.maps.settings import MapSettings
+from wonderland_backend.settings.maps import MapSettings
 
 logger = logging.getLogger(__name__)
 SETTING: Final = "WONDERLAND_BACKEND_MAP__"

@@ -5,18 +5,20 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Awaitable, Callable
-from typing import Final
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any, Final
 
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from wonderland_backend.db.engine import Database
 from wonderland_backend.errors import MirrorHalted
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.mirror import store
 from wonderland_backend.mirror.derive import Changes, derive
+from wonderland_backend.mirror.rows import participants
 from wonderland_backend.mirror.source import BlockSource
-from wonderland_backend.mirror.store import AlsoWrite, Position
+from wonderland_backend.mirror.status import MirrorStatus
+from wonderland_backend.mirror.store import Position
+from wonderland_backend.mirror.subscriber import Subscriber
 from wonderland_fabric_gateway.blocks import Block
 from wonderland_fabric_gateway.errors import BlockError, LedgerError
 
@@ -26,14 +28,11 @@ QUEUE_BLOCKS: Final = 256
 FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
 
-Listener = Callable[[Changes], None]
-
 
 class Mirror:
     """Mirrors one channel into one database.
 
-    `on_changes` is called after each commit, with what was committed; `also` writes within it. `status` is kept up to
-    date for others to read.
+    `subscribers` have their part in each commit, in this order. `status` is kept up to date for others to read.
     """
 
     def __init__(
@@ -45,8 +44,7 @@ class Mirror:
         chaincode: str,
         status: MirrorStatus,
         clock: Callable[[], int],
-        on_changes: Listener = lambda _changes: None,
-        also: AlsoWrite | None = None,
+        subscribers: Sequence[Subscriber[Any]] = (),
         batch_transactions: int = 2_000,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
@@ -56,8 +54,7 @@ class Mirror:
         self._chaincode = chaincode
         self._status = status
         self._clock = clock
-        self._on_changes = on_changes
-        self._also = also
+        self._subscribers = subscribers
         self._batch = batch_transactions
         self._sleep = sleep
         self._until: int | None = None
@@ -175,21 +172,24 @@ class Mirror:
                 failed = following
                 break
             item = following
-        await store.save(self._database, self._channel, before, changes, self._also)
+        found = await store.save(self._database, self._channel, before, changes, self._subscribers)
         self._committed(changes)
+        for subscriber, each in found:
+            subscriber.after_commit(changes, each)
         if failed is not None:
             raise failed
         return Position(self._channel, header)
 
     def _committed(self, changes: Changes) -> None:
         status = self._status
-        status.mirrored = changes.last["number"] + 1
+        status.mirrored = changes.last.number + 1
         status.transactions += len(changes.transactions)
         status.unread += len(changes.unread)
         for row in changes.unread:
-            logger.error("block %s, transaction %s: %s", row["block"], row["tx_index"], row["problem"])
+            logger.error("block %s, transaction %s: %s", row.block, row.tx_index, row.problem)
+        if changes.organisations is not None:
+            status.organisations = participants((row.msp_id, row.definition) for row in changes.organisations)
         self._connected()
-        self._on_changes(changes)
 
     def _connected(self) -> None:
         self._status.connected = True

@@ -14,10 +14,11 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.base import LedgerRow
 from wonderland_backend.db.tables.ledger import ledger_tables
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.mirror import store
 from wonderland_backend.mirror.follow import Mirror
 from wonderland_backend.mirror.source import BlockSource
+from wonderland_backend.mirror.status import MirrorStatus
+from wonderland_backend.mirror.subscriber import AfterCommit
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ async def rebuild(
         chaincode=chaincode,
         status=status,
         clock=lambda: 0,
-        on_changes=lambda _changes: on_progress(status.mirrored, height),
+        subscribers=[AfterCommit(lambda _changes: on_progress(status.mirrored, height))],
         batch_transactions=batch_transactions,
     )
     await mirror.run_until(height)

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
+import msgspec
 from sqlalchemy import delete, func, insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland_backend.db import bulk
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.base import LedgerRow
-from wonderland_backend.db.tables.ledger import BlockRow, Checkpoint, SessionRow, ledger_tables
+from wonderland_backend.db.tables.ledger import BlockRow, Checkpoint, OrganisationRow, ledger_tables
 from wonderland_backend.errors import MirrorHalted
-from wonderland_backend.mirror.derive import APPENDED, REPLACED, Changes, Row
+from wonderland_backend.mirror.derive import Changes
+from wonderland_backend.mirror.rows import BlockWrite, Row, SessionWrite
+from wonderland_backend.mirror.subscriber import Subscriber
 from wonderland_fabric_gateway.blocks import BlockHeader
 
-_KEPT: Final[dict[type[LedgerRow], tuple[str, ...]]] = {SessionRow: ("verdict_tx", "complete_tx")}
+_KEPT: Final[dict[type[Row], tuple[str, ...]]] = {SessionWrite: ("verdict_tx", "complete_tx")}
 """Columns that a later write without a value leaves as they are."""
 
 
@@ -50,27 +53,29 @@ async def header_hash(database: Database, number: int) -> str | None:
         return await session.scalar(select(BlockRow.header_hash).where(BlockRow.number == number))
 
 
-AlsoWrite = Callable[[AsyncConnection, Changes], Awaitable[None]]
-"""What else belongs into the same database transaction: it sees the rows that were just written."""
-
-
 async def save(
-    database: Database, channel: str, before: Position | None, changes: Changes, also: AlsoWrite | None = None
-) -> None:
-    """Write everything, or nothing. Raises `MirrorHalted` when the checkpoint is no longer the one in `before`."""
+    database: Database,
+    channel: str,
+    before: Position | None,
+    changes: Changes,
+    subscribers: Sequence[Subscriber[Any]] = (),
+) -> list[tuple[Subscriber[Any], Any]]:
+    """Write everything, or nothing; what each subscriber found, to be handed back to it.
+
+    Raises `MirrorHalted` when the checkpoint is no longer the one in `before`.
+    """
     async with database.write() as connection:
         await _move_checkpoint(connection, channel, before, changes.last)
-        for table, name in APPENDED:
-            await bulk.append(connection, table, getattr(changes, name))
+        for rows in changes.grown:
+            await _append(connection, rows)
         if changes.organisations is not None:
-            await connection.execute(delete(REPLACED))
-            await bulk.append(connection, REPLACED, changes.organisations)
-        for table, keys in changes.deletes.items():
-            await _delete(connection, table, keys)
-        for table, rows in changes.upserts.items():
-            await bulk.upsert(connection, table, list(rows.values()), fill=_KEPT.get(table, ()))
-        if also is not None:
-            await also(connection, changes)
+            await connection.execute(delete(OrganisationRow))
+            await _append(connection, changes.organisations)
+        for kind, keys in changes.deletes.items():
+            await _delete(connection, kind.table, keys)
+        for kind, written in changes.upserts.items():
+            await bulk.upsert(connection, kind.table, _plain(written.values()), fill=_KEPT.get(kind, ()))
+        return [(each, await each.in_transaction(connection, changes)) for each in subscribers]
 
 
 async def clear(database: Database) -> None:
@@ -82,12 +87,14 @@ async def clear(database: Database) -> None:
             await connection.execute(delete(table))
 
 
-async def _move_checkpoint(connection: AsyncConnection, channel: str, before: Position | None, last: Row) -> None:
+async def _move_checkpoint(
+    connection: AsyncConnection, channel: str, before: Position | None, last: BlockWrite
+) -> None:
     values = {
-        "block": last["number"],
-        "header_hash": last["header_hash"],
-        "data_hash": last["data_hash"],
-        "previous_hash": last["previous_hash"],
+        "block": last.number,
+        "header_hash": last.header_hash,
+        "data_hash": last.data_hash,
+        "previous_hash": last.previous_hash,
     }
     if before is None:
         if (await connection.execute(select(func.count()).select_from(Checkpoint))).scalar_one():
@@ -112,6 +119,15 @@ def _other_writer() -> MirrorHalted:
         "Another mirror has written to this database, or it was rebuilt meanwhile; let only one backend mirror into "
         "a database, then start this one again."
     )
+
+
+async def _append(connection: AsyncConnection, rows: Sequence[Row]) -> None:
+    if rows:
+        await bulk.append(connection, rows[0].table, _plain(rows))
+
+
+def _plain(rows: Iterable[Row]) -> list[bulk.Row]:
+    return [msgspec.structs.asdict(row) for row in rows]
 
 
 async def _delete(connection: AsyncConnection, model: type[LedgerRow], keys: set[tuple[str, ...]]) -> None:

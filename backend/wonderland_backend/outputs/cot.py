@@ -11,8 +11,9 @@ import datetime as dt
 from typing import Any, Final
 from xml.etree import ElementTree as ET
 
-from wonderland_backend.outputs.items import Item, Kind
+from wonderland_backend.outputs.items import Item
 from wonderland_backend.proofs.reasons import reasons_in
+from wonderland_backend.settings.outputs import Kind
 from wonderland_remote_id.enums import UaType
 
 DRONE: Final = "a-u-A-C-H-q"

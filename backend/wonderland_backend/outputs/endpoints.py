@@ -9,14 +9,15 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
 from wonderland_backend import geojson
-from wonderland_backend.auth.access import SignedInPerson
+from wonderland_backend.access import SignedInPerson
 from wonderland_backend.clients.scopes import PROOFS, TRACKS
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import SwitchedOff, documented
 from wonderland_backend.live.board import BoardDep
 from wonderland_backend.live.lens import Lens
-from wonderland_backend.outputs.items import KINDS, Item, Kind, items_of
+from wonderland_backend.outputs.items import Item, items_of
 from wonderland_backend.responses import resource
+from wonderland_backend.settings.outputs import KINDS, Kind
 from wonderland_backend.tokens import ScopeMissing
 
 router = APIRouter(tags=["picture"])

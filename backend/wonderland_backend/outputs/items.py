@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final
 
-Kind = Literal["claim", "estimate", "verdict"]
-KINDS: Final[tuple[Kind, ...]] = ("claim", "estimate", "verdict")
+from wonderland_backend.settings.outputs import Kind
+
 _LISTS: Final[tuple[tuple[str, Kind], ...]] = (("tracks", "claim"), ("estimates", "estimate"), ("verdicts", "verdict"))
 _PERSONAL: Final = frozenset({"operator_id"})
 """Whose drone it is stays with those who may see it in the console."""

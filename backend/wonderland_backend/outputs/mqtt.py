@@ -14,7 +14,7 @@ from wonderland_backend.errors import SettingsError
 from wonderland_backend.live.hub import Hub
 from wonderland_backend.outputs import feed
 from wonderland_backend.outputs.items import Gate, Item
-from wonderland_backend.outputs.settings import MqttSettings
+from wonderland_backend.settings.outputs import MqttSettings
 
 logger = logging.getLogger(__name__)
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 from wonderland_backend.live.hub import Hub
 from wonderland_backend.outputs import cot, feed
 from wonderland_backend.outputs.items import Gate
-from wonderland_backend.outputs.settings import TakSettings
+from wonderland_backend.settings.outputs import TakSettings
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", UserWarning)  # it asks for aiohttp, which only enrolment needs

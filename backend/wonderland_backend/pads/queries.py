@@ -13,10 +13,10 @@ from sqlalchemy.ext.asyncio import AsyncSession
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.records.pads import Pad
-from wonderland_backend.auth.person import Scope
 from wonderland_backend.db.tables.ledger import PadRow
 from wonderland_backend.db.tables.reported import HealthRow
 from wonderland_backend.narrowing import field
+from wonderland_backend.person import Scope
 from wonderland_backend.responses import record
 
 

@@ -12,7 +12,6 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from wonderland_backend import audit
 from wonderland_backend.audit.chain import take_turns
 from wonderland_backend.auth.oidc import Identity
-from wonderland_backend.auth.person import Account
 from wonderland_backend.auth.secret import new_id
 from wonderland_backend.auth.sign_ins import SignIns
 from wonderland_backend.context import Context
@@ -20,6 +19,7 @@ from wonderland_backend.db.tables.people import PasskeyRow, PersonRow
 from wonderland_backend.errors import Conflict, SignInRequired
 from wonderland_backend.people import store
 from wonderland_backend.people.schemas import Invitation
+from wonderland_backend.person import Account
 
 SET_UP: Final = "set_up"
 INVITATION: Final = "invitation"

@@ -7,13 +7,13 @@ from typing import Final
 from sqlalchemy import select
 
 from wonderland_backend import audit
-from wonderland_backend.auth.person import roles_of
 from wonderland_backend.auth.sign_ins import ACTIVE, DISPLAY, SIGN_IN, SignIns
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.people import PersonRow
 from wonderland_backend.errors import BackendError
 from wonderland_backend.people.accept import SET_UP
 from wonderland_backend.people.store import subject
+from wonderland_backend.person import roles_of
 
 SHELL: Final = "the server's command line"
 DEMO: Final = "Demo"

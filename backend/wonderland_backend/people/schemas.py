@@ -9,7 +9,7 @@ from fastapi import Path
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from wonderland.proofs.records.fields import ID_PATTERN
-from wonderland_backend.auth.person import ROLES, Role
+from wonderland_backend.person import ROLES, Role
 from wonderland_backend.schemas import ApiModel
 
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069]")

@@ -5,23 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final
 
+from sqlalchemy import Row as Columns
 from sqlalchemy import delete, func, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from wonderland_backend import audit
 from wonderland_backend.audit.chain import take_turns
-from wonderland_backend.auth.person import Account, Person, Role, roles_of
 from wonderland_backend.auth.sign_ins import DISPLAY
 from wonderland_backend.db.tables.people import LinkRow, PasskeyRow, PersonRow, SignInRow
 from wonderland_backend.errors import Conflict, NotFound
 from wonderland_backend.people.schemas import OF_AN_ORGANISATION, Invitation, PersonChange
+from wonderland_backend.person import Account, Person, Role, roles_of
 
 INVITED: Final = "invited"
 ACTIVE: Final = "active"
 SUSPENDED: Final = "suspended"
 
 Row = dict[str, Any]
+
+_KNOWN: Final = select(PersonRow.person_id, PersonRow.name, PersonRow.state, PersonRow.subject)
 
 
 def subject(person_id: str) -> str:
@@ -41,6 +44,19 @@ async def find(database: AsyncSession | AsyncConnection, person_id: str) -> Row:
     if row is None:
         raise NotFound("There is no such person.")
     return _shown(row)
+
+
+async def of_identity(
+    connection: AsyncConnection, issuer: str, subject: str
+) -> Columns[str, str, str, str | None] | None:
+    """Who is linked to this subject of an OpenID provider."""
+    query = _KNOWN.where(PersonRow.issuer == issuer, PersonRow.subject == subject)
+    return (await connection.execute(query)).first()
+
+
+async def of_email(connection: AsyncConnection, email: str) -> Columns[str, str, str, str | None] | None:
+    """Whose e-mail address it is."""
+    return (await connection.execute(_KNOWN.where(PersonRow.email == email))).first()
 
 
 async def passkeys(database: AsyncSession, person_id: str) -> list[Row]:

@@ -8,10 +8,10 @@ from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland.telemetry import Action, Answer, PleaseProve
+from wonderland_backend.agents.connected import UAV, Agent, Agents
 from wonderland_backend.context import Context
 from wonderland_backend.db.tables.webhooks import SubscriptionRow
 from wonderland_backend.events.feed import Event, Place, visible
-from wonderland_backend.ingest.agents import UAV, Agent, Agents
 from wonderland_backend.proof_requests import store
 from wonderland_backend.webhooks import store as webhooks
 from wonderland_backend.webhooks.deliver import owner_of

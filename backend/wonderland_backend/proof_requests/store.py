@@ -8,9 +8,9 @@ from typing import Any
 from sqlalchemy import insert, select, tuple_, update
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
-from wonderland_backend.auth.person import Scope
 from wonderland_backend.db.tables.ledger import SessionRow, VerdictRow
 from wonderland_backend.db.tables.proof_requests import ProofRequestRow
+from wonderland_backend.person import Scope
 from wonderland_backend.proof_requests.schemas import ProofRequestQuery
 
 Row = dict[str, Any]

@@ -10,8 +10,8 @@ from cryptography import x509
 from sqlalchemy import ColumnElement, func, or_, select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wonderland_backend.auth.person import Person
 from wonderland_backend.db.tables.ledger import CertificateRow, DroneRow, OrganisationRow, PadRow
+from wonderland_backend.person import Person
 from wonderland_backend.registry.schemas import CertificateQuery
 from wonderland_fabric_gateway.certificates import certificate_of, revocation_list_of
 

@@ -11,7 +11,6 @@ from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland.proofs.records import keys
 from wonderland.proofs.records.policies import Policy
-from wonderland_backend.auth.person import Person
 from wonderland_backend.db.tables.ledger import (
     AuthorisationRow,
     DroneRow,
@@ -20,7 +19,8 @@ from wonderland_backend.db.tables.ledger import (
     RecordVersionRow,
     TransactionRow,
 )
-from wonderland_backend.people.masking import shown_uav
+from wonderland_backend.masking import shown_uav
+from wonderland_backend.person import Person
 from wonderland_backend.registry.schemas import DroneQuery, PadQuery
 from wonderland_backend.responses import record
 

@@ -14,14 +14,31 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.ledger import BlockRow
 from wonderland_backend.db.tables.reported import BlockArrivalRow, InstanceRow, PadConnectionRow
+from wonderland_backend.mirror.derive import Changes
+from wonderland_backend.mirror.rows import BlockWrite
+from wonderland_backend.mirror.subscriber import Subscriber
 
 CONFIRM_S: Final = 15.0
 """A connection that stands is written down anew this often: so far at most is it believed of a server that died."""
 _TOGETHER_S: Final = 0.2
 
 
-async def note_blocks(connection: AsyncConnection, blocks: Sequence[dict[str, Any]], now_ms: int) -> None:
-    """Note when these blocks (rows of the mirror) became known, within the mirror's own transaction.
+class Arrivals(Subscriber[None]):
+    """Notes when blocks became known, within the mirror's own transaction."""
+
+    def __init__(self, clock: Callable[[], int]) -> None:
+        self._clock = clock
+
+    async def in_transaction(self, connection: AsyncConnection, changes: Changes) -> None:
+        """These became known just now."""
+        await _note_blocks(connection, changes.blocks, self._clock())
+
+    def after_commit(self, changes: Changes, found: None) -> None:
+        """Nothing."""
+
+
+async def _note_blocks(connection: AsyncConnection, blocks: Sequence[BlockWrite], now_ms: int) -> None:
+    """Note when these blocks became known.
 
     A block that is older than this installation was never news here: it is dated by its own time. So is what is
     mirrored anew: what was noted once stays.
@@ -33,13 +50,13 @@ async def note_blocks(connection: AsyncConnection, blocks: Sequence[dict[str, An
     dates: list[int] = []
     for block in reversed(blocks):
         # Times of blocks are their clients': one that is ahead of those that follow is wrong.
-        latest_ms = min(latest_ms, block["t_ms"] if block["t_ms"] < born_ms else now_ms)
+        latest_ms = min(latest_ms, block.t_ms if block.t_ms < born_ms else now_ms)
         dates.append(latest_ms)
     rows = []
     for block, own_ms in zip(blocks, reversed(dates), strict=True):
         # Never earlier than the block before, whatever the clocks say: what is known stays known.
         known_ms = max(known_ms, own_ms)
-        rows.append({"number": block["number"], "known_ms": known_ms})
+        rows.append({"number": block.number, "known_ms": known_ms})
     if rows:
         dialect: Any = postgresql if connection.dialect.name == "postgresql" else sqlite
         await connection.execute(dialect.insert(BlockArrivalRow).on_conflict_do_nothing(), rows)

@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import orjson
 
-from wonderland_backend.auth.person import Person
 from wonderland_backend.context import Context
-from wonderland_backend.ledger.status import MirrorStatus
 from wonderland_backend.live.board import Board
+from wonderland_backend.mirror.status import MirrorStatus
+from wonderland_backend.person import Person
 from wonderland_backend.replay.happenings import Span, happenings
 from wonderland_backend.replay.moment import Moment, connected_at, contents_at, moment
 
@@ -82,7 +82,7 @@ async def stage_at(context: Context, now: MirrorStatus, t_ms: int, person: Perso
         organisations=now.organisations,
         level_ms=t_ms,
     )
-    agents = PastAgents(connected.intersection(pad_id for pad_id, _, _ in contents.pads))
+    agents = PastAgents(connected.intersection(pad_id for pad_id, *_ in contents.pads))
     board = Board(
         mirror=mirror,
         agents=agents,

@@ -12,13 +12,10 @@ from sqlalchemy.ext.asyncio import AsyncSession
 from sqlalchemy.sql.functions import func
 
 from wonderland.proofs.records import keys
-from wonderland_backend.auth.person import Person, Scope
 from wonderland_backend.db.tables.alerts import AlertActRow, AlertRow
 from wonderland_backend.db.tables.ledger import (
-    DroneRow,
     EventRow,
     EvidenceRow,
-    PadRow,
     RecordVersionRow,
     SessionRow,
     VerdictRow,
@@ -33,11 +30,13 @@ from wonderland_backend.db.tables.reported import (
 )
 from wonderland_backend.live.board import Board
 from wonderland_backend.live.telling import HeardTrack, PadHealthTold, RunningEstimate, StepTaken, Telling, tell
+from wonderland_backend.masking import shown_alert
 from wonderland_backend.mirror.derive import Changes
-from wonderland_backend.people.masking import shown_alert
+from wonderland_backend.mirror.rows import RECORDS, EvidenceWrite, VerdictWrite, outline_of
+from wonderland_backend.person import Person, Scope
 from wonderland_backend.replay.arrivals import CONFIRM_S
 from wonderland_backend.replay.moment import alert_at, outline_at
-from wonderland_backend.sessions.state import OUTLINE, ReportedStep
+from wonderland_backend.sessions.state import ReportedStep
 
 SESSION_EVENTS: Final = {
     "ProofRequested": (False, False),
@@ -135,9 +134,8 @@ async def _add_sessions(
         if row is None or event.block not in changes:
             continue
         may_be_decided, ended = SESSION_EVENTS[event.name]
-        outline = {name: getattr(row, name) for name in OUTLINE}
         decided = may_be_decided and row.verdict_tx is not None
-        changes[event.block].session_writes.append(outline_at(outline, decided=decided, ended=ended))
+        changes[event.block].session_writes.append(outline_at(outline_of(row), decided=decided, ended=ended))
 
 
 async def _add_verdicts(
@@ -152,10 +150,10 @@ async def _add_verdicts(
     query = scope.narrow(query, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
     for verdict, steps in await database.execute(query):
         if verdict.block in changes:
-            row = {column.name: getattr(verdict, column.name) for column in VerdictRow.__table__.columns}
+            row = VerdictWrite(**{name: getattr(verdict, name) for name in VerdictWrite.__struct_fields__})
             changes[verdict.block].verdict_writes.append(row)
             if steps is not None:
-                changes[verdict.block].put(EvidenceRow, (verdict.session_id,), {"steps": steps})
+                changes[verdict.block].put((verdict.session_id,), EvidenceWrite(verdict.session_id, steps))
 
 
 async def _add_records(
@@ -168,12 +166,9 @@ async def _add_records(
     for version in await database.scalars(query.order_by(RecordVersionRow.block, RecordVersionRow.tx_index)):
         if version.block not in changes:
             continue
-        if version.kind == keys.PAD:
-            row = {"pad_id": version.key, "record": version.record}
-            changes[version.block].put(PadRow, (version.key,), row)
-        else:
-            row = {"uav_id": version.key, "msp_id": orjson.loads(version.record)["msp_id"]}
-            changes[version.block].put(DroneRow, (version.key,), row)
+        row = RECORDS[version.kind].read(orjson.loads(version.record), (version.key,))
+        row.record = version.record
+        changes[version.block].put((version.key,), row)
 
 
 async def _connections(database: AsyncSession, span: Span, scope: Scope) -> list[Happening]:

@@ -7,10 +7,10 @@ from typing import Any, Final, Literal
 from sqlalchemy import func, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wonderland_backend.auth.person import Scope
 from wonderland_backend.db.tables.alerts import AlertRow
 from wonderland_backend.db.tables.ledger import SessionRow, VerdictRow
 from wonderland_backend.db.tables.reported import BlockArrivalRow, TrackMinuteRow
+from wonderland_backend.person import Scope
 
 MAX_MARKS: Final = 1_000
 REFUSED: Final = "refused"

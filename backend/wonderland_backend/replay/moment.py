@@ -18,7 +18,6 @@ from sqlalchemy.orm import aliased
 
 from wonderland.proofs.records import keys
 from wonderland_backend.alerts import store as alerts
-from wonderland_backend.auth.person import Person, Scope
 from wonderland_backend.db.tables.alerts import AlertActRow, AlertRow
 from wonderland_backend.db.tables.ledger import (
     EvidenceRow,
@@ -37,12 +36,14 @@ from wonderland_backend.db.tables.reported import (
     StepRow,
     TrackRow,
 )
-from wonderland_backend.ingest.batch import MAX_AHEAD_MS
 from wonderland_backend.live.board import TRACK_AGE_MS
 from wonderland_backend.live.contents import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents
-from wonderland_backend.people.masking import shown_alert
+from wonderland_backend.masking import shown_alert
+from wonderland_backend.mirror.rows import OUTLINE, SessionWrite
+from wonderland_backend.person import Person, Scope
 from wonderland_backend.replay.arrivals import CONFIRM_S
-from wonderland_backend.sessions.state import OUTLINE, ReportedStep, SessionView
+from wonderland_backend.sessions.state import ReportedStep, SessionView
+from wonderland_backend.tracks.queries import MAX_AHEAD_MS
 from wonderland_backend.verdicts import queries as verdicts
 
 CLOCKS_MS: Final = 10 * 60_000
@@ -106,7 +107,7 @@ async def sessions_at(
     for outline, decided, ended, outcome, permission, rounds, steps in (
         (row[: len(OUTLINE)], *row[len(OUTLINE) :]) for row in await database.execute(query)
     ):
-        shown = outline_at(dict(zip(OUTLINE, outline, strict=True)), decided=bool(decided), ended=bool(ended))
+        shown = outline_at(SessionWrite(*outline), decided=bool(decided), ended=bool(ended))
         view = SessionView(shown)
         if decided:
             view.outcome, view.permission, view.rounds = outcome, permission, rounds
@@ -119,14 +120,14 @@ async def sessions_at(
     return list(reversed(views))
 
 
-def outline_at(outline: dict[str, Any], *, decided: bool, ended: bool) -> dict[str, Any]:
-    """A session's outline before it was ended, or decided."""
-    shown = dict(outline)
+def outline_at(outline: SessionWrite, *, decided: bool, ended: bool) -> SessionWrite:
+    """A session's outline before it was ended, or decided; it is changed."""
     if not ended:
-        shown |= {"state": "decided" if decided else "requested", "ended_ms": None, "end": None, "complete_tx": None}
+        outline.state = "decided" if decided else "requested"
+        outline.ended_ms = outline.end = outline.complete_tx = None
     if not decided:
-        shown |= {"decided_ms": None, "verdict_tx": None}
-    return shown
+        outline.decided_ms = outline.verdict_tx = None
+    return outline
 
 
 async def open_alerts(database: AsyncSession, when: Moment, scope: Scope) -> list[dict[str, Any]]:
@@ -184,7 +185,7 @@ def alert_at(row: AlertRow, acts: Iterable[AlertActRow], t_ms: int) -> dict[str,
     return alerts.shown(AlertRow(**(past | now)))
 
 
-async def _pads(database: AsyncSession, when: Moment, scope: Scope) -> list[tuple[str, str, str | None]]:
+async def _pads(database: AsyncSession, when: Moment, scope: Scope) -> list[tuple[str, str, str, str | None]]:
     place = func.row_number().over(
         partition_by=RecordVersionRow.key, order_by=(RecordVersionRow.block.desc(), RecordVersionRow.tx_index.desc())
     )
@@ -202,12 +203,12 @@ async def _pads(database: AsyncSession, when: Moment, scope: Scope) -> list[tupl
         .scalar_subquery()
     )
     query = (
-        select(PadRow.pad_id, versions.c.record, health)
+        select(PadRow.pad_id, PadRow.msp_id, versions.c.record, health)
         .join(versions, and_(versions.c.key == PadRow.pad_id, versions.c.place == 1))
         .order_by(PadRow.pad_id)
     )
     query = scope.narrow(query, pad=PadRow.pad_id)
-    return [(row[0], row[1], row[2]) for row in await database.execute(query)]
+    return [(row[0], row[1], row[2], row[3]) for row in await database.execute(query)]
 
 
 async def _drones(database: AsyncSession, when: Moment, scope: Scope) -> set[str]:
@@ -272,7 +273,7 @@ async def _estimates(
     database: AsyncSession, when: Moment, sessions: Iterable[SessionView]
 ) -> list[tuple[str, str, str]]:
     """The last estimate of each drone that was being ranged."""
-    under_way = {view.session_id: view for view in sessions if view.outline["state"] == "requested"}
+    under_way = {view.session_id: view for view in sessions if view.outline.state == "requested"}
     place = func.row_number().over(
         partition_by=EstimateRow.session_id, order_by=(EstimateRow.received_ms.desc(), EstimateRow.id.desc())
     )
@@ -283,9 +284,7 @@ async def _estimates(
     )
     rows = await database.execute(select(ranked).where(ranked.c.place == 1))
     return [
-        (row.uav_id, row.session_id, row.body)
-        for row in rows
-        if under_way[row.session_id].outline["pad_id"] == row.pad_id
+        (row.uav_id, row.session_id, row.body) for row in rows if under_way[row.session_id].outline.pad_id == row.pad_id
     ]
 
 

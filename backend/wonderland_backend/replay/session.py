@@ -8,15 +8,13 @@ import orjson
 from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wonderland_backend.auth.person import Scope
 from wonderland_backend.db.tables.ledger import EvidenceRow, SessionRow, VerdictRow
 from wonderland_backend.db.tables.reported import EstimateRow, SessionEndRow
 from wonderland_backend.ledger.queries import with_events
+from wonderland_backend.person import Scope
 from wonderland_backend.replay.moment import moment, sessions_at
 from wonderland_backend.responses import record
 from wonderland_backend.sessions import queries as sessions
-from wonderland_backend.sessions.endpoints import FINDINGS_BEFORE_MS, MAX_FINDINGS
-from wonderland_backend.tracks import queries as tracks
 from wonderland_backend.verdicts import queries as verdicts
 
 LATER: Final = ("decided_ms", "ended_ms", "end")
@@ -32,24 +30,18 @@ async def session_at(database: AsyncSession, session_id: str, t_ms: int, scope: 
     (view,) = found
     outline = view.outline
     past = {name: value for name, value in orjson.loads(row.record).items() if name not in LATER}
-    past |= {name: outline[name] for name in LATER if outline[name] is not None}
+    past |= {name: value for name in LATER if (value := getattr(outline, name)) is not None}
     transactions = [each for each in await sessions.transactions(database, view) if each.block <= when.block]
-    findings = await tracks.findings(
-        database,
-        uav_id=outline["uav_id"],
-        since_ms=outline["requested_ms"] - FINDINGS_BEFORE_MS,
-        until_ms=min(t_ms, outline["ended_ms"] or outline["expires_ms"]),
-        limit=MAX_FINDINGS,
-    )
+    findings = await sessions.findings(database, outline, known_ms=t_ms)
     content: dict[str, Any] = {
         "summary": view.to_json(),
-        "session": past | {"state": outline["state"]},
+        "session": past | {"state": outline.state},
         "transactions": await with_events(database, transactions),
         "estimates": [orjson.Fragment(text) for text in await _estimates(database, session_id, t_ms)],
-        "findings": [orjson.Fragment(finding.body) for finding in reversed(findings)],
+        "findings": [orjson.Fragment(finding.body) for finding in findings],
         "reported_ends": [orjson.Fragment(text) for text in await _ends(database, session_id, t_ms)],
     }
-    signature = await sessions.signature(database, session_id, outline["pad_id"], known_ms=t_ms)
+    signature = await sessions.signature(database, session_id, outline.pad_id, known_ms=t_ms)
     if signature is not None:
         content["signature"] = signature
     verdict = await database.get(VerdictRow, session_id)

@@ -10,11 +10,11 @@ from sqlalchemy import ColumnElement, func, or_, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland.proofs.records.uavs import without_secret
-from wonderland_backend.auth.person import AUTHORITY, Person
 from wonderland_backend.db.tables.ledger import BlockRow, DroneRow, PadRow, SessionRow, TransactionRow
 from wonderland_backend.db.tables.reported import LatestTrackRow
 from wonderland_backend.ledger.queries import own_transactions
-from wonderland_backend.people.masking import shown_uav
+from wonderland_backend.masking import shown_uav
+from wonderland_backend.person import AUTHORITY, Person
 
 HASH_FROM: Final = 6
 """Fewer digits of a hash fit too much."""

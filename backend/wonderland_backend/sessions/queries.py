@@ -11,14 +11,19 @@ from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland.proofs.records.pads import Commissioning, Pad
 from wonderland.proofs.records.sessions import Session
-from wonderland_backend.auth.person import ALL, Scope
 from wonderland_backend.db.tables.ledger import EvidenceRow, RecordVersionRow, SessionRow, TransactionRow, VerdictRow
-from wonderland_backend.db.tables.reported import EstimateRow, SessionEndRow, StepRow
+from wonderland_backend.db.tables.reported import EstimateRow, FindingRow, SessionEndRow, StepRow
 from wonderland_backend.filters import SessionQuery
+from wonderland_backend.mirror.rows import OUTLINE, SessionWrite
 from wonderland_backend.narrowing import narrowed
-from wonderland_backend.sessions.state import OUTLINE, ReportedStep, SessionView
+from wonderland_backend.person import ALL, Scope
+from wonderland_backend.sessions.state import ReportedStep, SessionView
+from wonderland_backend.tracks import queries as tracks
 
 MAX_ESTIMATES = 500
+FINDINGS_BEFORE_MS = 60_000
+"""A drone's broadcasts are looked at from this long before its request."""
+MAX_FINDINGS = 100
 
 
 async def listing(
@@ -52,7 +57,7 @@ async def views(database: AsyncSession, query: Select[Any]) -> list[SessionView]
     for outline, outcome, permission, rounds, steps in (
         (row[: len(OUTLINE)], *row[len(OUTLINE) :]) for row in await database.execute(query)
     ):
-        view = SessionView(dict(zip(OUTLINE, outline, strict=True)), outcome, permission, rounds)
+        view = SessionView(SessionWrite(*outline), outcome, permission, rounds)
         view.take_evidence(steps)
         found.append(view)
     reported = await _reported(database, [view.session_id for view in found])
@@ -92,7 +97,7 @@ async def commissioning(database: AsyncSession, session: Session) -> Commissioni
 
 async def transactions(database: AsyncSession, view: SessionView) -> Sequence[TransactionRow]:
     """The valid transactions that made the session what it is, oldest first."""
-    names = [view.session_id, view.outline["verdict_tx"], view.outline["complete_tx"]]
+    names = [view.session_id, view.outline.verdict_tx, view.outline.complete_tx]
     query = (
         select(TransactionRow)
         .where(TransactionRow.tx_id.in_([name for name in names if name]), TransactionRow.validation_code == 0)
@@ -110,6 +115,19 @@ async def estimates(database: AsyncSession, session_id: str) -> list[str]:
         .limit(MAX_ESTIMATES)
     )
     return list(reversed((await database.scalars(query)).all()))
+
+
+async def findings(database: AsyncSession, outline: SessionWrite, *, known_ms: int | None = None) -> list[FindingRow]:
+    """What was odd about the drone's broadcasts around a session, oldest first; as it was at `known_ms`, if given."""
+    until_ms = outline.ended_ms or outline.expires_ms
+    found = await tracks.findings(
+        database,
+        uav_id=outline.uav_id,
+        since_ms=outline.requested_ms - FINDINGS_BEFORE_MS,
+        until_ms=until_ms if known_ms is None else min(known_ms, until_ms),
+        limit=MAX_FINDINGS,
+    )
+    return list(reversed(found))
 
 
 async def reported_ends(database: AsyncSession, session_id: str) -> Sequence[SessionEndRow]:

@@ -2,33 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import orjson
 
 from wonderland.proofs.records.sessions import STEP_NAMES
+from wonderland_backend.mirror.rows import OUTLINE, SessionWrite
 
 LEDGER, PAD, UAV = "ledger", "pad", "uav"
 _RANK: Final = {LEDGER: 0, PAD: 1, UAV: 2}
 _ORDER: Final = {name: index for index, name in enumerate(STEP_NAMES)}
-
-OUTLINE: Final = (
-    "session_id",
-    "pad_id",
-    "uav_id",
-    "action",
-    "state",
-    "requested_ms",
-    "expires_ms",
-    "decided_ms",
-    "ended_ms",
-    "end",
-    "verdict_tx",
-    "complete_tx",
-)
-"""Columns of a session's row that its state shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +38,9 @@ class ReportedStep:
 
 @dataclass(slots=True)
 class SessionView:
-    """A session under way or ended. `outline` has the keys of `OUTLINE`."""
+    """A session under way or ended. `outline` is its row without the record."""
 
-    outline: Mapping[str, Any]
+    outline: SessionWrite
     outcome: str | None = None
     permission: str | None = None
     rounds: int | None = None
@@ -65,16 +50,16 @@ class SessionView:
     @property
     def session_id(self) -> str:
         """The session's identifier."""
-        return str(self.outline["session_id"])
+        return self.outline.session_id
 
     @property
     def is_ended(self) -> bool:
         """Whether nothing more will happen."""
-        return self.outline["state"] in {"completed", "cancelled"}
+        return self.outline.state in {"completed", "cancelled"}
 
     def report(self, steps: Iterable[ReportedStep]) -> None:
         """Take in steps that agents reported; those of other pads or drones than the session's do not count."""
-        parties = {PAD: self.outline["pad_id"], UAV: self.outline["uav_id"]}
+        parties = {PAD: self.outline.pad_id, UAV: self.outline.uav_id}
         for step in steps:
             if parties.get(step.source) == step.agent_id:
                 self.reported[step.step, step.source] = step
@@ -107,15 +92,16 @@ class SessionView:
 
     def to_json(self) -> dict[str, Any]:
         """The SessionState of the REST and live interfaces."""
-        shown = {name: self.outline[name] for name in OUTLINE if self.outline[name] is not None}
-        shown["request_tx"] = self.outline["session_id"]
+        columns = ((name, getattr(self.outline, name)) for name in OUTLINE)
+        shown = {name: value for name, value in columns if value is not None}
+        shown["request_tx"] = self.outline.session_id
         shown["steps"] = [step.to_json() for step in self.steps()]
         decision = {"outcome": self.outcome, "permission": self.permission, "rounds": self.rounds}
         return shown | {name: value for name, value in decision.items() if value is not None}
 
     def _committed(self) -> list[ReportedStep]:
-        steps = [ReportedStep("request", self.outline["requested_ms"], True, LEDGER)]
-        decided_ms = self.outline["decided_ms"]
+        steps = [ReportedStep("request", self.outline.requested_ms, True, LEDGER)]
+        decided_ms = self.outline.decided_ms
         if decided_ms is not None:
             steps.append(ReportedStep("verdict", decided_ms, True, LEDGER, self.outcome))
             granted = self.permission == "granted"

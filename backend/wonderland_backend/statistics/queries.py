@@ -13,8 +13,8 @@ from sqlalchemy.ext.asyncio import AsyncSession
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.visitors import InternalTraversal
 
-from wonderland_backend.auth.person import Person, Scope
 from wonderland_backend.db.tables.ledger import DroneRow, EvidenceRow, SessionRow, VerdictRow
+from wonderland_backend.person import Person, Scope
 from wonderland_backend.statistics.schemas import ERROR_EDGES_MM, LIKELIHOOD_BINS, StatisticsQuery
 
 MAX_SESSIONS: Final = 20_000

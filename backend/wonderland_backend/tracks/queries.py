@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from sqlalchemy import Row, delete, select, tuple_
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
-from wonderland_backend.auth.person import ALL, Scope
 from wonderland_backend.db import partitions
 from wonderland_backend.db.tables.reported import (
     BroadcastOperatorRow,
@@ -21,8 +21,11 @@ from wonderland_backend.db.tables.reported import (
     TrackMinuteRow,
     TrackRow,
 )
-from wonderland_backend.ingest.batch import MAX_AHEAD_MS
+from wonderland_backend.person import ALL, Scope
 from wonderland_backend.settings import Settings
+
+MAX_AHEAD_MS: Final = 60_000
+"""Telemetry dated further ahead would stand before everybody else's: its clock is wrong, and it is refused."""
 
 
 async def latest(

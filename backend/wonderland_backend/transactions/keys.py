@@ -11,12 +11,12 @@ from sqlalchemy import insert, select, update
 
 from wonderland.proofs import encoding
 from wonderland_backend import audit
-from wonderland_backend.auth.person import Person
+from wonderland_backend.agents.members import Members
 from wonderland_backend.context import part
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.signing import SigningKeyRow
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, NotFound
-from wonderland_backend.ingest.identity import Members
+from wonderland_backend.person import Person
 from wonderland_backend.transactions.functions import SIGNING_ROLES
 from wonderland_fabric_gateway.embedded.errors import AccessDeniedError
 from wonderland_fabric_gateway.embedded.msp import Member

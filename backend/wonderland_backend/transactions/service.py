@@ -21,13 +21,13 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.transactions import RegisterUav
 from wonderland.proofs.records.uavs import without_secret
 from wonderland_backend import audit
-from wonderland_backend.auth.person import Person
 from wonderland_backend.context import part_of
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.signing import SignedTransactionRow, SigningKeyRow
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, LedgerAway, NotFound, TooManyRequests
 from wonderland_backend.ledger.access import LedgerAccess, LedgerDep
 from wonderland_backend.ledger.queries import transaction as transaction_of
+from wonderland_backend.person import Person
 from wonderland_backend.transactions import problems, store
 from wonderland_backend.transactions.functions import CHANGES, Change
 from wonderland_backend.transactions.schemas import Propose

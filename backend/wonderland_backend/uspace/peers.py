@@ -15,9 +15,9 @@ from urllib.parse import urlsplit
 import httpx
 
 from wonderland_backend.errors import Problem
+from wonderland_backend.http.targets import TargetRefused, resolved
 from wonderland_backend.http.transfer import TransferError, ask
 from wonderland_backend.uspace.token_client import TokenClient
-from wonderland_backend.webhooks.targets import TargetRefused, resolved
 
 
 class ProviderAway(Problem):

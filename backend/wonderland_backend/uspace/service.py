@@ -9,11 +9,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Final
 from urllib.parse import urlsplit
 
-from wonderland_backend.clients.limits import RateLimits
+from wonderland_backend.agents.connected import UAV
 from wonderland_backend.context import part
 from wonderland_backend.errors import SettingsError
+from wonderland_backend.http.limits import RateLimits
 from wonderland_backend.http.transfer import TransferError, new_client
-from wonderland_backend.ingest.agents import UAV
 from wonderland_backend.settings import Settings
 from wonderland_backend.tokens import TokenVerifier
 from wonderland_backend.uspace.claims import details_of, state_of
@@ -33,8 +33,8 @@ from wonderland_backend.uspace.registry import Registry
 from wonderland_backend.uspace.token_client import TokenClient
 
 if TYPE_CHECKING:
+    from wonderland_backend.agents.connected import Agents
     from wonderland_backend.db.engine import Database
-    from wonderland_backend.ingest.agents import Agents
     from wonderland_backend.ingest.batch import Batch
     from wonderland_backend.ingest.intake import Intake
 

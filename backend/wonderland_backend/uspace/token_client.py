@@ -11,7 +11,7 @@ from typing import Any, Final
 import httpx
 
 from wonderland_backend.http.transfer import TransferError, ask_object
-from wonderland_backend.uspace.settings import USpaceSettings
+from wonderland_backend.settings.uspace import USpaceSettings
 
 SPARE_S: Final = 60
 """A token that ends sooner is replaced: it must outlast the request that it is made for."""

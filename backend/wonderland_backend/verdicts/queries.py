@@ -8,10 +8,10 @@ from typing import Any
 from sqlalchemy import select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wonderland_backend.auth.person import ALL, Scope
 from wonderland_backend.db.tables.ledger import SessionRow, VerdictRow
 from wonderland_backend.filters import VerdictQuery
 from wonderland_backend.narrowing import narrowed
+from wonderland_backend.person import ALL, Scope
 from wonderland_backend.responses import record
 
 

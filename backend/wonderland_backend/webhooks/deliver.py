@@ -11,7 +11,6 @@ from typing import Any, Final
 from sqlalchemy import func, select, tuple_, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wonderland_backend.auth.person import Person, roles_of
 from wonderland_backend.clients.machines import person_of_client
 from wonderland_backend.clients.store import CLIENT
 from wonderland_backend.db.engine import Database
@@ -20,6 +19,7 @@ from wonderland_backend.db.tables.people import PersonRow
 from wonderland_backend.db.tables.webhooks import DeliveryRow, SubscriptionRow
 from wonderland_backend.events import feed
 from wonderland_backend.events.feed import Commits, Place
+from wonderland_backend.person import Person, roles_of
 from wonderland_backend.webhooks import store
 from wonderland_backend.webhooks.post import Poster, Undelivered, retry_ms
 

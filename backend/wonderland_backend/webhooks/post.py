@@ -12,9 +12,9 @@ import httpx
 
 from wonderland_backend.context import part
 from wonderland_backend.errors import SettingsError
+from wonderland_backend.http.targets import Resolve, TargetRefused, resolve, resolved
 from wonderland_backend.settings import Settings
 from wonderland_backend.webhooks import signing
-from wonderland_backend.webhooks.targets import Resolve, TargetRefused, resolve, resolved
 
 TIMEOUT_S: Final = 10.0
 TOTAL_S: Final = 15.0

@@ -11,8 +11,8 @@ from wonderland.proofs.records.fields import ID_PATTERN
 from wonderland_backend.events.feed import PATTERN, Filter
 from wonderland_backend.events.schemas import EventType
 from wonderland_backend.filters import PageQuery
+from wonderland_backend.http.targets import MAX_URL
 from wonderland_backend.schemas import ApiModel, page_of
-from wonderland_backend.webhooks.targets import MAX_URL
 
 _Pad = Annotated[str, Field(pattern=f"^{ID_PATTERN}$", max_length=64)]
 _Drone = Annotated[str, Field(pattern=f"^{ID_PATTERN}$", max_length=40)]

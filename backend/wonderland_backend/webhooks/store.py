@@ -105,6 +105,22 @@ async def remove(connection: AsyncConnection, subscription_id: str) -> None:
     await connection.execute(delete(SubscriptionRow).where(SubscriptionRow.subscription_id == subscription_id))
 
 
+async def find(database: AsyncSession, subscription_id: str) -> SubscriptionRow | None:
+    """One subscription."""
+    return await database.get(SubscriptionRow, subscription_id)
+
+
+async def hold(connection: AsyncConnection, subscription_id: str) -> None:
+    """Nobody else changes it until this transaction ends."""
+    held = select(SubscriptionRow.subscription_id).where(SubscriptionRow.subscription_id == subscription_id)
+    await connection.execute(held.with_for_update())
+
+
+async def delivery(database: AsyncSession, delivery_id: str) -> DeliveryRow | None:
+    """One delivery."""
+    return await database.get(DeliveryRow, delivery_id)
+
+
 async def count_of(connection: AsyncConnection, owner: str) -> int:
     """How many somebody has."""
     query = select(func.count()).select_from(SubscriptionRow).where(SubscriptionRow.owner == owner)

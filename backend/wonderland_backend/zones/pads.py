@@ -14,6 +14,7 @@ from wonderland.proofs.records.closures import Closure
 from wonderland_backend.db.tables.ledger import ClosuresRow, PadRow
 from wonderland_backend.errors import Unprocessable
 from wonderland_backend.languages import Language
+from wonderland_backend.person import Scope
 from wonderland_backend.zones import closing, store
 from wonderland_backend.zones.closing import PadPlace, Plan, TooManyClosuresError, Touch
 from wonderland_backend.zones.shown import active, in_language, spans_ahead
@@ -44,6 +45,19 @@ def in_service(after: str | None, limit: int) -> Select[PadRow, ClosuresRow]:
         .limit(limit)
     )
     return query if after is None else query.where(PadRow.pad_id > after)
+
+
+async def listing(database: AsyncSession, scope: Scope, *, after: str | None, limit: int) -> list[PadZones]:
+    """Pads in service with their zones, by name."""
+    rows = (await database.execute(scope.narrow(in_service(after, limit), pad=PadRow.pad_id))).all()
+    return [await zones_of(database, row[0], row[1]) for row in rows]
+
+
+async def find(database: AsyncSession, scope: Scope, pad_id: str) -> PadZones | None:
+    """One pad in service with its zones."""
+    query = scope.narrow(in_service(None, 1).where(PadRow.pad_id == pad_id), pad=PadRow.pad_id)
+    row = (await database.execute(query)).first()
+    return None if row is None else await zones_of(database, row[0], row[1])
 
 
 async def zones_of(database: AsyncSession, pad: PadRow, published: ClosuresRow | None) -> PadZones:

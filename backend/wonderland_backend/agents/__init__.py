@@ -1,0 +1,1 @@
+"""Agents of pads and drones: whose they are, and which are connected."""

@@ -1,0 +1,94 @@
+"""Who an agent is: its ledger certificate, checked against the channel's organisations as the mirror learned them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from typing import Annotated, Any
+
+import orjson
+
+from wonderland.proofs import encoding
+from wonderland.proofs.errors import EncodingError
+from wonderland.telemetry import Hello, signed_text
+from wonderland_backend.agents.errors import IngestError
+from wonderland_backend.context import part
+from wonderland_fabric_gateway.embedded.errors import AccessDeniedError, RevocationListError
+from wonderland_fabric_gateway.embedded.msp import ChannelMembership, Member, OrganisationTrust
+from wonderland_fabric_gateway.errors import IdentityError
+from wonderland_fabric_gateway.identity import Identity
+
+logger = logging.getLogger(__name__)
+
+
+class Members:
+    """The channel's organisations, of which an agent must be a member."""
+
+    def __init__(self) -> None:
+        self._organisations: dict[str, ChannelMembership] = {}
+
+    def configure(self, organisations: Iterable[tuple[str, str]]) -> None:
+        """Replace the organisations: (msp_id, definition as the mirror keeps it) each.
+
+        One whose certificates or revocation lists cannot be read is left out: none of its agents gets in.
+        """
+        found: dict[str, ChannelMembership] = {}
+        for msp_id, definition in organisations:
+            try:
+                found[msp_id] = ChannelMembership([_trust(msp_id, orjson.loads(definition))])
+            except (IdentityError, RevocationListError) as cause:
+                logger.error("agents of %s are refused, its definition on the ledger cannot be used: %s", msp_id, cause)  # noqa: TRY400 - the text says it all
+        self._organisations = found
+
+    def is_member(self, msp_id: str, creator: bytes, now_ms: int) -> bool:
+        """Whether an identity that was authenticated earlier would still be."""
+        try:
+            self.member(msp_id, creator, now_ms)
+        except AccessDeniedError:
+            return False
+        return True
+
+    def member(self, msp_id: str, creator: bytes, now_ms: int) -> Member:
+        """The member that an identity is on the channel. Raises `AccessDeniedError`, saying why it is none."""
+        membership = self._organisations.get(msp_id)
+        if membership is None:
+            raise AccessDeniedError(f"{msp_id} is no organisation of the channel")
+        return membership.application_member(creator, now_ms)
+
+    @property
+    def msp_ids(self) -> tuple[str, ...]:
+        """The organisations."""
+        return tuple(sorted(self._organisations))
+
+    def authenticate(self, hello: Hello, *, nonce: str, server: str, now_ms: int) -> Identity:
+        """The agent's identity. Raises `IngestError`, with what is wrong."""
+        membership = self._organisations.get(hello.msp_id)
+        if membership is None:
+            raise IngestError("unknown_organisation", f"{hello.msp_id} is no organisation of the channel")
+        creator = Identity(hello.msp_id, hello.certificate.encode()).creator
+        text = signed_text(nonce=nonce, server=server, agent=hello.agent, agent_id=hello.id, spool=hello.spool)
+        try:
+            member = membership.application_member(creator, now_ms)
+            member.verify(text, encoding.from_base64url(hello.signature))
+        except (AccessDeniedError, EncodingError) as cause:
+            raise IngestError("not_authenticated", str(cause)[:300]) from None
+        if member.creator.role != hello.agent or member.creator.pol_id != hello.id:
+            raise IngestError(
+                "wrong_role",
+                f"the certificate is of {member.creator.role or 'no role'} {member.creator.pol_id or '(no id)'}, "
+                f"not of {hello.agent} {hello.id}",
+            )
+        return member.identity
+
+
+MembersDep = Annotated[Members, part(Members)]
+
+
+def _trust(msp_id: str, definition: dict[str, Any]) -> OrganisationTrust:
+    return OrganisationTrust(
+        msp_id=msp_id,
+        root_certs=tuple(pem.encode() for pem in definition["root_certs"]),
+        intermediate_certs=tuple(pem.encode() for pem in definition["intermediate_certs"]),
+        revocation_lists=tuple(pem.encode() for pem in definition["revocation_lists"]),
+        application="Application" in definition["sections"],
+    )

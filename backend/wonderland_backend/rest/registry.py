@@ -1,0 +1,198 @@
+"""The registry by REST. What changes it goes through `wonderland_backend.transactions`."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response
+
+from wonderland.proofs.records.fields import ID_PATTERN
+from wonderland_backend.access import SIGNED_IN, SignedInPerson
+from wonderland_backend.context import ContextDep
+from wonderland_backend.errors import BadRequest, NotFound, documented
+from wonderland_backend.registry import imports, organisations, queries
+from wonderland_backend.registry.reach import reach
+from wonderland_backend.registry.schemas import (
+    CertificateFilters,
+    DroneFilters,
+    HistoryFilters,
+    ImportCheck,
+    PadFilters,
+    RegistryCertificatePage,
+    RegistryChangePage,
+    RegistryDroneDetail,
+    RegistryDronePage,
+    RegistryForms,
+    RegistryOrganisations,
+    RegistryPadDetail,
+    RegistryPadPage,
+    RegistryPolicies,
+)
+from wonderland_backend.responses import Json, page, record, resource
+from wonderland_backend.rest.transactions import Signer
+from wonderland_backend.transactions.functions import CHANGES
+
+router = APIRouter(prefix="/registry", tags=["registry"], dependencies=SIGNED_IN)
+NO_STORE = {"Cache-Control": "private, no-store"}
+UavId = Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=40)]
+PadId = Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)]
+
+
+@router.get("/forms", response_model=RegistryForms)
+async def list_forms() -> Response:
+    """What people may send, with the bounds of every field: those that the contract checks."""
+    items = [
+        {"function": name, "roles": list(change.roles), "argument": change.argument.json_schema()}
+        for name, change in sorted(CHANGES.items())
+    ]
+    return Json({"items": items}, headers={"Cache-Control": "private, max-age=300"})
+
+
+@router.get("/drones", response_model=RegistryDronePage, responses=documented(BadRequest, etag=True))
+async def list_registry_drones(
+    request: Request, context: ContextDep, filters: DroneFilters, person: SignedInPerson
+) -> Response:
+    """Drones, by serial number or the last changed first."""
+    kinds = (int, int, str) if filters.sort == "changed" else (str,)
+    async with context.database.read() as database:
+        rows = await queries.drones(database, person, filters, filters.after_place(*kinds))
+        counts = await queries.in_force(database, [row.uav_id for row in rows], context.clock())
+    items = [(row, queries.shown_drone(row, person, counts[row.uav_id])) for row in rows]
+    changed = filters.sort == "changed"
+    return page(
+        request,
+        items,
+        filters.limit,
+        cursor_of=lambda row: (row.block, row.tx_index, row.uav_id) if changed else (row.uav_id,),
+    )
+
+
+@router.get(
+    "/drones/{uav_id}",
+    response_model=RegistryDroneDetail,
+    responses=documented(NotFound("No drone OH-DRN-0417 is registered."), etag=True),
+)
+async def read_registry_drone(request: Request, context: ContextDep, uav_id: UavId, person: SignedInPerson) -> Response:
+    """A drone and its authorisations, each with the version that a change names as seen."""
+    async with context.database.read() as database:
+        row = await queries.drone(database, person, uav_id)
+        if row is None:
+            raise NotFound(f"No drone {uav_id} is registered.")
+        counts = await queries.in_force(database, [uav_id], context.clock())
+        found = await queries.authorisations(database, uav_id)
+    return resource(request, {"drone": queries.shown_drone(row, person, counts[uav_id]), "authorisations": found})
+
+
+@router.get("/pads", response_model=RegistryPadPage, responses=documented(BadRequest, etag=True))
+async def list_registry_pads(
+    request: Request, context: ContextDep, filters: PadFilters, person: SignedInPerson
+) -> Response:
+    """Pads, by identifier or the last changed first."""
+    kinds = (int, int, str) if filters.sort == "changed" else (str,)
+    async with context.database.read() as database:
+        rows = await queries.pads(database, person, filters, filters.after_place(*kinds))
+    items = [(row, {"record": record(row.record), "version": queries.version(row)}) for row in rows]
+    changed = filters.sort == "changed"
+    return page(
+        request,
+        items,
+        filters.limit,
+        cursor_of=lambda row: (row.block, row.tx_index, row.pad_id) if changed else (row.pad_id,),
+    )
+
+
+@router.get("/policies", response_model=RegistryPolicies)
+async def list_policies(request: Request, context: ContextDep) -> Response:
+    """The policies that hold where no pad has one of its own."""
+    async with context.database.read() as database:
+        return resource(request, {"policies": await queries.policies(database, "*")})
+
+
+@router.get(
+    "/pads/{pad_id}",
+    response_model=RegistryPadDetail,
+    responses=documented(NotFound("No pad aurajoki-2 is registered."), etag=True),
+)
+async def read_registry_pad(request: Request, context: ContextDep, pad_id: PadId, person: SignedInPerson) -> Response:
+    """A pad and the policies that hold there, each with the version that a change names as seen."""
+    async with context.database.read() as database:
+        row = await queries.pad(database, person, pad_id)
+        if row is None:
+            raise NotFound(f"No pad {pad_id} is registered.")
+        found = await queries.policies(database, pad_id)
+        landing = await queries.landing_policy(database, pad_id)
+    far = await asyncio.to_thread(reach, row.record, landing)
+    shown = {"record": record(row.record), "version": queries.version(row)}
+    return resource(request, {"pad": shown, "policies": found, "reach": far})
+
+
+@router.post(
+    "/imports/{kind}",
+    response_model=ImportCheck,
+    responses=documented(BadRequest("The file has no first line with the names of its columns.")),
+    openapi_extra={
+        "requestBody": {
+            "required": True,
+            "content": {"text/csv": {"schema": {"type": "string", "description": "At most 1 MiB, 5,000 lines"}}},
+        }
+    },
+)
+async def check_import(
+    request: Request, context: ContextDep, kind: Literal["drones", "authorisations", "pads"], _person: Signer
+) -> Response:
+    """A dry run of a CSV file: every error by line and column, and the arguments of what can be signed."""
+    found = await asyncio.to_thread(imports.check, imports.KINDS[kind], await request.body())
+    async with context.database.read() as database:
+        there = await queries.known(database, kind, [row["id"] for row in found.rows])
+    content = {
+        "function": imports.KINDS[kind].function,
+        "encoding": found.encoding,
+        "delimiter": found.delimiter,
+        "rows": [row | {"exists": row["id"] in there} for row in found.rows],
+        "errors": found.errors[: imports.MAX_ERRORS],
+        "error_count": len(found.errors),
+    }
+    return Json(content, headers=NO_STORE)
+
+
+@router.get("/history", response_model=RegistryChangePage, responses=documented(BadRequest, NotFound, etag=True))
+async def list_history(
+    request: Request, context: ContextDep, filters: HistoryFilters, person: SignedInPerson
+) -> Response:
+    """Who changed what of a drone or pad, in which transaction; newest first."""
+    place = filters.after_place(int, int, str, str)
+    async with context.database.read() as database:
+        find = queries.drone if filters.kind == "drone" else queries.pad
+        if await find(database, person, filters.id) is None:
+            raise NotFound(f"No {filters.kind} {filters.id} is registered.")
+        rows, items = await queries.history(database, person, filters.kind, filters.id, place, filters.limit + 1)
+    return page(
+        request,
+        zip(rows, items, strict=True),
+        filters.limit,
+        cursor_of=lambda row: (row.block, row.tx_index, row.kind, row.key),
+    )
+
+
+@router.get("/organisations", response_model=RegistryOrganisations)
+async def list_organisations(context: ContextDep) -> Response:
+    """The organisations of the channel, as its configuration has them."""
+    async with context.database.read() as database:
+        items = await organisations.organisations(database)
+    return Json({"items": items}, headers=NO_STORE)
+
+
+@router.get("/certificates", response_model=RegistryCertificatePage, responses=documented(BadRequest, etag=True))
+async def list_certificates(
+    request: Request, context: ContextDep, filters: CertificateFilters, person: SignedInPerson
+) -> Response:
+    """Certificates that have acted on the chain; those that end first first."""
+    now = context.clock()
+    async with context.database.read() as database:
+        place = filters.after_place(int, str)
+        rows = await organisations.certificates(database, person, filters, place, now)
+        revoked = await organisations.revoked_serials(database)
+    items = ((row, organisations.shown_certificate(row, revoked, now)) for row in rows)
+    return page(request, items, filters.limit, cursor_of=lambda row: (row.not_after_ms, row.certificate_sha256))

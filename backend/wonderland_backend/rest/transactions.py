@@ -1,0 +1,200 @@
+"""Signing by REST: keys, and transactions step by step."""
+
+from __future__ import annotations
+
+from base64 import urlsafe_b64decode
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Depends, Path, Query
+from fastapi.responses import Response
+
+from wonderland_backend.access import allowed
+from wonderland_backend.agents.members import MembersDep
+from wonderland_backend.context import ContextDep
+from wonderland_backend.errors import BadRequest, Conflict, Forbidden, LedgerAway, NotFound, TooManyRequests, documented
+from wonderland_backend.ledger.access import LedgerDep
+from wonderland_backend.person import Person
+from wonderland_backend.responses import Json
+from wonderland_backend.transactions import enrolment, keys, store
+from wonderland_backend.transactions.enrolment import DemoRegistrarDep
+from wonderland_backend.transactions.functions import SIGNING_ROLES
+from wonderland_backend.transactions.keys import SigningKeysDep
+from wonderland_backend.transactions.schemas import (
+    TX_ID,
+    BringKey,
+    DemoKey,
+    EnrolKey,
+    Propose,
+    Signature,
+    SignedTransaction,
+    SignedTransactions,
+    SigningKey,
+    SigningPlace,
+    SubmitAgain,
+)
+from wonderland_backend.transactions.service import Signing, SigningDep
+
+router = APIRouter(tags=["signing"])
+_NOT_FOUND: Final = NotFound("You have no such transaction under way here.")
+_SETTLED: Final = Conflict("It was proposed too long ago to be signed now; begin again.")
+_BAD_SIGNATURE: Final = BadRequest("The signature is no base64url.", ("body.signature", "not base64url"))
+_BAD_ARGUMENT: Final = BadRequest(
+    "SuspendUav: reason: at least 1 character", ("body.argument.reason", "at least 1 character")
+)
+_BAD_KEY: Final = BadRequest(
+    "The key does not fit the certificate: the signature is another key's.",
+    ("body.signature", "the signature is another key's"),
+)
+_BAD_REQUEST: Final = BadRequest("The request is no PKCS#10 in PEM.", ("body.request", "no PKCS#10 in PEM"))
+NO_STORE = {"Cache-Control": "private, no-store"}
+Signer = Annotated[Person, Depends(allowed("admin", "inspector", "pad_operator", "fleet_operator"))]
+"""Whoever may have a key at all; the ledger decides what it may do."""
+TxId = Annotated[str, Path(pattern=TX_ID)]
+
+
+@router.get("/signing-keys", response_model=SigningPlace, responses=documented(Forbidden, LedgerAway))
+async def read_signing_place(
+    person: Signer,
+    ledger: LedgerDep,
+    members: MembersDep,
+    signing_keys: SigningKeysDep,
+    demo_registrar: DemoRegistrarDep,
+) -> Response:
+    """One's keys, and what a browser needs to make or bring another one."""
+    content = {
+        "channel": ledger.channel,
+        "chaincode": ledger.chaincode,
+        "challenge": keys.challenge_of(person),
+        "organisations": ledger.enrols(members.msp_ids),
+        "demo_roles": sorted(SIGNING_ROLES) if demo_registrar is not None else [],
+        "keys": await signing_keys.of(person),
+    }
+    return Json(content, headers=NO_STORE)
+
+
+@router.post(
+    "/signing-keys", response_model=SigningKey, status_code=201, responses=documented(_BAD_KEY, Forbidden, Conflict)
+)
+async def bring_signing_key(signing_keys: SigningKeysDep, body: BringKey, person: Signer) -> Response:
+    """Bind a certificate whose key the browser has, by a signature over the challenge."""
+    row = await signing_keys.bring(person, body.msp_id, body.certificate, _bytes(body.signature))
+    return Json(signing_keys.shown(row), 201, headers=NO_STORE)
+
+
+@router.post(
+    "/signing-keys/enrol",
+    response_model=SigningKey,
+    status_code=201,
+    responses=documented(_BAD_REQUEST, Forbidden, Conflict, LedgerAway),
+)
+async def enrol_signing_key(
+    body: EnrolKey, person: Signer, ledger: LedgerDep, signing_keys: SigningKeysDep
+) -> Response:
+    """Have an organisation's CA certify the browser's key; the secret is passed on, and kept nowhere."""
+    asked = enrolment.read_request(body.request)
+    certificate = await enrolment.enrol(ledger, body.msp_id, asked, body.secret)
+    row = await signing_keys.bind_issued(person, body.msp_id, certificate)
+    return Json(signing_keys.shown(row), 201, headers=NO_STORE)
+
+
+@router.post(
+    "/signing-keys/demo",
+    response_model=SigningKey,
+    status_code=201,
+    responses=documented(
+        _BAD_REQUEST,
+        Forbidden,
+        NotFound("This is no demo: enrol with a secret from your organisation's CA."),
+        LedgerAway,
+    ),
+)
+async def enrol_demo_key(
+    body: DemoKey,
+    person: Signer,
+    ledger: LedgerDep,
+    signing_keys: SigningKeysDep,
+    demo_registrar: DemoRegistrarDep,
+) -> Response:
+    """In a demo only: a certificate for a role, at a click."""
+    if demo_registrar is None:
+        raise NotFound("This is no demo: enrol with a secret from your organisation's CA.")
+    asked = enrolment.read_request(body.request)
+    msp_id, certificate = await enrolment.enrol_in_demo(ledger, demo_registrar, body.role, asked)
+    row = await signing_keys.bind_issued(person, msp_id, certificate)
+    return Json(signing_keys.shown(row), 201, headers=NO_STORE)
+
+
+@router.delete("/signing-keys/{certificate_sha256}", status_code=204, responses=documented(Forbidden, NotFound))
+async def end_signing_key(signing_keys: SigningKeysDep, certificate_sha256: TxId, person: Signer) -> Response:
+    """Take a key off the account."""
+    await signing_keys.end(person, certificate_sha256)
+    return Response(status_code=204)
+
+
+@router.get("/transactions/proposals", response_model=SignedTransactions, responses=documented(Forbidden))
+async def list_proposals(
+    context: ContextDep, person: Signer, limit: Annotated[int, Query(ge=1, le=500)] = 50
+) -> Response:
+    """One's own transactions of the last 30 days, newest first."""
+    async with context.database.read() as database:
+        rows = await store.latest(database, person.person_id, limit)
+    return Json({"items": [store.shown(row) for row in rows]}, headers=NO_STORE)
+
+
+@router.post(
+    "/transactions/proposals",
+    response_model=SignedTransaction,
+    status_code=201,
+    responses=documented(_BAD_ARGUMENT, Forbidden, TooManyRequests, LedgerAway),
+)
+async def propose_transaction(
+    body: Propose, person: Signer, signing: SigningDep, signing_keys: SigningKeysDep
+) -> Response:
+    """Begin a change: the bytes to sign come back in `to_sign`."""
+    identity = await signing_keys.usable(person, body.certificate_sha256)
+    row, message = await signing.propose(person, body, identity)
+    return Json(store.shown(row, to_sign=message), 201, headers=NO_STORE)
+
+
+@router.get(
+    "/transactions/proposals/{tx_id}", response_model=SignedTransaction, responses=documented(Forbidden, _NOT_FOUND)
+)
+async def read_proposal(tx_id: TxId, person: Signer, signing: SigningDep) -> Response:
+    """How far it is."""
+    return await _shown(signing, person, tx_id)
+
+
+@router.post(
+    "/transactions/proposals/{tx_id}/endorse",
+    response_model=SignedTransaction,
+    responses=documented(_BAD_SIGNATURE, Forbidden, _NOT_FOUND, _SETTLED, LedgerAway),
+)
+async def endorse_transaction(tx_id: TxId, body: Signature, person: Signer, signing: SigningDep) -> Response:
+    """Signed once: peers run it. Endorsed, it has the next bytes in `to_sign`; refused, it says by whom and why."""
+    await signing.endorse(person, tx_id, _bytes(body.signature))
+    return await _shown(signing, person, tx_id)
+
+
+@router.post(
+    "/transactions/proposals/{tx_id}/submit",
+    response_model=SignedTransaction,
+    status_code=202,
+    responses=documented(_BAD_SIGNATURE, Forbidden, _NOT_FOUND, _SETTLED),
+)
+async def submit_transaction(tx_id: TxId, body: SubmitAgain, person: Signer, signing: SigningDep) -> Response:
+    """Signed twice: to the ledger. Ask for its state until that is an outcome; it cannot take effect twice."""
+    await signing.submit(person, tx_id, None if body.signature is None else _bytes(body.signature))
+    return await _shown(signing, person, tx_id, 202)
+
+
+async def _shown(signing: Signing, person: Person, tx_id: str, status: int = 200) -> Response:
+    row, to_sign = await signing.look(person, tx_id)
+    content: dict[str, Any] = store.shown(row, to_sign=to_sign)
+    return Json(content, status, headers=NO_STORE)
+
+
+def _bytes(text: str) -> bytes:
+    try:
+        return urlsafe_b64decode(text + "=" * (-len(text) % 4))
+    except ValueError:
+        raise BadRequest("The signature is no base64url.", ("body.signature", "not base64url")) from None
