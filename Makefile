@@ -36,8 +36,10 @@ demo: setup ## Three pads, honest drones and liars, a ledger and a live map, on 
 
 test: setup test-python test-console ## All tests
 
+# Temporary files are in memory where there is room: ledgers and databases wait for a disk half of their time.
+MEMORY = $(shell [ "$$(df --output=avail /dev/shm 2>/dev/null | tail -n 1)" -gt 6000000 ] 2>/dev/null && echo TMPDIR=/dev/shm)
 test-python: $(VENV)/.ready
-	@$(BIN)/python -m pytest -n 2 --dist loadfile
+	@$(MEMORY) $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 test-console: frontend/dist/index.html
 	@$(BIN)/python scripts/console.py test
@@ -76,7 +78,7 @@ threat-model: setup ## Play the attack lab anew for docs/threat-model.md (an hou
 	@$(BIN)/python scripts/threat_model.py
 
 vectors: $(VENV)/.ready ## Regenerate the golden vectors of the verdict (read the diff!)
-	@$(BIN)/python tests/vectors/make_verdicts.py
+	@PYTHONPATH=tests $(BIN)/python -m vectors.make_verdicts
 
 compose: $(VENV)/.ready ## Regenerate compose.yaml from deploy/network.yaml
 	@$(BIN)/wonderland network compose --file deploy/network.yaml --out compose.yaml

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
-from tests_world import START_MS, World
+from kit.proof_world import START_MS, World
 
 from wonderland.proofs.attestation import digest_of
 from wonderland.proofs.records.sessions import MAX_CLAIMS, BroadcastClaim

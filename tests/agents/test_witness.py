@@ -8,8 +8,8 @@ import random
 from dataclasses import replace
 
 import pytest
-from tests_world import START_MS
-from tests_world import World as Proofs
+from kit.proof_world import START_MS
+from kit.proof_world import World as Proofs
 
 from wonderland.proofs.differences import Stamped, halved, judge_times
 from wonderland.proofs.hyperbolic import Heard, TimeFix

@@ -1,23 +1,15 @@
-"""The backend's fixtures, and machines that speak to it with tokens."""
+"""Machines that speak to it with tokens."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
-import sys
-from pathlib import Path
 
 import httpx
 import pytest
+from kit import PLAIN
 
 from wonderland_backend.clients.store import NewClient
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-
-from other_conftest import fixtures_of, tools_of
-
-backend_tests = tools_of("backend")
-globals().update(fixtures_of(backend_tests))
 
 
 async def register(running, scopes, **options):
@@ -36,7 +28,7 @@ def _register():
 async def machine_at(running, scopes, **options):
     """An HTTP client of this backend with a token of these scopes; further options are those of a new client."""
     row, secret = await register(running, scopes, **options)
-    async with httpx.AsyncClient(base_url=running.url, trust_env=False, timeout=30) as http:
+    async with httpx.AsyncClient(base_url=running.url, trust_env=False, verify=PLAIN, timeout=30) as http:
 
         async def renew():
             form = {"grant_type": "client_credentials"}

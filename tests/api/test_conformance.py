@@ -9,20 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
+from kit.description import document
 from pyproj import Geod
 from sqlalchemy import insert
 
 from wonderland.messages import keys_of, text
 from wonderland_backend.conformance.rules import Broadcast, Measured, Question, distance_mm, judge
 from wonderland_backend.db.tables.reported import LatestTrackRow
-from wonderland_backend.description import openapi
-from wonderland_backend.routes import new_app
-from wonderland_backend.settings import Settings
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
-DOCUMENT = openapi(new_app(Settings(), frozenset(), None))
+DOCUMENT = document()
 PLACE = (604_518_900, 222_666_000)
 QUESTION = Question(within_mm=300_000, max_speed_mm_s=50_000, min_assurance=1)
 PROOF = Measured(START_MS, "verified", 2, None, PLACE, 10_000, 0, 10_000)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import re
 
 from jsonschema import Draft202012Validator
+from kit.description import document
 
 from wonderland_backend.clients.scopes import SCOPES
-from wonderland_backend.description import openapi
 from wonderland_backend.errors import BINARY, Problem
 from wonderland_backend.reference.openapi import operations
-from wonderland_backend.routes import new_app
-from wonderland_backend.settings import Settings
 
-DOCUMENT = openapi(new_app(Settings(), frozenset(), None))
+DOCUMENT = document()
 
 
 def errors(schema, value):

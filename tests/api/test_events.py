@@ -8,16 +8,14 @@ import json
 
 import pytest
 from jsonschema import Draft202012Validator
+from kit.description import document
 
-from wonderland_backend.description import openapi
 from wonderland_backend.events.feed import Place
-from wonderland_backend.routes import new_app
-from wonderland_backend.settings import Settings
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
-DOCUMENT = openapi(new_app(Settings(), frozenset(), None))
+DOCUMENT = document()
 STREAM = {"Accept": "text/event-stream"}
 
 

@@ -8,17 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
+from kit.description import document
 
-from wonderland_backend.description import openapi
 from wonderland_backend.flights.grouping import GAP_MS, grouped, stretches
 from wonderland_backend.flights.store import WRITE_EVERY_MS
-from wonderland_backend.routes import new_app
-from wonderland_backend.settings import Settings
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
-DOCUMENT = openapi(new_app(Settings(), frozenset(), None))
+DOCUMENT = document()
 LAT, LON = 604_518_000, 222_666_000
 
 

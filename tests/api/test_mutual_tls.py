@@ -7,7 +7,6 @@ import base64
 import contextlib
 import datetime as dt
 import json
-import shutil
 import ssl
 
 import httpx
@@ -19,6 +18,7 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
+from kit.databases import copy_migrated
 
 from wonderland.client import Wonderland
 from wonderland_backend.clients.certificates import sha256_of
@@ -389,10 +389,10 @@ async def test_an_administrator_registers_by_certificate(running):
         assert answer.status_code == 422, answer.text
 
 
-def test_the_command_registers_by_certificate(migrated_file, tmp_path):
+def test_the_command_registers_by_certificate(tmp_path):
     own = tmp_path / "own.pem"
     own.write_text(pem(self_signed()))
-    database = ["--database", f"sqlite:///{shutil.copy(migrated_file, tmp_path / 'own.db')}"]
+    database = ["--database", f"sqlite:///{copy_migrated(tmp_path / 'own.db')}"]
     for options, method in (
         (["--certificate", str(own)], "self_signed_tls_client_auth"),
         (["--subject-dn", "CN=machine,O=City"], "tls_client_auth"),

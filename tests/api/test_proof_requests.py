@@ -8,11 +8,9 @@ import json
 import pytest
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from jsonschema import Draft202012Validator
+from kit.description import document
 
 from wonderland.telemetry import PleaseProve
-from wonderland_backend.description import openapi
-from wonderland_backend.routes import new_app
-from wonderland_backend.settings import Settings
 from wonderland_fabric_gateway.signing import key_signer
 from wonderland_uav_agent.requests import Requests, RequestsError, _said
 from wonderland_uav_agent.willing import Willing
@@ -20,7 +18,7 @@ from wonderland_uav_agent.willing import Willing
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
-DOCUMENT = openapi(new_app(Settings(), frozenset(), None))
+DOCUMENT = document()
 SCOPES = "wonderland.proofs.request wonderland.proofs.read wonderland.subscriptions"
 BODY = {"uav_id": "uav-1", "pad_id": "pad-1", "action": "land", "valid_s": 600}
 

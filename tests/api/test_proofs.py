@@ -6,20 +6,18 @@ import re
 
 import pytest
 from jsonschema import Draft202012Validator
+from kit.description import document
 
 from wonderland_backend.areas import Box
-from wonderland_backend.description import openapi
 from wonderland_backend.errors import BadRequest
 from wonderland_backend.languages import language_of
 from wonderland_backend.narrowing import field
 from wonderland_backend.proofs import queries
-from wonderland_backend.routes import new_app
-from wonderland_backend.settings import Settings
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
-DOCUMENT = openapi(new_app(Settings(), frozenset(), None))
+DOCUMENT = document()
 TURKU = "22.2,60.4,22.3,60.5"
 
 

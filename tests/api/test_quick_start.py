@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -48,14 +49,10 @@ async def test_the_client_needs_nothing_of_the_server():
 
 
 def test_its_types_are_those_of_the_description():
-    sys.path.insert(0, str(ROOT / "scripts"))
-    try:
-        import client_types
-    finally:
-        sys.path.pop(0)
+    script = runpy.run_path(str(ROOT / "scripts" / "client_types.py"))
     ruff = Path(sys.executable).with_name("ruff")
-    made = subprocess.run([ruff, "format", "-"], input=client_types.text(), capture_output=True, text=True, check=True)
-    assert client_types.TARGET.read_text() == made.stdout, "run python scripts/client_types.py"
+    made = subprocess.run([ruff, "format", "-"], input=script["text"](), capture_output=True, text=True, check=True)
+    assert script["TARGET"].read_text() == made.stdout, "run python scripts/client_types.py"
 
 
 async def client_of(running, register, scopes=ALL, **options):

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-
-from other_conftest import tools_of
+from kit.webhooks import SCOPES, Receiver, ca, poster, webhooks
 
 from wonderland_backend.webhooks import deliver
 from wonderland_backend.webhooks.deliver import AT_ONCE, Webhooks
 
-tools = tools_of("api", "api_webhooks", file="test_webhooks.py")
-ca, poster, webhooks = tools.ca, tools.poster, tools.webhooks
+__all__ = ["ca", "poster", "webhooks"]
+
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
 START_MS = 1_800_000_000_000
@@ -32,11 +27,11 @@ async def arrived(receiver, count, within_s):
 
 @both
 async def test_a_receiver_that_hangs_delays_no_other(running, machine, poster, ca, chain, facts, clock):
-    hanging, healthy = tools.Receiver(), tools.Receiver()
+    hanging, healthy = Receiver(), Receiver()
     hanging.answers = ["hang"] * 1_000
     chain.add(*(facts.decide(f"more {index}", t_ms=START_MS + index) for index in range(2 * AT_ONCE)))
     await running.mirrored(chain.height)
-    async with hanging.listening(ca) as bad, healthy.listening(ca) as good, machine(tools.SCOPES) as http:
+    async with hanging.listening(ca) as bad, healthy.listening(ca) as good, machine(SCOPES) as http:
         for port in (bad, good):
             body = {"url": f"https://hooks.example:{port}/", "types": ["ProofDecided"], "after": "0.0"}
             assert (await http.post("/api/v1/subscriptions", json=body)).status_code == 201
@@ -59,8 +54,8 @@ async def test_whoever_wants_all_of_the_past_gets_it_in_portions(
     monkeypatch.setattr(deliver, "MAX_WAITING", 5)
     chain.add(*(facts.decide(f"more {index}", t_ms=START_MS + index) for index in range(4)))
     await running.mirrored(chain.height)
-    receiver = tools.Receiver()
-    async with receiver.listening(ca) as port, machine(tools.SCOPES) as http:
+    receiver = Receiver()
+    async with receiver.listening(ca) as port, machine(SCOPES) as http:
         path = {}
         for name, types in (("all", []), ("few", ["ProofDecided"])):
             body = {"url": f"https://hooks.example:{port}/", "types": types, "after": "0.0"}

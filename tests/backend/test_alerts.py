@@ -15,6 +15,7 @@ from aiosmtpd.controller import Controller
 from aiosmtpd.handlers import Message
 from cryptography import x509
 from jsonschema import Draft202012Validator
+from kit.description import document
 from msgspec.structs import asdict
 from sqlalchemy import insert, select, update
 
@@ -26,12 +27,10 @@ from wonderland_backend.alerts.kinds import SEVERITIES, Alert, plain_text
 from wonderland_backend.alerts.schemas import KindName
 from wonderland_backend.db.tables.ledger import CertificateRow, OrganisationRow
 from wonderland_backend.db.tables.reported import FindingRow
-from wonderland_backend.description import openapi
 from wonderland_backend.errors import SettingsError
 from wonderland_backend.mirror.certificates import note_signers
 from wonderland_backend.mirror.rows import VerdictWrite
-from wonderland_backend.routes import new_app
-from wonderland_backend.settings import Settings, load
+from wonderland_backend.settings import load
 from wonderland_backend.tracks.schemas import Finding
 from wonderland_backend.webhooks.post import Poster, retry_ms
 
@@ -39,7 +38,7 @@ START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
 SECRET = "s" * 40
-DOCUMENT = openapi(new_app(Settings(), frozenset(), None))
+DOCUMENT = document()
 
 
 def conforms(name, value):

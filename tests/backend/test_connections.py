@@ -5,16 +5,14 @@ from __future__ import annotations
 import contextlib
 import re
 
-from wonderland_backend.description import openapi
-from wonderland_backend.routes import new_app
-from wonderland_backend.settings import Settings
+from kit.description import document
 
 STREAMS = {"/api/v1/events", "/api/v1/traffic/stream", "/api/v1/live"}
 ONES = {"pad_id": "pad-1", "uav_id": "uav-1", "session_id": "one", "number": "1", "day": "2026-01-01"}
 
 
 def addresses():
-    for path, operations in openapi(new_app(Settings(), frozenset(), None))["paths"].items():
+    for path, operations in document()["paths"].items():
         if "get" in operations and path.startswith("/api/v1") and path not in STREAMS:
             yield re.sub(r"\{([^}]*)\}", lambda name: ONES.get(name[1], "0"), path)
 

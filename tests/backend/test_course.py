@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import statistics
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from kit.proof_world import START_MS, World
 
 from wonderland.proofs.records.sessions import NO_RANGE
 from wonderland.proofs.records.verdicts import BroadcastFinding
@@ -17,18 +15,12 @@ from wonderland.proofs.verdict import decide
 from wonderland_backend.sessions.course import course_of
 from wonderland_backend.sessions.residuals import residuals
 
-_path = Path(__file__).parents[1] / "support" / "tests_world.py"
-_spec = importlib.util.spec_from_file_location("tests_world", _path)
-tests_world = importlib.util.module_from_spec(_spec)
-sys.modules[_spec.name] = tests_world
-_spec.loader.exec_module(tests_world)
-START_MS = tests_world.START_MS
 THERE = (3_000, 4_000, 3_000)
 
 
 def decided(truth, claimed, rounds=60, **more):
     """A session with its commissioning, evidence and verdict."""
-    world = tests_world.World(seed=5)
+    world = World(seed=5)
     world.share_a_clock()
     session = world.session(world.claim(claimed, START_MS), min_assurance=2)
     evidence = world.evidence(lambda t: truth, lambda t: claimed, rounds=rounds, uav_signature="A" * 86, **more)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
+from kit.description import document
 from sqlalchemy import insert
 
 from wonderland_backend.db.tables.reported import LatestTrackRow
@@ -22,7 +23,7 @@ from wonderland_fabric_gateway.errors import LedgerError
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
-DOCUMENT = openapi(new_app(Settings(), frozenset(), None))
+DOCUMENT = document()
 
 
 def conforms(schema_name, value):

@@ -4,29 +4,23 @@ from __future__ import annotations
 
 import asyncio
 import json
-import sys
 from contextlib import asynccontextmanager
 from dataclasses import replace
-from pathlib import Path
 
 import httpx
 import psycopg
 import pytest
+from kit.backend_process import ledger, ready, run, signed_in, start, stop
+from kit.proof_actors import HERE, ROUNDS, Actors
+from kit.proof_world import World
 from sqlalchemy.engine import make_url
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
-
-from other_conftest import tools_of
-from proof_actors import HERE, ROUNDS, Actors
-from tests_world import World
 
 from wonderland_backend.app import now_ms
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.embedded.administration import DirectoryAdministration
 
-processes = tools_of("backend", "backend_processes", file="test_process.py")
-ledger = processes.ledger
-ready, run, signed_in, stop = processes.ready, processes.run, processes.signed_in, processes.stop
+__all__ = ["ledger"]
+
 ELSEWHERE = (HERE[0] + 4_200, HERE[1], HERE[2])
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 pytestmark = [
@@ -43,7 +37,7 @@ def database(database_url):
 
 @asynccontextmanager
 async def served(tmp_path, database):
-    process = await processes.start(tmp_path, database=database)
+    process = await start(tmp_path, database=database)
     try:
         yield process, await ready(process)
     finally:

@@ -9,7 +9,7 @@ import json
 import os
 from pathlib import Path
 
-from bench_tools import quantile
+from bench.bench_tools import quantile
 
 from wonderland.proofs.records.sessions import STEP_NAMES
 from wonderland.svg import compact

@@ -7,15 +7,14 @@ only that the work was done.
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import json
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from bench.bench_tools import NodeClient, node_modules
 
 # Children are started while gRPC's threads run; its own fork handlers would only complain about it.
 os.environ["GRPC_ENABLE_FORK_SUPPORT"] = "0"
@@ -24,23 +23,6 @@ from wonderland_fabric_gateway.connection import Connection
 from wonderland_simulator.stage.processes import Processes
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
-sys.path.insert(0, str(HERE.parent / "support"))
-
-from bench_tools import NodeClient, node_modules  # noqa: E402 - it stands beside this file
-
-
-def _load(name, path):
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-# The backend's tests have a private PostgreSQL server and a chain of valid blocks made without a ledger.
-backend_tools = _load("backend_test_tools", HERE.parent / "backend" / "conftest.py")
-postgres = backend_tools.postgres
 
 
 def pytest_addoption(parser):
@@ -59,11 +41,6 @@ def pytest_collection_modifyitems(config, items):
     if mine:
         config.hook.pytest_deselected(items=mine)
         items[:] = [item for item in items if HERE not in item.path.parents]
-
-
-@pytest.fixture(name="backend_tools")
-def _backend_tools():
-    return backend_tools
 
 
 @pytest.fixture

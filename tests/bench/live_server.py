@@ -1,4 +1,4 @@
-"""A backend in a process of its own for the benchmarks of the live push: `live_server.py hub|raw RATE DIRECTORY`.
+"""A backend in a process of its own for the benchmarks of the live push: `python -m bench.live_server hub|raw RATE DIRECTORY`.
 
 Both hear RATE positions a second and make one frame of them at each tick. `hub` sends it as the product does; `raw`
 sends the very same bytes over the same server with nothing around: one send after the other, no queue, no resuming.
@@ -10,29 +10,21 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import importlib.util
 import json
 import sys
 import time
 from pathlib import Path
 
 import orjson
+from bench.map_page import crowd_frame
 from fastapi import WebSocket
-from map_page import crowd_frame
+from kit.chain import Authorities
+from kit.console import RealBackend
 from starlette.websockets import WebSocketDisconnect
 
 from wonderland_backend.serve import leave_to_itself
 
 FEED_S = 0.04
-
-
-def _console_tools():
-    path = Path(__file__).resolve().parents[1] / "console" / "conftest.py"
-    specification = importlib.util.spec_from_file_location("wonderland_console_tools", path)
-    module = importlib.util.module_from_spec(specification)
-    sys.modules[specification.name] = module
-    specification.loader.exec_module(module)
-    return module
 
 
 class Feed:
@@ -152,11 +144,9 @@ def parsed():
 
 def main():
     options = parsed()
-    console = _console_tools()
-    tools = console._load_backend_tools()
-    authorities = tools.Authorities(options.directory / "ca")
+    authorities = Authorities(options.directory / "ca")
     settings = {"tick_ms": options.tick_ms} | ({"map": {"archive": options.map}} if options.map else {})
-    running = console.RealBackend(tools, authorities, options.directory, options.console, **settings)
+    running = RealBackend(authorities, options.directory, options.console, **settings)
     pads = [f"pad-{number}" for number in range(1, options.pads + 1)]
     running.add(*(running.facts.put_pad(pad_id) for pad_id in pads))
     (options.directory / "pads.json").write_text(json.dumps([credentials(authorities, pad_id) for pad_id in pads]))

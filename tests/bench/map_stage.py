@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import http.server
-import importlib.util
 import json
 import subprocess
 import sys
@@ -14,8 +13,12 @@ from urllib.parse import quote
 
 import psutil
 import pytest
-from chrome import Chrome
-from map_page import FLAGS, FLOOR, WATCH
+from bench.chrome import Chrome
+from bench.map_page import FLAGS, FLOOR, WATCH
+from kit import environment
+from kit.browser import FLAGS as CONSOLE_FLAGS
+from kit.browser import FRONTEND, OFFLINE, chromium_on_path
+from kit.console import Quiet
 
 from wonderland_simulator.place.archive import is_whole
 from wonderland_simulator.place.making import archive_path
@@ -27,25 +30,15 @@ VIEW = "at=60.45,22.25,11"
 WIDTH, HEIGHT = 1280, 720
 
 
-def _console_tools():
-    path = ROOT / "tests" / "console" / "conftest.py"
-    specification = importlib.util.spec_from_file_location("wonderland_console_tools", path)
-    module = importlib.util.module_from_spec(specification)
-    sys.modules[specification.name] = module
-    specification.loader.exec_module(module)
-    return module
-
-
-console = _console_tools()
-
-
 class Server:
     """`live_server.py` as a process."""
 
     def __init__(self, directory, mode, rate, *options):
         directory.mkdir(parents=True, exist_ok=True)
-        command = [sys.executable, str(HERE / "live_server.py"), mode, str(rate), str(directory), *map(str, options)]
-        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        command = [sys.executable, "-m", "bench.live_server", mode, str(rate), str(directory), *map(str, options)]
+        self.process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment(), text=True
+        )
         line = self.process.stdout.readline()
         assert line, "the server ended at once"
         ready = json.loads(line)
@@ -72,17 +65,17 @@ class Server:
 
 
 def built_console():
-    if not (console.FRONTEND / "dist" / "index.html").is_file():
+    if not (FRONTEND / "dist" / "index.html").is_file():
         pytest.skip("the console is not built (make setup)")
-    return console.FRONTEND / "dist"
+    return FRONTEND / "dist"
 
 
 def new_chrome(directory):
     """A browser with the watch in its page."""
-    program = console.chromium_on_path()
+    program = chromium_on_path()
     if program is None:
         pytest.skip("no Chromium here: neither playwright's own nor one on the PATH")
-    chrome = Chrome(program, directory, *console.FLAGS, *FLAGS, console.OFFLINE, width=WIDTH, height=HEIGHT)
+    chrome = Chrome(program, directory, *CONSOLE_FLAGS, *FLAGS, OFFLINE, width=WIDTH, height=HEIGHT)
     chrome.before_pages(WATCH)
     return chrome
 
@@ -110,7 +103,7 @@ class FloorPage:
         (directory / "index.html").write_text(FLOOR)
         for name in ("maplibre-gl.mjs", "maplibre-gl-worker.mjs"):
             (directory / name).symlink_to(MAPLIBRE / name)
-        handler = functools.partial(console._Quiet, directory=str(directory))
+        handler = functools.partial(Quiet, directory=str(directory))
         self._server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
         options = quote(json.dumps({"count": count, "hz": hz}))

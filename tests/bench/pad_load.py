@@ -17,8 +17,8 @@ from pathlib import Path
 
 import orjson
 import websockets
+from bench.map_page import beacon
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
-from map_page import beacon
 
 from wonderland_edge_agent.assembly import _tell
 from wonderland_edge_agent.receiver import RemoteIdReceiver

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bench_tools import show
+from bench.bench_tools import show
 
 from wonderland_research.attack_lab import ATTACKS, LabSettings, run
 from wonderland_research.attack_lab.attacks.common import BUFFER_MM

@@ -7,20 +7,19 @@ Beside it an empty contract on the same service: what the proof-of-location cont
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import json
 import os
 import sys
 import time
-from pathlib import Path
 
 import grpc
 import psutil
 import pytest
-from bench_tools import show
+from bench.bench_tools import show
 from fabric_protos.ledger.queryresult import kv_query_result_pb2
 from fabric_protos.peer import chaincode_pb2, proposal_response_pb2
 from fabric_protos.peer import chaincode_shim_pb2 as shim
+from kit import contract_peer as tools
 
 from wonderland.proofs import encoding
 
@@ -51,17 +50,6 @@ asyncio.run(main())
 """
 
 pytestmark = pytest.mark.bench
-
-
-def _load(name, path):
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-tools = _load("chaincode_service_tools", Path(__file__).parent.parent / "chaincode_service" / "conftest.py")
 
 
 class LeanPeer:

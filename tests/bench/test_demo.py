@@ -8,7 +8,7 @@ import sys
 import time
 
 import pytest
-from bench_tools import p50, show
+from bench.bench_tools import p50, show
 
 RUNS = 3
 

@@ -7,8 +7,8 @@ import time
 
 import psutil
 import pytest
-from bench_sessions import sessions
-from bench_tools import p50, p95, show
+from bench.bench_sessions import sessions
+from bench.bench_tools import p50, p95, show
 
 from wonderland.proofs.records.policies import Policy
 

@@ -12,8 +12,8 @@ import os
 import time
 
 import pytest
-from bench_tools import show
-from fault_load import audit, faulty, kill, proofs_after, stall_s
+from bench.bench_tools import show
+from kit.fault_load import audit, faulty, kill, proofs_after, stall_s
 
 from wonderland_fabric_network import binaries, bringing_up, keeping, taking_down
 from wonderland_fabric_network.description import NetworkDescription

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from bench_tools import p50, show
+from bench.bench_tools import p50, show
 from scipy.optimize import least_squares
 
 from wonderland.proofs.fix import Multilateration

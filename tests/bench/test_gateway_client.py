@@ -6,8 +6,8 @@ import time
 from types import SimpleNamespace
 
 import pytest
-from bench_fabric import fabric_network
-from bench_tools import p50, p95, show
+from bench.bench_fabric import fabric_network
+from bench.bench_tools import p50, p95, show
 
 from wonderland.proofs import encoding
 from wonderland_fabric_gateway.connection import Connection

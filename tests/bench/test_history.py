@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 
 import pytest
-from bench_tools import p50, p95, show
+from bench.bench_tools import p50, p95, show
 from sqlalchemy import insert, select, text
 
 from wonderland_backend.db import bulk, partitions

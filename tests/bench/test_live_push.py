@@ -15,7 +15,8 @@ from urllib.parse import parse_qs, urlsplit
 import httpx
 import psutil
 import pytest
-from bench_tools import p50, p95, show
+from bench.bench_tools import p50, p95, show
+from kit import environment
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(900)]
 
@@ -87,12 +88,14 @@ async def measured(mode, consoles, directory):
     directory.mkdir()
     child = await asyncio.create_subprocess_exec(
         sys.executable,
-        str(HERE / "live_server.py"),
+        "-m",
+        "bench.live_server",
         "raw" if mode == "raw" else "hub",
         str(RATE),
         str(directory),
         stdin=asyncio.subprocess.PIPE,
         stdout=asyncio.subprocess.PIPE,
+        env=environment(),
     )
     try:
         ready = json.loads(await child.stdout.readline())

@@ -8,8 +8,8 @@ import time
 from dataclasses import dataclass, replace
 
 import pytest
-from bench_tools import p50, p95, show
-from map_stage import (
+from bench.bench_tools import p50, p95, show
+from bench.map_stage import (
     HEIGHT,
     VIEW,
     WIDTH,

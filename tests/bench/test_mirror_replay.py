@@ -11,7 +11,9 @@ import time
 from collections import Counter
 
 import pytest
-from bench_tools import show
+from bench.bench_tools import show
+from kit.chain import START_MS, Authorities, ChainBuilder
+from kit.facts import Facts
 from msgspec.structs import asdict
 
 from wonderland_backend.db.engine import Database
@@ -32,14 +34,14 @@ pytestmark = pytest.mark.bench
 
 
 @pytest.fixture
-def blocks(backend_tools, tmp_path):
+def blocks(tmp_path):
     """A chain of whole proofs: request, verdict with its evidence, completion."""
-    chain = backend_tools.ChainBuilder(backend_tools.Authorities(tmp_path))
-    facts = backend_tools.Facts()
+    chain = ChainBuilder(Authorities(tmp_path))
+    facts = Facts()
     chain.add(facts.put_pad(), facts.put_uav(), facts.grant())
     waiting = []
     for number in range(PROOFS):
-        t_ms = backend_tools.START_MS + 1_000 * number
+        t_ms = START_MS + 1_000 * number
         waiting += [
             facts.request(number, t_ms=t_ms),
             facts.decide(number, t_ms=t_ms, rounds=ROUNDS),

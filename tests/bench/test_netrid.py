@@ -7,25 +7,18 @@ article 11 of EU 2021/664 wants traffic information within 5 s in 99 %. Ours for
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import json
 import statistics
-import sys
 import time
-from pathlib import Path
 
 import pytest
+from kit.uspace import authority, keys, new_uss, track
 from msgspec import Raw
 
 from wonderland_backend.agents.connected import Agent
 from wonderland_backend.ingest.batch import read
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "uspace"))
-_spec = importlib.util.spec_from_file_location("uspace_conftest", HERE.parent / "uspace" / "conftest.py")
-_tools = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_tools)
-authority, keys, migrated_file, new_uss = _tools.authority, _tools.keys, _tools.migrated_file, _tools.new_uss
+__all__ = ["authority", "keys", "new_uss"]
 
 pytestmark = pytest.mark.bench
 
@@ -38,7 +31,7 @@ VIEW = "60.43,22.24,60.47,22.30"
 
 
 def drone(number, step=0):
-    return _tools.track(
+    return track(
         f"SERIAL{number:05d}",
         lat=604_400_000 + number % 25 * 9_000 + step * 100,
         lng=222_450_000 + number // 25 * 20_000,

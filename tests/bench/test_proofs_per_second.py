@@ -15,9 +15,9 @@ from pathlib import Path
 import httpx
 import psutil
 import pytest
-from bench_fabric import fabric_network
-from bench_tools import p50, p95, show
-from proof_actors import DRONES, PADS, ROUNDS, Actors
+from bench.bench_fabric import fabric_network
+from bench.bench_tools import p50, p95, show
+from kit.proof_actors import DRONES, PADS, ROUNDS, Actors
 
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.embedded.administration import DirectoryAdministration

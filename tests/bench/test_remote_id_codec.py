@@ -15,7 +15,7 @@ from importlib.metadata import PackageNotFoundError, files, version
 from pathlib import Path
 
 import pytest
-from bench_tools import show
+from bench.bench_tools import show
 
 from wonderland_remote_id import (
     BasicId,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
-from bench_fabric import needs_fabric
-from bench_sessions import sessions
-from bench_steps import write_steps
-from bench_tools import p50, p95, show
+from bench.bench_fabric import needs_fabric
+from bench.bench_sessions import sessions
+from bench.bench_steps import write_steps
+from bench.bench_tools import p50, p95, show
 
 from wonderland.proofs import encoding
 from wonderland.proofs.records.policies import Policy

@@ -6,7 +6,7 @@ import asyncio
 import time
 
 import pytest
-from bench_tools import show
+from bench.bench_tools import show
 
 from wonderland_edge_agent.spool import Spool
 

@@ -9,11 +9,11 @@ import asyncio
 import time
 
 import pytest
-from bench_tools import p50, show
-from other_conftest import tools_of
+from bench.bench_tools import p50, show
+from kit import backend_process as processes
+from kit.backend_process import ledger
 
-processes = tools_of("backend", "backend_processes", file="test_process.py")
-ledger = processes.ledger
+__all__ = ["ledger"]
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(600)]
 TURNS = 7

@@ -12,8 +12,8 @@ from dataclasses import replace
 from math import cos, pi, radians, sin
 
 import pytest
-from bench_tools import show
-from tests_world import SQUARE, START_MS, World
+from bench.bench_tools import show
+from kit.proof_world import SQUARE, START_MS, World
 
 from wonderland.proofs.differences import Stamped, frames_needed, judge_times
 from wonderland.proofs.hyperbolic import Heard, TimeFix

@@ -13,10 +13,11 @@ from pathlib import Path
 
 import psutil
 import pytest
-from bench_tools import p50, p95, show
-from map_page import beacon
-from map_stage import Server, built_console, new_chrome, open_map
-from test_live_push import Viewer, cookie_of
+from bench.bench_tools import p50, p95, show
+from bench.map_page import beacon
+from bench.map_stage import Server, built_console, new_chrome, open_map
+from bench.test_live_push import Viewer, cookie_of
+from kit import environment
 
 from wonderland_remote_id import BasicId, Location, Pack, encode
 
@@ -35,9 +36,9 @@ class Load:
 
     def __init__(self, mode, server, directory, *options):
         url = server.url.replace("http", "ws", 1) + "/ingest"
-        command = [sys.executable, str(HERE / "pad_load.py"), mode, url, str(directory / "pads.json")]
+        command = [sys.executable, "-m", "bench.pad_load", mode, url, str(directory / "pads.json")]
         self.process = subprocess.Popen(
-            [*command, *map(str, options)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [*command, *map(str, options)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment(), text=True
         )
         line = self.process.stdout.readline()
         assert line, "the pads ended at once"

@@ -10,7 +10,7 @@ import timeit
 
 import numpy as np
 import pytest
-from bench_tools import show
+from bench.bench_tools import show
 
 from wonderland.proofs import stopping
 from wonderland.proofs.travel import bias_left

@@ -6,7 +6,7 @@ import struct
 import time
 
 import pytest
-from bench_tools import show
+from bench.bench_tools import show
 
 from wonderland_fira_uci.uci.codec import HostCodec
 from wonderland_fira_uci.uci.packets import MessageType, encode_control

@@ -6,9 +6,9 @@ import time
 
 import numpy as np
 import pytest
-from bench_tools import p50, show
+from bench.bench_tools import p50, show
+from kit.proof_world import START_MS, World
 from scipy.optimize import least_squares
-from tests_world import START_MS, World
 
 from wonderland.proofs.records.sessions import Evidence
 from wonderland.proofs.verdict import decide

@@ -13,8 +13,8 @@ import random
 
 import numpy as np
 import pytest
-from bench_tools import show
-from tests_world import START_MS, World
+from bench.bench_tools import show
+from kit.proof_world import START_MS, World
 
 from wonderland.proofs import stopping
 from wonderland.proofs.estimate import solve

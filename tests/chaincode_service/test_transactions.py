@@ -114,7 +114,11 @@ async def test_a_fault_of_the_contract_is_a_reference_for_the_client_and_a_trace
     found = re.fullmatch(r"the contract failed \(reference ([0-9a-f]{8})\); the service's log says why", ended.text)
     assert found, ended.text
     assert not ended.rwset.writes
-    (record,) = [each for each in caplog.records if each.name.startswith("chaincode") and each.levelno >= logging.ERROR]
+    (record,) = [
+        each
+        for each in caplog.records
+        if each.name.startswith("wonderland_chaincode") and each.levelno >= logging.ERROR
+    ]
     assert found[1] in record.getMessage()
     assert record.reference == found[1]
     assert record.exc_info

@@ -6,13 +6,9 @@ import dataclasses
 import json
 import math
 import random
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
-from tests_world import START_MS, World
+from kit.proof_world import START_MS, World
 
 from wonderland.proofs.verdict import preview
 from wonderland_edge_agent.drift import BaselineError

@@ -10,13 +10,11 @@ from pathlib import Path
 import jsonschema
 import pytest
 import yaml
+from kit.monitoring_names import names
 
 from wonderland_fabric_network import binaries
 from wonderland_fabric_network.compose import BFT, EMBEDDED, IMAGES, RAFT, compose, compose_yaml
 from wonderland_fabric_network.description import NetworkDescription, Organisation
-
-sys.path.insert(0, str(Path(__file__).parent))
-from monitoring_names import names
 
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "compose.yaml"

@@ -2,18 +2,15 @@
 
 import datetime as dt
 import json
-import sys
 from pathlib import Path
 
 import pytest
 import yaml
+from kit.monitoring_names import DIRECTORY, expressions, names
 
 from wonderland_edge_agent.metrics import exposition, write_metrics
 from wonderland_fabric_network.ports import USUAL
 from wonderland_fabric_network.status import CertificateStatus, ComponentStatus, NetworkStatus
-
-sys.path.insert(0, str(Path(__file__).parent))
-from monitoring_names import DIRECTORY, expressions, names
 
 COMPOSE = Path(__file__).parents[2] / "compose.yaml"
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 from datetime import datetime
 from pathlib import Path
 
-import barriers
 import pytest
-from houses import HONEST, LIAR
+from kit import barriers
+from kit.houses import HONEST, LIAR
 from playwright.sync_api import expect
 
 ZONES = Path(__file__).resolve().parents[1] / "zones" / "files"

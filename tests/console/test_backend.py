@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
+from kit.facts import FRAME
 from playwright.sync_api import expect
 
 # The browser itself reports these; the page says the same in its banner.
@@ -96,7 +97,7 @@ def test_what_needs_the_officer_comes_first_and_is_told_in_words(signed_in):
 
 def test_a_proof_fills_in_while_one_looks(real, signed_in):
     facts, now_ms = real.facts, real.now_ms()
-    place = real.tools.FRAME
+    place = FRAME
     real.hear("uav-1", place["lat_e7"] + 900, place["lon_e7"])
     real.add(facts.request("three", uav_id="uav-1", t_ms=now_ms))
     row = rows(signed_in).filter(has_text="uav-1")

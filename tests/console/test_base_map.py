@@ -9,12 +9,12 @@ import struct
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-import barriers
 import httpx
 import pytest
+from kit import barriers
+from kit.town import a_town
 from PIL import Image
 from playwright.sync_api import expect
-from town import a_town
 
 from wonderland_simulator.place import archive as writing
 from wonderland_simulator.place.build import build

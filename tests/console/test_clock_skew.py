@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
+from kit.facts import FRAME
 from playwright.sync_api import expect
 
 HOUR_MS = 3_600_000
@@ -13,7 +14,7 @@ HOUR_MS = 3_600_000
 @pytest.mark.parametrize("real", [-HOUR_MS, HOUR_MS], indirect=True, ids=["browser ahead", "browser behind"])
 def test_ages_and_what_is_stale_go_by_the_servers_clock(real, open_page):
     page = open_page(real.link(), room="live?table")
-    place = real.tools.FRAME
+    place = FRAME
     real.hear("uav-1", place["lat_e7"], place["lon_e7"])
 
     rows = page.get_by_role("listbox").get_by_role("option")

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from kit.cable import Cable
 from playwright.sync_api import expect
-
-from tests.support.cable import Cable
 
 # The browser itself reports these; the page says the same in its banner.
 LOST = ("WebSocket connection to", "Failed to load resource")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from kit.facts import FRAME
 from playwright.sync_api import expect
 
 OPERATOR = "FIN87astr---"
@@ -10,7 +11,7 @@ OPERATOR = "FIN87astr---"
 
 @pytest.fixture
 def page(real, open_page):
-    place = real.tools.FRAME
+    place = FRAME
     opened = open_page(real.link(), room="live?table")
     real.hear("uav-2", place["lat_e7"], place["lon_e7"], operator_id=OPERATOR)
     real.hear("uav-9", place["lat_e7"] + 900, place["lon_e7"])

@@ -13,11 +13,11 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from kit.console import measure
+from kit.town import a_town
 from PIL import Image
 from playwright.sync_api import expect
-from town import a_town
 
-from tests.console.conftest import measure
 from wonderland_simulator.place.build import build
 
 PLACE = {"lat_e7": 437_325_000, "lon_e7": 74_165_000}

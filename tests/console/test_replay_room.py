@@ -11,6 +11,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
+from kit.chain import number
 from playwright.sync_api import expect
 from sqlalchemy import insert
 
@@ -59,11 +60,11 @@ async def store_tracks(database, first_ms, last_ms):
 
 
 @pytest.fixture
-def past(tools, authorities, tmp_path, built_console):
+def past(authorities, tmp_path, built_console):
     """A backend that starts today on a ledger of yesterday, with positions of yesterday."""
-    from tests.console.conftest import RealBackend
+    from kit.console import RealBackend
 
-    running = RealBackend(tools, authorities, tmp_path, built_console)
+    running = RealBackend(authorities, tmp_path, built_console)
     try:
         facts = running.facts
         begun = [facts.put_pad(), facts.put_uav(), facts.put_uav("uav-2")]
@@ -132,7 +133,7 @@ def test_yesterday_14_00_and_what_happened_after(room):
 
 
 def test_yesterday_14_00_from_anywhere_without_a_click(past, open_page):
-    from tests.console.officer import Officer
+    from kit.officer import Officer
 
     page = open_page(past.link(), width=1440, height=900)
     expect(page.get_by_role("link", name="Ledger")).to_be_visible()
@@ -285,7 +286,7 @@ def test_what_is_switched_off_is_not_offered(past, room, on, shown):
 def test_links_lead_to_the_moment(past, open_page):
     page = open_page(past.link(), width=1440, height=900)
     expect(page.get_by_role("link", name="Sessions")).to_be_visible()
-    session_id = past.tools.number("session", "two")
+    session_id = number("session", "two")
     # The course of a proof is not to be had from evidence that no pad measured.
     page.watched.expected = ("404",)
     page.goto(f"{past.url}/#/sessions/{session_id}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from kit.facts import FRAME
 from playwright.sync_api import expect
 from sqlalchemy import insert
 
@@ -60,7 +61,7 @@ async def heard(database, uav_id, t_ms, place):
 
 @pytest.mark.parametrize("minutes_ago", [0, 90])
 def test_what_only_broadcasts_is_found_where_it_is_or_was(real, page, minutes_ago):
-    place = real.tools.FRAME
+    place = FRAME
     ghost = "1581F5FKGHOST"
     real._run(heard(real.backend.database, ghost, real.now_ms() - minutes_ago * 60_000, place))
     if minutes_ago == 0:
@@ -81,6 +82,6 @@ def test_what_only_broadcasts_is_found_where_it_is_or_was(real, page, minutes_ag
 def test_a_pad_is_found_on_the_map(real, page):
     page.get_by_role("combobox", name="Search").fill("aurajoki")
     page.get_by_role("search").get_by_role("option").filter(has_text="Aurajoki 2").click()
-    place = real.tools.FRAME
+    place = FRAME
     page.wait_for_url(f"**/#/live?list=pads&at={place['lat_e7'] / 1e7:.7f},**")
     expect(page.get_by_role("list", name="Pads").get_by_text("Aurajoki 2")).to_be_visible()

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import pytest
+from kit.chain import number
 from playwright.sync_api import expect
 
 
@@ -71,7 +72,7 @@ def test_evidence_and_suspension_from_an_alert(real, measured, open_page):
 
 def test_a_course_that_cannot_be_recomputed_or_fetched_says_so(real, open_page):
     """The survey that this session names is not on the ledger; then the server fails."""
-    page = open_page(real.link(), room=f"sessions/{real.tools.number('session', 'two')}")
+    page = open_page(real.link(), room=f"sessions/{number('session', 'two')}")
     card = page.locator("section").filter(has=page.get_by_role("heading", name="How it was decided"))
     expect(card.get_by_role("status")).to_contain_text("There is the verdict alone")
     page.watched.expected = ("500",)

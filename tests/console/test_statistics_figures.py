@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from datetime import datetime, timedelta
 
-from houses import HONEST, LIAR
+from kit.houses import HONEST, LIAR
 from playwright.sync_api import expect
 
 

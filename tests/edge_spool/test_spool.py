@@ -215,7 +215,7 @@ def say(*words):
 
 async def main():
     spool = await Spool.open(pathlib.Path(sys.argv[1]), owner="pad-1", reserve_bytes=65536, linger_s=0.002)
-    await spool.put_secrets({f"prekey/{spool.status.last_seq}/{n}": b"k" * 32 for n in range(100)})
+    await spool.put_secrets({f"prekey/{spool.status.last_seq}/{n}": b"k" * 32 for n in range(2_000)})
     for key in await spool.secret_names():
         n = spool.status.last_seq
         session = f"session-{n}"

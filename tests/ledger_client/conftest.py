@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
@@ -21,8 +19,6 @@ from fabric_protos.peer import (
     proposal_response_pb2,
     transaction_pb2,
 )
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 
 from wonderland_fabric_gateway.blocks import data_hash
 from wonderland_fabric_gateway.ca import Enrolment, LocalCa

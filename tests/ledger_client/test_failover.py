@@ -12,7 +12,7 @@ from fabric_protos.common import common_pb2
 from fabric_protos.gateway import gateway_pb2
 from fabric_protos.orderer import ab_pb2
 from fabric_protos.peer import events_pb2
-from scripted_gateway import UNAVAILABLE, FailError, Scripted, details, hang, serving
+from kit.scripted_gateway import UNAVAILABLE, FailError, Scripted, details, hang, serving
 
 from wonderland_fabric_gateway.blocks import parse_block
 from wonderland_fabric_gateway.checkpoints import Checkpoint, MemoryCheckpointer

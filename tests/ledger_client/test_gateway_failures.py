@@ -15,7 +15,7 @@ from fabric_protos.peer import events_pb2, proposal_pb2
 from google.rpc import status_pb2
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scripted_gateway import UNAVAILABLE, FailError, Scripted, details, hang, serving
+from kit.scripted_gateway import UNAVAILABLE, FailError, Scripted, details, hang, serving
 
 from wonderland_fabric_gateway.blocks import parse_block
 from wonderland_fabric_gateway.errors import BlockError, LedgerError

@@ -5,9 +5,9 @@ import random
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from kit import environment
 
 from wonderland_fabric_gateway.blocks import parse_block
 from wonderland_fabric_gateway.connection import Connection
@@ -15,12 +15,16 @@ from wonderland_fabric_gateway.embedded.integrity import verify_tip
 from wonderland_fabric_gateway.embedded.state import StateReader
 from wonderland_fabric_gateway.gateway import Gateway, GatewayError
 
-SERVER = Path(__file__).with_name("server_process.py")
+SERVER = ["-m", "kit.ledger_process"]
 
 
 def start(directory, listen="127.0.0.1:0"):
     process = subprocess.Popen(
-        [sys.executable, SERVER, directory, listen], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, *SERVER, directory, listen],
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     address = process.stdout.readline().strip()
     if not address:
@@ -92,7 +96,11 @@ async def test_every_commit_that_was_told_survives_kill_9(tmp_path, seed):
 async def test_a_kill_during_the_first_start_is_survived(tmp_path):
     for delay_s in (0.25, 0.3, 0.35, 0.4, 0.45):
         process = subprocess.Popen(
-            [sys.executable, SERVER, tmp_path / "l"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [sys.executable, *SERVER, tmp_path / "l"],
+            env=environment(),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         await asyncio.sleep(delay_s)
         await asyncio.to_thread(kill, process)

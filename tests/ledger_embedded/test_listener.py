@@ -4,23 +4,22 @@ import asyncio
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
-
-from listening import Listener
+from kit import environment
+from kit.listening import Listener
 
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.gateway import Gateway
 
-SERVER = Path(__file__).with_name("server_process.py")
+SERVER = ["-m", "kit.ledger_process"]
 pytestmark = pytest.mark.timeout(180)
 
 
 def start(directory, listen="127.0.0.1:0"):
-    process = subprocess.Popen([sys.executable, SERVER, directory, listen], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, *SERVER, directory, listen], env=environment(), stdout=subprocess.PIPE, text=True
+    )
     return process, process.stdout.readline().strip()
 
 

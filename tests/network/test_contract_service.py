@@ -5,14 +5,13 @@ and afterwards every transaction of that chain once more in place, as the embedd
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import os
 import signal
-import sys
 import time
-from pathlib import Path
 
 import pytest
+from kit import contract_peer as peers
+from kit.contract import Scene
 
 from wonderland.proofs import encoding
 from wonderland.proofs.records.sessions import Session
@@ -28,19 +27,6 @@ from wonderland_fabric_network.network import contract_component
 
 pytestmark = pytest.mark.fabric
 YEAR_MS = 365 * 86_400_000
-TESTS = Path(__file__).parent.parent
-
-
-def _load(name, path):
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-actors = _load("network_contract_actors", TESTS / "chaincode" / "conftest.py")
-peers = _load("network_contract_peers", TESTS / "chaincode_service" / "conftest.py")
 
 
 class Client:
@@ -119,7 +105,7 @@ async def ensure(client, who, function, argument):
 async def prepared(client, ids, prekeys):
     """A commissioned pad with fresh prekeys and a drone that may land, at today's time."""
     pad_id, uav_id = ids
-    scene = actors.Scene()
+    scene = Scene()
     now_ms = scene.now_ms = int(time.time() * 1000)
     valid = {"valid_from_ms": now_ms - 60_000, "valid_until_ms": now_ms + YEAR_MS}
     await ensure(client, "pad_operator", "RegisterPad", scene.pad_argument(pad_id))

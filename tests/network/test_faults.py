@@ -5,15 +5,10 @@ The longer version with both kinds of consensus, which measures, is tests/bench/
 
 import asyncio
 import sqlite3
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
-
-from fault_load import audit, faulty, kill, proofs_after
-from listening import Listener
+from kit.fault_load import audit, faulty, kill, proofs_after
+from kit.listening import Listener
 
 from wonderland_fabric_gateway.checkpoints import Checkpoint, MemoryCheckpointer
 from wonderland_fabric_gateway.gateway import Deadlines, Gateway, UnknownTransactionError

@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 
 import pytest
-from node_client import program
+from kit.node_client import program
 
 HERE = Path(__file__).parent
 pytestmark = [pytest.mark.node, pytest.mark.timeout(300)]

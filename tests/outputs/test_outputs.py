@@ -12,8 +12,10 @@ from xml.etree import ElementTree as ET
 import aiomqtt
 import pytest
 import trustme
-from backend_conftest import START_MS, Facts, serving
-from mqtt_broker import Broker, free_port
+from kit.backend import serving
+from kit.chain import START_MS
+from kit.facts import Facts
+from kit.mqtt_broker import Broker, free_port
 
 from wonderland_backend.clients.store import NewClient
 

@@ -1,4 +1,4 @@
-"""The backend's and the console's own test tools, an authenticator in software, an OpenID provider in Node."""
+"""A server that nobody has set up, its visitors, and an OpenID provider in Node."""
 
 from __future__ import annotations
 
@@ -6,39 +6,30 @@ import asyncio
 import contextlib
 import json
 import subprocess
-import sys
-from pathlib import Path
 
 import httpx
 import pytest
+from kit import PLAIN
+from kit.authenticator import Authenticator
+from kit.console import RealBackend
+from kit.openid_provider import SECRET, command
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-
-from other_conftest import fixtures_of, tools_of
-
-from tests.people.openid_provider import SECRET, command
+from wonderland_backend.serve import Listen, new_server
 from wonderland_backend.settings.oidc import OidcSettings
-
-_backend = tools_of("backend")
-_authenticator = tools_of("people", "people_authenticator", file="authenticator.py")
-globals().update(fixtures_of(_backend))
 
 
 @pytest.fixture(name="Authenticator")
 def _new_authenticator():
-    return _authenticator.Authenticator
+    return Authenticator
 
 
-# A copy of its own: what is changed in it concerns nobody else.
-_console = tools_of("console", "people_console_tools")
-open_page = _console.open_page
-# Passkeys are bound to a name: Chromium finds localhost here, and nothing else.
-_console.OFFLINE = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1, EXCLUDE localhost"
-browser = _console.browser
-built_console = _console.built_console
+@pytest.fixture(scope="module")
+def reached():
+    """Passkeys are bound to a name: Chromium finds localhost here, and nothing else."""
+    return "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1, EXCLUDE localhost"
 
 
-class Server(_console.RealBackend):
+class Server(RealBackend):
     """A backend that serves the built console and that nobody has set up."""
 
     HOSTS = frozenset({"localhost", "127.0.0.1"})
@@ -85,7 +76,7 @@ class Server(_console.RealBackend):
 
 @pytest.fixture
 def server(authorities, tmp_path, built_console):
-    running = Server(_backend, authorities, tmp_path, built_console)
+    running = Server(authorities, tmp_path, built_console)
     try:
         running.start()
         yield running
@@ -104,7 +95,7 @@ def oidc_server(authorities, tmp_path, built_console, free_port):
             client_secret=SECRET,
             name="Example",
         )
-        running = Server(_backend, authorities, tmp_path, built_console, oidc=oidc)
+        running = Server(authorities, tmp_path, built_console, oidc=oidc)
         running.port = free_port
         try:
             running.start()
@@ -148,14 +139,14 @@ class Visitor:
 @pytest.fixture
 def free_port():
     """A port that was free just now."""
-    with contextlib.closing(_backend.Listen("127.0.0.1", 0).open()) as bound:
+    with contextlib.closing(Listen("127.0.0.1", 0).open()) as bound:
         return bound.getsockname()[1]
 
 
 @contextlib.asynccontextmanager
 async def _serve_at(backend, port):
-    bound = _backend.Listen("127.0.0.1", port).open()
-    server = _backend.new_server(backend.app, backend.settings)
+    bound = Listen("127.0.0.1", port).open()
+    server = new_server(backend.app, backend.settings)
     async with backend.running():
         task = asyncio.create_task(server.serve([bound]))
         while not server.started:
@@ -198,8 +189,8 @@ class Fresh:
     @contextlib.asynccontextmanager
     async def visitor(self, authenticator=None):
         headers = {"Origin": self.url, "Host": self.url.removeprefix("http://")}
-        async with httpx.AsyncClient(base_url=self.address, trust_env=False, headers=headers) as http:
-            yield Visitor(http, authenticator or _authenticator.Authenticator(self.url))
+        async with httpx.AsyncClient(base_url=self.address, trust_env=False, verify=PLAIN, headers=headers) as http:
+            yield Visitor(http, authenticator or Authenticator(self.url))
 
     @contextlib.asynccontextmanager
     async def administrator(self):

@@ -5,10 +5,7 @@ from __future__ import annotations
 import re
 
 import httpx
-
-from wonderland_backend.description import openapi
-from wonderland_backend.routes import new_app
-from wonderland_backend.settings import Settings
+from kit.description import document
 
 PUBLIC = {
     ("GET", "/api/v1/health"),
@@ -30,7 +27,7 @@ PUBLIC = {
 async def test_every_endpoint_wants_a_sign_in(running):
     asked, open_to_all = 0, []
     async with httpx.AsyncClient(base_url=running.url, trust_env=False) as http:
-        for path, operations in openapi(new_app(Settings(), frozenset(), None))["paths"].items():
+        for path, operations in document()["paths"].items():
             for method in operations:
                 if (method.upper(), path) in PUBLIC:
                     continue

@@ -16,8 +16,8 @@ import httpx
 import pytest
 from joserfc import jws
 from joserfc.jwk import ECKey, RSAKey
+from kit.openid_provider import SECRET, command
 
-from tests.people.openid_provider import SECRET, command
 from wonderland_backend.auth.oidc import OidcError, Provider
 from wonderland_backend.settings.oidc import OidcSettings
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-import barriers
 import pytest
+from kit import barriers
 from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser

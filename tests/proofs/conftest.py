@@ -1,12 +1,7 @@
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
-from tests_world import START_MS, World
+from kit.proof_world import START_MS, World
 
 
 @pytest.fixture

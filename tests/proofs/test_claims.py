@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 
 import pytest
-from tests_world import FRAME, START_MS, World
+from kit.proof_world import FRAME, START_MS, World
 
 from wonderland.proofs.claims import ClaimedPath
 

@@ -10,8 +10,8 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kit.proof_world import SQUARE, START_MS, World
 from scipy.optimize import least_squares
-from tests_world import SQUARE, START_MS, World
 
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.differences import MM_PER_TICK, frames_needed, judge_times, stamped

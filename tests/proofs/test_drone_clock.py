@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests_world import START_MS, World
+from kit.proof_world import START_MS, World
 
 from wonderland.proofs.drone_clock import HONEST_MS, UNKNOWN, drone_clock
 from wonderland.proofs.records.sessions import ClockReading

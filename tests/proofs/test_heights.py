@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kit.proof_world import SQUARE, START_MS, World
 from scipy.optimize import least_squares, minimize
-from tests_world import SQUARE, START_MS, World
 
 from wonderland.proofs.differences import frames_needed
 from wonderland.proofs.heights import LOWEST_MM, Heights

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from tests_world import START_MS, World
+from kit.proof_world import START_MS, World
 
 from wonderland.proofs.honest import looks_of, narrower, rounds_for, share_by, share_verified
 from wonderland.proofs.likelihood import Matrix2

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from tests_world import START_MS, World
+from kit.proof_world import START_MS, World
 
 from wonderland.proofs.leaving import NEWEST
 from wonderland.proofs.stopping import LOOKS

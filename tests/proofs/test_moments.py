@@ -8,7 +8,7 @@ import random
 
 import numpy as np
 import pytest
-from tests_world import START_MS
+from kit.proof_world import START_MS
 
 from wonderland.proofs.records.sessions import Evidence
 from wonderland.proofs.verdict import preview

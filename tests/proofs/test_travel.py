@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests_world import START_MS, World
+from kit.proof_world import START_MS, World
 
 from wonderland.proofs import travel
 from wonderland.proofs.claims import ClaimedPath

@@ -385,7 +385,7 @@ RANGE = st.sampled_from([-1, 0, 1, 5_000, 7_000, 7_010, 100_000, 1_000_000])
 )
 @settings(deadline=None, max_examples=200)
 def test_no_ranges_whatever_raise_or_verify_without_agreeing(columns):
-    from tests_world import World
+    from kit.proof_world import World
 
     world = World()
     times, ranges = columns

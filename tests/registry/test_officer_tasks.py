@@ -10,18 +10,12 @@ import base64
 import hashlib
 import json
 import re
-import sys
-from pathlib import Path
 
 import pytest
+from kit.houses import LIAR
+from kit.officer import Officer, seen
+from kit.proof_actors import ROUNDS
 from playwright.sync_api import expect
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
-
-from houses import LIAR
-from proof_actors import ROUNDS
-
-from tests.console.officer import Officer, seen
 
 
 @pytest.mark.timeout(300)

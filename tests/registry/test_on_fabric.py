@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 
 import pytest
+from kit.registry_house import House, request_pem
 from playwright.sync_api import expect
-from registry_house import House, request_pem
 
 from wonderland_backend.transactions.registrar import registrar_of
 from wonderland_fabric_gateway.connection import Connection

@@ -6,8 +6,8 @@ import json
 import re
 
 import pytest
+from kit.registry_house import commissioning
 from playwright.sync_api import expect
-from registry_house import commissioning
 
 DONE = "It is on the ledger, signed by you."
 

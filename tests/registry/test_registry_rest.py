@@ -2,37 +2,23 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import pytest
+from kit.backend import serving
+from kit.chain import Source
+from kit.facts import Facts
 
-_PATH = Path(__file__).resolve().parents[1] / "backend" / "conftest.py"
-_SPECIFICATION = importlib.util.spec_from_file_location("wonderland_backend_tools_for_registry", _PATH)
-tools = importlib.util.module_from_spec(_SPECIFICATION)
-sys.modules[_SPECIFICATION.name] = tools
-_SPECIFICATION.loader.exec_module(tools)
-
-authorities, chain, postgres, clock = tools.authorities, tools.chain, tools.postgres, tools.clock
-migrated_file, database, database_url, new_backend = (
-    tools.migrated_file,
-    tools.database,
-    tools.database_url,
-    tools._new_backend,
-)
 BOTH = pytest.mark.parametrize("database_url", ["sqlite", "postgresql"], indirect=True)
 
 
 @pytest.fixture
 async def client(new_backend, chain):
-    facts = tools.Facts()
+    facts = Facts()
     chain.add(facts.put_pad(), facts.put_pad("pad-2", commissioned=False), facts.put_uav(), facts.put_uav("uav-2"))
     chain.add(facts.grant(), facts.set_policy())
     chain.add(
         facts.put_uav("uav-2", status="suspended", status_reason="why"), facts.put_uav("uav-3", model="Räven 100%")
     )
-    async with tools.serving(new_backend(tools.Source(chain))) as running:
+    async with serving(new_backend(Source(chain))) as running:
         await running.mirrored(chain.height)
         yield running
 

@@ -10,7 +10,7 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.asymmetric.utils import decode_dss_signature, encode_dss_signature
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, load_pem_private_key
-from registry_house import DAY_MS, base64url, decoded, new_house, request_pem
+from kit.registry_house import DAY_MS, base64url, decoded, new_house, request_pem
 from sqlalchemy import select
 
 from wonderland.proofs import encoding

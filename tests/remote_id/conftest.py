@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
 from hypothesis import strategies as st
 
@@ -31,8 +28,6 @@ from wonderland_remote_id import (
     UaType,
     VerticalAccuracy,
 )
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 versions = st.sampled_from(ProtocolVersion)
 altitudes = st.none() | st.integers(1, 65535).map(lambda code: code * 500 - 1_000_000)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import aiomqtt
 import pytest
-from mqtt_broker import Broker
+from kit.mqtt_broker import Broker
 
 from wonderland_edge_agent.receiver import Heard, ReceiverError, RemoteIdReceiver
 from wonderland_edge_agent.receiver.configured import sources_of

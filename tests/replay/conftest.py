@@ -1,20 +1,11 @@
-"""The backend's fixtures, and a client of the live interface that keeps what it is told."""
+"""A client of the live interface that keeps what it is told."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-
-from other_conftest import fixtures_of, tools_of
-
-backend_tests = tools_of("backend")
-globals().update(fixtures_of(backend_tests))
 
 KEYS = {
     "pads": "pad_id",

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 import uuid
-from pathlib import Path
 
 import pytest
+from kit.node_client import Bridge, NodePeople
+from kit.scenario_world import PLACES, Site, people_at
 
 from wonderland_fabric_network import binaries
 from wonderland_fabric_network.errors import BinaryError
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
-from node_client import Bridge, NodePeople
-from scenario_world import PLACES, Site, people_at
 
 
 @pytest.fixture(scope="session", params=[pytest.param("embedded"), pytest.param("fabric", marks=pytest.mark.fabric)])

@@ -6,8 +6,8 @@ The scenarios that change something are in the other files, each played by both 
 import asyncio
 
 import pytest
-from node_client import NodeError
-from scenario_world import people_at
+from kit.node_client import NodeError
+from kit.scenario_world import people_at
 
 from wonderland.proofs import encoding
 from wonderland_fabric_gateway.gateway import EndorseError

@@ -3,7 +3,7 @@
 import asyncio
 
 import pytest
-from scenario_world import also_with_the_node_client
+from kit.scenario_world import also_with_the_node_client
 
 from wonderland_fabric_gateway.gateway import CommitError, EndorseError
 

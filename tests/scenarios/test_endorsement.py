@@ -1,7 +1,8 @@
 """Who must sign: the authority and an operator of pads; and for what belongs to a pad, its own operator."""
 
 import pytest
-from scenario_world import also_with_the_node_client, witnesses
+from kit import witnesses
+from kit.scenario_world import also_with_the_node_client
 
 from wonderland_fabric_gateway.gateway import CommitError
 

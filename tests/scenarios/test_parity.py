@@ -20,7 +20,7 @@ from fabric_protos.gateway import gateway_pb2
 from fabric_protos.ledger.rwset import rwset_pb2
 from fabric_protos.ledger.rwset.kvrwset import kv_rwset_pb2
 from fabric_protos.peer import proposal_pb2, proposal_response_pb2, transaction_pb2
-from scenario_world import People, Person, Site, people_at
+from kit.scenario_world import People, Person, Site, people_at
 
 from wonderland.proofs import encoding
 from wonderland_fabric_gateway.blocks import parse_block

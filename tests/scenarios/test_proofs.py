@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from scenario_world import also_with_the_node_client
+from kit.scenario_world import also_with_the_node_client
 
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of

@@ -3,7 +3,7 @@
 import asyncio
 
 import pytest
-from scenario_world import people_at
+from kit.scenario_world import people_at
 
 from wonderland.proofs import encoding
 from wonderland_fabric_gateway.checkpoints import FileCheckpointer

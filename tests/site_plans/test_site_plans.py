@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 
-import barriers
+from kit import barriers
 from playwright.sync_api import expect
 
 from wonderland_backend.site_plans import store

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from kit import said
 
 from wonderland import telemetry
 from wonderland.proofs import encoding
@@ -19,10 +18,6 @@ from wonderland_backend.agents.connected import Agent
 from wonderland_backend.ingest.batch import read
 from wonderland_edge_agent.reporting import SpoolReporter
 from wonderland_edge_agent.session import actions as do
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-import said
 
 T0 = 1_760_000_400_000
 DRIP = {"state": "verified", "det": "2001:30:280:1405:1:2:3:4", "format": "wrapper", "t_ms": T0}

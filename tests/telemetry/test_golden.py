@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
+from kit import said
 
 from wonderland import telemetry
 from wonderland.proofs import encoding
 from wonderland.proofs.records.sessions import STEP_NAMES
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
-
-import said  # noqa: E402
 
 GOLDEN: dict[str, list[Any]] = json.loads((HERE / "golden.json").read_text())
 SERVER = [

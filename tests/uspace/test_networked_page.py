@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
+from kit import barriers
+from kit.browser import FLAGS, FRONTEND, OFFLINE, PATIENCE_MS, chromium_program
 from playwright.async_api import async_playwright, expect
 from sqlalchemy import select
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-
-import barriers
-from other_conftest import tools_of
-
 from wonderland_backend.db.tables.audit import AuditRow
 
-console_tests = tools_of("console")
-PATIENCE_MS = console_tests.PATIENCE_MS
 pytestmark = pytest.mark.browser
 
 
@@ -29,13 +21,11 @@ async def chromium():
     except Exception as error:  # noqa: BLE001 - playwright raises plain Exceptions
         pytest.skip(f"playwright's driver does not start here: {error}")
     try:
-        program = console_tests.chromium_program(manager)
+        program = chromium_program(manager)
         if program is None:
             pytest.skip("no Chromium here: neither playwright's own nor one on the PATH")
         expect.set_options(timeout=PATIENCE_MS)
-        running = await manager.chromium.launch(
-            executable_path=program, args=[*console_tests.FLAGS, console_tests.OFFLINE]
-        )
+        running = await manager.chromium.launch(executable_path=program, args=[*FLAGS, OFFLINE])
         yield running
         await running.close()
     finally:
@@ -44,7 +34,7 @@ async def chromium():
 
 @pytest.fixture
 def console():
-    built = console_tests.FRONTEND / "dist"
+    built = FRONTEND / "dist"
     if not (built / "index.html").is_file():
         pytest.skip("the console is not built (make setup)")
     return built

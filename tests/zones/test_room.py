@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
+from kit import barriers
+from kit.houses import Place
+from kit.scenario_world import Site, people_at
 from playwright.sync_api import expect
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-
-import barriers
-from houses import Place
-from scenario_world import Site, people_at
 
 FILES = Path(__file__).parent / "files"
 

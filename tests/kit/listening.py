@@ -8,7 +8,7 @@ import signal
 import sys
 from pathlib import Path
 
-from listener import open_database
+from kit.listener import open_database
 
 SCRIPT = Path(__file__).with_name("listener.py")
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import importlib.util
 import json
 import os
 import select
@@ -16,11 +15,11 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import psutil
 import pytest
 
+from kit.contract import Scene
 from wonderland.proofs import encoding
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.embedded.administration import DirectoryAdministration
@@ -34,22 +33,6 @@ from wonderland_fabric_network.layout import NetworkDirectory
 
 PATIENCE_S = 60
 """For what comes soon, on a machine that is busy with other tests."""
-
-
-def _contract_tests(file):
-    """The pads, the drones and the evidence of the contract's own tests."""
-    name = f"scenario_{file}"
-    if name not in sys.modules:
-        path = Path(__file__).parent.parent / "chaincode" / f"{file}.py"
-        spec = importlib.util.spec_from_file_location(name, path)
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
-
-
-Scene = _contract_tests("conftest").Scene
-witnesses = _contract_tests("test_witnesses")
 
 
 def quiet(_step, _text):

@@ -7,8 +7,8 @@ import time
 from dataclasses import dataclass, replace
 
 from cryptography.hazmat.primitives.asymmetric import ec
-from tests_world import START_MS, World
 
+from kit.proof_world import START_MS, World
 from wonderland.proofs import encoding
 from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.keys import public_bytes

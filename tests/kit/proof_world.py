@@ -48,12 +48,21 @@ class World:
     """Builds sessions whose truth is known."""
 
     def __init__(
-        self, seed: int = 1, anchors: Sequence[tuple[int, int]] = SQUARE, sigma_mm: int = 25, bias_sigma_mm: int = 5
+        self,
+        seed: int = 1,
+        anchors: Sequence[tuple[int, int]] = SQUARE,
+        sigma_mm: int = 25,
+        bias_sigma_mm: int = 5,
+        *,
+        start_ms: int = START_MS,
+        frame: Frame = FRAME,
     ) -> None:
+        self.start_ms = start_ms
+        self.frame = frame
         self.rng = random.Random(seed)
         self.sigma_mm = sigma_mm
         self.commissioning = Commissioning(
-            frame=FRAME,
+            frame=frame,
             anchors=tuple(
                 Anchor(
                     anchor_id=f"A{i}",
@@ -70,12 +79,12 @@ class World:
             installation_sigma_mm=5,
             max_range_mm=100_000,
             valid_from_ms=0,
-            valid_until_ms=START_MS * 2,
+            valid_until_ms=self.start_ms * 2,
             method="simulated",
         )
 
     def claim(self, local: tuple[float, float, float], t_ms: int, **more: int) -> Claim:
-        lat, lon, height = frames.to_wgs84(FRAME, *(round(value) for value in local))
+        lat, lon, height = frames.to_wgs84(self.frame, *(round(value) for value in local))
         return Claim(
             lat_e7=lat,
             lon_e7=lon,
@@ -102,8 +111,8 @@ class World:
             contract_version="1.0",
             transcript_sha256="0" * 64,
             policy=Policy(**policy),
-            requested_ms=START_MS,
-            expires_ms=START_MS + 60_000,
+            requested_ms=self.start_ms,
+            expires_ms=self.start_ms + 60_000,
         )
 
     def evidence(
@@ -126,17 +135,16 @@ class World:
                 distance = math.dist(truth(t), (anchor.east_mm, anchor.north_mm, anchor.up_mm))
                 ranges.append(max(0, round((distance + bias_mm[index] + self.rng.gauss(0, self.sigma_mm)) / 10) * 10))
             columns.append(AnchorRanges(anchor_id=anchor.anchor_id, range_mm=tuple(ranges)))
-        claims = tuple(
-            self.claim(claimed(t), START_MS + t) for t in range(400, 700 + 50 * (claimed_rounds or rounds), 200)
-        )
+        until = 700 + 50 * (claimed_rounds or rounds)
+        claims = tuple(self.claim(claimed(t), self.start_ms + t) for t in range(400, until, 200))
         heard = ()
         if broadcast is not None:
             heard = tuple(
                 BroadcastClaim(lat_e7=c.lat_e7, lon_e7=c.lon_e7, height_mm=c.height_mm, t_ms=c.t_ms)
-                for c in (self.claim(broadcast(t), START_MS + t) for t in range(500, 700 + 50 * rounds, 1000))
+                for c in (self.claim(broadcast(t), self.start_ms + t) for t in range(500, 700 + 50 * rounds, 1000))
             )
         return Evidence(
-            ranges=RangeTable(t_ms=tuple(START_MS + t for t in times), anchors=tuple(columns)),
+            ranges=RangeTable(t_ms=tuple(self.start_ms + t for t in times), anchors=tuple(columns)),
             claims=claims,
             broadcast=heard,
             **{"matched": "both", "radio": Radio(measured_by="pad", sts="provisioned"), "steps": (), **more},
@@ -173,7 +181,7 @@ class World:
             for index, (column, stamp) in enumerate(zip(columns, stamps, strict=True)):
                 column.append(NO_TICK if (index, number) in deaf else round(stamp - first))
         return TimeStamps(
-            start_ms=START_MS + 500,
+            start_ms=self.start_ms + 500,
             gap_ms=(0,) + (50,) * (frames - 1),
             anchors=tuple(
                 AnchorTicks(anchor_id=anchor.anchor_id, ticks=tuple(column))
@@ -192,5 +200,5 @@ class World:
             commissioning_sha256="0" * 64,
             radio=Radio(measured_by="pad", sts="provisioned"),
             time_stamps=self.stamps(truth, **{"bound_by": "key", **more}),
-            testified_ms=START_MS + 5_000,
+            testified_ms=self.start_ms + 5_000,
         )

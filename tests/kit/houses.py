@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from proof_actors import HERE, ROUNDS, Actors
-from registry_house import House, new_house
-from tests_world import World
 
+from kit.proof_actors import HERE, ROUNDS, Actors
+from kit.proof_world import World
+from kit.registry_house import House, new_house
 from wonderland_fabric_gateway.connection import Connection
 
 AWAY_MM = 4_200

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-HERE = Path(__file__).with_name("provider")
+HERE = Path(__file__).parents[1] / "people" / "provider"
 SECRET = "a secret of tests, with : and %"
 ACCOUNTS = {
     "ada": {"email": "ada@example.org", "email_verified": True, "name": "Ada", "groups": ["officers"]},

@@ -17,10 +17,11 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 
+from kit import PLAIN
+from kit.databases import copy_migrated
 from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning
 from wonderland_backend.app import Backend
 from wonderland_backend.db.engine import Database
-from wonderland_backend.db.migrate import migrate
 from wonderland_backend.ledger.access import LedgerAccess
 from wonderland_backend.mirror.source import GatewaySource
 from wonderland_backend.serve import Listen, new_server
@@ -74,7 +75,7 @@ class Somebody:
 
     def __init__(self, house, name, roles, msp_id=""):
         self.house = house
-        self.http = httpx.Client(base_url=house.url, trust_env=False, timeout=30)
+        self.http = httpx.Client(base_url=house.url, trust_env=False, verify=PLAIN, timeout=30)
         token = house.run(house.backend.parts.sign_ins.new_token(name, roles, msp_id=msp_id))
         answer = self.http.post("/api/v1/session", json={"token": token})
         assert answer.status_code == 200, answer.text
@@ -216,8 +217,7 @@ class House:
     async def _start_backend(self):
         connection = self.connection
         self._backend_stack = contextlib.AsyncExitStack()
-        database = Database(f"sqlite:///{self.directory / 'registry.db'}")
-        await migrate(database)
+        database = Database(f"sqlite:///{copy_migrated(self.directory / 'registry.db')}")
         gateway = Gateway(self.channel, connection.identity("mirror"), connection.signer("mirror"))
         demo = self.settings.get("demo", False)
         self.backend = Backend(

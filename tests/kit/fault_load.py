@@ -16,8 +16,7 @@ import signal
 import time
 from dataclasses import dataclass, field
 
-from proof_actors import Actors
-
+from kit.proof_actors import Actors
 from wonderland.proofs import encoding
 from wonderland.proofs.records import transactions as tx
 from wonderland_backend.db.engine import Database

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import grpc
 import pytest
-from scenario_world import People, Person
 
+from kit.scenario_world import People, Person
 from wonderland.proofs import encoding
 from wonderland_fabric_gateway.gateway import (
     CommitStatus,
