@@ -10,6 +10,7 @@ import { mapTexts as t } from "./texts";
 import { useBaseMap, useLookAgain } from "./baseMap";
 import { mapWishes, useMapWishes } from "./mapWishes";
 import { Credits } from "./Credits";
+import type { Failing } from "./failures";
 import { MapController } from "./controller";
 import type { Overlay } from "./overlays";
 import type { Selection } from "./picture";
@@ -70,9 +71,10 @@ function Made(properties: Properties): ReactElement {
   const controller = useRef<MapController | undefined>(undefined);
   const store = useLiveStore();
   const { theme } = useTheme();
-  const base = useBaseMap();
+  const { base, elsewhere } = useBaseMap();
   const lookAgain = useLookAgain();
   const [failure, setFailure] = useState<string | undefined>();
+  const [failing, setFailing] = useState<readonly Failing[]>([]);
   const latest = useRef(properties);
   const baseNow = useRef(base);
   useEffect(() => {
@@ -106,11 +108,9 @@ function Made(properties: Properties): ReactElement {
         {
           onSelect: (uav_id) => latest.current.onSelect(uav_id),
           onCamera: (at, grid_m) => latest.current.onCamera(at, grid_m),
-          onFailure: (reason) => {
-            setFailure(reason);
-            // The archive may have been replaced.
-            if (reason !== undefined) lookAgain();
-          },
+          onFailure: setFailure,
+          onFailing: setFailing,
+          onLookAgain: lookAgain,
           onRelease: () => (latest.current.onRelease ?? nothing)(),
           onMeasure: (place) => (latest.current.onMeasure ?? nothing)(place),
           onGround: (place) => (latest.current.onGround ?? nothing)(place),
@@ -175,7 +175,7 @@ function Made(properties: Properties): ReactElement {
     <>
       <div ref={container} className="map" data-testid="map" />
       {measure !== undefined && <div className="map-cross" aria-hidden="true" style={{ inset: `${top}px ${right}px ${bottom}px ${left}px` }} />}
-      <Credits base={base} />
+      <Credits base={base} elsewhere={elsewhere} failing={failing} />
       {failure !== undefined && (
         <p className="map-failure" role="status">
           {failure} {t("listSame")}
