@@ -32,8 +32,8 @@ export function useBaseMap(): { base: BaseMap; elsewhere: boolean } {
 
 /** Whether there are pads, and none of them where the archive has anything to draw. */
 export function isElsewhere({ archive }: BaseMap, pads: Iterable<Pad>): boolean {
-  if (archive === undefined || archive === null) return false;
-  const [west = -180, south = -90, east = 180, north = 90] = archive.bounds;
+  if (archive === undefined) return false;
+  const [west, south, east, north] = archive.bounds;
   const all = [...pads].filter(({ status }) => status !== "retired");
   return all.length > 0 && all.every(({ lat_e7, lon_e7 }) => lon_e7 < west * 1e7 || lon_e7 > east * 1e7 || lat_e7 < south * 1e7 || lat_e7 > north * 1e7);
 }

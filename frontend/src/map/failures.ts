@@ -8,6 +8,8 @@ import { PLACE } from "./placeLayers";
 export type Failing = { what: MissingMap["what"] | "base"; why: "away" | "damaged" };
 
 type Tile = { x: number; y: number; z: number };
+/** MapLibre's own, as far as it is needed. */
+type Loaded = { state: string; tileID: { canonical: Tile } };
 type Failed = Failing & { tiles: Map<string, Tile> };
 
 /** What an archive that was replaced needs until the new one is known is no failure worth a word. */
@@ -65,11 +67,13 @@ export class Failures {
     this.timer ??= setTimeout(() => this.say(), PATIENCE_MS);
   }
 
-  private onData({ sourceId, tile, sourceDataType }: MapSourceDataEvent): void {
+  private onData(event: MapSourceDataEvent): void {
+    const { sourceId, sourceDataType } = event;
+    const tile = event.tile as Loaded | undefined;
     const failed = this.failed.get(sourceId);
     if (failed === undefined || (tile?.state !== "loaded" && sourceDataType !== "content")) return;
     // One damaged part is damaged still when another has come.
-    const { x, y, z } = (tile as { tileID: { canonical: Tile } } | undefined)?.tileID.canonical ?? { x: 0, y: 0, z: 0 };
+    const { x, y, z } = tile?.tileID.canonical ?? { x: 0, y: 0, z: 0 };
     if (failed.why === "damaged" && !failed.tiles.delete(`${z}/${x}/${y}`)) return;
     if (failed.why === "damaged" && failed.tiles.size > 0) return;
     this.failed.delete(sourceId);
