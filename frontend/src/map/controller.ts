@@ -48,6 +48,8 @@ const SLANTED_SITE_ZOOM = 16.6;
 const PROOF_SHARE = 0.55;
 const SETTLING_MS = 500;
 const GROWING_MS = 1_500;
+/** What is known of a drone comes in pieces. */
+const PROOF_COMES_MS = 10_000;
 const TOPICS: readonly Topic[] = ["tracks", "estimates"];
 
 /** `share`: how much of the free map the places fill at most; else all but a margin. */
@@ -65,8 +67,8 @@ export class MapController {
   private addressed: boolean;
   private deep: boolean;
   private bearing = BEARING;
-  /** The last move of the camera that was ours, until somebody takes the camera; `overview`: of all there is. */
-  private flight: { since_ms: number; again: () => void; overview: boolean } | undefined;
+  /** The last move of the camera that was ours, until somebody takes the camera; `overview`: of all there is; `thin`: of a drone whose proof is not known yet. */
+  private flight: { since_ms: number; again: () => void; overview: boolean; thin?: boolean } | undefined;
   /** Where drones have been that left the first view. */
   private wider: Seen[] = [];
   private wanted = false;
@@ -139,6 +141,7 @@ export class MapController {
     this.picture.review(fleet);
     if (first && this.flight?.since_ms === Infinity) this.fitAgain();
     else this.keepFitting();
+    if (this.flight?.thin === true && performance.now() - this.flight.since_ms < PROOF_COMES_MS && placesOf(fleet.find(this.selection.uav_id), this.selection, this.store).padded) this.fitSelection();
     if (!this.fitted && this.store.pads.size > 0) {
       if (this.selection.uav_id === undefined) this.fitAll(true);
       else this.fitSelection(true);
@@ -321,6 +324,8 @@ export class MapController {
     this.fitted = true;
     if (places.length === 1 && !padded) {
       const centre = places[0]?.at;
+      // Its proof may be on the way.
+      this.flight = { since_ms: performance.now(), again: () => this.fitSelection(), overview: false, thin: true };
       if (centre !== undefined) {
         this.map.easeTo({ center: centre, zoom: Math.max(this.map.getZoom(), 14.5), ...this.motion(still ? 0 : FLIGHT_MS) });
       }

@@ -36,7 +36,7 @@ const ABOVE: readonly Side[] = ["above", "left", "right", "below"];
 const BELOW: readonly Side[] = ["below", "above", "left", "right"];
 const BESIDE: readonly Side[] = ["right", "left", "below", "above"];
 
-type Properties = { up_m?: number; to_m?: number; kind?: string; label?: string; name?: string; note?: string; tone?: "ok" | "maybe" | "bad"; grave?: boolean; chosen?: boolean; faint?: boolean };
+type Properties = { up_m?: number; to_m?: number; half_m?: number; kind?: string; label?: string; name?: string; note?: string; tone?: "ok" | "maybe" | "bad"; grave?: boolean; chosen?: boolean; faint?: boolean };
 
 function at({ geometry }: Feature<Point>): { x: number; y: number } {
   const [lon = 0, lat = 0] = geometry.coordinates;
@@ -165,10 +165,15 @@ const DRAWN = ["difference", "buffer", "ellipse", "sight", "square"];
 
 /** They, as points so near to each other that no word fits between them. */
 function alongLines(view: View, { geometry, properties }: Feature): Spot[] {
-  const { kind = "", up_m = 0, to_m = up_m, faint } = (properties ?? {}) as Properties;
+  const { kind = "", up_m = 0, to_m = up_m, half_m = 0, faint } = (properties ?? {}) as Properties;
   if (!DRAWN.includes(kind) || faint === true || (kind === "sight" && view.tilt !== undefined)) return [];
   const way = geometry.type === "LineString" ? geometry.coordinates : geometry.type === "Polygon" ? (geometry.coordinates[0] ?? []) : [];
-  const spots = way.flatMap(([lon = 0, lat = 0], i) => spotOf(view, mercatorX(lon), mercatorY(lat), i === 0 ? up_m : to_m) ?? []);
+  // Aslant, a buffer is a cylinder.
+  const heights = kind === "buffer" && view.tilt !== undefined ? [Math.max(0, up_m - half_m), up_m + half_m] : [up_m];
+  return heights.flatMap((from_m) => along(way.flatMap(([lon = 0, lat = 0], i) => spotOf(view, mercatorX(lon), mercatorY(lat), i === 0 || to_m === up_m ? from_m : to_m) ?? [])));
+}
+
+function along(spots: readonly Spot[]): Spot[] {
   return spots.flatMap((to, i) => {
     const from = spots[i - 1];
     if (from === undefined) return [];
