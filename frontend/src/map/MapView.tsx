@@ -76,10 +76,10 @@ function Made(properties: Properties): ReactElement {
   const [failure, setFailure] = useState<string | undefined>();
   const [failing, setFailing] = useState<readonly Failing[]>([]);
   const latest = useRef(properties);
-  const baseNow = useRef(base);
+  const baseNow = useRef({ base, elsewhere });
   useEffect(() => {
     latest.current = properties;
-    baseNow.current = base;
+    baseNow.current = { base, elsewhere };
   });
 
   // Where to look first is known with the first pads: the world is not fetched on the way there.
@@ -129,7 +129,7 @@ function Made(properties: Properties): ReactElement {
     if (now.camera === undefined) made.setDeep(now.deep === true, true);
     made.select(now.selection);
     made.setOverlays(now.overlays ?? NONE);
-    made.describe(baseNow.current);
+    made.describe(baseNow.current.base, baseNow.current.elsewhere);
     made.showImagery(mapWishes().imagery);
     made.measure(now.measure);
     made.follow(now.follow);
@@ -149,7 +149,7 @@ function Made(properties: Properties): ReactElement {
     [uav_id, verdict],
   );
   useEffect(() => controller.current?.setOverlays(overlays), [overlays]);
-  useEffect(() => controller.current?.describe(base), [base]);
+  useEffect(() => controller.current?.describe(base, elsewhere), [base, elsewhere]);
   const { imagery } = useMapWishes();
   useEffect(() => controller.current?.showImagery(imagery), [imagery]);
   const deepNow = useRef(deep);

@@ -1,5 +1,5 @@
 import { useQuery, useQueryClient } from "@tanstack/react-query";
-import { useCallback, useMemo } from "react";
+import { useCallback } from "react";
 import { answered, useApi } from "../shared/api/api";
 import type { Pad } from "../shared/api/records";
 import type { LiveStore, Topic } from "../shared/live/store";
@@ -12,7 +12,10 @@ const KEY = ["base-map"];
 const NOTHING: BaseMap = { missing: [] };
 const TOPICS: readonly Topic[] = ["pads"];
 
-/** What the ground of the map is drawn from; coasts and borders alone until that is known, or where it is not told. */
+/**
+ * What the ground of the map is drawn from; coasts and borders alone until that is known, or where it is not told.
+ * `elsewhere`: an archive draws a part of the world where no pad is.
+ */
 export function useBaseMap(): { base: BaseMap; elsewhere: boolean } {
   const api = useApi();
   const query = useQuery({
@@ -23,11 +26,7 @@ export function useBaseMap(): { base: BaseMap; elsewhere: boolean } {
   });
   const told = query.data ?? NOTHING;
   const elsewhere = useLive(TOPICS, (store: LiveStore) => isElsewhere(told, store.pads.values()));
-  return useMemo(() => {
-    if (!elsewhere) return { base: told, elsewhere };
-    const { archive: _archive, terrain: _terrain, ...rest } = told;
-    return { base: rest, elsewhere };
-  }, [told, elsewhere]);
+  return { base: told, elsewhere };
 }
 
 /** Whether there are pads, and none of them where the archive has anything to draw. */

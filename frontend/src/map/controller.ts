@@ -157,8 +157,10 @@ export class MapController {
     this.picture.setOverlays(overlays);
   }
 
-  describe(base: BaseMap): void {
+  /** `elsewhere`: what an archive draws is nowhere near. */
+  describe(base: BaseMap, elsewhere: boolean): void {
     this.picture.describe(base);
+    this.picture.elsewhere = elsewhere;
     // It is another ground now.
     this.failures.forget();
     if (this.isDeep === this.wantsDepth || this.addressed) return;
@@ -184,7 +186,7 @@ export class MapController {
   }
 
   private get wantsDepth(): boolean {
-    return this.deep && this.picture.place.hasVolumes;
+    return this.deep && this.picture.place.hasVolumes && !this.picture.elsewhere;
   }
 
   private get isDeep(): boolean {

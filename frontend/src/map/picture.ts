@@ -56,6 +56,8 @@ export class Picture {
   private overlays: readonly Overlay[] = [];
   /** So much of the map's padding is beside the panels. */
   room = 0;
+  /** Where the pads are, nothing but coasts and borders is drawn. */
+  elsewhere = false;
   private readonly baseLoaded = new Set<string>();
   readonly place: PlaceOnMap;
 
@@ -218,7 +220,7 @@ export class Picture {
 
   /** Whether a metre grid is drawn. */
   get hasGrid(): boolean {
-    return this.gridPad() !== undefined && !(this.place.isShown && (this.tilted || this.map.getZoom() < GRID_ZOOM));
+    return this.gridPad() !== undefined && !(this.place.isShown && !this.elsewhere && (this.tilted || this.map.getZoom() < GRID_ZOOM));
   }
 
   private addOverlays(): void {
