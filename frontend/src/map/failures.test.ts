@@ -52,7 +52,7 @@ it("says nothing of what comes a moment later, nor of what nobody wants any long
 });
 
 it("calls a part damaged that came and cannot be read, until it can or the archive is another", () => {
-  fire("error", { error: new Error("Unimplemented type: 5"), sourceId: "place", tile: tile(1) });
+  fire("error", { error: new Error("Failed to fetch"), sourceId: "place", tile: tile(1) });
   vi.advanceTimersByTime(20_000);
   fire("sourcedata", { sourceId: "place", tile: tile(7, "loaded") });
   expect([told, asked]).toEqual([[[{ what: "archive", why: "damaged" }]], []]);

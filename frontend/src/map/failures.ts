@@ -17,10 +17,13 @@ const PATIENCE_MS = 1_500;
 const AGAIN_MS = 10_000;
 const SOURCES: Record<string, MissingMap["what"]> = { [PLACE]: "archive", [TERRAIN]: "terrain", [IMAGERY]: "imagery" };
 
-/** Away is what a network or a server fails to bring; all else that goes wrong with an archive is wrong in it. */
+/**
+ * Away is what a network or a server fails to bring; all else that goes wrong with an archive is wrong in it, also where a
+ * browser says "Failed to fetch": so it calls bytes that it cannot unpack.
+ */
 export function failingOf(source: string | undefined, message: string): Failing {
   const what = SOURCES[source ?? ""];
-  const away = what === undefined || message.includes(AWAY) || /Failed to fetch|AJAXError|NetworkError|Load failed/.test(message);
+  const away = what === undefined || message.includes(AWAY) || (what === "imagery" && /Failed to fetch|AJAXError|NetworkError|Load failed/.test(message));
   return { what: what ?? "base", why: away ? "away" : "damaged" };
 }
 
