@@ -6,9 +6,11 @@ import asyncio
 import contextlib
 import gzip
 import os
+import re
 import struct
 import time
 import tracemalloc
+from pathlib import Path
 
 import pytest
 
@@ -20,6 +22,9 @@ from wonderland_backend.maps.service import Maps
 from wonderland_backend.settings.maps import MapSettings
 from wonderland_simulator.place.archive import write
 
+WORDS = Path(__file__).parents[2] / "frontend" / "src" / "map" / "missingTexts.ts"
+CODES = set(re.findall(r'^    (\w+): "', WORDS.read_text("utf-8").partition("whyTexts")[2], re.MULTILINE))
+"""For which the console has words."""
 LAYERS = ("earth", "water", "roads")
 
 
@@ -59,6 +64,8 @@ def test_what_is_wrong_with_an_archive_is_said_and_where_it_is_set(tmp_path, spo
     maps = Maps(MapSettings(archive=path), new_client())
     (missing,) = maps.describe("/api/v1")["missing"]
     assert why in missing["why"]
+    assert missing["code"] in CODES
+    assert str(tmp_path) not in str(missing)
     assert str(tmp_path) not in missing["why"]
     assert missing["setting"] == "WONDERLAND_BACKEND_MAP__ARCHIVE"
 
@@ -67,9 +74,9 @@ def test_terrain_says_how_its_pixels_are_read_and_what_is_wrong_with_it(tmp_path
     path = made(tmp_path / "heights.pmtiles")
     settings = MapSettings(terrain=path, terrain_encoding="mapbox")
     told = Maps(settings, new_client()).describe("/api/v1")
-    assert told["missing"] == [
-        {"what": "terrain", "why": "its tiles are vector, not images", "setting": "WONDERLAND_BACKEND_MAP__TERRAIN"}
-    ]
+    (missing,) = told["missing"]
+    assert (missing["what"], missing["setting"]) == ("terrain", "WONDERLAND_BACKEND_MAP__TERRAIN")
+    assert (missing["code"], missing["facts"]) == ("kind", {"kind": "vector", "wanted": "images"})
     damage(path, lambda data: data.__setitem__(slice(98, 100), bytes([1, 2])))
     told = Maps(settings, new_client()).describe("/api/v1")
     assert told["missing"] == []
@@ -247,7 +254,8 @@ async def test_a_wmts_that_hangs_costs_little_and_is_left_alone():
             with pytest.raises(ImageryError, match="does not answer within"):
                 await imagery.tile(3, 4, 2)
         assert asked == 1
-        assert "does not answer" in imagery.failure
+        assert imagery.failure is not None
+        assert (imagery.failure.code, "limit" in imagery.failure.facts) == ("wmts_slow", True)
 
 
 async def test_images_are_kept_and_nothing_but_images_is_passed_on():

@@ -11,7 +11,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 import pytest
+from console.test_place_screens import COVERED, FLOATING, LEAST_COLOURS, drawn
 from kit import barriers
+from kit.console import measure
 from kit.town import a_town
 from PIL import Image
 from playwright.sync_api import expect
@@ -326,10 +328,53 @@ def test_what_is_missing_is_said_with_where_it_is_set(placed, open_page, town_ar
     spoil(placed.archive_file, town_archive)
     page = open_page(placed.link(), room=f"live?{TOWN}")
     said = page.get_by_test_id("credits")
+    expect(said).to_contain_text("One thing is missing from the map")
+    said.get_by_role("button", name="show").click()
     expect(said).to_contain_text(why)
+    assert page.evaluate(COVERED, FLOATING) == []
     expect(said.locator("code")).to_have_text("WONDERLAND_BACKEND_MAP__ARCHIVE")
     expect(page.get_by_role("listbox", name="Drones").get_by_role("option")).to_have_count(2)
     assert barriers.anywhere(page) == []
+
+
+@pytest.mark.timeout(120)
+def test_a_damaged_part_is_said_with_where_the_archive_is_set(placed, open_page, town_archive):
+    tiles = struct.unpack_from("<Q", town_archive, 56)[0]
+    placed.archive_file.write_bytes(town_archive[:tiles] + b"\xa5" * (len(town_archive) - tiles))
+    page = open_page(placed.link(), room=f"live?{TOWN}")
+    page.watched.expected = ("tile", "gzip", "Error")
+    said = page.get_by_test_id("credits")
+    said.get_by_role("button", name="show").click()
+    expect(said).to_contain_text("A part of the map of the place is damaged. Set by WONDERLAND_BACKEND_MAP__ARCHIVE.")
+
+
+@pytest.mark.timeout(180)
+def test_where_images_do_not_come_the_drawn_ground_stays_and_the_camera(
+    real_backend, town_archive, tmp_path, open_page
+):
+    path = tmp_path / "town.pmtiles"
+    path.write_bytes(town_archive)
+    running = real_backend(map={"archive": path, "wmts": "http://127.0.0.1:9/{z}/{x}/{y}"})
+    measure(running, lat_e7=437_325_000, lon_e7=74_165_000)
+    page = open_page(running.link(), room=f"live?{TOWN}")
+    before = drawn(page)
+    page.keyboard.press("b")
+    said = page.get_by_test_id("credits")
+    expect(said).to_contain_text("One thing is missing from the map", timeout=60_000)
+    assert drawn(page) >= before >= LEAST_COLOURS
+    page.get_by_role("button", name="Vaihda suomeen").click()
+    said.get_by_role("button", name="näytä").click()
+    expect(said).to_contain_text("Ilmakuvat puuttuvat: WMTS ei ole tavoitettavissa")
+
+
+def test_an_archive_of_elsewhere_is_said_and_coasts_are_shown(real_backend, town_archive, tmp_path, open_page):
+    path = tmp_path / "town.pmtiles"
+    path.write_bytes(town_archive)
+    page = open_page(real_backend(map={"archive": path}).link(), room="live")
+    said = page.get_by_test_id("credits")
+    said.get_by_role("button", name="show").click()
+    expect(said).to_contain_text("does not cover the pads")
+    expect(said.locator("code")).to_have_text("WONDERLAND_BACKEND_MAP__ARCHIVE")
 
 
 def test_fifty_gigabytes_are_shown_as_quickly_as_some_kilobytes(placed, http, open_page):

@@ -34,3 +34,27 @@ def test_a_dark_screen_prints_dark_on_white(real, measured, open_page, name):
     for table in page.locator(".as-table table").all():
         expect(table).to_be_visible()
     assert page.pdf(print_background=True).startswith(b"%PDF")
+
+
+def test_the_live_map_prints_its_map_light_and_its_list(real, open_page):
+    page = open_page(real.link(), room="live", theme="dark")
+    expect(page.get_by_role("listbox", name="Drones").get_by_role("option")).to_have_count(2)
+    page.wait_for_load_state("networkidle")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    page.emulate_media(media="print", color_scheme="dark")
+    paper = page.locator(".map-print")
+    width, height = (paper.bounding_box()[each] for each in ("width", "height"))
+    assert width > 700
+    assert height > 300
+    light = """(canvas) => {
+      const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+      let sum = 0;
+      for (let i = 0; i < data.length; i += 4) sum += data[i];
+      return sum / (data.length / 4);
+    }"""
+    assert paper.evaluate(light) > 200
+    rows = page.get_by_role("option").all()
+    assert all(row.bounding_box()["y"] >= height for row in rows), "the list lies on the map"
+    assert max(row.locator("b").first.evaluate(LUMINANCE) for row in rows) < 0.5
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    expect(paper).to_have_count(0)

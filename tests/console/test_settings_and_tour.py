@@ -34,6 +34,19 @@ def test_the_tour_goes_through_the_rooms_and_ends_where_one_wants(scripted, open
     page.get_by_role("button", name="Show the tour again").click()
     card = page.locator(".tour")
     expect(card).to_contain_text("1 of 7")
+    # Its first stop shows a lie: a drone is chosen, and looked at from close by.
+    expect(page.get_by_role("region", name="Proof")).to_contain_text("Refuted")
+    page.wait_for_function("Number(location.hash.split('at=')[1]?.split(',')[2]) > 18")
+    covered = page.evaluate(
+        """() => {
+          const a = document.querySelector('.tour').getBoundingClientRect();
+          return [...document.querySelectorAll('.map-tools > *, .map-credits > *, .panel')].filter((element) => {
+            const b = element.getBoundingClientRect();
+            return a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+          }).length;
+        }"""
+    )
+    assert covered == 0
     for stop, room in ((2, "live"), (3, "verdicts"), (4, "sessions"), (5, "ledger"), (6, "alerts"), (7, "live")):
         card.get_by_role("button", name="Next").click()
         expect(card).to_contain_text(f"{stop} of 7")

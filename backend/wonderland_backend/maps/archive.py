@@ -38,8 +38,17 @@ SETTLING_NS: Final = 2_000_000_000
 """Times of change are as coarse as the kernel's clock: a file that changed just now may change again unseen."""
 
 
-class ArchiveError(Exception):
-    """No map can be drawn from the file; the text says why, without its path."""
+class MapError(Exception):
+    """Why something cannot be shown, as a code with facts; the text says the same in English."""
+
+    def __init__(self, code: str, text: str, **facts: str | float) -> None:
+        super().__init__(text)
+        self.code = code
+        self.facts = facts
+
+
+class ArchiveError(MapError):
+    """No map can be drawn from the file; nothing of it says its path."""
 
 
 class ReplacedError(ArchiveError):
@@ -93,11 +102,11 @@ class Archive:
         with self._opened() as file:
             self._described(file)
             if _tag(_seen(file)) != tag:
-                raise ReplacedError("the file was replaced")
+                raise ReplacedError("replaced", "the file was replaced")
             body = os.pread(file, length, first)
             # Overwritten in place, it may have become another one while it was read.
             if _tag(_seen(file)) != tag or len(body) != length:
-                raise ReplacedError("the file is being replaced")
+                raise ReplacedError("replaced", "the file is being replaced")
             return body
 
     @contextmanager
@@ -107,12 +116,12 @@ class Archive:
             file = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
             try:
                 if not stat.S_ISREG(os.fstat(file).st_mode):
-                    raise ArchiveError("it is no file")
+                    raise ArchiveError("no_file", "it is no file")
                 yield file
             finally:
                 os.close(file)
         except OSError as cause:
-            raise ArchiveError(f"the file cannot be read: {cause.strerror}") from None
+            raise ArchiveError("unreadable", f"the file cannot be read: {cause.strerror}") from None
 
     def _described(self, file: int) -> Description:
         seen = _seen(file)
@@ -143,33 +152,38 @@ def _read(file: int, seen: Seen, *, vector: bool) -> Description:
     size = seen[1]
     head = os.pread(file, HEADER_BYTES, 0)
     if head[:7] != MAGIC or len(head) < HEADER_BYTES or head[7] != VERSION:
-        raise ArchiveError("it is no PMTiles archive of version 3")
+        raise ArchiveError("no_pmtiles", "it is no PMTiles archive of version 3")
     root, root_length, words, words_length, leaves, leaves_length, tiles, tiles_length = struct.unpack_from(
         "<8Q", head, 8
     )
     for start, length in ((root, root_length), (words, words_length), (leaves, leaves_length), (tiles, tiles_length)):
         if start + length > size:
-            raise ArchiveError(f"it is cut off: it has {size} bytes and needs {start + length}")
+            needed = start + length
+            raise ArchiveError(
+                "cut_off", f"it is cut off: it has {size} bytes and needs {needed}", size=size, needed=needed
+            )
     packing, tile_type, min_zoom, max_zoom = head[97], head[99], head[100], head[101]
     if packing not in {NONE, GZIP}:
-        raise ArchiveError("its directories are packed in a way that browsers cannot undo; gzip is fine")
+        raise ArchiveError("packing", "its directories are packed in a way that browsers cannot undo; gzip is fine")
     kind = KINDS.get(tile_type, "unknown")
     if (kind == "vector") is not vector or kind == "unknown":
         wanted = "vector tiles" if vector else "images"
-        raise ArchiveError(f"its tiles are {'of an unknown kind' if kind == 'unknown' else kind}, not {wanted}")
+        given = "of an unknown kind" if kind == "unknown" else kind
+        text = f"its tiles are {given}, not {wanted}"
+        raise ArchiveError("kind", text, kind=kind, wanted="vector" if vector else "images")
     if vector and head[98] not in {NONE, GZIP}:
-        raise ArchiveError("its tiles are packed in a way that browsers cannot undo; gzip is fine")
+        raise ArchiveError("packing", "its tiles are packed in a way that browsers cannot undo; gzip is fine")
     west, south, east, north = (each / 1e7 for each in struct.unpack_from("<4i", head, 102))
     if not (-180 <= west < east <= 180 and -90 <= south < north <= 90 and min_zoom <= max_zoom <= 24):
-        raise ArchiveError("its bounds or zooms make no sense")
+        raise ArchiveError("bounds", "its bounds or zooms make no sense")
     metadata = _metadata(os.pread(file, min(words_length, MAX_METADATA), words), packing)
     layers = tuple(
         str(each["id"])[:64] for each in metadata.get("vector_layers") or [] if isinstance(each, dict) and "id" in each
     )
     if vector and not NEEDED.issubset(layers):
-        raise ArchiveError(
-            f"it has no layers {', '.join(sorted(NEEDED - set(layers)))}: the map is drawn from the Protomaps schema"
-        )
+        lacking = ", ".join(sorted(NEEDED - set(layers)))
+        text = f"it has no layers {lacking}: the map is drawn from the Protomaps schema"
+        raise ArchiveError("layers", text, layers=lacking)
     return Description(
         tag=_tag(seen),
         changed_ns=seen[2],
@@ -189,9 +203,9 @@ def _metadata(data: bytes, packing: int) -> dict[str, Any]:
             data = zlib.decompressobj(wbits=31).decompress(data, MAX_METADATA)
         value = json.loads(data or b"{}")
     except (zlib.error, gzip.BadGzipFile, ValueError, RecursionError):
-        raise ArchiveError("its metadata cannot be read") from None
+        raise ArchiveError("metadata", "its metadata cannot be read") from None
     if not isinstance(value, dict):
-        raise ArchiveError("its metadata cannot be read")
+        raise ArchiveError("metadata", "its metadata cannot be read")
     return value
 
 

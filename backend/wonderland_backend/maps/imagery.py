@@ -11,6 +11,7 @@ from typing import Final
 
 import httpx
 
+from wonderland_backend.maps.archive import MapError
 from wonderland_backend.settings.maps import MapSettings
 
 MAX_TILE: Final = 2 << 20
@@ -23,8 +24,8 @@ PLAIN: Final = {"Accept-Encoding": "identity"}
 IMAGES: Final = ("image/png", "image/jpeg", "image/webp", "image/avif")
 
 
-class ImageryError(Exception):
-    """No image; the text says why."""
+class ImageryError(MapError):
+    """No image."""
 
 
 class Imagery:
@@ -37,8 +38,8 @@ class Imagery:
         self._size = 0
         self._free = asyncio.Semaphore(AT_ONCE)
         self._rests_until_s = 0.0
-        self.failure = ""
-        """What was wrong at the last request; empty where nothing was."""
+        self.failure: ImageryError | None = None
+        """What was wrong at the last request."""
 
     async def tile(self, z: int, x: int, y: int) -> tuple[str, bytes]:
         """Its media type and content. Raises `ImageryError`."""
@@ -48,15 +49,15 @@ class Imagery:
             return known
         async with self._free:
             loop = asyncio.get_running_loop()
-            if loop.time() < self._rests_until_s:
-                raise ImageryError(self.failure)
+            if self.failure is not None and loop.time() < self._rests_until_s:
+                raise self.failure.with_traceback(None)
             try:
                 found = await self._ask(z, x, y)
             except ImageryError as error:
-                self.failure = str(error)
+                self.failure = error
                 self._rests_until_s = loop.time() + REST_S
                 raise
-        self.failure = ""
+        self.failure = None
         self._keep(key, found)
         return found
 
@@ -71,19 +72,25 @@ class Imagery:
                 if answer.status_code == httpx.codes.NOT_FOUND:
                     return "image/png", b""
                 if answer.is_redirect:
-                    raise ImageryError("the WMTS sends its readers elsewhere; set the address that it leads to")
+                    raise ImageryError(
+                        "wmts_elsewhere", "the WMTS sends its readers elsewhere; set the address that it leads to"
+                    )
                 if answer.status_code != httpx.codes.OK or kind not in IMAGES:
-                    raise ImageryError(f"the WMTS answers with {answer.status_code} and {kind or 'no type'}")
+                    told = kind or "no type"
+                    text = f"the WMTS answers with {answer.status_code} and {told}"
+                    raise ImageryError("wmts_answer", text, status=answer.status_code, kind=told)
                 if answer.headers.get("content-encoding", "identity") != "identity":
-                    raise ImageryError("the WMTS packs its images, which it was asked not to do")
+                    raise ImageryError("wmts_packed", "the WMTS packs its images, which it was asked not to do")
                 async for part in answer.aiter_raw():
                     body += part
                     if len(body) > MAX_TILE:
-                        raise ImageryError(f"the WMTS sends images of more than {MAX_TILE >> 20} MB")
+                        limit = MAX_TILE >> 20
+                        raise ImageryError("wmts_large", f"the WMTS sends images of more than {limit} MB", limit=limit)
         except TimeoutError:
-            raise ImageryError(f"the WMTS does not answer within {limit_s:g} s") from None
+            raise ImageryError("wmts_slow", f"the WMTS does not answer within {limit_s:g} s", limit=limit_s) from None
         except (httpx.HTTPError, httpx.InvalidURL) as cause:
-            raise ImageryError(f"the WMTS cannot be reached ({type(cause).__name__})") from None
+            error = type(cause).__name__
+            raise ImageryError("wmts_away", f"the WMTS cannot be reached ({error})", error=error) from None
         return kind, bytes(body)
 
     def _keep(self, key: tuple[int, int, int], found: tuple[str, bytes]) -> None:

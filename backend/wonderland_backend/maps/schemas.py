@@ -39,7 +39,9 @@ class MissingMap(ApiModel):
     """What was set but cannot be shown."""
 
     what: Literal["archive", "terrain", "imagery"]
-    why: str
+    code: str = Field(description="Why, for a program", examples=["cut_off"])
+    facts: dict[str, str | int | float] = Field(description="What the reason tells of", examples=[{"size": 9}])
+    why: str = Field(description="The same in English, for a log")
     setting: str = Field(description="Where it is set")
 
 

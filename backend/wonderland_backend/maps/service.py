@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final
 import httpx
 
 from wonderland_backend.context import part
-from wonderland_backend.maps.archive import Archive, ArchiveError, credits_of
+from wonderland_backend.maps.archive import Archive, ArchiveError, MapError, credits_of
 from wonderland_backend.maps.imagery import Imagery
 from wonderland_backend.settings.maps import MapSettings
 
@@ -34,7 +34,7 @@ class Maps:
 
     def describe(self, prefix: str) -> dict[str, Any]:
         """For the console; ``prefix`` is where the interface lies. Blocks on the disk."""
-        missing: list[dict[str, str]] = []
+        missing: list[dict[str, Any]] = []
         result: dict[str, Any] = {"missing": missing}
         for what, archive in (("archive", self.archive), ("terrain", self.terrain), ("imagery", self.images)):
             if archive is None:
@@ -42,7 +42,7 @@ class Maps:
             try:
                 found = archive.describe()
             except ArchiveError as error:
-                missing.append({"what": what, "why": str(error), "setting": f"{SETTING}{what.upper()}"})
+                missing.append(_missing(what, error, what.upper()))
                 continue
             told = credits_of(self.settings.imagery_attribution) if what == "imagery" else ()
             result[what] = {
@@ -59,8 +59,8 @@ class Maps:
             if what == "terrain":
                 result[what]["encoding"] = self.settings.terrain_encoding
         if self.wmts is not None:
-            if self.wmts.failure:
-                missing.append({"what": "imagery", "why": self.wmts.failure, "setting": f"{SETTING}WMTS"})
+            if self.wmts.failure is not None:
+                missing.append(_missing("imagery", self.wmts.failure, "WMTS"))
             result["imagery"] = {
                 "url": f"{prefix}/map/imagery/{{z}}/{{x}}/{{y}}",
                 "version": "wmts",
@@ -73,6 +73,11 @@ class Maps:
                 "attribution": [asdict(each) for each in credits_of(self.settings.imagery_attribution)],
             }
         return result
+
+
+def _missing(what: str, error: MapError, setting: str) -> dict[str, Any]:
+    why = {"code": error.code, "facts": error.facts, "why": str(error)}
+    return {"what": what, **why, "setting": f"{SETTING}{setting}"}
 
 
 MapsDep = Annotated[Maps, part(Maps)]

@@ -1,6 +1,9 @@
 import { useEffect, useRef, type ReactElement } from "react";
 import { useKeys } from "../shared/ui/useKeys";
-import { go } from "../shared/address/location";
+import { go, type Place } from "../shared/address/location";
+import type { VerdictSummary } from "../shared/api/records";
+import type { LiveStore } from "../shared/live/store";
+import { useLiveStore } from "../shared/live/useLive";
 import { declineTour, goToStop, startTour, STOPS, useTour, type Stop } from "../shared/tourStops";
 import { tourTexts as t } from "./tourTexts";
 
@@ -29,11 +32,18 @@ export function Tour(): ReactElement | null {
   return at === undefined || stop === undefined ? null : <StopCard at={at} stop={stop} />;
 }
 
+/** On the map, who lied last; the page as it is where nobody did. */
+function liarOr(place: Place, store: LiveStore): Place {
+  const liar = [...store.verdicts.values()].filter(({ outcome }) => outcome === "refuted").reduce<VerdictSummary | undefined>((last, each) => (last === undefined || each.decided_ms > last.decided_ms ? each : last), undefined);
+  return liar === undefined || place.room !== "live" ? place : { ...place, drone: liar.uav_id };
+}
+
 function StopCard({ at, stop }: { at: number; stop: Stop }): ReactElement {
   const card = useRef<HTMLElement>(null);
   useKeys({ Escape: () => goToStop(-1) });
+  const store = useLiveStore();
   useEffect(() => {
-    go(stop.place);
+    go(stop.name === "map" ? liarOr(stop.place, store) : stop.place);
     card.current?.focus();
     // The room may have to be loaded first.
     const timer = setTimeout(() => document.querySelector(stop.selector)?.classList.add(HERE), 300);
@@ -41,7 +51,7 @@ function StopCard({ at, stop }: { at: number; stop: Stop }): ReactElement {
       clearTimeout(timer);
       for (const each of document.querySelectorAll(`.${HERE}`)) each.classList.remove(HERE);
     };
-  }, [stop]);
+  }, [stop, store]);
   const last = at === STOPS.length - 1;
   return (
     <section ref={card} className="float tour" tabIndex={-1} aria-labelledby="tour-title">

@@ -39,7 +39,7 @@ type Properties = {
 /** The map, or the table in its place, with the list beside it and the proof of what is selected. */
 export function MapDesk({ desk, names, hrefOf, overlays, onGround, listHead, instead, missing, cards, tableTools, controls, head, children }: Properties): ReactElement {
   const { map, place, now_ms, past, filter, fleet, phone, table, deep, selected, measuring, zones, padding, grid_m, bearing } = desk;
-  const { change, selectDrone, follow, toggleDeep, toggleTable, onCamera, openZones, listRef, panelRef } = desk;
+  const { change, selectDrone, follow, toggleDeep, toggleTable, onCamera, openZones, listRef, panelRef, toolsRef } = desk;
   const { uav_id, drone, session, verdict, pad, pinned, open } = selected;
   const [sheetOpen, setSheetOpen] = useState(true);
   const selection = useMemo(() => ({ ...(uav_id !== undefined && { uav_id }), ...(pinned !== undefined && { verdict: pinned }) }), [uav_id, pinned]);
@@ -119,7 +119,7 @@ export function MapDesk({ desk, names, hrefOf, overlays, onGround, listHead, ins
         </div>
       )}
       {measuring.points !== undefined && !table && <MeasureBar points={measuring.points} onUndo={measuring.undo} onEnd={measuring.toggle} />}
-      <div className={past ? "map-tools replay-tools" : "map-tools"} data-panel={open && !phone}>
+      <div ref={toolsRef} className={past ? "map-tools replay-tools" : "map-tools"} data-panel={open && !phone}>
         {table ? tableTools : <ZoneLegend zones={zones} shown={!hidden} onToggle={() => change({ zones: hidden ? undefined : "off", zone: undefined })} />}
         {!table && <Legend grid_m={grid_m} />}
         <ZoomControls

@@ -21,6 +21,8 @@ const CROWDED = 1_000;
 /** Between what floats over the map, and what a symbol and a name at the edge need besides. */
 const GAP = 12;
 const ROOM = 40;
+/** Two lines of whose map it is. */
+const CREDITS = 44;
 
 type Selection = { drone?: string; session?: string };
 
@@ -68,6 +70,7 @@ export function useMapDesk({ map, place, now_ms, past = false, write, onCamera }
   const [listRef, list] = useBox();
   const [panelRef, panel] = useBox();
   const [barRef, bar] = useBox();
+  const [toolsRef, tools] = useBox();
   const selected = selectedOf(store, fleet, place, now_ms);
   const { uav_id, drone, pinned } = selected;
   const table = place.as === "table";
@@ -125,16 +128,17 @@ export function useMapDesk({ map, place, now_ms, past = false, write, onCamera }
   };
 
   const padding = useMemo(() => {
-    if (phone) return { top: past ? 44 : 8, right: 8, left: 8, bottom: Math.max(list.height, panel.height) + bar.height + 8 };
+    // On a phone the tools stand in a column, beside whose map it is and, without a proof, below the legend.
+    if (phone) return { top: CREDITS + (past ? 40 : panel.height > 0 ? 8 : 46), right: past ? 8 : 60, left: 8, bottom: Math.max(list.height, panel.height) + bar.height + 8 };
     return {
       room: ROOM,
       top: (past ? 52 : GAP) + ROOM,
       left: list.width + 2 * GAP + ROOM,
       right: ROOM + (panel.width === 0 ? GAP : panel.width + 2 * GAP),
-      // The legend stands above the bar.
-      bottom: bar.height + 2 * GAP + 40 + ROOM,
+      // Above the bar stands whose map it is, and the legend with the tools in a row or two.
+      bottom: bar.height + 2 * GAP + 20 + tools.height + ROOM,
     };
-  }, [phone, past, list, panel, bar]);
+  }, [phone, past, list, panel, bar, tools]);
 
   const follow = (): void => {
     if (uav_id !== undefined) change({ drone: uav_id, session: undefined, follow: place.follow === true ? undefined : true });
@@ -160,5 +164,5 @@ export function useMapDesk({ map, place, now_ms, past = false, write, onCamera }
   const deep = !flat && !phone && (past || fleet.counts.all < CROWDED);
   const sight = { filter, fleet, phone, table, deep, selected, measuring, zones, overlays, padding, grid_m, bearing };
   const acts = { placeWith, change, select, selectDrone, follow, toggleDeep, toggleTable, onCamera: moved, openZones, keys };
-  return { map, place, now_ms, past, ...sight, ...acts, listRef, panelRef, barRef };
+  return { map, place, now_ms, past, ...sight, ...acts, listRef, panelRef, barRef, toolsRef };
 }

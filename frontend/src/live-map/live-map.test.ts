@@ -9,6 +9,7 @@ import { leg } from "../shared/geo/geodesic";
 import { announcement } from "./Announcer";
 import { clusters } from "../map/clusters";
 import { accuracyFeatures, evidenceFeatures, gridFeatures, gridSpacing_m, hull, measureFeatures, metresPerPixel, padFeatures, siteFeatures, trailFeatures } from "../map/features";
+import { evidenceWords, shortName } from "../map/mapWords";
 import { Occupied, place, type Label } from "../map/placing";
 import { padsByNeed, padState } from "../map/padState";
 import { BIN_MS, BINS, bins } from "./timelineBins";
@@ -52,6 +53,26 @@ describe("what the map draws", () => {
     const own = of.map(({ verdict, ...rest }) => ({ ...rest, ...(verdict?.broadcast && { verdict: { ...verdict, outcome: "refuted" as const, broadcast: { ...verdict.broadcast, outcome: "own_contradicted" as const } } }) }));
     const signed = evidenceFeatures(own, store.pads, "OH-DRN-0640", undefined, NOW_MS).filter(({ properties }) => properties?.["kind"] === "claim");
     expect(signed.map(({ properties }) => properties?.["tone"] as string)).toEqual(["ok", "bad"]);
+  });
+
+  it("steps back with the evidence of others where one is chosen, whose words must stand", () => {
+    const features = evidenceFeatures(all, store.pads, "OH-DRN-0417", undefined, NOW_MS);
+    const chosen = features.filter(({ properties }) => properties?.["chosen"] === true);
+    expect(chosen.map(({ properties }) => properties?.["label"] as string | undefined)).toEqual(expect.arrayContaining([expect.stringMatching(/^measured here/)]));
+    expect(features.filter(({ properties }) => properties?.["faint"] === true)).toHaveLength(features.length - chosen.length);
+    expect(evidenceWords(features).filter(({ rank }) => rank < 0).length).toBeGreaterThan(0);
+    expect(evidenceFeatures(all, store.pads, undefined, undefined, NOW_MS).some(({ properties }) => properties?.["faint"] === true)).toBe(false);
+  });
+
+  it("names a drone once where its verdict is shown by itself", () => {
+    const shown = all.find(({ uav_id }) => uav_id === "OH-DRN-0417")?.verdict;
+    const labels = evidenceFeatures(all, store.pads, "OH-DRN-0417", shown, NOW_MS).map(({ properties }) => String(properties?.["label"] ?? ""));
+    expect(labels.filter((each) => each.includes("OH-DRN-0417"))).toEqual([]);
+  });
+
+  it("shortens a long name in its middle", () => {
+    expect(shortName("OH-DRN-0417")).toBe("OH-DRN-0417");
+    expect(shortName("1596F3A4B5C6D7E8F9G0")).toBe("1596F3…E8F9G0");
   });
 
   it("draws a running estimate hollow and unverified, with the line to the broadcast", () => {

@@ -10,6 +10,7 @@ import { mapTexts as t } from "./texts";
 import { useBaseMap, useLookAgain } from "./baseMap";
 import { mapWishes, useMapWishes } from "./mapWishes";
 import { Credits } from "./Credits";
+import type { Failing } from "./failures";
 import { MapController } from "./controller";
 import type { Overlay } from "./overlays";
 import type { Selection } from "./picture";
@@ -70,14 +71,15 @@ function Made(properties: Properties): ReactElement {
   const controller = useRef<MapController | undefined>(undefined);
   const store = useLiveStore();
   const { theme } = useTheme();
-  const base = useBaseMap();
+  const { base, elsewhere } = useBaseMap();
   const lookAgain = useLookAgain();
   const [failure, setFailure] = useState<string | undefined>();
+  const [failing, setFailing] = useState<readonly Failing[]>([]);
   const latest = useRef(properties);
-  const baseNow = useRef(base);
+  const baseNow = useRef({ base, elsewhere });
   useEffect(() => {
     latest.current = properties;
-    baseNow.current = base;
+    baseNow.current = { base, elsewhere };
   });
 
   // Where to look first is known with the first pads: the world is not fetched on the way there.
@@ -106,11 +108,9 @@ function Made(properties: Properties): ReactElement {
         {
           onSelect: (uav_id) => latest.current.onSelect(uav_id),
           onCamera: (at, grid_m) => latest.current.onCamera(at, grid_m),
-          onFailure: (reason) => {
-            setFailure(reason);
-            // The archive may have been replaced.
-            if (reason !== undefined) lookAgain();
-          },
+          onFailure: setFailure,
+          onFailing: setFailing,
+          onLookAgain: lookAgain,
           onRelease: () => (latest.current.onRelease ?? nothing)(),
           onMeasure: (place) => (latest.current.onMeasure ?? nothing)(place),
           onGround: (place) => (latest.current.onGround ?? nothing)(place),
@@ -129,7 +129,7 @@ function Made(properties: Properties): ReactElement {
     if (now.camera === undefined) made.setDeep(now.deep === true, true);
     made.select(now.selection);
     made.setOverlays(now.overlays ?? NONE);
-    made.describe(baseNow.current);
+    made.describe(baseNow.current.base, baseNow.current.elsewhere);
     made.showImagery(mapWishes().imagery);
     made.measure(now.measure);
     made.follow(now.follow);
@@ -149,7 +149,7 @@ function Made(properties: Properties): ReactElement {
     [uav_id, verdict],
   );
   useEffect(() => controller.current?.setOverlays(overlays), [overlays]);
-  useEffect(() => controller.current?.describe(base), [base]);
+  useEffect(() => controller.current?.describe(base, elsewhere), [base, elsewhere]);
   const { imagery } = useMapWishes();
   useEffect(() => controller.current?.showImagery(imagery), [imagery]);
   const deepNow = useRef(deep);
@@ -175,7 +175,7 @@ function Made(properties: Properties): ReactElement {
     <>
       <div ref={container} className="map" data-testid="map" />
       {measure !== undefined && <div className="map-cross" aria-hidden="true" style={{ inset: `${top}px ${right}px ${bottom}px ${left}px` }} />}
-      <Credits base={base} />
+      <Credits base={base} elsewhere={elsewhere} failing={failing} />
       {failure !== undefined && (
         <p className="map-failure" role="status">
           {failure} {t("listSame")}

@@ -54,7 +54,7 @@ function tools({ table = false, measuring = false, all = t("allPads"), networked
 /** What one can do with the map. */
 export function ZoomControls(properties: Properties): ReactElement {
   const wishes = useMapWishes();
-  const imagery = useBaseMap().imagery === undefined ? undefined : wishes.imagery;
+  const imagery = useBaseMap().base.imagery === undefined ? undefined : wishes.imagery;
   return (
     <div className="float zoom" role="group" aria-label={t("map")}>
       {tools(properties, imagery).map(({ name, key, path, pressed, stays, turned, act }) => (

@@ -5,6 +5,7 @@ import { latitude, mercatorX, mercatorY } from "../shared/geo/mercator";
 import type { LiveStore } from "../shared/live/store";
 import { upOf } from "./heights";
 import { drawParts, type Palette } from "./icons";
+import { FAINT } from "./liveLayers";
 import { spotOf, type Spot, type View } from "./view";
 import { CLOSE_ZOOM } from "./scales";
 
@@ -12,12 +13,14 @@ import { CLOSE_ZOOM } from "./scales";
 const MOST_STEMS = 300;
 const STEMS_ZOOM = 13;
 const SHADOW_M = 2.5;
+/** No larger on the screen than what throws it. */
+const SHADOW_PX = 9;
 /** A shadow is dark in every theme. */
 const SHADE = "#000";
 const ROUND = 40;
 const SYMBOL = 20;
 
-type Properties = { age?: number; strong?: boolean; kind?: string; tone?: Tone; up_m?: number; to_m?: number; half_m?: number; icon?: string };
+type Properties = { age?: number; strong?: boolean; kind?: string; tone?: Tone; up_m?: number; to_m?: number; half_m?: number; icon?: string; faint?: boolean };
 
 /**
  * What has a height, while the camera is tilted: each drone's stem and shadow, and the evidence of a verdict where it
@@ -29,6 +32,8 @@ export class Air {
   private colours: Palette = {};
   private readonly sprites = new Map<string, HTMLCanvasElement>();
   private empty = true;
+  /** How opaque what is drawn now is, at most. */
+  private whole = 1;
 
   constructor(container: HTMLElement) {
     this.canvas.className = "map-air";
@@ -65,6 +70,7 @@ export class Air {
     for (const each of evidence) this.onGround(context, view, each);
     if (view.zoom >= STEMS_ZOOM) this.stems(context, view, store, fleet, selected);
     for (const each of evidence) this.evidence(context, view, ratio, each);
+    context.globalAlpha = 1;
   }
 
   private stems(context: CanvasRenderingContext2D, view: View, store: LiveStore, fleet: Fleet, selected: number | undefined): void {
@@ -82,7 +88,7 @@ export class Air {
       const strong = slot === selected;
       context.globalAlpha = 0.28;
       context.fillStyle = SHADE;
-      this.ring(context, view, x, y, SHADOW_M, 0);
+      this.ring(context, view, x, y, Math.min(SHADOW_M, SHADOW_PX / (view.tilt?.perMetre ?? 1)), 0);
       context.fill();
       context.globalAlpha = strong ? 0.9 : 0.55;
       context.strokeStyle = this.colours[strong ? "ink" : "ink2"] ?? "#000";
@@ -112,8 +118,9 @@ export class Air {
   }
 
   private evidence(context: CanvasRenderingContext2D, view: View, ratio: number, { geometry, properties }: Feature): void {
-    const { kind, tone = "none", up_m = 0, to_m = 0, half_m = 0 } = (properties ?? {}) as Properties;
+    const { kind, tone = "none", up_m = 0, to_m = 0, half_m = 0, faint } = (properties ?? {}) as Properties;
     if (view.zoom < CLOSE_ZOOM - 1) return;
+    this.whole = context.globalAlpha = faint === true ? FAINT : 1;
     context.strokeStyle = context.fillStyle = this.colours[tone] ?? "#888";
     if (kind === "difference" && geometry.type === "LineString") {
       const [from, to] = geometry.coordinates.map(([lon = 0, lat = 0], i) => spotOf(view, mercatorX(lon), mercatorY(lat), i === 0 ? up_m : to_m));
@@ -124,9 +131,9 @@ export class Air {
       if (kind === "buffer") this.cylinder(context, view, ring, Math.max(0, up_m - half_m), up_m + half_m);
       else {
         this.outline(context, view, ring, up_m);
-        context.globalAlpha = 0.2;
+        context.globalAlpha = 0.2 * this.whole;
         context.fill();
-        context.globalAlpha = 1;
+        context.globalAlpha = this.whole;
         context.lineWidth = 1.3;
         context.stroke();
       }
@@ -142,12 +149,12 @@ export class Air {
     const foot = spotOf(view, x, y);
     const head = spotOf(view, x, y, up_m);
     if (foot === undefined || head === undefined) return;
-    context.globalAlpha = 0.7;
+    context.globalAlpha = 0.7 * this.whole;
     context.lineWidth = 1;
     context.setLineDash([2, 3]);
     line(context, foot, head);
     context.setLineDash([]);
-    context.globalAlpha = 1;
+    context.globalAlpha = this.whole;
     context.drawImage(this.sprite(kind, tone, icon.startsWith("measured"), ratio), head.left - SYMBOL / 2, head.top - SYMBOL / 2, SYMBOL, SYMBOL);
   }
 
@@ -176,14 +183,14 @@ export class Air {
     }
     context.setLineDash([4, 3]);
     this.outline(context, view, ring, from_m);
-    context.globalAlpha = 0.1;
+    context.globalAlpha = 0.1 * this.whole;
     context.fill();
-    context.globalAlpha = 1;
+    context.globalAlpha = this.whole;
     context.stroke();
     this.outline(context, view, ring, to_m);
-    context.globalAlpha = 0.1;
+    context.globalAlpha = 0.1 * this.whole;
     context.fill();
-    context.globalAlpha = 1;
+    context.globalAlpha = this.whole;
     context.stroke();
     context.setLineDash([]);
   }

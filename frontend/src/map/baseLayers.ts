@@ -1,21 +1,27 @@
 import type { ExpressionSpecification, LayerSpecification } from "maplibre-gl";
 import type { Palette } from "./icons";
-import { COAST_FADES, FINE_ZOOM, MEDIUM, NAMES_END } from "./scales";
+import { PLACE_ZOOM } from "./placeLayers";
+import { COAST_FADES, FINE_ZOOM, MEDIUM, NAMES_END, PLACE_FADES } from "./scales";
 
-/** The bundled base map: two greys, water, and the countries' names. */
-export function baseLayers(colours: Palette): LayerSpecification[] {
+/**
+ * The bundled base map: two greys, water, and the countries' names. `placed`: an archive is drawn over a part of it, and
+ * around that part the sea is the archive's, until so close by that nothing else is in sight.
+ */
+export function baseLayers(colours: Palette, placed = false): LayerSpecification[] {
   const sea = colours["sea"] ?? "";
   const land = colours["land"] ?? "";
   const [from, to] = COAST_FADES;
+  const end = placed ? to + PLACE_FADES : to;
+  const seas = placed ? [from, sea, PLACE_ZOOM, colours["water"] ?? "", to, colours["water"] ?? "", end, land] : [from, sea, to, land];
   const fading: ExpressionSpecification = ["interpolate", ["linear"], ["zoom"], from, 1, to, 0];
   return [
     {
       id: "sea",
       type: "background",
-      paint: { "background-color": ["interpolate", ["linear"], ["zoom"], from, sea, to, land] },
+      paint: { "background-color": ["interpolate", ["linear"], ["zoom"], ...seas] as ExpressionSpecification },
     },
     { id: "land-coarse", type: "fill", source: "land-coarse", maxzoom: to, paint: { "fill-color": land, "fill-antialias": false } },
-    { id: "land-fine", type: "fill", source: "land-fine", minzoom: FINE_ZOOM, maxzoom: to, paint: { "fill-color": land } },
+    { id: "land-fine", type: "fill", source: "land-fine", minzoom: FINE_ZOOM, maxzoom: end, paint: { "fill-color": land } },
     {
       id: "coast",
       type: "line",

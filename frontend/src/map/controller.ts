@@ -1,13 +1,15 @@
 import { LngLatBounds, Map as MapLibre, setWorkerUrl, type MapMouseEvent } from "maplibre-gl";
 import workerUrl from "maplibre-gl/dist/maplibre-gl-worker.mjs?url";
 import type { Camera } from "../shared/address/location";
+import type { Pad } from "../shared/api/records";
 import type { Fleet } from "../shared/fleet";
 import { frameOf, lonLat, toGlobe, type LonLat } from "../shared/geo/frame";
 import type { LiveStore, Topic } from "../shared/live/store";
 import { mapTexts as t } from "./texts";
 import { gridSpacing_m } from "./features";
-import { BEARING, bestBearing, dronesNear, freeRoom, PITCH, placesOf } from "./framing";
-import { upOf } from "./heights";
+import { Failures, type Failing } from "./failures";
+import { Following } from "./following";
+import { BEARING, bestBearing, dronesNear, freeRoom, inSight, PITCH, placesOf, sideOn } from "./framing";
 import { palette } from "./icons";
 import { surviveLoss } from "./losses";
 import { copyForPrint } from "./printing";
@@ -24,6 +26,10 @@ export type MapEvents = {
   onSelect: (uav_id: string | undefined) => void;
   onCamera: (camera: Camera, grid_m: number | undefined) => void;
   onFailure: (reason: string | undefined) => void;
+  /** What of the map could not be loaded; nothing once it could. */
+  onFailing: (failing: readonly Failing[]) => void;
+  /** Something could not be loaded: there may be another archive. */
+  onLookAgain: () => void;
   /** The officer took the camera into her own hands. */
   onRelease: () => void;
   /** A place was pressed while measuring. */
@@ -32,19 +38,22 @@ export type MapEvents = {
   onGround: (place: LonLat) => void;
 };
 
-const FIT_ZOOM = 20.3;
+const FIT_ZOOM = 21;
 const SITE_FIT_ZOOM = 15.5;
 const FLIGHT_MS = 700;
 const MAX_PITCH = 75;
 /** Pads of a place aslant are looked at from as near as this. */
 const SLANTED_SITE_ZOOM = 16.6;
-/** With the place around it, a proof is not looked at from nearer than this. */
-const PLACE_FIT_ZOOM = 18.6;
+/** A proof fills about half of what is free of the map. */
+const PROOF_SHARE = 0.55;
 const SETTLING_MS = 500;
-/** Between two frames of a drone that is followed: about what lies between two of its positions. */
-const FOLLOW_MS = 250;
-const FOLLOW_ZOOM = 15;
+const GROWING_MS = 1_500;
+/** What is known of a drone comes in pieces. */
+const PROOF_COMES_MS = 10_000;
 const TOPICS: readonly Topic[] = ["tracks", "estimates"];
+
+/** `share`: how much of the free map the places fill at most; else all but a margin. */
+type Fit = { most: number; still?: boolean; margin?: number; share?: number; overview?: boolean; duration?: number };
 
 /** The map: MapLibre, fed straight from the live store, apart from React. Camera and pointer; `picture` draws. */
 export class MapController {
@@ -52,17 +61,19 @@ export class MapController {
   private readonly picture: Picture;
   private readonly ends: (() => void)[] = [];
   private loaded = false;
-  /** A part of the map could not be loaded. */
-  private partial = false;
   private selection: Selection = {};
   private fitted = false;
   /** The address says where to look: nothing else decides it. */
   private addressed: boolean;
   private deep: boolean;
   private bearing = BEARING;
-  private flight: { since_ms: number; again: () => void } | undefined;
+  /** The last move of the camera that was ours, until somebody takes the camera; `overview`: of all there is; `thin`: of a drone whose proof is not known yet. */
+  private flight: { since_ms: number; again: () => void; overview: boolean; thin?: boolean } | undefined;
+  /** Where drones have been that left the first view. */
+  private wider: Seen[] = [];
   private wanted = false;
-  private followed: string | undefined;
+  private readonly following: Following;
+  private readonly failures: Failures;
   private measuring: readonly LonLat[] | undefined;
 
   constructor(
@@ -94,19 +105,17 @@ export class MapController {
     this.picture = new Picture(this.map, store, fleet, calm);
     // Not its "load": that waits for the base map, without which drones can be seen, too.
     void this.map.once("style.load", () => this.onLoad());
-    this.map.on("moveend", () => this.onMoved());
+    this.map.on("moveend", (event: object) => this.onMoved("passing" in event));
     for (const name of ["pitch", "rotate"] as const) this.map.on(name, () => this.picture.tilt(this.isTilted));
-    for (const name of ["dragstart", "wheel", "touchstart"] as const) {
-      this.map.on(name, () => {
-        this.flight = undefined;
+    for (const name of ["dragstart", "wheel", "touchstart", "movestart"] as const) {
+      this.map.on(name, (event: { originalEvent?: unknown }) => {
+        if (event.originalEvent !== undefined) this.flight = undefined;
       });
     }
     this.map.on("dragstart", () => this.release());
     this.map.on("click", (event) => this.onClick(event));
-    this.map.on("error", ({ error }) => {
-      this.partial = true;
-      this.events.onFailure(t("mapPart", { why: error.message }));
-    });
+    this.following = new Following(this.map, store, calm);
+    this.failures = new Failures(this.map, (failing) => events.onFailing(failing), events.onLookAgain);
     this.map.on("mousemove", (event) => this.onPointer(event));
     this.map.on("mouseout", () => this.picture.hover(undefined));
     this.ends.push(surviveLoss(this.map, container, { onLost: () => this.onLost(), onBack: () => this.onBack() }), copyForPrint(this.map, () => this.retheme()));
@@ -114,6 +123,8 @@ export class MapController {
 
   destroy(): void {
     for (const end of this.ends) end();
+    this.following.stop();
+    this.failures.remove();
     this.picture.remove();
     this.map.remove();
   }
@@ -129,13 +140,15 @@ export class MapController {
     if (!this.loaded) return;
     this.picture.review(fleet);
     if (first && this.flight?.since_ms === Infinity) this.fitAgain();
+    else this.keepFitting();
+    if (this.flight?.thin === true && performance.now() - this.flight.since_ms < PROOF_COMES_MS && placesOf(fleet.find(this.selection.uav_id), this.selection, this.store).padded) this.fitSelection();
     if (!this.fitted && this.store.pads.size > 0) {
       if (this.selection.uav_id === undefined) this.fitAll(true);
       else this.fitSelection(true);
     }
   }
 
-  /** Aerial images in the place of the drawn ground. */
+  /** Aerial images over the drawn ground. */
   showImagery(shown: boolean): void {
     this.picture.showImagery(shown);
   }
@@ -144,14 +157,15 @@ export class MapController {
     this.picture.setOverlays(overlays);
   }
 
-  describe(base: BaseMap): void {
+  /** `elsewhere`: what an archive draws is nowhere near. */
+  describe(base: BaseMap, elsewhere: boolean): void {
     this.picture.describe(base);
+    this.picture.elsewhere = elsewhere;
     // It is another ground now.
-    if (this.partial) this.events.onFailure(undefined);
-    this.partial = false;
+    this.failures.forget();
     if (this.isDeep === this.wantsDepth || this.addressed) return;
     // Buildings have come, or gone, and nobody has taken the camera yet.
-    if (this.fitted && this.loaded) this.fitAgain();
+    if (this.fitted && this.loaded && this.flight !== undefined) this.fitAgain();
   }
 
   /** Whether the camera is to look at the place aslant, where there are buildings to see. */
@@ -172,7 +186,7 @@ export class MapController {
   }
 
   private get wantsDepth(): boolean {
-    return this.deep && this.picture.place.hasVolumes;
+    return this.deep && this.picture.place.hasVolumes && !this.picture.elsewhere;
   }
 
   private get isDeep(): boolean {
@@ -204,12 +218,13 @@ export class MapController {
 
   /** Keeps the camera on a drone, or no longer. */
   follow(uav_id: string | undefined): void {
-    this.followed = uav_id;
-    if (uav_id === undefined || !this.loaded) return;
+    if (uav_id === undefined) {
+      this.following.stop();
+      return;
+    }
     this.flight = undefined;
     this.fitted = true;
-    const track = this.store.tracks.get(uav_id);
-    if (track !== undefined) this.map.easeTo({ center: lonLat(track), zoom: Math.max(this.map.getZoom(), FOLLOW_ZOOM), ...this.raised(uav_id), ...this.motion(FLIGHT_MS) });
+    this.following.start(uav_id);
   }
 
   /** Shows these places as a measure, and takes presses for more of them; undefined ends it. */
@@ -252,13 +267,35 @@ export class MapController {
 
   /** All pads and all drones that are near one. */
   fitAll(still = false): void {
-    const pads = [...this.store.pads.values()].filter(({ status }) => status !== "retired");
-    if (pads.length === 0) return;
+    if (this.pads().length === 0) return;
     this.release();
     this.fitted = true;
-    const places: Seen[] = [...pads.map((pad) => ({ at: lonLat(pad) })), ...dronesNear(pads, this.store, this.fleet)];
-    if (this.wantsDepth) this.bearing = bestBearing(places, this.room(0), SLANTED_SITE_ZOOM);
-    this.fit(places, this.wantsDepth ? SLANTED_SITE_ZOOM : SITE_FIT_ZOOM, still, this.wantsDepth ? 16 : 60);
+    this.wider = [];
+    if (this.wantsDepth) this.bearing = bestBearing(this.overview(), this.room(0), SLANTED_SITE_ZOOM);
+    this.fitOverview(still);
+  }
+
+  private pads(): Pad[] {
+    return [...this.store.pads.values()].filter(({ status }) => status !== "retired");
+  }
+
+  private overview(): Seen[] {
+    const pads = this.pads();
+    return [...pads.map((pad) => ({ at: lonLat(pad) })), ...dronesNear(pads, this.store, this.fleet), ...this.wider];
+  }
+
+  private fitOverview(still: boolean, duration = FLIGHT_MS): void {
+    const deep = this.wantsDepth;
+    this.fit(this.overview(), { most: deep ? SLANTED_SITE_ZOOM : SITE_FIT_ZOOM, still, margin: deep ? 16 : 60, overview: true, duration });
+  }
+
+  /** Until somebody takes the camera, the first view grows with what flies out of it. */
+  private keepFitting(): void {
+    if (this.flight?.since_ms !== Infinity || !this.flight.overview || this.map.isMoving()) return;
+    const out = dronesNear(this.pads(), this.store, this.fleet).filter((each) => !inSight(this.map, [each]));
+    if (out.length === 0) return;
+    this.wider.push(...out);
+    this.fitOverview(true, GROWING_MS);
   }
 
   /** What is free of the screen, less a margin. */
@@ -274,7 +311,7 @@ export class MapController {
     const reach_mm = pad.commissioning?.max_range_mm ?? 50_000;
     const frame = frameOf(pad);
     const corners = [-1, 1].map((side) => toGlobe(frame, { east_mm: side * reach_mm, north_mm: side * reach_mm }));
-    this.fit(corners.map((at) => ({ at })), FIT_ZOOM, false, 24);
+    this.fit(corners.map((at) => ({ at })), { most: FIT_ZOOM, margin: 24 });
   }
 
   /** The pad, the claim and the measurement of what is selected; else where the drone is. */
@@ -284,17 +321,20 @@ export class MapController {
       return;
     }
     const drone = this.fleet.find(this.selection.uav_id);
-    const { places, padded } = placesOf(drone, this.selection, this.store);
+    const { places, padded, lie } = placesOf(drone, this.selection, this.store);
     if (places.length === 0) return;
     this.fitted = true;
     if (places.length === 1 && !padded) {
       const centre = places[0]?.at;
+      // Its proof may be on the way.
+      this.flight = { since_ms: performance.now(), again: () => this.fitSelection(), overview: false, thin: true };
       if (centre !== undefined) {
         this.map.easeTo({ center: centre, zoom: Math.max(this.map.getZoom(), 14.5), ...this.motion(still ? 0 : FLIGHT_MS) });
       }
       return;
     }
-    this.fit(places, FIT_ZOOM, still);
+    if (lie !== undefined) this.bearing = sideOn(lie, this.bearing);
+    this.fit(places, { most: FIT_ZOOM, still, share: PROOF_SHARE });
   }
 
   /** Where an address says; the map goes there at once, as the page would have opened there. */
@@ -304,22 +344,24 @@ export class MapController {
     this.map.jumpTo({ center: [camera.lon, camera.lat], zoom: camera.zoom, bearing: camera.bearing ?? 0, pitch: camera.pitch ?? 0 });
   }
 
-  private fit(places: readonly Seen[], maxZoom: number, still: boolean, margin = 64): void {
+  private fit(places: readonly Seen[], how: Fit): void {
+    const { most, still = false, margin = 64, share = 1, overview = false, duration = still ? 0 : FLIGHT_MS } = how;
     const { clientWidth, clientHeight } = this.map.getCanvas();
     // A phone has no room for generous margins.
-    const padding = Math.min(margin, Math.min(clientWidth, clientHeight) / 8);
+    const narrow = Math.min(margin, Math.min(clientWidth, clientHeight) / 8);
     // The first view goes on fitting until somebody takes the camera: panels come when they have something to show.
-    this.flight = { since_ms: still ? Infinity : performance.now(), again: () => this.fit(places, maxZoom, still, margin) };
-    const room = this.room(padding);
+    this.flight = { since_ms: still ? Infinity : performance.now(), again: () => this.fit(places, { ...how, duration: still ? 0 : FLIGHT_MS }), overview };
+    const free = this.room(share < 1 ? 0 : narrow);
     // In a window that has just become small the panels are still as wide as they were: their padding comes in a moment.
-    if (room.width <= 0 || room.height <= 0) return;
+    if (free.width <= 0 || free.height <= 0) return;
+    const room = { ...free, width: free.width * share, height: free.height * share };
+    const [across, down] = share < 1 ? [(free.width - room.width) / 2, (free.height - room.height) / 2] : [narrow, narrow];
     const slant = this.slant();
-    const most = this.picture.place.isShown ? Math.min(maxZoom, PLACE_FIT_ZOOM) : maxZoom;
     const bounds = new LngLatBounds();
     for (const { at } of places) bounds.extend(at);
-    const camera = slant.pitch > 0 ? slantedCamera(places, slant, room, most) : this.map.cameraForBounds(bounds, { padding, maxZoom: most });
+    const camera = slant.pitch > 0 ? slantedCamera(places, slant, room, most) : this.map.cameraForBounds(bounds, { padding: { left: across, right: across, top: down, bottom: down }, maxZoom: most });
     if (camera === undefined) return;
-    this.map.easeTo({ ...camera, ...slant, ...this.motion(still ? 0 : FLIGHT_MS) });
+    this.map.easeTo({ ...camera, ...slant, ...this.motion(duration) });
   }
 
   private motion(duration: number): { duration: number; essential: boolean } {
@@ -327,8 +369,8 @@ export class MapController {
   }
 
   private release(): void {
-    if (this.followed === undefined) return;
-    this.followed = undefined;
+    if (!this.following.isOn) return;
+    this.following.stop();
     this.events.onRelease();
   }
 
@@ -339,26 +381,13 @@ export class MapController {
     this.ends.push(
       this.store.subscribe(TOPICS, () => {
         this.picture.tick();
-        this.keepUp();
+        this.following.tick();
       }),
     );
     this.setFleet(this.fleet);
     if (this.measuring !== undefined) this.picture.measure(this.measuring);
     if (this.wanted) this.fitSelection(true);
     this.tellCamera();
-  }
-
-  private keepUp(): void {
-    if (this.followed === undefined || this.map.isZooming()) return;
-    const track = this.store.tracks.get(this.followed);
-    if (track !== undefined) this.map.easeTo({ center: lonLat(track), easing: (share) => share, ...this.raised(this.followed), ...this.motion(FOLLOW_MS) });
-  }
-
-  /** Aslant, what flies stands above its place on the ground: that goes lower by so much, and the drone into the middle. */
-  private raised(uav_id: string): { offset?: [number, number] } {
-    const slot = this.store.tracks.slot(uav_id);
-    const { tilt } = viewOf(this.map);
-    return slot === undefined || tilt === undefined ? {} : { offset: [0, upOf(this.store, slot) * tilt.perMetre * tilt.pitch[1]] };
   }
 
   private onLost(): void {
@@ -372,9 +401,9 @@ export class MapController {
     this.events.onFailure(undefined);
   }
 
-  private onMoved(): void {
+  private onMoved(passing: boolean): void {
     this.tellCamera();
-    if (this.loaded) this.picture.moved();
+    if (this.loaded && !passing) this.picture.moved();
   }
 
   private tellCamera(): void {
@@ -405,7 +434,7 @@ export class MapController {
       return;
     }
     const site = this.siteUnder(event);
-    if (site !== undefined) this.fit([{ at: site.getSouthWest().toArray() }, { at: site.getNorthEast().toArray() }], SITE_FIT_ZOOM, false);
+    if (site !== undefined) this.fit([{ at: site.getSouthWest().toArray() }, { at: site.getNorthEast().toArray() }], { most: SITE_FIT_ZOOM });
     else {
       const uav_id = this.droneUnder(event);
       this.events.onSelect(uav_id);

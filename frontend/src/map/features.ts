@@ -158,7 +158,7 @@ function upOf({ up_mm }: { up_mm?: number }): number {
 }
 
 /** The judged claim, the measurement and all between them. */
-function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, track?: Track): Feature[] {
+function verdictFeatures(verdict: VerdictSummary, pad: Pad, selected: boolean, track: Track | undefined): Feature[] {
   const { estimate, covariance } = verdict;
   if (estimate === undefined) return [];
   const frame = frameOf(pad);
@@ -234,9 +234,12 @@ export function evidenceFeatures(
   shown: VerdictSummary | undefined,
   now_ms: number,
 ): Feature[] {
-  const features: Feature[] = [];
+  const chosen: Feature[] = [];
+  const others: Feature[] = [];
   for (const drone of drones) {
-    const isSelected = drone.uav_id === selected;
+    // A verdict that is shown by itself is what was chosen, not whatever its drone does now.
+    const isSelected = drone.uav_id === selected && shown === undefined;
+    const features = isSelected ? chosen : others;
     const { session, verdict, estimate } = drone;
     if (session === undefined) continue;
     const pad = pads.get(session.pad_id);
@@ -251,8 +254,15 @@ export function evidenceFeatures(
     }
   }
   const pad = shown === undefined ? undefined : pads.get(shown.pad_id);
-  if (shown !== undefined && pad !== undefined) features.push(...verdictFeatures(shown, pad, true));
-  return features;
+  if (shown !== undefined && pad !== undefined) {
+    chosen.push(...verdictFeatures(shown, pad, true, drones.find(({ uav_id }) => uav_id === shown.uav_id)?.track));
+  }
+  // Where one is looked at, the others step back.
+  return chosen.length === 0 ? others : [...others.map((each) => marked(each, "faint")), ...chosen.map((each) => marked(each, "chosen"))];
+}
+
+function marked(feature: Feature, as: "faint" | "chosen"): Feature {
+  return { ...feature, properties: { ...feature.properties, [as]: true } };
 }
 
 const STEPS_M = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] as const;

@@ -15,6 +15,8 @@ export type Words = {
   /** Metres above the ground, which count where the camera is tilted. */
   up_m?: number;
   lines: readonly Line[];
+  /** These alone where there is no room for all. */
+  fewer?: readonly Line[];
   rank: number;
   clear: number;
   sides: readonly Side[];
@@ -91,7 +93,7 @@ export class Labels {
     context.clearRect(0, 0, width, height);
     const occupied = new Occupied(view.width, view.height);
     marks(occupied);
-    const sprites = new Map<string, Sprite>();
+    const sprites = new Map<string, { sprite: Sprite; less: Sprite | undefined }>();
     const labels: Label[] = [];
     for (const each of words) {
       if ((each.from !== undefined && view.zoom < each.from) || (each.to !== undefined && view.zoom >= each.to)) continue;
@@ -99,15 +101,17 @@ export class Labels {
       if (spot === undefined) continue;
       const { left, top } = spot;
       if (left < -EDGE || top < -EDGE || left > view.width + EDGE || top > view.height + EDGE) continue;
+      const { id, rank, clear, sides, fewer } = each;
       const sprite = this.sprite(each.lines, ratio);
-      sprites.set(each.id, sprite);
-      const { id, rank, clear, sides } = each;
-      labels.push({ id, rank, clear, sides, left, top, width: sprite.width, height: sprite.height });
+      const less = fewer && this.sprite(fewer, ratio);
+      sprites.set(id, { sprite, less });
+      labels.push({ id, rank, clear, sides, left, top, width: sprite.width, height: sprite.height, ...(less !== undefined && { fewer: less }) });
     }
     const placed = place(labels, occupied, this.sides, MOST);
     this.sides = new Map(placed.map(({ label, side }) => [label.id, side]));
-    for (const { label, left, top } of placed) {
-      const sprite = sprites.get(label.id);
+    for (const { label, left, top, isLess } of placed) {
+      const both = sprites.get(label.id);
+      const sprite = isLess === true ? both?.less : both?.sprite;
       if (sprite !== undefined) context.drawImage(sprite.canvas, Math.round(left * ratio), Math.round(top * ratio));
     }
   }

@@ -18,6 +18,14 @@ function toned(colours: Palette): ExpressionSpecification {
   ];
 }
 
+/** The evidence of others is as faint as this where one is selected. */
+export const FAINT = 0.25;
+
+/** So opaque, or faint. */
+function opaque(share: number): ExpressionSpecification {
+  return ["*", share, ["case", ["==", ["get", "faint"], true], FAINT, 1]];
+}
+
 /** The metre grid of the nearest pad. */
 export function gridLayers(colours: Palette): LayerSpecification[] {
   return [
@@ -67,7 +75,7 @@ export function padLayers(colours: Palette): LayerSpecification[] {
       source: "evidence",
       filter: ["==", ["get", "kind"], "sight"],
       minzoom: CLOSE_ZOOM,
-      paint: { "line-color": ink3, "line-opacity": 0.35, "line-width": 0.8 },
+      paint: { "line-color": ink3, "line-opacity": opaque(0.35), "line-width": 0.8 },
     },
     {
       id: "anchors",
@@ -124,7 +132,7 @@ export function evidenceLayers(colours: Palette): LayerSpecification[] {
       source: "evidence",
       filter: ["==", ["get", "kind"], "ellipse"],
       minzoom: 14,
-      paint: { "fill-color": colour, "fill-opacity": 0.16 },
+      paint: { "fill-color": colour, "fill-opacity": opaque(0.16) },
     },
     {
       id: "ellipse-edge",
@@ -132,7 +140,7 @@ export function evidenceLayers(colours: Palette): LayerSpecification[] {
       source: "evidence",
       filter: ["==", ["get", "kind"], "ellipse"],
       minzoom: 14,
-      paint: { "line-color": colour, "line-width": 1.3 },
+      paint: { "line-color": colour, "line-opacity": opaque(1), "line-width": 1.3 },
     },
     {
       id: "buffer",
@@ -140,7 +148,7 @@ export function evidenceLayers(colours: Palette): LayerSpecification[] {
       source: "evidence",
       filter: ["==", ["get", "kind"], "buffer"],
       minzoom: CLOSE_ZOOM,
-      paint: { "line-color": colour, "line-width": 1.4, "line-dasharray": [4, 3] },
+      paint: { "line-color": colour, "line-opacity": opaque(1), "line-width": 1.4, "line-dasharray": [4, 3] },
     },
     {
       id: "difference",
@@ -149,7 +157,7 @@ export function evidenceLayers(colours: Palette): LayerSpecification[] {
       filter: ["==", ["get", "kind"], "difference"],
       minzoom: 9,
       layout: { "line-cap": "round" },
-      paint: { "line-color": colour, "line-width": 1.8 },
+      paint: { "line-color": colour, "line-opacity": opaque(1), "line-width": 1.8 },
     },
   ];
 }
@@ -211,6 +219,7 @@ export function pointLayers(): LayerSpecification[] {
       filter: ["==", ["get", "kind"], "claim"],
       minzoom: CLOSE_ZOOM,
       layout: { "icon-image": ["concat", "claim-", ["get", "tone"]], "icon-size": 0.8, "icon-allow-overlap": true },
+      paint: { "icon-opacity": opaque(1) },
     },
     {
       id: "measured",
@@ -219,6 +228,7 @@ export function pointLayers(): LayerSpecification[] {
       filter: ["==", ["get", "kind"], "measured"],
       minzoom: 14,
       layout: { "icon-image": ["get", "icon"], "icon-size": 0.95, "icon-allow-overlap": true },
+      paint: { "icon-opacity": opaque(1) },
     },
   ];
 }

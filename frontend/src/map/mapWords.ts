@@ -20,6 +20,9 @@ const HALF = 9;
 /** Closer than this, and among no more drones than this, a drone's name has its height and so on below it. */
 const BLOCKS_ZOOM = 14.5;
 const BLOCKS_MOST = 150;
+const LONGEST = 16;
+const SHORT_HEAD = 6;
+const SHORT_TAIL = 6;
 const CLIMBING_MM_S = 400;
 /** What a line takes to each side, and how far apart its points are, pixels. */
 const LINE_HALF = 2;
@@ -27,13 +30,13 @@ const STEP_PX = 5;
 const MOST_STEPS = 400;
 
 /** Lower comes first. Negative stands in any case. */
-const RANK = { measure: -3, selected: -2, evidence: 1, site: 1, pad: 100, judged: 10, heard: 10_000 } as const;
+const RANK = { measure: -3, selected: -2, chosen: -1, evidence: 1, site: 1, pad: 100, judged: 10, heard: 10_000 } as const;
 
 const ABOVE: readonly Side[] = ["above", "left", "right", "below"];
 const BELOW: readonly Side[] = ["below", "above", "left", "right"];
 const BESIDE: readonly Side[] = ["right", "left", "below", "above"];
 
-type Properties = { up_m?: number; to_m?: number; kind?: string; label?: string; name?: string; note?: string; tone?: "ok" | "maybe" | "bad"; grave?: boolean };
+type Properties = { up_m?: number; to_m?: number; half_m?: number; kind?: string; label?: string; name?: string; note?: string; tone?: "ok" | "maybe" | "bad"; grave?: boolean; chosen?: boolean; faint?: boolean };
 
 function at({ geometry }: Feature<Point>): { x: number; y: number } {
   const [lon = 0, lat = 0] = geometry.coordinates;
@@ -67,10 +70,10 @@ export function padWords(features: readonly Feature[]): Words[] {
 /** What stands at claims and measurements. */
 export function evidenceWords(features: readonly Feature[]): Words[] {
   return features.filter(isPoint).flatMap((feature, i) => {
-    const { kind, label = "", up_m = 0 } = (feature.properties ?? {}) as Properties;
+    const { kind, label = "", up_m = 0, chosen } = (feature.properties ?? {}) as Properties;
     if (label === "" || (kind !== "claim" && kind !== "measured")) return [];
     const sides = kind === "claim" ? ABOVE : BELOW;
-    return [{ ...at(feature), up_m, id: `${kind} ${i}`, lines: lines(label), rank: RANK.evidence + i, clear: 10, sides, from: CLOSE_ZOOM }];
+    return [{ ...at(feature), up_m, id: `${kind} ${i}`, lines: lines(label), rank: chosen === true ? RANK.chosen : RANK.evidence + i, clear: 10, sides, from: CLOSE_ZOOM }];
   });
 }
 
@@ -101,7 +104,7 @@ export function* droneWords(view: View, fleet: Fleet, store: LiveStore, selected
     x: tracks.x[slot] ?? 0,
     y: tracks.y[slot] ?? 0,
     up_m: view.tilt === undefined ? 0 : upOf(store, slot),
-    lines: [{ text: uav_id, strong, ...(!strong && { tone: "ink2" as const }) }, ...(told ? block(store, slot) : [])],
+    ...named(uav_id, strong, told ? block(store, slot) : []),
     rank: uav_id === selected ? RANK.selected : rank,
     clear: uav_id === selected ? 16 : HALF,
     sides: ABOVE,
@@ -121,6 +124,16 @@ export function* droneWords(view: View, fleet: Fleet, store: LiveStore, selected
     if (++tried > MOST_HEARD) return;
     yield words(tracks.nameAt(slot), slot, RANK.heard + slot, false);
   }
+}
+
+/** A name as long as most are; of a longer one the beginning, which says whose it is, and the end, which says which. */
+export function shortName(name: string): string {
+  return name.length <= LONGEST ? name : `${name.slice(0, SHORT_HEAD)}…${name.slice(-SHORT_TAIL)}`;
+}
+
+/** Where there is no room for a name, its height at least has one. */
+function named(uav_id: string, strong: boolean, below: Line[]): Pick<Words, "lines" | "fewer"> {
+  return { lines: [{ text: shortName(uav_id), strong, ...(!strong && { tone: "ink2" as const }) }, ...below], ...(below.length > 0 && { fewer: below }) };
 }
 
 /** What stands under a drone's name, by the user's wish: height with climb, speed, operator. */
@@ -147,12 +160,20 @@ function within(view: View, store: LiveStore, slot: number): boolean {
   return left >= 0 && top >= 0 && left <= view.width && top <= view.height;
 }
 
-/** Lines and rings of a verdict, as points so near to each other that no word fits between them. */
+/** What no word may stand on: a verdict's lines and rings, the lines of sight to it, and a pad's square. */
+const DRAWN = ["difference", "buffer", "ellipse", "sight", "square"];
+
+/** They, as points so near to each other that no word fits between them. */
 function alongLines(view: View, { geometry, properties }: Feature): Spot[] {
-  const { kind = "", up_m = 0, to_m = up_m } = (properties ?? {}) as Properties;
-  if (kind !== "difference" && kind !== "buffer") return [];
+  const { kind = "", up_m = 0, to_m = up_m, half_m = 0, faint } = (properties ?? {}) as Properties;
+  if (!DRAWN.includes(kind) || faint === true || (kind === "sight" && view.tilt !== undefined)) return [];
   const way = geometry.type === "LineString" ? geometry.coordinates : geometry.type === "Polygon" ? (geometry.coordinates[0] ?? []) : [];
-  const spots = way.flatMap(([lon = 0, lat = 0], i) => spotOf(view, mercatorX(lon), mercatorY(lat), i === 0 ? up_m : to_m) ?? []);
+  // Aslant, a buffer is a cylinder.
+  const heights = kind === "buffer" && view.tilt !== undefined ? [Math.max(0, up_m - half_m), up_m + half_m] : [up_m];
+  return heights.flatMap((from_m) => along(way.flatMap(([lon = 0, lat = 0], i) => spotOf(view, mercatorX(lon), mercatorY(lat), i === 0 || to_m === up_m ? from_m : to_m) ?? [])));
+}
+
+function along(spots: readonly Spot[]): Spot[] {
   return spots.flatMap((to, i) => {
     const from = spots[i - 1];
     if (from === undefined) return [];

@@ -5,6 +5,7 @@ import type { Fleet } from "../shared/fleet";
 import { distance_mm, type LonLat } from "../shared/geo/frame";
 import { reading } from "../shared/i18n/locale";
 import type { LiveStore } from "../shared/live/store";
+import { baseLayers } from "./baseLayers";
 import { clusters } from "./clusters";
 import { Air } from "./air";
 import { CROWD, DroneLayer, type Marked } from "./droneLayer";
@@ -16,7 +17,7 @@ import type { Overlay } from "./overlays";
 import { PlaceOnMap, type BaseMap } from "./place";
 import { placeNames } from "./placeNames";
 import type { Occupied } from "./placing";
-import { CLOSE_ZOOM, FINE_ZOOM, SITE_ZOOM } from "./scales";
+import { CLOSE_ZOOM, FINE_ZOOM, PLACE_FADES, SITE_ZOOM } from "./scales";
 import { BASE_FILES, EMPTY, MAP_COLOURS, OVERLAYS_BELOW, paints } from "./style";
 import { viewOf, type View } from "./view";
 
@@ -55,6 +56,8 @@ export class Picture {
   private overlays: readonly Overlay[] = [];
   /** So much of the map's padding is beside the panels. */
   room = 0;
+  /** Where the pads are, nothing but coasts and borders is drawn. */
+  elsewhere = false;
   private readonly baseLoaded = new Set<string>();
   readonly place: PlaceOnMap;
 
@@ -86,7 +89,7 @@ export class Picture {
     this.baseLoaded.clear();
     this.place.load(palette(MAP_COLOURS));
     this.addOverlays();
-    this.loadBaseMap();
+    this.joinSea();
     this.review(this.fleet);
   }
 
@@ -110,7 +113,7 @@ export class Picture {
     this.air.recolour(colours);
     this.layer.retheme();
     this.place.retheme(colours);
-    for (const { id, paint } of [...paints(colours), ...this.overlays.flatMap((each) => each.layers(colours)).map(({ id, paint }) => ({ id, paint: { ...paint } }))]) {
+    for (const { id, paint } of [...paints(colours, this.place.hasGround), ...this.overlays.flatMap((each) => each.layers(colours)).map(({ id, paint }) => ({ id, paint: { ...paint } }))]) {
       for (const [name, value] of Object.entries(paint)) this.map.setPaintProperty(id, name as never, value as never);
     }
   }
@@ -118,6 +121,17 @@ export class Picture {
   /** What the ground is drawn from. */
   describe(base: BaseMap): void {
     this.place.describe(base, palette(MAP_COLOURS));
+    this.joinSea();
+  }
+
+  /** Around the place, the sea is its sea. */
+  private joinSea(): void {
+    if (!this.loaded) return;
+    for (const layer of baseLayers(palette(MAP_COLOURS), this.place.hasGround)) {
+      if (layer.id === "sea") this.map.setPaintProperty(layer.id, "background-color", layer.paint?.["background-color" as never]);
+      if (layer.id === "land-fine") this.map.setLayerZoomRange(layer.id, layer.minzoom ?? 0, layer.maxzoom ?? 24);
+    }
+    this.loadBaseMap();
   }
 
   showImagery(shown: boolean): void {
@@ -206,7 +220,7 @@ export class Picture {
 
   /** Whether a metre grid is drawn. */
   get hasGrid(): boolean {
-    return this.gridPad() !== undefined && !(this.place.isShown && (this.tilted || this.map.getZoom() < GRID_ZOOM));
+    return this.gridPad() !== undefined && !(this.place.isShown && !this.elsewhere && (this.tilted || this.map.getZoom() < GRID_ZOOM));
   }
 
   private addOverlays(): void {
@@ -340,8 +354,9 @@ export class Picture {
   /** Fetches what of the base map can be seen at this scale; at a pad's nothing can. */
   private loadBaseMap(): void {
     const zoom = this.map.getZoom();
+    const further = this.place.hasGround ? PLACE_FADES : 0;
     for (const { id, url, from, to, replaces } of BASE_FILES) {
-      if (this.baseLoaded.has(id) || zoom < from || zoom > to) continue;
+      if (this.baseLoaded.has(id) || zoom < from || zoom > to + further) continue;
       this.baseLoaded.add(id);
       this.source(id)
         .setData(url)

@@ -2,15 +2,15 @@ import { addProtocol, removeProtocol, type Map as MapLibre } from "maplibre-gl";
 import { PMTiles, Protocol } from "pmtiles";
 import { reading } from "../shared/i18n/locale";
 import type { components } from "../shared/api/schema";
-import { ArchiveSource } from "./archiveSource";
+import { ArchiveSource, Directories } from "./archiveSource";
 import type { Palette } from "./icons";
 import { groundLayers, PLACE, PLACE_ZOOM, placeWordLayers, reliefLayer, volumeLayers, type Stage } from "./placeLayers";
 
 export type BaseMap = components["schemas"]["BaseMap"];
 export type MapLayer = components["schemas"]["MapLayer"];
 
-const IMAGERY = "imagery";
-const TERRAIN = "terrain";
+export const IMAGERY = "imagery";
+export const TERRAIN = "terrain";
 const SCHEME = "pmtiles";
 /** From the bottom to the top: ground below this layer of ours, volumes and words below that one. */
 const GROUND_BELOW = "grid";
@@ -55,6 +55,11 @@ export class PlaceOnMap {
     return this.shown.archive?.layers.includes("buildings") === true;
   }
 
+  /** Whether an archive draws the ground. */
+  get hasGround(): boolean {
+    return this.shown.archive !== undefined;
+  }
+
   /** Whether the ground is more than coasts and borders. */
   get isShown(): boolean {
     return this.shown.archive !== undefined || this.shown.imagery !== undefined;
@@ -88,7 +93,7 @@ export class PlaceOnMap {
     this.map.setSky({ "sky-color": colours["sky"] ?? "", "horizon-color": colours["sky"] ?? "", "fog-color": colours["land"] ?? "", ...SKY });
   }
 
-  /** Aerial images instead of the drawn ground. */
+  /** Aerial images over the drawn ground, which stands in for those that have not come. */
   showImagery(shown: boolean, colours: Palette): void {
     if (this.imagery === shown) return;
     this.imagery = shown;
@@ -152,8 +157,8 @@ export class PlaceOnMap {
     const pictures = imagery !== undefined && this.imagery;
     const volumes = volumeLayers(colours, this.stage, this.volumes);
     return [
-      ...(archive === undefined || pictures ? [] : [{ layers: groundLayers(colours, (south + north) / 2), below: GROUND_BELOW }]),
-      ...(terrain === undefined || pictures ? [] : [{ layers: [reliefLayer(colours, TERRAIN)], below: archive === undefined ? GROUND_BELOW : RELIEF_BELOW }]),
+      ...(archive === undefined ? [] : [{ layers: groundLayers(colours, (south + north) / 2), below: GROUND_BELOW }]),
+      ...(terrain === undefined ? [] : [{ layers: [reliefLayer(colours, TERRAIN)], below: archive === undefined ? GROUND_BELOW : RELIEF_BELOW }]),
       ...(pictures ? [{ layers: [{ id: IMAGERY, type: "raster" as const, source: IMAGERY, paint: { "raster-saturation": -0.35, "raster-fade-duration": 0 } }], below: GROUND_BELOW }] : []),
       ...(archive === undefined ? [] : [{ layers: [...volumes, ...placeWordLayers(colours, reading().locale)], below: VOLUMES_BELOW }]),
     ];
@@ -166,7 +171,7 @@ export class PlaceOnMap {
       this.map.addSource(id, { type: "raster", tiles: [address], tileSize: 256, ...common });
       return;
     }
-    this.archives?.add(new PMTiles(new ArchiveSource(address)));
+    this.archives?.add(new PMTiles(new ArchiveSource(address), new Directories()));
     const tiles = [`${SCHEME}://${address}/{z}/{x}/{y}`];
     if (id === TERRAIN) this.map.addSource(id, { type: "raster-dem", tiles, tileSize: 512, encoding: encoding ?? "terrarium", ...common });
     else if (kind === "vector") this.map.addSource(id, { type: "vector", tiles, ...common });

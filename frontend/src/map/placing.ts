@@ -10,16 +10,20 @@ export type Label = {
   /** How far from its place it must keep: half the size of the symbol there. */
   clear: number;
   sides: readonly Side[];
+  /** The size of what stands there where there is no room for all of it. */
+  fewer?: { width: number; height: number };
 };
 
 export type Side = "above" | "below" | "left" | "right" | "middle";
-export type Placed = { label: Label; left: number; top: number; side: Side };
+export type Placed = { label: Label; left: number; top: number; side: Side; isLess?: true };
 
 /** Squares of the screen that something stands on. */
 const SQUARE = 6;
 const GAP = 2;
 /** Where there is no room beside its place, a label stands somewhat further away. */
 const FURTHER = [0, 12, 24] as const;
+/** And one that must stand, as far as this. */
+const FAR = [...FURTHER, 40, 60, 85] as const;
 
 /** What of the screen is taken, by squares of some pixels: a look-up costs the same however much is there. */
 export class Occupied {
@@ -42,9 +46,14 @@ export class Occupied {
     }
   }
 
+  /** Whether a box lies within the screen. */
+  holds(left: number, top: number, width: number, height: number): boolean {
+    return left >= 0 && top >= 0 && left + width <= this.columns * SQUARE && top + height <= this.rows * SQUARE;
+  }
+
   /** Whether a box lies within the screen and nothing stands there. */
   isFree(left: number, top: number, width: number, height: number): boolean {
-    if (left < 0 || top < 0 || left + width > this.columns * SQUARE || top + height > this.rows * SQUARE) return false;
+    if (!this.holds(left, top, width, height)) return false;
     const [from, to] = [Math.floor(left / SQUARE), Math.min(this.columns - 1, Math.floor((left + width) / SQUARE))];
     const last = Math.min(this.rows - 1, Math.floor((top + height) / SQUARE));
     for (let row = Math.floor(top / SQUARE); row <= last; row++) {
@@ -81,15 +90,30 @@ export function place(labels: Label[], occupied: Occupied, before: ReadonlyMap<s
     if (result.length >= most) break;
     const was = before.get(label.id);
     const sides = was === undefined || !label.sides.includes(was) ? label.sides : [was, ...label.sides];
-    const first = sides[0] ?? "above";
-    const found =
-      FURTHER.flatMap((further) => sides.map((side) => ({ side, further }))).find(({ side, further }) => occupied.isFree(...corner(label, side, further), label.width, label.height)) ??
-      (label.rank < 0 ? { side: first, further: 0 } : undefined);
+    const find = (each: Label, fits: "isFree" | "holds"): Placed | undefined => {
+      for (const further of each.rank < 0 ? FAR : FURTHER) {
+        for (const side of sides) {
+          const [left, top] = corner(each, side, further);
+          if (occupied[fits](left, top, each.width, each.height)) return { label, left, top, side };
+        }
+      }
+      return undefined;
+    };
+    const fewer = label.fewer && { ...label, ...label.fewer };
+    const found = find(label, "isFree") ?? (label.rank < 0 ? (find(label, "holds") ?? anyway(label, sides[0] ?? "above")) : fewer && less(find(fewer, "isFree")));
     if (found === undefined) continue;
-    const { side, further } = found;
-    const [left, top] = corner(label, side, further);
-    occupied.take(left, top, label.width, label.height);
-    result.push({ label, left, top, side });
+    const { width, height } = found.isLess === true ? (fewer ?? label) : label;
+    occupied.take(found.left, found.top, width, height);
+    result.push(found);
   }
   return result;
+}
+
+function anyway(label: Label, side: Side): Placed {
+  const [left, top] = corner(label, side, 0);
+  return { label, left, top, side };
+}
+
+function less(found: Placed | undefined): Placed | undefined {
+  return found && { ...found, isLess: true };
 }

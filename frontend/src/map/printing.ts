@@ -21,7 +21,9 @@ export function copyForPrint(map: MapLibre, retheme: () => void): () => void {
     copy.className = "map-print";
     copy.width = canvas.width;
     copy.height = canvas.height;
-    copy.getContext("2d")?.drawImage(canvas, 0, 0);
+    // What stands over the map is on canvases of its own; they are of this frame only now.
+    const paper = copy.getContext("2d");
+    for (const each of canvas.parentElement?.querySelectorAll("canvas") ?? []) paper?.drawImage(each, 0, 0, copy.width, copy.height);
     canvas.after(copy);
   };
   const after = (): void => {

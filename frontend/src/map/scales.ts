@@ -4,6 +4,8 @@
 export const FINE_ZOOM = 5;
 /** Natural Earth's 1:10 million coast is a kilometre off in places: closer than this it would tell untruths. */
 export const COAST_FADES: readonly [from: number, to: number] = [9.5, 12];
+/** Around an archive's part of the world the coast stays for so many levels more. */
+export const PLACE_FADES = 1;
 /** Closer than this, a country's name says nothing. */
 export const NAMES_END = 7;
 /** Further away than this, pads that stand near each other are one mark. */

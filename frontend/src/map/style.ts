@@ -46,9 +46,9 @@ export const EMPTY: GeoJSON.FeatureCollection = { type: "FeatureCollection", fea
  * From the bottom to the top, a function for each: base map, metre grid, what others lay over it (overlays.ts), pads,
  * evidence, measure, marks, clusters; above all of them the drones (droneLayer.ts) and the words (labels.ts).
  */
-function layers(colours: Palette): LayerSpecification[] {
+function layers(colours: Palette, placed = false): LayerSpecification[] {
   return [
-    ...baseLayers(colours),
+    ...baseLayers(colours, placed),
     ...gridLayers(colours),
     ...padLayers(colours),
     ...evidenceLayers(colours),
@@ -92,6 +92,6 @@ export function style(colours: Palette): StyleSpecification {
 }
 
 /** What each layer is painted with in these colours, to change the theme without loading the style again. */
-export function paints(colours: Palette): { id: string; paint: Record<string, unknown> }[] {
-  return layers(colours).map((layer) => ({ id: layer.id, paint: (layer.paint ?? {}) }));
+export function paints(colours: Palette, placed: boolean): { id: string; paint: Record<string, unknown> }[] {
+  return layers(colours, placed).map((layer) => ({ id: layer.id, paint: (layer.paint ?? {}) }));
 }

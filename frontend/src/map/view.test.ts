@@ -73,6 +73,18 @@ describe("the view", () => {
     expect(Math.abs(Math.max(...tops) + Math.min(...tops))).toBeLessThan(8);
   });
 
+  it("keeps what flies high and its shadow in the room, further away if need be", () => {
+    const { center, zoom } = slantedCamera([{ at: [LON, LAT] }, { at: [LON, LAT], up_m: 65 }], { bearing: 20, pitch: 60 }, ROOM, 21);
+    expect(zoom).toBeLessThan(21);
+    expect(zoom).toBeGreaterThan(18);
+    const now = { ...view(20, 60, zoom), x: mercatorX(center[0]), y: mercatorY(center[1]) };
+    for (const up_m of [0, 65]) {
+      const { left, top } = at(now, LON, LAT, up_m);
+      expect(Math.abs(left - 700)).toBeLessThan(2);
+      expect(Math.abs(top - 420)).toBeLessThan(ROOM.height / 2 + 2);
+    }
+  });
+
   it("comes no nearer than it may", () => {
     expect(slantedCamera([{ at: [LON, LAT] }], { bearing: 0, pitch: 52 }, ROOM, 18).zoom).toBe(18);
   });

@@ -14,3 +14,8 @@ test("names of things that stand side by side cover each other nowhere", () => {
 test("what lies beyond the drawing, or has no name, has no words; a mast without one has its height", () => {
   expect(planWords([mast("Far", 500, 0), { ...mast("", 0, 0), kind: "marking" }, mast("", 2, 2)], paper).map(({ text }) => text)).toEqual(["6\u00a0m"]);
 });
+
+test("a marking that is a point has its name beside it, not at the pad's middle", () => {
+  const [word] = planWords([{ ...mast("Gate", 12, 0), kind: "marking" }], paper);
+  expect((word?.left ?? 0) + (word?.width ?? 0) / 2).toBeCloseTo(330, -1);
+});

@@ -19,6 +19,7 @@ function middle(points: readonly Metres[]): Metres {
 
 /** Where the name of something large stands: inside, at the middle of its longest edge. */
 function besideEdge(points: readonly Metres[]): Metres {
+  if (points.length < 2) return middle(points);
   const edges = points.slice(1).map((to, i) => [points[i] ?? to, to] as const);
   const long = edges.reduce((best, edge) => (Math.hypot(edge[1][0] - edge[0][0], edge[1][1] - edge[0][1]) > Math.hypot(best[1][0] - best[0][0], best[1][1] - best[0][1]) ? edge : best), edges[0] ?? [[0, 0], [0, 0]]);
   const [at, inside] = [middle(long), middle(points)];

@@ -17,7 +17,7 @@ const nothing = (): void => undefined;
 
 /** Where it was: the live map, framed at the pad, the claim and the measurement. Missing where there is no place to draw. */
 export function SessionMap({ verdict, site_plan_sha256 }: { verdict: VerdictSummary; site_plan_sha256: string | undefined }): ReactElement | null {
-  const base = useBaseMap();
+  const { base } = useBaseMap();
   const fleet = useFleet(EVERYBODY);
   const map = useRef<MapHandle>(null);
   const selection = useMemo(() => ({ uav_id: verdict.uav_id, verdict }), [verdict]);
