@@ -136,7 +136,6 @@ def test_help_theme_and_rooms_by_key(scripted, open_page):
     expect(page).to_have_url(re.compile("#/live"))  # written a moment after the map came to rest
     theme = "document.documentElement.dataset.theme"
     page.keyboard.press("t")
-    page.keyboard.press("t")
     assert page.evaluate(theme) == "dark"
     page.reload()
     at_rest(page)

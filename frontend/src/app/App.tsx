@@ -1,5 +1,5 @@
 import { useMutation, useQuery, useQueryClient } from "@tanstack/react-query";
-import { Suspense, useCallback, useEffect, useState, type ReactElement } from "react";
+import { Suspense, lazy, useCallback, useEffect, useState, type ReactElement } from "react";
 import { ApiError, useApi } from "../shared/api/api";
 import type { SignedIn } from "../shared/api/records";
 import { keepDraftsOf } from "../shared/drafts";
@@ -14,15 +14,16 @@ import { useKeys } from "../shared/ui/useKeys";
 import { Herald } from "../alerts/Herald";
 import { Banner } from "./Banner";
 import { Header, nextTheme } from "./Header";
-import { KeyboardHelp } from "./KeyboardHelp";
 import { go, usePlace } from "../shared/address/location";
 import { NavRail } from "./NavRail";
 import { ROOMS, RoomPage } from "./rooms";
 import { usePeopleApi } from "../people/api";
 import { signInTexts } from "../people/texts";
-import { SignInPage } from "./SignIn";
 import { setThemeChoice, useTheme } from "../shared/design/theme";
 import { Tour } from "./Tour";
+
+const SignInPage = lazy(() => import("./SignIn").then(({ SignInPage: Page }) => ({ default: Page })));
+const KeyboardHelp = lazy(() => import("./KeyboardHelp").then(({ KeyboardHelp: Help }) => ({ default: Help })));
 
 const STATUS_MS = 10_000;
 
@@ -72,16 +73,18 @@ export function App({ source }: { source: LiveSource }): ReactElement | null {
   const accepting = token !== undefined && link.data !== undefined && !atOnce ? { token, link: link.data } : undefined;
   if (who.isPending && accepting === undefined) return null;
   return (
-    <SignInPage
-      key={locale}
-      problem={problemOf(who.error, token !== undefined && accepting === undefined, refused)}
-      accepting={accepting}
-      onRetry={() => void who.refetch()}
-      onDone={(person) => {
-        setArrival({});
-        client.setQueryData(["who"], person);
-      }}
-    />
+    <Suspense fallback={null}>
+      <SignInPage
+        key={locale}
+        problem={problemOf(who.error, token !== undefined && accepting === undefined, refused)}
+        accepting={accepting}
+        onRetry={() => void who.refetch()}
+        onDone={(person) => {
+          setArrival({});
+          client.setQueryData(["who"], person);
+        }}
+      />
+    </Suspense>
   );
 }
 
@@ -112,7 +115,7 @@ function Rooms({ person, source, onSignOut, onSignedOut }: RoomsProperties): Rea
   const api = useApi();
   const store = useLiveStore();
   const place = usePlace();
-  const { choice } = useTheme();
+  const { theme, choice } = useTheme();
   const [help, setHelp] = useState(false);
   // Before any form is drawn.
   useState(() => keepDraftsOf(person.person_id));
@@ -145,7 +148,7 @@ function Rooms({ person, source, onSignOut, onSignedOut }: RoomsProperties): Rea
   useKeys({
     "?": () => setHelp(true),
     ...Object.fromEntries(ROOMS.map((room) => [room.key, () => go(room.place)])),
-    t: () => setThemeChoice(nextTheme(choice)),
+    t: () => setThemeChoice(nextTheme(choice, theme)),
   });
 
   // A wall has nobody at its keys: no bars, only the room.
@@ -163,7 +166,11 @@ function Rooms({ person, source, onSignOut, onSignedOut }: RoomsProperties): Rea
       </main>
       <Herald />
       <Tour />
-      <KeyboardHelp open={help} onClose={() => setHelp(false)} />
+      {help && (
+        <Suspense fallback={null}>
+          <KeyboardHelp open={help} onClose={() => setHelp(false)} />
+        </Suspense>
+      )}
     </div>
   );
 }

@@ -13,7 +13,7 @@ import { placeHash } from "../shared/address/location";
 import { Search } from "./Search";
 import { LOCALES, setReading, useReading } from "../shared/i18n/locale";
 import { appTexts as t } from "./texts";
-import { setThemeChoice, useTheme, type Choice } from "../shared/design/theme";
+import { setThemeChoice, useTheme, type Choice, type Theme } from "../shared/design/theme";
 import { TourOffer } from "./Tour";
 
 const COUNT_MS = 10_000;
@@ -61,17 +61,17 @@ function LedgerChip({ status }: { status: Status }): ReactElement {
   );
 }
 
-const NEXT: Record<Choice, Choice> = { system: "light", light: "dark", dark: "system" };
 
 export function ThemeButton(): ReactElement {
-  const { choice } = useTheme();
+  const { theme, choice } = useTheme();
+  const next = nextTheme(choice, theme);
   return (
     <button
       type="button"
       className="icon-button"
       title={`${t("themeIs", { choice })} (t)`}
-      aria-label={`${t("themeIs", { choice })}. ${t("themeChange", { choice: NEXT[choice] })}`}
-      onClick={() => setThemeChoice(NEXT[choice])}
+      aria-label={`${t("themeIs", { choice })}. ${t("themeChange", { choice: next })}`}
+      onClick={() => setThemeChoice(next)}
     >
       <svg viewBox="0 0 20 20" aria-hidden="true">
         {choice === "light" ? (
@@ -108,8 +108,10 @@ export function LanguageButton(): ReactElement {
   );
 }
 
-export function nextTheme(choice: Choice): Choice {
-  return NEXT[choice];
+/** From the system's theme to the other one: each press is to be seen. */
+export function nextTheme(choice: Choice, theme: Theme): Choice {
+  if (choice === "system") return theme === "dark" ? "light" : "dark";
+  return choice === "dark" ? "light" : "system";
 }
 
 type Properties = { person: SignedIn; onHelp: () => void; onSignOut: () => void };

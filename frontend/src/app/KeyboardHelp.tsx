@@ -2,7 +2,8 @@ import { useEffect, useRef, type ReactElement } from "react";
 import { sharedTexts } from "../shared/texts";
 import { ROOMS } from "./rooms";
 import { roomTexts } from "../shared/roomTexts";
-import { appTexts, keyTexts, replayKeyTexts } from "./texts";
+import { keyTexts, replayKeyTexts } from "./keyTexts";
+import { appTexts } from "./texts";
 
 type Key = readonly [keys: readonly string[], what: string];
 

@@ -1,13 +1,12 @@
-import { useEffect, useRef, type ReactElement } from "react";
-import { useKeys } from "../shared/ui/useKeys";
-import { go, type Place } from "../shared/address/location";
-import type { VerdictSummary } from "../shared/api/records";
-import type { LiveStore } from "../shared/live/store";
-import { useLiveStore } from "../shared/live/useLive";
-import { declineTour, goToStop, startTour, STOPS, useTour, type Stop } from "../shared/tourStops";
-import { tourTexts as t } from "./tourTexts";
+import { Suspense, lazy, type ReactElement } from "react";
+import { texts } from "../shared/i18n/texts";
+import { declineTour, startTour, STOPS, useTour } from "../shared/tourStops";
 
-const HERE = "tour-here";
+const TourCard = lazy(() => import("./TourCard").then(({ TourCard: Card }) => ({ default: Card })));
+const t = texts({
+  en: { offer: "New here? Take the tour", decline: "No tour, thank you" },
+  fi: { offer: "Uusi täällä? Katso esittely", decline: "Ei esittelyä, kiitos" },
+});
 
 /** Offers the tour to who has not seen it; in the header, where it is in nobody's way. */
 export function TourOffer(): ReactElement | null {
@@ -25,54 +24,14 @@ export function TourOffer(): ReactElement | null {
   );
 }
 
-/** One stop after the other: what one sees there, and why. The page stays usable all the while. */
+/** One stop after the other, once somebody takes the tour. */
 export function Tour(): ReactElement | null {
   const { at } = useTour();
   const stop = at === undefined ? undefined : STOPS[at];
-  return at === undefined || stop === undefined ? null : <StopCard at={at} stop={stop} />;
-}
-
-/** On the map, who lied last; the page as it is where nobody did. */
-function liarOr(place: Place, store: LiveStore): Place {
-  const liar = [...store.verdicts.values()].filter(({ outcome }) => outcome === "refuted").reduce<VerdictSummary | undefined>((last, each) => (last === undefined || each.decided_ms > last.decided_ms ? each : last), undefined);
-  return liar === undefined || place.room !== "live" ? place : { ...place, drone: liar.uav_id };
-}
-
-function StopCard({ at, stop }: { at: number; stop: Stop }): ReactElement {
-  const card = useRef<HTMLElement>(null);
-  useKeys({ Escape: () => goToStop(-1) });
-  const store = useLiveStore();
-  useEffect(() => {
-    go(stop.name === "map" ? liarOr(stop.place, store) : stop.place);
-    card.current?.focus();
-    // The room may have to be loaded first.
-    const timer = setTimeout(() => document.querySelector(stop.selector)?.classList.add(HERE), 300);
-    return () => {
-      clearTimeout(timer);
-      for (const each of document.querySelectorAll(`.${HERE}`)) each.classList.remove(HERE);
-    };
-  }, [stop, store]);
-  const last = at === STOPS.length - 1;
+  if (at === undefined || stop === undefined) return null;
   return (
-    <section ref={card} className="float tour" tabIndex={-1} aria-labelledby="tour-title">
-      <h2 id="tour-title">{t(`${stop.name}Title`)}</h2>
-      <p>{t(stop.name)}</p>
-      <footer>
-        <span className="quiet num">{t("of", { stop: at + 1, all: STOPS.length })}</span>
-        {at > 0 && (
-          <button type="button" className="button" onClick={() => goToStop(at - 1)}>
-            {t("back")}
-          </button>
-        )}
-        {!last && (
-          <button type="button" className="button" onClick={() => goToStop(-1)}>
-            {t("end")}
-          </button>
-        )}
-        <button type="button" className="button primary" onClick={() => goToStop(at + 1)}>
-          {last ? t("done") : t("next")}
-        </button>
-      </footer>
-    </section>
+    <Suspense fallback={null}>
+      <TourCard at={at} stop={stop} />
+    </Suspense>
   );
 }

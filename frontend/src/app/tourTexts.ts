@@ -2,8 +2,6 @@ import { texts } from "../shared/i18n/texts";
 
 export const tourTexts = texts({
   en: {
-    offer: "New here? Take the tour",
-    decline: "No tour, thank you",
     of: "{stop} of {all}",
     back: "Back",
     next: "Next",
@@ -25,8 +23,6 @@ export const tourTexts = texts({
     keys: "A slash searches for drones, pads and transactions; a question mark shows all keys. Settings hold language, units and sounds.",
   },
   fi: {
-    offer: "Uusi täällä? Katso esittely",
-    decline: "Ei esittelyä, kiitos",
     of: "{stop}/{all}",
     back: "Takaisin",
     next: "Seuraava",

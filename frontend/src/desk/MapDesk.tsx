@@ -1,9 +1,8 @@
-import { useMemo, useState, type ComponentProps, type ReactElement, type ReactNode } from "react";
+import { Suspense, lazy, useMemo, useState, type ComponentProps, type ReactElement, type ReactNode } from "react";
 import { MapView } from "../map/MapView";
 import type { Overlay } from "../map/overlays";
 import { ZoomControls } from "../map/ZoomControls";
 import type { LonLat } from "../shared/geo/frame";
-import { SessionPanel } from "../sessions/SessionPanel";
 import { ZoneCard, ZoneLegend } from "../zones/MapZones";
 import { DroneTable } from "./DroneTable";
 import { Legend } from "./Legend";
@@ -12,6 +11,8 @@ import { MeasureBar } from "./Measure";
 import { PanelTools, SheetHandle } from "./PanelTools";
 import { Resizer } from "./Resizer";
 import type { Desk } from "./useMapDesk";
+
+const SessionPanel = lazy(() => import("../sessions/SessionPanel").then(({ SessionPanel: Panel }) => ({ default: Panel })));
 
 type Properties = {
   desk: Desk;
@@ -103,7 +104,9 @@ export function MapDesk({ desk, names, hrefOf, overlays, onGround, listHead, ins
       {open && (
         <section className="float panel" aria-label={names.proof} ref={panelRef} data-open={sheetOpen}>
           {handle("proof")}
-          <SessionPanel drone={drone} session={session} verdict={verdict} pad={pad} now_ms={now_ms} {...(past && { place: "past" as const })} tools={tools} />
+          <Suspense fallback={null}>
+            <SessionPanel drone={drone} session={session} verdict={verdict} pad={pad} now_ms={now_ms} {...(past && { place: "past" as const })} tools={tools} />
+          </Suspense>
           {!phone && !past && <Resizer side="left" name="proof" property="--panel-width" initial={404} least={340} most={620} />}
         </section>
       )}

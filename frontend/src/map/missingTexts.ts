@@ -6,9 +6,6 @@ export type MissingMap = BaseMap["missing"][number];
 /** What of the map's ground is missing, and why. */
 export const missingTexts = texts({
   en: {
-    count: "{count, plural, one {One thing is missing from the map} other {# things are missing from the map}}",
-    show: "show",
-    hide: "hide",
     setBy: "Set by",
     missing: "{what, select, imagery {Aerial images are} terrain {The heights of the ground are} other {The map of the place is}} missing: {why}.",
     elsewhere: "The map of the place does not cover the pads, so coasts and borders are shown.",
@@ -16,9 +13,6 @@ export const missingTexts = texts({
     damaged: "{what, select, imagery {Some aerial images are damaged} terrain {Some of the heights of the ground are damaged} other {A part of the map of the place is damaged}}.",
   },
   fi: {
-    count: "{count, plural, one {Kartasta puuttuu yksi asia} other {Kartasta puuttuu # asiaa}}",
-    show: "näytä",
-    hide: "piilota",
     setBy: "Asetus:",
     missing: "{what, select, imagery {Ilmakuvat puuttuvat} terrain {Maaston korkeudet puuttuvat} other {Paikan kartta puuttuu}}: {why}.",
     elsewhere: "Paikan kartta ei ulotu alustoille, joten näkyvissä ovat rannikot ja rajat.",
