@@ -85,7 +85,7 @@ def test_the_papers_four_points(wonderland, tmp_path):
     # The bound for one round, as computed for this geometry by hand: bearing is the hard part at a distance.
     assert [line["cramer_rao_one_round_m"] for line in lines] == pytest.approx([0.26, 0.30, 1.80, 1.97], abs=0.02)
     for path in (figure, sequence):
-        assert path.read_text().lstrip().startswith("<?xml")
+        assert path.read_text().lstrip().startswith("<svg")
     steps = ["request", "poll", "match", "reply", "range", "confirm", "verdict", "permission"]
     for line in lines:
         times = [line["since_request_ms"][step] for step in steps]
