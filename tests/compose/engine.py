@@ -414,7 +414,7 @@ def _builder(name):
     given = os.environ.get("CCAAS_BUILDER")  # Fabric's own, where somebody has built it
     if given:
         return Path(given, name).read_bytes()
-    module = ROOT / "wonderland" / "ledger" / "network" / "builder.py"
+    module = ROOT / "libraries" / "fabric_network" / "wonderland_fabric_network" / "builder.py"
     return f'#!/bin/sh\nexec {shlex.join([sys.executable, "-I", "-S", str(module), name])} "$@"\n'
 
 
