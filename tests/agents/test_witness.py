@@ -90,6 +90,7 @@ def test_a_witness_listens_until_nine_honest_drones_in_ten_are_settled():
 async def test_a_second_pad_witnesses_and_the_verdict_has_assurance_4(world):
     await second_pad(world)
     await world.share_a_clock()
+    world.flight.stamp_noise_mm = 10.0  # with the noise that was surveyed one honest drone in ten ends open
     await world.policy(min_assurance=4, witness_pad_id="pad-2", session_ttl_ms=30_000)
     async with world.pad(), witness_at(world), world.uav() as uav:
         result = await uav.prove("pad-1", "land")

@@ -94,6 +94,7 @@ class Flight:
     claimed: tuple[float, float, float] = HERE
     silent: set[str] = field(default_factory=set)
     noise_mm: float = 20.0
+    stamp_noise_mm: float = 30.0
     ranged: tuple[float, float, float] | None = None
     """Where the drone's radio makes the ranges say that it is, by lies about its own time stamps."""
     clock_ms: int = 0
@@ -104,7 +105,7 @@ class Flight:
 
     def stamp(self, place, sent_s: float, rng: random.Random) -> int:
         """Ticks of the pad's common clock when an anchor there hears what was sent then."""
-        away_m = (math.dist(place, self.truth) + rng.gauss(0, 30.0)) / 1000
+        away_m = (math.dist(place, self.truth) + rng.gauss(0, self.stamp_noise_mm)) / 1000
         return round((sent_s + away_m / 299_792_458) * TICKS_PER_SECOND) % 2**40
 
     def claim(self, now_ms: int) -> Claim | None:
