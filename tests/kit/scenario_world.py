@@ -20,6 +20,7 @@ import psutil
 import pytest
 
 from kit.contract import Scene
+from kit.every_peer import every_peer
 from wonderland.proofs import encoding
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.embedded.administration import DirectoryAdministration
@@ -225,11 +226,11 @@ class People:
 
     person = Person
 
-    def __init__(self, place, connection, channel, watches):
+    def __init__(self, place, connection, channel, everywhere):
         self.place = place
         self.connection = connection
         self.channel = channel
-        self._watches = watches
+        self.everywhere = everywhere
         self._known = {}
         self.behind_ms = 60_000
 
@@ -249,13 +250,6 @@ class People:
         """So much time passes for everybody."""
         assert ms <= self.behind_ms
         self.behind_ms -= ms
-
-    async def everywhere(self, block_number):
-        """Wait until every peer has the block: one that lags would answer from before it."""
-        async with asyncio.timeout(PATIENCE_S):
-            for network in self._watches:
-                while await network.height() <= block_number:
-                    await asyncio.sleep(0.005)
 
     async def enrol(self, role, pol_id, msp_id=None):
         """A new identity; its name is its id."""
@@ -285,16 +279,9 @@ class People:
 @contextlib.asynccontextmanager
 async def people_at(place, kind=People):
     """The people of a ledger that runs."""
-    async with contextlib.AsyncExitStack() as stack:
-        watches = []
-        for connection in place.gateways():
-            channel = await stack.enter_async_context(connection.open_channel())
-            name = next(iter(connection.identities))
-            gateway = Gateway(channel, connection.identity(name), connection.signer(name))
-            watches.append(gateway.network(connection.channel))
-        connection = Connection.load(place.connection_file)
-        channel = await stack.enter_async_context(connection.open_channel())
-        yield kind(place, connection, channel, watches)
+    connection = Connection.load(place.connection_file)
+    async with every_peer(place.gateways()) as everywhere, connection.open_channel() as channel:
+        yield kind(place, connection, channel, everywhere)
 
 
 # --- the place of the story

@@ -12,6 +12,7 @@ import time
 import pytest
 from kit import contract_peer as peers
 from kit.contract import Scene
+from kit.every_peer import every_peer
 
 from wonderland.proofs import encoding
 from wonderland.proofs.records.sessions import Session
@@ -32,8 +33,9 @@ YEAR_MS = 365 * 86_400_000
 class Client:
     """Submits and evaluates as the identities of connection.json."""
 
-    def __init__(self, connection, channel):
+    def __init__(self, connection, channel, everywhere):
         self.connection = connection
+        self.everywhere = everywhere
         self.networks = {
             name: Gateway(channel, connection.identity(name), connection.signer(name)).network(connection.channel)
             for name in connection.identities
@@ -54,6 +56,7 @@ class Client:
                         raise
                     await asyncio.sleep(0.2)
                 else:
+                    await self.everywhere(done.block_number)
                     return done, encoding.decode(done.payload)
 
     async def query(self, who, function, **fields):
@@ -82,9 +85,13 @@ def running(fabric, network_class, tmp_path_factory):
 
 @pytest.fixture
 async def client(running):
-    connection = Connection.load(running.network.directory.connection_file)
-    async with connection.open_channel() as channel:
-        yield Client(connection, channel)
+    directory = running.network.directory
+    own = [
+        Connection.load(directory.organisation(each.msp_id).connection_file) for each in running.network.organisations
+    ]
+    connection = running.connection
+    async with every_peer(own) as everywhere, connection.open_channel() as channel:
+        yield Client(connection, channel, everywhere)
 
 
 @pytest.fixture
