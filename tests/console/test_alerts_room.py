@@ -12,10 +12,9 @@ from wonderland_backend.db.tables.reported import HealthRow
 
 @pytest.fixture
 def inbox(real, open_page):
-    page = open_page(real.link())
-    expect(page.get_by_role("option")).to_have_count(2)
-    page.get_by_test_id("alerts-chip").click()
+    page = open_page(real.link(), room="alerts")
     expect(page.get_by_role("heading", name="Alerts", exact=True)).to_be_visible()
+    expect(row(page)).to_be_visible()
     return page
 
 
@@ -23,7 +22,11 @@ def row(page):
     return page.get_by_role("link", name="Refuted")
 
 
-def test_from_the_header_to_why(inbox):
+def test_from_the_header_to_why(real, open_page):
+    inbox = open_page(real.link())
+    expect(inbox.get_by_role("option")).to_have_count(2)
+    inbox.get_by_test_id("alerts-chip").click()
+    expect(inbox.get_by_role("heading", name="Alerts", exact=True)).to_be_visible()
     row(inbox).click()
     panel = inbox.get_by_role("region", name="Alerts", exact=True)
     expect(panel.locator(".told")).to_contain_text("uav-2 is not where it says: measured")

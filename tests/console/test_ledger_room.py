@@ -8,11 +8,16 @@ from playwright.sync_api import expect
 
 @pytest.fixture
 def ledger(real, open_page):
+    page = open_page(real.link(), room="ledger")
+    expect(page.get_by_role("heading", name="Ledger", exact=True)).to_be_visible()
+    return page
+
+
+def test_a_key_leads_there_from_the_map(real, open_page):
     page = open_page(real.link())
     expect(page.get_by_role("option")).to_have_count(2)
     page.keyboard.press("e")
     expect(page.get_by_role("heading", name="Ledger", exact=True)).to_be_visible()
-    return page
 
 
 def test_the_chain_is_recomputed_in_the_browser(ledger):
