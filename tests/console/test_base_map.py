@@ -23,6 +23,8 @@ from wonderland_simulator.place.build import build
 
 TOWN = "at=43.7325,7.4165,15.5"
 ARCHIVE = "/api/v1/map/archive"
+PATIENCE_S = 45
+"""On a machine that is also drawing maps."""
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +60,7 @@ def placed(real_backend, town_archive, tmp_path):
 def http(placed):
     """A reader that is signed in."""
     base, _, token = placed.link().partition("/#token=")
-    with httpx.Client(base_url=base, trust_env=False) as client:
+    with httpx.Client(base_url=base, trust_env=False, timeout=PATIENCE_S) as client:
         answer = client.post("/api/v1/session", json={"token": token}, headers={"Origin": base})
         assert answer.is_success, answer.text
         yield client
@@ -174,7 +176,7 @@ def test_a_hostile_range_is_refused_and_the_next_is_answered(http, asked):
 
 
 def test_a_map_is_for_those_who_are_signed_in(placed):
-    with httpx.Client(base_url=placed.url, trust_env=False) as stranger:
+    with httpx.Client(base_url=placed.url, trust_env=False, timeout=PATIENCE_S) as stranger:
         for path in ("/api/v1/map", ARCHIVE, "/api/v1/map/imagery", "/api/v1/map/imagery/1/1/1"):
             assert stranger.get(path, headers={"Range": "bytes=0-9"}).status_code == 403
 
