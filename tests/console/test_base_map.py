@@ -377,6 +377,11 @@ def test_an_archive_of_elsewhere_is_said_and_coasts_are_shown(real_backend, town
     said.get_by_role("button", name="show").click()
     expect(said).to_contain_text("does not cover the pads")
     expect(said.locator("code")).to_have_text("WONDERLAND_BACKEND_MAP__ARCHIVE")
+    expect(page.get_by_role("button", name="Closer")).to_be_visible()
+    for depth in ("Aslant, with heights", "Flat, from above"):
+        expect(page.get_by_role("button", name=depth)).to_have_count(0)
+    page.wait_for_function("() => /at=60[.]/.test(location.hash)")
+    assert ",52.0" not in page.url, "looked at aslant where there is no building"
 
 
 def test_fifty_gigabytes_are_shown_as_quickly_as_some_kilobytes(placed, http, open_page):

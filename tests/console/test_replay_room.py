@@ -177,9 +177,15 @@ def test_a_time_that_cannot_be_read_is_said_and_nothing_moves(room):
     expect(time(room)).to_have_text("14:00:00")
 
 
-def test_the_map_shows_the_zones_that_held_then(past, room):
+@pytest.fixture
+def zoned(past):
+    """The same with zones that held for a while.
+
+    Its clock is put back for that, while no page is open: one that hears a frame then learns the clock from it, and
+    what is typed as "yesterday" before the next frame is the day before.
+    """
+
     def at(t_ms, coroutine):
-        past.off_ms = 0
         past.off_ms = t_ms - past.now_ms()
         past._run(coroutine)
         past.off_ms = 0
@@ -188,14 +194,19 @@ def test_the_map_shows_the_zones_that_held_then(past, room):
     at(yesterday_ms(13, 40), importing.import_data(context, "Anna", TURKU.read_bytes(), "turku"))
     # The map asks for whole minutes, and an end takes effect some milliseconds after the clock was read here.
     at(yesterday_ms(14, 2, 30), importing.end(context, "Anna", "turku"))
+    return past
+
+
+def test_the_map_shows_the_zones_that_held_then(zoned, room):
     prohibited = room.locator(".zones-legend").get_by_text("Prohibited")
-    for typed, there in (
-        ("yesterday 13:39:30", 0),
-        ("yesterday 14:00", 1),
-        ("yesterday 14:03:30", 0),
-        ("yesterday 14:01", 1),
+    for typed, shown, there in (
+        ("yesterday 13:39:30", "13:39:30", 0),
+        ("yesterday 14:00", "14:00:00", 1),
+        ("yesterday 14:03:30", "14:03:30", 0),
+        ("yesterday 14:01", "14:01:00", 1),
     ):
         go(room, typed)
+        expect(time(room)).to_have_text(shown)
         expect(prohibited).to_have_count(there)
     room.get_by_role("button", name="Hide zones").click()
     expect(prohibited).to_have_count(0)

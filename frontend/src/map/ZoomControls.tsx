@@ -1,5 +1,5 @@
 import type { ReactElement } from "react";
-import { useBaseMap } from "./baseMap";
+import { hasBuildings, useBaseMap } from "./baseMap";
 import { useMapWishes, wishMap } from "./mapWishes";
 import { mapTexts as t } from "./texts";
 
@@ -54,10 +54,13 @@ function tools({ table = false, measuring = false, all = t("allPads"), networked
 /** What one can do with the map. */
 export function ZoomControls(properties: Properties): ReactElement {
   const wishes = useMapWishes();
-  const imagery = useBaseMap().base.imagery === undefined ? undefined : wishes.imagery;
+  const { base, elsewhere } = useBaseMap();
+  const imagery = base.imagery === undefined ? undefined : wishes.imagery;
+  // Where no building is known there is nothing to look at aslant.
+  const deep = hasBuildings(base) && !elsewhere ? properties.deep : undefined;
   return (
     <div className="float zoom" role="group" aria-label={t("map")}>
-      {tools(properties, imagery).map(({ name, key, path, pressed, stays, turned, act }) => (
+      {tools({ ...properties, deep }, imagery).map(({ name, key, path, pressed, stays, turned, act }) => (
         <button
           key={key}
           type="button"

@@ -37,6 +37,11 @@ export function isElsewhere({ archive }: BaseMap, pads: Iterable<Pad>): boolean 
   return all.length > 0 && all.every(({ lat_e7, lon_e7 }) => lon_e7 < west * 1e7 || lon_e7 > east * 1e7 || lat_e7 < south * 1e7 || lat_e7 > north * 1e7);
 }
 
+/** Whether there are buildings to see, somewhere. */
+export function hasBuildings({ archive }: BaseMap): boolean {
+  return archive?.layers.includes("buildings") === true;
+}
+
 /** Asks at once what the ground is drawn from, where something shows that it may be another. */
 export function useLookAgain(): () => void {
   const client = useQueryClient();

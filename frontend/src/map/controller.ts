@@ -159,8 +159,7 @@ export class MapController {
 
   /** `elsewhere`: what an archive draws is nowhere near. */
   describe(base: BaseMap, elsewhere: boolean): void {
-    this.picture.describe(base);
-    this.picture.elsewhere = elsewhere;
+    this.picture.describe(base, elsewhere);
     // It is another ground now.
     this.failures.forget();
     if (this.isDeep === this.wantsDepth || this.addressed) return;
@@ -186,7 +185,7 @@ export class MapController {
   }
 
   private get wantsDepth(): boolean {
-    return this.deep && this.picture.place.hasVolumes && !this.picture.elsewhere;
+    return this.deep && this.picture.hasVolumes;
   }
 
   private get isDeep(): boolean {

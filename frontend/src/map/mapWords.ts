@@ -56,13 +56,13 @@ export function padWords(features: readonly Feature[]): Words[] {
     const place = { ...at(feature), rank: RANK.pad };
     const named: Line = { text: name, strong: true };
     const noted: Line = { text: note, ...(tone !== undefined && tone !== "ok" && { tone }) };
-    if (kind === "edge") return [{ ...place, id: `edge ${i}`, lines: [named, noted], clear: 6, sides: ["below"], from: SQUARE_ZOOM }];
+    if (kind === "edge") return [{ ...place, id: `edge ${i}`, lines: [named, noted], fewer: [named], clear: 6, sides: ["below", "above"], from: SQUARE_ZOOM }];
     if (kind !== "pad") return [];
     const troubled = tone !== undefined && tone !== "ok";
     const notes = troubled ? PAD_NAMES_ZOOM : PAD_NOTES_ZOOM;
     return [
       { ...place, id: `pad ${i}`, lines: [named], clear: 13, sides: BELOW, from: PAD_NAMES_ZOOM, to: notes },
-      { ...place, id: `pad ${i}`, lines: [named, noted], clear: 13, sides: BELOW, from: notes, to: SQUARE_ZOOM },
+      { ...place, id: `pad ${i}`, lines: [named, noted], fewer: [named], clear: 13, sides: BELOW, from: notes, to: SQUARE_ZOOM },
     ];
   });
 }

@@ -8,14 +8,14 @@ export const missingTexts = texts({
   en: {
     setBy: "Set by",
     missing: "{what, select, imagery {Aerial images are} terrain {The heights of the ground are} other {The map of the place is}} missing: {why}.",
-    elsewhere: "The map of the place does not cover the pads, so coasts and borders are shown.",
+    elsewhere: "The map of the place does not cover the pads, so coasts and borders are shown, from above.",
     away: "{what, select, imagery {Aerial images cannot be loaded now} terrain {The heights of the ground cannot be loaded now} archive {Parts of the map of the place cannot be loaded now} other {Coasts and borders cannot be loaded now}}. They are asked for again.",
     damaged: "{what, select, imagery {Some aerial images are damaged} terrain {Some of the heights of the ground are damaged} other {A part of the map of the place is damaged}}.",
   },
   fi: {
     setBy: "Asetus:",
     missing: "{what, select, imagery {Ilmakuvat puuttuvat} terrain {Maaston korkeudet puuttuvat} other {Paikan kartta puuttuu}}: {why}.",
-    elsewhere: "Paikan kartta ei ulotu alustoille, joten näkyvissä ovat rannikot ja rajat.",
+    elsewhere: "Paikan kartta ei ulotu alustoille, joten näkyvissä ovat rannikot ja rajat ylhäältä katsottuina.",
     away: "{what, select, imagery {Ilmakuvia ei voi nyt ladata} terrain {Maaston korkeuksia ei voi nyt ladata} archive {Osia paikan kartasta ei voi nyt ladata} other {Rannikoita ja rajoja ei voi nyt ladata}}. Niitä pyydetään uudelleen.",
     damaged: "{what, select, imagery {Osa ilmakuvista on vioittunut} terrain {Osa maaston korkeuksista on vioittunut} other {Osa paikan kartasta on vioittunut}}.",
   },

@@ -56,8 +56,7 @@ export class Picture {
   private overlays: readonly Overlay[] = [];
   /** So much of the map's padding is beside the panels. */
   room = 0;
-  /** Where the pads are, nothing but coasts and borders is drawn. */
-  elsewhere = false;
+  private elsewhere = false;
   private readonly baseLoaded = new Set<string>();
   readonly place: PlaceOnMap;
 
@@ -113,13 +112,14 @@ export class Picture {
     this.air.recolour(colours);
     this.layer.retheme();
     this.place.retheme(colours);
-    for (const { id, paint } of [...paints(colours, this.place.hasGround), ...this.overlays.flatMap((each) => each.layers(colours)).map(({ id, paint }) => ({ id, paint: { ...paint } }))]) {
+    for (const { id, paint } of [...paints(colours, this.isPlaced), ...this.overlays.flatMap((each) => each.layers(colours)).map(({ id, paint }) => ({ id, paint: { ...paint } }))]) {
       for (const [name, value] of Object.entries(paint)) this.map.setPaintProperty(id, name as never, value as never);
     }
   }
 
-  /** What the ground is drawn from. */
-  describe(base: BaseMap): void {
+  /** What the ground is drawn from; `elsewhere`: where the pads are, that is nothing but coasts and borders. */
+  describe(base: BaseMap, elsewhere: boolean): void {
+    this.elsewhere = elsewhere;
     this.place.describe(base, palette(MAP_COLOURS));
     this.joinSea();
   }
@@ -127,7 +127,7 @@ export class Picture {
   /** Around the place, the sea is its sea. */
   private joinSea(): void {
     if (!this.loaded) return;
-    for (const layer of baseLayers(palette(MAP_COLOURS), this.place.hasGround)) {
+    for (const layer of baseLayers(palette(MAP_COLOURS), this.isPlaced)) {
       if (layer.id === "sea") this.map.setPaintProperty(layer.id, "background-color", layer.paint?.["background-color" as never]);
       if (layer.id === "land-fine") this.map.setLayerZoomRange(layer.id, layer.minzoom ?? 0, layer.maxzoom ?? 24);
     }
@@ -216,6 +216,16 @@ export class Picture {
       if (distance < (best?.distance ?? GRID_REACH_MM)) best = { pad, distance };
     }
     return best?.pad;
+  }
+
+  /** Whether an archive draws the ground around the pads. */
+  private get isPlaced(): boolean {
+    return this.place.hasGround && !this.elsewhere;
+  }
+
+  /** Whether there are buildings around the pads that can rise. */
+  get hasVolumes(): boolean {
+    return this.place.hasVolumes && !this.elsewhere;
   }
 
   /** Whether a metre grid is drawn. */
@@ -354,7 +364,7 @@ export class Picture {
   /** Fetches what of the base map can be seen at this scale; at a pad's nothing can. */
   private loadBaseMap(): void {
     const zoom = this.map.getZoom();
-    const further = this.place.hasGround ? PLACE_FADES : 0;
+    const further = this.isPlaced ? PLACE_FADES : 0;
     for (const { id, url, from, to, replaces } of BASE_FILES) {
       if (this.baseLoaded.has(id) || zoom < from || zoom > to + further) continue;
       this.baseLoaded.add(id);

@@ -3,6 +3,7 @@ import { PMTiles, Protocol } from "pmtiles";
 import { reading } from "../shared/i18n/locale";
 import type { components } from "../shared/api/schema";
 import { ArchiveSource, Directories } from "./archiveSource";
+import { hasBuildings } from "./baseMap";
 import type { Palette } from "./icons";
 import { groundLayers, PLACE, PLACE_ZOOM, placeWordLayers, reliefLayer, volumeLayers, type Stage } from "./placeLayers";
 
@@ -52,7 +53,7 @@ export class PlaceOnMap {
 
   /** Whether there are buildings that can rise. */
   get hasVolumes(): boolean {
-    return this.shown.archive?.layers.includes("buildings") === true;
+    return hasBuildings(this.shown);
   }
 
   /** Whether an archive draws the ground. */

@@ -107,8 +107,8 @@ export function Sequence({ session, detail }: { session: SessionState; detail?: 
                   </>
                 )}
                 {(row.step === "request" || row.step === "verdict") && (
-                  <g strokeDasharray="3 3">
-                    <path d={`M${X.Ledger + 8} ${y}H${X.Authority}`} />
+                  <g>
+                    <path d={`M${X.Ledger + 8} ${y}H${X.Authority}`} strokeDasharray="3 3" />
                     <circle cx={X.Authority} cy={y} r="3" fill="var(--panel)" />
                     <g stroke="none" textAnchor="middle" fill={ink}>
                       <text x={(X.Ledger + X.Authority) / 2} y={y - 6} className="step-text">

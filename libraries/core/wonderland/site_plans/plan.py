@@ -102,7 +102,8 @@ class SitePlan:
 def parse(body: bytes) -> SitePlan:
     """Check a plan. Raises SitePlanError, which names everything that is wrong."""
     if len(body) > MAX_BYTES:
-        _fail("", f"the file has {len(body)} bytes, more than {MAX_BYTES}: leave out what a visitor need not see")
+        size_kb = -(-len(body) // 1000)
+        _fail("", f"the file has {size_kb} kB, more than {MAX_BYTES // 1000}: leave out what a visitor need not see")
     document = _read(body)
     if document.get("type") != "FeatureCollection":
         _fail("type", 'must be "FeatureCollection"; a GeoJSON file of features is wanted')
