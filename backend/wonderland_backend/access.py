@@ -46,7 +46,7 @@ def require(person: Person, *roles: Role) -> None:
     """Raises `Forbidden` for somebody who has none of these roles."""
     if not person.has(*roles):
         theirs = " and ".join(person.roles) or "none"
-        raise Forbidden(f"This needs the role {' or '.join(roles)}; yours: {theirs}. An administrator can change it.")
+        raise Forbidden(said("role_needed", needed=" or ".join(roles), theirs=theirs))
 
 
 def only(*roles: Role) -> Any:

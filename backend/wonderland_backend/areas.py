@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 from wonderland_backend.errors import BadRequest
+from wonderland_backend.problem_texts import said
 
 PATTERN: Final = r"^-?\d{1,3}(\.\d{1,9})?(,-?\d{1,3}(\.\d{1,9})?){3}$"
 DESCRIPTION: Final = "west,south,east,north in degrees (WGS-84); west > east: across the 180th meridian"
 BAD_BOX: Final = BadRequest(
-    "`bbox` is west,south,east,north in degrees: south not above north, nothing beyond 90 or 180.",
-    ("query.bbox", "not a box on the map"),
+    said("bad_box"),
+    ("query.bbox", said("bad_box_field")),
 )
 E7: Final = 10_000_000
 
@@ -30,7 +31,7 @@ class Box:
         """From ``west,south,east,north`` in degrees, of the form `PATTERN`. Raises `BadRequest`."""
         west, south, east, north = (round(float(part) * E7) for part in text.split(","))
         if not -90 * E7 <= south <= north <= 90 * E7 or max(abs(west), abs(east)) > 180 * E7:
-            raise BadRequest(BAD_BOX.detail, *BAD_BOX.errors)
+            raise BadRequest(BAD_BOX.said, *BAD_BOX.errors)
         return cls(west, south, east, north)
 
     def holds(self, lat_e7: int, lon_e7: int) -> bool:

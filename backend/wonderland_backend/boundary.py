@@ -15,7 +15,7 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from wonderland_backend.errors import problem_response
-from wonderland_backend.problem_texts import said
+from wonderland_backend.problem_texts import Said, SaidError, said
 
 POLICY: Final = (
     "default-src 'none'; script-src 'self'; "
@@ -74,9 +74,9 @@ class Boundary:
         sending = self._with_headers(send, scope["path"])
         limit = self._limit(scope["path"])
         if refusal is None and _declared(headers) > limit:
-            refusal = _too_large(limit)
+            refusal = 413, "too-large", said("body_too_large", limit=limit)
         if refusal is not None:
-            await problem_response(scope["path"], *refusal)(scope, receive, sending)
+            await problem_response(scope, *refusal)(scope, receive, sending)
             return
         await self._limited(scope, receive, sending, limit)
 
@@ -89,17 +89,15 @@ class Boundary:
             received += len(message.get("body", b""))
             if received > limit:
                 # The framework passes this kind on, whoever it was that read the body.
-                status, _, detail = _too_large(limit)
-                raise HTTPException(status, detail)
+                raise HTTPException(413) from SaidError(said("body_too_large", limit=limit))
             return message
 
         await self._app(scope, counting, send)
 
-    def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str, str] | None:
+    def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str, Said] | None:
         host = headers.get("host", "")
         if self._hosts and _name(host) not in self._hosts:
-            detail = "This server is not addressed by that name; see --public-url for the name it should have."
-            return 421, "unknown-host", detail
+            return 421, "unknown-host", said("unknown_host")
         origin = headers.get("origin")
         guarded = scope["type"] == "websocket" or scope["method"] not in SAFE
         if origin is not None and guarded and urlsplit(origin).netloc.lower() != host.lower():
@@ -121,10 +119,6 @@ class Boundary:
             await send(message)
 
         return sending
-
-
-def _too_large(limit: int) -> tuple[int, str, str]:
-    return 413, "too-large", f"The body is larger than the {limit} bytes allowed here."
 
 
 def _declared(headers: Headers) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import logging
 import secrets
+from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Any, Final
 
@@ -15,9 +16,11 @@ from fastapi.responses import Response
 from pydantic import Field
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from starlette.exceptions import HTTPException
+from starlette.requests import HTTPConnection
+from starlette.types import Scope
 
-from wonderland_backend.languages import Language, language_of
-from wonderland_backend.problem_texts import in_language, said, title_in
+from wonderland_backend.languages import language_of
+from wonderland_backend.problem_texts import Said, SaidError, in_language, said, title_in
 from wonderland_backend.schemas import ApiModel
 
 logger = logging.getLogger(__name__)
@@ -29,6 +32,8 @@ BINARY: Final = {"type": "string", "format": "binary"}
 """The schema of an answer that is bytes."""
 _RENAMED: Final = {413: "Content Too Large", 422: "Unprocessable Content"}
 NOT_MODIFIED: Final = "The client has it already."
+FieldError = tuple[str, Said | str]
+"""The path of a field or parameter, and what is wrong with it; what other libraries say is a text."""
 
 
 class BackendError(Exception):
@@ -65,17 +70,16 @@ class ProblemDetails(ApiModel):
     errors: list[FieldProblem] | None = None
 
 
-class Problem(BackendError):  # noqa: N818 - the standard's own word
+class Problem(SaidError, BackendError):  # noqa: N818 - the standard's own word
     """Raised by an endpoint; becomes a problem+json answer."""
 
     status: HTTPStatus = HTTPStatus.INTERNAL_SERVER_ERROR
     code: str = "internal"
-    example: str = "An unexpected error; the server's log has it under 5f0c21aa."
+    example: Said = said("internal", reference="5f0c21aa")
     """What it may say, for the description."""
 
-    def __init__(self, detail: str, *errors: tuple[str, str], headers: dict[str, str] | None = None) -> None:
-        super().__init__(detail)
-        self.detail = detail
+    def __init__(self, said: Said, *errors: FieldError, headers: dict[str, str] | None = None) -> None:
+        super().__init__(said)
         self.errors = errors
         self.headers = headers or {}
 
@@ -84,7 +88,7 @@ class NotFound(Problem):
     """There is no such thing, as far as the ledger was mirrored."""
 
     status, code = HTTPStatus.NOT_FOUND, "not-found"
-    example = "There is no such thing here, or none that is yours to see."
+    example = said("no_such_thing")
 
 
 class SwitchedOff(Problem):
@@ -98,7 +102,7 @@ class BadRequest(Problem):
     """A cursor or a combination of parameters that means nothing."""
 
     status, code = HTTPStatus.BAD_REQUEST, "bad-request"
-    example = "`cursor` is not one of this list's; pass the `next` of the page before, unchanged."
+    example = said("bad_cursor")
 
 
 class SignInRequired(Problem):
@@ -112,14 +116,14 @@ class Forbidden(Problem):
     """Not allowed to whoever is signed in."""
 
     status, code = HTTPStatus.FORBIDDEN, "forbidden"
-    example = "This needs the role inspector; yours: viewer. An administrator can change it."
+    example = said("role_needed", needed="inspector", theirs="viewer")
 
 
 class Conflict(Problem):
     """Somebody else was quicker; nothing was overwritten."""
 
     status, code = HTTPStatus.CONFLICT, "conflict"
-    example = "Somebody else has changed it since you looked; look at it again."
+    example = said("changed_by_other")
 
 
 class PreconditionFailed(Problem):
@@ -140,21 +144,21 @@ class LedgerAway(Problem):
     """The ledger cannot be asked just now."""
 
     status, code = HTTPStatus.SERVICE_UNAVAILABLE, "ledger-away"
-    example = "The ledger cannot be asked just now; try again in a moment."
+    example = said("ledger_away")
 
 
 class TooManyRequests(Problem):
     """Too many requests; try again later."""
 
     status, code = HTTPStatus.TOO_MANY_REQUESTS, "too-many-requests"
-    example = "More than 600 requests in a minute; go on in 12 s."
+    example = said("too_many_requests", quota=600, wait_s=12)
 
 
 class TooLarge(Problem):
     """The body is larger than this server takes."""
 
     status, code = HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "too-large"
-    example = "The body is larger than the 65536 bytes allowed here."
+    example = said("body_too_large", limit=65536)
 
 
 def title_of(status: int) -> str:
@@ -163,27 +167,31 @@ def title_of(status: int) -> str:
 
 
 def problem_response(
-    path: str,
+    scope: Scope,
     status: int,
     code: str,
-    detail: str,
+    detail: Said | str,
     *,
-    errors: Any = (),
+    errors: Sequence[FieldError] = (),
     headers: dict[str, str] | None = None,
-    language: Language = "en",
 ) -> Response:
-    """An answer in problem+json."""
-    title, detail = title_in(code, language) or title_of(status), in_language(detail, language)
+    """An answer in problem+json, in the language that the request prefers."""
+    language = language_of(HTTPConnection(scope))
     body: dict[str, Any] = {
         "type": TYPE_BASE + code,
-        "title": title,
+        "title": title_in(code, language) or title_of(status),
         "status": status,
-        "detail": detail,
-        "instance": path,
+        "detail": in_language(detail, language),
+        "instance": scope["path"],
     }
     if errors:
-        body["errors"] = [{"path": where, "message": message} for where, message in errors]
+        body["errors"] = [{"path": where, "message": in_language(what, language)} for where, what in errors]
     return Response(orjson.dumps(body), status, headers, MEDIA_TYPE)
+
+
+def field_errors(error: RequestValidationError) -> list[FieldError]:
+    """Which fields and parameters are not as they must be; the first of them, in the validating library's words."""
+    return [(".".join(str(part) for part in each["loc"]), str(each["msg"])) for each in error.errors()[:20]]
 
 
 def documented(*problems: type[Problem] | Problem, etag: bool = False) -> dict[int | str, dict[str, Any]]:
@@ -213,16 +221,16 @@ def add_problem(told: dict[int | str, Any], problem: type[Problem] | Problem) ->
 
 def example_of(problem: type[Problem] | Problem) -> dict[str, Any]:
     """The body that such a problem has, but for its `instance`."""
-    detail = problem.example if isinstance(problem, type) else problem.detail
+    detail = problem.example if isinstance(problem, type) else problem.said
     found = {
         "type": TYPE_BASE + problem.code,
         "title": title_of(problem.status),
         "status": int(problem.status),
-        "detail": detail,
+        "detail": str(detail),
         "instance": "/",
     }
     if isinstance(problem, Problem) and problem.errors:
-        found["errors"] = [{"path": where, "message": message} for where, message in problem.errors]
+        found["errors"] = [{"path": where, "message": str(what)} for where, what in problem.errors]
     return found
 
 
@@ -239,48 +247,37 @@ def install(app: FastAPI) -> None:
     async def on_problem(request: Request, error: Exception) -> Response:
         assert isinstance(error, Problem)
         return problem_response(
-            request.url.path,
-            int(error.status),
-            error.code,
-            error.detail,
-            errors=error.errors,
-            headers=error.headers,
-            language=language_of(request),
+            request.scope, int(error.status), error.code, error.said, errors=error.errors, headers=error.headers
         )
 
     async def on_http(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
         phrase = HTTPStatus(error.status_code).phrase
-        told = error.detail if error.detail and error.detail != phrase else ""
+        told = error.__cause__.said if isinstance(error.__cause__, SaidError) else error.detail
+        if told == phrase:
+            told = _DETAILS.get(error.status_code, phrase)
         return problem_response(
-            request.url.path,
+            request.scope,
             error.status_code,
             _CODES.get(error.status_code, phrase.lower().replace(" ", "-")),
-            told or _DETAILS.get(error.status_code, phrase),
+            told,
             headers=dict(error.headers or {}),
-            language=language_of(request),
         )
 
     async def on_validation(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
-        errors = [(".".join(str(part) for part in each["loc"]), str(each["msg"])) for each in error.errors()[:20]]
-        detail = said("request_fields")
-        return problem_response(
-            request.url.path, 422, "invalid-request", detail, errors=errors, language=language_of(request)
-        )
+        errors = field_errors(error)
+        return problem_response(request.scope, 422, "invalid-request", said("request_fields"), errors=errors)
 
     async def on_busy(request: Request, error: Exception) -> Response:
         logger.warning("no connection to the database became free for %s: %s", request.url.path, error)
-        detail = said("database_busy")
-        return problem_response(
-            request.url.path, 503, "database-busy", detail, headers={"Retry-After": "5"}, language=language_of(request)
-        )
+        headers = {"Retry-After": "5"}
+        return problem_response(request.scope, 503, "database-busy", said("database_busy"), headers=headers)
 
     async def on_anything(request: Request, error: Exception) -> Response:
         reference = secrets.token_hex(4)
         logger.error("unexpected error %s at %s", reference, request.url.path, exc_info=error)
-        detail = f"An unexpected error; the server's log has it under {reference}."
-        return problem_response(request.url.path, 500, "internal", detail, language=language_of(request))
+        return problem_response(request.scope, 500, "internal", said("internal", reference=reference))
 
     app.add_exception_handler(Problem, on_problem)
     app.add_exception_handler(HTTPException, on_http)

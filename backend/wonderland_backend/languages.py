@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, Literal
+from typing import Any, Final
 
-from fastapi import Request
+from starlette.requests import HTTPConnection
 
-Language = Literal["en", "fi"]
+from wonderland.messages import LANGUAGES, Language
+
 HEADER: Final[dict[str, Any]] = {
     "name": "Accept-Language",
     "in": "header",
@@ -18,12 +19,12 @@ HEADER: Final[dict[str, Any]] = {
 MAX_HEADER: Final = 200
 
 
-def language_of(request: Request) -> Language:
+def language_of(request: HTTPConnection) -> Language:
     """The language that the request prefers among those there are."""
     best: tuple[float, Language] = (0.0, "en")
     for part in request.headers.get("accept-language", "")[:MAX_HEADER].split(","):
         name, _, parameter = part.strip().partition(";")
-        language: Language | None = {"en": "en", "fi": "fi"}.get(name.partition("-")[0].lower())  # type: ignore[assignment]
+        language = next((each for each in LANGUAGES if each == name.partition("-")[0].lower()), None)
         quality = _quality(parameter)
         if language is not None and quality > best[0]:
             best = (quality, language)

@@ -15,6 +15,7 @@ from wonderland_backend.db.tables.ledger import DroneRow, PadRow
 from wonderland_backend.db.tables.reported import LatestTrackRow
 from wonderland_backend.errors import BadRequest
 from wonderland_backend.filters import AboutQuery
+from wonderland_backend.problem_texts import said
 
 MAX_PADS: Final = 5_000
 MAX_DRONES: Final = 5_000
@@ -26,7 +27,7 @@ async def pads_within(database: AsyncSession, box: Box) -> list[str]:
     rows = await database.execute(select(PadRow.pad_id, PadRow.record))
     found = [pad_id for pad_id, record in rows if (place := _place(record)) is not None and box.holds(*place)]
     if len(found) > MAX_PADS:
-        raise BadRequest(f"There are more than {MAX_PADS} pads in this area; ask for a smaller one.")
+        raise BadRequest(said("too_many_pads_there", most=MAX_PADS))
     return found
 
 
@@ -35,7 +36,7 @@ async def drones_within(database: AsyncSession, box: Box) -> list[str]:
     rows = await database.execute(select(LatestTrackRow.uav_id, LatestTrackRow.body))
     found = [uav_id for uav_id, body in rows if (place := _place_in(body)) is not None and box.holds(*place)]
     if len(found) > MAX_DRONES:
-        raise BadRequest(f"More than {MAX_DRONES} drones were heard in this area; ask for a smaller one.")
+        raise BadRequest(said("too_many_drones_there", most=MAX_DRONES))
     return found
 
 

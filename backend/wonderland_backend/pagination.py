@@ -9,6 +9,7 @@ from typing import Any, Final
 import orjson
 
 from wonderland_backend.errors import BadRequest
+from wonderland_backend.problem_texts import said
 
 MAX_CURSOR: Final = 512
 
@@ -36,6 +37,6 @@ def decode_cursor(cursor: str, *kinds: type) -> tuple[Any, ...]:
 
 def _refused() -> BadRequest:
     return BadRequest(
-        "`cursor` is not one of this list's; pass the `next` of the page before, unchanged.",
-        ("query.cursor", "not a cursor of this list"),
+        said("bad_cursor"),
+        ("query.cursor", said("bad_cursor_field")),
     )

@@ -1,42 +1,58 @@
-"""What problems say, by name: English as they are raised, any other language when they are answered."""
+"""What problems say: a key of the catalogue `problems` and facts, until somebody asks in a language."""
 
 from __future__ import annotations
 
-from typing import Self
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 from wonderland import messages
-from wonderland_backend.languages import Language
+from wonderland.messages import Language
 
 
-class Said(str):
-    """A sentence of the catalogue `problems`: English as a text, and the same in each language."""
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A sentence of the catalogue with its facts; as a text, for logs and commands, it is English."""
 
-    __slots__ = ("facts", "key")
     key: str
-    facts: dict[str, int | str]
+    facts: Mapping[str, int | str | Said]
 
-    def __new__(cls, key: str, **facts: int | str) -> Self:
-        """Raises KeyError where the catalogue has no such sentence."""
-        if key not in messages.keys_of("problems"):
-            raise KeyError(key)
-        made = super().__new__(cls, messages.text("problems", key, facts))
-        made.key, made.facts = key, facts
-        return made
+    def text(self, language: Language = "en") -> str:
+        """In a language; so is what stands in it."""
+        facts = {name: each.text(language) if isinstance(each, Said) else each for name, each in self.facts.items()}
+        return messages.text("problems", self.key, facts, language)
 
-    def __getnewargs_ex__(self) -> tuple[tuple[str], dict[str, int | str]]:
-        return (self.key,), self.facts
+    __str__ = text
 
 
-def said(key: str, **facts: int | str) -> Said:
-    """The sentence `key` of `libraries/core/wonderland/messages/<language>/problems.json`."""
-    return Said(key, **facts)
+class SaidError(Exception):
+    """What went wrong can be said in every language."""
+
+    def __init__(self, said: Said) -> None:
+        super().__init__(said)
+        self.said = said
 
 
-def in_language(text: str, language: Language) -> str:
-    """A sentence of the catalogue in a language; any other text is as it is."""
-    return messages.text("problems", text.key, text.facts, language) if isinstance(text, Said) else text
+def said(key: str, **facts: int | str | Said | Exception) -> Said:
+    """The sentence `key` of `libraries/core/wonderland/messages/<language>/problems.json`.
+
+    An error as a fact is what it says itself: `SaidError` in every language, any other in its own words.
+    """
+    if key not in messages.keys_of("problems"):
+        raise KeyError(key)
+    return Said(key, {name: _fact(value) for name, value in facts.items()})
+
+
+def in_language(text: Said | str, language: Language) -> str:
+    """A sentence of the catalogue in a language; others' words as they are."""
+    return text.text(language) if isinstance(text, Said) else text
 
 
 def title_in(code: str, language: Language) -> str | None:
     """The title of a kind of problem; None in English, where it is that of the status."""
     return None if language == "en" else messages.message_of("problem-titles", code, language)
+
+
+def _fact(value: int | str | Said | Exception) -> int | str | Said:
+    if isinstance(value, SaidError):
+        return value.said
+    return str(value) if isinstance(value, Exception) else value

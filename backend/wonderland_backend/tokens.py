@@ -25,7 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from wonderland_backend.errors import Problem
 from wonderland_backend.http.addresses import ADDRESS
 from wonderland_backend.http.transfer import TransferError, ask_object, parse_object
-from wonderland_backend.problem_texts import said
+from wonderland_backend.problem_texts import Said, said
 
 logger = logging.getLogger(__name__)
 
@@ -66,21 +66,23 @@ class TokenRefused(Problem):
     status, code = HTTPStatus.UNAUTHORIZED, "invalid-token"
     example = said("token_expired")
 
-    def __init__(self, detail: str, *, said: bool = True) -> None:
-        challenge = f'Bearer realm="wonderland", error="invalid_token", error_description="{_quoted(detail)}"'
-        super().__init__(detail, headers={"WWW-Authenticate": challenge if said else 'Bearer realm="wonderland"'})
+    def __init__(self, said: Said, *, described: bool = True) -> None:
+        challenge = 'Bearer realm="wonderland"'
+        if described:
+            challenge += f', error="invalid_token", error_description="{_quoted(str(said))}"'
+        super().__init__(said, headers={"WWW-Authenticate": challenge})
 
 
 class ScopeMissing(Problem):
     """The token is good, but not for this."""
 
     status, code = HTTPStatus.FORBIDDEN, "insufficient-scope"
-    example = "The token lacks the scope rid.display_provider."
+    example = said("scope_missing", scopes="rid.display_provider")
 
     def __init__(self, wanted: Iterable[str]) -> None:
         names = " ".join(sorted(wanted))
         challenge = f'Bearer realm="wonderland", error="insufficient_scope", scope="{_quoted(names)}"'
-        super().__init__(f"The token lacks the scope {names}.", headers={"WWW-Authenticate": challenge})
+        super().__init__(said("scope_missing", scopes=names), headers={"WWW-Authenticate": challenge})
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,7 @@ class TokenVerifier:
         now_s = self._clock() // 1000
         expires = _time(claims, "exp")
         if expires is None:
-            raise TokenRefused("The token does not say when it expires (exp).")
+            raise TokenRefused(said("token_without_expiry"))
         if expires + self._leeway_s <= now_s:
             raise TokenRefused(said("token_expired"))
         if expires > now_s + MAX_LIFETIME_S + self._leeway_s:
@@ -156,17 +158,17 @@ class TokenVerifier:
         for name in ("nbf", "iat"):
             begins = _time(claims, name)
             if begins is not None and begins > now_s + self._leeway_s:
-                raise TokenRefused(f"The token is of the future ({name}); are the clocks right?")
+                raise TokenRefused(said("token_of_future", claim=name))
         audience = claims.get("aud")
         named = {audience} if isinstance(audience, str) else _texts(audience)
         if not named & self._audiences:
             raise TokenRefused(said("token_audience"))
         subject = claims.get("sub")
         if not isinstance(subject, str) or not 0 < len(subject) <= MAX_SUBJECT:
-            raise TokenRefused("The token does not say whose it is (sub).")
+            raise TokenRefused(said("token_without_subject"))
         scope = claims.get("scope", "")
         if not isinstance(scope, str):
-            raise TokenRefused("The token's scope is not a text.")
+            raise TokenRefused(said("token_scope_no_text"))
         return Caller(subject, str(claims["iss"]), frozenset(scope.split()), expires, claims)
 
 
@@ -295,7 +297,7 @@ def _check_confirmation(claims: Mapping[str, Any], thumbprint: str | None) -> No
         return
     bound = claims["cnf"]
     if not isinstance(bound, dict) or set(bound) != {THUMBPRINT} or not isinstance(bound[THUMBPRINT], str):
-        raise TokenRefused("The token is bound to a key in a way that is not known here; x5t#S256 is.")
+        raise TokenRefused(said("token_key_binding"))
     if thumbprint is None:
         raise TokenRefused(said("token_without_certificate"))
     if not hmac.compare_digest(bound[THUMBPRINT].encode(), thumbprint.encode()):
@@ -304,10 +306,10 @@ def _check_confirmation(claims: Mapping[str, Any], thumbprint: str | None) -> No
 
 def _bearer(authorization: str | None) -> str:
     if authorization is None:
-        raise TokenRefused(said("bearer_token_needed"), said=False)
+        raise TokenRefused(said("bearer_token_needed"), described=False)
     scheme, _, token = authorization.partition(" ")
     if scheme.lower() != "bearer":
-        raise TokenRefused(said("no_bearer_token"), said=False)
+        raise TokenRefused(said("no_bearer_token"), described=False)
     token = token.strip()
     if not token or len(token) > MAX_TOKEN or not token.isascii():
         raise TokenRefused(said("no_jwt"))
@@ -334,7 +336,7 @@ def _time(claims: Mapping[str, Any], name: str) -> int | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 2**53:
-        raise TokenRefused(f"The token's {name} is no time.")
+        raise TokenRefused(said("token_no_time", claim=name))
     return int(value)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import importlib
 import pkgutil
@@ -13,14 +14,9 @@ import wonderland_backend
 from wonderland import messages
 from wonderland_backend import problem_texts
 from wonderland_backend.errors import Problem
+from wonderland_backend.problem_texts import SaidError
 
 SOURCE = Path(wonderland_backend.__file__).parent
-
-
-def finnish_of(english):
-    """What stands for an English sentence in the Finnish catalogue."""
-    (key,) = [key for key in messages.keys_of("problems") if messages.text("problems", key, {}) == english]
-    return messages.text("problems", key, {}, "fi")
 
 
 def kinds():
@@ -39,13 +35,35 @@ def test_every_kind_of_problem_has_its_title():
     assert messages.keys_of("problem-titles") == messages.keys_of("problem-titles", "fi")
 
 
-def test_every_sentence_is_one_that_the_backend_says_and_in_every_language():
-    said = "".join(path.read_text() for path in SOURCE.rglob("*.py"))
-    unused = [key for key in messages.keys_of("problems") if f'said("{key}"' not in said]
-    assert unused == []
-    assert messages.keys_of("problems") == messages.keys_of("problems", "fi")
+def sentences():
+    """Every sentence that the backend says: where, its key, the facts that it gives."""
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "said":
+                key, facts = node.args[0], {each.arg for each in node.keywords}
+                assert isinstance(key, ast.Constant), f"{path}:{node.lineno}: its key stands where it is said"
+                yield f"{path.relative_to(SOURCE)}:{node.lineno}", key.value, facts
+
+
+@pytest.mark.parametrize("language", messages.LANGUAGES)
+def test_every_sentence_is_in_every_language_with_the_facts_that_are_given(language):
+    said = {}
+    for where, key, facts in sentences():
+        said[key] = facts
+        assert messages.facts_of("problems", key, language) == facts, f"{where} {key}"
+    assert said.keys() == messages.keys_of("problems", language)
+
+
+def test_what_no_catalogue_has_cannot_be_said():
     with pytest.raises(KeyError):
         problem_texts.said("nothing_of_the_kind")
+
+
+def test_what_stands_in_a_sentence_is_in_its_language_too():
+    refused = SaidError(problem_texts.said("target_no_url"))
+    text = problem_texts.said("bad_url", why=refused)
+    assert (str(text), text.text("fi")) == ("url: this is no URL.", "url: tämä ei ole URL.")
+    assert str(problem_texts.said("bad_url", why=ValueError("what it says"))) == "url: what it says."
 
 
 async def test_the_request_chooses_the_language(running):
@@ -57,7 +75,8 @@ async def test_the_request_chooses_the_language(running):
         assert told["fi"]["title"] == title
         assert told["sv"] == told["en"] != told["fi"]
         assert told["fi"]["type"] == told["en"]["type"]
-        assert told["fi"]["detail"] == finnish_of(told["en"]["detail"])
+        key = {"/nowhere": "nothing_here"}.get(path, "request_fields")
+        assert told["fi"]["detail"] == messages.text("problems", key, {}, "fi")
     running.http.cookies.clear()
     answer = await running.get("/pads", headers={"Accept-Language": "fi"})
     assert (answer.status_code, answer.json()["detail"]) == (401, "Kirjaudu ensin.")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from wonderland import messages
-from wonderland_backend.languages import Language
+from wonderland.messages import Language
 
 Severity = Literal["critical", "warning", "notice"]
 

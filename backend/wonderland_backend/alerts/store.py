@@ -138,7 +138,7 @@ async def act(database: Database, alert_id: str, who: Person, wanted: Act, now_m
             update(AlertRow).where(AlertRow.alert_id == alert_id, AlertRow.revision == wanted.revision).values(**values)
         )
         if done.rowcount != 1:
-            raise Conflict("Somebody else has acted on this alert since you looked; look at it again, then act.")
+            raise Conflict(said("alert_changed"))
         row = {
             "alert_id": alert_id,
             "revision": wanted.revision + 1,
@@ -149,8 +149,8 @@ async def act(database: Database, alert_id: str, who: Person, wanted: Act, now_m
             "note": wanted.note,
         }
         await connection.execute(insert(AlertActRow), [row])
-        said = {name: row[name] for name in ("detail", "note") if row[name] is not None}
-        await audit.record(connection, who, wanted.act, f"alert/{alert_id}", said, t_ms=now_ms)
+        told = {name: row[name] for name in ("detail", "note") if row[name] is not None}
+        await audit.record(connection, who, wanted.act, f"alert/{alert_id}", told, t_ms=now_ms)
     async with database.read() as session:
         found = await session.get(AlertRow, alert_id)
     assert found is not None

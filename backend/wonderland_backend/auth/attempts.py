@@ -6,6 +6,7 @@ from typing import Annotated, Final
 
 from wonderland_backend.context import part
 from wonderland_backend.errors import TooManyRequests
+from wonderland_backend.problem_texts import said
 
 WINDOW_MS: Final = 60_000
 MAX_ADDRESSES: Final = 10_000
@@ -28,7 +29,7 @@ class Attempts:
         if self._counts[address] > self._per_minute:
             wait_s = max(1, (self._began_ms + WINDOW_MS - now_ms) // 1000)
             raise TooManyRequests(
-                f"Too many attempts to sign in from your address; try again in {wait_s} s.",
+                said("too_many_attempts", wait_s=wait_s),
                 headers={"Retry-After": str(wait_s)},
             )
 

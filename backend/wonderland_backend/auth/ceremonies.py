@@ -12,6 +12,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from wonderland_backend.auth.secret import MAX_SECRET, new_secret, sha256
 from wonderland_backend.db.tables.people import CeremonyRow
 from wonderland_backend.errors import BadRequest
+from wonderland_backend.problem_texts import said
 
 LIFE_MS: Final = 10 * 60_000
 
@@ -20,7 +21,7 @@ class CeremonyOver(BadRequest):
     """It was answered before, took too long, or never began."""
 
     code = "ceremony-over"
-    example = "That took too long, or was answered before; begin again."
+    example = said("ceremony_over")
 
 
 async def begin(

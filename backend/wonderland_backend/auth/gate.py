@@ -10,13 +10,14 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from wonderland_backend.auth.sign_ins import SignIns
 from wonderland_backend.errors import problem_response
+from wonderland_backend.problem_texts import said
 
 OPEN: Final = ("/api/v1/health", "/api/v1/sign-in", "/api/v1/openapi.json")
 """What is answered all the same: by itself, and what is below it."""
 CONSOLE: Final = frozenset({"/", "/{path:path}"})
 """Its routes: a page and its files, the same for everybody."""
 TRY_LATER: Final = 1013
-DETAIL: Final = "This server has not been set up yet: open the link that it printed at its start."
+DETAIL: Final = said("set_up_first")
 
 
 class SetUpGate:
@@ -38,12 +39,12 @@ class SetUpGate:
         if await sign_ins.is_set_up():
             await self._app(scope, receive, send)
         elif scope["type"] == "http":
-            answer = problem_response(scope["path"], HTTPStatus.FORBIDDEN, "set-up-required", DETAIL)
+            answer = problem_response(scope, HTTPStatus.FORBIDDEN, "set-up-required", DETAIL)
             await answer(scope, receive, send)
         else:
             await receive()
             await send({"type": "websocket.accept"})
-            await send({"type": "websocket.close", "code": TRY_LATER, "reason": DETAIL})
+            await send({"type": "websocket.close", "code": TRY_LATER, "reason": str(DETAIL)})
 
 
 def _is_open(scope: Scope) -> bool:

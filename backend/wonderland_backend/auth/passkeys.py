@@ -31,12 +31,13 @@ from wonderland_backend.auth.site import site_of
 from wonderland_backend.context import Context
 from wonderland_backend.db.tables.people import PasskeyRow, PersonRow
 from wonderland_backend.errors import BadRequest, Conflict, SignInRequired
+from wonderland_backend.problem_texts import Said, said
 
 REGISTER: Final = "register"
 SIGN_IN: Final = "passkey"
 MAX_PASSKEYS: Final = 20
 MAX_CREDENTIAL: Final = 1_400
-_UNKNOWN: Final = "This passkey is not known here, or no longer; another one may be, or an administrator can help."
+_UNKNOWN: Final = said("passkey_unknown")
 
 
 async def ask_for_new(
@@ -57,7 +58,7 @@ async def ask_for_new(
     ).scalars()
     excluded = [] if more else [PublicKeyCredentialDescriptor(id=base64url_to_bytes(each)) for each in known]
     if len(excluded) >= MAX_PASSKEYS:
-        raise Conflict(f"There are {MAX_PASSKEYS} passkeys already; remove one first.")
+        raise Conflict(said("too_many_passkeys", most=MAX_PASSKEYS))
     challenge = context.randomness(32)
     options = generate_registration_options(
         rp_id=site_of(context.settings, "").rp_id,
@@ -83,7 +84,7 @@ async def asked_for(context: Context, kind: str, ceremony: str) -> dict[str, Any
     async with context.database.write() as connection:
         found = await ceremonies.finish(connection, kind, ceremony, context.clock())
     if found is None:
-        raise ceremonies.CeremonyOver("That took too long, or was answered before; begin again.")
+        raise ceremonies.CeremonyOver(said("ceremony_over"))
     return found
 
 
@@ -107,13 +108,13 @@ async def keep(
             require_user_verification=True,
         )
     except (WebAuthnException, ValueError, KeyError, TypeError, AttributeError) as cause:
-        raise BadRequest(f"The browser's answer is not a passkey that can be kept: {_said(cause)}.") from None
+        raise BadRequest(said("passkey_malformed", why=_why(cause))) from None
     credential_id = bytes_to_base64url(made.credential_id)
     if len(credential_id) > MAX_CREDENTIAL:
-        raise BadRequest("The passkey's identifier is too long.")
+        raise BadRequest(said("passkey_id_too_long"))
     known = select(PasskeyRow.person_id).where(PasskeyRow.credential_id == credential_id)
     if (await connection.execute(known)).first() is not None:
-        raise Conflict("This passkey is known here already.")
+        raise Conflict(said("passkey_known"))
     row = {
         "credential_id": credential_id,
         "person_id": asked["person_id"],
@@ -162,7 +163,7 @@ async def verify(
             require_user_verification=True,
         )
     except (WebAuthnException, ValueError, KeyError, TypeError, AttributeError) as cause:
-        raise SignInRequired(f"The passkey's signature was not accepted: {_said(cause)}.") from None
+        raise SignInRequired(said("passkey_refused", why=_why(cause))) from None
     await connection.execute(
         update(PasskeyRow)
         .where(PasskeyRow.credential_id == row.credential_id)
@@ -200,5 +201,5 @@ def _field(document: Any, *path: str) -> Any:
     return document
 
 
-def _said(cause: Exception) -> str:
-    return str(cause).rstrip(".")[:200] if isinstance(cause, WebAuthnException) else "it is malformed"
+def _why(cause: Exception) -> str | Said:
+    return str(cause).rstrip(".")[:200] if isinstance(cause, WebAuthnException) else said("malformed")

@@ -28,10 +28,7 @@ _WHO: Final = (
     SignInRow.cookie_sha256, SignInRow.method, SignInRow.created_ms, SignInRow.expires_ms, SignInRow.last_seen_ms,
     PersonRow.person_id, PersonRow.name, PersonRow.roles, PersonRow.msp_id, PersonRow.state,
 )  # fmt: skip
-_LINK_REFUSED: Final = (
-    "The link was used before, has expired, or is not of this server. An administrator can make a new one; "
-    "so can `wonderland backend link` on the server."
-)
+_LINK_REFUSED: Final = said("link_refused")
 
 
 class SignIns:

@@ -25,6 +25,7 @@ from cryptography.x509.verification import (
 from starlette.requests import HTTPConnection
 
 from wonderland_backend.errors import BadRequest, SettingsError
+from wonderland_backend.problem_texts import said
 from wonderland_backend.settings import Settings
 from wonderland_fabric_gateway.certificates import certificate_of_der, certificates_of
 
@@ -93,7 +94,7 @@ class Certificates:
         if not told:
             return None
         if len(told) > 1:
-            raise BadRequest("Client-Cert is there twice; the proxy has to take away what clients send.")
+            raise BadRequest(said("client_cert_twice"))
         leaf = _byte_sequence(told[0])
         chain = [_byte_sequence(each) for each in ",".join(connection.headers.getlist(CHAIN_HEADER)).split(",") if each]
         return _shown(leaf, trusted=self._leads_to_authority(leaf, chain))
@@ -163,11 +164,11 @@ def _byte_sequence(text: str) -> x509.Certificate:
     """A certificate as a byte sequence of RFC 8941: base64 between colons. Raises `BadRequest`."""
     text = text.strip()
     if len(text) > 2 * MAX_DER or len(text) < 2 or not text.startswith(":") or not text.endswith(":"):
-        raise BadRequest("Client-Cert of the proxy is not a certificate as RFC 9440 writes it (:base64 of DER:).")
+        raise BadRequest(said("client_cert_malformed"))
     try:
         return _parse(b64decode(text[1:-1], validate=True))
     except ValueError:
-        raise BadRequest("Client-Cert of the proxy is not a certificate.") from None
+        raise BadRequest(said("client_cert_none")) from None
 
 
 def _parse(der: bytes) -> x509.Certificate:

@@ -153,6 +153,6 @@ def _run(work: Callable[[Clients, Database], Awaitable[Result]], address: str | 
     try:
         return asyncio.run(run())
     except Problem as error:
-        raise click.ClickException(error.detail) from error
+        raise click.ClickException(str(error)) from error
     except (BackendError, OSError, ValueError) as error:
         raise click.ClickException(str(error)) from error

@@ -29,7 +29,7 @@ MAX_KEY: Final = 128
 KEPT_MS: Final = 86_400_000
 LEASE_MS: Final = 120_000
 """So long the first request may be under way; after that its server is held to have stopped, and the key is free."""
-BAD_KEY: Final = BadRequest(f"{HEADER} is a printable text of at most {MAX_KEY} characters.")
+BAD_KEY: Final = BadRequest(said("bad_idempotency_key", header=HEADER, most=MAX_KEY))
 BUSY: Final = Conflict(said("first_request_under_way"))
 PARAMETER: Final[dict[str, Any]] = {
     "name": HEADER,
@@ -51,7 +51,7 @@ async def once(request: Request, person: Person, write: Callable[[], Awaitable[R
     if key is None:
         return await write()
     if not 0 < len(key) <= MAX_KEY or not key.isprintable():
-        raise BadRequest(BAD_KEY.detail)
+        raise BadRequest(BAD_KEY.said)
     context = required(request, Context)
     database, now = context.database, context.clock()
     place = {"principal": person.person_id, "key": _digest(b"key", key.encode()).hex()}
@@ -97,9 +97,9 @@ async def _begin(database: Database, place: dict[str, str], digest: str, now: in
 
 def _answered(known: IdempotencyRow, digest: str, cipher: Fernet) -> Response:
     if known.request_sha256 != digest:
-        raise Unprocessable(f"This {HEADER} was used for another request; take a new one.")
+        raise Unprocessable(said("idempotency_key_reused", header=HEADER))
     if known.status is None:
-        raise Conflict(BUSY.detail)
+        raise Conflict(BUSY.said)
     headers = {REPLAYED: "true", "Cache-Control": "private, no-store"}
     if known.location is not None:
         headers["Location"] = known.location

@@ -7,6 +7,7 @@ from typing import Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from wonderland_backend.clients.store import ByCertificate, ClientError, Role
+from wonderland_backend.problem_texts import said
 from wonderland_backend.schemas import ApiModel, page_of
 
 NAMES: Final[tuple[Literal["subject_dn", "san_dns", "san_uri"], ...]] = ("subject_dn", "san_dns", "san_uri")
@@ -35,7 +36,7 @@ class NewCertificate(BaseModel):
         """Raises `ClientError`."""
         given = [(kind, value) for kind in NAMES if (value := getattr(self, kind)) is not None]
         if len(given) + (self.pem is not None) != 1:
-            raise ClientError("certificate: give one of subject_dn, san_dns, san_uri and pem")
+            raise ClientError(said("client_certificate_one"))
         if self.pem is not None:
             return ByCertificate.pinned(self.pem)
         return ByCertificate.named(*given[0])

@@ -22,8 +22,9 @@ from wonderland_backend.clients.scopes import SCOPES
 from wonderland_backend.context import part
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.clients import AssertionRow, ClientRow
-from wonderland_backend.errors import BackendError, NotFound
+from wonderland_backend.errors import NotFound
 from wonderland_backend.http.transfer import TransferError
+from wonderland_backend.problem_texts import SaidError, said
 from wonderland_backend.tokens import read_keys
 
 SECRET_BYTES: Final = 32
@@ -38,8 +39,8 @@ OWN_ONLY: Final = frozenset({"pad_operator", "fleet_operator"})
 """Roles that see the things of one organisation."""
 
 
-class ClientError(BackendError):
-    """A client cannot be registered as asked; the text says why."""
+class ClientError(SaidError):
+    """A client cannot be registered as asked."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +54,12 @@ class ByCertificate:
     def named(cls, kind: Literal["subject_dn", "san_dns", "san_uri"], name: str) -> ByCertificate:
         """By a name. Raises `ClientError`."""
         if not 0 < len(name) <= 500 or not name.isprintable():
-            raise ClientError(f"{kind}: a name of 1 to 500 characters, as the certificate has it")
+            raise ClientError(said("client_certificate_name", kind=kind))
         if kind == "subject_dn":
             try:
                 return cls(kind, x509.Name.from_rfc4514_string(name).rfc4514_string())
             except ValueError:
-                raise ClientError("subject_dn: write it as RFC 4514 has it, such as CN=machine,O=City,C=FI") from None
+                raise ClientError(said("client_subject_dn")) from None
         return cls(kind, name.lower() if kind == "san_dns" else name)
 
     @classmethod
@@ -67,7 +68,7 @@ class ByCertificate:
         try:
             return cls(SHA256, sha256_of(read_pem(pem)).hex())
         except ValueError as cause:
-            raise ClientError(f"certificate: PEM of one certificate is needed ({cause})") from None
+            raise ClientError(said("client_certificate_pem", why=cause)) from None
 
     def stored(self) -> dict[str, str]:
         """As it is kept, and shown."""
@@ -100,16 +101,16 @@ class NewClient:
     def check(self) -> None:
         """Raises `ClientError`."""
         if not 0 < len(self.name) <= 120:
-            raise ClientError("a client needs a name of 1 to 120 characters")
+            raise ClientError(said("client_name"))
         unknown = [scope for scope in self.scopes if scope not in SCOPES]
         if unknown or not self.scopes:
-            raise ClientError(f"scopes: {' '.join(unknown) or 'none'}; there are {' '.join(SCOPES)}")
+            raise ClientError(said("client_scopes", scopes=" ".join(unknown) or "–", known=" ".join(SCOPES)))
         if self.role not in ROLES:
-            raise ClientError(f"role: {self.role!r}; there are {', '.join(ROLES)}")
+            raise ClientError(said("client_role", role=self.role, known=", ".join(ROLES)))
         if (self.role in OWN_ONLY) != bool(self.msp_id):
-            raise ClientError("msp_id: pad_operator and fleet_operator name their organisation, the others name none")
+            raise ClientError(said("client_organisation"))
         if self.jwks is not None and self.tls is not None:
-            raise ClientError("jwks: a client signs assertions or shows a certificate, not both")
+            raise ClientError(said("client_keys_or_certificate"))
         if self.jwks is not None:
             self._check_keys(self.jwks)
 
@@ -118,11 +119,11 @@ class NewClient:
         try:
             given, good = len(jwks.get("keys", ())), read_keys(jwks).keys
         except (TransferError, TypeError) as cause:
-            raise ClientError(f"jwks: {cause}") from None
+            raise ClientError(said("client_keys_unreadable", why=cause)) from None
         if not 0 < len(good) <= MAX_KEYS or len(good) != given:
-            raise ClientError(f"jwks: 1 to {MAX_KEYS} public keys, each RSA of 2,048 bits or more, or P-256")
+            raise ClientError(said("client_keys", most=MAX_KEYS))
         if any(not _PRIVATE.isdisjoint(each) for each in jwks["keys"]):
-            raise ClientError("jwks: this has a private key; register public keys only, and make that one anew")
+            raise ClientError(said("client_private_key"))
 
 
 class Clients:
@@ -164,7 +165,7 @@ class Clients:
         """From now on it gets no token, and those it has are worth nothing. Raises `NotFound`."""
         known = await connection.execute(select(ClientRow.client_id).where(ClientRow.client_id == client_id))
         if known.first() is None:
-            raise NotFound(f"There is no client {client_id}.")
+            raise NotFound(said("no_such_client", client_id=client_id))
         done = await connection.execute(
             update(ClientRow)
             .where(ClientRow.client_id == client_id, ClientRow.revoked_ms.is_(None))

@@ -12,11 +12,12 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from wonderland_backend.duty.lock import PROVE_EVERY_S, TRY_EVERY_S, Lock
 from wonderland_backend.errors import DatabaseError, problem_response
+from wonderland_backend.problem_texts import said
 
 TRY_AGAIN_LATER: Final = 1013
 STANDBY: Final = "standby"
 """Of the problem, and why a socket is closed."""
-DETAIL: Final = "Another backend is on duty for this database; this one stands by and takes over when that one ends."
+DETAIL: Final = said("standby")
 
 
 async def stand_by(lock: Lock, bound: socket.socket, new_server: Callable[[ASGIApp], uvicorn.Server]) -> None:
@@ -53,4 +54,4 @@ async def _refuse(scope: Scope, receive: Receive, send: Send) -> None:
         await send({"type": "websocket.close", "code": TRY_AGAIN_LATER, "reason": STANDBY})
     elif scope["type"] == "http":
         headers = {"Retry-After": "2", "Cache-Control": "no-store"}
-        await problem_response(scope["path"], 503, STANDBY, DETAIL, headers=headers)(scope, receive, send)
+        await problem_response(scope, 503, STANDBY, DETAIL, headers=headers)(scope, receive, send)

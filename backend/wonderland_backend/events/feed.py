@@ -17,10 +17,11 @@ from wonderland_backend.db.tables.ledger import Checkpoint, DroneRow, EventRow, 
 from wonderland_backend.errors import BadRequest
 from wonderland_backend.masking import shown_uav
 from wonderland_backend.person import Person
+from wonderland_backend.problem_texts import said
 
 BATCH: Final = 200
 PATTERN: Final = r"^\d{1,15}\.\d{1,9}$"
-BAD_PLACE: Final = BadRequest("An event's id is block.index, for example 1042.0; pass the last one that you have seen.")
+BAD_PLACE: Final = BadRequest(said("bad_event_id"))
 _PLACE: Final = re.compile(PATTERN)
 
 
@@ -35,7 +36,7 @@ class Place:
     def parse(cls, text: str) -> Self:
         """From ``block.index``. Raises `BadRequest`."""
         if _PLACE.fullmatch(text) is None:
-            raise BadRequest(BAD_PLACE.detail)
+            raise BadRequest(BAD_PLACE.said)
         block, _, index = text.partition(".")
         return cls(int(block), int(index))
 

@@ -28,9 +28,7 @@ class Streams:
     def check(self, person_id: str) -> None:
         """Whether one more may be opened. Raises `TooManyRequests`."""
         if self._open[person_id] >= self._most_each:
-            raise TooManyRequests(
-                f"You have as many streams open as anybody may ({self._most_each}); close one, or ask without a stream."
-            )
+            raise TooManyRequests(said("too_many_streams", most=self._most_each))
         if self.count >= self._most:
             raise TooManyRequests(said("streams_busy"))
 

@@ -20,6 +20,7 @@ from wonderland_backend.exports.rows import Rows
 from wonderland_backend.exports.schemas import ExportQuery
 from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.person import Person
+from wonderland_backend.problem_texts import said
 from wonderland_backend.replay.moment import moment
 from wonderland_backend.settings.outputs import Format
 
@@ -41,10 +42,7 @@ class TooLarge(Exception):  # noqa: N818 - ends a stream whose beginning was sen
 def require_on(context: Context, wanted: Format) -> None:
     """Raises `SwitchedOff` for a format that this server does not give out."""
     if wanted not in context.settings.outputs.exports:
-        raise SwitchedOff(
-            f"Exports as {wanted} are switched off on this server; its administrator can switch them on "
-            "(outputs.exports)."
-        )
+        raise SwitchedOff(said("export_off", format=wanted))
 
 
 async def prepare(context: Context, person: Person, query: ExportQuery) -> ExportRow:
@@ -55,8 +53,8 @@ async def prepare(context: Context, person: Person, query: ExportQuery) -> Expor
     most = context.settings.export_max_rows
     if expected > most:
         raise BadRequest(
-            f"About {expected} rows are in this window, and an export has at most {most}; take a shorter one.",
-            ("body.until_ms", "too much in this window"),
+            said("export_too_large", expected=expected, most=most),
+            ("body.until_ms", said("export_too_large_field")),
         )
     wanted = query.model_dump(exclude_none=True)
     row: dict[str, Any] = {
@@ -83,7 +81,7 @@ async def find(context: Context, person: Person, export_id: str) -> ExportRow:
     async with context.database.read() as database:
         row = await database.get(ExportRow, export_id)
     if row is None or row.person_id != person.person_id:
-        raise NotFound("There is no such export of yours.")
+        raise NotFound(said("no_such_export"))
     return row
 
 
@@ -93,23 +91,21 @@ async def begin(context: Context, row: ExportRow) -> ExportQuery:
     query = ExportQuery.model_validate_json(row.query)
     require_on(context, query.format)
     if row.created_ms + KEPT_MS < now:
-        raise NotFound("This export has expired; prepare it again.")
+        raise NotFound(said("export_expired"))
     async with context.database.write() as connection:
         running = select(ExportRow.person_id).where(
             ExportRow.state == "running", ExportRow.changed_ms > now - STALLED_MS
         )
         of = (await connection.execute(running)).scalars().all()
         if len(of) >= MAX_AT_ONCE or of.count(row.person_id) >= MAX_EACH:
-            raise TooManyRequests(
-                "Several exports are being written; try again when one is done.", headers={"Retry-After": str(WAIT_S)}
-            )
+            raise TooManyRequests(said("exports_busy"), headers={"Retry-After": str(WAIT_S)})
         claimed = await connection.execute(
             update(ExportRow)
             .where(ExportRow.export_id == row.export_id, ExportRow.state == "prepared")
             .values(state="running", changed_ms=now)
         )
     if claimed.rowcount != 1:
-        raise Conflict("This export has been fetched already; prepare it again.")
+        raise Conflict(said("export_fetched"))
     return query
 
 

@@ -10,6 +10,7 @@ from starlette.types import Scope
 
 from wonderland_backend.answer_headers import add_headers
 from wonderland_backend.errors import TooManyRequests
+from wonderland_backend.problem_texts import said
 
 WINDOW_MS: Final = 60_000
 MAX_CALLERS: Final = 10_000
@@ -65,7 +66,7 @@ class RateLimits:
         add_headers(scope, allowance.headers())
         if allowance.exceeded:
             raise TooManyRequests(
-                f"More than {allowance.quota} requests in a minute; go on in {allowance.reset_s} s.",
+                said("too_many_requests", quota=allowance.quota, wait_s=allowance.reset_s),
                 headers={"Retry-After": str(allowance.reset_s)},
             )
 

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from typing import Final
 from urllib.parse import SplitResult, urlsplit
 
+from wonderland_backend.problem_texts import SaidError, said
+
 MAX_URL: Final = 500
 RESOLVE_S: Final = 5.0
 _NAT64: Final = ipaddress.ip_network("64:ff9b::/96")
@@ -22,8 +24,8 @@ Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 Resolve = Callable[[str, int], Awaitable[list[str]]]
 
 
-class TargetRefused(Exception):  # noqa: N818 - becomes a problem, or stands beside the delivery
-    """A webhook is not sent there; the text says why."""
+class TargetRefused(SaidError):  # noqa: N818 - becomes a problem, or stands beside the delivery
+    """A webhook is not sent there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,17 +49,17 @@ def check_url(url: str, allowed: frozenset[str]) -> SplitResult:
         parts = urlsplit(url)
         port = parts.port
     except ValueError:
-        raise TargetRefused("this is no URL") from None
+        raise TargetRefused(said("target_no_url")) from None
     host = (parts.hostname or "").rstrip(".")
     if len(url) > MAX_URL or not host or not url.isascii() or not url.isprintable() or " " in url or port == 0:
-        raise TargetRefused(f"a webhook's URL is https://host/path, at most {MAX_URL} characters")
+        raise TargetRefused(said("target_form", most=MAX_URL))
     if parts.username is not None or parts.fragment:
-        raise TargetRefused("no user, password or #fragment in a webhook's URL: the signature says who sends it")
+        raise TargetRefused(said("target_with_user"))
     if parts.scheme != "https" and not (parts.scheme == "http" and host in allowed):
-        raise TargetRefused("webhooks go by https; http only to hosts that the administrator has allowed by name")
+        raise TargetRefused(said("target_no_https"))
     literal = _literal(host)
     if literal is not None and host not in allowed and not is_public(literal):
-        raise TargetRefused(f"{host} is no address of the Internet, and not allowed by name")
+        raise TargetRefused(said("target_private", host=host))
     return parts
 
 
@@ -70,13 +72,13 @@ async def resolved(url: str, allowed: frozenset[str], lookup: Resolve = resolve)
         async with asyncio.timeout(RESOLVE_S):
             addresses = [ipaddress.ip_address(each) for each in await lookup(host, port)]
     except (OSError, ValueError) as error:
-        raise TargetRefused(f"{host} cannot be resolved ({str(error) or 'no answer in time'})") from None
+        raise TargetRefused(said("target_unresolved", host=host, why=str(error) or said("no_answer_in_time"))) from None
     if not addresses:
-        raise TargetRefused(f"{host} has no address")
+        raise TargetRefused(said("target_no_address", host=host))
     if host not in allowed:
         private = next((each for each in addresses if not is_public(each)), None)
         if private is not None:
-            raise TargetRefused(f"{host} is at {private}: no address of the Internet, and not allowed by name")
+            raise TargetRefused(said("target_at_private", host=host, address=str(private)))
     shown = f"[{addresses[0]}]" if addresses[0].version == 6 else str(addresses[0])
     pinned = parts._replace(netloc=f"{shown}:{port}").geturl()
     return Target(pinned, host, parts.netloc)

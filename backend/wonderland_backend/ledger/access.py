@@ -10,6 +10,7 @@ from starlette.requests import HTTPConnection
 
 from wonderland_backend.context import part_of
 from wonderland_backend.errors import LedgerAway
+from wonderland_backend.problem_texts import said
 from wonderland_fabric_gateway.ca import CertificateRequest
 from wonderland_fabric_gateway.ca.client import FabricCaClient
 from wonderland_fabric_gateway.ca.errors import CaError, CaRequestError
@@ -92,7 +93,7 @@ async def ledger_of(connection: HTTPConnection) -> LedgerAccess:
     """A dependency: the ledger for which is signed here. Raises `LedgerAway` where this backend has none."""
     found = part_of(connection, LedgerAccess)
     if found is None:
-        raise LedgerAway("This server has no ledger of its own: nothing can be signed here.")
+        raise LedgerAway(said("nothing_to_sign_with"))
     return found
 
 

@@ -34,7 +34,7 @@ async def fetch_block(source: BlockSource | None, number: int) -> Block:
             return await anext(blocks)
     except (LedgerError, TimeoutError, StopAsyncIteration) as cause:
         detail = str(cause) or "it did not answer in time"
-        raise LedgerAway(f"The ledger could not be asked for block {number}: {detail}. Try again later.") from cause
+        raise LedgerAway(said("block_not_to_be_had", block=number, why=detail)) from cause
     finally:
         with contextlib.suppress(LedgerError):
             await blocks.aclose()
@@ -47,7 +47,7 @@ Shown = Callable[[str], str]
 def transaction_contents(block: Block, tx_index: int, shown: Shown) -> dict[str, Any]:
     """The TransactionContents of one transaction of a block. Raises `NotFound` where there is none."""
     if tx_index >= len(block.transactions):
-        raise NotFound(f"Block {block.number} has no transaction {tx_index} on the ledger.")
+        raise NotFound(said("no_such_transaction_in_block", block=block.number, tx_index=tx_index))
     transaction = block.transactions[tx_index]
     contents: dict[str, Any] = {"tx_id": transaction.tx_id, "block": block.number, "tx_index": tx_index}
     contents |= {"envelope_bytes": len(block.envelopes[tx_index]), "ordered_by": signatures(block)}

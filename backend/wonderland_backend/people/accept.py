@@ -20,6 +20,7 @@ from wonderland_backend.errors import Conflict, SignInRequired
 from wonderland_backend.people import store
 from wonderland_backend.people.schemas import Invitation
 from wonderland_backend.person import Account
+from wonderland_backend.problem_texts import said
 
 SET_UP: Final = "set_up"
 INVITATION: Final = "invitation"
@@ -69,7 +70,7 @@ async def accept(context: Context, sign_ins: SignIns, connection: AsyncConnectio
         await take_turns(connection)
         active = select(PersonRow.person_id).where(PersonRow.state == store.ACTIVE).limit(1)
         if (await connection.execute(active)).first() is not None:
-            raise Conflict("This server has been set up already; ask an administrator for an invitation.")
+            raise Conflict(said("set_up_already"))
         wanted = Invitation(name=acceptance.name, roles=["admin"])
         await store.create(connection, account, wanted, account.person_id, state=store.ACTIVE, now_ms=now)
         return account
@@ -84,7 +85,7 @@ async def accept(context: Context, sign_ins: SignIns, connection: AsyncConnectio
         await store.end_all(connection, account.person_id)
         await audit.record(connection, account, "account_recovered", store.subject(account.person_id), t_ms=now)
     else:
-        raise SignInRequired("This link is not good any more: the account has changed since. Ask for another.")
+        raise SignInRequired(said("link_outlived"))
     return account
 
 
@@ -108,6 +109,6 @@ async def link_identity(connection: AsyncConnection, account: Account, identity:
                 .values(issuer=identity.issuer, subject=identity.subject)
             )
     except IntegrityError:
-        raise Conflict("The provider vouches with this identity for another account already.") from None
+        raise Conflict(said("identity_of_other")) from None
     detail = {"issuer": identity.issuer}
     await audit.record(connection, account, "oidc_linked", store.subject(account.person_id), detail, t_ms=now_ms)

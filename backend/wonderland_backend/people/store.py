@@ -17,6 +17,7 @@ from wonderland_backend.db.tables.people import LinkRow, PasskeyRow, PersonRow, 
 from wonderland_backend.errors import Conflict, NotFound
 from wonderland_backend.people.schemas import OF_AN_ORGANISATION, Invitation, PersonChange
 from wonderland_backend.person import Account, Person, Role, roles_of
+from wonderland_backend.problem_texts import said
 
 INVITED: Final = "invited"
 ACTIVE: Final = "active"
@@ -42,7 +43,7 @@ async def find(database: AsyncSession | AsyncConnection, person_id: str) -> Row:
     """One person. Raises `NotFound`."""
     row = (await database.execute(_people().where(PersonRow.person_id == person_id))).first()
     if row is None:
-        raise NotFound("There is no such person.")
+        raise NotFound(said("no_such_person"))
     return _shown(row)
 
 
@@ -97,7 +98,7 @@ async def create(
         async with connection.begin_nested():
             await connection.execute(insert(PersonRow), [row])
     except IntegrityError:
-        raise Conflict("Somebody with this e-mail address has an account already.") from None
+        raise Conflict(said("email_taken")) from None
     detail = {"name": wanted.name, "roles": list(wanted.roles), "msp_id": wanted.msp_id}
     await audit.record(connection, who, f"person_{state}", subject(person_id), detail, t_ms=now_ms)
 
@@ -131,9 +132,9 @@ async def change(
                 .values(**stored, changed_ms=now_ms, revision=wanted.revision + 1)
             )
     except IntegrityError:
-        raise Conflict("Somebody with this e-mail address has an account already.") from None
+        raise Conflict(said("email_taken")) from None
     if done.rowcount != 1:
-        raise Conflict("Somebody else has changed this account since you looked; look at it again, then change it.")
+        raise Conflict(said("account_changed"))
     touched: list[str] = []
     if {"roles", "msp_id", "state"} & values.keys():
         theirs = select(SignInRow.cookie_sha256).where(SignInRow.person_id == person_id)
@@ -150,7 +151,7 @@ async def withdraw(connection: AsyncConnection, who: Person, person_id: str, now
     """Take an invitation back. Raises `NotFound`, and `Conflict` for somebody who has accepted it."""
     before = await find(connection, person_id)
     if before["state"] != INVITED:
-        raise Conflict("The invitation was accepted: an account can be suspended, not deleted.")
+        raise Conflict(said("invitation_accepted"))
     await connection.execute(delete(PersonRow).where(PersonRow.person_id == person_id))
     await audit.record(
         connection, who, "invitation_withdrawn", subject(person_id), {"name": before["name"]}, t_ms=now_ms
@@ -168,7 +169,7 @@ async def end_sign_in(connection: AsyncConnection, who: Person, person_id: str, 
     mine = (SignInRow.person_id == person_id, SignInRow.sign_in_id == sign_in_id)
     found = (await connection.execute(select(SignInRow.cookie_sha256).where(*mine))).scalar_one_or_none()
     if found is None:
-        raise NotFound("This sign-in has ended already.")
+        raise NotFound(said("sign_in_ended"))
     await connection.execute(delete(SignInRow).where(*mine))
     await audit.record(connection, who, "sign_in_ended", subject(person_id), {"sign_in": sign_in_id}, t_ms=now_ms)
     return str(found)
@@ -179,7 +180,7 @@ async def rename_passkey(connection: AsyncConnection, who: Person, credential_id
     mine = (PasskeyRow.person_id == who.person_id, PasskeyRow.credential_id == credential_id)
     done = await connection.execute(update(PasskeyRow).where(*mine).values(name=name))
     if done.rowcount != 1:
-        raise NotFound("You have no such passkey.")
+        raise NotFound(said("no_such_passkey"))
     await audit.record(connection, who, "passkey_renamed", subject(who.person_id), {"name": name}, t_ms=now_ms)
 
 
@@ -189,9 +190,9 @@ async def remove_passkey(connection: AsyncConnection, who: Person, credential_id
     mine = (PasskeyRow.person_id == who.person_id, PasskeyRow.credential_id == credential_id)
     name = (await connection.execute(select(PasskeyRow.name).where(*mine))).scalar_one_or_none()
     if name is None:
-        raise NotFound("You have no such passkey.")
+        raise NotFound(said("no_such_passkey"))
     if person["passkeys"] == 1 and not person["oidc"]:
-        raise Conflict("This is your only way to sign in; add another passkey first.")
+        raise Conflict(said("last_sign_in_method"))
     await connection.execute(delete(PasskeyRow).where(*mine))
     await audit.record(connection, who, "passkey_removed", subject(who.person_id), {"name": name}, t_ms=now_ms)
 
@@ -218,18 +219,18 @@ async def set_roles(connection: AsyncConnection, account: Account, roles: Sequen
 
 def _check(before: Row, values: Row, *, by_oneself: bool) -> None:
     if by_oneself and ("state" in values or "roles" in values):
-        raise Conflict("Nobody changes their own roles or suspends themselves; another administrator can.")
+        raise Conflict(said("not_oneself"))
     if "state" in values and before["state"] == INVITED:
-        raise Conflict("The invitation has not been accepted yet; withdraw it instead.")
+        raise Conflict(said("invitation_not_accepted"))
     roles: Sequence[Role] = values.get("roles") or before["roles"]
     if not OF_AN_ORGANISATION.isdisjoint(roles) and not values.get("msp_id", before.get("msp_id", "")):
-        raise Conflict("An operator belongs to an organisation: choose which.")
+        raise Conflict(said("organisation_needed"))
 
 
 async def _keep_an_administrator(connection: AsyncConnection, person_id: str) -> None:
     person = await find(connection, person_id)
     if "admin" in person["roles"] and not await _other_administrator(connection, person_id):
-        raise Conflict("This is the last administrator; make somebody else one first.")
+        raise Conflict(said("last_administrator"))
 
 
 async def _other_administrator(connection: AsyncConnection, person_id: str) -> bool:

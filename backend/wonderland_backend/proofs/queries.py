@@ -9,8 +9,8 @@ import orjson
 from sqlalchemy import select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from wonderland.messages import Language
 from wonderland_backend.db.tables.ledger import VerdictRow
-from wonderland_backend.languages import Language
 from wonderland_backend.narrowing import narrowed
 from wonderland_backend.person import Scope
 from wonderland_backend.proofs.reasons import reasons_in

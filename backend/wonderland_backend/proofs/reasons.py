@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from wonderland import messages
-from wonderland_backend.languages import Language
+from wonderland.messages import Language
 
 
 def reasons_in(language: Language, reasons: list[dict[str, Any]]) -> list[dict[str, Any]]:

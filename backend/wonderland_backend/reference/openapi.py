@@ -160,7 +160,7 @@ def _add_examples(path: str, operation: dict[str, Any], schemas: Mapping[str, An
             if kind == errors.MEDIA_TYPE:
                 for each in media["examples"].values():
                     each["value"]["instance"] = path
-                    if each["value"]["detail"] == Unprocessable.example:
+                    if each["value"]["detail"] == str(Unprocessable.example):
                         each["value"]["errors"] = [_blamed(operation)]
             else:
                 _fill(media, schemas)

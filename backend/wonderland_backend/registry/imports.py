@@ -13,11 +13,13 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Final
 
+from wonderland.messages import Language
 from wonderland.proofs.errors import RecordError
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.schema import Record
 from wonderland.proofs.records.uavs import without_secret
 from wonderland_backend.errors import BadRequest
+from wonderland_backend.problem_texts import Said, SaidError, in_language, said
 from wonderland_remote_id.errors import FieldError
 from wonderland_remote_id.operators import check_operator_id
 
@@ -28,7 +30,7 @@ _DELIMITERS: Final = (",", ";", "\t")
 _BOMS: Final = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 
 
-class CellError(ValueError):
+class CellError(SaidError, ValueError):
     """What stands in a cell is no value of its column."""
 
 
@@ -41,9 +43,9 @@ def _scaled(scale: float, unit: str) -> Callable[[str], int]:
         try:
             number = float(value.replace(",", "."))
         except ValueError:
-            raise CellError(f"{value[:40]!r} is no number of {unit}") from None
+            raise CellError(said("csv_no_number", value=value[:40], unit=unit)) from None
         if not math.isfinite(number) or abs(number) > 1e6:
-            raise CellError(f"{value[:40]!r} is no number of {unit}")
+            raise CellError(said("csv_no_number", value=value[:40], unit=unit))
         return round(number * scale)
 
     return read
@@ -56,7 +58,7 @@ def _time(value: str) -> int:
     try:
         moment = datetime.fromisoformat(value)
     except ValueError:
-        raise CellError(f"{value[:40]!r} is no date like 2026-11-21 or 2026-11-21T14:00Z") from None
+        raise CellError(said("csv_no_date", value=value[:40])) from None
     return int((moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)).timestamp() * 1000)
 
 
@@ -67,9 +69,7 @@ def _registration(value: str) -> str:
     try:
         return check_operator_id(value[:3].upper() + value[3:].lower())
     except FieldError:
-        raise CellError(
-            "the number's check character does not fit; copy the whole number, or leave out the dash and what follows"
-        ) from None
+        raise CellError(said("csv_check_character")) from None
 
 
 def _actions(value: str) -> list[str]:
@@ -132,6 +132,19 @@ KINDS: Final = {
 }
 
 
+@dataclass(frozen=True)
+class CellProblem:
+    """What is wrong in a cell, or ("") in a whole line."""
+
+    line: int
+    column: str
+    message: Said | str
+
+    def shown(self, language: Language) -> dict[str, Any]:
+        """As ImportError of the API."""
+        return {"line": self.line, "column": self.column, "message": in_language(self.message, language)[:300]}
+
+
 @dataclass
 class Checked:
     """What was found in a file. Lines are counted as an editor shows them, from 1."""
@@ -139,11 +152,15 @@ class Checked:
     encoding: str
     delimiter: str
     rows: list[dict[str, Any]] = field(default_factory=list)
-    errors: list[dict[str, Any]] = field(default_factory=list)
+    errors: list[CellProblem] = field(default_factory=list)
 
-    def wrong(self, line: int, column: str, message: str) -> None:
+    def wrong(self, line: int, column: str, message: Said | str) -> None:
         """Note an error."""
-        self.errors.append({"line": line, "column": column, "message": message[:300]})
+        self.errors.append(CellProblem(line, column, message))
+
+    def shown_errors(self, language: Language) -> list[dict[str, Any]]:
+        """The first of them, as ImportCheck has them."""
+        return [each.shown(language) for each in self.errors[:MAX_ERRORS]]
 
 
 def check(kind: Kind, data: bytes) -> Checked:
@@ -151,7 +168,7 @@ def check(kind: Kind, data: bytes) -> Checked:
     text, encoding = _decoded(data)
     lines = text.splitlines()
     if not lines or not lines[0].strip():
-        raise BadRequest("The file has no first line with the names of its columns.")
+        raise BadRequest(said("csv_no_header"))
     delimiter = max(_DELIMITERS, key=lines[0].count)
     found = Checked(encoding, delimiter)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
@@ -162,10 +179,10 @@ def check(kind: Kind, data: bytes) -> Checked:
         for cells in reader:
             if any(cell.strip() for cell in cells):
                 if len(seen) >= MAX_ROWS:
-                    raise BadRequest(f"The file has more than {MAX_ROWS} lines; split it.")
+                    raise BadRequest(said("csv_too_long", most=MAX_ROWS))
                 _row(kind, header, [cell.strip() for cell in cells], reader.line_num, seen, found)
     except csv.Error as error:
-        found.wrong(reader.line_num, "", f"not read further: {error}")
+        found.wrong(reader.line_num, "", said("csv_not_read_on", why=error))
     return found
 
 
@@ -174,9 +191,7 @@ def _decoded(data: bytes) -> tuple[str, str]:
         if data.startswith(mark):
             return _decode(data, encoding), {"utf-8-sig": "UTF-8", "utf-16": "UTF-16"}[encoding]
     if b"\x00" in data:
-        raise BadRequest(
-            "The file is no plain text (a spreadsheet, or UTF-16 without its mark). Save it as CSV, UTF-8."
-        )
+        raise BadRequest(said("csv_no_text"))
     try:
         return data.decode("utf-8"), "UTF-8"
     except UnicodeDecodeError:
@@ -188,7 +203,7 @@ def _decode(data: bytes, encoding: str) -> str:
     try:
         return data.decode(encoding)
     except UnicodeDecodeError as error:
-        raise BadRequest(f"The file is no text in {encoding} (byte {error.start}). Save it as CSV, UTF-8.") from None
+        raise BadRequest(said("csv_bad_encoding", encoding=encoding, position=error.start)) from None
 
 
 def _require_columns(kind: Kind, header: list[str]) -> None:
@@ -197,20 +212,22 @@ def _require_columns(kind: Kind, header: list[str]) -> None:
     unknown = [name for name in header if name not in kind.columns]
     twice = sorted({name for name in header if header.count(name) > 1})
     if missing or unknown or twice:
-        parts = [
-            f"missing: {', '.join(missing)}" if missing else "",
-            f"unknown: {', '.join(name[:40] or '(no name)' for name in unknown[:10])}" if unknown else "",
-            f"twice: {', '.join(twice[:10])}" if twice else "",
-        ]
-        why = "; ".join(part for part in parts if part)
-        raise BadRequest(f"The first line must name the columns {', '.join(kind.columns)}; {why}.")
+        raise BadRequest(
+            said(
+                "csv_bad_header",
+                columns=", ".join(kind.columns),
+                missing=", ".join(missing) or "none",
+                unknown=", ".join(name[:40] or "?" for name in unknown[:10]) or "none",
+                twice=", ".join(twice[:10]) or "none",
+            )
+        )
 
 
 def _row(
     kind: Kind, header: list[str], cells: list[str], line: int, seen: dict[tuple[str, ...], int], found: Checked
 ) -> None:
     if len(cells) != len(header):
-        found.wrong(line, "", f"{len(cells)} cells; the first line names {len(header)} columns")
+        found.wrong(line, "", said("csv_cells", cells=len(cells), columns=len(header)))
         seen[str(line), ""] = line
         return
     argument: dict[str, Any] = {}
@@ -219,18 +236,20 @@ def _row(
         column = kind.columns[name]
         if cell == "" and (column.optional or column.field != "registration"):
             if not column.optional:
-                found.wrong(line, name, "missing")
+                found.wrong(line, name, said("missing"))
             continue
         try:
             argument[column.field] = column.read(cell)
-        except (CellError, OverflowError) as error:
+        except CellError as error:
+            found.wrong(line, name, error.said)
+        except OverflowError as error:
             found.wrong(line, name, str(error))
     if len(found.errors) == before:
         _check_record(kind, argument, line, found)
     key = tuple(str(argument.get(name, "")) for name in kind.key)
     earlier = seen.setdefault(key if all(key) else (str(line), ""), line)
     if earlier != line:
-        found.wrong(line, kind.key[-1], f"the same as in line {earlier}")
+        found.wrong(line, kind.key[-1], said("csv_same", line=earlier))
     if len(found.errors) == before:
         found.rows.append({"line": line, "id": "/".join(key), "argument": argument})
 

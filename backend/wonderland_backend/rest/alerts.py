@@ -8,6 +8,7 @@ import orjson
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
+from wonderland.messages import Language
 from wonderland_backend.access import SIGNED_IN, SignedInPerson, require
 from wonderland_backend.alerts import store
 from wonderland_backend.alerts.kinds import plain_text
@@ -15,7 +16,7 @@ from wonderland_backend.alerts.schemas import Act, Alert, AlertCount, AlertDetai
 from wonderland_backend.context import ContextDep
 from wonderland_backend.db.tables.alerts import AlertDeliveryRow, AlertRow
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, NotFound, documented
-from wonderland_backend.languages import HEADER, Language, language_of
+from wonderland_backend.languages import HEADER, language_of
 from wonderland_backend.live.board import BoardDep
 from wonderland_backend.masking import shown_act, shown_alert
 from wonderland_backend.person import AUTHORITY, Person

@@ -19,10 +19,11 @@ from wonderland_backend.context import ContextDep
 from wonderland_backend.db.tables.audit import AuditRow
 from wonderland_backend.drones import queries as drones
 from wonderland_backend.errors import BadRequest, Forbidden, NotFound, documented
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json, page
 
 router = APIRouter(tags=["audit"])
-_NOT_FOUND: Final = NotFound("There is no such number of this drone.")
+_NOT_FOUND: Final = NotFound(said("no_such_number"))
 SHOW_MS: Final = 60_000
 
 
@@ -51,7 +52,7 @@ async def unmask(context: ContextDep, who: Officer, body: Unmask) -> Response:
     async with context.database.write() as connection:
         value = await drones.number_of(connection, body.uav_id, body.field)
         if not value:
-            raise NotFound("There is no such number of this drone.")
+            raise NotFound(said("no_such_number"))
         if body.field != "operator_id":
             value = without_secret(value)
         detail = {"field": body.field, "reason": body.reason.strip()}

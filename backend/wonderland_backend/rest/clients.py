@@ -28,11 +28,12 @@ from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import BadRequest, Forbidden, NotFound, Unprocessable, documented
 from wonderland_backend.filters import Paging
 from wonderland_backend.person import Person
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json, page, resource
 
 oauth = APIRouter(tags=["tokens"])
 router = APIRouter(tags=["clients"])
-_NOT_FOUND: Final = NotFound("There is no client wl-5d0c2f6b9a7e4c1d8b3f0a62.")
+_NOT_FOUND: Final = NotFound(said("no_such_client", client_id="wl-5d0c2f6b9a7e4c1d8b3f0a62"))
 ClientId = Annotated[str, Path(pattern="^wl-[0-9a-f]{24}$")]
 MAX_FIELDS: Final = 16
 TOKENS_PER_MINUTE: Final = 60
@@ -136,7 +137,10 @@ async def list_clients(request: Request, context: ContextDep, paging: Paging, _p
     status_code=201,
     response_model=ClientCreated,
     responses=documented(
-        idempotency.BAD_KEY, Forbidden, idempotency.BUSY, Unprocessable("scopes: there is no scope wonderland.all")
+        idempotency.BAD_KEY,
+        Forbidden,
+        idempotency.BUSY,
+        Unprocessable(said("client_scopes", scopes="wonderland.all", known="wonderland.read")),
     ),
     openapi_extra={"parameters": [idempotency.PARAMETER]},
 )
@@ -154,7 +158,7 @@ async def _add(context: Context, clients: Clients, body: NewClient, person: Pers
         async with context.database.write() as connection:
             row, secret = await clients.add(connection, wanted, person)
     except ClientError as cause:
-        raise Unprocessable(str(cause)) from None
+        raise Unprocessable(cause.said) from None
     content: dict[str, Any] = {"client": store.shown(row)}
     if secret is not None:
         content["client_secret"] = secret
@@ -166,7 +170,7 @@ async def read_client(request: Request, clients: ClientsDep, client_id: ClientId
     """A machine."""
     row = await clients.find(client_id)
     if row is None:
-        raise NotFound(f"There is no client {client_id}.")
+        raise NotFound(said("no_such_client", client_id=client_id))
     return resource(request, store.shown(row))
 
 

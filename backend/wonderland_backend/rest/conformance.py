@@ -9,6 +9,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
 from wonderland import messages
+from wonderland.messages import Language
 from wonderland_backend.access import SignedInPerson
 from wonderland_backend.conformance import queries
 from wonderland_backend.conformance.rules import Broadcast, Finding, Question, judge
@@ -16,7 +17,7 @@ from wonderland_backend.conformance.schemas import Conformance, ConformanceFor, 
 from wonderland_backend.context import ContextDep
 from wonderland_backend.drones import queries as drones
 from wonderland_backend.errors import documented
-from wonderland_backend.languages import HEADER, Language, language_of
+from wonderland_backend.languages import HEADER, language_of
 from wonderland_backend.proofs.queries import shown
 from wonderland_backend.responses import resource
 from wonderland_backend.sessions import queries as sessions

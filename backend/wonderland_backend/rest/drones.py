@@ -15,9 +15,10 @@ from wonderland_backend.drones import queries
 from wonderland_backend.drones.schemas import Drone, DronePage
 from wonderland_backend.errors import BadRequest, NotFound, documented
 from wonderland_backend.filters import DroneFilters
+from wonderland_backend.problem_texts import said
 
 router = APIRouter(tags=["drones"], dependencies=SIGNED_IN)
-_NOT_FOUND: Final = NotFound("No drone OH-DRN-0417 is registered.")
+_NOT_FOUND: Final = NotFound(said("no_such_drone", uav_id="OH-DRN-0417"))
 
 
 @router.get("/drones", response_model=DronePage, responses=documented(BadRequest) | geojson.documented(DronePage))
@@ -48,7 +49,7 @@ async def read_drone(
     async with context.database.read() as database:
         row = await queries.find(database, person.scope, uav_id)
         if row is None:
-            raise NotFound(f"No drone {uav_id} is registered.")
+            raise NotFound(said("no_such_drone", uav_id=uav_id))
         (item,) = await queries.details(database, person, [row])
     return geojson.one(request, item, id_of=_id, geometry_of=_heard)
 

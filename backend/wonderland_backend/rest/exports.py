@@ -27,18 +27,17 @@ from wonderland_backend.errors import (
 from wonderland_backend.exports import service
 from wonderland_backend.exports.schemas import Export, ExportQuery
 from wonderland_backend.mirror.status import MirrorStatusDep
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 
 router = APIRouter(prefix="/exports", tags=["exports"], dependencies=SIGNED_IN)
-_NOT_FOUND: Final = NotFound("There is no such export of yours.")
+_NOT_FOUND: Final = NotFound(said("no_such_export"))
 ExportId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 _TOO_MUCH: Final = BadRequest(
-    "About 4200000 rows are in this window, and an export has at most 1000000; take a shorter one.",
-    ("body.until_ms", "too much in this window"),
+    said("export_too_large", expected=4200000, most=1000000),
+    ("body.until_ms", said("export_too_large_field")),
 )
-_SWITCHED_OFF: Final = SwitchedOff(
-    "Exports as mfjson are switched off on this server; its administrator can switch them on (outputs.exports)."
-)
+_SWITCHED_OFF: Final = SwitchedOff(said("export_off", format="mfjson"))
 NO_STORE = {"Cache-Control": "private, no-store"}
 
 
@@ -78,9 +77,7 @@ async def read_export(context: ContextDep, export_id: ExportId, person: SignedIn
 @router.get(
     "/{export_id}/file",
     response_class=StreamingResponse,
-    responses=documented(
-        _NOT_FOUND, _SWITCHED_OFF, Conflict("This export has been fetched already; prepare it again."), TooManyRequests
-    )
+    responses=documented(_NOT_FOUND, _SWITCHED_OFF, Conflict(said("export_fetched")), TooManyRequests)
     | {200: {"content": {"application/zip": {"schema": BINARY}}}},
 )
 async def fetch_export(

@@ -84,7 +84,7 @@ async def read_block(
     async with context.database.read() as database:
         row = await queries.block(database, number)
         if row is None:
-            raise NotFound(f"Block {number} is not on the ledger, as far as it was mirrored.")
+            raise NotFound(said("no_such_block", block=number))
         items = await queries.transactions_of(database, person, number)
     return resource(request, queries.shown_block(row) | {"items": items})
 
@@ -104,7 +104,7 @@ async def read_block_data(
     """
     async with context.database.read() as database:
         if await queries.block(database, number) is None:
-            raise NotFound(f"Block {number} is not on the ledger, as far as it was mirrored.")
+            raise NotFound(said("no_such_block", block=number))
     block = await contents.fetch_block(source, number)
     async with context.database.write() as connection:
         await audit.record(connection, person, "read_contents", f"block/{number}", t_ms=context.clock())
@@ -134,7 +134,7 @@ async def read_transaction_contents(
         raise NotFound(said("no_such_transaction"))
     row, _ = found
     if not queries.sees_contents(row, person):
-        raise Forbidden("What a transaction contains is for officers, and for the organisation that sent it.")
+        raise Forbidden(said("transaction_not_yours"))
     block = await contents.fetch_block(source, row.block)
     async with context.database.write() as connection:
         subject = f"transaction/{tx_id}"

@@ -15,6 +15,7 @@ from wonderland_backend.maps.imagery import ImageryError
 from wonderland_backend.maps.ranges import RangeError, parse
 from wonderland_backend.maps.schemas import BaseMap
 from wonderland_backend.maps.service import MapsDep
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import resource
 
 router = APIRouter(prefix="/map", tags=["map"], dependencies=SIGNED_IN)
@@ -59,7 +60,7 @@ async def read_image(maps: MapsDep, z: Zoom, x: Index, y: Index) -> Response:
     """One aerial image of the WMTS."""
     wmts = maps.wmts
     if wmts is None or x >= 1 << z or y >= 1 << z:
-        raise NotFound("There is no such image.")
+        raise NotFound(said("no_such_image"))
     try:
         kind, body = await wmts.tile(z, x, y)
     except ImageryError:
@@ -72,7 +73,7 @@ async def read_image(maps: MapsDep, z: Zoom, x: Index, y: Index) -> Response:
 
 async def _part(request: Request, archive: Archive | None) -> Response:
     if archive is None:
-        raise NotFound("This server has no such map.")
+        raise NotFound(said("no_such_map"))
     wanted = request.query_params.get("v")
     try:
         description = await asyncio.to_thread(archive.describe)
@@ -99,7 +100,7 @@ async def _part(request: Request, archive: Archive | None) -> Response:
     except ReplacedError:
         return _replaced()
     except ArchiveError as error:
-        raise NotFound(f"The map cannot be read: {error}.") from error
+        raise NotFound(said("map_unreadable", why=error)) from error
     if asked is None:
         return Response(body, headers=headers, media_type=BYTES)
     headers["Content-Range"] = f"bytes {first}-{first + len(body) - 1}/{description.size_bytes}"

@@ -24,10 +24,11 @@ from wonderland_backend.people.schemas import (
     SignInIdPath,
 )
 from wonderland_backend.person import Person
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 
 router = APIRouter(tags=["people"])
-_NO_PASSKEY: Final = NotFound("You have no such passkey.")
+_NO_PASSKEY: Final = NotFound(said("no_such_passkey"))
 NO_STORE = {"Cache-Control": "no-store"}
 
 
@@ -40,7 +41,7 @@ async def read_me(context: ContextDep, me: SignedInPerson) -> Response:
 @router.post(
     "/me/passkeys/options",
     response_model=Challenge,
-    responses=documented(Conflict("There are 20 passkeys already; remove one first.")),
+    responses=documented(Conflict(said("too_many_passkeys", most=20))),
 )
 async def ask_passkey(context: ContextDep, me: SignedInPerson) -> Response:
     """What the browser needs to make another passkey."""
@@ -53,16 +54,16 @@ async def ask_passkey(context: ContextDep, me: SignedInPerson) -> Response:
     "/me/passkeys",
     response_model=PersonDetail,
     responses=documented(
-        BadRequest("The browser's answer is not a passkey that can be kept: the signature is wrong."),
+        BadRequest(said("passkey_malformed", why="the signature is wrong")),
         CeremonyOver,
-        Conflict("This passkey is known here already."),
+        Conflict(said("passkey_known")),
     ),
 )
 async def add_passkey(request: Request, context: ContextDep, me: SignedInPerson, body: NewPasskey) -> Response:
     """Keep the passkey that the browser has made."""
     asked = await passkeys.asked_for(context, passkeys.REGISTER, body.ceremony)
     if asked["person_id"] != me.person_id:
-        raise CeremonyOver("That was begun by somebody else; begin again.")
+        raise CeremonyOver(said("ceremony_of_other"))
     async with context.database.write() as connection:
         host = request.headers.get("host", "")
         await passkeys.keep(context, connection, asked, body.credential, name=body.name, host=host)
@@ -84,7 +85,7 @@ async def rename_passkey(
 @router.delete(
     "/me/passkeys/{credential_id}",
     response_model=PersonDetail,
-    responses=documented(_NO_PASSKEY, Conflict("This is your only way to sign in; add another passkey first.")),
+    responses=documented(_NO_PASSKEY, Conflict(said("last_sign_in_method"))),
 )
 async def remove_passkey(context: ContextDep, me: SignedInPerson, credential_id: PasskeyIdPath) -> Response:
     """Forget a passkey; not the last way in."""
@@ -96,7 +97,7 @@ async def remove_passkey(context: ContextDep, me: SignedInPerson, credential_id:
 @router.delete(
     "/me/sign-ins/{sign_in_id}",
     response_model=PersonDetail,
-    responses=documented(NotFound("This sign-in has ended already.")),
+    responses=documented(NotFound(said("sign_in_ended"))),
 )
 async def end_own_sign_in(context: ContextDep, hub: HubDep, me: SignedInPerson, sign_in_id: SignInIdPath) -> Response:
     """Sign another of one's browsers out."""

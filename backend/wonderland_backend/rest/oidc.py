@@ -25,6 +25,7 @@ from wonderland_backend.people import store
 from wonderland_backend.people.accept import KINDS, Acceptance, accept, activate, link_identity, look
 from wonderland_backend.people.schemas import Name
 from wonderland_backend.person import Account, Person
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.rest.sign_in import set_cookie
 from wonderland_backend.schemas import ApiModel
@@ -40,7 +41,7 @@ class ProviderAway(Problem):
     """The OpenID provider cannot be asked just now."""
 
     status, code = HTTPStatus.BAD_GATEWAY, "provider-away"
-    example = "The OpenID provider cannot be asked just now; try again, or use a passkey."
+    example = said("oidc_away")
 
 
 class _RefusedError(Exception):
@@ -67,8 +68,8 @@ class OidcStart(ApiModel):
     response_model=OidcStart,
     dependencies=_COUNTED,
     responses=documented(
-        BadRequest("This link signs in at once; it is not for linking an identity."),
-        NotFound("No OpenID provider is set up here."),
+        BadRequest(said("link_not_for_identity")),
+        NotFound(said("no_oidc")),
         ProviderAway,
         TooManyRequests,
     ),
@@ -80,12 +81,12 @@ async def start_oidc(request: Request, context: ContextDep, sign_ins: SignInsDep
         url, kept = await provider.ask(_redirect_uri(context, request))
     except OidcError as error:
         logger.warning("the OpenID provider: %s", error)
-        raise ProviderAway("The OpenID provider cannot be asked just now; try again, or use a passkey.") from None
+        raise ProviderAway(said("oidc_away")) from None
     async with context.database.write() as connection:
         if body.token is not None:
             link, acceptance = await look(context, sign_ins, connection, sha256(body.token), body.name)
             if link.kind not in KINDS:
-                raise BadRequest("This link signs in at once; it is not for linking an identity.")
+                raise BadRequest(said("link_not_for_identity"))
             kept |= acceptance.to_json()
         secret = await ceremonies.begin(connection, OIDC, kept, now_ms=context.clock(), randomness=context.randomness)
     response = Json({"url": url}, headers={"Cache-Control": "no-store"})
@@ -173,7 +174,7 @@ async def _account(
 def _provider(context: Context) -> Provider:
     settings = context.settings.oidc
     if settings.issuer is None:
-        raise NotFound("No OpenID provider is set up here.")
+        raise NotFound(said("no_oidc"))
     return Provider(settings, context.http, clock=context.clock, randomness=context.randomness)
 
 

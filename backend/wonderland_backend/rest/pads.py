@@ -18,9 +18,10 @@ from wonderland_backend.filters import PadFilters
 from wonderland_backend.narrowing import pads_within
 from wonderland_backend.pads import queries
 from wonderland_backend.pads.schemas import Pad, PadPage
+from wonderland_backend.problem_texts import said
 
 router = APIRouter(tags=["pads"], dependencies=SIGNED_IN)
-_NOT_FOUND: Final = NotFound("No pad aurajoki-2 is registered.")
+_NOT_FOUND: Final = NotFound(said("no_such_pad", pad_id="aurajoki-2"))
 
 
 @router.get("/pads", response_model=PadPage, responses=documented(BadRequest) | geojson.documented(PadPage))
@@ -54,7 +55,7 @@ async def read_pad(
     async with context.database.read() as database:
         row = await queries.find(database, person.scope, pad_id)
         if row is None:
-            raise NotFound(f"No pad {pad_id} is registered.")
+            raise NotFound(said("no_such_pad", pad_id=pad_id))
         health = await queries.health_of(database, [pad_id])
     connected = agents.is_connected(pad_id)
     return geojson.one(request, queries.shown(row.record, health.get(pad_id), connected=connected), id_of=_id)

@@ -27,11 +27,12 @@ from wonderland_backend.people.schemas import (
     SignInIdPath,
 )
 from wonderland_backend.person import Person
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json, etag_of, require_match, resource
 from wonderland_backend.rest.me import detail_of
 
 router = APIRouter(tags=["people"])
-_NOT_FOUND: Final = NotFound("There is no such person.")
+_NOT_FOUND: Final = NotFound(said("no_such_person"))
 NO_STORE = {"Cache-Control": "no-store"}
 
 
@@ -48,9 +49,7 @@ async def list_people(context: ContextDep, who: Administrator) -> Response:
     "/people",
     response_model=LinkMade,
     status_code=201,
-    responses=documented(
-        idempotency.BAD_KEY, Forbidden, Conflict("Somebody with this e-mail address has an account already.")
-    ),
+    responses=documented(idempotency.BAD_KEY, Forbidden, Conflict(said("email_taken"))),
     openapi_extra={"parameters": [idempotency.PARAMETER]},
 )
 async def invite_person(
@@ -127,7 +126,7 @@ async def make_link(context: ContextDep, sign_ins: SignInsDep, who: Administrato
     async with context.database.write() as connection:
         person = await store.find(connection, person_id)
         if person["state"] == store.SUSPENDED:
-            raise Conflict("This account is suspended; restore it first.")
+            raise Conflict(said("suspended_restore_first"))
         kind = INVITATION if person["state"] == store.INVITED else RECOVERY
         ttl_s = context.settings.invitation_ttl_s if kind == INVITATION else None
         token = await sign_ins.new_link(connection, kind, person_id, ttl_s=ttl_s)

@@ -31,7 +31,7 @@ from wonderland_backend.webhooks import store as webhooks
 
 router = APIRouter(tags=["proof requests"])
 _NOT_FOUND: Final = NotFound(said("no_such_request"))
-_SETTLED: Final = Conflict("This request is fulfilled; only a pending one can be taken back.")
+_SETTLED: Final = Conflict(said("request_settled", state="fulfilled"))
 RequestId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 NO_STORE: Final = {"Cache-Control": "private, no-store"}
 _ONCE: Final[dict[str, Any]] = {"parameters": [idempotency.PARAMETER]}
@@ -42,7 +42,11 @@ _ONCE: Final[dict[str, Any]] = {"parameters": [idempotency.PARAMETER]}
     status_code=201,
     response_model=ProofRequest,
     responses=documented(
-        idempotency.BAD_KEY, Forbidden, NotFound("No drone OH-DRN-0417 is registered."), idempotency.BUSY, Unprocessable
+        idempotency.BAD_KEY,
+        Forbidden,
+        NotFound(said("no_such_drone", uav_id="OH-DRN-0417")),
+        idempotency.BUSY,
+        Unprocessable,
     ),
     openapi_extra=_ONCE,
 )
@@ -100,9 +104,9 @@ async def _check_visible(database: AsyncSession, body: NewProofRequest, person: 
         await pads.find(database, person.scope, body.pad_id),
     )
     if not any(theirs) or await drones.find(database, ALL, body.uav_id) is None:
-        raise NotFound(f"No drone {body.uav_id} is registered.")
+        raise NotFound(said("no_such_drone", uav_id=body.uav_id))
     if await pads.find(database, ALL, body.pad_id) is None:
-        raise NotFound(f"No pad {body.pad_id} is registered.")
+        raise NotFound(said("no_such_pad", pad_id=body.pad_id))
 
 
 @router.get("/proof-requests", response_model=ProofRequestPage, responses=documented(BadRequest, etag=True))
@@ -142,7 +146,7 @@ async def cancel_proof_request(context: ContextDep, request_id: RequestId, perso
             raise NotFound(said("no_such_request"))
         state = (await store.shown(database, row, now))["state"]
     if state != "pending":
-        raise Conflict(f"This request is {state}; only a pending one can be taken back.")
+        raise Conflict(said("request_settled", state=state))
     async with context.database.write() as connection:
         await store.change(connection, request_id, row.uav_id, cancelled_ms=now)
         await audit.record(connection, person, "cancel_proof_request", f"proof-request/{request_id}", t_ms=now)

@@ -12,6 +12,8 @@ from wonderland.proofs.records.fields import ID_PATTERN
 from wonderland_backend.access import SIGNED_IN, SignedInPerson
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, NotFound, documented
+from wonderland_backend.languages import language_of
+from wonderland_backend.problem_texts import said
 from wonderland_backend.registry import imports, organisations, queries
 from wonderland_backend.registry.reach import reach
 from wonderland_backend.registry.schemas import (
@@ -72,14 +74,14 @@ async def list_registry_drones(
 @router.get(
     "/drones/{uav_id}",
     response_model=RegistryDroneDetail,
-    responses=documented(NotFound("No drone OH-DRN-0417 is registered."), etag=True),
+    responses=documented(NotFound(said("no_such_drone", uav_id="OH-DRN-0417")), etag=True),
 )
 async def read_registry_drone(request: Request, context: ContextDep, uav_id: UavId, person: SignedInPerson) -> Response:
     """A drone and its authorisations, each with the version that a change names as seen."""
     async with context.database.read() as database:
         row = await queries.drone(database, person, uav_id)
         if row is None:
-            raise NotFound(f"No drone {uav_id} is registered.")
+            raise NotFound(said("no_such_drone", uav_id=uav_id))
         counts = await queries.in_force(database, [uav_id], context.clock())
         found = await queries.authorisations(database, uav_id)
     return resource(request, {"drone": queries.shown_drone(row, person, counts[uav_id]), "authorisations": found})
@@ -113,14 +115,14 @@ async def list_policies(request: Request, context: ContextDep) -> Response:
 @router.get(
     "/pads/{pad_id}",
     response_model=RegistryPadDetail,
-    responses=documented(NotFound("No pad aurajoki-2 is registered."), etag=True),
+    responses=documented(NotFound(said("no_such_pad", pad_id="aurajoki-2")), etag=True),
 )
 async def read_registry_pad(request: Request, context: ContextDep, pad_id: PadId, person: SignedInPerson) -> Response:
     """A pad and the policies that hold there, each with the version that a change names as seen."""
     async with context.database.read() as database:
         row = await queries.pad(database, person, pad_id)
         if row is None:
-            raise NotFound(f"No pad {pad_id} is registered.")
+            raise NotFound(said("no_such_pad", pad_id=pad_id))
         found = await queries.policies(database, pad_id)
         landing = await queries.landing_policy(database, pad_id)
     far = await asyncio.to_thread(reach, row.record, landing)
@@ -131,7 +133,7 @@ async def read_registry_pad(request: Request, context: ContextDep, pad_id: PadId
 @router.post(
     "/imports/{kind}",
     response_model=ImportCheck,
-    responses=documented(BadRequest("The file has no first line with the names of its columns.")),
+    responses=documented(BadRequest(said("csv_no_header"))),
     openapi_extra={
         "requestBody": {
             "required": True,
@@ -151,7 +153,7 @@ async def check_import(
         "encoding": found.encoding,
         "delimiter": found.delimiter,
         "rows": [row | {"exists": row["id"] in there} for row in found.rows],
-        "errors": found.errors[: imports.MAX_ERRORS],
+        "errors": found.shown_errors(language_of(request)),
         "error_count": len(found.errors),
     }
     return Json(content, headers=NO_STORE)
@@ -164,9 +166,10 @@ async def list_history(
     """Who changed what of a drone or pad, in which transaction; newest first."""
     place = filters.after_place(int, int, str, str)
     async with context.database.read() as database:
-        find = queries.drone if filters.kind == "drone" else queries.pad
-        if await find(database, person, filters.id) is None:
-            raise NotFound(f"No {filters.kind} {filters.id} is registered.")
+        if filters.kind == "drone" and await queries.drone(database, person, filters.id) is None:
+            raise NotFound(said("no_such_drone", uav_id=filters.id))
+        if filters.kind == "pad" and await queries.pad(database, person, filters.id) is None:
+            raise NotFound(said("no_such_pad", pad_id=filters.id))
         rows, items = await queries.history(database, person, filters.kind, filters.id, place, filters.limit + 1)
     return page(
         request,

@@ -11,6 +11,7 @@ from wonderland_backend.access import SIGNED_IN, SignedInPerson
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import NotFound, documented
 from wonderland_backend.mirror.status import MirrorStatusDep
+from wonderland_backend.problem_texts import said
 from wonderland_backend.replay import film, marks
 from wonderland_backend.replay.schemas import (
     AtMoment,
@@ -27,7 +28,7 @@ from wonderland_backend.rest.sessions import SessionIdPath
 from wonderland_backend.sessions.schemas import SessionDetail
 
 router = APIRouter(prefix="/replay", tags=["replay"], dependencies=SIGNED_IN)
-_NOT_FOUND: Final = NotFound("Nothing was known of such a session at that time.")
+_NOT_FOUND: Final = NotFound(said("no_such_session_then"))
 _END: Final = '{"type":"end","t_ms":1800000000000,"complete":true}\n'
 NO_STORE = {"Cache-Control": "private, no-store"}
 
@@ -96,5 +97,5 @@ async def past_session(
     async with context.database.read() as database:
         content = await session_at(database, session_id, query.at_ms, person.scope)
     if content is None:
-        raise NotFound("Nothing was known of such a session at that time.")
+        raise NotFound(said("no_such_session_then"))
     return Json(content, headers=NO_STORE)

@@ -93,7 +93,7 @@ async def read_course(
         decided = await verdicts.find(database, session_id)
         brought = await queries.evidence(database, session_id)
         if view is None or row is None or decided is None or brought is None:
-            raise NotFound("No decided session with this id is on the ledger, as far as it was mirrored.")
+            raise NotFound(said("no_decided_session"))
         session = Session.decode(row.record.encode())
         survey = await queries.commissioning(database, session)
     verdict, evidence = Verdict.decode(decided.record.encode()), Evidence.decode(brought.record.encode())

@@ -15,13 +15,14 @@ from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import Conflict, Forbidden, NotFound, Unprocessable, documented
 from wonderland_backend.geojson import MEDIA_TYPE
 from wonderland_backend.pads import queries
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.site_plans import store
 from wonderland_backend.site_plans.schemas import CONTENT, StoredSitePlan
 
 router = APIRouter(prefix="/site-plans", tags=["pads"], dependencies=SIGNED_IN)
 KEPT: Final = "private, max-age=31536000, immutable"
-_NOT_FOUND: Final = NotFound("No pad aurajoki-2 is registered.")
+_NOT_FOUND: Final = NotFound(said("no_such_pad", pad_id="aurajoki-2"))
 _FILE: Final = {
     "requestBody": {
         "required": True,
@@ -49,7 +50,7 @@ async def keep_site_plan(request: Request, context: ContextDep, person: SignedIn
     require(person, "admin", "pad_operator")
     async with context.database.read() as database:
         if await queries.find(database, person.scope, pad_id) is None:
-            raise NotFound(f"No pad {pad_id} is registered.")
+            raise NotFound(said("no_such_pad", pad_id=pad_id))
     body = await request.body()
     try:
         plan = await asyncio.to_thread(parse, body)
@@ -57,9 +58,9 @@ async def keep_site_plan(request: Request, context: ContextDep, person: SignedIn
             sha256, new = await store.keep(connection, pad_id, body, context.clock())
     except SitePlanError as error:
         problems = [(each.where or "file", each.what) for each in error.problems]
-        raise Unprocessable("The file is no site plan that can be drawn.", *problems) from error
+        raise Unprocessable(said("bad_site_plan"), *problems) from error
     except store.TooManyPlansError as error:
-        raise Conflict(str(error)) from error
+        raise Conflict(error.said) from error
     answer = {
         "pad_id": pad_id,
         "sha256": sha256,
@@ -81,6 +82,6 @@ async def read_site_plan(context: ContextDep, person: SignedInPerson, pad_id: Pa
         pad = await queries.find(database, person.scope, pad_id)
         body = None if pad is None else await store.find(database, pad_id, sha256)
     if body is None:
-        raise NotFound(f"There is no such site plan of pad {pad_id} here.")
+        raise NotFound(said("no_such_site_plan", pad_id=pad_id))
     headers = {"Cache-Control": KEPT, "ETag": f'"{sha256}"', "Content-Security-Policy": "default-src 'none'; sandbox"}
     return Response(body, media_type=MEDIA_TYPE, headers=headers)

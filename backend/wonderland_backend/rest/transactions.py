@@ -14,6 +14,7 @@ from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, LedgerAway, NotFound, TooManyRequests, documented
 from wonderland_backend.ledger.access import LedgerDep
 from wonderland_backend.person import Person
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.transactions import enrolment, keys, store
 from wonderland_backend.transactions.enrolment import DemoRegistrarDep
@@ -35,17 +36,20 @@ from wonderland_backend.transactions.schemas import (
 from wonderland_backend.transactions.service import Signing, SigningDep
 
 router = APIRouter(tags=["signing"])
-_NOT_FOUND: Final = NotFound("You have no such transaction under way here.")
-_SETTLED: Final = Conflict("It was proposed too long ago to be signed now; begin again.")
-_BAD_SIGNATURE: Final = BadRequest("The signature is no base64url.", ("body.signature", "not base64url"))
+_NOT_FOUND: Final = NotFound(said("no_such_signing"))
+_SETTLED: Final = Conflict(said("signing_expired"))
+_BAD_SIGNATURE: Final = BadRequest(
+    said("signature_no_base64url"), ("body.signature", said("signature_no_base64url_field"))
+)
 _BAD_ARGUMENT: Final = BadRequest(
-    "SuspendUav: reason: at least 1 character", ("body.argument.reason", "at least 1 character")
+    said("bad_argument", function="SuspendUav", path="reason", why="at least 1 character"),
+    ("body.argument.reason", "at least 1 character"),
 )
 _BAD_KEY: Final = BadRequest(
-    "The key does not fit the certificate: the signature is another key's.",
+    said("key_does_not_fit", why="the signature is another key's"),
     ("body.signature", "the signature is another key's"),
 )
-_BAD_REQUEST: Final = BadRequest("The request is no PKCS#10 in PEM.", ("body.request", "no PKCS#10 in PEM"))
+_BAD_REQUEST: Final = BadRequest(said("bad_csr", why="no PKCS#10 in PEM"), ("body.request", "no PKCS#10 in PEM"))
 NO_STORE = {"Cache-Control": "private, no-store"}
 Signer = Annotated[Person, Depends(allowed("admin", "inspector", "pad_operator", "fleet_operator"))]
 """Whoever may have a key at all; the ledger decides what it may do."""
@@ -104,7 +108,7 @@ async def enrol_signing_key(
     responses=documented(
         _BAD_REQUEST,
         Forbidden,
-        NotFound("This is no demo: enrol with a secret from your organisation's CA."),
+        NotFound(said("no_demo")),
         LedgerAway,
     ),
 )
@@ -117,7 +121,7 @@ async def enrol_demo_key(
 ) -> Response:
     """In a demo only: a certificate for a role, at a click."""
     if demo_registrar is None:
-        raise NotFound("This is no demo: enrol with a secret from your organisation's CA.")
+        raise NotFound(said("no_demo"))
     asked = enrolment.read_request(body.request)
     msp_id, certificate = await enrolment.enrol_in_demo(ledger, demo_registrar, body.role, asked)
     row = await signing_keys.bind_issued(person, msp_id, certificate)
@@ -197,4 +201,6 @@ def _bytes(text: str) -> bytes:
     try:
         return urlsafe_b64decode(text + "=" * (-len(text) % 4))
     except ValueError:
-        raise BadRequest("The signature is no base64url.", ("body.signature", "not base64url")) from None
+        raise BadRequest(
+            said("signature_no_base64url"), ("body.signature", said("signature_no_base64url_field"))
+        ) from None

@@ -22,6 +22,7 @@ from wonderland_backend.people import store
 from wonderland_backend.people.accept import KINDS, Acceptance, accept, look
 from wonderland_backend.people.schemas import Ceremony, Challenge, Credential, Name
 from wonderland_backend.person import Role
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.rest.sign_in import signed_in
 from wonderland_backend.schemas import ApiModel
@@ -147,7 +148,7 @@ async def look_at_link(request: Request, context: ContextDep, sign_ins: SignInsD
     "/sign-in/link/passkey/options",
     response_model=Challenge,
     dependencies=_COUNTED,
-    responses=documented(BadRequest("This link signs in at once; it is not for making a passkey."), TooManyRequests),
+    responses=documented(BadRequest(said("link_not_for_passkey")), TooManyRequests),
 )
 async def ask_link_passkey(
     request: Request, context: ContextDep, sign_ins: SignInsDep, body: LinkAcceptance
@@ -156,7 +157,7 @@ async def ask_link_passkey(
     async with failures_audited(request, "link"), context.database.write() as connection:
         link, acceptance = await look(context, sign_ins, connection, sha256(body.token), body.name)
         if link.kind not in KINDS:
-            raise BadRequest("This link signs in at once; it is not for making a passkey.")
+            raise BadRequest(said("link_not_for_passkey"))
         found = await passkeys.ask_for_new(
             context, connection, acceptance.person_id, acceptance.name, more=acceptance.to_json()
         )
@@ -168,9 +169,9 @@ async def ask_link_passkey(
     response_model=SignedIn,
     dependencies=_COUNTED,
     responses=documented(
-        BadRequest("The browser's answer is not a passkey that can be kept: the signature is wrong."),
+        BadRequest(said("passkey_malformed", why="the signature is wrong")),
         CeremonyOver,
-        Conflict("This server has been set up already; ask an administrator for an invitation."),
+        Conflict(said("set_up_already")),
         TooManyRequests,
     ),
 )
@@ -182,7 +183,7 @@ async def accept_link_by_passkey(
     async with failures_audited(request, "link"):
         asked = await passkeys.asked_for(context, passkeys.REGISTER, body.ceremony)
         if "token_sha256" not in asked:
-            raise CeremonyOver("That was begun by somebody who is signed in; begin again.")
+            raise CeremonyOver(said("ceremony_of_signed_in"))
         async with context.database.write() as connection:
             account = await accept(context, sign_ins, connection, Acceptance.of(asked))
             await passkeys.keep(context, connection, asked, body.credential, name=body.passkey_name, host=host)

@@ -50,7 +50,7 @@ SubscriptionIdPath = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 DeliveryIdPath = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 NO_STORE: Final = {"Cache-Control": "private, no-store"}
 _BAD_URL: Final = Unprocessable(
-    "url: 10.0.0.7 is no address of the Internet.", ("body.url", "10.0.0.7 is no address of the Internet")
+    said("bad_url", why=said("target_private", host="10.0.0.7")), ("body.url", said("target_private", host="10.0.0.7"))
 )
 _ONCE: Final[dict[str, Any]] = {"parameters": [idempotency.PARAMETER]}
 
@@ -71,9 +71,7 @@ async def list_subscriptions(request: Request, context: ContextDep, paging: Pagi
     "/subscriptions",
     status_code=201,
     response_model=SubscriptionCreated,
-    responses=documented(
-        idempotency.BAD_KEY, Forbidden, Conflict(f"Each may have {MAX_EACH} subscriptions; remove one first."), _BAD_URL
-    ),
+    responses=documented(idempotency.BAD_KEY, Forbidden, Conflict(said("subscriptions_full", most=MAX_EACH)), _BAD_URL),
     openapi_extra=_ONCE,
 )
 async def add_subscription(
@@ -91,7 +89,7 @@ async def add_subscription(
         try:
             await resolved(body.url, poster.allowed)
         except TargetRefused as refused:
-            raise Unprocessable(f"url: {refused}.", ("body.url", str(refused))) from None
+            raise Unprocessable(said("bad_url", why=refused), ("body.url", refused.said)) from None
         return await _add(context, body, person)
 
     return await idempotency.once(request, person, write)
@@ -115,7 +113,7 @@ async def _add(context: Context, body: NewSubscription, person: Person) -> Respo
     }
     async with context.database.write() as connection:
         if await store.count_of(connection, person.person_id) >= MAX_EACH:
-            raise Conflict(f"Each may have {MAX_EACH} subscriptions; remove one first.")
+            raise Conflict(said("subscriptions_full", most=MAX_EACH))
         await store.add(connection, row)
         subject = f"subscription/{row['subscription_id']}"
         await audit.record(connection, person, "add_subscription", subject, {"url": body.url}, t_ms=context.clock())

@@ -18,6 +18,7 @@ from wonderland_backend.db.tables.zones import ZoneSetRow
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, NotFound, TooManyRequests, Unprocessable
 from wonderland_backend.filters import Paging
 from wonderland_backend.languages import HEADER, language_of
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json, page, resource
 from wonderland_backend.zones import awareness, importing, pads, queries, store
 from wonderland_backend.zones.heights import Band
@@ -76,8 +77,8 @@ _FILE: Final = {
         },
     }
 }
-_NO_PAD: Final = NotFound("There is no pad aurajoki-2 in service, or it is not yours to see.")
-_GEOMETRY: Final = BadRequest("The geometry cannot be understood; see `errors`.", ("body.geometry", "a ring is open"))
+_NO_PAD: Final = NotFound(said("no_pad_in_service", pad_id="aurajoki-2"))
+_GEOMETRY: Final = BadRequest(said("bad_geometry"), ("body.geometry", "a ring is open"))
 PadId = Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)]
 ZoneId = Annotated[str, Path(pattern=f"^{ZONE_ID_PATTERN}$", max_length=11)]
 
@@ -231,13 +232,13 @@ async def _pad(context: Context, pad_id: str, person: SignedInPerson) -> pads.Pa
     async with context.database.read() as database:
         found = await pads.find(database, person.scope, pad_id)
     if found is None:
-        raise NotFound(f"There is no pad {pad_id} in service, or it is not yours to see.")
+        raise NotFound(said("no_pad_in_service", pad_id=pad_id))
     return found
 
 
 @router.get(
     "/zones/{zone_id}",
-    responses=geojson.documented(Zone) | errors.documented(NotFound("No data set that holds has a zone FIN:EFP20.")),
+    responses=geojson.documented(Zone) | errors.documented(NotFound(said("no_zone_holds", zone_id="FIN:EFP20"))),
     openapi_extra=_LANGUAGE,
 )
 async def read_zone(request: Request, context: ContextDep, zone_id: ZoneId, _: SignedInPerson) -> Response:
@@ -245,7 +246,7 @@ async def read_zone(request: Request, context: ContextDep, zone_id: ZoneId, _: S
     async with context.database.read() as database:
         row = await queries.find(database, zone_id)
     if row is None:
-        raise NotFound(f"No data set that holds has a zone {zone_id}.")
+        raise NotFound(said("no_zone_holds", zone_id=zone_id))
     return geojson.one(
         request,
         shown(row, language_of(request), context.clock()),

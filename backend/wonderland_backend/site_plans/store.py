@@ -10,12 +10,13 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from wonderland.site_plans import parse
 from wonderland_backend.db.tables.site_plans import SitePlanRow
+from wonderland_backend.problem_texts import SaidError, said
 
 MOST_PLANS: Final = 100
 """Of one pad. Whoever needs more changes a plan every day; what the ledger names is never thrown away."""
 
 
-class TooManyPlansError(Exception):
+class TooManyPlansError(SaidError):
     """A pad has as many plans as are kept."""
 
 
@@ -28,7 +29,7 @@ async def keep(connection: AsyncConnection, pad_id: str, body: bytes, now_ms: in
         return sha256, False
     count = await connection.scalar(select(func.count()).select_from(SitePlanRow).where(of_pad)) or 0
     if count >= MOST_PLANS:
-        raise TooManyPlansError(f"Pad {pad_id} has {count} site plans, which is as many as are kept.")
+        raise TooManyPlansError(said("too_many_site_plans", pad_id=pad_id, count=count))
     row = {"pad_id": pad_id, "sha256": sha256, "stored_ms": now_ms, "body": body}
     await connection.execute(insert(SitePlanRow), [row])
     return sha256, True

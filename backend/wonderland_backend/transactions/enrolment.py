@@ -9,6 +9,7 @@ from typing import Annotated
 from wonderland_backend.context import maybe
 from wonderland_backend.errors import BadRequest, Forbidden, LedgerAway
 from wonderland_backend.ledger.access import LedgerAccess
+from wonderland_backend.problem_texts import said
 from wonderland_backend.transactions.functions import SIGNING_ROLES
 from wonderland_fabric_gateway.ca import CertificateRequest
 from wonderland_fabric_gateway.ca.client import FabricCaUnreachableError
@@ -35,7 +36,7 @@ def read_request(pem: str) -> CertificateRequest:
     try:
         return CertificateRequest.parse(pem)
     except CaRequestError as error:
-        raise BadRequest(f"{error}.", ("body.request", str(error))) from None
+        raise BadRequest(said("bad_csr", why=error), ("body.request", str(error))) from None
 
 
 async def enrol(ledger: LedgerAccess, msp_id: str, request: CertificateRequest, secret: str) -> bytes:
@@ -43,11 +44,11 @@ async def enrol(ledger: LedgerAccess, msp_id: str, request: CertificateRequest, 
     try:
         return await ledger.enrol(msp_id, request, secret)
     except FabricCaUnreachableError as error:
-        raise LedgerAway(f"{error}. Nothing was enrolled.") from error
+        raise LedgerAway(said("ca_away", why=error)) from error
     except CaError as error:
-        raise Forbidden(f"{error}.") from error
+        raise Forbidden(said("ca_refused", why=error)) from error
     except LedgerError as error:
-        raise LedgerAway(f"The certificate authority cannot be asked just now: {error}.") from error
+        raise LedgerAway(said("ca_not_asked", why=error)) from error
 
 
 async def enrol_in_demo(
@@ -55,9 +56,9 @@ async def enrol_in_demo(
 ) -> tuple[str, bytes]:
     """MSP id and certificate for a role of the demo. Raises `Problem`."""
     if role not in SIGNING_ROLES:
-        raise BadRequest(f"The demo gives the roles {', '.join(sorted(SIGNING_ROLES))}.", ("body.role", "unknown"))
+        raise BadRequest(said("demo_roles", roles=", ".join(sorted(SIGNING_ROLES))), ("body.role", said("unknown")))
     try:
         invited = await registrar.invite(request.name, role)
     except CaError as error:
-        raise BadRequest(f"{error}.", ("body.request", str(error))) from error
+        raise BadRequest(said("bad_csr", why=error), ("body.request", str(error))) from error
     return invited.msp_id, await enrol(ledger, invited.msp_id, request, invited.secret)

@@ -17,6 +17,7 @@ from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.signing import SigningKeyRow
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, NotFound
 from wonderland_backend.person import Person
+from wonderland_backend.problem_texts import said
 from wonderland_backend.transactions.functions import SIGNING_ROLES
 from wonderland_fabric_gateway.embedded.errors import AccessDeniedError
 from wonderland_fabric_gateway.embedded.msp import Member
@@ -51,9 +52,7 @@ class SigningKeys:
         try:
             member.verify(text, signature)
         except AccessDeniedError as error:
-            raise BadRequest(
-                f"The key does not fit the certificate: {error}.", ("body.signature", str(error))
-            ) from None
+            raise BadRequest(said("key_does_not_fit", why=error), ("body.signature", str(error))) from None
         return await self.bind(person, member)
 
     async def bind_issued(self, person: Person, msp_id: str, certificate: bytes) -> SigningKeyRow:
@@ -82,9 +81,7 @@ class SigningKeys:
             )
             owner = (await connection.execute(query)).scalar_one_or_none()
             if owner is not None and owner != person.person_id:
-                raise Conflict(
-                    "This certificate belongs to another account. Each person signs with a key of their own."
-                )
+                raise Conflict(said("certificate_of_other"))
             if owner is None:
                 await connection.execute(insert(SigningKeyRow), [row])
             else:
@@ -112,7 +109,7 @@ class SigningKeys:
                 .values(ended_ms=now)
             )
             if ended.rowcount != 1:
-                raise NotFound("You have no such key.")
+                raise NotFound(said("no_such_key"))
             await audit.record(connection, person, "end_key", f"certificate/{certificate_sha256}", t_ms=now)
 
     async def of(self, person: Person) -> Sequence[dict[str, Any]]:
@@ -130,11 +127,11 @@ class SigningKeys:
         async with self._database.read() as database:
             row = await database.get(SigningKeyRow, certificate_sha256)
         if row is None or row.person_id != person.person_id or row.ended_ms is not None:
-            raise Forbidden("This key is none of yours; enrol one, or bring one along, under Registry, Signing key.")
+            raise Forbidden(said("key_not_yours"))
         _require_theirs(person, row.role, row.msp_id)
         problem = self._problem(row)
         if problem is not None:
-            raise Forbidden(f"The ledger would not take this key: {problem}.")
+            raise Forbidden(said("key_not_taken", why=problem))
         return Identity(row.msp_id, row.certificate.encode())
 
     def shown(self, row: SigningKeyRow) -> dict[str, Any]:
@@ -157,7 +154,7 @@ class SigningKeys:
             plain = Identity(msp_id, _pem(identity).encode())
             return self._members.member(msp_id, plain.creator, self._clock())
         except (AccessDeniedError, IdentityError, ValueError) as error:
-            raise BadRequest(f"The ledger would not take this certificate: {error}.") from None
+            raise BadRequest(said("certificate_not_taken", why=error)) from None
 
 
 SigningKeysDep = Annotated[SigningKeys, part(SigningKeys)]
@@ -166,15 +163,13 @@ SigningKeysDep = Annotated[SigningKeys, part(SigningKeys)]
 def _require_theirs(person: Person, role: str, msp_id: str) -> None:
     """Nobody signs with more than their account allows; an administrator, who gives roles, with any."""
     if role not in SIGNING_ROLES:
-        raise Forbidden(
-            f"The certificate's role is {role or 'none'}; people sign as {', '.join(sorted(SIGNING_ROLES))}."
-        )
+        raise Forbidden(said("role_cannot_sign", role=role or "–", roles=", ".join(sorted(SIGNING_ROLES))))
     if person.has("admin"):
         return
     if role not in person.roles:
-        raise Forbidden(f"The certificate's role is {role}, which your account does not have.")
+        raise Forbidden(said("role_not_yours", role=role))
     if person.msp_id and person.msp_id != msp_id:
-        raise Forbidden(f"The certificate is of {msp_id}, your account of {person.msp_id}.")
+        raise Forbidden(said("organisation_not_yours", theirs=msp_id, yours=person.msp_id))
 
 
 def _pem(identity: Identity) -> str:

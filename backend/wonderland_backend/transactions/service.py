@@ -28,6 +28,7 @@ from wonderland_backend.errors import BadRequest, Conflict, Forbidden, LedgerAwa
 from wonderland_backend.ledger.access import LedgerAccess, LedgerDep
 from wonderland_backend.ledger.queries import transaction as transaction_of
 from wonderland_backend.person import Person
+from wonderland_backend.problem_texts import said
 from wonderland_backend.transactions import problems, store
 from wonderland_backend.transactions.functions import CHANGES, Change
 from wonderland_backend.transactions.schemas import Propose
@@ -72,7 +73,7 @@ class Signing:
         """A proposal by that identity, and the bytes to sign. Raises `Problem`."""
         change = CHANGES.get(asked.function)
         if change is None:
-            raise Forbidden(f"The console passes on {', '.join(sorted(CHANGES))}, and nothing else.")
+            raise Forbidden(said("function_not_passed", functions=", ".join(sorted(CHANGES))))
         argument, record = _argument(change, asked.argument)
         await self._within_rate(person)
         proposal = self._ledger.contract(identity).propose(change.function, argument)
@@ -143,7 +144,7 @@ class Signing:
             return
         row = await self._waiting(person, tx_id, store.ENDORSED)
         if signature is None:
-            raise BadRequest("The transaction is endorsed; to submit it, sign it.", ("body.signature", "missing"))
+            raise BadRequest(said("sign_to_submit"), ("body.signature", said("missing")))
         identity = await self._identity(row)
         assert row.transaction is not None
         transaction = self._ledger.transaction(identity, row.transaction)
@@ -217,23 +218,23 @@ class Signing:
         async with self._database.read() as database:
             row = await store.find(database, tx_id)
         if row is None or row.person_id != person.person_id:
-            raise NotFound("You have no such transaction under way here.")
+            raise NotFound(said("no_such_signing"))
         return row
 
     async def _waiting(self, person: Person, tx_id: str, state: str) -> SignedTransactionRow:
         row = await self._own(person, tx_id)
         if row.state in store.WAITING and row.created_ms + SIGN_WITHIN_MS <= self._clock():
             await self._move(row, store.WAITING, state=store.EXPIRED)
-            raise Conflict("It was proposed too long ago to be signed now; begin again.")
+            raise Conflict(said("signing_expired"))
         if row.state != state:
-            raise Conflict(f"The transaction is {row.state}; only one that is {state} can be taken further so.")
+            raise Conflict(said("transaction_in_other_state", state=row.state, needed=state))
         return row
 
     async def _identity(self, row: SignedTransactionRow, *, usable: bool = True) -> Identity:
         async with self._database.read() as database:
             key = await database.get(SigningKeyRow, row.certificate_sha256)
         if key is None or (usable and key.ended_ms is not None):
-            raise Forbidden("The key that began this is no longer one of yours.")
+            raise Forbidden(said("key_gone"))
         return Identity(key.msp_id, key.certificate.encode())
 
     async def _to_sign(self, row: SignedTransactionRow) -> bytes | None:
@@ -255,7 +256,7 @@ class Signing:
             begun = await store.count_since(database, person.person_id, self._clock() - 60_000)
         if begun >= self._per_minute:
             raise TooManyRequests(
-                f"More than {self._per_minute} transactions within a minute; go on in a moment.",
+                said("too_many_transactions", most=self._per_minute),
                 headers={"Retry-After": "15"},
             )
 
@@ -277,11 +278,17 @@ def _argument(change: Change, value: dict[str, Any]) -> tuple[bytes, Any]:
         encoded = encoding.encode(value)
     except ProofError as error:
         path, _, message = str(error).partition(": ")
-        raise BadRequest(f"{change.function}: {error}", (f"body.argument.{path}", message or str(error))) from None
+        if not message:
+            path, message = "argument", path
+        text = said("bad_argument", function=change.function, path=path, why=message)
+        raise BadRequest(text, (f"body.argument.{path}", message)) from None
     if isinstance(record, RegisterUav) and without_secret(record.registration) != record.registration:
         # The contract would refuse it, but by then it would stand in the database.
-        message = "ends with the operator's secret; give the first 16 characters alone"
-        raise BadRequest(f"RegisterUav: registration: {message}.", ("body.argument.registration", message))
+        why = said("with_secret")
+        raise BadRequest(
+            said("bad_argument", function=change.function, path="registration", why=why),
+            ("body.argument.registration", why),
+        )
     return encoded, record
 
 
@@ -289,7 +296,7 @@ def _require_signed(identity: Identity, message: bytes, signature: bytes) -> Non
     try:
         verify(identity.public_key, message, signature)
     except (SignatureError, LedgerError) as error:
-        raise BadRequest(f"The signature does not fit: {error}.", ("body.signature", str(error))) from None
+        raise BadRequest(said("signature_does_not_fit", why=error), ("body.signature", str(error))) from None
 
 
 def _overtaken(row: SignedTransactionRow, found: Invocation) -> dict[str, Any] | None:
@@ -307,7 +314,7 @@ def _overtaken(row: SignedTransactionRow, found: Invocation) -> dict[str, Any] |
 
 
 def _away(error: GatewayError) -> LedgerAway:
-    return LedgerAway(f"The ledger cannot be asked just now: {error.message}. Nothing was changed; try again.")
+    return LedgerAway(said("ledger_away_because", why=error.message))
 
 
 def _json(problem: dict[str, Any]) -> str:

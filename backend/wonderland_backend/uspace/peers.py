@@ -17,6 +17,7 @@ import httpx
 from wonderland_backend.errors import Problem
 from wonderland_backend.http.targets import TargetRefused, resolved
 from wonderland_backend.http.transfer import TransferError, ask
+from wonderland_backend.problem_texts import said
 from wonderland_backend.uspace.token_client import TokenClient
 
 
@@ -24,7 +25,7 @@ class ProviderAway(Problem):
     """Another system, which has the answer, cannot be asked just now."""
 
     status, code = HTTPStatus.BAD_GATEWAY, "provider-away"
-    example = "The flight's provider cannot be asked: uss.example.com does not answer."
+    example = said("provider_away", why="uss.example.com does not answer")
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import shapely
 from shapely.affinity import scale
 
 from wonderland_backend.errors import BadRequest
+from wonderland_backend.problem_texts import said
 from wonderland_backend.zones.applicability import Span, spans
 from wonderland_backend.zones.files.findings import Findings
 from wonderland_backend.zones.files.node import Node
@@ -95,7 +96,7 @@ def area_of(geometry: dict[str, Any], margin_m: float) -> Any:
         node.error("`type` must be Point, LineString or Polygon, with `coordinates`")
     if findings.errors or shape is None:
         errors = [(".".join(map(str, ("body", *path))), message) for path, message in findings.errors[:20]]
-        raise BadRequest("The geometry cannot be understood; see `errors`.", *errors)
+        raise BadRequest(said("bad_geometry"), *errors)
     return widened(shape, margin_m)
 
 

@@ -12,6 +12,7 @@ from shapely.affinity import affine_transform
 
 from wonderland.proofs.records.closures import MAX_CLOSURES, Closure
 from wonderland.proofs.records.fields import ACTIONS
+from wonderland_backend.problem_texts import SaidError, said
 from wonderland_backend.zones.applicability import DAY_MS, Span, Validity, merged, spans
 from wonderland_backend.zones.heights import Band, Reaches, reaches
 from wonderland_backend.zones.zone import Zone
@@ -23,8 +24,8 @@ _A: Final = 6_378_137.0
 _E2: Final = 0.006_694_379_990_141
 
 
-class TooManyClosuresError(Exception):
-    """More spans than a record holds, within the next hour; the text says so."""
+class TooManyClosuresError(SaidError):
+    """More spans than a record holds, within the next hour."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,7 @@ def plan(touches: Iterable[Touch], now_ms: int, days: int) -> Plan:
         until = found[MAX_CLOSURES][0][0]
         found = [each for each in found[:MAX_CLOSURES] if each[0][0] < until]
     if until < now_ms + MIN_AHEAD_MS:
-        raise TooManyClosuresError(f"More than {MAX_CLOSURES} closures of this pad begin within the next hour.")
+        raise TooManyClosuresError(said("too_many_closures", most=MAX_CLOSURES))
     return Plan(
         [
             Closure(zone_id=zone_id, actions=ACTIONS, from_ms=first, until_ms=min(last, until))

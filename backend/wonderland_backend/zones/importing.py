@@ -14,6 +14,7 @@ from wonderland_backend import audit
 from wonderland_backend.context import Context
 from wonderland_backend.errors import BadRequest, Conflict, TooManyRequests, Unprocessable
 from wonderland_backend.person import Person
+from wonderland_backend.problem_texts import said
 from wonderland_backend.zones import store
 from wonderland_backend.zones.files.findings import Finding
 from wonderland_backend.zones.files.reading import ZoneFile, read, zone_id_of
@@ -31,7 +32,7 @@ async def _body(request: Request) -> bytes:
         async with asyncio.timeout(UPLOAD_S):
             return await request.body()
     except TimeoutError:
-        raise BadRequest(f"The file did not come within {UPLOAD_S} s; try again on a better connection.") from None
+        raise BadRequest(said("upload_slow", limit_s=UPLOAD_S)) from None
 
 
 async def import_file(context: Context, person: Person, request: Request, source: str, *, dry_run: bool) -> Any:
@@ -40,7 +41,7 @@ async def import_file(context: Context, person: Person, request: Request, source
     With `new` besides, where it was to be imported: False where the same file is in force already. Raises `Problem`.
     """
     if _one_at_a_time.locked():
-        raise TooManyRequests("Another file of zones is being read; try again in a moment.", headers=_SOON)
+        raise TooManyRequests(said("zones_busy"), headers=_SOON)
     async with _one_at_a_time:
         return await _import(context, person, await _body(request), source, dry_run=dry_run)
 
@@ -72,7 +73,7 @@ async def _import(context: Context, by: Person | str, data: bytes, source: str, 
         return report
     if file.error_count:
         raise Unprocessable(
-            f"The file has {file.error_count} errors; the first are named in `errors`. A dry run lists more.",
+            said("zones_errors", count=file.error_count),
             *((f"line {each.line}: {each.path}", each.message) for each in file.errors[:MAX_NAMED]),
         )
     if before is not None and before.file_sha256 == file.sha256:
@@ -85,7 +86,7 @@ async def _import(context: Context, by: Person | str, data: bytes, source: str, 
             await store.replace(connection, data_set, rows)
             await audit.record(connection, by, "import_zones", f"zones/{source}", detail, t_ms=now_ms)
     except IntegrityError:
-        raise Conflict("Somebody else imported a file of this source at the same time; look, then try again.") from None
+        raise Conflict(said("zones_changed")) from None
     return {**report, "import_id": import_id, "new": True}
 
 

@@ -10,10 +10,10 @@ import orjson
 from sqlalchemy import Select, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from wonderland.messages import Language
 from wonderland.proofs.records.closures import Closure
 from wonderland_backend.db.tables.ledger import ClosuresRow, PadRow
 from wonderland_backend.errors import Unprocessable
-from wonderland_backend.languages import Language
 from wonderland_backend.person import Scope
 from wonderland_backend.zones import closing, store
 from wonderland_backend.zones.closing import PadPlace, Plan, TooManyClosuresError, Touch
@@ -75,7 +75,7 @@ def planned(its: PadZones, now_ms: int, days: int = DAYS) -> Plan:
     try:
         return closing.plan((touch for touch, _ in its.touches), now_ms, days)
     except TooManyClosuresError as error:
-        raise Unprocessable(f"{error} Retire the pad, or import fewer zones around it.") from None
+        raise Unprocessable(error.said) from None
 
 
 def state_of(its: PadZones, now_ms: int) -> str:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from wonderland.messages import Language
 from wonderland_backend.db.tables.zones import ZoneRow, ZoneSetRow
-from wonderland_backend.languages import Language
 from wonderland_backend.zones.applicability import Span, spans
 from wonderland_backend.zones.files.common import Json
 from wonderland_backend.zones.schemas import MAX_SPAN_MS

@@ -17,6 +17,7 @@ from uas_standards.interuss.automated_testing.geo_awareness.v1.constants import 
 from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import BadRequest, NotFound, Problem, documented
 from wonderland_backend.http.transfer import TransferError
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.tokens import ScopeMissing, TokenRefused
 from wonderland_backend.uspace.access import system_with
@@ -67,7 +68,7 @@ async def put_geozone_source(
         await importing.import_data(context, WHO, data, _name(geozone_source_id))
     except Problem as refused:
         reasons = "; ".join(f"{where}: {what}" for where, what in refused.errors[:3])
-        return _result("Rejected", f"{refused.detail} {reasons}".strip())
+        return _result("Rejected", f"{refused} {reasons}".strip())
     return _result("Ready")
 
 
@@ -99,7 +100,7 @@ def _parsed(model: type[Model], body: dict[str, Any]) -> Model:
     try:
         return parse(model, body)
     except ValueError as error:
-        raise BadRequest(f"The request cannot be read: {error}") from None
+        raise BadRequest(said("request_unreadable", why=error)) from None
 
 
 def _name(source_id: str) -> str:
@@ -109,7 +110,7 @@ def _name(source_id: str) -> str:
 async def _require(context: Context, source_id: str) -> None:
     async with context.database.read() as database:
         if await store.current(database, _name(source_id)) is None:
-            raise NotFound("There is no such source, or it holds no longer.")
+            raise NotFound(said("no_such_source"))
 
 
 def _result(result: str, message: str | None = None) -> Response:

@@ -13,6 +13,7 @@ from wonderland_backend.access import SIGNED_IN, Officer
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import NotFound, TooManyRequests, documented
 from wonderland_backend.http.transfer import TransferError
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.uspace.claims import State
 from wonderland_backend.uspace.endpoints.remote_id import FlightId
@@ -83,9 +84,9 @@ async def read_networked_flight(
     try:
         details = await uspace.display.details(flight_id)
     except TransferError as error:
-        raise ProviderAway(f"The flight's provider cannot be asked: {error}.") from None
+        raise ProviderAway(said("provider_away", why=error)) from None
     if details is None:
-        raise NotFound("No flight of this id was shown by itself within the last minute.")
+        raise NotFound(said("no_flight_shown"))
     operator = details.operator
     content: dict[str, Any] = {
         "flight_id": flight_id,

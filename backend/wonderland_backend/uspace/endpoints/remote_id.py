@@ -14,7 +14,8 @@ from fastapi.responses import Response
 from fastapi.routing import APIRoute
 from uas_standards.astm.f3411.v22a.constants import Scope
 
-from wonderland_backend.errors import BadRequest, NotFound, documented
+from wonderland_backend.errors import BadRequest, NotFound, documented, field_errors
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.tokens import Caller, ScopeMissing, TokenRefused
 from wonderland_backend.uspace.access import system_with
@@ -25,7 +26,7 @@ from wonderland_backend.uspace.netrid.views import BadView, ViewTooLarge, parse_
 from wonderland_backend.uspace.netrid.watches import NotTheOwner, OtherArea
 from wonderland_backend.uspace.service import USpaceDep
 
-_INVALID: Final = BadRequest("A parameter or field is missing or not as it must be.")
+_INVALID: Final = BadRequest(said("rid_parameters"))
 
 
 class StandardRoute(APIRoute):
@@ -39,8 +40,7 @@ class StandardRoute(APIRoute):
             try:
                 return await handle(request)
             except RequestValidationError as error:
-                problems = [(".".join(str(part) for part in each["loc"]), str(each["msg"])) for each in error.errors()]
-                raise BadRequest(_INVALID.detail, *problems[:20]) from None
+                raise BadRequest(_INVALID.said, *field_errors(error)) from None
 
         return handling
 
@@ -79,15 +79,13 @@ async def search_flights(
     "/flights/{flight_id}/details",
     response_model=RidDetails,
     dependencies=[Depends(system_with(DISPLAY_PROVIDER))],
-    responses=documented(
-        _INVALID, TokenRefused, ScopeMissing, NotFound("There is no flight of this id, or no longer.")
-    ),
+    responses=documented(_INVALID, TokenRefused, ScopeMissing, NotFound(said("no_such_rid_flight"))),
 )
 async def read_flight_details(uspace: USpaceDep, flight_id: FlightId) -> Response:
     """Who flies, as far as the drone said (F3411-22a, getFlightDetails)."""
     content = uspace.provider.details(flight_id)
     if content is None:
-        raise NotFound("There is no flight of this id, or no longer.")
+        raise NotFound(said("no_such_rid_flight"))
     return Json(content, headers=NO_STORE)
 
 
@@ -95,13 +93,13 @@ async def read_flight_details(uspace: USpaceDep, flight_id: FlightId) -> Respons
     "/identification_service_areas/{area_id}",
     response_model=RidArea,
     dependencies=[Depends(system_with(DISPLAY_PROVIDER))],
-    responses=documented(_INVALID, TokenRefused, ScopeMissing, NotFound("There is no area of this id, or no longer.")),
+    responses=documented(_INVALID, TokenRefused, ScopeMissing, NotFound(said("no_such_rid_area"))),
 )
 async def read_identification_service_area(uspace: USpaceDep, area_id: AreaId) -> Response:
     """The extents of an identification service area of ours (F3411-22a, getIdentificationServiceAreaDetails)."""
     extents = uspace.areas.find(area_id)
     if extents is None:
-        raise NotFound("There is no area of this id, or no longer.")
+        raise NotFound(said("no_such_rid_area"))
     return Json({"extents": extents}, headers=NO_STORE)
 
 

@@ -12,6 +12,7 @@ from uas_standards.interuss.automated_testing.versioning.constants import Scope 
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, NotFound
 from wonderland_backend.http.times import rfc3339, unix_ms
+from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.uspace.access import system_with
 from wonderland_backend.uspace.claims import Details
@@ -60,7 +61,7 @@ async def create_test(harness: HarnessDep, test_id: TestId, body: Annotated[dict
     try:
         test = parse(InjectedTest, body)
     except ValueError as error:
-        raise BadRequest(f"The test cannot be read: {error}") from None
+        raise BadRequest(said("test_unreadable", why=error)) from None
     return Json(harness.create(test_id, test, body), headers=NO_STORE)
 
 
@@ -79,9 +80,9 @@ async def query_user_notifications(
         after_ms = unix_ms(after)
         before_ms = unix_ms(before) if before is not None else context.clock()
     except ValueError:
-        raise BadRequest("`after` and `before` are times in RFC 3339.") from None
+        raise BadRequest(said("no_rfc3339")) from None
     if before is not None and before_ms <= after_ms:
-        raise BadRequest("`before` is a time after `after`.")
+        raise BadRequest(said("before_not_after"))
     return Json(harness.notices(after_ms, before_ms), headers=NO_STORE)
 
 
@@ -102,7 +103,7 @@ async def get_details(uspace: USpaceDep, flight_id: FlightId) -> Response:
     """What a person would see of a flight."""
     details = await uspace.display.details(flight_id)
     if details is None:
-        raise NotFound("No flight of this id was shown by itself within the last minute.")
+        raise NotFound(said("no_flight_shown"))
     return Json(_details(details), headers=NO_STORE)
 
 
@@ -110,7 +111,7 @@ async def get_details(uspace: USpaceDep, flight_id: FlightId) -> Response:
 async def get_version(context: ContextDep, system_identity: SystemIdentity) -> Response:
     """Which version of a system runs here."""
     if system_identity not in context.settings.uspace.system_identities:
-        raise NotFound("This server is no system of that identity; see the setting system_identities.")
+        raise NotFound(said("no_such_system"))
     return Json({"system_identity": system_identity, "system_version": f"v{context.version}"}, headers=NO_STORE)
 
 

@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError
 from uas_standards.astm.f3411.v22a.api import UAType
 
 from wonderland_backend.errors import NotFound, Problem
+from wonderland_backend.problem_texts import said
 from wonderland_backend.uspace.claims import Details, State, time_of
 from wonderland_backend.uspace.dss.models import Foreign
 from wonderland_backend.uspace.flights import Flights
@@ -33,7 +34,7 @@ class TestExists(Problem):
     """There is a test of this id already, or it has another version."""
 
     status, code = HTTPStatus.CONFLICT, "test-conflict"
-    example = "There is a test of this id, or there are too many; delete it first."
+    example = said("test_exists")
 
 
 class InjectedDetails(Foreign):
@@ -94,7 +95,7 @@ class Harness:
     def create(self, test_id: str, test: InjectedTest, content: dict[str, Any]) -> dict[str, Any]:
         """`ChangeTestResponse` of a new test; `content` is the request as it came. Raises `TestExists`."""
         if test_id in self._tests or len(self._tests) >= MAX_TESTS:
-            raise TestExists("There is a test of this id, or there are too many; delete it first.")
+            raise TestExists(said("test_exists"))
         injected = []
         for flight, asked in zip(test.requested_flights, content["requested_flights"], strict=True):
             playing = _playing(flight)
@@ -108,9 +109,9 @@ class Harness:
         """`DeleteTestResponse`: the flights are gone. Raises `NotFound`, `TestExists` for another version."""
         test = self._tests.get(test_id)
         if test is None:
-            raise NotFound("There is no test of this id.")
+            raise NotFound(said("no_such_test"))
         if test.version != version:
-            raise TestExists("The test has another version.")
+            raise TestExists(said("test_other_version"))
         del self._tests[test_id]
         for playing in test.flights:
             self._flights.remove(playing.flight_id)

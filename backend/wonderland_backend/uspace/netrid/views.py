@@ -9,6 +9,7 @@ from typing import Final
 from uas_standards.astm.f3411.v22a import constants
 
 from wonderland_backend.errors import Problem
+from wonderland_backend.problem_texts import said
 from wonderland_backend.uspace.geo import Box
 
 MAX_DIAGONAL_M: Final = constants.NetMaxDisplayAreaDiagonalKm * 1000
@@ -20,14 +21,14 @@ class BadView(Problem):
     """`view` is not four coordinates: lat1,lng1,lat2,lng2."""
 
     status, code = HTTPStatus.BAD_REQUEST, "bad-view"
-    example = "`view` is lat1,lng1,lat2,lng2 in degrees, for example 60.44,22.25,60.46,22.29."
+    example = said("bad_view")
 
 
 class ViewTooLarge(Problem):
     """The view is larger than the standard allows."""
 
     status, code = HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "view-too-large"
-    example = "The view's diagonal is 12.4 km; at most 7 km."
+    example = said("view_too_large", diagonal_km="12.4", most_km="7")
 
 
 def parse_view(text: str) -> Box:
@@ -36,13 +37,15 @@ def parse_view(text: str) -> Box:
     try:
         lat_1, lng_1, lat_2, lng_2 = (float(part) for part in parts)
     except ValueError:
-        raise BadView("`view` is lat1,lng1,lat2,lng2 in degrees, for example 60.44,22.25,60.46,22.29.") from None
+        raise BadView(said("bad_view")) from None
     if not all(math.isfinite(each) for each in (lat_1, lng_1, lat_2, lng_2)):
-        raise BadView("`view` holds a number that is none.")
+        raise BadView(said("bad_view_number"))
     if max(abs(lat_1), abs(lat_2)) > 90 or max(abs(lng_1), abs(lng_2)) > 180:
-        raise BadView("`view` is not on Earth: latitudes go from -90 to 90, longitudes from -180 to 180.")
+        raise BadView(said("bad_view_place"))
     box = Box.between(lat_1, lng_1, lat_2, lng_2)
     diagonal_m = box.diagonal_m()
     if diagonal_m > MAX_DIAGONAL_M:
-        raise ViewTooLarge(f"The view's diagonal is {diagonal_m / 1000:.1f} km; at most {MAX_DIAGONAL_M / 1000:g} km.")
+        raise ViewTooLarge(
+            said("view_too_large", diagonal_km=f"{diagonal_m / 1000:.1f}", most_km=f"{MAX_DIAGONAL_M / 1000:g}")
+        )
     return box

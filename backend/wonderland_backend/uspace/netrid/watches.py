@@ -13,6 +13,7 @@ from typing import Final
 from wonderland_backend.errors import Problem, TooManyRequests
 from wonderland_backend.http.backoff import Backoff
 from wonderland_backend.http.transfer import TransferError
+from wonderland_backend.problem_texts import said
 from wonderland_backend.uspace.dss.client import DssClient, extents_of
 from wonderland_backend.uspace.dss.errors import DssError, NotThere, TooMany, VersionConflict
 from wonderland_backend.uspace.dss.models import Area, AreaNotification
@@ -33,14 +34,14 @@ class NotTheOwner(Problem):
     """The area belongs to somebody else than who sends it."""
 
     status, code = HTTPStatus.FORBIDDEN, "not-the-owner"
-    example = "The area is known here, and belongs to somebody else."
+    example = said("area_of_other")
 
 
 class OtherArea(Problem):
     """This version of the area was received before, with other content."""
 
     status, code = HTTPStatus.CONFLICT, "version-conflict"
-    example = "This version of the area was received before, with other content."
+    example = said("area_version_differs")
 
 
 @dataclass
@@ -85,7 +86,7 @@ class Watches:
         """A notification about an area, from whom its token names. Raises `NotTheOwner`, `OtherArea`."""
         area = notice.service_area
         if area is not None and (area.owner != sender or area.id.lower() != area_id.lower()):
-            raise NotTheOwner("An area is told by its owner, and under its own id.")
+            raise NotTheOwner(said("area_not_by_owner"))
         for watch in self._watches.values():
             known = watch.areas.get(area_id.lower())
             if known is not None:
@@ -115,7 +116,7 @@ class Watches:
         watch = self._watches.get(cell)
         if watch is None:
             if len(self._watches) >= MAX_WATCHES:
-                raise TooManyRequests("Too many places are being looked at; try again in two minutes.")
+                raise TooManyRequests(said("watches_busy"))
             watch = self._watches[cell] = _Watch(cell, str(uuid.uuid4()))
         watch.used_ms = now_ms
         return watch
@@ -174,6 +175,6 @@ class Watches:
 
 def _require_owner(known: Area, area: Area | None, sender: str) -> None:
     if known.owner != sender:
-        raise NotTheOwner("The area is known here, and belongs to somebody else.")
+        raise NotTheOwner(said("area_of_other"))
     if area is not None and area.version == known.version and area != known:
-        raise OtherArea("This version of the area was received before, with other content.")
+        raise OtherArea(said("area_version_differs"))

@@ -5,6 +5,6 @@ names facts; their units are in their names, and each is shown as its language w
 and "4,20 m". What has no unit is a number to ICU (``{rounds, plural, …}``), or a text.
 """
 
-from wonderland.messages.catalogue import LANGUAGES, Language, keys_of, message_of, text
+from wonderland.messages.catalogue import LANGUAGES, Language, facts_of, keys_of, message_of, text
 
-__all__ = ["LANGUAGES", "Language", "keys_of", "message_of", "text"]
+__all__ = ["LANGUAGES", "Language", "facts_of", "keys_of", "message_of", "text"]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from functools import cache
 from importlib.resources import files
@@ -19,7 +18,6 @@ FAR_MM: Final = 100_000
 """From here on lengths are shown without decimals."""
 UNKNOWN: Final = "?"
 """Stands where a message names a fact that there is none of; 0 where it counts."""
-_IN_BRACES: Final = re.compile(r"\{(\w+)(, (?:number|plural))?[,}]")
 TIMES: Final = frozenset({"since_ms", "until_ms"})
 """Facts that are moments (Unix time); all others that end in ``_ms`` are durations."""
 # Units stand behind a no-break space, so that no line ends between the two.
@@ -55,6 +53,11 @@ def message_of(domain: str, key: str, language: Language = "en") -> str | None:
     return _catalogue(domain, language).get(key)
 
 
+def facts_of(domain: str, key: str, language: Language = "en") -> frozenset[str]:
+    """The facts that a message names."""
+    return frozenset(_without(domain, key, language))
+
+
 @cache
 def _parsed(domain: str, key: str, language: Language) -> MessageFormat | None:
     message = message_of(domain, key, language)
@@ -63,9 +66,32 @@ def _parsed(domain: str, key: str, language: Language) -> MessageFormat | None:
 
 @cache
 def _without(domain: str, key: str, language: Language) -> Mapping[str, int | str]:
-    """What stands for each fact of a message where there is none; words of a choice may be among the names."""
-    named = _IN_BRACES.findall(message_of(domain, key, language) or "")
-    return {name: 0 if counted else UNKNOWN for name, counted in named}
+    """What stands for each fact of a message where there is none."""
+    arguments = _arguments(message_of(domain, key, language) or "")
+    return {name: 0 if kind in {"number", "plural"} else UNKNOWN for name, kind in arguments}
+
+
+def _arguments(message: str) -> Iterator[tuple[str, str]]:
+    """Name and type of each argument of an ICU message, those within choices too."""
+    for inner in _in_braces(message):
+        name, kind, choices = f"{inner},,".split(",", 2)
+        yield name.strip(), kind.strip()
+        if kind.strip() in {"plural", "select"}:
+            for choice in _in_braces(choices):
+                yield from _arguments(choice)
+
+
+def _in_braces(text: str) -> Iterator[str]:
+    """What stands in each pair of outer braces; no message quotes any (a test holds it)."""
+    depth = start = 0
+    for at, each in enumerate(text):
+        if each == "{":
+            depth += 1
+            start = at + 1 if depth == 1 else start
+        elif each == "}":
+            depth -= 1
+            if depth == 0:
+                yield text[start:at]
 
 
 @cache
