@@ -1,3 +1,4 @@
+import { fileURLToPath } from "node:url";
 import react from "@vitejs/plugin-react";
 import { defineConfig } from "vitest/config";
 import { baseMap } from "./scripts/base-map.ts";
@@ -5,6 +6,7 @@ import { compress } from "./scripts/compress.ts";
 
 /** The fake source of live data is for designing and testing: it exists in `--mode fake` and in the dev server only. */
 export default defineConfig(({ mode, command }) => ({
+  resolve: { alias: { "@messages": fileURLToPath(new URL("../libraries/core/wonderland/messages", import.meta.url)) } },
   plugins: [react(), baseMap(), mode === "fake" ? undefined : compress()],
   define: {
     __FAKE__: JSON.stringify(mode === "fake" || mode === "test" || command === "serve"),

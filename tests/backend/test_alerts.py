@@ -8,6 +8,7 @@ import contextlib
 import hashlib
 import hmac
 import json
+from email.header import decode_header, make_header
 from types import SimpleNamespace
 
 import pytest
@@ -418,7 +419,11 @@ class Mailbox(Message):
         self.messages.append(message)
 
 
-async def test_an_alert_by_mail(new_backend, serving, source_of, chain, facts):
+@pytest.mark.parametrize(
+    ("language", "subject"),
+    [("en", "critical: uav-2 is not where it says"), ("fi", "kriittinen: uav-2 ei ole siellä missä sanoo")],
+)
+async def test_an_alert_by_mail(language, subject, new_backend, serving, source_of, chain, facts):
     mailbox = Mailbox()
     controller = Controller(mailbox, hostname="127.0.0.1", port=_free_port())
     controller.start()
@@ -426,6 +431,7 @@ async def test_an_alert_by_mail(new_backend, serving, source_of, chain, facts):
         backend = new_backend(
             source_of(chain),
             alert_emails=("mailto:duty@authority.example",),
+            alert_language=language,
             smtp=f"smtp://127.0.0.1:{controller.port}",
             smtp_from="wonderland@authority.example",
             public_url="http://127.0.0.1/",
@@ -441,9 +447,9 @@ async def test_an_alert_by_mail(new_backend, serving, source_of, chain, facts):
     finally:
         controller.stop()
     (message,) = mailbox.messages
-    assert message["Subject"].startswith("[Wonderland] critical: uav-2 is not where it says")
+    assert str(make_header(decode_header(message["Subject"]))).startswith(f"[Wonderland] {subject}")
     assert message["To"] == "duty@authority.example"
-    assert f"/#/alerts/{alert['alert_id']}" in message.get_payload()
+    assert f"/#/alerts/{alert['alert_id']}" in message.get_payload(decode=True).decode()
 
 
 def _free_port():

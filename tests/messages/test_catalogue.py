@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -13,11 +14,13 @@ from wonderland_backend.alerts.kinds import SEVERITIES
 from wonderland_backend.conformance.rules import Limit, Status
 
 FOLDER = Path(__file__).resolve().parents[2] / "libraries" / "core" / "wonderland" / "messages"
-DOMAINS = sorted(path.stem for path in (FOLDER / "en").glob("*.json"))
+DOMAINS = sorted(path.relative_to(FOLDER / "en").with_suffix("").as_posix() for path in FOLDER.glob("en/**/*.json"))
+CONSOLE = Path(__file__).resolve().parents[2] / "frontend" / "src"
 NAMES = {
     "reasons": set(REASONS),
     "alerts": set(SEVERITIES),
     "alert-titles": set(SEVERITIES),
+    "emails": {"alert_subject"},
     "conformance": {f"status.{each}" for each in Status.__args__} | {f"limit.{each}" for each in Limit.__args__},
 }
 
@@ -35,6 +38,14 @@ def test_every_language_has_the_same_messages_and_all_are_icu(domain, language):
         assert message
         MessageFormat(message, language)
         assert "'" not in message, f"{key}: to ICU an apostrophe quotes; write ’"
+        assert facts_of(domain, key, language) == facts_of(domain, key), f"{key} names other facts than in English"
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_console_shows_every_file_of_its_own_in_every_language(language):
+    code = "".join(path.read_text() for path in CONSOLE.rglob("*.ts*"))
+    shown = set(re.findall(rf'"@messages/{language}/([\w/-]+)\.json"', code))
+    assert {each for each in DOMAINS if each.startswith("console/")} <= shown <= set(DOMAINS)
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

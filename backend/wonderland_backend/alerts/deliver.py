@@ -19,6 +19,7 @@ import orjson
 from sqlalchemy import insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from wonderland import messages
 from wonderland_backend.alerts import store
 from wonderland_backend.alerts.kinds import Alert, plain_text
 from wonderland_backend.db.engine import Database
@@ -137,19 +138,26 @@ class Delivery:
     async def _post(self, url: str, alert: AlertRow) -> None:
         secret = self._settings.alert_webhook_secret
         assert secret is not None
-        body = orjson.dumps({"type": "alert", "alert": store.shown(alert), "text": _text(alert)})
+        body = orjson.dumps({"type": "alert", "alert": store.shown(alert), "text": self._text(alert)})
         await self._poster.post(url, secret, alert.alert_id, self._clock() // 1000, body)
+
+    def _text(self, alert: AlertRow) -> str:
+        facts = orjson.loads(alert.facts)
+        return plain_text(alert.kind, alert.pad_id, alert.uav_id, facts, self._settings.alert_language)
 
     def _mail(self, to: str, alert: AlertRow) -> None:
         settings = self._settings
         assert settings.smtp is not None
         server = urlsplit(settings.smtp)
         message = EmailMessage()
-        message["Subject"] = f"[Wonderland] {alert.severity}: {_text(alert)}"[:200].replace("\n", " ")
+        text = self._text(alert)
+        facts = {"severity": alert.severity, "text": text}
+        subject = messages.text("emails", "alert_subject", facts, settings.alert_language)
+        message["Subject"] = subject[:200].replace("\n", " ")
         message["From"] = settings.smtp_from or to
         message["To"] = to
         link = f"{settings.public_url.rstrip('/')}/#/alerts/{alert.alert_id}" if settings.public_url else ""
-        message.set_content(f"{_text(alert)}\n\n{link}\n".strip() + "\n")
+        message.set_content(f"{text}\n\n{link}\n".strip() + "\n")
         try:
             context = ssl.create_default_context()
             if server.scheme == "smtps":
@@ -172,10 +180,6 @@ def _one(delivery: AlertDeliveryRow) -> Any:
     return update(AlertDeliveryRow).where(
         AlertDeliveryRow.alert_id == delivery.alert_id, AlertDeliveryRow.target == delivery.target
     )
-
-
-def _text(alert: AlertRow) -> str:
-    return plain_text(alert.kind, alert.pad_id, alert.uav_id, orjson.loads(alert.facts))
 
 
 def _shown(target: str) -> str:

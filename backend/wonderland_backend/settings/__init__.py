@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 from pydantic_settings import SettingsError as UnreadableError
 
+from wonderland.messages import Language
 from wonderland_backend.errors import SettingsError
 from wonderland_backend.settings.maps import MapSettings
 from wonderland_backend.settings.oidc import OidcSettings
@@ -74,6 +75,7 @@ class Settings(BaseSettings):
     alert_severity: Literal["critical", "warning", "notice"] = Field(
         default="warning", description="The least grave alert that is told outside"
     )
+    alert_language: Language = Field(default="en", description="In which language e-mails and webhooks are written")
     alert_webhook_secret: str | None = Field(default=None, min_length=32, description="Signs webhooks (HMAC-SHA256)")
     smtp: str | None = Field(
         default=None, pattern=r"(smtp|smtps|smtp\+starttls)://\S+", description="smtp+starttls://user@host:587"

@@ -1,7 +1,11 @@
-import alertsEn from "../../../libraries/core/wonderland/messages/en/alerts.json";
-import titlesEn from "../../../libraries/core/wonderland/messages/en/alert-titles.json";
-import alertsFi from "../../../libraries/core/wonderland/messages/fi/alerts.json";
-import titlesFi from "../../../libraries/core/wonderland/messages/fi/alert-titles.json";
+import titlesEn from "@messages/en/alert-titles.json";
+import alertsEn from "@messages/en/alerts.json";
+import inboxEn from "@messages/en/console/inbox.json";
+import severalEn from "@messages/en/console/several.json";
+import titlesFi from "@messages/fi/alert-titles.json";
+import alertsFi from "@messages/fi/alerts.json";
+import inboxFi from "@messages/fi/console/inbox.json";
+import severalFi from "@messages/fi/console/several.json";
 import { texts } from "../shared/i18n/texts";
 
 /** What an alert says, in one sentence; by its kind. */
@@ -9,117 +13,7 @@ export const alertTexts = texts({ en: alertsEn, fi: alertsFi });
 export const alertTitles = texts({ en: titlesEn, fi: titlesFi });
 
 /** The inbox around them. */
-export const inboxTexts = texts({
-  en: {
-    alerts: "Alerts",
-    count: "{count, plural, one {# alert} other {#{more, select, yes {+} other {}} alerts}}",
-    tab: "{state, select, inbox {Inbox} snoozed {Snoozed} acknowledged {Acknowledged} over {Over} other {All}}",
-    empty: "{state, select, inbox {Nothing needs you.} snoozed {Nothing is asleep.} acknowledged {Nothing was acknowledged yet.} over {Nothing has ended by itself yet.} other {No alert yet.}}",
-    which: "Which alerts to list",
-    severity: "{severity, select, critical {Critical} warning {Warning} other {Notice}}",
-    list: "Alerts, the newest first",
-    choose: "Choose an alert to see what happened and what was done about it.",
-    acknowledge: "Acknowledge",
-    reopen: "Open again",
-    assignMe: "Take it",
-    assign: "Assign",
-    assignTo: "Assign to",
-    snooze: "Snooze",
-    for: "{minutes, select, 15 {15 minutes} 60 {1 hour} 480 {8 hours} other {1 day}}",
-    note: "Note",
-    noteHint: "What you found, or did. It stays with the alert.",
-    addNote: "Add note",
-    history: "What was done",
-    nothingDone: "Nothing yet.",
-    act: "{act, select, acknowledge {acknowledged} reopen {opened again} assign {assigned to {detail}} snooze {let it sleep until {detail}} other {noted}}",
-    state: "{state, select, open {open} acknowledged {acknowledged by {who}} returned {over by itself since {when}, not acknowledged} other {over by itself}}",
-    returned: "over since {when}",
-    assigned: "assigned to {who}",
-    asleep: "asleep until {until}",
-    told: "Told outside",
-    delivered: "delivered {when}",
-    pending: "attempt {attempts}, it said: “{problem}”",
-    showSession: "Explain",
-    showMap: "Show on the map",
-    showTransaction: "Transaction",
-    showZones: "Zones of this pad",
-    showPad: "Pad",
-    sound: "Sound",
-    soundHint: "A tone for each new critical alert, on this browser",
-    notify: "Desktop notifications",
-    notifyHint: "A notification for each new alert, on this browser",
-    notifyRefused: "This browser refuses notifications; allow them in its settings for this page.",
-    conflict: "Somebody else has acted on it meanwhile; this is how it is now. Your note is still here.",
-    happened: "Happened",
-  },
-  fi: {
-    alerts: "Hälytykset",
-    count: "{count, plural, one {# hälytys} other {#{more, select, yes {+} other {}} hälytystä}}",
-    tab: "{state, select, inbox {Saapuneet} snoozed {Torkutetut} acknowledged {Kuitatut} over {Ohi} other {Kaikki}}",
-    empty: "{state, select, inbox {Mikään ei odota sinua.} snoozed {Mitään ei ole torkutettu.} acknowledged {Mitään ei ole vielä kuitattu.} over {Mikään ei ole vielä mennyt ohi.} other {Ei vielä hälytyksiä.}}",
-    which: "Mitkä hälytykset luetellaan",
-    severity: "{severity, select, critical {Kriittinen} warning {Varoitus} other {Huomautus}}",
-    list: "Hälytykset, uusimmat ensin",
-    choose: "Valitse hälytys nähdäksesi, mitä tapahtui ja mitä sille on tehty.",
-    acknowledge: "Kuittaa",
-    reopen: "Avaa uudelleen",
-    assignMe: "Ota itselle",
-    assign: "Osoita",
-    assignTo: "Osoita henkilölle",
-    snooze: "Torkuta",
-    for: "{minutes, select, 15 {15 minuuttia} 60 {1 tunti} 480 {8 tuntia} other {1 päivä}}",
-    note: "Merkintä",
-    noteHint: "Mitä löysit tai teit. Se säilyy hälytyksen mukana.",
-    addNote: "Lisää merkintä",
-    history: "Mitä on tehty",
-    nothingDone: "Ei vielä mitään.",
-    act: "{act, select, acknowledge {kuittasi} reopen {avasi uudelleen} assign {osoitti: {detail}} snooze {torkutti, kunnes {detail}} other {merkitsi}}",
-    state: "{state, select, open {avoin} acknowledged {kuitannut {who}} returned {ohi itsestään {when}, kuittaamatta} other {ohi itsestään}}",
-    returned: "ohi {when}",
-    assigned: "osoitettu: {who}",
-    asleep: "torkutettu, kunnes {until}",
-    told: "Kerrottu ulos",
-    delivered: "toimitettu {when}",
-    pending: "yritys {attempts}, se sanoi: ”{problem}”",
-    showSession: "Selitä",
-    showMap: "Näytä kartalla",
-    showTransaction: "Tapahtuma",
-    showZones: "Alustan vyöhykkeet",
-    showPad: "Alusta",
-    sound: "Ääni",
-    soundHint: "Äänimerkki jokaisesta uudesta kriittisestä hälytyksestä tässä selaimessa",
-    notify: "Työpöytäilmoitukset",
-    notifyHint: "Ilmoitus jokaisesta uudesta hälytyksestä tässä selaimessa",
-    notifyRefused: "Tämä selain ei salli ilmoituksia; salli ne tämän sivun asetuksissa.",
-    conflict: "Joku muu on toiminut välillä; tämä on nykytilanne. Merkintäsi on yhä tässä.",
-    happened: "Tapahtui",
-  },
-});
+export const inboxTexts = texts({ en: inboxEn, fi: inboxFi });
 
 /** Several alerts at once. */
-export const severalTexts = texts({
-  en: {
-    several: "Several at once",
-    hint: "These are over by themselves. Tick several, or take all of a pad, to acknowledge them at once; each is recorded by itself, with your name.",
-    choose: "Choose {what}",
-    allOf: "All of {pad} that are over",
-    chooseNone: "Choose none",
-    note: "Note, {count, plural, one {kept with the one that is chosen} other {kept with each of the # that are chosen}}",
-    acknowledge: "Acknowledge {count, plural, one {the chosen one} other {these #}}",
-    doing: "Acknowledging: {done} of {all} done…",
-    done: "{count, plural, =0 {None was acknowledged.} one {One was acknowledged.} other {# were acknowledged.}}",
-    conflicts: "Somebody else has acted on {count, plural, one {this one} other {these}} meanwhile; nothing was done about {count, plural, one {it} other {them}} here:",
-  },
-  fi: {
-    several: "Useita kerralla",
-    hint: "Nämä ovat ohi itsestään. Merkitse useita tai ota alustan kaikki, niin voit kuitata ne kerralla; kukin kirjataan erikseen nimelläsi.",
-    choose: "Valitse {what}",
-    allOf: "Kaikki ohi menneet: {pad}",
-    chooseNone: "Poista valinnat",
-    note: "Merkintä, {count, plural, one {säilyy valitun mukana} other {säilyy jokaisen valitun (# kpl) mukana}}",
-    acknowledge: "Kuittaa {count, plural, one {valittu} other {nämä #}}",
-    doing: "Kuitataan: {done}/{all} tehty…",
-    done: "{count, plural, =0 {Yhtään ei kuitattu.} one {Yksi kuitattiin.} other {# kuitattiin.}}",
-    conflicts: "Joku muu on toiminut välillä {count, plural, one {tässä} other {näissä}}; {count, plural, one {sille} other {niille}} ei tehty täällä mitään:",
-  },
-});
+export const severalTexts = texts({ en: severalEn, fi: severalFi });

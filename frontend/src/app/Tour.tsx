@@ -1,12 +1,11 @@
+import en from "@messages/en/console/tour-offer.json";
+import fi from "@messages/fi/console/tour-offer.json";
 import { Suspense, lazy, type ReactElement } from "react";
 import { texts } from "../shared/i18n/texts";
 import { declineTour, startTour, STOPS, useTour } from "../shared/tourStops";
 
 const TourCard = lazy(() => import("./TourCard").then(({ TourCard: Card }) => ({ default: Card })));
-const t = texts({
-  en: { offer: "New here? Take the tour", decline: "No tour, thank you" },
-  fi: { offer: "Uusi täällä? Katso esittely", decline: "Ei esittelyä, kiitos" },
-});
+const t = texts({ en, fi });
 
 /** Offers the tour to who has not seen it; in the header, where it is in nobody's way. */
 export function TourOffer(): ReactElement | null {

@@ -1,65 +1,9 @@
+import keyEn from "@messages/en/console/key.json";
+import replayKeyEn from "@messages/en/console/replay-key.json";
+import keyFi from "@messages/fi/console/key.json";
+import replayKeyFi from "@messages/fi/console/replay-key.json";
 import { texts } from "../shared/i18n/texts";
 
-export const keyTexts = texts({
-  en: {
-    list: "go through the list (with the focus on it)",
-    next: "next and previous drone, from anywhere",
-    show: "show the selected proof on the map",
-    all: "show all pads",
-    zoom: "closer, further away",
-    imagery: "aerial images, where the server has any",
-    deep: "the map aslant with heights, or flat",
-    turn: "turn the map",
-    follow: "keep the camera on the selected drone",
-    measure: "measure distances and bearings",
-    networked: "flights that other providers tell of",
-    table: "the map as a table",
-    wall: "wall display",
-    close: "close the proof",
-    theme: "theme: light, dark, as the system",
-    search: "search",
-    help: "this help",
-  },
-  fi: {
-    list: "kulje luettelossa (kun se on valittuna)",
-    next: "seuraava ja edellinen drooni, mistä tahansa",
-    show: "näytä valittu todistus kartalla",
-    all: "näytä kaikki alustat",
-    zoom: "lähemmäs, kauemmas",
-    imagery: "ilmakuvat, jos palvelimella on niitä",
-    deep: "kartta vinosti korkeuksineen tai tasona",
-    turn: "käännä karttaa",
-    follow: "pidä valittu drooni näkyvissä",
-    measure: "mittaa etäisyyksiä ja suuntimia",
-    networked: "muiden palveluntarjoajien ilmoittamat lennot",
-    table: "kartta taulukkona",
-    wall: "seinänäyttö",
-    close: "sulje todistus",
-    theme: "teema: vaalea, tumma, järjestelmän mukaan",
-    search: "haku",
-    help: "tämä ohje",
-  },
-});
+export const keyTexts = texts({ en: keyEn, fi: keyFi });
 
-export const replayKeyTexts = texts({
-  en: {
-    title: "In the replay",
-    space: "space",
-    play: "play and stop",
-    speed: "slower, faster",
-    tens: "ten seconds back, forward",
-    ones: "one second back, forward",
-    refusals: "previous, next refusal",
-    close: "close what is selected",
-  },
-  fi: {
-    title: "Toistossa",
-    space: "väli",
-    play: "toista ja pysäytä",
-    speed: "hitaammin, nopeammin",
-    tens: "kymmenen sekuntia taakse, eteen",
-    ones: "sekunti taakse, eteen",
-    refusals: "edellinen, seuraava epäys",
-    close: "sulje valittu",
-  },
-});
+export const replayKeyTexts = texts({ en: replayKeyEn, fi: replayKeyFi });

@@ -1,46 +1,5 @@
+import en from "@messages/en/console/tour.json";
+import fi from "@messages/fi/console/tour.json";
 import { texts } from "../shared/i18n/texts";
 
-export const tourTexts = texts({
-  en: {
-    of: "{stop} of {all}",
-    back: "Back",
-    next: "Next",
-    end: "End the tour",
-    done: "Done",
-    mapTitle: "Where drones say they are, and where they are",
-    map: "Each drone is drawn where it broadcasts that it is. Where a pad has ranged it, a line leads from there to the measured place. Shape and colour say what was proved. Here is one that was refuted: the ring is where it says it is, with the buffer that is allowed; the diamond is where the pad’s anchors measured it; the line between them is the lie. The key 3 switches between flat and aslant.",
-    listTitle: "What matters stands on top",
-    list: "The list holds the same as the map, refused ones first. Go through it with the arrow keys; choosing one shows why the contract decided as it did.",
-    whyTitle: "Every refusal has its reasons",
-    why: "Verdicts are decided by the contract and stand on the ledger. These drones said that they were somewhere else than where they were measured. Open one to see how far off, how likely, and by which rounds.",
-    stepsTitle: "Eight steps to a permission",
-    steps: "Each session shows who signed what and when, the ranges of every anchor, and how the likelihood went. It can be printed, and a court can check its evidence without us.",
-    ledgerTitle: "Nobody has to believe this server",
-    ledger: "The ledger’s blocks are shown here, and your own browser recomputes their hash chain. A verdict that is not in it does not count.",
-    alertsTitle: "What wants a person",
-    alerts: "Refusals, silent or drifting pads and more wait here until somebody takes them up. Notes, assignments and who did what are kept.",
-    keysTitle: "Quicker by keys",
-    keys: "A slash searches for drones, pads and transactions; a question mark shows all keys. Settings hold language, units and sounds.",
-  },
-  fi: {
-    of: "{stop}/{all}",
-    back: "Takaisin",
-    next: "Seuraava",
-    end: "Lopeta esittely",
-    done: "Valmis",
-    mapTitle: "Missä droonit sanovat olevansa, ja missä ne ovat",
-    map: "Jokainen drooni on piirretty sinne, minne se lähetyksessään sanoo. Jos alusta on mitannut sen, viiva johtaa siitä mitattuun paikkaan. Muoto ja väri kertovat, mitä on todistettu. Tässä on yksi kumottu: rengas on siinä, missä se sanoo olevansa, ja sen ympärillä on sallittu etäisyys; vinoneliö on siinä, missä alustan ankkurit mittasivat sen; viiva niiden välillä on valhe. Näppäin 3 vaihtaa tason ja vinon näkymän välillä.",
-    listTitle: "Tärkein on ylimpänä",
-    list: "Luettelossa on sama kuin kartalla, evätyt ensin. Selaa nuolinäppäimillä; valinta näyttää, miksi sopimus päätti niin.",
-    whyTitle: "Jokaisella epäyksellä on syynsä",
-    why: "Päätökset tekee sopimus, ja ne ovat tilikirjassa. Nämä droonit sanoivat olevansa muualla kuin missä ne mitattiin. Avaa yksi nähdäksesi, kuinka kaukana, millä todennäköisyydellä ja millä kierroksilla.",
-    stepsTitle: "Kahdeksan vaihetta lupaan",
-    steps: "Jokainen istunto näyttää, kuka allekirjoitti mitä ja milloin, jokaisen ankkurin etäisyydet ja todennäköisyyden kulun. Sen voi tulostaa, ja tuomioistuin voi tarkistaa todisteet ilman meitä.",
-    ledgerTitle: "Kenenkään ei tarvitse uskoa tätä palvelinta",
-    ledger: "Tilikirjan lohkot näkyvät tässä, ja oma selaimesi laskee niiden tiivisteketjun uudelleen. Päätös, joka ei ole siinä, ei päde.",
-    alertsTitle: "Mikä kaipaa ihmistä",
-    alerts: "Epäykset, vaienneet tai siirtyneet alustat ja muut odottavat tässä, kunnes joku ottaa ne hoitaakseen. Muistiinpanot, vastuut ja tekijät säilyvät.",
-    keysTitle: "Nopeammin näppäimillä",
-    keys: "Kauttaviiva hakee drooneja, alustoja ja tapahtumia; kysymysmerkki näyttää kaikki näppäimet. Asetuksissa ovat kieli, yksiköt ja äänet.",
-  },
-});
+export const tourTexts = texts({ en, fi });

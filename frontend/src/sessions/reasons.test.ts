@@ -1,7 +1,7 @@
 import { IntlMessageFormat } from "intl-messageformat";
 import { afterEach, expect, test } from "vitest";
-import en from "../../../libraries/core/wonderland/messages/en/reasons.json";
-import fi from "../../../libraries/core/wonderland/messages/fi/reasons.json";
+import en from "@messages/en/reasons.json";
+import fi from "@messages/fi/reasons.json";
 import { setReading } from "../shared/i18n/locale";
 import { reasonText } from "./reasons";
 

@@ -1,5 +1,5 @@
-import en from "../../../libraries/core/wonderland/messages/en/reasons.json";
-import fi from "../../../libraries/core/wonderland/messages/fi/reasons.json";
+import en from "@messages/en/reasons.json";
+import fi from "@messages/fi/reasons.json";
 import type { VerdictSummary } from "../shared/api/records";
 import { shownFacts } from "../shared/i18n/facts";
 import { texts } from "../shared/i18n/texts";

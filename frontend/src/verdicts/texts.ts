@@ -1,38 +1,5 @@
+import en from "@messages/en/console/verdict.json";
+import fi from "@messages/fi/console/verdict.json";
 import { texts } from "../shared/i18n/texts";
 
-export const verdictTexts = texts({
-  en: {
-    verdicts: "Verdicts",
-    pad: "Pad",
-    drone: "Drone",
-    verdict: "Verdict",
-    permission: "Permission",
-    permissionIs: "{deed} {permission, select, granted {permitted} other {refused}}",
-    error: "Error",
-    likelihood: "Likelihood",
-    rounds: "Rounds",
-    assurance: "Assurance",
-    decided: "Decided",
-    block: "Block",
-    transaction: "Transaction",
-    none: "No verdict yet.",
-    noneFits: "No verdict fits these filters.",
-  },
-  fi: {
-    verdicts: "Päätökset",
-    pad: "Alusta",
-    drone: "Drooni",
-    verdict: "Päätös",
-    permission: "Lupa",
-    permissionIs: "{deed} {permission, select, granted {sallittu} other {evätty}}",
-    error: "Poikkeama",
-    likelihood: "Todennäköisyys",
-    rounds: "Kierrokset",
-    assurance: "Varmuus",
-    decided: "Päätetty",
-    block: "Lohko",
-    transaction: "Tapahtuma",
-    none: "Ei vielä päätöksiä.",
-    noneFits: "Mikään päätös ei vastaa rajauksia.",
-  },
-});
+export const verdictTexts = texts({ en, fi });

@@ -1,5 +1,6 @@
 import createClient, { type Client } from "openapi-fetch";
 import { createContext, useContext } from "react";
+import { reading } from "../i18n/locale";
 import type {
   Alert,
   AlertDetail,
@@ -51,7 +52,11 @@ export class Api {
 
   /** `origin` is where `/api/v1` lies; `fetch` is the browser's, or a fake one's. */
   constructor(origin: string, fetch: (request: Request) => Promise<Response> = (request) => globalThis.fetch(request)) {
-    this.client = createClient<paths>({ baseUrl: origin, fetch, credentials: "same-origin" });
+    const inLanguage = (request: Request): Promise<Response> => {
+      request.headers.set("Accept-Language", reading().locale);
+      return fetch(request);
+    };
+    this.client = createClient<paths>({ baseUrl: origin, fetch: inLanguage, credentials: "same-origin" });
   }
 
   signIn(token: string): Promise<SignedIn> {

@@ -1,8 +1,7 @@
 // @vitest-environment happy-dom
-import { parse, TYPE, type MessageFormatElement } from "@formatjs/icu-messageformat-parser";
 import { afterEach, describe, expect, it } from "vitest";
 import { readingFrom, setReading } from "./locale";
-import { texts, type Texts } from "./texts";
+import { texts } from "./texts";
 
 afterEach(() => setReading({ locale: "en" }));
 
@@ -29,31 +28,5 @@ describe("texts", () => {
     expect(readingFrom('{"locale":"en"}', ["fi"]).locale).toBe("en");
     expect(readingFrom('{"locale":"xx","lengths":7}', ["fi"])).toEqual({ locale: "fi", lengths: "metric", coordinates: "degrees" });
     expect(readingFrom("{broken", []).locale).toBe("en");
-  });
-});
-
-/** The names of the values that a message takes. */
-function names(elements: readonly MessageFormatElement[], found = new Set<string>()): Set<string> {
-  for (const each of elements) {
-    if (each.type !== TYPE.literal && each.type !== TYPE.pound) found.add(each.value);
-    if (each.type === TYPE.select || each.type === TYPE.plural) for (const { value } of Object.values(each.options)) names(value, found);
-    if (each.type === TYPE.tag) names(each.children, found);
-  }
-  return found;
-}
-
-const catalogues = import.meta.glob<Record<string, Texts<string>>>("../../**/*exts.ts", { eager: true });
-
-describe("every catalogue", () => {
-  const all = Object.entries(catalogues).flatMap(([path, module]) =>
-    Object.entries(module).flatMap(([name, value]) => ("all" in value ? [{ path, name, value }] : [])),
-  );
-
-  it.each(all)("$path $name takes the same values in each language", ({ value }) => {
-    for (const key of Object.keys(value.all.en)) {
-      const [english, finnish] = [value.all.en[key] ?? "", value.all.fi[key] ?? ""];
-      expect(finnish, key).not.toBe("");
-      expect([...names(parse(finnish))].sort(), key).toEqual([...names(parse(english))].sort());
-    }
   });
 });

@@ -1,6 +1,6 @@
 /**
- * Texts in every language, beside the code that shows them: each domain folder has a `texts.ts`. A message is ICU
- * MessageFormat; `<b>…</b>` marks what stands out. A language that lacks a message does not compile.
+ * Texts in every language, from the catalogue that the backend has too (`@messages`). A message is ICU MessageFormat;
+ * `<b>…</b>` marks what stands out. A language that lacks a message does not compile.
  */
 import { IntlMessageFormat } from "intl-messageformat";
 import { reading, type Locale } from "./locale";
