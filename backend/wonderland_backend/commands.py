@@ -24,9 +24,9 @@ from wonderland_backend.db import migrate as migrations
 from wonderland_backend.db import passwords
 from wonderland_backend.db.engine import Database
 from wonderland_backend.description import openapi
-from wonderland_backend.duty.lock import held
-from wonderland_backend.duty.standby import STANDBY
 from wonderland_backend.errors import TYPE_BASE, BackendError
+from wonderland_backend.leader_election.lock import held
+from wonderland_backend.leader_election.standby import STANDBY
 from wonderland_backend.mirror import rebuild as rebuilding
 from wonderland_backend.mirror.rebuild import Digest
 from wonderland_backend.people import links
@@ -117,7 +117,7 @@ def serve_command(
 @click.option("--display", metavar="NAME", help="For a screen that nobody operates: it may look, nothing else.")
 @_json
 def link_command(name: str | None, display: str | None, *, as_json: bool, **options: Any) -> None:
-    """Print a one-time token for an administrator who has lost every other way in, or for a display.
+    """Print a one-time token for an administrator who has lost every other sign-in method, or for a display.
 
     On a server that nobody has set up: for the first administrator, to set it up with a passkey or by single sign-on;
     with --name the first administrator has that name and is signed in at once.

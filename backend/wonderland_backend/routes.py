@@ -45,12 +45,12 @@ from wonderland_backend.rest import (
     search,
     sessions,
     sign_in,
+    sign_in_methods,
     site_plans,
     statistics,
     tracks,
     transactions,
     verdicts,
-    ways_in,
     webhooks,
     zones,
 )
@@ -77,7 +77,7 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
     api = APIRouter(prefix=API)
     for router in (
         sign_in.router,
-        ways_in.router,
+        sign_in_methods.router,
         oidc.router,
         me.router,
         people.router,

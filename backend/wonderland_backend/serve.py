@@ -30,9 +30,9 @@ from wonderland_backend.auth.site import LOCAL
 from wonderland_backend.clients.certificates import EXTENSION, Peer
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.migrate import migrate
-from wonderland_backend.duty.lock import Lock, lock_of
-from wonderland_backend.duty.standby import DETAIL, stand_by, stay_on_duty
 from wonderland_backend.errors import SettingsError
+from wonderland_backend.leader_election.lock import Lock, lock_of
+from wonderland_backend.leader_election.standby import DETAIL, stand_by, stay_leader
 from wonderland_backend.ledger.access import LedgerAccess
 from wonderland_backend.mirror.source import BlockSource, GatewaySource
 from wonderland_backend.people import links
@@ -313,7 +313,7 @@ class _Server(uvicorn.Server):
 
 
 async def _serve_until_told(backend: Backend, bound: socket.socket, lock: Lock, ready: Ready) -> None:
-    """Until told to stop. Raises `DatabaseError` where another backend may be on duty."""
+    """Until told to stop. Raises `DatabaseError` where another backend may be the leader."""
     server = new_server(backend.app, ready.settings)
     with _told_to_stop() as told:
         serving = asyncio.create_task(server.serve([bound]), name="server")
@@ -322,14 +322,14 @@ async def _serve_until_told(backend: Backend, bound: socket.socket, lock: Lock, 
         if server.started:
             leave_to_itself()
             ready.print()
-        duty = asyncio.create_task(stay_on_duty(lock), name="duty")
-        await asyncio.wait({serving, duty, told}, return_when=asyncio.FIRST_COMPLETED)
+        leading = asyncio.create_task(stay_leader(lock), name="leading")
+        await asyncio.wait({serving, leading, told}, return_when=asyncio.FIRST_COMPLETED)
         backend.end_streams()
         server.should_exit = True
         await serving
-        if duty.done():
-            duty.result()
-        duty.cancel()
+        if leading.done():
+            leading.result()
+        leading.cancel()
 
 
 def leave_to_itself() -> None:

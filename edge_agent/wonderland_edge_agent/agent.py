@@ -24,8 +24,8 @@ from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of
 from wonderland.telemetry import Health
 from wonderland_edge_agent.drift.idle import watch_when_idle
+from wonderland_edge_agent.event_subscription import EventSubscription
 from wonderland_edge_agent.health import health_record, tell_health, write_status
-from wonderland_edge_agent.listening import LedgerEars
 from wonderland_edge_agent.metrics import write_metrics
 from wonderland_edge_agent.own_pad import OwnPad
 from wonderland_edge_agent.ports import PadLedger, PadRadiosPort
@@ -116,7 +116,7 @@ class PadAgent:
         self._witness = WitnessDuty(pad_id, ledger=ledger, radios=radios, prekeys=self._prekeys, clock=clock)
         self._own = OwnPad(pad_id, ledger)
         self._care = asyncio.Event()
-        self._ears = LedgerEars(ledger, checkpointer, self._take)
+        self._subscription = EventSubscription(ledger, checkpointer, self._take)
         self._started = asyncio.Event()
         self._idle = asyncio.Event()
         self._idle.set()
@@ -134,7 +134,7 @@ class PadAgent:
             _log.warning("%d sessions were under way when this agent stopped; they are being ended", len(interrupted))
         files = ((self._status_file, write_status), (self._metrics_file, write_metrics))
         telling = tell_health(self.status, self._health, self._reporter, files)
-        parts = [self._ears.run(), self._serve(), self._take_care(), telling]
+        parts = [self._subscription.run(), self._serve(), self._take_care(), telling]
         if self._drift is not None:
             parts.append(watch_when_idle(self._drift, self._own, self._idle))
         tasks = [asyncio.create_task(part) for part in parts]
@@ -358,7 +358,7 @@ class PadAgent:
 
     async def _take_care(self) -> None:
         """Prekeys and left-over sessions, whenever something changed and every few seconds."""
-        await self._ears.placed.wait()
+        await self._subscription.placed.wait()
         while True:
             try:
                 if not self._started.is_set() or self._prekeys.low:

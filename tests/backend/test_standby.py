@@ -1,4 +1,4 @@
-"""Two backends on one database, as processes on a real ledger: one is on duty, the other one takes over."""
+"""Two backends on one database, as processes on a real ledger: one is the leader, the other one takes over."""
 
 from __future__ import annotations
 
@@ -145,4 +145,4 @@ async def test_who_lost_the_lock_ends_and_says_so(tmp_path, ledger, database):
         assert json.dumps((await ready(second))["ready"]) == "true"
         _, said = await asyncio.wait_for(first.communicate(), 30)
         assert first.returncode == 1
-        assert "not on duty" in said.decode()
+        assert "not the leader" in said.decode()

@@ -1,4 +1,4 @@
-"""How long nobody is on duty after the backend on duty was killed, beside what a start of the same backend takes.
+"""How long there is no leader after the leader was killed, beside what a start of the same backend takes.
 
 pytest tests/bench/test_takeover.py -m bench -s -n 0
 """
@@ -23,10 +23,10 @@ async def taken_over(tmp_path, database):
     """(start, outage) in seconds, the one that was killed last followed by a fresh one each time."""
     started, outages = [], []
     began = time.perf_counter()
-    duty = await processes.start(tmp_path, database=database)
-    running = [duty]
+    leader = await processes.start(tmp_path, database=database)
+    running = [leader]
     try:
-        await processes.ready(duty)
+        await processes.ready(leader)
         started.append(time.perf_counter() - began)
         for turn in range(TURNS):
             standby = await processes.start(tmp_path, database=database)
@@ -34,11 +34,11 @@ async def taken_over(tmp_path, database):
             assert (await processes.ready(standby))["standby"] is True
             # Not always at the same time of its second.
             await asyncio.sleep(turn / TURNS)
-            duty.kill()
+            leader.kill()
             killed = time.perf_counter()
             await processes.ready(standby)
             outages.append(time.perf_counter() - killed)
-            duty = standby
+            leader = standby
     finally:
         for process in running:
             if process.returncode is None:
@@ -48,12 +48,12 @@ async def taken_over(tmp_path, database):
 
 
 @pytest.mark.parametrize("kind", ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)])
-async def test_nobody_on_duty(tmp_path, ledger, kind, request, keep):
+async def test_how_long_there_is_no_leader(tmp_path, ledger, kind, request, keep):
     if kind == "sqlite":
-        database = f"sqlite:///{tmp_path / 'duty.db'}"
+        database = f"sqlite:///{tmp_path / 'leader.db'}"
     else:
         database = request.getfixturevalue("postgres").new_database()
     started, outages = await taken_over(tmp_path, database)
     row = (kind, f"{started[0]:.1f} s", f"{p50(outages):.1f} s", f"{max(outages):.1f} s")
-    show(f"Nobody on duty after kill -9, {TURNS} times", ("database", "a first start", "median", "longest"), [row])
+    show(f"No leader after kill -9, {TURNS} times", ("database", "a first start", "median", "longest"), [row])
     keep(database=kind, start_s=started[0], median_s=p50(outages), longest_s=max(outages))

@@ -59,7 +59,7 @@ async def look(
 
 
 async def accept(context: Context, sign_ins: SignIns, connection: AsyncConnection, acceptance: Acceptance) -> Account:
-    """Spend the link and make its person active; whoever comes back loses all earlier ways in.
+    """Spend the link and make its person active; whoever comes back loses all earlier sign-in methods.
 
     Raises `SignInRequired`, and `Conflict` where somebody has set the server up meanwhile.
     """

@@ -33,7 +33,7 @@ async def at_start(database: Database, sign_ins: SignIns, *, demo: bool) -> str 
 
 
 async def for_administrator(database: Database, sign_ins: SignIns, name: str | None, now_ms: int) -> str:
-    """A link that signs an administrator in at once, for one who has lost every other way in.
+    """A link that signs an administrator in at once, for one who has lost every other sign-in method.
 
     On a server that has not been set up it makes the first administrator, if there is a name; else it is the link to
     set the server up. Raises `BackendError` where it is not clear whose it should be.

@@ -185,7 +185,7 @@ async def rename_passkey(connection: AsyncConnection, who: Person, credential_id
 
 
 async def remove_passkey(connection: AsyncConnection, who: Person, credential_id: str, now_ms: int) -> None:
-    """Raises `NotFound`, and `Conflict` for the last way in."""
+    """Raises `NotFound`, and `Conflict` for the last sign-in method."""
     person = await find(connection, who.person_id)
     mine = (PasskeyRow.person_id == who.person_id, PasskeyRow.credential_id == credential_id)
     name = (await connection.execute(select(PasskeyRow.name).where(*mine))).scalar_one_or_none()

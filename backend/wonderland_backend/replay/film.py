@@ -12,7 +12,7 @@ from wonderland_backend.context import Context
 from wonderland_backend.live.board import Board
 from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.person import Person
-from wonderland_backend.replay.happenings import Span, happenings
+from wonderland_backend.replay.events import Span, events
 from wonderland_backend.replay.moment import Moment, connected_at, contents_at, moment
 
 SLICE_STEPS: Final = 10
@@ -114,7 +114,7 @@ async def frames(
     while at_ms < until_ms and sent < MAX_BYTES:
         end_ms = min(until_ms, at_ms + SLICE_STEPS * step_ms)
         async with context.database.read() as database:
-            coming = iter(await happenings(database, Span(at_ms, end_ms, step_ms), person))
+            coming = iter(await events(database, Span(at_ms, end_ms, step_ms), person))
         following = next(coming, None)
         while at_ms < end_ms:
             at_ms = stage.now_ms = min(end_ms, at_ms + step_ms)

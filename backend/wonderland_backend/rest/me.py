@@ -88,7 +88,7 @@ async def rename_passkey(
     responses=documented(_NO_PASSKEY, Conflict(said("last_sign_in_method"))),
 )
 async def remove_passkey(context: ContextDep, me: SignedInPerson, credential_id: PasskeyIdPath) -> Response:
-    """Forget a passkey; not the last way in."""
+    """Forget a passkey; not the last sign-in method."""
     async with context.database.write() as connection:
         await store.remove_passkey(connection, me, credential_id, context.clock())
     return await _me(context, me)

@@ -8,7 +8,7 @@ import { Fetching, rolesInWords } from "./parts";
 import { peopleTexts as t } from "./texts";
 
 /** How somebody signs in, in a few words. */
-export function waysInWords(person: PersonShown): string {
+export function signInMethodWords(person: PersonShown): string {
   const keys = t("passkeys", { count: person.passkeys });
   return person.oidc ? (person.passkeys === 0 ? t("oidc") : `${keys}, ${t("oidc")}`) : keys;
 }
@@ -52,7 +52,7 @@ export function PeoplePage(): ReactElement {
                 </td>
                 <td>{rolesInWords(person.roles)}</td>
                 <td>{person.msp_id ?? "–"}</td>
-                <td>{waysInWords(person)}</td>
+                <td>{signInMethodWords(person)}</td>
                 <td>{person.last_seen_ms === undefined ? t("never") : dayAndTime(person.last_seen_ms, now_ms)}</td>
               </tr>
             ))}

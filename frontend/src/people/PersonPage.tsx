@@ -8,7 +8,7 @@ import { useDraft } from "../shared/useDraft";
 import { usePeopleApi, type PersonChange, type PersonDetail, type PersonShown, type Role } from "./api";
 import { useOrganisations } from "./InvitePage";
 import { Card, Fetching, MadeLink, needsOrganisation, OrganisationField, passkeyTimes, Problem, RoleBoxes, SignIns } from "./parts";
-import { waysInWords } from "./PeoplePage";
+import { signInMethodWords } from "./PeoplePage";
 import { peopleTexts as t } from "./texts";
 
 const BACK = { room: "people", path: [], query: {} } as const;
@@ -113,7 +113,7 @@ export function PersonPage({ person_id }: { person_id: string }): ReactElement {
           <PersonForm person={person} onChange={change} busy={work.isPending} />
         </Card>
         <Card title={t("ways")}>
-          <p>{waysInWords(person)}</p>
+          <p>{signInMethodWords(person)}</p>
           {passkeys.length > 0 && (
             <ul className="people-rows">
               {passkeys.map((each) => (

@@ -3,7 +3,7 @@ import { useState, type SyntheticEvent, type ReactElement, type ReactNode } from
 import type { SignedIn } from "../shared/api/records";
 import { sharedTexts } from "../shared/texts";
 import { Sentence } from "../shared/ui/Sentence";
-import { ROLES, usePeopleApi, type LinkShown, type WaysIn } from "./api";
+import { ROLES, usePeopleApi, type LinkShown, type SignInMethods } from "./api";
 import "./people.css";
 import { signInTexts as t } from "./texts";
 import { isSite } from "./webauthn";
@@ -15,7 +15,7 @@ function go(url: string): void {
 }
 
 /** Where passkeys work, when it is not here. */
-function OtherAddress({ ways }: { ways: WaysIn }): ReactElement {
+function OtherAddress({ ways }: { ways: SignInMethods }): ReactElement {
   const url = `${location.protocol}//${ways.site}${location.port === "" ? "" : `:${location.port}`}${location.pathname}${location.hash}`;
   return (
     <div className="sign-in-hint">
@@ -27,7 +27,7 @@ function OtherAddress({ ways }: { ways: WaysIn }): ReactElement {
   );
 }
 
-function OidcButton({ ways, token, name }: { ways: WaysIn; token?: string; name?: string }): ReactElement | null {
+function OidcButton({ ways, token, name }: { ways: SignInMethods; token?: string; name?: string }): ReactElement | null {
   const api = usePeopleApi();
   const start = useMutation({ mutationFn: () => api.startOidc(token, name), onSuccess: go });
   if (ways.oidc === undefined) return null;
@@ -57,7 +57,7 @@ function Hint({ children }: { children: ReactNode }): ReactElement {
 /** How one can sign in here: by passkey, by the OpenID provider, and what to do without either. */
 export function SignInWays({ onDone, onRetry }: { onDone: Done; onRetry: () => void }): ReactElement {
   const api = usePeopleApi();
-  const ways = useQuery({ queryKey: ["ways-in"], queryFn: () => api.waysIn(), staleTime: Infinity });
+  const ways = useQuery({ queryKey: ["sign-in-methods"], queryFn: () => api.signInMethods(), staleTime: Infinity });
   const passkey = useMutation({ mutationFn: () => api.signInByPasskey(), onSuccess: onDone });
   if (ways.data === undefined) {
     return (
@@ -108,7 +108,7 @@ const KNOWN_KINDS = ["set_up", "invitation", "recovery"] as const;
 /** A link that makes an account, or gives one back: its owner chooses how to sign in from now on. */
 export function AcceptLink({ token, link, onDone }: { token: string; link: LinkShown; onDone: Done }): ReactElement {
   const api = usePeopleApi();
-  const ways = useQuery({ queryKey: ["ways-in"], queryFn: () => api.waysIn(), staleTime: Infinity });
+  const ways = useQuery({ queryKey: ["sign-in-methods"], queryFn: () => api.signInMethods(), staleTime: Infinity });
   const first = link.kind === "set_up";
   const [name, setName] = useState("");
   const [passkeyName, setPasskeyName] = useState(() => t("thisDevice"));

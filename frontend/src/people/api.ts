@@ -14,7 +14,7 @@ export type Invitation = Schemas["Invitation"];
 export type PersonChange = Schemas["PersonChange"];
 export type LinkMade = Schemas["LinkMade"];
 export type LinkShown = Schemas["LinkShown"];
-export type WaysIn = Schemas["WaysIn"];
+export type SignInMethods = Schemas["SignInMethods"];
 export type AuditEntry = Schemas["AuditEntry"];
 export type AuditCheck = Schemas["AuditCheck"];
 export type ClientShown = Schemas["Client"];
@@ -33,7 +33,7 @@ export class PeopleApi {
     this.client = api.client;
   }
 
-  waysIn(): Promise<WaysIn> {
+  signInMethods(): Promise<SignInMethods> {
     return answered((signal) => this.client.GET("/api/v1/sign-in", { signal }));
   }
 

@@ -48,7 +48,7 @@ SESSION_EVENTS: Final = {
 
 
 class Stage(Protocol):
-    """What happenings act on: a board, and what a board looks at."""
+    """What events act on: a board, and what a board looks at."""
 
     board: Board
 
@@ -60,7 +60,7 @@ class Stage(Protocol):
 
 
 @dataclass(frozen=True)
-class Happening:
+class ReplayEvent:
     """Something that became known."""
 
     t_ms: int
@@ -84,7 +84,7 @@ class Span:
         return (column - (self.after_ms + 1)) // self.step_ms
 
 
-async def happenings(database: AsyncSession, span: Span, person: Person) -> list[Happening]:
+async def events(database: AsyncSession, span: Span, person: Person) -> list[ReplayEvent]:
     """All that became known within a span, as this person would have seen it, in order."""
     scope = person.scope
     found = [
@@ -99,7 +99,7 @@ async def happenings(database: AsyncSession, span: Span, person: Person) -> list
     return sorted(found, key=lambda each: each.t_ms)
 
 
-async def _blocks(database: AsyncSession, span: Span, scope: Scope) -> list[Happening]:
+async def _blocks(database: AsyncSession, span: Span, scope: Scope) -> list[ReplayEvent]:
     query = select(BlockArrivalRow.number, BlockArrivalRow.known_ms).where(span.holds(BlockArrivalRow.known_ms))
     arrivals = {number: known_ms for number, known_ms in await database.execute(query)}  # noqa: C416 - rows are no pairs
     if not arrivals:
@@ -109,7 +109,7 @@ async def _blocks(database: AsyncSession, span: Span, scope: Scope) -> list[Happ
     await _add_sessions(database, changes, (first, last), scope)
     await _add_verdicts(database, changes, (first, last), scope)
     await _add_records(database, changes, (first, last), scope)
-    return [Happening(arrivals[number], _commit(number, each)) for number, each in changes.items()]
+    return [ReplayEvent(arrivals[number], _commit(number, each)) for number, each in changes.items()]
 
 
 def _commit(number: int, changes: Changes) -> Callable[[Stage], None]:
@@ -171,7 +171,7 @@ async def _add_records(
         changes[version.block].put((version.key,), row)
 
 
-async def _connections(database: AsyncSession, span: Span, scope: Scope) -> list[Happening]:
+async def _connections(database: AsyncSession, span: Span, scope: Scope) -> list[ReplayEvent]:
     believed = PadConnectionRow.until_ms + int(2 * CONFIRM_S * 1000)
     end = case((PadConnectionRow.ended, PadConnectionRow.until_ms), else_=believed)
     query = select(
@@ -182,11 +182,11 @@ async def _connections(database: AsyncSession, span: Span, scope: Scope) -> list
             and_(PadConnectionRow.until_ms > span.after_ms - int(2 * CONFIRM_S * 1000), span.holds(end)),
         )
     )
-    found: list[Happening] = []
+    found: list[ReplayEvent] = []
     for pad_id, server, from_ms, end_ms in await database.execute(scope.narrow(query, pad=PadConnectionRow.pad_id)):
         for t_ms, connected in ((from_ms, True), (end_ms, False)):
             if span.after_ms < t_ms <= span.until_ms:
-                found.append(Happening(t_ms, _connect(pad_id, server, connected=connected)))
+                found.append(ReplayEvent(t_ms, _connect(pad_id, server, connected=connected)))
     return found
 
 
@@ -194,40 +194,40 @@ def _connect(pad_id: str, server: str, *, connected: bool) -> Callable[[Stage], 
     return lambda stage: stage.connect(pad_id, server, connected=connected)
 
 
-async def _health(database: AsyncSession, span: Span, scope: Scope) -> list[Happening]:
+async def _health(database: AsyncSession, span: Span, scope: Scope) -> list[ReplayEvent]:
     query = select(PadHealthRow).where(span.holds(PadHealthRow.received_ms)).order_by(PadHealthRow.id)
     return [
-        Happening(row.received_ms, _told(PadHealthTold(row.pad_id, row.body)))
+        ReplayEvent(row.received_ms, _told(PadHealthTold(row.pad_id, row.body)))
         for row in await database.scalars(scope.narrow(query, pad=PadHealthRow.pad_id))
     ]
 
 
-async def _steps(database: AsyncSession, span: Span, scope: Scope) -> list[Happening]:
+async def _steps(database: AsyncSession, span: Span, scope: Scope) -> list[ReplayEvent]:
     query = select(StepRow).where(span.holds(StepRow.received_ms))
     if not scope.everything:
         theirs = scope.narrow(select(SessionRow.session_id), pad=SessionRow.pad_id, drone=SessionRow.uav_id)
         query = query.where(StepRow.session_id.in_(theirs))
-    found: list[Happening] = []
+    found: list[ReplayEvent] = []
     for row in await database.scalars(query.order_by(StepRow.received_ms, StepRow.t_ms)):
         step = ReportedStep(row.step, row.t_ms, row.ok, row.agent, row.detail, row.agent_id)
-        found.append(Happening(row.received_ms, _told(StepTaken(row.session_id, step))))
+        found.append(ReplayEvent(row.received_ms, _told(StepTaken(row.session_id, step))))
     return found
 
 
-async def _estimates(database: AsyncSession, span: Span, scope: Scope) -> list[Happening]:
+async def _estimates(database: AsyncSession, span: Span, scope: Scope) -> list[ReplayEvent]:
     names = ("received_ms", "uav_id", "session_id", "pad_id", "body")
     query = _once_a_step(EstimateRow, EstimateRow.session_id, span, EstimateRow.received_ms, scope, names)
     return [
-        Happening(received_ms, _told(RunningEstimate(uav_id, session_id, pad_id, body)))
+        ReplayEvent(received_ms, _told(RunningEstimate(uav_id, session_id, pad_id, body)))
         for received_ms, uav_id, session_id, pad_id, body in await database.execute(query)
     ]
 
 
-async def _tracks(database: AsyncSession, span: Span, scope: Scope) -> list[Happening]:
+async def _tracks(database: AsyncSession, span: Span, scope: Scope) -> list[ReplayEvent]:
     names = ("received_ms", "uav_id", "t_ms", "body")
     query = _once_a_step(TrackRow, TrackRow.uav_id, span, TrackRow.t_ms, scope, names)
     return [
-        Happening(received_ms, _told(HeardTrack(uav_id, t_ms, body)))
+        ReplayEvent(received_ms, _told(HeardTrack(uav_id, t_ms, body)))
         for received_ms, uav_id, t_ms, body in await database.execute(query)
     ]
 
@@ -249,7 +249,7 @@ def _once_a_step(
     return newest.order_by(ranked.c.received_ms, ranked.c.id)
 
 
-async def _alerts(database: AsyncSession, span: Span, person: Person) -> list[Happening]:
+async def _alerts(database: AsyncSession, span: Span, person: Person) -> list[ReplayEvent]:
     query = select(AlertRow).where(AlertRow.raised_ms <= span.until_ms, AlertRow.changed_ms > span.after_ms)
     query = person.scope.narrow(query, pad=AlertRow.pad_id, drone=AlertRow.uav_id)
     rows = (await database.scalars(query)).all()
@@ -257,12 +257,12 @@ async def _alerts(database: AsyncSession, span: Span, person: Person) -> list[Ha
     done = select(AlertActRow).where(AlertActRow.alert_id.in_([row.alert_id for row in rows]))
     for act in await database.scalars(done.order_by(AlertActRow.revision)):
         acts.setdefault(act.alert_id, []).append(act)
-    found: list[Happening] = []
+    found: list[ReplayEvent] = []
     for row in rows:
         own = acts.get(row.alert_id, [])
         for t_ms in _changes_of(row, own, span):
             shown = alert_at(row, [act for act in own if act.t_ms <= t_ms], t_ms)
-            found.append(Happening(t_ms, _alert(shown_alert(shown, person))))
+            found.append(ReplayEvent(t_ms, _alert(shown_alert(shown, person))))
     return found
 
 

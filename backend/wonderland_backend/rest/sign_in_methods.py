@@ -37,7 +37,7 @@ class _Body(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
-class WaysIn(ApiModel):
+class SignInMethods(ApiModel):
     """How one can sign in here."""
 
     set_up: bool = Field(description="Whether there is an administrator; if not, the link of the first start makes one")
@@ -83,10 +83,10 @@ class LinkAnswer(_Body):
     passkey_name: Name
 
 
-@router.get("/sign-in", response_model=WaysIn)
-async def ways_in(context: ContextDep, sign_ins: SignInsDep) -> Response:
+@router.get("/sign-in", response_model=SignInMethods)
+async def sign_in_methods(context: ContextDep, sign_ins: SignInsDep) -> Response:
     """How one can sign in here. Needs no sign-in."""
-    found = WaysIn(
+    found = SignInMethods(
         set_up=await sign_ins.is_set_up(),
         demo=context.settings.demo,
         site=site_of(context.settings, "").rp_id,

@@ -1,4 +1,4 @@
-"""Standing by: everybody is told to ask the backend on duty, until this one is."""
+"""Standing by: everybody is told to ask the leader, until this one is."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Final
 import uvicorn
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from wonderland_backend.duty.lock import PROVE_EVERY_S, TRY_EVERY_S, Lock
 from wonderland_backend.errors import DatabaseError, problem_response
+from wonderland_backend.leader_election.lock import PROVE_EVERY_S, TRY_EVERY_S, Lock
 from wonderland_backend.problem_texts import said
 
 TRY_AGAIN_LATER: Final = 1013
@@ -23,7 +23,7 @@ DETAIL: Final = said("standby")
 async def stand_by(lock: Lock, bound: socket.socket, new_server: Callable[[ASGIApp], uvicorn.Server]) -> None:
     """Answer 503 until the lock is ours. Whoever connects while the answering ends waits for the one who follows."""
     server = new_server(_refuse)
-    # The server closes what it listens on; the socket itself goes on to whoever is on duty.
+    # The server closes what it listens on; the socket itself goes on to the leader.
     serving = asyncio.create_task(server.serve([bound.dup()]), name="standby")
     try:
         while not await _taken(lock):  # noqa: ASYNC110 - it is another process that decides
@@ -33,7 +33,7 @@ async def stand_by(lock: Lock, bound: socket.socket, new_server: Callable[[ASGIA
         await serving
 
 
-async def stay_on_duty(lock: Lock) -> None:
+async def stay_leader(lock: Lock) -> None:
     """Returns never. Raises `DatabaseError` as soon as the lock is not ours any more."""
     while True:
         await asyncio.sleep(PROVE_EVERY_S)

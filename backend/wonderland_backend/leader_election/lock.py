@@ -1,4 +1,4 @@
-"""Which backend is on duty: whoever holds the database's lock. A lock ends with the process or the connection.
+"""Which backend is the leader: whoever holds the database's lock. A lock ends with the process or the connection.
 
 PostgreSQL has advisory locks of a session for it; SQLite gets a locked file beside the database's own.
 """
@@ -75,7 +75,7 @@ class PostgresLock:
                 await self._connection.execute(text("SELECT 1"))
         except (SQLAlchemyError, TimeoutError) as cause:
             raise DatabaseError(
-                f"This backend is not on duty any more: its lock in the database is gone ({_why(cause)}). Start it "
+                f"This backend is not the leader any more: its lock in the database is gone ({_why(cause)}). Start it "
                 "again; it stands by if another one has taken over."
             ) from None
 

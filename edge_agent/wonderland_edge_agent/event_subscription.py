@@ -33,7 +33,7 @@ AGAIN_S: Final = 1.0
 _NO_EVENTS: Final = frozenset({"NOT_FOUND", "PERMISSION_DENIED", "UNAUTHENTICATED"})
 
 
-class LedgerEars:
+class EventSubscription:
     """Hands each event to ``take``, which says whether it was about this pad.
 
     ``placed``: the place in the ledger's events is kept; no request that comes from then on can be missed.

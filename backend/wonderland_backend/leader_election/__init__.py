@@ -1,0 +1,1 @@
+"""Several backends on one database: one is the leader, the others stand by."""
