@@ -32,7 +32,7 @@ from wonderland.proofs.fix import Multilateration
 from wonderland.proofs.motion import LARGEST_MM, extent_mm, unfollowed_motion
 from wonderland.proofs.reduction import AnchorMean, Reduced, Residuals, distance, mean
 from wonderland.proofs.sights import Sights
-from wonderland.proofs.special import CHI2_LIMITS
+from wonderland.proofs.stretches import swing_of
 
 LIE_SHARE: Final = 0.2
 """No such share of the claimed moments may be ``LIE_BUFFERS`` buffers off or more: a quarter, less what counting blurs,
@@ -57,14 +57,12 @@ LEAP_BUFFERS: Final = 1.5
 """One that does so by more than this leaps, as an honest receiver does for a while."""
 LEAP_MS: Final = 2_000
 """So long after a leap nobody is convicted by his claims; what stays off for longer is no glitch."""
+SWING_PEAK: Final = 1.414
+"""Peak of a swing over its root mean square: √2 for a sine, 1.37 where a drone turns as fast as it can all the time."""
 EDGE_MS: Final = 500
 """Over so long the velocity at the first and at the last round is taken."""
-THOUSANDTH_Z: Final = 3.0902
-"""Standard deviations that one in a thousand exceeds, on one side."""
 _CLEAR_BUFFERS: Final = 0.5
 """Stretches of time are made shorter as long as one by itself is known to this, root mean square."""
-_SHORTEST: Final = 3
-"""Rounds of the shortest one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +79,8 @@ class Moments:
     """The part of it that lies in motion which no straight flight explains: claims that go to and fro."""
     jumping: bool
     """Whether the claims jump as no drone can."""
+    swing_mm: float = 0.0
+    """The part of the waver that comes and goes slowly, root mean square, where it is more than noise."""
     leaping: bool = False
     """Whether they did so just now, by more than any noise: a glitch, or a lie that begins; nobody knows which."""
 
@@ -97,12 +97,13 @@ class Moments:
         """How far the mean may be off for a verified claim; the buffer, but where the claims waver; ≤ 0: nothing may.
 
         Were a quarter of the moments two buffers off, a mean m off, the waver would be √q·(2 − m) buffers or more, q
-        the part of that quarter which is not torn and not unseen.
+        the part of that quarter which is not torn and not unseen. A drone that swings is at its farthest as often as
+        anywhere, and the place that is certified may be of that moment.
         """
         if self.off_share >= LIE_SHARE:
             return 0.0
         least = sqrt((LIE_SHARE - self.off_share) / (1.0 - self.off_share))
-        return min(buffer_mm, LIE_BUFFERS * buffer_mm - self.waver_mm / least)
+        return min(buffer_mm - SWING_PEAK * self.swing_mm, LIE_BUFFERS * buffer_mm - self.waver_mm / least)
 
 
 def moments_of(
@@ -117,13 +118,13 @@ def moments_of(
         return Moments(0.0, 0.0, 0.0, 0.0, jumping=False)
     quiet_mm = QUIET_SHARE * buffer_mm
     most = extent_mm(seen.claimed, claims)
-    slow = _stretches(reduced, offset, seen, _CLEAR_BUFFERS * buffer_mm)
+    slow = swing_of(reduced, offset, seen, _CLEAR_BUFFERS * buffer_mm)
     off = _off_rounds(reduced, offset, seen, OFF_BUFFERS * buffer_mm) if seen.torn else frozenset()
     off_share = len(off) / len(seen.claimed.kept)
     ups = [*seen.claimed.up, *[claim.up for claim in claims]]
     quiet = most <= quiet_mm and max(ups) - min(ups) <= height_mm  # whatever the claims hide is less than could win
     if quiet and _ranged_throughout(seen, TURNED_BUFFERS * buffer_mm):
-        return Moments(off_share, 0.0, sqrt(most * most + slow), most, jumping=False)
+        return Moments(off_share, 0.0, sqrt(most * most + slow), most, jumping=False, swing_mm=sqrt(slow))
     during, around = _Count(), _Count()
     first_ms, last_ms = seen.span_ms
     held = []
@@ -152,6 +153,7 @@ def moments_of(
         unseen_share=max(during.unseen_share, around.unseen_share),
         waver_mm=sqrt(moved * moved + slow),
         rough_mm=rough,
+        swing_mm=sqrt(slow),
         jumping=said.jumps(JUMP_BUFFERS * buffer_mm) or seen.claimed.jumps(JUMP_BUFFERS * buffer_mm),
         leaping=track_of([claim for claim in judged if claim.t_ms >= last_ms - LEAP_MS]).jumps(
             LEAP_BUFFERS * buffer_mm
@@ -304,64 +306,3 @@ def _by_fixes(reduced: Reduced, seen: Residuals) -> float:
     for x, y in offsets:
         square += (x - east) * (x - east) + (y - north) * (y - north)
     return sqrt(square / len(offsets))
-
-
-def _stretches(reduced: Reduced, offset: Offset, seen: Residuals, clear_mm: float) -> float:
-    """Mean square (mm²) of the offsets of stretches of time about the whole, where more than noise; else 0.
-
-    Of halves, quarters, eighths and so on, the largest: a swing that one length of stretch averages out another shows.
-    """
-    count = len(seen.claimed.kept)
-    noise = 0.0
-    for anchor in reduced.anchors:
-        noise += anchor.white * anchor.count
-    variance = noise / len(reduced.anchors)
-    largest = 0.0
-    parts = 2
-    while parts == 2 or parts * _SHORTEST <= count:
-        square, spread = _of_stretches(reduced, offset, seen, parts, variance * parts / count)
-        largest = max(largest, square)
-        if spread > clear_mm * clear_mm:
-            break
-        parts *= 2
-    return largest
-
-
-def _of_stretches(
-    reduced: Reduced, offset: Offset, seen: Residuals, parts: int, variance: float
-) -> tuple[float, float]:
-    """(mean square of the offsets of so many stretches where more than noise, that which noise alone makes), mm²."""
-    count = len(seen.claimed.kept)
-    away: list[list[float | None]] = [[] for _ in range(parts)]
-    for column, middle_mm in seen.series:
-        sums, counts = [0.0] * parts, [0] * parts
-        for position, value in zip(column.rounds, column.values, strict=True):
-            part = position * parts // count
-            sums[part] += value
-            counts[part] += 1
-        for part in range(parts):
-            away[part].append(sums[part] / counts[part] - middle_mm if counts[part] else None)
-    chi2 = square = spread = 0.0
-    for part, residuals in enumerate(away):
-        # The middle round of a stretch stands for it.
-        middle = (2 * part + 1) * count // (2 * parts)
-        sights = Sights(reduced, offset, seen.claimed.east[middle], seen.claimed.north[middle], seen.claimed.up[middle])
-        found = sights.offset(residuals)
-        if found is not None:
-            east, north, explained = found
-            chi2 += explained / variance
-            square += (east * east + north * north) / parts
-            spread += sights.spread() / parts
-    noise = variance * spread * (parts - 1) / parts
-    if chi2 <= _limit(2 * (parts - 1)):
-        return 0.0, noise
-    return max(square - noise, 0.0), noise
-
-
-def _limit(freedom: int) -> float:
-    """χ² that one in a thousand exceeds; beyond the table by Wilson and Hilferty's cube."""
-    if freedom <= len(CHI2_LIMITS):
-        return CHI2_LIMITS[freedom - 1]
-    part = 2.0 / (9.0 * freedom)
-    root = 1.0 - part + THOUSANDTH_Z * sqrt(part)
-    return freedom * root * root * root

@@ -44,6 +44,9 @@ MOST_LIE_MM: Final = 10_000.0
 LEAST_DROPPED_MM: Final = 1_500.0
 MOST_DROPPED_MM: Final = 4_000.0
 _FASTEST: Final = 6.0
+SWINGS: Final = (1.0, 1.03, 2.0, 2.06, 3.0, 4.0, 4.1, 6.0, 8.0)
+"""Periods in the session that the attacker plans for."""
+ACCELERATION_MM_MS2: Final = 0.01
 
 
 def plan(rng: np.random.Generator, kind: int, share: float, planned_ms: float) -> Floats:
@@ -131,6 +134,31 @@ def mixed(
         heard_mm=heard(rng, pad, truth) if level >= TIMED_LEVEL else None,
         witness=witness,
         witness_heard_mm=None if witness is None else heard(rng, witness, truth),
+    )
+
+
+def swinging(level: int, pad: LabPad, rng: np.random.Generator, count: int) -> Batch:
+    """It claims to hover, and swings across the line of sight: whole periods in the session, or nearly."""
+    claim = np.rint(pad.places(rng, count))
+    planned_ms = float(ROUND_MS) * rng.choice(PLANNED_ROUNDS[2:], count)
+    period_ms = planned_ms / rng.choice(SWINGS, count)
+    # From one side to the other by turning as fast as it can all the time: two parabolas.
+    peak_mm = np.minimum(ACCELERATION_MM_MS2 * period_ms**2 / 32.0, rng.uniform(1_200.0, 4_000.0, count))
+    part = 2.0 * ((round_times()[None, :] / period_ms[:, None] + rng.random((count, 1))) % 1.0)
+    side = np.where(part < 1.0, 1.0, -1.0) * 4.0 * (part % 1.0) * (1.0 - part % 1.0)
+    away = np.maximum(np.linalg.norm(claim[:, :2], axis=1), 1.0)
+    across = np.column_stack((-claim[:, 1] / away, claim[:, 0] / away, np.zeros(count)))
+    truth = claim[:, None, :] + (peak_mm[:, None] * side)[:, :, None] * across[:, None, :]
+    said = np.repeat(claim[:, None, :], len(claim_times(CLAIM_MS)), axis=1).astype(np.int64)
+    return Batch(
+        pad,
+        said,
+        measured(rng, pad, truth),
+        off(truth, said, CLAIM_MS),
+        level,
+        policy(level),
+        claim_ms=CLAIM_MS,
+        truth_mm=truth,
     )
 
 
@@ -222,6 +250,26 @@ ATTACKS: Final = (
             (Variant(TWO_WAY, make=partial(mixed, 2, pad, planned=middle_plan)),),
         )
         for suffix, pad, where in (("", SQUARE, "the lab's square"), ("-small-pad", SMALL, "the paper's pad"))
+    ),
+    *(
+        Attack(
+            f"swinging{suffix}",
+            Family.CLAIM,
+            f"It claims to hover, and swings by up to 4 m as fast as it can turn (10 m/s²); {where}",
+            "How it flies; its claims stand still.",
+            "Nothing.",
+            WINS,
+            "Means over stretches of the session, of many lengths, against what the radio's errors can be: those that "
+            "no place explains, and those from one round to the next.",
+            0,
+            (Variant(TWO_WAY, make=partial(swinging, 2, pad)),),
+            tolerated=tolerated,
+        )
+        # From 13 m the paper's pad knows a place to a metre in half a second: swings of 1.0 to 1.2 m can hide.
+        for suffix, pad, where, tolerated in (
+            ("", SQUARE, "the lab's square", 0.005),
+            ("-small-pad", SMALL, "the paper's pad", 0.03),
+        )
     ),
     Attack(
         "mixed-claims-aloud",

@@ -1,0 +1,128 @@
+"""Swings: a drone that comes and goes about its claims, seen in means over stretches of time.
+
+Errors of a radio that change slowly look alike in one anchor, but no place explains them: a drone that swings is where
+some place explains all anchors. So what no place explains tells how much of the stretches' scatter is the radio's.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import inf, sqrt
+from typing import Final
+
+from wonderland.proofs.estimate import Offset
+from wonderland.proofs.reduction import Reduced, Residuals
+from wonderland.proofs.sights import Sights
+from wonderland.proofs.special import CHI2_LIMITS
+
+TWENTIETH_Z: Final = 1.6449
+"""Standard deviations that one in twenty exceeds, on one side."""
+THOUSANDTH_Z: Final = 3.0902
+"""Standard deviations that one in a thousand exceeds, on one side."""
+_SHORTEST: Final = 3
+"""Rounds of the shortest one."""
+_ROUNDED_MM2: Final = 100.0 / 12.0
+"""Variance of what rounding to 10 mm leaves."""
+
+
+def swing_of(reduced: Reduced, offset: Offset, seen: Residuals, clear_mm: float) -> float:
+    """Mean square (mm²) of the offsets of stretches of time about the whole, where more than noise; else 0.
+
+    Of halves, quarters, eighths and so on, the largest: a swing that one length of stretch averages out another shows.
+    """
+    count = len(seen.claimed.kept)
+    modelled, least = _noise(reduced, seen)
+    largest = 0.0
+    parts = 2
+    while parts == 2 or parts * _SHORTEST <= count:
+        share = parts / count
+        square, spread = _of_stretches(reduced, offset, seen, parts, modelled * share, least * share)
+        largest = max(largest, square)
+        if spread > clear_mm * clear_mm:
+            break
+        parts *= 2
+    return largest
+
+
+def _noise(reduced: Reduced, seen: Residuals) -> tuple[float, float]:
+    """Variance (mm²) of one range, mean of the anchors: for means over many rounds, and from one round to the next.
+
+    The first counts that errors of neighbouring rounds are alike, which a drone that swings about its claims can feign.
+    The second is half the mean square of successive differences (von Neumann), which it can not.
+    """
+    modelled = least = 0.0
+    for anchor, (column, _) in zip(reduced.anchors, seen.series, strict=True):
+        square = 0.0
+        for earlier, later in pairwise(column.values):
+            square += (later - earlier) * (later - earlier)
+        modelled += anchor.white * anchor.count
+        least += square / (2.0 * max(len(column.values) - 1, 1))
+    anchors = len(reduced.anchors)
+    return modelled / anchors, max(least / anchors, _ROUNDED_MM2)
+
+
+def _of_stretches(
+    reduced: Reduced, offset: Offset, seen: Residuals, parts: int, modelled: float, least: float
+) -> tuple[float, float]:
+    """(mean square of the offsets of so many stretches where more than noise, that which noise alone makes), mm².
+
+    ``modelled``, ``least``: the variance of a stretch's mean by the session's correlation, and without any. What no
+    place explains tells which it is: errors of the radio are there as well, a drone that swings is not.
+    """
+    count = len(seen.claimed.kept)
+    away: list[list[float | None]] = [[] for _ in range(parts)]
+    for column, middle_mm in seen.series:
+        sums, counts = [0.0] * parts, [0] * parts
+        for position, value in zip(column.rounds, column.values, strict=True):
+            part = position * parts // count
+            sums[part] += value
+            counts[part] += 1
+        for part in range(parts):
+            away[part].append(sums[part] / counts[part] - middle_mm if counts[part] else None)
+    explained = square = spread = left = 0.0
+    freedom = 0
+    for part, residuals in enumerate(away):
+        # The middle round of a stretch stands for it.
+        middle = (2 * part + 1) * count // (2 * parts)
+        sights = Sights(reduced, offset, seen.claimed.east[middle], seen.claimed.north[middle], seen.claimed.up[middle])
+        found = sights.offset(residuals)
+        if found is not None:
+            east, north, by_offset = found
+            explained += by_offset
+            square += (east * east + north * north) / parts
+            spread += sights.spread() / parts
+            unexplained, dimensions = sights.unexplained(residuals)
+            left += unexplained
+            freedom += dimensions
+    below = freedom * (parts - 1) // parts
+    told = max(least, left / below) if below else modelled
+    variance = min(modelled, told)
+    noise = variance * spread * (parts - 1) / parts
+    over = 2 * (parts - 1)
+    if explained / variance <= (_limit(over) if variance == modelled else _ratio_limit(over, below)):
+        return 0.0, noise
+    return max(square - noise, 0.0), noise
+
+
+def _limit(freedom: int) -> float:
+    """χ² that one in a thousand exceeds; beyond the table by Wilson and Hilferty's cube."""
+    if freedom <= len(CHI2_LIMITS):
+        return CHI2_LIMITS[freedom - 1]
+    part = 2.0 / (9.0 * freedom)
+    root = 1.0 - part + THOUSANDTH_Z * sqrt(part)
+    return freedom * root * root * root
+
+
+def _ratio_limit(freedom: int, below: int) -> float:
+    """Explained over the variance of ``below`` degrees of freedom that one in twenty exceeds, without a swing.
+
+    Fisher's F by Paulson's cube, times ``freedom``; without end where so few say nothing. One in twenty, as the
+    variance is only guessed: a swing that is none costs an honest drone a part of its reach and no permission.
+    """
+    over, under = 2.0 / (9.0 * freedom), 2.0 / (9.0 * below)
+    z2 = TWENTIETH_Z * TWENTIETH_Z
+    a, b, c = (1.0 - under) * (1.0 - under) - z2 * under, (1.0 - over) * (1.0 - under), (1.0 - over) * (1.0 - over)
+    if a <= 0.0:
+        return inf
+    root = (b + sqrt(b * b - a * (c - z2 * over))) / a
+    return freedom * root * root * root
