@@ -6,14 +6,13 @@ import asyncio
 import contextlib
 import gzip
 import os
-import re
 import struct
 import time
 import tracemalloc
-from pathlib import Path
 
 import pytest
 
+from wonderland import messages
 from wonderland_backend.http.transfer import new_client
 from wonderland_backend.maps.archive import Archive, ArchiveError, ReplacedError, credits_of
 from wonderland_backend.maps.imagery import Imagery, ImageryError
@@ -22,8 +21,7 @@ from wonderland_backend.maps.service import Maps
 from wonderland_backend.settings.maps import MapSettings
 from wonderland_simulator.place.archive import write
 
-WORDS = Path(__file__).parents[2] / "frontend" / "src" / "map" / "missingTexts.ts"
-CODES = set(re.findall(r'^    (\w+): "', WORDS.read_text("utf-8").partition("whyTexts")[2], re.MULTILINE))
+CODES = messages.keys_of("maps")
 """For which the console has words."""
 LAYERS = ("earth", "water", "roads")
 

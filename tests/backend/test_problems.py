@@ -35,23 +35,28 @@ def test_every_kind_of_problem_has_its_title():
     assert messages.keys_of("problem-titles") == messages.keys_of("problem-titles", "fi")
 
 
-def sentences():
-    """Every sentence that the backend says: where, its key, the facts that it gives."""
+SAYING = {"said": "problems", "ArchiveError": "maps", "ReplacedError": "maps", "ImageryError": "maps"}
+"""What is called with a key and facts, and of which catalogue they are."""
+
+
+def sentences(domain):
+    """Every sentence of a catalogue that the backend says: where, its key, the facts that it gives."""
     for path in SOURCE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "said":
+            if isinstance(node, ast.Call) and SAYING.get(getattr(node.func, "id", "")) == domain:
                 key, facts = node.args[0], {each.arg for each in node.keywords}
                 assert isinstance(key, ast.Constant), f"{path}:{node.lineno}: its key stands where it is said"
                 yield f"{path.relative_to(SOURCE)}:{node.lineno}", key.value, facts
 
 
 @pytest.mark.parametrize("language", messages.LANGUAGES)
-def test_every_sentence_is_in_every_language_with_the_facts_that_are_given(language):
-    said = {}
-    for where, key, facts in sentences():
-        said[key] = facts
-        assert messages.facts_of("problems", key, language) == facts, f"{where} {key}"
-    assert said.keys() == messages.keys_of("problems", language)
+@pytest.mark.parametrize("domain", sorted(set(SAYING.values())))
+def test_every_sentence_is_in_every_language_with_the_facts_that_are_given(domain, language):
+    said = set()
+    for where, key, facts in sentences(domain):
+        said.add(key)
+        assert messages.facts_of(domain, key, language) == facts, f"{where} {key}"
+    assert said == messages.keys_of(domain, language)
 
 
 def test_what_no_catalogue_has_cannot_be_said():

@@ -21,6 +21,8 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlsplit
 
+from wonderland import messages
+
 HEADER_BYTES: Final = 127
 MAX_METADATA: Final = 1 << 20
 MAX_ATTRIBUTION: Final = 300
@@ -39,10 +41,10 @@ SETTLING_NS: Final = 2_000_000_000
 
 
 class MapError(Exception):
-    """Why something cannot be shown, as a code with facts; the text says the same in English."""
+    """Why something cannot be shown, as a code of the catalogue `maps` with facts; as a text, for logs, English."""
 
-    def __init__(self, code: str, text: str, **facts: str | float) -> None:
-        super().__init__(text)
+    def __init__(self, code: str, **facts: str | int) -> None:
+        super().__init__(messages.text("maps", code, facts))
         self.code = code
         self.facts = facts
 
@@ -102,11 +104,11 @@ class Archive:
         with self._opened() as file:
             self._described(file)
             if _tag(_seen(file)) != tag:
-                raise ReplacedError("replaced", "the file was replaced")
+                raise ReplacedError("replaced")
             body = os.pread(file, length, first)
             # Overwritten in place, it may have become another one while it was read.
             if _tag(_seen(file)) != tag or len(body) != length:
-                raise ReplacedError("replaced", "the file is being replaced")
+                raise ReplacedError("replaced")
             return body
 
     @contextmanager
@@ -116,12 +118,12 @@ class Archive:
             file = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
             try:
                 if not stat.S_ISREG(os.fstat(file).st_mode):
-                    raise ArchiveError("no_file", "it is no file")
+                    raise ArchiveError("no_file")
                 yield file
             finally:
                 os.close(file)
         except OSError as cause:
-            raise ArchiveError("unreadable", f"the file cannot be read: {cause.strerror}") from None
+            raise ArchiveError("unreadable", error=cause.strerror or "?") from None
 
     def _described(self, file: int) -> Description:
         seen = _seen(file)
@@ -152,38 +154,30 @@ def _read(file: int, seen: Seen, *, vector: bool) -> Description:
     size = seen[1]
     head = os.pread(file, HEADER_BYTES, 0)
     if head[:7] != MAGIC or len(head) < HEADER_BYTES or head[7] != VERSION:
-        raise ArchiveError("no_pmtiles", "it is no PMTiles archive of version 3")
+        raise ArchiveError("no_pmtiles")
     root, root_length, words, words_length, leaves, leaves_length, tiles, tiles_length = struct.unpack_from(
         "<8Q", head, 8
     )
     for start, length in ((root, root_length), (words, words_length), (leaves, leaves_length), (tiles, tiles_length)):
         if start + length > size:
-            needed = start + length
-            raise ArchiveError(
-                "cut_off", f"it is cut off: it has {size} bytes and needs {needed}", size=size, needed=needed
-            )
+            raise ArchiveError("cut_off", size=size, needed=start + length)
     packing, tile_type, min_zoom, max_zoom = head[97], head[99], head[100], head[101]
     if packing not in {NONE, GZIP}:
-        raise ArchiveError("packing", "its directories are packed in a way that browsers cannot undo; gzip is fine")
+        raise ArchiveError("packing")
     kind = KINDS.get(tile_type, "unknown")
     if (kind == "vector") is not vector or kind == "unknown":
-        wanted = "vector tiles" if vector else "images"
-        given = "of an unknown kind" if kind == "unknown" else kind
-        text = f"its tiles are {given}, not {wanted}"
-        raise ArchiveError("kind", text, kind=kind, wanted="vector" if vector else "images")
+        raise ArchiveError("kind", kind=kind, wanted="vector" if vector else "images")
     if vector and head[98] not in {NONE, GZIP}:
-        raise ArchiveError("packing", "its tiles are packed in a way that browsers cannot undo; gzip is fine")
+        raise ArchiveError("packing")
     west, south, east, north = (each / 1e7 for each in struct.unpack_from("<4i", head, 102))
     if not (-180 <= west < east <= 180 and -90 <= south < north <= 90 and min_zoom <= max_zoom <= 24):
-        raise ArchiveError("bounds", "its bounds or zooms make no sense")
+        raise ArchiveError("bounds")
     metadata = _metadata(os.pread(file, min(words_length, MAX_METADATA), words), packing)
     layers = tuple(
         str(each["id"])[:64] for each in metadata.get("vector_layers") or [] if isinstance(each, dict) and "id" in each
     )
     if vector and not NEEDED.issubset(layers):
-        lacking = ", ".join(sorted(NEEDED - set(layers)))
-        text = f"it has no layers {lacking}: the map is drawn from the Protomaps schema"
-        raise ArchiveError("layers", text, layers=lacking)
+        raise ArchiveError("layers", layers=", ".join(sorted(NEEDED - set(layers))))
     return Description(
         tag=_tag(seen),
         changed_ns=seen[2],
@@ -203,9 +197,9 @@ def _metadata(data: bytes, packing: int) -> dict[str, Any]:
             data = zlib.decompressobj(wbits=31).decompress(data, MAX_METADATA)
         value = json.loads(data or b"{}")
     except (zlib.error, gzip.BadGzipFile, ValueError, RecursionError):
-        raise ArchiveError("metadata", "its metadata cannot be read") from None
+        raise ArchiveError("metadata") from None
     if not isinstance(value, dict):
-        raise ArchiveError("metadata", "its metadata cannot be read")
+        raise ArchiveError("metadata")
     return value
 
 

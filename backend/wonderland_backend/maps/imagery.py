@@ -72,25 +72,19 @@ class Imagery:
                 if answer.status_code == httpx.codes.NOT_FOUND:
                     return "image/png", b""
                 if answer.is_redirect:
-                    raise ImageryError(
-                        "wmts_elsewhere", "the WMTS sends its readers elsewhere; set the address that it leads to"
-                    )
+                    raise ImageryError("wmts_elsewhere")
                 if answer.status_code != httpx.codes.OK or kind not in IMAGES:
-                    told = kind or "no type"
-                    text = f"the WMTS answers with {answer.status_code} and {told}"
-                    raise ImageryError("wmts_answer", text, status=answer.status_code, kind=told)
+                    raise ImageryError("wmts_answer", status=answer.status_code, kind=kind or "no type")
                 if answer.headers.get("content-encoding", "identity") != "identity":
-                    raise ImageryError("wmts_packed", "the WMTS packs its images, which it was asked not to do")
+                    raise ImageryError("wmts_packed")
                 async for part in answer.aiter_raw():
                     body += part
                     if len(body) > MAX_TILE:
-                        limit = MAX_TILE >> 20
-                        raise ImageryError("wmts_large", f"the WMTS sends images of more than {limit} MB", limit=limit)
+                        raise ImageryError("wmts_large", limit=MAX_TILE >> 20)
         except TimeoutError:
-            raise ImageryError("wmts_slow", f"the WMTS does not answer within {limit_s:g} s", limit=limit_s) from None
+            raise ImageryError("wmts_slow", limit=f"{limit_s:g}") from None
         except (httpx.HTTPError, httpx.InvalidURL) as cause:
-            error = type(cause).__name__
-            raise ImageryError("wmts_away", f"the WMTS cannot be reached ({error})", error=error) from None
+            raise ImageryError("wmts_away", error=type(cause).__name__) from None
         return kind, bytes(body)
 
     def _keep(self, key: tuple[int, int, int], found: tuple[str, bytes]) -> None:

@@ -1,7 +1,7 @@
 import missingEn from "@messages/en/console/missing.json";
-import whyEn from "@messages/en/console/why-missing.json";
+import whyEn from "@messages/en/maps.json";
 import missingFi from "@messages/fi/console/missing.json";
-import whyFi from "@messages/fi/console/why-missing.json";
+import whyFi from "@messages/fi/maps.json";
 import { texts } from "../shared/i18n/texts";
 import type { BaseMap } from "./place";
 
