@@ -11,8 +11,31 @@ from playwright.sync_api import expect, sync_playwright
 ROOT = Path(__file__).resolve().parents[2]
 FRONTEND = ROOT / "frontend"
 ON_PATH = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+NOT_WANTED = (
+    # Each window brings two pages of the address line's pop-up and a page in reserve: three times the price of a window.
+    "WebUIOmniboxPopup",
+    "WebUIOmniboxAimPopup",
+    "AimEnabled",
+    "SpareRendererForSitePerProcess",
+    # What Playwright turns off by the same switch, of which the last one holds.
+    "AvoidCorsURLLoaderRestartOnRedirect",
+    "AvoidUnnecessaryBeforeUnloadCheckSync",
+    "CDPScreenshotNewSurface",
+    "DestroyProfileOnBrowserClose",
+    "HttpsFirstBalancedModeAutoEnable",
+    "HttpsUpgrades",
+    "LensOverlay",
+    "MediaRouter",
+    "NetworkTimeServiceQuerying",
+    "OptimizationHints",
+    "PaintHolding",
+    "PreconnectToSearch",
+    "SkipListAccountsWithoutGaiaCookies",
+    "ThirdPartyStoragePartitioning",
+)
 FLAGS = (
     "--no-sandbox",
+    "--disable-features=" + ",".join(NOT_WANTED),
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
