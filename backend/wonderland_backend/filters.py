@@ -35,7 +35,7 @@ class PageQuery(BaseModel):
 
 
 class TimeQuery(PageQuery):
-    """A span of time."""
+    """Only what is of a span of time, both ends included."""
 
     since_ms: int | None = Field(default=None, ge=0, le=MAX_TIME_MS, description="From this time on (Unix, ms)")
     until_ms: int | None = Field(default=None, ge=0, le=MAX_TIME_MS, description="Until this time, included (Unix, ms)")
@@ -53,14 +53,14 @@ class AboutQuery(TimeQuery):
 
 
 class PadQuery(PageQuery):
-    """Which pads."""
+    """What a list of pads is narrowed by."""
 
     operator: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only of this operator")
     bbox: str | None = Field(default=None, pattern=areas.PATTERN, description=f"Only within: {areas.DESCRIPTION}")
 
 
 class DroneQuery(PageQuery):
-    """Which drones."""
+    """What a list of drones is narrowed by."""
 
     operator: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only of this operator")
     bbox: str | None = Field(
@@ -69,7 +69,7 @@ class DroneQuery(PageQuery):
 
 
 class SessionQuery(AboutQuery):
-    """Which sessions."""
+    """What a list of sessions is narrowed by."""
 
     state: Literal["requested", "decided", "completed", "cancelled"] | None = None
     outcome: Literal["verified", "refuted", "inconclusive"] | None = None
@@ -77,7 +77,7 @@ class SessionQuery(AboutQuery):
 
 
 class VerdictQuery(SessionQuery):
-    """Which verdicts."""
+    """What a list of verdicts is narrowed by."""
 
     after_block: int | None = Field(
         default=None,
@@ -88,7 +88,7 @@ class VerdictQuery(SessionQuery):
 
 
 class FindingQuery(TimeQuery):
-    """Which findings."""
+    """What a list of receivers' findings is narrowed by."""
 
     pad: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only of this pad's receiver")
     drone: str | None = Field(default=None, pattern=_ID, max_length=40, description="Only of this drone")

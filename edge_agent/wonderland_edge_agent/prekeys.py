@@ -51,7 +51,7 @@ class PrekeyLedger(Protocol):
     """The ledger, as far as prekeys go."""
 
     async def publish_prekeys(self, pad_id: str, prekeys: tuple[OfferedPrekey, ...]) -> Committed:
-        """Offer keys."""
+        """Publish one-time keys on the ledger."""
         ...
 
     async def list_prekeys(self, pad_id: str, limit: int = 10) -> tuple[Prekey, ...]:

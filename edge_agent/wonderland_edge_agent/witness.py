@@ -57,7 +57,7 @@ class WitnessRadios(Protocol):
         """Time-stamp blinks until ``close_session``; raises where no node can."""
 
     async def close_session(self) -> None:
-        """Stop."""
+        """End what `listen` began."""
 
 
 class WitnessPrekeys(Protocol):
@@ -82,7 +82,7 @@ class WitnessLedger(Protocol):
     async def witness_proof(
         self, session_id: str, radio: Radio, time_stamps: TimeStamps
     ) -> tuple[Testimony, Committed]:
-        """Testify."""
+        """Submit what this pad measured of another pad's session; it stands beside the proof."""
         ...
 
     async def read_session(self, session_id: str) -> Session:

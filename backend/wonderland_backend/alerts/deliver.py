@@ -74,7 +74,7 @@ class Delivery:
         self._poster = poster or poster_of(settings, (urlsplit(url).hostname or "" for url in settings.alert_webhooks))
 
     async def run(self) -> None:
-        """Until cancelled."""
+        """Send what is due every two seconds, until cancelled."""
         try:
             while True:
                 try:

@@ -49,7 +49,7 @@ class Alert(ApiModel):
 
 
 class AlertCount(ApiModel):
-    """How many there are."""
+    """How many alerts wait for somebody."""
 
     inbox: int = Field(description="Open or returned, and not asleep")
 
@@ -105,7 +105,7 @@ class Act(BaseModel):
 
 
 class AlertQuery(AboutQuery):
-    """Which alerts."""
+    """What a list of alerts is narrowed by."""
 
     state: Literal["inbox", "snoozed", "open", "acknowledged", "returned", "over"] | None = Field(
         default=None, description="inbox: open or returned, and not asleep"

@@ -36,7 +36,7 @@ Row = dict[str, Any]
 
 
 def row_of(alert: Alert, now_ms: int) -> Row:
-    """A new alert's row."""
+    """An alert as it is written when it is raised: open, with nobody assigned."""
     return {
         "alert_id": alert.alert_id,
         "kind": alert.kind,

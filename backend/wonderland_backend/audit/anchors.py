@@ -98,7 +98,7 @@ class Anchoring:
         self._clock = clock
 
     async def run(self, instance: str) -> None:
-        """Until cancelled."""
+        """Anchor the log's head again and again, until cancelled."""
         anchors = Anchors(self._contract, instance)
         while True:
             await asyncio.sleep(self._every_s)

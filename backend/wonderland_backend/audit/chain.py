@@ -26,11 +26,11 @@ class Actor(Protocol):
 
     @property
     def person_id(self) -> str:
-        """Whose account it is."""
+        """Identifier of the account or machine that acted."""
 
     @property
     def name(self) -> str:
-        """What they are called."""
+        """Name as it stood when they acted; the log keeps it."""
 
 
 async def record(

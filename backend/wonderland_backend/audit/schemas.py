@@ -43,7 +43,7 @@ class AuditCheck(ApiModel):
 
 
 class AuditQuery(TimeQuery):
-    """Which entries."""
+    """What the audit log is narrowed by."""
 
     person: str | None = Field(default=None, pattern="^[0-9a-f]{32}$", description="person_id")
     act: Act | None = None

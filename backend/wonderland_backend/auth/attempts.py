@@ -21,7 +21,7 @@ class Attempts:
         self._counts: dict[str, int] = {}
 
     def count(self, address: str, now_ms: int) -> None:
-        """Raises `TooManyRequests`."""
+        """One more attempt from an address. Raises `TooManyRequests` beyond the minute's allowance."""
         if not 0 <= now_ms - self._began_ms < WINDOW_MS or len(self._counts) >= MAX_ADDRESSES:
             self._began_ms = now_ms
             self._counts = {}

@@ -14,7 +14,7 @@ AuthorisationPage = page_of("AuthorisationPage", Authorisation)
 
 
 class AuthorisationQuery(PageQuery):
-    """Which authorisations."""
+    """What a list of authorisations is narrowed by."""
 
     drone: str | None = Field(default=None, pattern=_ID, max_length=40, description="Only of this drone")
     operator: str | None = Field(default=None, pattern=_ID, max_length=64, description="Only of this operator's drones")

@@ -33,7 +33,7 @@ class NewCertificate(BaseModel):
     pem: str | None = Field(default=None, max_length=20_000, description="The certificate itself, self-signed or not")
 
     def known_by(self) -> ByCertificate:
-        """Raises `ClientError`."""
+        """The certificate by which the client will be known. Raises `ClientError`."""
         given = [(kind, value) for kind in NAMES if (value := getattr(self, kind)) is not None]
         if len(given) + (self.pem is not None) != 1:
             raise ClientError(said("client_certificate_one"))

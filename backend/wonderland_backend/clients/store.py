@@ -99,7 +99,7 @@ class NewClient:
     """The certificate by which it authenticates in place of both."""
 
     def check(self) -> None:
-        """Raises `ClientError`."""
+        """Raises `ClientError` for what cannot be registered so."""
         if not 0 < len(self.name) <= 120:
             raise ClientError(said("client_name"))
         unknown = [scope for scope in self.scopes if scope not in SCOPES]

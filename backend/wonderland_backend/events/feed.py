@@ -46,7 +46,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Filter:
-    """Which events. Empty: all."""
+    """What a list, stream or subscription of events is narrowed by. Empty: all."""
 
     types: frozenset[str] = field(default_factory=frozenset)
     pads: frozenset[str] = field(default_factory=frozenset)
@@ -164,12 +164,12 @@ class Commits:
         self.stopping = False
 
     def pulse(self) -> None:
-        """A commit has happened."""
+        """Wake every stream: the mirror has committed something."""
         self._next.set()
         self._next = asyncio.Event()
 
     def stop(self) -> None:
-        """The server stops."""
+        """End every stream, since the server stops."""
         self.stopping = True
         self.pulse()
 

@@ -36,7 +36,7 @@ class EventPage(ApiModel):
 
 
 class EventQuery(BaseModel):
-    """Which events."""
+    """What a list of events is narrowed by."""
 
     model_config = ConfigDict(extra="forbid")
 

@@ -22,7 +22,7 @@ class Streams:
 
     @property
     def count(self) -> int:
-        """How many are open."""
+        """Streams that are open now, of everybody."""
         return self._open.total()
 
     def check(self, person_id: str) -> None:

@@ -40,7 +40,7 @@ class Counts:
 
     @property
     def rows(self) -> int:
-        """All of them."""
+        """Rows of all kinds together."""
         return sum(self.of.values())
 
 

@@ -42,7 +42,7 @@ class ExportArea(BaseModel):
 
 
 class ExportQuery(BaseModel):
-    """What to export."""
+    """Window, format and filters of an export."""
 
     model_config = ConfigDict(extra="forbid")
 

@@ -43,7 +43,7 @@ class Flight:
         return cls(flight_id, uav_id, first[0], last[0], len(positions), *box, *first[1:], *last[1:])
 
     def to_row(self) -> dict[str, Any]:
-        """The row."""
+        """The flight as a row of the database."""
         return asdict(self)
 
 

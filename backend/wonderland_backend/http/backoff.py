@@ -31,7 +31,7 @@ class Backoff:
         self.until_ms = now_ms + int(1000 * max(wait_s, retry_s or 0.0))
 
     def succeeded(self) -> None:
-        """It answered."""
+        """It answered: the next failure waits for the first, short time again."""
         self._failures = 0
         self.until_ms = 0
 

@@ -44,7 +44,7 @@ class Lock(Protocol):
         """Raises `DatabaseError` where it is ours no longer."""
 
     async def release(self) -> None:
-        """Others may have it."""
+        """Give the lock back, so that a standby can take it."""
 
 
 class PostgresLock:

@@ -193,7 +193,7 @@ class Outputs(ApiModel):
 
 
 class ServerStatus(ApiModel):
-    """This backend."""
+    """What runs here, since which start, and what of it is switched on."""
 
     version: str
     epoch: str = Field(description="Changes with each start; see the live interface's resume")
@@ -202,7 +202,7 @@ class ServerStatus(ApiModel):
 
 
 class Counts(ApiModel):
-    """How many there are."""
+    """How much of each kind there is, and of the sessions how many came out how."""
 
     pads: int
     pads_connected: int

@@ -25,7 +25,7 @@ IMAGES: Final = ("image/png", "image/jpeg", "image/webp", "image/avif")
 
 
 class ImageryError(MapError):
-    """No image."""
+    """The WMTS gave no image that browsers may be shown."""
 
 
 class Imagery:

@@ -18,7 +18,7 @@ SETTING: Final = "WONDERLAND_BACKEND_MAP__"
 
 
 class Maps:
-    """What the settings name."""
+    """The archives and the WMTS that the settings name."""
 
     def __init__(self, settings: MapSettings, client: httpx.AsyncClient) -> None:
         self.settings = settings

@@ -32,8 +32,8 @@ class AfterCommit(Subscriber[None]):
         self._tell = tell
 
     async def in_transaction(self, connection: AsyncConnection, changes: Changes) -> None:
-        """Nothing."""
+        """Takes no part in the transaction."""
 
     def after_commit(self, changes: Changes, found: None) -> None:  # noqa: ARG002
-        """Told."""
+        """Told once the block is committed."""
         self._tell(changes)

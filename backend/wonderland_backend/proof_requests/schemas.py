@@ -52,7 +52,7 @@ class ProofRequest(ApiModel):
 
 
 class ProofRequestQuery(PageQuery):
-    """Which requests."""
+    """What a list of requests is narrowed by."""
 
     drone: str | None = Field(default=None, pattern=_ID, max_length=40)
     pad: str | None = Field(default=None, pattern=_ID, max_length=64)

@@ -119,7 +119,7 @@ class Proof(ApiModel):
 
 
 class ProofQuery(AboutQuery):
-    """Which proofs."""
+    """What a list of proofs is narrowed by."""
 
     outcome: Outcome | None = None
 

@@ -21,7 +21,7 @@ _Msp = Annotated[str | None, Field(default=None, max_length=64, description="Onl
 
 
 class DroneQuery(PageQuery):
-    """Which drones."""
+    """What the registry's list of drones is narrowed by."""
 
     q: _Text
     msp: _Msp
@@ -30,7 +30,7 @@ class DroneQuery(PageQuery):
 
 
 class PadQuery(PageQuery):
-    """Which pads."""
+    """What the registry's list of pads is narrowed by."""
 
     q: _Text
     msp: _Msp
@@ -48,7 +48,7 @@ class CertificateQuery(PageQuery):
 
 
 class HistoryQuery(PageQuery):
-    """Whose history."""
+    """The drone or pad whose changes are listed."""
 
     kind: Literal["drone", "pad"]
     id: str = Field(min_length=1, max_length=64)
@@ -171,7 +171,7 @@ class RegistryOrganisation(ApiModel):
 
 
 class RegistryOrganisations(ApiModel):
-    """All of them."""
+    """Every organisation of the channel."""
 
     items: list[RegistryOrganisation]
 

@@ -34,7 +34,7 @@ class Arrivals(Subscriber[None]):
         await _note_blocks(connection, changes.blocks, self._clock())
 
     def after_commit(self, changes: Changes, found: None) -> None:
-        """Nothing."""
+        """Has nothing to do after the commit."""
 
 
 async def _note_blocks(connection: AsyncConnection, blocks: Sequence[BlockWrite], now_ms: int) -> None:

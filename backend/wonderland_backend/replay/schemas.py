@@ -76,7 +76,7 @@ class PastRefusal(ApiModel):
 
 
 class MomentQuery(BaseModel):
-    """Which moment."""
+    """The moment whose picture is rebuilt."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -84,7 +84,7 @@ class MomentQuery(BaseModel):
 
 
 class SpanQuery(BaseModel):
-    """Which span of time."""
+    """The span of which marks are listed."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -99,7 +99,7 @@ class SpanQuery(BaseModel):
 
 
 class FramesQuery(SpanQuery):
-    """Which frames."""
+    """The span to play, and how finely."""
 
     step_ms: int = Field(default=200, ge=50, le=60_000, description="A frame for each such step of the past")
     snapshot: bool = Field(default=True, description="Begin with a hello and a snapshot; false: continue a film")
@@ -118,7 +118,7 @@ class MarksQuery(SpanQuery):
 
 
 class RefusalQuery(MomentQuery):
-    """Which refusal."""
+    """The refusal to go to: the next one after, or the last one before, a moment."""
 
     direction: Literal["next", "previous"]
 

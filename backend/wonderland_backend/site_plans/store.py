@@ -36,6 +36,6 @@ async def keep(connection: AsyncConnection, pad_id: str, body: bytes, now_ms: in
 
 
 async def find(database: AsyncSession, pad_id: str, sha256: str) -> bytes | None:
-    """The file."""
+    """A kept plan's bytes, by its pad and SHA-256."""
     row = await database.get(SitePlanRow, (pad_id, sha256))
     return None if row is None else row.body

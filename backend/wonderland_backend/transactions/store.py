@@ -57,7 +57,7 @@ async def count_since(database: AsyncSession, person_id: str, since_ms: int) -> 
 
 
 async def find(database: AsyncSession, tx_id: str) -> Row | None:
-    """One of them."""
+    """The transaction with this id; None where there is none."""
     return await database.get(Row, tx_id)
 
 

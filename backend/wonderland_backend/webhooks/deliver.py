@@ -53,7 +53,7 @@ class Webhooks:
         """Who sends to a subscription just now: each has one of its own, so that none waits for another's receiver."""
 
     async def run(self) -> None:
-        """Until cancelled."""
+        """Send what is due again and again, until cancelled."""
         try:
             while True:
                 upcoming, more = self._commits.upcoming, False
@@ -160,7 +160,7 @@ class Webhooks:
             logger.exception("webhooks of %s could not be sent; trying again", subscription_id)
 
     async def _send(self, delivery: DeliveryRow, subscription: SubscriptionRow) -> bool:
-        """Whether it arrived."""
+        """Send one delivery and write down how it went; whether it arrived."""
         if not await self._claim(delivery):
             return False
         now = self._clock()

@@ -92,7 +92,7 @@ class WebhookDelivery(ApiModel):
 
 
 class DeliveryQuery(PageQuery):
-    """Which deliveries."""
+    """What a subscription's deliveries are narrowed by."""
 
     state: Literal["waiting", "delivered", "dead"] | None = None
 

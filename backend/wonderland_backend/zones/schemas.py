@@ -76,7 +76,7 @@ ZonePage = page_of("ZonePage", Zone)
 
 
 class ZoneQuery(PageQuery):
-    """Which zones."""
+    """What a list of zones is narrowed by."""
 
     bbox: str | None = Field(default=None, pattern=PATTERN, description=DESCRIPTION)
     type: ZoneType | None = None
@@ -152,14 +152,14 @@ class ImportQuery(BaseModel):
 
 
 class ImportsQuery(PageQuery):
-    """Which imports."""
+    """What the list of imports is narrowed by."""
 
     source: str | None = Field(default=None, pattern=SOURCE)
     current: bool | None = Field(default=None, description="Only those that hold, or only those that were replaced")
 
 
 class ExportQuery(BaseModel):
-    """Which data sets."""
+    """The source whose data set is exported; all without."""
 
     model_config = ConfigDict(extra="forbid")
 

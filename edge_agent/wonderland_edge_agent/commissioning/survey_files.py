@@ -76,7 +76,7 @@ class Survey:
 
     @property
     def places_m(self) -> dict[str, Point]:
-        """By name."""
+        """Each anchor's place in metres, by its name."""
         return {anchor.anchor_id: anchor.place_m for anchor in self.anchors}
 
 

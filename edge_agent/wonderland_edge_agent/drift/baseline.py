@@ -48,7 +48,7 @@ class Baseline:
         return cls(summary(ranges_mm), t_ms, source)
 
     def to_json(self) -> dict[str, Any]:
-        """For a file."""
+        """As it is kept in a file."""
         return {
             "t_ms": self.t_ms,
             "source": self.source,
@@ -57,7 +57,7 @@ class Baseline:
 
     @classmethod
     def parse(cls, value: Any) -> Self:
-        """Raises BaselineError."""
+        """From a kept file. Raises BaselineError."""
         try:
             rows = value["pairs"]
             if len(rows) > MAX_PAIRS:

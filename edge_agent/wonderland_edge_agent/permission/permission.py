@@ -28,11 +28,11 @@ class LogPermission:
     """Writes it into the log."""
 
     async def grant(self, verdict: Verdict) -> None:
-        """One line."""
+        """Write one line to the log, and nothing else."""
         _log.info("permission: %s may %s at %s", verdict.uav_id, verdict.action, verdict.pad_id)
 
     async def withdraw(self, verdict: Verdict, reason: str) -> None:
-        """One line."""
+        """Write one line to the log, and nothing else."""
         _log.info("permission of %s at %s withdrawn: %s", verdict.uav_id, verdict.pad_id, reason)
 
 
@@ -87,11 +87,11 @@ class Permissions:
         self._parts = parts
 
     async def grant(self, verdict: Verdict) -> None:
-        """All of them."""
+        """Tell each of the parts."""
         await self._all([part.grant(verdict) for part in self._parts])
 
     async def withdraw(self, verdict: Verdict, reason: str) -> None:
-        """All of them."""
+        """Tell each of the parts."""
         await self._all([part.withdraw(verdict, reason) for part in self._parts])
 
     @staticmethod

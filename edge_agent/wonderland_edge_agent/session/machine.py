@@ -352,7 +352,7 @@ class PadSession:
             self._submit(now_ms, actions)
 
     def _submit(self, now_ms: int, actions: list[do.PadAction]) -> None:
-        """Step 7."""
+        """Step 7: submit the evidence to the ledger."""
         self.phase = Phase.SUBMITTING
         self._times.clear()
         self._gathered.frozen = self._frames.frozen = True

@@ -33,7 +33,7 @@ class StandardRoute(APIRoute):
     """A route whose refusals of parameters and bodies are 400, as the standard has them."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """The handler."""
+        """The route's handler, with refused parameters turned into 400."""
         handle = super().get_route_handler()
 
         async def handling(request: Request) -> Response:
