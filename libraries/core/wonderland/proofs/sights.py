@@ -21,6 +21,7 @@ class Sights:
     def __init__(self, reduced: Reduced, offset: Offset, east: float, north: float, up: float) -> None:
         self.sights: Final[list[tuple[float, float]]] = []
         self._climbs: Final[list[float]] = []
+        self._base: list[list[float]] | None = None
         for anchor in reduced.anchors:
             x, y = east + offset.east - anchor.east, north + offset.north - anchor.north
             away = max(distance(x, y, up - anchor.up), 1.0)
@@ -60,7 +61,21 @@ class Sights:
     def unexplained(self, residuals: Sequence[float | None]) -> tuple[float, int]:
         """(Sum of squares that no offset on the map or in height explains, its degrees of freedom)."""
         heard = [index for index, residual in enumerate(residuals) if residual is not None]
-        left = [residual for residual in residuals if residual is not None]
+        values = [residual for residual in residuals if residual is not None]
+        if len(heard) == len(self.sights):
+            if self._base is None:
+                self._base = self._directions(heard)
+            base = self._base
+        else:
+            base = self._directions(heard)
+        left = _dot(values, values)
+        for unit in base:
+            along = _dot(unit, values)
+            left -= along * along
+        return max(left, 0.0), len(heard) - len(base)
+
+    def _directions(self, heard: Sequence[int]) -> list[list[float]]:
+        """What an offset does to the ranges of these anchors: unit vectors at right angles, three at most."""
         base: list[list[float]] = []
         for direction in (
             [self.sights[index][0] for index in heard],
@@ -68,14 +83,14 @@ class Sights:
             [self._climbs[index] for index in heard],
         ):
             rest = direction
-            for other in base:
-                rest = _without(rest, other)
-            if _dot(rest, rest) > _SINGULAR * _dot(direction, direction):
-                length = sqrt(_dot(rest, rest))
+            for unit in base:
+                along = _dot(rest, unit)
+                rest = [x - along * y for x, y in zip(rest, unit, strict=True)]
+            square = _dot(rest, rest)
+            if square > _SINGULAR * _dot(direction, direction):
+                length = sqrt(square)
                 base.append([value / length for value in rest])
-        for other in base:
-            left = _without(left, other)
-        return _dot(left, left), len(heard) - len(base)
+        return base
 
 
 def _dot(one: Sequence[float], other: Sequence[float]) -> float:
@@ -83,9 +98,3 @@ def _dot(one: Sequence[float], other: Sequence[float]) -> float:
     for x, y in zip(one, other, strict=True):
         total += x * y
     return total
-
-
-def _without(vector: Sequence[float], unit: Sequence[float]) -> list[float]:
-    """A vector without its part along a unit vector."""
-    along = _dot(vector, unit)
-    return [x - along * y for x, y in zip(vector, unit, strict=True)]

@@ -6,12 +6,14 @@ some place explains all anchors. So what no place explains tells how much of the
 
 from __future__ import annotations
 
-from itertools import pairwise
+from collections.abc import Sequence
+from itertools import accumulate, pairwise
 from math import inf, sqrt
 from typing import Final
 
+from wonderland.proofs.claims import Track
 from wonderland.proofs.estimate import Offset
-from wonderland.proofs.reduction import Reduced, Residuals
+from wonderland.proofs.reduction import Reduced, Residuals, Series
 from wonderland.proofs.sights import Sights
 from wonderland.proofs.special import CHI2_LIMITS
 
@@ -19,10 +21,51 @@ TWENTIETH_Z: Final = 1.6449
 """Standard deviations that one in twenty exceeds, on one side."""
 THOUSANDTH_Z: Final = 3.0902
 """Standard deviations that one in a thousand exceeds, on one side."""
+_CORNER_MM: Final = 100
 _SHORTEST: Final = 3
 """Rounds of the shortest one."""
 _ROUNDED_MM2: Final = 100.0 / 12.0
 """Variance of what rounding to 10 mm leaves."""
+
+
+class _Places:
+    """The directions from places that a drone claims, to a decimetre: most drones that are judged hover."""
+
+    def __init__(self, reduced: Reduced, offset: Offset) -> None:
+        self._reduced = reduced
+        self._offset = offset
+        self._seen: dict[tuple[int, int, int], Sights] = {}
+
+    def at(self, east: float, north: float, up: float) -> Sights:
+        """Those of the corner next to a place."""
+        corner = (round(east / _CORNER_MM), round(north / _CORNER_MM), round(up / _CORNER_MM))
+        found = self._seen.get(corner)
+        if found is None:
+            found = Sights(self._reduced, self._offset, *(float(_CORNER_MM * axis) for axis in corner))
+            self._seen[corner] = found
+        return found
+
+
+class _Total:
+    """One anchor's residuals summed up to each round, so that any stretch's mean is a difference."""
+
+    def __init__(self, column: Series, middle_mm: float, count: int) -> None:
+        self.middle_mm: Final = middle_mm
+        each, heard = [0.0] * count, [0] * count
+        for position, value in zip(column.rounds, column.values, strict=True):
+            each[position], heard[position] = value, 1
+        self.sums: Final = [0.0, *accumulate(each)]
+        self.heard: Final = [0, *accumulate(heard)]
+
+    def means(self, edges: Sequence[int]) -> list[float | None]:
+        """Of the stretches between these rounds, about the whole (mm); None where the anchor was not heard."""
+        sums, heard = self.sums, self.heard
+        return [
+            (sums[after] - sums[before]) / (heard[after] - heard[before]) - self.middle_mm
+            if heard[after] > heard[before]
+            else None
+            for before, after in pairwise(edges)
+        ]
 
 
 def swing_of(reduced: Reduced, offset: Offset, seen: Residuals, clear_mm: float) -> float:
@@ -32,11 +75,13 @@ def swing_of(reduced: Reduced, offset: Offset, seen: Residuals, clear_mm: float)
     """
     count = len(seen.claimed.kept)
     modelled, least = _noise(reduced, seen)
+    places = _Places(reduced, offset)
+    totals = [_Total(column, middle_mm, count) for column, middle_mm in seen.series]
     largest = 0.0
     parts = 2
     while parts == 2 or parts * _SHORTEST <= count:
         share = parts / count
-        square, spread = _of_stretches(reduced, offset, seen, parts, modelled * share, least * share)
+        square, spread = _of_stretches(places, seen.claimed, totals, parts, modelled * share, least * share)
         largest = max(largest, square)
         if spread > clear_mm * clear_mm:
             break
@@ -62,29 +107,22 @@ def _noise(reduced: Reduced, seen: Residuals) -> tuple[float, float]:
 
 
 def _of_stretches(
-    reduced: Reduced, offset: Offset, seen: Residuals, parts: int, modelled: float, least: float
+    places: _Places, claimed: Track, totals: Sequence[_Total], parts: int, modelled: float, least: float
 ) -> tuple[float, float]:
     """(mean square of the offsets of so many stretches where more than noise, that which noise alone makes), mm².
 
     ``modelled``, ``least``: the variance of a stretch's mean by the session's correlation, and without any. What no
     place explains tells which it is: errors of the radio are there as well, a drone that swings is not.
     """
-    count = len(seen.claimed.kept)
-    away: list[list[float | None]] = [[] for _ in range(parts)]
-    for column, middle_mm in seen.series:
-        sums, counts = [0.0] * parts, [0] * parts
-        for position, value in zip(column.rounds, column.values, strict=True):
-            part = position * parts // count
-            sums[part] += value
-            counts[part] += 1
-        for part in range(parts):
-            away[part].append(sums[part] / counts[part] - middle_mm if counts[part] else None)
+    count = len(totals[0].heard) - 1
+    edges = [-(-part * count // parts) for part in range(parts + 1)]
+    away = [total.means(edges) for total in totals]
     explained = square = spread = left = 0.0
     freedom = 0
-    for part, residuals in enumerate(away):
+    for part, residuals in enumerate(zip(*away, strict=True)):
         # The middle round of a stretch stands for it.
         middle = (2 * part + 1) * count // (2 * parts)
-        sights = Sights(reduced, offset, seen.claimed.east[middle], seen.claimed.north[middle], seen.claimed.up[middle])
+        sights = places.at(claimed.east[middle], claimed.north[middle], claimed.up[middle])
         found = sights.offset(residuals)
         if found is not None:
             east, north, by_offset = found
