@@ -61,6 +61,7 @@ def keep(page, name, full_page=False):
     """For whoever wants to look at it."""
     if directory := os.environ.get("WONDERLAND_SCREENS"):
         Path(directory).mkdir(parents=True, exist_ok=True)
+        page.wait_for_timeout(1_500)  # software draws the marks on a map last
         page.screenshot(path=Path(directory) / f"{name}.png", full_page=full_page)
 
 
