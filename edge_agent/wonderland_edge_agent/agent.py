@@ -25,7 +25,7 @@ from wonderland.proofs.transcript import transcript_of
 from wonderland.telemetry import Health
 from wonderland_edge_agent.drift.idle import watch_when_idle
 from wonderland_edge_agent.event_subscription import EventSubscription
-from wonderland_edge_agent.health import health_record, tell_health, write_status
+from wonderland_edge_agent.health import health_record, reach_of, tell_health, write_status
 from wonderland_edge_agent.metrics import write_metrics
 from wonderland_edge_agent.own_pad import OwnPad
 from wonderland_edge_agent.ports import PadLedger, PadRadiosPort
@@ -159,6 +159,7 @@ class PadAgent:
             "sessions_run": self._sessions,
             "requests_waiting": self._requests.qsize(),
             "sessions_to_end": self._reconciler.waiting,
+            "reach": reach_of(self._radios.states()),
             **telemetry.plain(self._health()),
         }
 

@@ -27,6 +27,8 @@ _config = click.option(
     help="The pad's settings (TOML).",
 )
 STALE_S = 30
+LEVEL_ALONE = 3
+"""Highest assurance that a pad reaches by itself."""
 
 
 @click.group()
@@ -199,9 +201,23 @@ def _show(said: dict[str, Any], *, alive: bool, age_s: float) -> None:
         table.add_row("Remote ID", f"{said['receiver']['frames']} frames, {said['receiver']['bad']} bad")
         if "drift" in said:
             table.add_row("as commissioned", _drift(said["drift"]))
+        for label, text in _reach(said.get("reach")):
+            table.add_row(label, text)
         for anchor in said["anchors"]:
             table.add_row(f"anchor {anchor['anchor_id']}", f"{anchor['state']} {anchor.get('firmware', '')}")
     console.print(table)
+
+
+def _reach(found: dict[str, Any] | None) -> list[tuple[str, str]]:
+    """What the nodes can bear, by what they say of themselves."""
+    if found is None:
+        return []
+    level = found["assurance"]
+    words = f"{level} at most" + (", with a witness pad" if level > LEVEL_ALONE else "")
+    rows = [("assurance of the nodes", words), *(("", each) for each in found["missing"])]
+    if found["unknown"]:
+        rows.append(("", f"not known of {', '.join(found['unknown'])}: not asked yet, or no answer that can be read"))
+    return rows
 
 
 def _drift(drift: dict[str, Any]) -> str:

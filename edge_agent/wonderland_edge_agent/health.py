@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from wonderland import __version__
 from wonderland.telemetry import AnchorHealth, Health
+from wonderland.uwb.reach import reach
 from wonderland_edge_agent.drift import DriftState
 from wonderland_edge_agent.radios import AnchorState
 from wonderland_edge_agent.receiver import ReceiverCounts
@@ -49,6 +50,19 @@ def health_record(
         version=__version__,
         drift=None if drift is None else drift.health(),
     )
+
+
+def reach_of(anchors: Sequence[AnchorState]) -> dict[str, Any] | None:
+    """Highest assurance that the nodes can bear and what they lack for more; None while none has said what it can.
+
+    ``unknown``: anchors whose nodes have not said it; they are left out.
+    """
+    pad = {f"anchor {each.anchor_id}": each.capabilities for each in anchors if each.capabilities is not None}
+    if not pad:
+        return None
+    found = reach(pad)
+    unknown = [each.anchor_id for each in anchors if each.capabilities is None]
+    return {"assurance": found.level, "missing": [str(each) for each in found.missing], "unknown": unknown}
 
 
 async def tell_health(

@@ -275,6 +275,7 @@ async def test_status_says_how_the_pad_is(world):
         await until((world.directory / "spool" / "status.json").exists)
     assert status["prekeys"] == 6
     assert status["accepts_sessions"] is True
+    assert status["reach"] == {"assurance": 4, "missing": [], "unknown": []}
     assert json.loads((world.directory / "spool" / "status.json").read_text())["pad_id"] == "pad-1"
 
 

@@ -147,6 +147,12 @@ def test_pad_status_before_the_first_run_and_after(file):
     assert "the disk is full" in result.output
     document = json.loads(CliRunner().invoke(pad, ["status", "--config", str(file), "--json"]).output)
     assert document["alive"] is False
+    reached = {"assurance": 2, "missing": ["assurance 3: anchor A1 cannot do UL-TDoA"], "unknown": ["A2"]}
+    (file.parent / "spool" / "status.json").write_text(json.dumps({**status, "reach": reached}))
+    said = CliRunner().invoke(pad, ["status", "--config", str(file)]).output
+    assert "2 at most" in said
+    assert "anchor A1 cannot do UL-TDoA" in said
+    assert "not known of A2" in said
     (file.parent / "spool" / "status.json").write_text("[]")
     assert "no status file" in CliRunner().invoke(pad, ["status", "--config", str(file)]).output
 

@@ -89,6 +89,32 @@ async def test_two_uci_boards_range_each_other(tmp_path):
     assert summary["peers"]["d001"]["mean_mm"] == 4_320
 
 
+async def test_a_uci_board_says_what_it_can_do(tmp_path):
+    air = Air(lambda *_: Measurement(4_320), rng=random.Random(1))
+    node = VirtualNode("here", air)
+    port = PtyPort(node, tmp_path / "here")
+    port.plug()
+    try:
+        code, lines, err = await run("capabilities", "--port", port.path, "--json")
+        text_code, text, _ = await run("capabilities", "--port", port.path)
+        node._core = lambda command: node._answer(command, 0, b"\x01\x05\xff\x01")  # a length that lies
+        bad_code, _, bad = await run("capabilities", "--port", port.path)
+    finally:
+        port.close()
+        air.close()
+    assert (code, text_code, err) == (0, 0, "")
+    [said] = map(json.loads, lines)
+    assert said["capabilities"]["ranging_methods"][0] == "ul_tdoa"
+    assert said["capabilities"]["channels"] == [5, 6, 8, 9, 10, 12, 13, 14]
+    assert (said["pad"], said["drone"]) == ({"assurance": 4, "missing": []},) * 2
+    assert "channels: 5, 6, 8, 9, 10, 12, 13, 14" in text
+    assert "hopping: not told" in text
+    assert "On a pad: assurance 4 at most" in text
+    assert bad_code == 1
+    assert "gave no answer that says what it can do" in bad
+    assert "Traceback" not in bad
+
+
 async def test_a_board_that_leads_blinks_for_nodes_that_time_stamp(tmp_path):
     """As the tag of a pad's calibration run, on another computer: what `pad commission` says to run there."""
     air = Air(lambda *_: Measurement(4_320), stamp=lambda *_: 1_234, rng=random.Random(1))

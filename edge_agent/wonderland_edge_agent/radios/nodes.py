@@ -21,6 +21,7 @@ from wonderland_fira_uci.errors import NodeError, UwbError
 from wonderland_fira_uci.events import DataReceived, FrameStamped, RangeMeasurement, SessionFailed
 from wonderland_fira_uci.node import UwbNode, UwbSession
 from wonderland_fira_uci.serial_port import Opener
+from wonderland_fira_uci.uci.capabilities import Capabilities
 from wonderland_fira_uci.uci.config import SessionConfig
 
 _log = logging.getLogger(__name__)
@@ -56,6 +57,8 @@ class AnchorState:
     state: AnchorCondition
     detail: str
     firmware: str | None
+    capabilities: Capabilities | None = None
+    """What the node says that it can do; None where it has not said."""
 
 
 class PadRadios:
@@ -96,7 +99,7 @@ class PadRadios:
             state: AnchorCondition = "up" if node.is_ready else "down"
             if node.is_ready and ranging and now_ms - self._reported.get(anchor_id, now_ms) > 1_000:
                 state = "silent"
-            out.append(AnchorState(anchor_id, state, node.detail, _firmware(node)))
+            out.append(AnchorState(anchor_id, state, node.detail, _firmware(node), node.capabilities))
         return out
 
     async def open_session(self, plan: RangingPlan, anchor_ids: Sequence[str], sink: Sink) -> str | None:

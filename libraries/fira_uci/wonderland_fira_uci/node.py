@@ -24,6 +24,7 @@ from wonderland_fira_uci.events import (
     SessionStateChanged,
 )
 from wonderland_fira_uci.serial_port import Opener, PortTimings, ReconnectingPort, serial_opener
+from wonderland_fira_uci.uci.capabilities import Capabilities
 from wonderland_fira_uci.uci.config import SessionConfig
 from wonderland_fira_uci.uci.data import DataReceive, DataTransferStatus
 from wonderland_fira_uci.uci.device import Timings, UciDevice
@@ -247,6 +248,11 @@ class UwbNode:
     def info(self) -> DeviceInfo | None:
         """What the node said about itself at its last reset."""
         return self.device.info
+
+    @property
+    def capabilities(self) -> Capabilities | None:
+        """What the node said that it can do; None before it has, or where its answer could not be read."""
+        return self.device.capabilities
 
     async def wait_ready(self, timeout_s: float = 5.0) -> None:
         """Until the node answers; raises ``NodeUnavailableError`` with the reason."""

@@ -55,12 +55,22 @@ from wonderland_simulator.uci_node.air import Air
 MAX_SESSIONS: Final = 8
 RSTU_PER_MS: Final = 1200
 CAPABILITIES: Final[tuple[tuple[int, bytes], ...]] = (
-    (0x00, b"\x02"),
-    (0x01, b"\x01\x01\x03\x01"),
-    (0x04, b"\x1f"),
-    (0x05, b"\x18"),
-    (0x06, b"\x03"),
+    (0x00, b"\xef\x07"),
+    (0x01, b"\xff\x00"),
+    (0x02, b"\x01\x01\x02\x00"),
+    (0x03, b"\x01\x01\x02\x00"),
+    (0x04, b"\x03"),
+    (0x05, b"\x1f\x00"),
+    (0x06, b"\x1f\x00"),
+    (0x07, b"\x1f"),
+    (0x08, b"\x03"),
+    (0x09, b"\x02"),
+    (0x0A, b"\x03"),
+    (0x0E, b"\xff"),
+    (0x0F, b"\x0b"),
+    (0x11, b"\x3f"),
 )
+"""As since UCI 2: every role and method that a proof needs, uplink time stamps with them."""
 # What the nodes of `uwb.md` accept; any other id is answered as malformed.
 SUPPORTED: Final = frozenset(ParameterId)
 

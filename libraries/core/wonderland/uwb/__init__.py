@@ -2,5 +2,6 @@
 
 * ``layout``: which session configuration each node of a pad and a drone gets; ``blinks``: that of time stamps.
 * ``link``: the encrypted, acknowledged messages that ride in the data frames (sans-I/O).
-* ``listen``, ``commands``: a board at the bench (``wonderland uwb listen``).
+* ``reach``: which assurance nodes can bear by what they say that they can do.
+* ``listen``, ``commands``: a board at the bench (``wonderland uwb``).
 """

@@ -32,6 +32,7 @@ def uwb() -> None:
 
     \b
       wonderland uwb listen --port /dev/ttyACM0 --kind dwm1001
+      wonderland uwb capabilities --port /dev/ttyUSB0
       wonderland uwb listen --port /dev/ttyUSB0 --kind uci --mac a001 --peer d001 --lead
     """  # noqa: D301 - \b is click's mark for "do not wrap"
 
@@ -42,6 +43,36 @@ def _address(text: str) -> int:
     if not 1 <= len(digits) <= 4 or any(digit not in "0123456789abcdef" for digit in digits):
         raise click.BadParameter(f"{text!r} is no short address; give up to four hexadecimal digits, for example d001")
     return int(digits, 16)
+
+
+@uwb.command()
+@click.option("--port", required=True, help="Serial port of the board, which speaks FiRa UCI.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON document.")
+def capabilities(*, port: str, as_json: bool) -> None:
+    """Say what a board can do by its own word, and which assurance that bears on a pad and on a drone.
+
+    Exit code 1 when the board does not answer, or not in a way that can be read.
+    """
+    from wonderland.uwb.listen import capabilities_of  # noqa: PLC0415 - `--help` needs none of it
+    from wonderland_fira_uci.errors import UwbError  # noqa: PLC0415
+
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    try:
+        document = asyncio.run(capabilities_of(port))
+    except UwbError as error:
+        raise click.ClickException(str(error)) from error
+    if document is None:
+        raise click.ClickException(f"{port}: the board gave no answer that says what it can do")
+    if as_json:
+        click.echo(json.dumps(document))
+        return
+    for name, value in document["capabilities"].items():
+        text = ", ".join(map(str, value)) if isinstance(value, list) else value
+        click.echo(f"{name.replace('_', ' ')}: {'not told' if text is None else text if text != '' else 'none'}")
+    for place in ("pad", "drone"):
+        click.echo(f"On a {place}: assurance {document[place]['assurance']} at most")
+        for line in document[place]["missing"]:
+            click.echo(f"  {line}")
 
 
 @uwb.command()

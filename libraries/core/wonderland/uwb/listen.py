@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import AsyncGenerator, Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from enum import IntFlag
 from pathlib import Path
 from typing import Any, Final
 
 from wonderland.uwb.blinks import blinks_beside
+from wonderland.uwb.reach import reach
 from wonderland_fira_uci.dwm1001 import BoardPosition, Dwm1001Node, HeardPosition, LocationReport, Mode
 from wonderland_fira_uci.errors import UwbError
 from wonderland_fira_uci.events import RangeMeasurement, RangingSilent, SessionFailed, SessionInterrupted
@@ -105,6 +107,35 @@ async def uci(port: Path | str, bench: UciBench, clock: Callable[[], int]) -> As
                     raise event.error
                 case _:
                     pass
+
+
+async def capabilities_of(port: Path | str) -> Document | None:
+    """What a UCI node says that it can do, and what that bears on a pad and on a drone; None where it does not say.
+
+    Raises UwbError where no node answers within ten seconds.
+    """
+    async with UwbNode(port) as node:
+        await node.wait_ready(READY_S)
+        said = node.capabilities
+    if said is None:
+        return None
+    # One node alone: as the pad's one that speaks, and as each of the others (hence twice); as the drone's.
+    places = {"pad": reach({"this node, first": said, "this node, after it": said}), "drone": reach({}, said)}
+    document: Document = {"capabilities": {each.name: _plain(getattr(said, each.name)) for each in fields(said)}}
+    for place, found in places.items():
+        document[place] = {"assurance": found.level, "missing": [str(each) for each in found.missing]}
+    return document
+
+
+def _plain(value: object) -> object:
+    """A field of a node's capabilities as JSON has it; masks by the names of their bits."""
+    if isinstance(value, IntFlag):
+        known = [str(each.name).lower() for each in type(value) if each in value]
+        rest = int(value) & ~sum(type(value))
+        return known + ([f"0x{rest:x}"] if rest else [])
+    if isinstance(value, tuple):
+        return [f"0x{each[0]:02x}={each[1].hex()}" if isinstance(each, tuple) else each for each in value]
+    return value
 
 
 @dataclass(slots=True)

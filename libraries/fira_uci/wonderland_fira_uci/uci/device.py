@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
+from wonderland_fira_uci.uci.capabilities import Capabilities, decode_capabilities
 from wonderland_fira_uci.uci.codec import HostCodec, MalformedMessage
 from wonderland_fira_uci.uci.config import SessionConfig
 from wonderland_fira_uci.uci.data import DataCredit, DataReceive, DataSend, DataTransferStatus
@@ -82,7 +83,7 @@ class UciDevice:
         self.timings = timings or Timings()
         self.phase = Phase.DOWN
         self.info: DeviceInfo | None = None
-        self.capabilities = b""
+        self.capabilities: Capabilities | None = None
         self._codec = HostCodec()
         self._events: list[DeviceEvent] = []
         self._sessions: dict[int, SessionMachine] = {}
@@ -354,8 +355,18 @@ class UciDevice:
                 self._on_malformed(MalformedMessage(response.group, response.opcode, error), now_ms)
             self._next_phase(Phase.CAPABILITIES)
         elif self.phase is Phase.CAPABILITIES:
-            self.capabilities = response.body if response.status == Status.OK else b""
+            self._on_capabilities(response, now_ms)
             self._next_phase(Phase.READY)
+
+    def _on_capabilities(self, response: Response, now_ms: int) -> None:
+        """A node whose answer cannot be read ranges all the same; what it can do is not known then."""
+        self.capabilities = None
+        if response.status != Status.OK:
+            return
+        try:
+            self.capabilities = decode_capabilities(response.body, None if self.info is None else self.info.uci_version)
+        except UciDecodeError as error:
+            self._on_malformed(MalformedMessage(response.group, response.opcode, error), now_ms)
 
     def _on_device_status(self, status: DeviceStatus, now_ms: int) -> None:
         if status.state == DeviceState.READY:
