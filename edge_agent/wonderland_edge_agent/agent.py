@@ -23,6 +23,7 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of
 from wonderland.telemetry import Health
+from wonderland_edge_agent.ability import Now, why_not
 from wonderland_edge_agent.drift.idle import watch_when_idle
 from wonderland_edge_agent.event_subscription import EventSubscription
 from wonderland_edge_agent.health import health_record, reach_of, tell_health, write_status
@@ -41,6 +42,7 @@ from wonderland_edge_agent.witness import WitnessDuty
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from wonderland.proofs.records.pads import Pad
     from wonderland_edge_agent.drift.keeper import DriftKeeper
     from wonderland_edge_agent.permission import Permission
     from wonderland_edge_agent.receiver import RemoteIdReceiver
@@ -115,6 +117,8 @@ class PadAgent:
         self._runner: PadRunner | None = None
         self._witness = WitnessDuty(pad_id, ledger=ledger, radios=radios, prekeys=self._prekeys, clock=clock)
         self._own = OwnPad(pad_id, ledger)
+        self._pad: Pad | None = None
+        self._ledger_trouble = ""
         self._care = asyncio.Event()
         self._subscription = EventSubscription(ledger, checkpointer, self._take)
         self._started = asyncio.Event()
@@ -149,11 +153,13 @@ class PadAgent:
         """How the agent is, for people and for ``wonderland pad status``."""
         runner = self._runner
         spool = self._spool.status
+        reasons = self._why_not()
         return {
             "pad_id": self.pad_id,
             "process": os.getpid(),
             "t_ms": self._clock(),
-            "accepts_sessions": self._spool.accepts_sessions,
+            "accepts_sessions": not reasons,
+            "cannot_prove": reasons,
             "spool_reason": spool.reason,
             "session": runner.session.session_id if runner is not None else "",
             "sessions_run": self._sessions,
@@ -162,6 +168,20 @@ class PadAgent:
             "reach": reach_of(self._radios.states()),
             **telemetry.plain(self._health()),
         }
+
+    def _why_not(self) -> list[str]:
+        """Why no drone can be proved now; empty where one can."""
+        pad, spool = self._pad, self._spool
+        digest = None if pad is None else pad.commissioning_sha256
+        now = Now(
+            ledger_trouble=self._ledger_trouble,
+            pad=pad,
+            anchors=self._radios.states() if self._radios.measured_by == "pad" else None,
+            moved=self._drift is not None and digest is not None and self._drift.moved(digest),
+            spool_trouble="" if spool.accepts_sessions else spool.status.reason or "the spool is full",
+            prekeys=self._prekeys.available,
+        )
+        return why_not(now)
 
     # --- what the ledger says ----------------------------------------------------------------------------------
 
@@ -176,6 +196,7 @@ class PadAgent:
         match event.name:
             case "PadCommissioned" | "PadRetired":
                 self._own.changed()
+                self._care.set()
             case "ProofRequested":
                 await self._requested(event)
             case _:
@@ -358,18 +379,22 @@ class PadAgent:
     # --- what goes on beside -----------------------------------------------------------------------------------
 
     async def _take_care(self) -> None:
-        """Prekeys and left-over sessions, whenever something changed and every few seconds."""
+        """The pad's record, prekeys and left-over sessions, whenever something changed and every few seconds."""
         await self._subscription.placed.wait()
         while True:
             try:
                 if not self._started.is_set() or self._prekeys.low:
                     await self._prekeys.ensure()
+                self._pad = await self._own.refresh()
+                self._ledger_trouble = ""
                 self._started.set()
                 await self._reconciler.look()
             except AwayError as error:
-                _log.warning("the ledger is away: %s", error)
+                self._ledger_trouble = f"the ledger is away: {error}"
+                _log.warning("%s", self._ledger_trouble)
             except RefusedError as error:
-                _log.error("the ledger refuses this pad: %s", error)
+                self._ledger_trouble = f"the ledger refuses this pad: {error}"
+                _log.error("%s", self._ledger_trouble)
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(CARE_S):
                     await self._care.wait()

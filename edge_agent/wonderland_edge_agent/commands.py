@@ -27,6 +27,8 @@ _config = click.option(
     help="The pad's settings (TOML).",
 )
 STALE_S = 30
+CANNOT_PROVE = 3
+"""Exit code of ``pad status``; 2 is click's, for wrong options."""
 LEVEL_ALONE = 3
 """Highest assurance that a pad reaches by itself."""
 
@@ -147,7 +149,10 @@ def site_plan(*, file: Path, as_json: bool) -> None:
 @_config
 @click.option("--json", "as_json", is_flag=True, help="One JSON document.")
 def status(*, path: Path, as_json: bool) -> None:
-    """Say how the pad's agent is. Exit code 1 when it has said nothing for half a minute."""
+    """Say how the pad is. Exit code 0: it can prove; 1: its agent does not run; 3: it runs and cannot prove.
+
+    An agent that has said nothing for half a minute does not run, or hangs.
+    """
     from wonderland_edge_agent.health import read_status  # noqa: PLC0415 - the others need none of it
     from wonderland_fabric_gateway.errors import LedgerError  # noqa: PLC0415
 
@@ -162,7 +167,7 @@ def status(*, path: Path, as_json: bool) -> None:
         click.echo(json.dumps({**said, "alive": alive, "age_s": round(min(age_s, 1e9), 1)}))
     else:
         _show(said, alive=alive, age_s=age_s)
-    sys.exit(0 if alive else 1)
+    sys.exit((0 if said.get("accepts_sessions") is True else CANNOT_PROVE) if alive else 1)
 
 
 def is_alive(status_file: Path) -> bool:
@@ -186,8 +191,12 @@ def _show(said: dict[str, Any], *, alive: bool, age_s: float) -> None:
     from rich.table import Table  # noqa: PLC0415
 
     console = Console()
-    state = "working" if alive else f"silent for {age_s:.0f} s: it is not running, or hangs"
-    console.print(f"Pad {said.get('pad_id', '?')}: {state}")
+    state = "can prove" if said.get("accepts_sessions") is True else "cannot prove"
+    state = state if alive else f"silent for {age_s:.0f} s: it is not running, or hangs"
+    console.print(f"Pad {said.get('pad_id', '?')}: {state}", soft_wrap=True)
+    reasons = said.get("cannot_prove")
+    for reason in reasons if isinstance(reasons, list) else ():
+        console.print(f"  {reason}", soft_wrap=True, markup=False, highlight=False)
     table = Table(box=None, show_header=False)
     with contextlib.suppress(KeyError, TypeError):
         table.add_row("session", said["session"] or "none under way")
@@ -196,8 +205,6 @@ def _show(said: dict[str, Any], *, alive: bool, age_s: float) -> None:
         table.add_row("prekeys offered", str(said.get("prekeys", "not known yet: the ledger has not said it")))
         spool = said["spool"]
         table.add_row("spool", f"{spool['records']} records, {spool['bytes']} bytes, {spool['dropped']} dropped")
-        if not said["accepts_sessions"]:
-            table.add_row("no new sessions", str(said["spool_reason"]))
         table.add_row("Remote ID", f"{said['receiver']['frames']} frames, {said['receiver']['bad']} bad")
         if "drift" in said:
             table.add_row("as commissioned", _drift(said["drift"]))

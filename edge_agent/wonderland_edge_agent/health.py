@@ -73,7 +73,8 @@ async def tell_health(
 ) -> None:
     """Tell until cancelled: to the backend, and to each file that there is.
 
-    Every ten seconds, and within one when an anchor, the drift or the offer of prekeys comes to another state.
+    Every ten seconds, and within one when an anchor, the drift or the offer of prekeys comes to another state,
+    or something else keeps the pad from proving.
     """
     while True:
         now, told = status(), health()
@@ -86,7 +87,7 @@ async def tell_health(
                     _log.warning("%s", error)
         for _ in range(round(HEALTH_S / LOOK_S)):
             await asyncio.sleep(LOOK_S)
-            if _states(health()) != _states(told):
+            if _states(health()) != _states(told) or status().get("cannot_prove") != now.get("cannot_prove"):
                 break
 
 

@@ -35,6 +35,11 @@ class OwnPad:
             self._pad = await self._ledger.read_pad(self._pad_id)
         return self._pad
 
+    async def refresh(self) -> Pad:
+        """As it is now. Raises as ``read``."""
+        self._pad = await self._ledger.read_pad(self._pad_id)
+        return self._pad
+
     async def commissioning_of(self, session: Session) -> Commissioning | None:
         """The survey that the session rests on; None where it is no longer the pad's. Raises as ``read``."""
         for attempt in range(LOOKS):

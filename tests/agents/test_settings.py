@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -136,6 +137,7 @@ def test_pad_status_before_the_first_run_and_after(file):
         "prekeys": 20,
         "accepts_sessions": False,
         "spool_reason": "the disk is full",
+        "cannot_prove": ["the disk is full"],
         "spool": {"records": 1, "bytes": 2, "dropped": 0},
         "receiver": {"frames": 4, "bad": 1},
         "anchors": [{"anchor_id": "A1", "state": "up"}],
@@ -153,6 +155,20 @@ def test_pad_status_before_the_first_run_and_after(file):
     assert "2 at most" in said
     assert "anchor A1 cannot do UL-TDoA" in said
     assert "not known of A2" in said
+    status["t_ms"] = time.time_ns() // 1_000_000
+    (file.parent / "spool" / "status.json").write_text(json.dumps(status))
+    result = CliRunner().invoke(pad, ["status", "--config", str(file)])
+    assert result.exit_code == 3
+    assert "Pad pad-1: cannot prove" in result.output
+    assert "working" not in result.output
+    able = status | {"accepts_sessions": True, "cannot_prove": []}
+    (file.parent / "spool" / "status.json").write_text(json.dumps(able))
+    result = CliRunner().invoke(pad, ["status", "--config", str(file)])
+    assert result.exit_code == 0
+    assert "Pad pad-1: can prove" in result.output
+    del able["accepts_sessions"]  # a file of another version: what it does not say is not believed
+    (file.parent / "spool" / "status.json").write_text(json.dumps(able))
+    assert CliRunner().invoke(pad, ["status", "--config", str(file)]).exit_code == 3
     (file.parent / "spool" / "status.json").write_text("[]")
     assert "no status file" in CliRunner().invoke(pad, ["status", "--config", str(file)]).output
 

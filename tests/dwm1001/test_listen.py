@@ -142,6 +142,38 @@ async def test_a_board_that_leads_blinks_for_nodes_that_time_stamp(tmp_path):
     assert [event.number for event in heard] == [1, 2, 3]
 
 
+async def test_a_board_that_refuses_blinks_ends_with_one_line(tmp_path):
+    air = Air(lambda *_: Measurement(4_320), rng=random.Random(1))
+    node = VirtualNode("tag", air)
+    port = PtyPort(node, tmp_path / "tag")
+    port.plug()
+    configure = node._configure
+
+    def without_tdoa(command):
+        if bytes((0x11, 1, 4)) in command.payload:  # the role of an UL-TDoA tag
+            node._malformed(command)
+        else:
+            configure(command)
+
+    node._configure = without_tdoa
+    key_file = tmp_path / "run.key"
+    key_file.write_text("00" * 16)
+    try:
+        code, lines, err = await run(
+            *("listen", "--port", port.path, "--kind", "uci", "--mac", "d001", "--peer", "a001", "--lead"),
+            *("--key-file", key_file, "--blink", "--seconds", 10),
+        )
+    finally:
+        port.close()
+        air.close()
+    assert code == 1
+    assert lines == []
+    last = err.splitlines()[-1]
+    assert "the board refuses to blink" in last
+    assert "without --blink" in last
+    assert "Traceback" not in err
+
+
 async def _first(events, count):
     async for event in events:
         if isinstance(event, FrameStamped):

@@ -12,7 +12,7 @@ from typing import Any, Final
 from wonderland.uwb.blinks import blinks_beside
 from wonderland.uwb.reach import reach
 from wonderland_fira_uci.dwm1001 import BoardPosition, Dwm1001Node, HeardPosition, LocationReport, Mode
-from wonderland_fira_uci.errors import UwbError
+from wonderland_fira_uci.errors import NodeError, UwbError
 from wonderland_fira_uci.events import RangeMeasurement, RangingSilent, SessionFailed, SessionInterrupted
 from wonderland_fira_uci.node import UwbNode
 from wonderland_fira_uci.uci.config import (
@@ -91,7 +91,8 @@ async def uci(port: Path | str, bench: UciBench, clock: Callable[[], int]) -> As
                 plan = blinks_beside(bench.session_id, bench.peers, bench.mac, bench.key, bench.interval_ms)
                 await node.open_session(plan.uav_tag())
             except UwbError as error:
-                yield {"kind": "no_blinks", "t_ms": clock(), "detail": str(error)}
+                text = f"{port}: the board refuses to blink ({error})"
+                raise NodeError(f"{text}; without --blink it ranges, and no clock is calibrated") from error
         info = node.info
         firmware = "not told" if info is None else f"UCI 0x{info.uci_version:04x}"
         yield {"kind": "ready", "t_ms": clock(), "board": "uci", "firmware": firmware}

@@ -1,0 +1,120 @@
+"""What a pad can do now: each way in which it can prove nothing is found, named, and found to be over."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from kit.agents import open_ledger
+
+from wonderland.proof_contract import RefusedError
+from wonderland_edge_agent.ability import Now, why_not
+from wonderland_edge_agent.metrics import exposition
+from wonderland_edge_agent.radios import AnchorState
+
+UP = tuple(AnchorState(name, "up", "", None) for name in ("A1", "A2", "A3", "A4"))
+
+
+def down(*names):
+    return tuple(AnchorState(s.anchor_id, "down", "unplugged", None) if s.anchor_id in names else s for s in UP)
+
+
+class Record:
+    """As much of a pad's record as is looked at."""
+
+    class Anchor:
+        def __init__(self, anchor_id):
+            self.anchor_id = anchor_id
+
+    class Commissioning:
+        def __init__(self, names):
+            self.anchors = [Record.Anchor(name) for name in names]
+
+    def __init__(self, status="commissioned", names=("A1", "A2", "A3", "A4")):
+        self.status = status
+        self.commissioning = Record.Commissioning(names) if names else None
+
+
+WELL = {"ledger_trouble": "", "pad": Record(), "anchors": UP, "moved": False, "spool_trouble": "", "prekeys": 20}
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({}, None),
+        ({"anchors": None}, None),
+        ({"prekeys": None}, None),
+        ({"anchors": down("A3")}, None),
+        ({"anchors": tuple(AnchorState(s.anchor_id, "silent", "", None) for s in UP)}, None),
+        ({"anchors": down("A1")}, "speaks to the drone does not answer: A1 (unplugged)"),
+        ({"anchors": down("A3", "A4")}, "2 of 4 anchors answer, 3 are needed: A3 (unplugged), A4 (unplugged)"),
+        ({"anchors": down("A1", "A2", "A3", "A4")}, "0 of 4 anchors answer"),
+        ({"anchors": ()}, "0 of 4 anchors answer, 3 are needed: A1 (no port configured)"),
+        ({"anchors": UP[1:]}, "A1 (no port configured)"),
+        ({"pad": Record(names=("A4", "A3", "A2", "A1")), "anchors": down("A1")}, None),
+        ({"pad": None}, "has not said yet"),
+        ({"pad": Record("registered", ())}, "not commissioned"),
+        ({"pad": Record("retired")}, "retired"),
+        ({"ledger_trouble": "the ledger is away: x"}, "the ledger is away"),
+        ({"moved": True}, "moved"),
+        ({"spool_trouble": "the disk is full"}, "disk is full"),
+        ({"prekeys": 0}, "no prekey"),
+    ],
+)
+def test_each_reason(change, reason):
+    found = why_not(Now(**(WELL | change)))
+    if reason is None:
+        assert found == []
+    else:
+        assert len(found) == 1
+        assert reason in found[0]
+
+
+def test_several_reasons_are_all_said():
+    found = why_not(Now(**(WELL | {"anchors": down("A1", "A2"), "ledger_trouble": "away", "prekeys": 0})))
+    assert len(found) == 3
+
+
+async def until(condition):
+    async with asyncio.timeout(15):
+        while not condition():
+            await asyncio.sleep(0.05)
+
+
+def says(pad, word):
+    """The same in the status and in the metric."""
+    status = pad.status()
+    able = f'accepts_sessions{{pad_id="{pad.pad_id}"}} 1'.encode() in exposition(status)
+    assert able == status["accepts_sessions"] == (not status["cannot_prove"])
+    return any(word in reason for reason in status["cannot_prove"]) if word else able
+
+
+async def test_unplugged_anchors_and_a_lost_ledger_are_noticed_and_forgotten(world, monkeypatch):
+    monkeypatch.setattr("wonderland_edge_agent.agent.CARE_S", 0.2)
+    async with world.pad() as pad:
+        await until(lambda: says(pad, ""))
+        ports = [port for name, port in world.ports.items() if name != "uav"]
+        for port in ports:
+            port.unplug()
+        await until(lambda: says(pad, f"0 of {len(ports)} anchors answer"))
+        for port in ports:
+            port.plug()
+        await until(lambda: says(pad, ""))
+        address = world.connection.gateway.address
+        await world.ledger.stop()
+        await until(lambda: says(pad, "the ledger is away"))
+        world.ledger = open_ledger(world.directory, listen=address)
+        await world.ledger.start()
+        await until(lambda: says(pad, ""))
+
+
+async def test_a_pad_that_the_ledger_does_not_know_is_not_working(world, monkeypatch):
+    monkeypatch.setattr("wonderland_edge_agent.agent.CARE_S", 0.2)
+    async with world.pad() as pad:
+        await until(lambda: says(pad, ""))
+
+        async def unknown(_pad_id):
+            raise RefusedError(404, "PAD_UNKNOWN", "no pad pad-1")
+
+        monkeypatch.setattr(pad._ledger, "read_pad", unknown)
+        await until(lambda: says(pad, "PAD_UNKNOWN"))
