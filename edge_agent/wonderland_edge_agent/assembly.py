@@ -105,7 +105,7 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
 
 async def _radios(settings: PadSettings, stack: contextlib.AsyncExitStack, clock: SteadyClock) -> PadRadiosPort:
     if settings.reports_listen is None:
-        ports = [AnchorPort(anchor.anchor_id, anchor.port) for anchor in settings.anchors]
+        ports = [AnchorPort(anchor.anchor_id, anchor.opener()) for anchor in settings.anchors]
         return await stack.enter_async_context(PadRadios(ports, clock))
     # Few pads are of this kind; the others need not carry the driver.
     from wonderland_edge_agent.radios.reported import ReportedRadios  # noqa: PLC0415

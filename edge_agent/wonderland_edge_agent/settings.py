@@ -7,7 +7,8 @@ spool = "spool"                         # a directory of this pad's own
 
 [[anchors]]                             # the first one also speaks to the drone
 anchor_id = "A1"                        # as commissioned
-port = "/dev/serial/by-id/usb-…"
+port = "/dev/serial/by-id/usb-…"        # or socket://HOST:PORT, rfc2217://HOST:PORT
+baud_rate = 115200                      # optional; flow_control = "rtscts" beside it
 
 [uwb]                                   # only for a pad of DWM1001 anchors, which have no ports: no [[anchors]] then;
 kind = "dwm1001"                        # drones measure and report by UDP, so that proofs have assurance 0
@@ -41,6 +42,7 @@ from urllib.parse import urlsplit
 from wonderland.proofs.records.fields import ID_PATTERN
 from wonderland_edge_agent.metrics import SUFFIX
 from wonderland_edge_agent.receiver.settings import ReceiverSettings, parse_receivers
+from wonderland_fira_uci.serial_port import BAUD_RATE, Opener, serial_opener, url_problem
 
 MAX_FILE_BYTES: Final = 256 * 1024
 MAX_ANCHORS: Final = 8
@@ -60,6 +62,14 @@ class AnchorSetting:
 
     anchor_id: str
     port: str
+    """Path of a device, or ``socket://HOST:PORT``, ``rfc2217://HOST:PORT``."""
+    baud_rate: int = BAUD_RATE
+    flow_control: str = "none"
+    """``none`` or ``rtscts``."""
+
+    def opener(self) -> Opener:
+        """Opens the node's port."""
+        return serial_opener(self.port, self.baud_rate, rtscts=self.flow_control == "rtscts")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +138,7 @@ def parse(document: dict[str, Any], path: Path) -> PadSettings:
     backend = top.table("backend")
     drift = top.table("drift")
     reports_listen = _reports_listen(top, top.table("uwb"))
-    anchors = tuple(AnchorSetting(entry.identifier("anchor_id"), entry.text("port")) for entry in top.tables("anchors"))
+    anchors = tuple(_anchor(entry) for entry in top.tables("anchors"))
     if reports_listen is None and not MIN_ANCHORS <= len(anchors) <= MAX_ANCHORS:
         raise top.wrong("anchors", f"has {len(anchors)} entries; a pad has {MIN_ANCHORS} to {MAX_ANCHORS}")
     for name in ("anchor_id", "port"):
@@ -157,6 +167,20 @@ def parse(document: dict[str, Any], path: Path) -> PadSettings:
     for table in (top, remote_id, backend, drift):
         table.refuse_unknown()
     return settings
+
+
+def _anchor(entry: _Table) -> AnchorSetting:
+    port = entry.text("port")
+    problem = url_problem(port)
+    if problem:
+        raise entry.wrong("port", f"is {port!r}: {problem}")
+    flow_control = entry.text("flow_control", "none")
+    if flow_control not in {"none", "rtscts"}:
+        raise entry.wrong(
+            "flow_control", f"is {flow_control!r}; none and rtscts are known (XON and XOFF are data here)"
+        )
+    baud_rate = entry.integer("baud_rate", BAUD_RATE, 1_200, 12_000_000)
+    return AnchorSetting(entry.identifier("anchor_id"), port, baud_rate, flow_control)
 
 
 def _metrics_file(top: _Table) -> Path | None:
@@ -277,7 +301,7 @@ class _Table:
             if not isinstance(entry, dict):
                 raise self.wrong(f"{name}[{index}]", "is not a table")
             table = _Table(entry, self._path, f"{self._prefix}{name}[{index}].")
-            unknown = sorted(set(entry) - {"anchor_id", "port"})
+            unknown = sorted(set(entry) - {"anchor_id", "port", "baud_rate", "flow_control"})
             if unknown:
                 raise table.wrong(unknown[0], "is unknown")
             out.append(table)

@@ -113,6 +113,40 @@ def test_any_document_is_settings_or_a_settings_error(document):
         parse(document, Path("/etc/pad.toml"))
 
 
+@pytest.mark.parametrize(
+    ("line", "wrong"),
+    [
+        ("", ""),
+        ("baud_rate = 3000000", ""),
+        ('flow_control = "rtscts"', ""),
+        ('flow_control = "xonxoff"', r"anchors\[0\]\.flow_control is 'xonxoff'"),
+        ("baud_rate = 0", r"anchors\[0\]\.baud_rate is 0"),
+        ("baud = 9600", r"anchors\[0\]\.baud is unknown"),
+    ],
+)
+def test_ports_of_nodes(file, line, wrong):
+    file.write_text(GOOD.replace("[[anchors]]\n", f"[[anchors]]\n{line}\n", 1))
+    if wrong:
+        with pytest.raises(SettingsError, match=wrong):
+            load(file)
+    else:
+        anchor = load(file).anchors[0]
+        assert anchor.baud_rate == (3_000_000 if "baud" in line else 115_200)
+        assert anchor.flow_control == ("rtscts" if "flow" in line else "none")
+
+
+@pytest.mark.parametrize(
+    ("port", "known"), [("rfc2217://10.0.0.7:5000", True), ("spy://x", False), ("socket://x", False)]
+)
+def test_ports_over_the_network(file, port, known):
+    file.write_text(GOOD.replace(f'port = "{load(file).anchors[0].port}"', f'port = "{port}"'))
+    if known:
+        assert load(file).anchors[0].port == port
+    else:
+        with pytest.raises(SettingsError, match=r"anchors\[0\]\.port is"):
+            load(file)
+
+
 # --- the commands -------------------------------------------------------------------------------------------------
 
 

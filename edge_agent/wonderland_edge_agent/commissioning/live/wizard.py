@@ -100,7 +100,7 @@ class Wizard:
         survey = self._survey()
         if self._state.read("check") is None or not self._runs_done() or self._settings.another_run:
             with self._alone():
-                ports = {anchor.anchor_id: anchor.port for anchor in self._settings.pad.anchors}
+                ports = {anchor.anchor_id: anchor.opener() for anchor in self._settings.pad.anchors}
                 async with open_nodes(ports, self._clock) as nodes:
                     await self._check(nodes, survey)
                     if not self._runs_done() or self._settings.another_run:

@@ -26,6 +26,12 @@ KINDS: Final = ("dwm1001", "uci")
 MODES: Final = ("tlv", "les", "lec", "lep")
 
 
+_baud_rate = click.option(
+    "--baud-rate", type=click.IntRange(1_200, 12_000_000), default=115_200, show_default=True, help="Of the port."
+)
+_rtscts = click.option("--rtscts", is_flag=True, help="Flow control by RTS and CTS.")
+
+
 @click.group()
 def uwb() -> None:
     """Try UWB boards: what one measures, how often, how steadily.
@@ -46,19 +52,24 @@ def _address(text: str) -> int:
 
 
 @uwb.command()
-@click.option("--port", required=True, help="Serial port of the board, which speaks FiRa UCI.")
+@click.option(
+    "--port", required=True, help="Port of the board, which speaks FiRa UCI: a device or socket://, rfc2217://."
+)
+@_baud_rate
+@_rtscts
 @click.option("--json", "as_json", is_flag=True, help="One JSON document.")
-def capabilities(*, port: str, as_json: bool) -> None:
+def capabilities(*, port: str, baud_rate: int, rtscts: bool, as_json: bool) -> None:
     """Say what a board can do by its own word, and which assurance that bears on a pad and on a drone.
 
     Exit code 1 when the board does not answer, or not in a way that can be read.
     """
     from wonderland.uwb.listen import capabilities_of  # noqa: PLC0415 - `--help` needs none of it
     from wonderland_fira_uci.errors import UwbError  # noqa: PLC0415
+    from wonderland_fira_uci.serial_port import serial_opener  # noqa: PLC0415
 
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     try:
-        document = asyncio.run(capabilities_of(port))
+        document = asyncio.run(capabilities_of(port, serial_opener(port, baud_rate, rtscts=rtscts)))
     except UwbError as error:
         raise click.ClickException(str(error)) from error
     if document is None:
@@ -76,7 +87,9 @@ def capabilities(*, port: str, as_json: bool) -> None:
 
 
 @uwb.command()
-@click.option("--port", required=True, help="Serial port of the board.")
+@click.option("--port", required=True, help="Port of the board: a device, socket://HOST:PORT or rfc2217://HOST:PORT.")
+@_baud_rate
+@_rtscts
 @click.option("--kind", required=True, type=click.Choice(KINDS), help="What the board speaks.")
 @click.option(
     "--mode",
@@ -134,13 +147,18 @@ def _reports(
     interval_ms: int,
     key_file: Path | None,
     blink: bool,
+    baud_rate: int,
+    rtscts: bool,
 ) -> AsyncGenerator[Document, None]:
     from wonderland.clock import SteadyClock  # noqa: PLC0415 - `--help` needs none of it
     from wonderland.uwb import listen as bench  # noqa: PLC0415
     from wonderland_fira_uci.dwm1001 import Mode  # noqa: PLC0415
+    from wonderland_fira_uci.serial_port import serial_opener  # noqa: PLC0415
+
+    opener = serial_opener(port, baud_rate, rtscts=rtscts)
 
     if kind == "dwm1001":
-        return bench.dwm1001(port, Mode(mode), SteadyClock())
+        return bench.dwm1001(port, opener, Mode(mode), SteadyClock())
     if mac is None or not peers:
         raise click.UsageError("--kind uci needs --mac (this board) and --peer (the others)")
     own, others = _address(mac), tuple(_address(peer) for peer in peers)
@@ -158,7 +176,7 @@ def _reports(
         key=_key(key_file),
         blink=blink,
     )
-    return bench.uci(port, session_plan, SteadyClock())
+    return bench.uci(port, opener, session_plan, SteadyClock())
 
 
 def _key(path: Path | None) -> bytes | None:

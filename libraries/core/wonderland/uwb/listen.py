@@ -6,7 +6,6 @@ import math
 from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass, field, fields
 from enum import IntFlag
-from pathlib import Path
 from typing import Any, Final
 
 from wonderland.uwb.blinks import blinks_beside
@@ -15,6 +14,7 @@ from wonderland_fira_uci.dwm1001 import BoardPosition, Dwm1001Node, HeardPositio
 from wonderland_fira_uci.errors import NodeError, UwbError
 from wonderland_fira_uci.events import RangeMeasurement, RangingSilent, SessionFailed, SessionInterrupted
 from wonderland_fira_uci.node import UwbNode
+from wonderland_fira_uci.serial_port import Opener
 from wonderland_fira_uci.uci.config import (
     AppConfig,
     DeviceRole,
@@ -65,9 +65,9 @@ class UciBench:
         return SessionConfig(session_id=self.session_id, app=app, session_type=SessionType.RANGING)
 
 
-async def dwm1001(port: Path | str, mode: Mode, clock: Callable[[], int]) -> AsyncGenerator[Document, None]:
+async def dwm1001(port: str, opener: Opener, mode: Mode, clock: Callable[[], int]) -> AsyncGenerator[Document, None]:
     """A DWM1001's reports, for ever. Raises NodeError where the board does not report within ten seconds."""
-    async with Dwm1001Node(port, mode=mode, clock=clock) as node:
+    async with Dwm1001Node(opener, name=port, mode=mode, clock=clock) as node:
         await node.wait_ready(READY_S)
         yield {"kind": "ready", "t_ms": clock(), "board": "dwm1001", "firmware": node.firmware or "not told"}
         async for timed in node.reports():
@@ -81,9 +81,9 @@ async def dwm1001(port: Path | str, mode: Mode, clock: Callable[[], int]) -> Asy
             yield document
 
 
-async def uci(port: Path | str, bench: UciBench, clock: Callable[[], int]) -> AsyncGenerator[Document, None]:
+async def uci(port: str, opener: Opener, bench: UciBench, clock: Callable[[], int]) -> AsyncGenerator[Document, None]:
     """A UCI node's reports in one session, until that fails. Raises UwbError where the node does not take it."""
-    async with UwbNode(port, clock=clock) as node:
+    async with UwbNode(opener, name=port, clock=clock) as node:
         await node.wait_ready(READY_S)
         session = await node.open_session(bench.config())
         if bench.blink and bench.key is not None:
@@ -110,12 +110,12 @@ async def uci(port: Path | str, bench: UciBench, clock: Callable[[], int]) -> As
                     pass
 
 
-async def capabilities_of(port: Path | str) -> Document | None:
+async def capabilities_of(port: str, opener: Opener) -> Document | None:
     """What a UCI node says that it can do, and what that bears on a pad and on a drone; None where it does not say.
 
     Raises UwbError where no node answers within ten seconds.
     """
-    async with UwbNode(port) as node:
+    async with UwbNode(opener, name=port) as node:
         await node.wait_ready(READY_S)
         said = node.capabilities
     if said is None:

@@ -7,34 +7,15 @@ import contextlib
 import logging
 import os
 import termios
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final, Protocol
 
-import serial
+from wonderland_fira_uci.serial_port.devices import ByteDevice, NetworkOpener, Opener, PortError
 
-from wonderland_fira_uci.errors import UwbError
-
-BAUD_RATE: Final = 115_200
 READ_OCTETS: Final = 65_536
 MAX_WAITING_OCTETS: Final = 65_536
 
 _log = logging.getLogger(__name__)
-
-
-class PortError(UwbError):
-    """The device could not be opened, or is gone; the text says why and names the path."""
-
-
-class ByteDevice(Protocol):
-    """An open, non-blocking device: a serial port, a pseudo-terminal, one end of a socket pair."""
-
-    def fileno(self) -> int:
-        """The file descriptor to read and write."""
-
-    def close(self) -> None:
-        """Releases it."""
 
 
 class PortObserver(Protocol):
@@ -48,26 +29,6 @@ class PortObserver(Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Octets came."""
-
-
-Opener = Callable[[], ByteDevice]
-"""Opens the device, non-blocking; raises ``PortError``."""
-
-
-def serial_opener(path: Path | str, baud_rate: int = BAUD_RATE) -> Opener:
-    """An opener of a serial device or pseudo-terminal: 8N1, no flow control, for this process alone.
-
-    Octets that waited from before are discarded. A second process that opens the same device gets ``PortError``.
-    """
-
-    def open_serial() -> ByteDevice:
-        try:
-            # pyserial sets the line to raw and the descriptor to non-blocking; its own read and write are not used.
-            return serial.Serial(str(path), baud_rate, timeout=0, exclusive=True)  # type: ignore[no-any-return]
-        except (OSError, ValueError, termios.error) as error:
-            raise PortError(f"{path} cannot be opened: {error}") from error
-
-    return open_serial
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,18 +125,49 @@ class ReconnectingPort:
     def _open(self) -> None:
         self._open_timer = None
         assert self._loop is not None
+        if isinstance(self._opener, NetworkOpener):
+            self._loop.run_in_executor(None, self._opener).add_done_callback(self._opened_elsewhere)
+            return
         try:
             device = self._opener()
         except PortError as error:
-            if str(error) != self.last_error:
-                _log.info("%s; trying again", error)
-            self.last_error = str(error)
-            self._open_later()
+            self._not_opened(str(error))
+        else:
+            self._use(device)
+
+    def _opened_elsewhere(self, outcome: asyncio.Future[ByteDevice]) -> None:
+        """In the loop again; the port may have been given up meanwhile."""
+        if outcome.cancelled():
             return
-        self._device, self._fd = device, device.fileno()
+        error = outcome.exception()
+        if error is not None and not isinstance(error, PortError):
+            raise error
+        if self._loop is None:
+            if error is None:
+                outcome.result().close()
+        elif error is not None:
+            self._not_opened(str(error))
+        else:
+            self._use(outcome.result())
+
+    def _not_opened(self, detail: str) -> None:
+        if detail != self.last_error:
+            _log.info("%s; trying again", detail)
+        self.last_error = detail
+        self._open_later()
+
+    def _use(self, device: ByteDevice) -> None:
+        assert self._loop is not None
+        fd = device.fileno()
+        try:
+            self._loop.add_reader(fd, self._readable)
+        except OSError as error:  # epoll refuses what can never be waited for, such as /dev/null
+            device.close()
+            self._not_opened(f"the device cannot be waited for: {error}")
+            return
+        self._device, self._fd = device, fd
         self._opened_s = self._loop.time()
         self.last_error = ""
-        self._loop.add_reader(self._fd, self._readable)
         self._observer.port_up()
 
     def _open_later(self) -> None:
