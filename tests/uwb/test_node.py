@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import dataclasses
 import random
 import time
 from collections.abc import Callable
@@ -49,7 +50,7 @@ async def until(condition: Callable[[], bool], limit_s: float = 5.0) -> None:
 
 
 async def test_a_pad_and_a_drone_range_and_talk_over_sessions_a_and_b(world, plan: Plan) -> None:
-    plan_ = plan(interval_a_ms=20, interval_b_ms=40, slot_duration_rstu=1200, slots_per_round=10)
+    plan_ = plan(interval_a_ms=20, interval_b_ms=40, slot_duration_rstu=1200)
     world.distances = {name: 5_000 + 110 * i for i, name in enumerate(PAD)}
     world.air.data_loss = 0.2
     keys = LinkKeys(b"sess", b"a" * 16, b"b" * 16, b"c" * 13, b"d" * 13)
@@ -434,3 +435,34 @@ def test_a_plan_of_blinks_that_cannot_work_is_refused(change: dict[str, object])
     BlinkPlan(**good)  # type: ignore[arg-type]
     with pytest.raises(RangingPlanError):
         BlinkPlan(**(good | change))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("anchors", [6, 8])
+async def test_pads_of_six_and_eight_range_with_all_of_their_nodes(world, plan: Plan, anchors: int) -> None:
+    names = [f"anchor-{index}" for index in range(1, anchors + 1)]
+    plan_ = plan(pad_macs=tuple(0xA001 + index for index in range(anchors)))
+    paths = {name: world.add(name) for name in (*names, "uav")}
+    async with contextlib.AsyncExitStack() as stack:
+        nodes = {name: await stack.enter_async_context(node(path)) for name, path in paths.items()}
+        opened = await asyncio.gather(
+            *(nodes[name].open_session(plan_.pad_ranging(index)) for index, name in enumerate(names)),
+            nodes["uav"].open_session(plan_.uav_ranging()),
+            nodes["anchor-1"].open_session(plan_.pad_words()),
+            nodes["uav"].open_session(plan_.uav_words()),
+        )
+        counts = [0] * anchors
+
+        def all_ranged() -> bool:
+            for index, session in enumerate(opened[:anchors]):
+                counts[index] += sum(isinstance(event, RangeMeasurement) for event in session.events_nowait())
+            return min(counts) >= 5
+
+        await until(all_ranged)
+
+
+async def test_a_node_that_leads_refuses_fewer_slots_than_a_round_takes(world, plan: Plan) -> None:
+    leading = plan().uav_ranging()
+    short = dataclasses.replace(leading, app=dataclasses.replace(leading.app, slots_per_round=11))
+    async with node(world.add("uav")) as uav:
+        with pytest.raises(UciConfigRejectedError, match="SLOTS_PER_RR"):
+            await uav.open_session(short)

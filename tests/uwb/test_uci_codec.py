@@ -164,10 +164,10 @@ def test_the_drones_configuration_and_session_b_differ_where_they_should() -> No
         ({"sts_key": b"short"}, "sts_key"),
         ({"channel": 7}, "channel"),
         ({"preamble_code": 8}, "preamble_code"),
-        ({"slots_per_round": 6}, "responders need"),
-        ({"slots_per_round": 256}, "out of range"),
+        ({"slot_duration_rstu": 0x10000}, "slot_duration_rstu"),
+        ({"pad_macs": tuple(range(1, 9)), "interval_a_ms": 45}, "rounds of 40 ms and of 12 ms do not fit"),
         ({"interval_a_ms": 0}, "interval_a_ms"),
-        ({"interval_a_ms": 30}, "do not fit"),
+        ({"interval_a_ms": 25}, "do not fit"),
     ],
 )
 def test_a_plan_that_cannot_run_is_refused_by_name(changes: dict[str, object], text: str) -> None:

@@ -10,10 +10,13 @@ from typing import Final
 from wonderland_fira_uci.uci.codec import DeviceCodec, MalformedMessage
 from wonderland_fira_uci.uci.config import (
     AppConfig,
+    DeviceType,
     ParameterId,
+    RangingUsage,
     SessionConfig,
     UciParameterError,
     encode_parameters,
+    least_slots,
 )
 from wonderland_fira_uci.uci.data import (
     DataCredit,
@@ -346,6 +349,11 @@ class VirtualNode:
                 if address in merged and ParameterId.MAC_ADDRESS_MODE not in order[: order.index(address)]:
                     raise UciParameterError(address, Status.INVALID_PARAMETER, "the address mode must come before")  # noqa: TRY301 - one answer for all
             app = AppConfig.from_parameters(list(merged.items()))
+            if app.ranging_usage in (RangingUsage.DS_TWR_DEFERRED, RangingUsage.SS_TWR_DEFERRED):
+                needed = least_slots(len(app.destination_macs), app.round_control)
+                if app.device_type is DeviceType.CONTROLLER and app.slots_per_round < needed:
+                    why = f"{needed} slots are needed"
+                    raise UciParameterError(ParameterId.SLOTS_PER_RR, Status.INVALID_PARAMETER, why)  # noqa: TRY301 - one answer for all
             if app.slots_per_round * app.slot_duration_rstu > app.interval_ms * RSTU_PER_MS:
                 why = "the round does not fit"
                 raise UciParameterError(ParameterId.RANGING_INTERVAL, Status.INVALID_PARAMETER, why)  # noqa: TRY301 - one answer for all

@@ -24,6 +24,7 @@ from wonderland_fira_uci.uci.config import (
     DeviceType,
     MultiNodeMode,
     SessionConfig,
+    least_slots,
 )
 from wonderland_fira_uci.uci.status import SessionType
 
@@ -53,7 +54,6 @@ class RangingPlan:
     interval_a_ms: int = 50
     interval_b_ms: int = 100
     slot_duration_rstu: int = 2400
-    slots_per_round: int = 12
     blinks: BlinkPlan | None = None
     """Session C, for pads whose nodes share a clock."""
     witness_blinks: BlinkPlan | None = None
@@ -78,26 +78,25 @@ class RangingPlan:
             raise RangingPlanError(f"channel: {self.channel} is no high-rate UWB channel {CHANNELS}")
         if self.preamble_code not in PREAMBLE_CODES:
             raise RangingPlanError(f"preamble_code: {self.preamble_code} is not within 9 to 32")
-        if not 1 <= self.slots_per_round <= 0xFF or not 1 <= self.slot_duration_rstu <= 0xFFFF:
-            raise RangingPlanError("slots_per_round, slot_duration_rstu: out of range")
-        # One control, poll and final frame, one report, one frame for data, and one response per pad node.
-        if self.slots_per_round < 5 + len(self.pad_macs):
-            raise RangingPlanError(f"slots_per_round: {len(self.pad_macs)} responders need {5 + len(self.pad_macs)}")
+        if not 1 <= self.slot_duration_rstu <= 0xFFFF:
+            raise RangingPlanError(f"slot_duration_rstu: {self.slot_duration_rstu} is not within 1 to 65535")
         for name in ("interval_a_ms", "interval_b_ms"):
             if not 1 <= getattr(self, name) <= 60_000:
                 raise RangingPlanError(f"{name}: {getattr(self, name)} is not within 1 to 60000")
-        if self.round_duration_ms * (1 + self.interval_a_ms / self.interval_b_ms) > self.interval_a_ms:
+        ranging_ms, words_ms = self._round_ms(len(self.pad_macs)), self._round_ms(1)
+        if ranging_ms + words_ms * self.interval_a_ms / self.interval_b_ms > self.interval_a_ms:
             raise RangingPlanError(
-                f"interval_a_ms: rounds of {self.round_duration_ms:g} ms of both sessions do not fit; "
-                "lengthen the intervals or use fewer or shorter slots"
+                f"interval_a_ms: rounds of {ranging_ms:g} ms and of {words_ms:g} ms do not fit; "
+                "lengthen the intervals, or use fewer nodes or shorter slots"
             )
 
-    @property
-    def round_duration_ms(self) -> float:
-        """Time on air of one ranging round."""
-        return self.slots_per_round * self.slot_duration_rstu / RSTU_PER_MS
+    def _round_ms(self, responders: int) -> float:
+        """Time on air of one round."""
+        return least_slots(responders) * self.slot_duration_rstu / RSTU_PER_MS
 
-    def _app(self, *, lead: bool, mode: MultiNodeMode, mac: int, peers: tuple[int, ...], interval_ms: int) -> AppConfig:
+    def _app(
+        self, *, lead: bool, mode: MultiNodeMode, mac: int, peers: tuple[int, ...], responders: int, interval_ms: int
+    ) -> AppConfig:
         return AppConfig(
             device_type=DeviceType.CONTROLLER if lead else DeviceType.CONTROLEE,
             device_role=DeviceRole.INITIATOR if lead else DeviceRole.RESPONDER,
@@ -108,7 +107,7 @@ class RangingPlan:
             channel=self.channel,
             preamble_code=self.preamble_code,
             slot_duration_rstu=self.slot_duration_rstu,
-            slots_per_round=self.slots_per_round,
+            slots_per_round=least_slots(responders),
             rssi_reporting=1,
             session_key=self.sts_key,
         )
@@ -125,6 +124,7 @@ class RangingPlan:
             mode=MultiNodeMode.ONE_TO_MANY,
             mac=self.pad_macs[index],
             peers=(self.uav_mac,),
+            responders=len(self.pad_macs),
             interval_ms=self.interval_a_ms,
         )
         return self._session(self.session_a_id, app)
@@ -136,6 +136,7 @@ class RangingPlan:
             mode=MultiNodeMode.ONE_TO_MANY,
             mac=self.uav_mac,
             peers=self.pad_macs,
+            responders=len(self.pad_macs),
             interval_ms=self.interval_a_ms,
         )
         return self._session(self.session_a_id, app)
@@ -147,6 +148,7 @@ class RangingPlan:
             mode=MultiNodeMode.UNICAST,
             mac=self.pad_macs[0],
             peers=(self.uav_mac,),
+            responders=1,
             interval_ms=self.interval_b_ms,
         )
         return self._session(self.session_b_id, app)
@@ -158,6 +160,7 @@ class RangingPlan:
             mode=MultiNodeMode.UNICAST,
             mac=self.uav_mac,
             peers=(self.pad_macs[0],),
+            responders=1,
             interval_ms=self.interval_b_ms,
         )
         return self._session(self.session_b_id, app)

@@ -150,6 +150,19 @@ SESSION_KEY_SIZES: Final = (16, 32)
 MAX_CONTROLEES: Final = 8
 
 
+REPORTED_AND_CONTROLLED: Final = 0x03
+"""``round_control`` of a round with a control message (bit 1) and result reports (bit 0)."""
+
+
+def least_slots(responders: int, round_control: int = REPORTED_AND_CONTROLLED) -> int:
+    """Slots that a round of deferred two-way ranging takes, with so many responders.
+
+    Control message, initiation, a response of each, final and measurement report; and a result report of each. FiRa
+    MAC: 12, 16 and 20 for four, six and eight responders.
+    """
+    return 3 + responders + (round_control >> 1 & 1) + (responders if round_control & 1 else 0)
+
+
 class UciParameterError(UciDecodeError):
     """A parameter that a node must refuse: its id and the status octet to answer with."""
 
