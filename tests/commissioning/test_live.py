@@ -21,6 +21,7 @@ from wonderland.proofs.reduction import bias_at
 from wonderland_chaincode.contract import CONTRACT
 from wonderland_edge_agent.commissioning.errors import PublishError, RadioError, StateError, SurveyError
 from wonderland_edge_agent.commissioning.live.publish import Operator
+from wonderland_edge_agent.commissioning.live.radios import TagPlan
 from wonderland_edge_agent.commissioning.live.wizard import LiveSettings, Wizard
 from wonderland_edge_agent.commissioning.survey_files import Origin
 from wonderland_edge_agent.settings import parse
@@ -142,7 +143,7 @@ class Site:
             seconds=26.0,
             truth_shift_s=0.0,
             check_rounds=8,
-            run_interval_ms=20,
+            run_interval_ms=25,
             operator=Operator(connection=pad.connection, register_as="Pad seven", operator_id="skyport"),
         )
         return replace(found, **more)
@@ -329,3 +330,9 @@ async def test_the_command_goes_on_from_kept_steps(tmp_path, make_world):
     assert "5. Publish" in told.decode()
     assert "At 5 m: 90 % of honest drones within" in told.decode()
     assert "checked by the anchors themselves" in (state / "report.html").read_text()
+
+
+def test_rounds_that_do_not_fit_into_the_interval_are_refused_before_any_node_is_asked():
+    macs = {f"A{index}": 0xA001 + index for index in range(8)}
+    with pytest.raises(RadioError, match="8 nodes takes 40 ms, and the interval is 30 ms"):
+        TagPlan(macs=macs, tag_mac=0xD001, session_id=1, key=bytes(16), interval_ms=30)

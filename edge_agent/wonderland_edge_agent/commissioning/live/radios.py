@@ -20,7 +20,7 @@ from wonderland_fira_uci.errors import UwbError
 from wonderland_fira_uci.events import FrameStamped, RangeMeasurement, SessionFailed
 from wonderland_fira_uci.node import UwbNode, UwbSession
 from wonderland_fira_uci.serial_port import Opener
-from wonderland_fira_uci.uci.config import SessionConfig
+from wonderland_fira_uci.uci.config import SessionConfig, least_slots
 
 READY_S: Final = 10.0
 RUN_INTERVAL_MS: Final = 100
@@ -39,6 +39,15 @@ class TagPlan:
     session_id: int
     key: bytes
     interval_ms: int = RUN_INTERVAL_MS
+
+    def __post_init__(self) -> None:
+        """Raises RadioError where a round of all nodes takes longer than the interval."""
+        round_ms = least_slots(len(self.macs)) * SLOT_MS
+        if self.interval_ms < round_ms:
+            raise RadioError(
+                f"a round of {len(self.macs)} nodes takes {round_ms} ms, and the interval is {self.interval_ms} ms: "
+                "lengthen it"
+            )
 
     def blinks(self) -> BlinkPlan:
         """The tag's blinks, which the pad's nodes time-stamp; as ``wonderland uwb listen --blink`` has them."""
