@@ -25,7 +25,7 @@ from wonderland_fira_uci.uci.errors import UciDecodeError
 from wonderland_simulator.uci_node.node import CAPABILITIES
 
 # The first 18 of 26 parameters that a Qorvo DWM3001CDK (QM33 SDK, UCI 2.0.0) answered, as captured in the public
-# repository EstebanMenti/i-mop-qorvo-uci-script (shared/reference/uwb.md, "On silicon"); the rest was not copied there.
+# repository EstebanMenti/i-mop-qorvo-uci-script; the rest is not at hand here.
 DWM3001CDK = bytes.fromhex(
     "12 00020301 0102ff00 020402000200 030402000200 040103 05020300 06021e00 070119 080103 090102 0a0102 0b0101"
     "0c0101 0d0101 0e0109 0f010a 100101 11013f"

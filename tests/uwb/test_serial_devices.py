@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import serial
 import serial.rfc2217
+from kit.port_observer import Observer
 
 from wonderland_fira_uci.node import UwbNode
 from wonderland_fira_uci.serial_port import PortError, PortTimings, ReconnectingPort, serial_opener, url_problem
@@ -21,21 +22,6 @@ from wonderland_simulator.uci_node import Air, Measurement, VirtualNode
 FAST = PortTimings(backoff_s=0.02, backoff_max_s=0.1, stable_s=0.05)
 # pyserial's RFC 2217 client still names its thread as Python 2 did.
 pytestmark = pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")
-
-
-class Observer:
-    def __init__(self) -> None:
-        self.log: list[str] = []
-        self.data = b""
-
-    def port_up(self) -> None:
-        self.log.append("up")
-
-    def port_down(self, detail: str) -> None:
-        self.log.append(f"down: {detail}")
-
-    def data_received(self, data: bytes) -> None:
-        self.data += data
 
 
 async def until(condition: Callable[[], bool], limit_s: float = 10.0) -> None:

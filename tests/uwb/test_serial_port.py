@@ -10,26 +10,12 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
 import pytest
+from kit.port_observer import Observer
 
 from wonderland_fira_uci.serial_port import PortError, PortTimings, ReconnectingPort, serial_opener
 from wonderland_fira_uci.serial_port.port import MAX_WAITING_OCTETS
 
 FAST = PortTimings(backoff_s=0.01, backoff_max_s=0.04, stable_s=0.05, write_timeout_s=0.1)
-
-
-class Observer:
-    def __init__(self) -> None:
-        self.log: list[str] = []
-        self.data = b""
-
-    def port_up(self) -> None:
-        self.log.append("up")
-
-    def port_down(self, detail: str) -> None:
-        self.log.append(f"down: {detail}")
-
-    def data_received(self, data: bytes) -> None:
-        self.data += data
 
 
 class Plug:

@@ -137,7 +137,7 @@ def _of_stretches(
     variance = min(modelled, told)
     noise = variance * spread * (parts - 1) / parts
     over = 2 * (parts - 1)
-    if explained / variance <= (_limit(over) if variance == modelled else _ratio_limit(over, below)):
+    if explained / variance <= (_limit(over) if told >= modelled else _ratio_limit(over, below)):
         return 0.0, noise
     return max(square - noise, 0.0), noise
 
@@ -155,7 +155,7 @@ def _ratio_limit(freedom: int, below: int) -> float:
     """Explained over the variance of ``below`` degrees of freedom that one in twenty exceeds, without a swing.
 
     Fisher's F by Paulson's cube, times ``freedom``; without end where so few say nothing. One in twenty, as the
-    variance is only guessed: a swing that is none costs an honest drone a part of its reach and no permission.
+    variance is only guessed: a swing that is none costs an honest drone a part of its reach, seldom the permission.
     """
     over, under = 2.0 / (9.0 * freedom), 2.0 / (9.0 * below)
     z2 = TWENTIETH_Z * TWENTIETH_Z
