@@ -8,10 +8,10 @@ import random
 
 from rich.console import Console
 
-from wonderland_edge_agent.commands import _show
 from wonderland_edge_agent.commissioning.live.recorder import RunRecorder
 from wonderland_edge_agent.commissioning.live.terminal import Terminal
 from wonderland_edge_agent.self_survey import self_survey
+from wonderland_edge_agent.status_command import _show
 
 PLACES = {"A1": (1.6, 1.6, 1.6), "A2": (-1.6, 1.6, 0.25), "A3": (-1.6, -1.6, 0.25), "A4": (1.6, -1.6, 0.25)}
 

@@ -38,7 +38,7 @@ def test_links_in_the_documentation_lead_somewhere():
 def test_a_pad_needs_no_web_stack_and_no_numbers():
     """What `wonderland pad run` imports stays light: the whole agent has to fit into 60 MB."""
     program = (
-        "import sys, wonderland_edge_agent.commands, wonderland_edge_agent.assembly, wonderland_edge_agent.agent; "
+        "import sys, wonderland_edge_agent.agent_commands, wonderland_edge_agent.assembly, wonderland_edge_agent.agent; "
         "print(sorted({'fastapi','sqlalchemy','uvicorn','numpy','scipy','pyproj','matplotlib','pydantic'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

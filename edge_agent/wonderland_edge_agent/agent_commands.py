@@ -1,0 +1,81 @@
+"""``wonderland pad run``: a pad's agent."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import signal
+import sys
+from pathlib import Path
+
+import click
+
+from wonderland_edge_agent.assembly import open_pad
+from wonderland_edge_agent.config_option import config_option
+from wonderland_edge_agent.ports import AgentError
+from wonderland_edge_agent.receiver.settings import trust
+from wonderland_edge_agent.settings import SettingsError, load
+
+
+@click.command()
+@config_option
+@click.option("--json", "as_json", is_flag=True, help="One JSON line when the pad is ready, instead of text.")
+@click.option("--check", is_flag=True, help="Read the settings, say which Remote ID sources can be trusted, and end.")
+@click.option("-v", "--verbose", is_flag=True, help="Say more in the log.")
+def run(*, path: Path, as_json: bool, check: bool, verbose: bool) -> None:
+    """Work until told to stop (Ctrl-C or SIGTERM); what is under way then ends in a recorded state."""
+    if check:
+        _check(path)
+        return
+    logging.basicConfig(
+        level=logging.DEBUG if verbose else logging.INFO,
+        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
+        stream=sys.stderr,
+    )
+    logging.getLogger("websockets").setLevel(logging.WARNING)
+    try:
+        asyncio.run(_run(path, as_json=as_json))
+    except (SettingsError, AgentError) as error:
+        raise click.ClickException(str(error)) from error
+
+
+def _check(path: Path) -> None:
+    """What the settings say, without opening anything."""
+    try:
+        settings = load(path)
+    except SettingsError as error:
+        raise click.ClickException(str(error)) from error
+    sources = trust(settings.remote_id_listen, settings.remote_id_serial, settings.receivers)
+    click.echo(f"Pad {settings.pad_id}: the settings can be read.")
+    click.echo("Remote ID is heard from:" if sources else "No Remote ID is heard: no receiver is set.")
+    for source in sources:
+        click.echo(f"  {source}")
+
+
+async def _run(path: Path, *, as_json: bool) -> None:
+
+    settings = load(path)
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    async with open_pad(settings) as agent:
+        working = asyncio.create_task(agent.run())
+        ready = asyncio.create_task(agent.wait_ready())
+        stopping = asyncio.create_task(stop.wait())
+        try:
+            await asyncio.wait({working, ready, stopping}, return_when=asyncio.FIRST_COMPLETED)
+            if ready.done():
+                click.echo(
+                    json.dumps({"ready": True, "pad_id": settings.pad_id})
+                    if as_json
+                    else f"Pad {settings.pad_id} is ready. Ctrl-C stops it."
+                )
+            await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in (ready, stopping, working):
+                task.cancel()
+            outcome = (await asyncio.gather(working, ready, stopping, return_exceptions=True))[0]
+    if isinstance(outcome, Exception):
+        raise outcome

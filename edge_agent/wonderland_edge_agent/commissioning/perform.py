@@ -1,0 +1,233 @@
+"""What ``wonderland pad commission`` does with its options."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any, Final
+
+import click
+from rich.console import Console
+
+from wonderland_edge_agent.commissioning.errors import CommissioningError
+from wonderland_edge_agent.commissioning.fit import FitSettings
+from wonderland_edge_agent.commissioning.live.publish import Operator
+from wonderland_edge_agent.commissioning.live.terminal import Terminal
+from wonderland_edge_agent.commissioning.live.wizard import LiveSettings, Wizard
+from wonderland_edge_agent.commissioning.offline import Calibrated, OfflineSettings, calibrate, write_record
+from wonderland_edge_agent.commissioning.show import show
+from wonderland_edge_agent.commissioning.survey_files import parse_origin
+from wonderland_edge_agent.settings import SettingsError, load
+
+NO_GO: Final = 3
+"""Exit code of a pad that verifies the buffer asked for nowhere."""
+
+
+def perform(config: Path | None, state: Path | None, **options: Any) -> None:
+    """Calibrate from recordings, or at a live pad. Raises click's exceptions, with texts for people."""
+    try:
+        if config is None and state is None:
+            _from_recordings(**options)
+        elif config is None or state is None:
+            raise click.UsageError("at a live pad both --config and --state are needed")
+        else:
+            _at_the_pad(config, state, **options)
+    except (CommissioningError, SettingsError) as error:
+        raise click.ClickException(str(error)) from error
+
+
+def _from_recordings(*, out: Path | None, report: Path | None, as_json: bool, anchors: Path, **options: Any) -> None:
+
+    live = [name for name in _LIVE_ONLY if options.pop(name) not in _LIVE_ONLY[name]]
+    if live:
+        raise click.UsageError(
+            f"{', '.join('--' + name.replace('_', '-') for name in live)}: only at a live pad (--config)"
+        )
+    found = calibrate(_offline(anchors=anchors, **options), time.time_ns() // 1_000_000)
+    if out is not None:
+        write_record(out, found.record)
+    where = None if report is None else _report(report, found, anchors.stem)
+    if as_json:
+        click.echo(json.dumps(found.document()))
+    else:
+        show(found)
+        for path, what in ((out, "The commissioning record"), (where, "The report")):
+            if path is not None:
+                click.echo(f"{what} is in {path}.")
+    if not found.go:
+        sys.exit(NO_GO)
+
+
+_LIVE_ONLY: Final[dict[str, tuple[Any, ...]]] = {
+    "tag_port": ("",),
+    "tag_mac": ("d001",),
+    "reach": (20.0,),
+    "seconds": (0.0,),
+    "another_run": (False,),
+    "redo": ("",),
+    "identity": ("pad_operator",),
+    "register": ("",),
+    "operator_id": ("",),
+    "yes": (False,),
+    "dry_run": (False,),
+}
+"""Options that mean something at a live pad only, with their defaults."""
+
+
+def _at_the_pad(config: Path, state: Path, **options: Any) -> None:
+
+    for name, said in (
+        ("recordings", "recording"),
+        ("time_stamps", "time-stamps"),
+        ("out", "out"),
+        ("report", "report"),
+    ):
+        if options.pop(name):
+            raise click.UsageError(f"--{said}: at a live pad everything is kept in --state")
+    as_json, yes = options.pop("as_json"), options.pop("yes")
+    terminal = Terminal(Console(stderr=as_json, highlight=False), yes=yes)
+    wizard = Wizard(_live(config, state, **options), terminal)
+    try:
+        done = asyncio.run(_until_stopped(wizard))
+    finally:
+        terminal.close()
+    if as_json:
+        click.echo(json.dumps(done))
+    if not done["go"]:
+        sys.exit(NO_GO)
+
+
+async def _until_stopped(wizard: Wizard) -> dict[str, Any]:
+    """Ctrl-C ends a run that is under way; a second one ends the command, and everything found so far is kept."""
+    loop = asyncio.get_running_loop()
+    working = asyncio.ensure_future(wizard.run())
+
+    def interrupted() -> None:
+        if wizard.recording and not wizard.stop.is_set():
+            wizard.stop.set()
+        else:
+            working.cancel()
+
+    loop.add_signal_handler(signal.SIGINT, interrupted)
+    loop.add_signal_handler(signal.SIGTERM, working.cancel)
+    try:
+        return await working
+    except asyncio.CancelledError:
+        raise click.ClickException("stopped; what was found so far is kept, call it again to go on") from None
+
+
+def _live(
+    config: Path,
+    state: Path,
+    *,
+    anchors: Path,
+    reference: str | None,
+    truth_shift: float | str | None,
+    truth_raise: float,
+    reference_sigma: float,
+    installation_sigma: float,
+    origin: str | None,
+    tag_mac: str,
+    reach: float,
+    identity: str,
+    register: str,
+    operator_id: str,
+    buffer: float,
+    height: float,
+    **same: Any,
+) -> LiveSettings:
+
+    pad = load(config)
+    if pad.reports_listen is not None:
+        raise click.UsageError(
+            "this pad has DWM1001 anchors, which report nothing here; commission it from a recording"
+        )
+    try:
+        mac = int(tag_mac, 16)
+    except ValueError:
+        raise click.UsageError(f"--tag-mac {tag_mac!r}: up to four hexadecimal digits") from None
+    listen, file = _reference(reference)
+    return LiveSettings(
+        pad=pad,
+        state=state,
+        anchors=anchors,
+        origin=None if origin is None else parse_origin(origin),
+        tag_mac=mac,
+        reference_listen=listen,
+        reference_file=file,
+        reach_m=reach,
+        truth_shift_s=None if truth_shift in {None, "auto"} else float(truth_shift or 0.0),
+        truth_raise_m=truth_raise,
+        fit=FitSettings(reference_sigma, installation_sigma),
+        buffer_m=buffer,
+        height_m=height,
+        operator=Operator(connection=pad.connection, identity=identity, register_as=register, operator_id=operator_id),
+        **same,
+    )
+
+
+def _reference(text: str | None) -> tuple[tuple[str, int] | None, Path | None]:
+    if text is None:
+        return None, None
+    if not text.startswith("udp:"):
+        path = Path(text)
+        if not path.is_file():
+            raise click.UsageError(f"--reference {text}: there is no such file; live positions are udp:HOST:PORT")
+        return None, path
+    host, _, port = text[4:].rpartition(":")
+    if not (port.isascii() and port.isdigit() and int(port) < 65_536):
+        raise click.UsageError(f"--reference {text}: is not udp:HOST:PORT, as udp:0.0.0.0:5490")
+    return (host.strip("[]") or "0.0.0.0", int(port)), None  # noqa: S104 - whoever knows the position sends it
+
+
+def _offline(
+    *,
+    recordings: tuple[Path, ...],
+    reference: str | None,
+    truth_shift: float | str | None,
+    truth_raise: float,
+    reference_sigma: float,
+    installation_sigma: float,
+    origin: str | None,
+    buffer: float,
+    height: float,
+    **same: Any,
+) -> OfflineSettings:
+
+    if not recordings:
+        raise click.UsageError("give at least one --recording, or --config and --state at a live pad")
+    live, file = _reference(reference)
+    if live is not None:
+        raise click.UsageError("--reference: a recording's truth is in a file")
+    return OfflineSettings(
+        recordings=recordings,
+        reference=file,
+        truth_shift_s=None if truth_shift == "auto" else float(truth_shift or 0.0),
+        truth_raise_m=truth_raise,
+        fit=FitSettings(reference_sigma, installation_sigma),
+        origin=None if origin is None else parse_origin(origin),
+        buffer_m=buffer,
+        height_m=height,
+        **same,
+    )
+
+
+def _report(path: Path, found: Calibrated, name: str) -> Path:
+    from wonderland_edge_agent.commissioning.report import write_report  # noqa: PLC0415 - loads Matplotlib
+
+    return write_report(
+        path,
+        found.fit,
+        found.record,
+        found.reaches,
+        found.map,
+        title=f"Calibration of {name}",
+        by_distance=found.by_distance,
+        clocks=found.clocks,
+        timed_reaches=found.timed_reaches,
+        height_reaches=found.height_reaches,
+    )

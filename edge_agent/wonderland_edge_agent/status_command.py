@@ -1,0 +1,108 @@
+"""``wonderland pad status``: how a pad is, by the file that its agent writes."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from wonderland_edge_agent.config_option import config_option
+from wonderland_edge_agent.health import read_status
+from wonderland_edge_agent.settings import SettingsError, load
+from wonderland_fabric_gateway.errors import LedgerError
+
+STALE_S = 30
+CANNOT_PROVE = 3
+"""Exit code of ``pad status``; 2 is click's, for wrong options."""
+LEVEL_ALONE = 3
+"""Highest assurance that a pad reaches by itself."""
+
+
+@click.command()
+@config_option
+@click.option("--json", "as_json", is_flag=True, help="One JSON document.")
+def status(*, path: Path, as_json: bool) -> None:
+    """Say how the pad is. Exit code 0: it can prove; 1: its agent does not run; 3: it runs and cannot prove.
+
+    An agent that has said nothing for half a minute does not run, or hangs.
+    """
+    try:
+        settings = load(path)
+        said = read_status(settings.status_file)
+    except (SettingsError, LedgerError) as error:
+        raise click.ClickException(str(error)) from error
+    age_s = _age_s(said)
+    alive = age_s <= STALE_S
+    if as_json:
+        click.echo(json.dumps({**said, "alive": alive, "age_s": round(min(age_s, 1e9), 1)}))
+    else:
+        _show(said, alive=alive, age_s=age_s)
+    sys.exit((0 if said.get("accepts_sessions") is True else CANNOT_PROVE) if alive else 1)
+
+
+def is_alive(status_file: Path) -> bool:
+    """Whether the agent that writes this status file has done so lately."""
+    try:
+        return _age_s(read_status(status_file)) <= STALE_S
+    except LedgerError:
+        return False
+
+
+def _age_s(said: dict[str, Any]) -> float:
+    t_ms = said.get("t_ms")
+    return time.time() - t_ms / 1000 if isinstance(t_ms, int) else float("inf")
+
+
+def _show(said: dict[str, Any], *, alive: bool, age_s: float) -> None:
+
+    console = Console()
+    state = "can prove" if said.get("accepts_sessions") is True else "cannot prove"
+    state = state if alive else f"silent for {age_s:.0f} s: it is not running, or hangs"
+    console.print(f"Pad {said.get('pad_id', '?')}: {state}", soft_wrap=True)
+    reasons = said.get("cannot_prove")
+    for reason in reasons if isinstance(reasons, list) else ():
+        console.print(f"  {reason}", soft_wrap=True, markup=False, highlight=False)
+    table = Table(box=None, show_header=False)
+    with contextlib.suppress(KeyError, TypeError):
+        table.add_row("session", said["session"] or "none under way")
+        table.add_row("run since start", str(said["sessions_run"]))
+        table.add_row("waiting, to be ended", f"{said['requests_waiting']}, {said['sessions_to_end']}")
+        table.add_row("prekeys offered", str(said.get("prekeys", "not known yet: the ledger has not said it")))
+        spool = said["spool"]
+        table.add_row("spool", f"{spool['records']} records, {spool['bytes']} bytes, {spool['dropped']} dropped")
+        table.add_row("Remote ID", f"{said['receiver']['frames']} frames, {said['receiver']['bad']} bad")
+        if "drift" in said:
+            table.add_row("as commissioned", _drift(said["drift"]))
+        for label, text in _reach(said.get("reach")):
+            table.add_row(label, text)
+        for anchor in said["anchors"]:
+            table.add_row(f"anchor {anchor['anchor_id']}", f"{anchor['state']} {anchor.get('firmware', '')}")
+    console.print(table)
+
+
+def _reach(found: dict[str, Any] | None) -> list[tuple[str, str]]:
+    """What the nodes can bear, by what they say of themselves."""
+    if found is None:
+        return []
+    level = found["assurance"]
+    words = f"{level} at most" + (", with a witness pad" if level > LEVEL_ALONE else "")
+    rows = [("assurance of the nodes", words), *(("", each) for each in found["missing"])]
+    if found["unknown"]:
+        rows.append(("", f"not known of {', '.join(found['unknown'])}: not asked yet, or no answer that can be read"))
+    return rows
+
+
+def _drift(drift: dict[str, Any]) -> str:
+    """What the anchors found when they ranged each other."""
+    if drift["state"] == "ok":
+        return "yes, by the anchors' ranges to each other"
+    if drift["state"] == "moved":
+        return f"no: anchor {drift['anchor_id']} stands about {drift['off_mm']} mm elsewhere; nothing is proved"
+    return f"no: {drift['extra_sigma_mm']} mm of uncertainty are added to each anchor; commission the pad again"

@@ -1,0 +1,299 @@
+"""``wonderland uav prove`` and ``serve``: proofs from the drone's companion computer."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import signal
+import sys
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import click
+
+from wonderland import messages
+from wonderland.clock import Clock, SteadyClock
+from wonderland.proof_contract import ProofContract
+from wonderland.proofs.records.fields import ACTIONS
+from wonderland.proofs.records.sessions import STEP_NAMES
+from wonderland.proofs.records.verdicts import Verdict
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.errors import LedgerError
+from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_fabric_gateway.identity import Identity
+from wonderland_fabric_gateway.signing import Signer
+from wonderland_uav_agent.agent import ProofResult, UavAgent, UavAgentError
+from wonderland_uav_agent.broadcasts import BroadcastError, RemoteIdModule
+from wonderland_uav_agent.ledger_events import LedgerEvents
+from wonderland_uav_agent.position import AutopilotPosition, PositionError, PositionSource, TrackPosition
+from wonderland_uav_agent.radio import UavRadio
+from wonderland_uav_agent.radio.tag import TagRadio
+from wonderland_uav_agent.requests import Requests
+from wonderland_uav_agent.session.ports import Act
+from wonderland_uav_agent.willing import Willing
+
+POSITION_PATIENCE_S = 10.0
+LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
+
+
+def _of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
+    """The options that say which drone this is, and what it has."""
+    options = (
+        click.option(
+            "--connection", required=True, type=click.Path(path_type=Path), help="connection.json of the ledger."
+        ),
+        click.option("--identity", default="uav", show_default=True, help="A name in connection.json."),
+        click.option("--port", required=True, help="Serial port of the drone's UWB node."),
+        click.option(
+            "--node",
+            type=click.Choice(("uci", "dwm1001")),
+            default="uci",
+            show_default=True,
+            help="What hangs there. With a DWM1001 tag the drone reports its own ranges: assurance 0.",
+        ),
+        click.option(
+            "--report-to", metavar="HOST:PORT", help="Where the pad listens to drones with a DWM1001 (its uwb.listen)."
+        ),
+        click.option(
+            "--position",
+            required=True,
+            metavar="udp:HOST:PORT|track:FILE",
+            help="Where the drone's position comes from: datagrams of the autopilot, or a recorded track (CSV).",
+        ),
+        click.option(
+            "--remote-id",
+            metavar="udp:HOST:PORT",
+            help="Where the drone's Remote ID module says what it broadcasts; the agent signs for that, so that no "
+            "impostor's broadcast is taken for the drone's. Listen on this machine alone (127.0.0.1).",
+        ),
+        click.option(
+            "--then",
+            "command",
+            metavar="PROGRAM",
+            help="Run with the action and the session's id once it is permitted; exit status 0 means done.",
+        ),
+        click.option("--whole-certificate", is_flag=True, help="Say the whole certificate over UWB, not its hash."),
+        click.option("-v", "--verbose", is_flag=True, help="Say more in the log."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+@click.command()
+@_of_the_drone
+@click.option("--pad", "pad_id", required=True, help="The landing pad.")
+@click.option("--action", type=click.Choice(ACTIONS), default="land", show_default=True)
+@click.option("--json", "as_json", is_flag=True, help="One JSON document with the result.")
+def prove(*, as_json: bool, verbose: bool, **options: Any) -> None:
+    """Prove where the drone is. Exit code 0 when permitted and done, 2 when refused, 1 when no proof came about."""
+    _log_to_stderr(verbose=verbose)
+    try:
+        result = asyncio.run(_prove(**options, quiet=as_json))
+    except (LedgerError, UavAgentError, PositionError, BroadcastError) as error:
+        raise click.ClickException(str(error)) from error
+    if as_json:
+        click.echo(json.dumps(_document(result)))
+    else:
+        _show(result)
+    sys.exit(0 if (result.state, result.end) == ("completed", "done") else 2)
+
+
+def _log_to_stderr(*, verbose: bool) -> None:
+    logging.basicConfig(
+        level=logging.DEBUG if verbose else logging.WARNING,
+        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
+        stream=sys.stderr,
+    )
+
+
+async def _prove(*, pad_id: str, action: str, **options: Any) -> ProofResult:
+    async with _agent(**options) as (agent, _):
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, agent.stop)
+        return await agent.prove(pad_id, action)
+
+
+@click.command()
+@_of_the_drone
+@click.option("--backend", "url", required=True, metavar="WSS_URL", help="wss://host/ingest of the backend.")
+@click.option(
+    "--pad", "pads", multiple=True, required=True, help="A pad at which it will prove itself when asked; several times."
+)
+@click.option("--network-id", is_flag=True, help="Tell the backend each second where the drone is (Network Remote ID).")
+def serve(*, url: str, pads: tuple[str, ...], network_id: bool, verbose: bool, **options: Any) -> None:
+    """Stay, and prove where the drone is when the authority or its operator asks (POST /api/v1/proof-requests)."""
+    _log_to_stderr(verbose=verbose)
+    address = urlsplit(url)
+    if address.scheme != "wss" and (address.scheme, address.hostname) not in {("ws", "127.0.0.1"), ("ws", "localhost")}:
+        raise click.UsageError("--backend: wss:// (ws:// to this machine alone)")
+    try:
+        asyncio.run(_serve(url, frozenset(pads), network_id=network_id, **options, quiet=False))
+    except (LedgerError, PositionError, BroadcastError) as error:
+        raise click.ClickException(str(error)) from error
+
+
+async def _serve(url: str, pads: frozenset[str], *, network_id: bool, **options: Any) -> None:
+
+    stopping = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stopping.set)
+    async with _agent(**options) as (agent, (who, signer)):
+        willing = Willing(agent, pads)
+        position = agent.position if network_id else None
+        listening = asyncio.create_task(Requests(url, agent.uav_id, who, signer, willing.decide, position).run())
+        await stopping.wait()
+        listening.cancel()
+        await asyncio.gather(listening, return_exceptions=True)
+        await willing.stop()
+
+
+@contextlib.asynccontextmanager
+async def _agent(
+    *,
+    connection: Path,
+    identity: str,
+    port: str,
+    node: str,
+    report_to: str | None,
+    position: str,
+    remote_id: str | None,
+    command: str | None,
+    whole_certificate: bool,
+    quiet: bool,
+) -> AsyncIterator[tuple[UavAgent, tuple[Identity, Signer]]]:
+    """The drone's agent with all that it needs, and who it is."""
+    if (node == "dwm1001") != (report_to is not None):
+        raise click.UsageError("--node dwm1001 and --report-to HOST:PORT go together")
+    clock = SteadyClock()
+    radio = UavRadio(port, clock) if node == "uci" else _tag(port, report_to, clock)
+    where = Connection.load(connection)
+    who, signer = where.identity(identity), where.signer(identity)
+    async with contextlib.AsyncExitStack() as stack:
+        channel = await stack.enter_async_context(where.open_channel())
+        ledger = ProofContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
+        source = await stack.enter_async_context(_position(position, clock))
+        broadcasts = await stack.enter_async_context(_broadcasts(remote_id, who.pol_id, clock)) if remote_id else None
+        await stack.enter_async_context(radio)
+        events = await stack.enter_async_context(LedgerEvents(ledger))
+        agent = UavAgent(
+            uav_id=who.pol_id,
+            ledger=ledger,
+            events=events,
+            identity=who,
+            signer=signer,
+            radio=radio,
+            position=source,
+            broadcasts=broadcasts,
+            act=_act(command),
+            clock=clock,
+            whole_certificate=whole_certificate,
+            on_step=None if quiet else _progress,
+        )
+        yield agent, (who, signer)
+
+
+def _tag(port: str, report_to: str | None, clock: Clock) -> TagRadio:
+
+    host, _, number = (report_to or "").rpartition(":")
+    if not host or not number.isascii() or not number.isdigit() or not 0 < int(number) < 65_536:
+        raise click.UsageError(f"--report-to {report_to}: give HOST:PORT")
+    return TagRadio(port, (host.strip("[]"), int(number)), clock)
+
+
+@contextlib.asynccontextmanager
+async def _position(text: str, clock: Clock) -> AsyncIterator[PositionSource]:
+
+    kind, _, rest = text.partition(":")
+    if kind == "track" and rest:
+        yield TrackPosition.load(Path(rest), clock())
+        return
+    listen = _udp(text)
+    if listen is None:
+        raise PositionError(f"--position {text}: give udp:HOST:PORT or track:FILE")
+    async with AutopilotPosition(listen, clock) as source:
+        await source.wait(POSITION_PATIENCE_S)
+        yield source
+
+
+def _udp(text: str) -> tuple[str, int] | None:
+    """``udp:HOST:PORT``, or None."""
+    kind, _, rest = text.partition(":")
+    host, _, port = rest.rpartition(":")
+    if kind != "udp" or not host or not (port.isascii() and port.isdigit()) or int(port) > 0xFFFF:
+        return None
+    return host, int(port)
+
+
+def _broadcasts(text: str, uav_id: str, clock: Clock) -> RemoteIdModule:
+
+    listen = _udp(text)
+    if listen is None:
+        raise BroadcastError(f"--remote-id {text}: give udp:HOST:PORT")
+    if listen[0] not in LOOPBACK:
+        click.echo(
+            f"--remote-id {text}: whoever reaches this address has the drone sign for what he sends; use 127.0.0.1",
+            err=True,
+        )
+    return RemoteIdModule(listen, uav_id, clock)
+
+
+def _act(command: str | None) -> Act:
+    """What a permission sets off: the given program, or nothing but the word that it is done."""
+
+    async def act(verdict: Verdict) -> str:
+        if command is None:
+            return "done"
+        try:
+            process = await asyncio.create_subprocess_exec(
+                command, verdict.action, verdict.session_id, stdin=asyncio.subprocess.DEVNULL
+            )
+        except OSError as error:
+            return f"{command} cannot be run: {error.strerror or error}"
+        try:
+            status = await process.wait()
+        except asyncio.CancelledError:
+            process.terminate()
+            raise
+        return "done" if status == 0 else f"{command} ended with status {status}"
+
+    return act
+
+
+def _progress(_session: object, report: Any) -> None:
+    mark = "✓" if report.ok else "✗"
+    click.echo(f"  {mark} {report.step:<11}{report.detail}", err=True)
+
+
+def _document(result: ProofResult) -> dict[str, Any]:
+    return {
+        "session_id": result.session_id,
+        "uav_id": result.uav_id,
+        "pad_id": result.pad_id,
+        "action": result.action,
+        "state": result.state,
+        "end": result.end,
+        "detail": result.detail,
+        "outcome": result.verdict.outcome if result.verdict is not None else None,
+        "permission": result.verdict.permission if result.verdict is not None else None,
+        "verdict": result.verdict.to_json() if result.verdict is not None else None,
+        "verdict_tx": result.verdict_tx,
+        "closing_tx": result.closing_tx,
+        "steps": [{"step": step, "t_ms": result.steps[step]} for step in STEP_NAMES if step in result.steps],
+    }
+
+
+def _show(result: ProofResult) -> None:
+    verdict = result.verdict
+    if verdict is None:
+        click.echo(f"No verdict: {result.end.replace('_', ' ')}. {result.detail}".rstrip())
+        return
+    click.echo(f"{verdict.outcome.capitalize()}, permission {verdict.permission} (session {result.session_id[:12]}…)")
+    for reason in verdict.reasons:
+        click.echo(f"  {messages.text('reasons', reason.code, reason.facts)}")
