@@ -10,7 +10,7 @@ threshold; the thresholds are read off the decision's own functions. Every run c
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import lru_cache, partial
 from typing import Final
@@ -20,7 +20,6 @@ import numpy as np
 from wonderland.proofs import stopping
 from wonderland.proofs.agreement import REFUTING_ANCHORS
 from wonderland.proofs.estimate import MIRROR_CHI2
-from wonderland.proofs.judgement import VAGUE_BUFFERS
 from wonderland.proofs.leaving import NEWEST
 from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.one_claim import FEW_CLAIMS
@@ -38,12 +37,12 @@ from wonderland.proofs.reduction import (
 from wonderland.proofs.rounds import MIN_ANCHORS
 from wonderland.proofs.special import CHI2_LIMITS, CHI2_MILLIONTH
 from wonderland_research.attack_lab.batch import Batch, path_at_rounds
+from wonderland_research.attack_lab.least_squares import Problem
 from wonderland_research.attack_lab.places import ROUND_MS, Booleans, Floats, Integers
 
 MARGIN: Final = 0.02
 """Share of a threshold within which the decision itself is asked."""
 _PER_95_HEIGHT: Final = 0.5102
-_ITERATIONS: Final = 12
 _CONVERGED_MM: Final = 1.0
 _CONTRADICTS: Final = 4.0
 _STUCK: Final = 20.0
@@ -92,6 +91,7 @@ class _Fits:
     chi2: Floats
     freedom: int
     unsure: Booleans
+    problem: Problem
 
 
 def look(batch: Batch, rows: Integers, rounds: int) -> Integers:
@@ -209,7 +209,7 @@ def _fit(batch: Batch, means: _Means, middle: Floats, velocity: Floats, chosen: 
     virtual = np.linalg.norm(middle[:, None, :] - anchors, axis=-1) + means.residual[:, columns]
     floor = np.array([float(a.bias[0].sigma_mm) ** 2 + float(a.survey_sigma_mm) ** 2 for a in surveyed])
     own = np.maximum(means.white[:, columns] + floor, 1.0)
-    problem = _Problem(
+    problem = Problem(
         anchors,
         middle,
         np.where(np.isfinite(virtual), virtual, 0.0),
@@ -238,118 +238,7 @@ def _fit(batch: Batch, means: _Means, middle: Floats, velocity: Floats, chosen: 
     drift = velocity * CLAIM_CLOCK_SIGMA_MS
     covariance = covariance + drift[:, :, None] * drift[:, None, :]
     unsure = doubtful | lost.any(axis=0) | singular | ~np.isfinite(chi2)
-    return _Fits(offset, covariance, chi2, len(columns) - 2, unsure)
-
-
-@dataclass(frozen=True)
-class _Solution:
-    """(B, 2) offsets, their χ², and the length of the last step (mm)."""
-
-    offset: Floats
-    chi2: Floats
-    moved: Floats
-
-
-@dataclass(frozen=True)
-class _Problem:
-    """The least-squares problem of B tries with A anchors."""
-
-    anchors: Floats
-    middle: Floats
-    virtual: Floats
-    own: Floats
-    installation: float
-    height: float
-
-    def solve(self, start: Floats) -> _Solution:
-        """By Gauss–Newton; only the tries that still move go on."""
-        offset = start.copy()
-        chi2 = np.empty(len(start))
-        moved = np.full(len(start), np.inf)
-        going = np.arange(len(start))
-        for iteration in range(_ITERATIONS):
-            part = self.of(going)
-            weights = part._weights(offset[going])  # noqa: SLF001 - its own
-            unit, residual = part._directions(offset[going])  # noqa: SLF001
-            turned = weights @ unit
-            normal = np.swapaxes(unit, 1, 2) @ turned
-            right = (np.swapaxes(turned, 1, 2) @ residual[:, :, None])[:, :, 0]
-            chi2[going] = (residual[:, None, :] @ weights @ residual[:, :, None])[:, 0, 0]
-            step = _solve2(normal, right)
-            moved[going] = length = np.linalg.norm(step, axis=1)
-            offset[going] += step * np.minimum(1.0, 20_000.0 / np.maximum(length, 1e-9))[:, None]
-            going = going[~(length < 0.01) | (iteration == 0)]
-            if not len(going):
-                break
-        return _Solution(offset, chi2, moved)
-
-    def of(self, rows: Integers) -> _Problem:
-        """These tries only."""
-        return replace(self, middle=self.middle[rows], virtual=self.virtual[rows], own=self.own[rows])
-
-    def mirrored(self, offset: Floats) -> Floats:
-        """The offset mirrored at the line through the anchors."""
-        middle = self.anchors[:, :2].mean(axis=0)
-        _, vectors = np.linalg.eigh(np.cov((self.anchors[:, :2] - middle).T))
-        line = vectors[:, 1]
-        x = self.middle[:, :2] + offset - middle
-        across = x[:, 1] * line[0] - x[:, 0] * line[1]
-        return np.asarray(offset + 2.0 * across[:, None] * np.array((line[1], -line[0])), dtype=np.float64)
-
-    def covariance(self, offset: Floats) -> tuple[Floats, Booleans]:
-        """Inverse normal matrix, and where it has none worth the name."""
-        unit, _ = self._directions(offset)
-        normal = np.swapaxes(unit, 1, 2) @ (self._weights(offset) @ unit)
-        determinant = normal[:, 0, 0] * normal[:, 1, 1] - normal[:, 0, 1] ** 2
-        trace = normal[:, 0, 0] + normal[:, 1, 1]
-        singular = ~(determinant > 1e-8 * trace**2)
-        safe = np.where(singular, 1.0, determinant)
-        inverse = np.empty_like(normal)
-        inverse[:, 0, 0] = normal[:, 1, 1] / safe
-        inverse[:, 1, 1] = normal[:, 0, 0] / safe
-        inverse[:, 0, 1] = inverse[:, 1, 0] = -normal[:, 0, 1] / safe
-        return inverse, singular
-
-    def linear_start(self) -> Floats:
-        """Offset from differences of squared ranges: needs no start, so that a lie of any size is found."""
-        base, others = self.anchors[0], self.anchors[1:]
-        slope = 2.0 * (others[:, :2] - base[:2])
-        up = self.middle[:, 2]
-        height = (up - base[2])[:, None] ** 2 - (up[:, None] - others[:, 2]) ** 2
-        value = self.virtual[:, :1] ** 2 - self.virtual[:, 1:] ** 2 - height
-        value = value + (others[:, :2] ** 2).sum(axis=1) - (base[:2] ** 2).sum()
-        gain = np.linalg.pinv(slope)
-        return np.asarray(value @ gain.T - self.middle[:, :2], dtype=np.float64)
-
-    def _directions(self, offset: Floats) -> tuple[Floats, Floats]:
-        """Unit vectors from each anchor, (B, A, 2), and residuals, (B, A)."""
-        x = self.middle[:, None, 0] + offset[:, None, 0] - self.anchors[:, 0]
-        y = self.middle[:, None, 1] + offset[:, None, 1] - self.anchors[:, 1]
-        z = self.middle[:, None, 2] - self.anchors[:, 2]
-        away = np.maximum(np.sqrt(x * x + y * y + z * z), 1.0)
-        return np.stack((x / away, y / away), axis=2), self.virtual - away
-
-    def _weights(self, offset: Floats) -> Floats:
-        x = self.middle[:, None, 0] + offset[:, None, 0] - self.anchors[:, 0]
-        y = self.middle[:, None, 1] + offset[:, None, 1] - self.anchors[:, 1]
-        z = self.middle[:, None, 2] - self.anchors[:, 2]
-        away = np.maximum(np.sqrt(x * x + y * y + z * z), 1.0)
-        # Sherman and Morrison, twice, as the decision does.
-        inverse = 1.0 / self.own
-        rows = inverse[:, :, None] * np.eye(self.anchors.shape[0])
-        for sigma, vector in ((self.installation, np.ones_like(away)), (self.height, z / away)):
-            product = (rows @ vector[:, :, None])[:, :, 0]
-            scale = 1.0 / sigma**2 + (vector * product).sum(axis=1)
-            rows = rows - product[:, :, None] * product[:, None, :] / scale[:, None, None]
-        return np.asarray(rows, dtype=np.float64)
-
-
-def _solve2(normal: Floats, right: Floats) -> Floats:
-    determinant = normal[:, 0, 0] * normal[:, 1, 1] - normal[:, 0, 1] ** 2
-    safe = np.where(np.abs(determinant) > 1e-300, determinant, np.inf)
-    x = (normal[:, 1, 1] * right[:, 0] - normal[:, 0, 1] * right[:, 1]) / safe
-    y = (normal[:, 0, 0] * right[:, 1] - normal[:, 0, 1] * right[:, 0]) / safe
-    return np.stack((x, y), axis=1)
+    return _Fits(offset, covariance, chi2, len(columns) - 2, unsure, problem)
 
 
 def _sides(batch: Batch, fits: _Fits, middle: Floats, anchors: int) -> Integers:
@@ -412,8 +301,11 @@ def _compare(batch: Batch, fits: _Fits, middle: Floats) -> tuple[Booleans, Boole
     depth = _depth_at_most(m1, m2, s1, s2, radius)
     not_inside = (beyond > 1.0) | ((beyond < -1.0) & (depth < edges.inside_least.at(s1) * (1.0 - MARGIN)))
     away = _distance_to_disc(m1, m2, s1, s2, radius)
-    vague = (s1 > VAGUE_BUFFERS * radius * (1.0 - MARGIN)) | long  # then the decision looks twice
-    outside = (beyond > 1.0) & (away > edges.outside_most.at(s1) * (1.0 + MARGIN)) & ~vague
+    enough = edges.outside_most.at(s1) * (1.0 + MARGIN)
+    outside = (beyond > 1.0) & (away > enough) & ~long  # on an arc the decision asks the flat map as well
+    rows = np.nonzero(outside)[0]
+    worse = fits.problem.of(rows).least_chi2_within(radius) - fits.chi2[rows]
+    outside[rows] = worse > enough[rows] ** 2
     not_outside = (beyond < -1.0) | ((beyond > 1.0) & (away < edges.outside_least.at(s1) * (1.0 - MARGIN)))
     return not_inside & ~bent, outside, not_outside
 

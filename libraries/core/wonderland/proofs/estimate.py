@@ -17,7 +17,7 @@ from wonderland.proofs.errors import GeometryError
 from wonderland.proofs.fix import Multilateration
 from wonderland.proofs.likelihood import Matrix2
 from wonderland.proofs.reduction import Reduced, distance
-from wonderland.proofs.weighing import Line, Weights, less_outer, weighed_lines, with_shared_error
+from wonderland.proofs.weighing import Line, Weights, less_outer, normal_on_the_map, weighed_lines, with_shared_error
 
 MIRROR_CHI2: Final = 13.815510557964274
 """A second position is excluded only if its χ² is worse by this (a likelihood a thousand times smaller)."""
@@ -25,9 +25,9 @@ MIRROR_APART_MM: Final = 100.0
 """Two solutions nearer to each other than this are one."""
 _ITERATIONS: Final = 12
 _CONVERGED_MM: Final = 0.01
-_LINES: Final = 8
+LINES: Final = 8
 """Lines on each side of the middle on which a disc is crossed."""
-_LINE_STEPS: Final = 4
+LINE_STEPS: Final = 4
 _REWEIGH_MM: Final = 10.0
 """After a step longer than this the weights are another place's: a fix from afar would end beside the best one."""
 _SINGULAR: Final = 1e-9
@@ -94,9 +94,9 @@ def solve(reduced: Reduced) -> Offset | None:
 def least_chi2_within(reduced: Reduced, east: float, north: float, radius: float) -> float:
     """Least χ² of the ranges over a disc about an offset: how well any place within the buffer explains them.
 
-    Where the ellipse is longer than the buffer the covariance at the estimate says little about places far from it;
-    this asks the ranges themselves. The places that fit lie on an arc about the anchors, so that the disc is crossed on
-    a few lines towards the anchors, each searched by Gauss–Newton along itself.
+    Where the ellipse is longer than the buffer, or the drone above the anchors, the covariance at the estimate says
+    little about places away from it; this asks the ranges themselves. The places that fit lie on an arc about the
+    anchors, so that the disc is crossed on a few lines towards them, each searched by Gauss–Newton along itself.
     """
     count = len(reduced.anchors)
     x, y = reduced.east + east, reduced.north + north
@@ -108,16 +108,16 @@ def least_chi2_within(reduced: Reduced, east: float, north: float, radius: float
     ranges = _Ranges(reduced)
     weights = ranges.weights_at(east, north)
     best = _quadratic(weights, _residuals(reduced, east, north))
-    for line in range(-_LINES, _LINES + 1):
-        aside = radius * line / _LINES
+    for line in range(-LINES, LINES + 1):
+        aside = radius * line / LINES
         half = sqrt(max((radius - aside) * (radius + aside), 0.0))
         start_east, start_north = east - aside * uy, north + aside * ux
         along = 0.0
-        for _ in range(_LINE_STEPS):
+        for _ in range(LINE_STEPS):
             lines = ranges.lines(start_east + along * ux, start_north + along * uy)
             if lines is None:
                 break
-            ee, en, nn, be, bn, chi2 = _normal(weights, lines)
+            ee, en, nn, be, bn, chi2 = normal_on_the_map(weights, lines)
             best = min(best, chi2)
             curvature = ee * ux * ux + 2.0 * en * ux * uy + nn * uy * uy
             if curvature <= 0.0:
@@ -216,7 +216,7 @@ def _fix(ranges: _Ranges, start: tuple[float, float] | None) -> _Fix | None:
             return None
         if iteration < 3 or length > _REWEIGH_MM:  # nearer than that the shared errors' directions hardly change
             weights = ranges.weights([rise for _, _, rise, _ in lines])
-        ee, en, nn, be, bn, chi2 = _normal(weights, lines)
+        ee, en, nn, be, bn, chi2 = normal_on_the_map(weights, lines)
         determinant = ee * nn - en * en
         if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
             return None
@@ -232,19 +232,6 @@ def _fix(ranges: _Ranges, start: tuple[float, float] | None) -> _Fix | None:
     return _Fix(east, north, chi2)
 
 
-def _normal(weights: Weights, lines: Sequence[Line]) -> tuple[float, float, float, float, float, float]:
-    """Normal equations (matrix, right side) and χ²."""
-    ee = en = nn = be = bn = chi2 = 0.0
-    for (we, wn, _, wr), (ue, un, _, residual) in zip(weighed_lines(weights, lines), lines, strict=True):
-        ee += ue * we
-        en += ue * wn
-        nn += un * wn
-        be += ue * wr
-        bn += un * wr
-        chi2 += residual * wr
-    return ee, en, nn, be, bn, max(chi2, 0.0)
-
-
 def _covariances(ranges: _Ranges, fix: _Fix) -> tuple[Matrix2, Matrix2] | None:
     """(total, floor) covariance of the fix: the inverse normal matrix, and the clock's part along the velocity."""
     reduced = ranges.reduced
@@ -252,7 +239,7 @@ def _covariances(ranges: _Ranges, fix: _Fix) -> tuple[Matrix2, Matrix2] | None:
     if lines is None:
         return None
     weights = ranges.weights([rise for _, _, rise, _ in lines])
-    ee, en, nn = _normal(weights, lines)[:3]
+    ee, en, nn = normal_on_the_map(weights, lines)[:3]
     determinant = ee * nn - en * en
     if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
         return None

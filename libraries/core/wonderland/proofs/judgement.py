@@ -21,8 +21,6 @@ from wonderland.proofs.records.verdicts import Judgement, Position
 from wonderland.proofs.reduction import Reduced, Residuals, distance, said_at
 from wonderland.proofs.stopping import proved_outside, sides, step_of
 
-VAGUE_BUFFERS: Final = 0.5
-"""An estimate vaguer than this refutes only if the ranges themselves exclude every place in the buffer."""
 STATED_ACCURACIES: Final = 2.0
 """A claimed height may be off by so many of the accuracies (95 %) that it states."""
 
@@ -176,7 +174,8 @@ def compare(policy: Policy, reduced: Reduced, offset: Offset, shift: tuple[float
         # A refutation has to hold on the flat map too: the arc is an approximation where the ellipse is huge.
         significance = min(significance, distance_to_disc(east, north, covariance, radius))
         outside = proved_outside(significance, covariance.ellipse().s1, policy, step)
-    if outside and covariance.ellipse().s1 > VAGUE_BUFFERS * radius:
+    if outside:
+        # Nor may it rest on the bell: ranges hardly change beside a drone above the anchors, or far along an arc.
         worse = least_chi2_within(reduced, shift[0], shift[1], radius) - offset.chi2
         significance = min(significance, sqrt(worse) if worse > 0.0 else 0.0)
         outside = proved_outside(significance, covariance.ellipse().s1, policy, step)

@@ -269,10 +269,14 @@ def _off_rounds(reduced: Reduced, offset: Offset, seen: Residuals, least_mm: flo
     off = []
     claimed = seen.claimed
     for position, residuals in torn.items():
-        fan = Sights(reduced, offset, claimed.east[position], claimed.north[position], claimed.up[position])
-        found = fan.offset([residuals.get(anchor) for anchor in order])
-        if found is None or distance(found[0], found[1], 0.0) > least_mm:
-            off.append(position)
+        sights = Sights(reduced, offset, claimed.east[position], claimed.north[position], claimed.up[position])
+        found = sights.of([residuals.get(anchor) for anchor in order])
+        if found is not None:
+            fan, values = found
+            east, north, _, _ = fan.split(values)
+            if distance(east, north, 0.0) <= least_mm:
+                continue
+        off.append(position)
     return frozenset(off)
 
 

@@ -1,4 +1,4 @@
-"""What residuals at one moment come to as an offset on the map: part of step 8."""
+"""What residuals at one moment come to as an offset on the map, and what no offset explains: part of step 8."""
 
 from __future__ import annotations
 
@@ -8,93 +8,76 @@ from typing import Final
 
 from wonderland.proofs.estimate import Offset
 from wonderland.proofs.reduction import Reduced, distance
+from wonderland.proofs.weighing import dot
 
 _SINGULAR: Final = 1e-6
+_Sight = tuple[float, float, float]
+"""Unit vector from an anchor to the drone: east, north, up."""
+
+
+class Fan:
+    """Lines of sight from some anchors to one place, and what the least squares along them need."""
+
+    def __init__(self, sights: Sequence[_Sight]) -> None:
+        ee = en = nn = eu = nu = uu = 0.0
+        for x, y, z in sights:
+            ee, en, nn = ee + x * x, en + x * y, nn + y * y
+            eu, nu, uu = eu + x * z, nu + y * z, uu + z * z
+        determinant = ee * nn - en * en
+        self.flat: Final = determinant > _SINGULAR * (ee + nn) * (ee + nn)
+        """Whether they tell a place on the map."""
+        inverse = 1.0 / determinant if self.flat else 0.0
+        self._ee, self._en, self._nn = nn * inverse, -en * inverse, ee * inverse
+        self.spread: Final = self._ee + self._nn
+        """Mean square of the offset that 1 mm of noise in each residual makes."""
+        # The part of the vertical that no offset on the map explains.
+        a, b = self._ee * eu + self._en * nu, self._en * eu + self._nn * nu
+        climbs = [z - a * x - b * y for x, y, z in sights]
+        square = 0.0
+        for climb in climbs:
+            square += climb * climb
+        tall = square > _SINGULAR * uu
+        length = sqrt(square) if tall else 1.0
+        self._lines: Final = (
+            [x for x, _, _ in sights],
+            [y for _, y, _ in sights],
+            [climb / length if tall else 0.0 for climb in climbs],
+        )
+        self.freedom: Final = len(sights) - (3 if tall else 2)
+        """Degrees of freedom of what is not explained."""
+
+    def split(self, residuals: Sequence[float]) -> tuple[float, float, float, float]:
+        """(east, north, explained, unexplained) of one residual (mm) for each anchor; only where the fan is ``flat``.
+
+        The offset (mm) that fits them best, the sum of squares (mm²) that it explains, which is its χ² for a noise of
+        1 mm, and the sum that no offset explains, on the map or in height.
+        """
+        easts, norths, climbs = self._lines
+        be, bn, bu = dot(easts, residuals), dot(norths, residuals), dot(climbs, residuals)
+        square = dot(residuals, residuals)
+        east, north = self._ee * be + self._en * bn, self._en * be + self._nn * bn
+        explained = be * east + bn * north
+        left = square - explained - bu * bu
+        return east, north, explained, max(left, 0.0)
 
 
 class Sights:
-    """The directions from the anchors to a claimed place, and the offset that residuals along them come to.
+    """The directions from the anchors to a claimed place.
 
     Of that moment, not of the mean: a drone that flies past a small pad is seen from all sides.
     """
 
     def __init__(self, reduced: Reduced, offset: Offset, east: float, north: float, up: float) -> None:
-        self.sights: Final[list[tuple[float, float]]] = []
-        self._climbs: Final[list[float]] = []
-        self._base: list[list[float]] | None = None
+        self._sights: Final[list[_Sight]] = []
         for anchor in reduced.anchors:
-            x, y = east + offset.east - anchor.east, north + offset.north - anchor.north
-            away = max(distance(x, y, up - anchor.up), 1.0)
-            self.sights.append((x / away, y / away))
-            self._climbs.append((up - anchor.up) / away)
+            x, y, z = east + offset.east - anchor.east, north + offset.north - anchor.north, up - anchor.up
+            away = max(distance(x, y, z), 1.0)
+            self._sights.append((x / away, y / away, z / away))
+        self._all: Final = Fan(self._sights)
 
-    def offset(self, residuals: Sequence[float | None]) -> tuple[float, float, float] | None:
-        """Offset (east, north, mm) that fits one residual for each anchor best, and its χ² for 1 mm; None without one.
-
-        None among the residuals: that anchor has none.
-        """
-        ee = en = nn = be = bn = 0.0
-        for (x, y), residual in zip(self.sights, residuals, strict=True):
-            if residual is None:
-                continue
-            ee += x * x
-            en += x * y
-            nn += y * y
-            be += x * residual
-            bn += y * residual
-        determinant = ee * nn - en * en
-        if determinant <= _SINGULAR * (ee + nn) * (ee + nn):
-            return None
-        east, north = (nn * be - en * bn) / determinant, (ee * bn - en * be) / determinant
-        return east, north, be * east + bn * north
-
-    def spread(self) -> float:
-        """Mean square of the offset that 1 mm of noise in each residual makes; 0 where none can be told."""
-        ee = en = nn = 0.0
-        for x, y in self.sights:
-            ee += x * x
-            en += x * y
-            nn += y * y
-        determinant = ee * nn - en * en
-        return (ee + nn) / determinant if determinant > _SINGULAR * (ee + nn) * (ee + nn) else 0.0
-
-    def unexplained(self, residuals: Sequence[float | None]) -> tuple[float, int]:
-        """(Sum of squares that no offset on the map or in height explains, its degrees of freedom)."""
-        heard = [index for index, residual in enumerate(residuals) if residual is not None]
-        values = [residual for residual in residuals if residual is not None]
-        if len(heard) == len(self.sights):
-            if self._base is None:
-                self._base = self._directions(heard)
-            base = self._base
-        else:
-            base = self._directions(heard)
-        left = _dot(values, values)
-        for unit in base:
-            along = _dot(unit, values)
-            left -= along * along
-        return max(left, 0.0), len(heard) - len(base)
-
-    def _directions(self, heard: Sequence[int]) -> list[list[float]]:
-        """What an offset does to the ranges of these anchors: unit vectors at right angles, three at most."""
-        base: list[list[float]] = []
-        for direction in (
-            [self.sights[index][0] for index in heard],
-            [self.sights[index][1] for index in heard],
-            [self._climbs[index] for index in heard],
-        ):
-            rest = direction
-            for unit in base:
-                along = _dot(rest, unit)
-                rest = [x - along * y for x, y in zip(rest, unit, strict=True)]
-            square = _dot(rest, rest)
-            if square > _SINGULAR * _dot(direction, direction):
-                length = sqrt(square)
-                base.append([value / length for value in rest])
-        return base
-
-
-def _dot(one: Sequence[float], other: Sequence[float]) -> float:
-    total = 0.0
-    for x, y in zip(one, other, strict=True):
-        total += x * y
-    return total
+    def of(self, residuals: Sequence[float | None]) -> tuple[Fan, Sequence[float]] | None:
+        """The fan of the anchors that have a residual, and theirs; None where they do not tell a place."""
+        fan, values = self._all, [residual for residual in residuals if residual is not None]
+        if len(values) < len(residuals):
+            fan = Fan([sight for sight, value in zip(self._sights, residuals, strict=True) if value is not None])
+        return (fan, values) if fan.flat else None

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Final, NamedTuple
 
 from wonderland.proofs.claims import LocalClaim, Track
@@ -59,19 +59,25 @@ def _calmest(seen: Residuals) -> Sequence[int]:
     length = max(LEAST_ROUNDS, len(steady) // STRETCHES)
     if len(steady) <= length:
         return steady
-    squares, counts = [0.0] * len(seen.claimed.kept), [0] * len(seen.claimed.kept)
+    rounds = len(seen.claimed.kept)
+    squares, counts = [0.0] * rounds, [0] * rounds
     for column, mean in seen.series:
-        for position, value in zip(column.rounds, column.values, strict=True):
-            squares[position] += (value - mean) * (value - mean)
+        about = [(value - mean) * (value - mean) for value in column.values]
+        if len(about) == rounds:
+            squares = [total + square for total, square in zip(squares, about, strict=True)]
+            counts = [count + 1 for count in counts]
+            continue
+        for position, square in zip(column.rounds, about, strict=True):
+            squares[position] += square
             counts[position] += 1
+    sums = [0.0, *accumulate([squares[position] for position in steady])]
+    heard = [0, *accumulate([counts[position] for position in steady])]
     best, least = 0, -1.0
     for start in [*range(0, len(steady) - length, max(length // 2, 1)), len(steady) - length]:
-        total, count = 0.0, 0
-        for position in steady[start : start + length]:
-            total += squares[position]
-            count += counts[position]
-        if count and (least < 0.0 or total / count < least):
-            best, least = start, total / count
+        end = start + length
+        count = heard[end] - heard[start]
+        if count and (least < 0.0 or (sums[end] - sums[start]) / count < least):
+            best, least = start, (sums[end] - sums[start]) / count
     return steady[best : best + length]
 
 

@@ -31,14 +31,21 @@ _ROUNDED_MM2: Final = 100.0 / 12.0
 class _Places:
     """The directions from places that a drone claims, to a decimetre: most drones that are judged hover."""
 
-    def __init__(self, reduced: Reduced, offset: Offset) -> None:
+    def __init__(self, reduced: Reduced, offset: Offset, claimed: Track) -> None:
         self._reduced = reduced
         self._offset = offset
+        self._claimed = claimed
         self._seen: dict[tuple[int, int, int], Sights] = {}
+        low, high = ((edge(claimed.east), edge(claimed.north), edge(claimed.up)) for edge in (min, max))
+        hovers = _corner(*low) == _corner(*high)
+        self._all: Sights | None = self._at(_corner(*low)) if hovers else None
 
-    def at(self, east: float, north: float, up: float) -> Sights:
-        """Those of the corner next to a place."""
-        corner = (round(east / _CORNER_MM), round(north / _CORNER_MM), round(up / _CORNER_MM))
+    def at(self, position: int) -> Sights:
+        """Those of the corner next to where the drone claims to be in a round."""
+        claimed = self._claimed
+        return self._all or self._at(_corner(claimed.east[position], claimed.north[position], claimed.up[position]))
+
+    def _at(self, corner: tuple[int, int, int]) -> Sights:
         found = self._seen.get(corner)
         if found is None:
             found = Sights(self._reduced, self._offset, *(float(_CORNER_MM * axis) for axis in corner))
@@ -46,16 +53,23 @@ class _Places:
         return found
 
 
+def _corner(east: float, north: float, up: float) -> tuple[int, int, int]:
+    return round(east / _CORNER_MM), round(north / _CORNER_MM), round(up / _CORNER_MM)
+
+
 class _Total:
     """One anchor's residuals summed up to each round, so that any stretch's mean is a difference."""
 
     def __init__(self, column: Series, middle_mm: float, count: int) -> None:
         self.middle_mm: Final = middle_mm
-        each, heard = [0.0] * count, [0] * count
-        for position, value in zip(column.rounds, column.values, strict=True):
-            each[position], heard[position] = value, 1
+        each: Sequence[float] = column.values
+        self.heard: Sequence[int] = range(count + 1)
+        if len(each) < count:
+            values, heard = [0.0] * count, [0] * count
+            for position, value in zip(column.rounds, column.values, strict=True):
+                values[position], heard[position] = value, 1
+            each, self.heard = values, [0, *accumulate(heard)]
         self.sums: Final = [0.0, *accumulate(each)]
-        self.heard: Final = [0, *accumulate(heard)]
 
     def means(self, edges: Sequence[int]) -> list[float | None]:
         """Of the stretches between these rounds, about the whole (mm); None where the anchor was not heard."""
@@ -75,13 +89,13 @@ def swing_of(reduced: Reduced, offset: Offset, seen: Residuals, clear_mm: float)
     """
     count = len(seen.claimed.kept)
     modelled, least = _noise(reduced, seen)
-    places = _Places(reduced, offset)
+    places = _Places(reduced, offset, seen.claimed)
     totals = [_Total(column, middle_mm, count) for column, middle_mm in seen.series]
     largest = 0.0
     parts = 2
     while parts == 2 or parts * _SHORTEST <= count:
         share = parts / count
-        square, spread = _of_stretches(places, seen.claimed, totals, parts, modelled * share, least * share)
+        square, spread = _of_stretches(places, totals, parts, modelled * share, least * share)
         largest = max(largest, square)
         if spread > clear_mm * clear_mm:
             break
@@ -107,7 +121,7 @@ def _noise(reduced: Reduced, seen: Residuals) -> tuple[float, float]:
 
 
 def _of_stretches(
-    places: _Places, claimed: Track, totals: Sequence[_Total], parts: int, modelled: float, least: float
+    places: _Places, totals: Sequence[_Total], parts: int, modelled: float, least: float
 ) -> tuple[float, float]:
     """(mean square of the offsets of so many stretches where more than noise, that which noise alone makes), mm².
 
@@ -121,17 +135,16 @@ def _of_stretches(
     freedom = 0
     for part, residuals in enumerate(zip(*away, strict=True)):
         # The middle round of a stretch stands for it.
-        middle = (2 * part + 1) * count // (2 * parts)
-        sights = places.at(claimed.east[middle], claimed.north[middle], claimed.up[middle])
-        found = sights.offset(residuals)
+        found = places.at((2 * part + 1) * count // (2 * parts)).of(residuals)
         if found is not None:
-            east, north, by_offset = found
+            fan, values = found
+            east, north, by_offset, unexplained = fan.split(values)
             explained += by_offset
-            square += (east * east + north * north) / parts
-            spread += sights.spread() / parts
-            unexplained, dimensions = sights.unexplained(residuals)
             left += unexplained
-            freedom += dimensions
+            square += east * east + north * north
+            spread += fan.spread
+            freedom += fan.freedom
+    square, spread = square / parts, spread / parts
     below = freedom * (parts - 1) // parts
     told = max(least, left / below) if below else modelled
     variance = min(modelled, told)

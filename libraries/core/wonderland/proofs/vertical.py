@@ -261,7 +261,9 @@ def _steady(reduced: Reduced, solid: Solid, claims: tuple[LocalClaim, ...], most
         return False
     if seen.torn >= torn_share * len(seen.claimed.kept):
         return False
-    if any(not _on_the_way(seen.claimed, claim, most_mm) for claim in claims):
+    ups = [*seen.claimed.up, *[claim.up for claim in claims]]
+    level = max(ups) - min(ups) <= most_mm  # then every claim is on the way
+    if not level and any(not _on_the_way(seen.claimed, claim, most_mm) for claim in claims):
         return False
     return _waver(reduced, solid, seen, QUIET_SHARE * most_mm) <= most_mm
 

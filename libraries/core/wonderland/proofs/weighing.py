@@ -16,6 +16,18 @@ Line = tuple[float, float, float, float]
 _WRITTEN_OUT: Final = 4
 
 
+def dot(one: Sequence[float], other: Sequence[float]) -> float:
+    """Sum of the products."""
+    if len(one) == _WRITTEN_OUT:
+        a0, a1, a2, a3 = one
+        b0, b1, b2, b3 = other
+        return a0 * b0 + a1 * b1 + a2 * b2 + a3 * b3
+    total = 0.0
+    for a, b in zip(one, other, strict=True):
+        total += a * b
+    return total
+
+
 def weighed_pairs(weights: Weights, pairs: Sequence[Pair]) -> list[Pair]:
     """For each row of the weights: its sums over the pairs' two columns."""
     if len(pairs) == _WRITTEN_OUT:
@@ -56,6 +68,31 @@ def weighed_lines(weights: Weights, lines: Sequence[Line]) -> list[Line]:
             d += weight * of_d
         sums.append((a, b, c, d))
     return sums
+
+
+def normal_on_the_map(weights: Weights, lines: Sequence[Line]) -> tuple[float, float, float, float, float, float]:
+    """Normal equations on the map (ee, en, nn; right side e, n) and χ². ``lines``: east, north, up, residual."""
+    ee = en = nn = be = bn = chi2 = 0.0
+    if len(lines) == _WRITTEN_OUT:
+        (e0, n0, _, r0), (e1, n1, _, r1), (e2, n2, _, r2), (e3, n3, _, r3) = lines
+        for (w0, w1, w2, w3), (ue, un, _, residual) in zip(weights, lines, strict=True):
+            wn = w0 * n0 + w1 * n1 + w2 * n2 + w3 * n3
+            wr = w0 * r0 + w1 * r1 + w2 * r2 + w3 * r3
+            ee += ue * (w0 * e0 + w1 * e1 + w2 * e2 + w3 * e3)
+            en += ue * wn
+            nn += un * wn
+            be += ue * wr
+            bn += un * wr
+            chi2 += residual * wr
+        return ee, en, nn, be, bn, max(chi2, 0.0)
+    for (we, wn, _, wr), (ue, un, _, residual) in zip(weighed_lines(weights, lines), lines, strict=True):
+        ee += ue * we
+        en += ue * wn
+        nn += un * wn
+        be += ue * wr
+        bn += un * wr
+        chi2 += residual * wr
+    return ee, en, nn, be, bn, max(chi2, 0.0)
 
 
 def with_shared_error(inverse: Sequence[float], sigma: float) -> tuple[float, Weights]:
