@@ -46,7 +46,7 @@ def _check(path: Path) -> None:
         settings = load(path)
     except SettingsError as error:
         raise click.ClickException(str(error)) from error
-    sources = trust(settings.remote_id_listen, settings.remote_id_serial, settings.receivers)
+    sources = trust(settings.remote_id)
     click.echo(f"Pad {settings.pad_id}: the settings can be read.")
     click.echo("Remote ID is heard from:" if sources else "No Remote ID is heard: no receiver is set.")
     for source in sources:

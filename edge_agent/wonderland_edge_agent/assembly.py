@@ -61,14 +61,14 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
     channel = await stack.enter_async_context(connection.open_channel())
     ledger = ProofContract(Gateway(channel, identity, signer).network(connection.channel), connection.chaincode)
     tracks = SpoolReporter(spool)
-    for source in trust(settings.remote_id_listen, settings.remote_id_serial, settings.receivers):
+    for source in trust(settings.remote_id):
         if NOT_TRUSTWORTHY in source:
             _log.warning("%s", source)
     receiver = RemoteIdReceiver(
-        listen=settings.remote_id_listen,
-        serial_ports=settings.remote_id_serial,
-        sources=sources_of(settings.receivers),
-        drip=registry_of(settings.receivers),
+        listen=settings.remote_id.listen,
+        serial_ports=settings.remote_id.serial,
+        sources=sources_of(settings.remote_id),
+        drip=registry_of(settings.remote_id),
         on_heard=lambda heard: _tell(tracks, heard),
         on_finding=lambda finding: _tell_finding(tracks, finding),
         clock_ms=clock,
@@ -81,8 +81,8 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
         stack.push_async_callback(uplink.close)
     radios = await _radios(settings, stack, clock)
     drift = None
-    if settings.drift_every_s and isinstance(radios, PadRadios):
-        drift = DriftKeeper(radios, settings.baseline_file, clock, settings.drift_every_s)
+    if settings.drift.every_s and isinstance(radios, PadRadios):
+        drift = DriftKeeper(radios, settings.baseline_file, clock, settings.drift.every_s)
     command = [CommandPermission(settings.permission_command)] if settings.permission_command else []
     return PadAgent(
         settings.pad_id,
@@ -104,14 +104,14 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
 
 
 async def _radios(settings: PadSettings, stack: contextlib.AsyncExitStack, clock: SteadyClock) -> PadRadiosPort:
-    if settings.reports_listen is None:
+    if settings.uwb.listen is None:
         ports = [AnchorPort(anchor.anchor_id, anchor.opener()) for anchor in settings.anchors]
         return await stack.enter_async_context(PadRadios(ports, clock))
     # Few pads are of this kind; the others need not carry the driver.
     from wonderland_edge_agent.radios.reported import ReportedRadios  # noqa: PLC0415
 
     try:
-        return await stack.enter_async_context(ReportedRadios(settings.reports_listen, clock))
+        return await stack.enter_async_context(ReportedRadios(settings.uwb.listen, clock))
     except RadiosError as cause:
         raise AgentError(str(cause)) from cause
 
@@ -125,20 +125,20 @@ def _tell_finding(tracks: SpoolReporter, finding: Finding) -> None:
 
 
 def _uplink(settings: PadSettings, identity: Identity, signer: Signer, spool: Spool) -> Uplink | None:
-    if not settings.backend_url:
+    if not settings.backend.url:
         return None
     # A pad without a backend need not carry a WebSocket client's memory.
     from wonderland_edge_agent.uplink import Credentials, Uplink, UplinkError  # noqa: PLC0415
 
     context: ssl.SSLContext | None = None
-    if settings.backend_url.startswith("wss:"):
+    if settings.backend.url.startswith("wss:"):
         try:
             context = ssl.create_default_context(
-                cafile=str(settings.backend_tls_ca) if settings.backend_tls_ca is not None else None
+                cafile=str(settings.backend.tls_ca) if settings.backend.tls_ca is not None else None
             )
         except (OSError, ssl.SSLError) as cause:
             raise AgentError(
-                f"backend.tls_ca: {settings.backend_tls_ca} is no certificate authority ({cause})"
+                f"backend.tls_ca: {settings.backend.tls_ca} is no certificate authority ({cause})"
             ) from cause
     try:
         credentials = Credentials(
@@ -149,11 +149,11 @@ def _uplink(settings: PadSettings, identity: Identity, signer: Signer, spool: Sp
             sign=signer,
         )
         return Uplink(
-            settings.backend_url,
+            settings.backend.url,
             credentials,
             spool,
             ssl_context=context,
-            allow_plaintext=settings.backend_plaintext,
+            allow_plaintext=settings.backend.plaintext,
         )
     except UplinkError as cause:
         raise AgentError(f"backend: {cause}") from cause

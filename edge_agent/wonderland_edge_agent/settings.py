@@ -34,70 +34,130 @@ from __future__ import annotations
 
 import re
 import tomllib
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Annotated, Any, Final, Literal, cast
 from urllib.parse import urlsplit
 
-from wonderland.proofs.records.fields import ID_PATTERN
+from msgspec import Meta, ValidationError, convert
+
 from wonderland_edge_agent.metrics import SUFFIX
-from wonderland_edge_agent.receiver.settings import ReceiverSettings, parse_receivers
+from wonderland_edge_agent.receiver.settings import ReceiverSettings
+from wonderland_edge_agent.settings_fields import Address, FieldError, Identifier, Table, Text, read_field
 from wonderland_fira_uci.serial_port import BAUD_RATE, Opener, serial_opener, url_problem
 
 MAX_FILE_BYTES: Final = 256 * 1024
 MAX_ANCHORS: Final = 8
 MIN_ANCHORS: Final = 3
-_ID: Final = re.compile(ID_PATTERN)
 _MIB: Final = 1 << 20
-Value = TypeVar("Value")
+_PATH: Final = re.compile(r"\.(\w+)|\[(\d+)\]")
+_WORDS: Final = {
+    "`int`": "a whole number",
+    "`str`": "a text in quotes",
+    "`bool`": "true or false",
+    "`array`": "a list",
+    "`object`": "a table",
+    "Expected": "expected",
+}
 
 
 class SettingsError(Exception):
     """pad.toml is missing, is no TOML, or holds something that a pad cannot work with; the text names the field."""
 
 
-@dataclass(frozen=True, slots=True)
-class AnchorSetting:
-    """One UWB node: the anchor's name as commissioned, and its serial port."""
+class AnchorSetting(Table, frozen=True):
+    """One UWB node: the anchor's name as commissioned, and its port."""
 
-    anchor_id: str
-    port: str
+    anchor_id: Identifier
+    port: Text
     """Path of a device, or ``socket://HOST:PORT``, ``rfc2217://HOST:PORT``."""
-    baud_rate: int = BAUD_RATE
-    flow_control: str = "none"
-    """``none`` or ``rtscts``."""
+    baud_rate: Annotated[int, Meta(ge=1_200, le=12_000_000)] = BAUD_RATE
+    flow_control: Literal["none", "rtscts"] = "none"
+    """XON and XOFF are data here."""
+
+    def __post_init__(self) -> None:
+        problem = url_problem(self.port)
+        if problem:
+            raise FieldError(f"port is {self.port!r}: {problem}")
 
     def opener(self) -> Opener:
         """Opens the node's port."""
         return serial_opener(self.port, self.baud_rate, rtscts=self.flow_control == "rtscts")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PadSettings:
+class UwbSettings(Table, frozen=True):
+    """``[uwb]``: what the anchors are. A pad of DWM1001 boards has no ports; drones report to `listen`."""
+
+    kind: Literal["uci", "dwm1001"] = "uci"
+    listen: Address | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind == "uci" and self.listen is not None:
+            raise FieldError('listen is for kind = "dwm1001"; nodes that speak UCI hang on serial ports')
+        if self.kind == "dwm1001" and self.listen is None:
+            raise FieldError("listen is missing; drones have to report somewhere, for example 0.0.0.0:5481")
+
+
+class DriftSettings(Table, frozen=True):
+    """``[drift]``: how often the anchors range each other while no drone is there; 0: never."""
+
+    every_s: Annotated[int, Meta(ge=0, le=86_400)] = 600
+
+
+class BackendSettings(Table, frozen=True):
+    """``[backend]``: where telemetry goes."""
+
+    url: Text | None = None
+    tls_ca: Path | None = None
+    plaintext: bool = False
+    """Whether the backend may be another machine without TLS: the network itself is protected."""
+
+    def __post_init__(self) -> None:
+        try:
+            parts = urlsplit(self.url or "ws://none")
+            usable = parts.scheme in {"ws", "wss"} and bool(parts.hostname) and parts.port != 0
+        except ValueError:
+            usable = False
+        if not usable:
+            raise FieldError(f"url is {self.url!r}: no WebSocket address, for example wss://console.example/ingest")
+
+
+class PadSettings(Table, frozen=True):
     """Everything that a pad's agent is told. Paths are absolute."""
 
-    pad_id: str
+    pad_id: Identifier
     connection: Path
-    identity: str
     spool: Path
-    anchors: tuple[AnchorSetting, ...]
-    quota_bytes: int = 64 * _MIB
-    prekeys: int = 20
+    identity: Text = "pad"
+    anchors: tuple[AnchorSetting, ...] = ()
+    uwb: UwbSettings = UwbSettings()
+    quota_mb: Annotated[int, Meta(ge=1, le=1_000_000)] = 64
+    prekeys: Annotated[int, Meta(ge=1, le=50)] = 20
     whole_certificate: bool = False
-    permission_command: tuple[str, ...] = ()
-    remote_id_listen: tuple[str, int] | None = None
-    remote_id_serial: tuple[str, ...] = ()
-    receivers: ReceiverSettings = field(default_factory=ReceiverSettings)
-    backend_url: str = ""
-    backend_tls_ca: Path | None = None
-    backend_plaintext: bool = False
-    """Whether the backend may be another machine without TLS: the network itself is protected."""
-    drift_every_s: int = 600
-    """How often the anchors range each other while no drone is there; 0: never."""
+    permission_command: tuple[Text, ...] = ()
+    remote_id: ReceiverSettings = ReceiverSettings()
+    backend: BackendSettings = BackendSettings()
+    drift: DriftSettings = DriftSettings()
     metrics_file: Path | None = None
     """Where the agent writes its metrics for the node exporter's textfile collector; None: nowhere."""
-    reports_listen: tuple[str, int] | None = None
-    """Where drones with a DWM1001 report; None where the pad has nodes of its own."""
+
+    def __post_init__(self) -> None:
+        if self.uwb.kind == "dwm1001":
+            if self.anchors:
+                raise FieldError('anchors has no place beside uwb.kind = "dwm1001": these anchors have no serial ports')
+        elif not MIN_ANCHORS <= len(self.anchors) <= MAX_ANCHORS:
+            raise FieldError(f"anchors has {len(self.anchors)} entries; a pad has {MIN_ANCHORS} to {MAX_ANCHORS}")
+        for name in ("anchor_id", "port"):
+            if len({getattr(anchor, name) for anchor in self.anchors}) != len(self.anchors):
+                raise FieldError(f"anchors: two entries have the same {name}")
+        if self.metrics_file is not None and self.metrics_file.suffix != SUFFIX:
+            raise FieldError(
+                f"metrics_file is {self.metrics_file.name}; the node exporter reads files that end in {SUFFIX} only"
+            )
+
+    @property
+    def quota_bytes(self) -> int:
+        """How much of the disk the spool may take."""
+        return self.quota_mb * _MIB
 
     @property
     def status_file(self) -> Path:
@@ -133,191 +193,31 @@ def load(path: Path) -> PadSettings:
 
 def parse(document: dict[str, Any], path: Path) -> PadSettings:
     """Settings from a decoded document; ``path`` is the file's, for relative paths and for error texts."""
-    top = _Table(document, path, "")
-    remote_id = top.table("remote_id")
-    backend = top.table("backend")
-    drift = top.table("drift")
-    reports_listen = _reports_listen(top, top.table("uwb"))
-    anchors = tuple(_anchor(entry) for entry in top.tables("anchors"))
-    if reports_listen is None and not MIN_ANCHORS <= len(anchors) <= MAX_ANCHORS:
-        raise top.wrong("anchors", f"has {len(anchors)} entries; a pad has {MIN_ANCHORS} to {MAX_ANCHORS}")
-    for name in ("anchor_id", "port"):
-        if len({getattr(anchor, name) for anchor in anchors}) != len(anchors):
-            raise top.wrong("anchors", f"two entries have the same {name}")
-    settings = PadSettings(
-        pad_id=top.identifier("pad_id"),
-        connection=top.path("connection"),
-        identity=top.text("identity", "pad"),
-        spool=top.path("spool"),
-        anchors=anchors,
-        quota_bytes=top.integer("quota_mb", 64, 1, 1_000_000) * _MIB,
-        prekeys=top.integer("prekeys", 20, 1, 50),
-        whole_certificate=top.flag("whole_certificate", default=False),
-        permission_command=top.texts("permission_command"),
-        remote_id_listen=remote_id.address("listen"),
-        remote_id_serial=remote_id.texts("serial"),
-        receivers=parse_receivers(remote_id),
-        backend_url=backend.url("url"),
-        backend_tls_ca=backend.path("tls_ca") if backend.has("tls_ca") else None,
-        backend_plaintext=backend.flag("plaintext", default=False),
-        drift_every_s=drift.integer("every_s", 600, 0, 86_400),
-        metrics_file=_metrics_file(top),
-        reports_listen=reports_listen,
-    )
-    for table in (top, remote_id, backend, drift):
-        table.refuse_unknown()
-    return settings
+    directory = path.resolve().parent
+    try:
+        return convert(document, PadSettings, dec_hook=lambda kind, value: read_field(kind, value, directory))
+    except ValidationError as error:
+        raise SettingsError(f"{path}: {_complaint(error, document)}") from error
 
 
-def _anchor(entry: _Table) -> AnchorSetting:
-    port = entry.text("port")
-    problem = url_problem(port)
-    if problem:
-        raise entry.wrong("port", f"is {port!r}: {problem}")
-    flow_control = entry.text("flow_control", "none")
-    if flow_control not in {"none", "rtscts"}:
-        raise entry.wrong(
-            "flow_control", f"is {flow_control!r}; none and rtscts are known (XON and XOFF are data here)"
-        )
-    baud_rate = entry.integer("baud_rate", BAUD_RATE, 1_200, 12_000_000)
-    return AnchorSetting(entry.identifier("anchor_id"), port, baud_rate, flow_control)
-
-
-def _metrics_file(top: _Table) -> Path | None:
-    if not top.has("metrics_file"):
-        return None
-    path = top.path("metrics_file")
-    if path.suffix != SUFFIX:
-        raise top.wrong("metrics_file", f"is {path.name}; the node exporter reads files that end in {SUFFIX} only")
-    return path
-
-
-def _reports_listen(top: _Table, uwb: _Table) -> tuple[str, int] | None:
-    """The address for drones' reports, on a pad whose anchors are DWM1001 boards."""
-    kind = uwb.text("kind", "uci")
-    listen = uwb.address("listen")
-    uwb.refuse_unknown()
-    if kind not in {"uci", "dwm1001"}:
-        raise uwb.wrong("kind", f"is {kind!r}; uci and dwm1001 are known")
-    if kind == "uci":
-        if listen is not None:
-            raise uwb.wrong("listen", 'is for kind = "dwm1001"; nodes that speak UCI hang on serial ports')
-        return None
-    if listen is None:
-        raise uwb.wrong("listen", "is missing; drones have to report somewhere, for example 0.0.0.0:5481")
-    if top.has("anchors"):
-        raise top.wrong("anchors", 'has no place beside uwb.kind = "dwm1001": these anchors have no serial ports')
-    return listen
-
-
-class _Table:
-    """One table of the file; each getter checks a field and remembers that it is known."""
-
-    def __init__(self, fields: dict[str, Any], path: Path, prefix: str) -> None:
-        self._fields = fields
-        self._path = path
-        self._prefix = prefix
-        self._known: set[str] = set()
-
-    def wrong(self, name: str, why: str) -> SettingsError:
-        """The error for a field."""
-        return SettingsError(f"{self._path}: {self._prefix}{name} {why}")
-
-    def has(self, name: str) -> bool:
-        """Whether the field is there."""
-        self._known.add(name)
-        return name in self._fields
-
-    def text(self, name: str, default: str | None = None) -> str:
-        """A non-empty string."""
-        value = self._get(name, str, "a text in quotes", default)
-        if not value or "\0" in value:
-            raise self.wrong(name, "is empty" if not value else "holds a NUL character")
-        return value
-
-    def identifier(self, name: str) -> str:
-        """A name as the ledger's records allow it."""
-        value = self.text(name)
-        if not _ID.fullmatch(value):
-            raise self.wrong(
-                name, f"is {value!r}; letters, digits and . _ : - are allowed, beginning with one of the first"
-            )
-        return value
-
-    def path(self, name: str) -> Path:
-        """A path, relative to the file."""
-        return (self._path.resolve().parent / Path(self.text(name)).expanduser()).absolute()
-
-    def texts(self, name: str) -> tuple[str, ...]:
-        """A list of non-empty strings; empty where it is missing."""
-        values = self._get(name, list, "a list of texts", [])
-        if any(not isinstance(value, str) or not value for value in values):
-            raise self.wrong(name, "is not a list of texts")
-        return tuple(values)
-
-    def integer(self, name: str, default: int, minimum: int, maximum: int) -> int:
-        """A whole number within bounds."""
-        value = self._get(name, int, "a whole number", default)
-        if isinstance(value, bool) or not minimum <= value <= maximum:
-            raise self.wrong(name, f"is {value}; {minimum} to {maximum} are allowed")
-        return value
-
-    def flag(self, name: str, *, default: bool) -> bool:
-        """True or false."""
-        return self._get(name, bool, "true or false", default)
-
-    def address(self, name: str) -> tuple[str, int] | None:
-        """``host:port``; None where it is missing. Without a host, ``:5480``, it is this machine alone."""
-        if not self.has(name):
-            return None
-        host, separator, port = self.text(name).rpartition(":")
-        if not (separator and port.isascii() and port.isdigit() and len(port) <= 5 and int(port) < 65_536):
-            raise self.wrong(name, "is not host:port, for example 127.0.0.1:5480")
-        return host.strip("[]") or "127.0.0.1", int(port)
-
-    def url(self, name: str) -> str:
-        """A WebSocket address; empty where it is missing."""
-        if not self.has(name):
-            return ""
-        value = self.text(name)
-        try:
-            parts = urlsplit(value)
-            usable = parts.scheme in {"ws", "wss"} and bool(parts.hostname) and parts.port != 0
-        except ValueError:
-            usable = False
-        if not usable:
-            raise self.wrong(name, "is no WebSocket address, for example wss://console.example/ingest")
-        return value
-
-    def table(self, name: str) -> _Table:
-        """A table; empty where it is missing."""
-        return _Table(self._get(name, dict, "a table", {}), self._path, f"{self._prefix}{name}.")
-
-    def tables(self, name: str) -> list[_Table]:
-        """A list of tables, each of whose fields must be known."""
-        entries = self._get(name, list, "a list of tables", [])
-        out = []
-        for index, entry in enumerate(entries):
-            if not isinstance(entry, dict):
-                raise self.wrong(f"{name}[{index}]", "is not a table")
-            table = _Table(entry, self._path, f"{self._prefix}{name}[{index}].")
-            unknown = sorted(set(entry) - {"anchor_id", "port", "baud_rate", "flow_control"})
-            if unknown:
-                raise table.wrong(unknown[0], "is unknown")
-            out.append(table)
-        return out
-
-    def refuse_unknown(self) -> None:
-        """A misspelt field must not be ignored."""
-        unknown = sorted(set(self._fields) - self._known)
-        if unknown:
-            raise self.wrong(unknown[0], f"is unknown; known are {', '.join(sorted(self._known))}")
-
-    def _get(self, name: str, kind: type[Value], what: str, default: Value | None) -> Value:
-        self._known.add(name)
-        value = self._fields.get(name, default)
-        if value is None:
-            raise self.wrong(name, "is missing")
-        if not isinstance(value, kind):
-            raise self.wrong(name, f"is not {what}")
-        return value
+def _complaint(error: ValidationError, document: object) -> str:
+    """Msgspec's words with the field's name before them, as it stands in the file, and what it holds."""
+    text, _, where = str(error).partition(" - at `$")
+    value = document
+    for name, index in _PATH.findall(where):
+        value = cast("Any", value)[name or int(index)]
+    place = where.rstrip("`").lstrip(".")
+    inside = f"{place}." if place else ""
+    if isinstance(error.__cause__, FieldError):
+        return f"{inside}{text}"
+    if text.startswith(("Object contains unknown field", "Object missing required field")):
+        return f"{inside}{text.split('`')[1]} is {'unknown' if 'unknown' in text else 'missing'}"
+    if error.__cause__ is None:
+        for theirs, ours in _WORDS.items():
+            text = text.replace(theirs, ours)
+        if "matching regex" in text:
+            text = "of which a character is not allowed (names have letters, digits and . _ : -)"
+        elif text.startswith("Invalid enum"):
+            text = "which is not known"
+        text = f"is {value!r}, {text}"
+    return f"{place} {text}"

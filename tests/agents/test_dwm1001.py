@@ -5,16 +5,17 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
-from dataclasses import replace
 
 import pytest
 from click.testing import CliRunner
+from msgspec import structs
 
 from wonderland_edge_agent.assembly import open_pad
 from wonderland_edge_agent.ports import AgentError
 from wonderland_edge_agent.radios.reported import ReportedRadios
 from wonderland_edge_agent.session.timing import PadTiming
-from wonderland_edge_agent.settings import SettingsError, parse
+from wonderland_edge_agent.settings import SettingsError, UwbSettings, parse
+from wonderland_edge_agent.settings_fields import Address
 from wonderland_fira_uci.dwm1001 import BoardPosition, Generation, Mode, Timings
 from wonderland_simulator.dwm1001_node import Quirks, VirtualAnchor, VirtualDwm1001
 from wonderland_simulator.uci_node import PtyPort
@@ -55,7 +56,7 @@ async def proofs(world, timing, *, generation=Generation.PANS_R2, mode=Mode.TLV,
     port = PtyPort(tag, world.directory / "tty-tag")
     port.plug()
     world.ports["tag"] = port
-    settings = replace(world.settings(), anchors=(), reports_listen=("127.0.0.1", 0))
+    settings = world.settings(anchors=[], uwb={"kind": "dwm1001", "listen": "127.0.0.1:0"})
     try:
         async with open_pad(settings, timing=timing) as pad:
             working = asyncio.create_task(pad.run())
@@ -179,10 +180,13 @@ def test_a_drones_mistakes_are_named(prepared_ledger, arguments, why):
 
 
 async def test_a_port_in_use_is_said(world, fast_timing):
-    settings = replace(world.settings(), anchors=(), reports_listen=("127.0.0.1", 0))
+    settings = world.settings(anchors=[], uwb={"kind": "dwm1001", "listen": "127.0.0.1:0"})
     async with ReportedRadios(("127.0.0.1", 0), world.clock) as other:
         with pytest.raises(AgentError, match=r"uwb\.listen: 127\.0\.0\.1:\d+ cannot be bound"):
-            async with open_pad(replace(settings, reports_listen=other.address), timing=fast_timing):
+            async with open_pad(
+                structs.replace(settings, uwb=UwbSettings(kind="dwm1001", listen=Address(other.address))),
+                timing=fast_timing,
+            ):
                 pytest.fail("it opened")
 
 
@@ -192,8 +196,8 @@ UCI_ANCHORS = [{"anchor_id": name, "port": f"/dev/{name}"} for name in ANCHOR_NA
 
 def test_settings_of_a_pad_of_dwm1001(tmp_path):
     settings = parse(BASE | {"uwb": {"kind": "dwm1001", "listen": "127.0.0.1:5481"}}, tmp_path / "pad.toml")
-    assert (settings.anchors, settings.reports_listen) == ((), ("127.0.0.1", 5481))
-    assert parse(BASE | {"anchors": UCI_ANCHORS, "uwb": {"kind": "uci"}}, tmp_path / "p").reports_listen is None
+    assert (settings.anchors, settings.uwb.listen) == ((), ("127.0.0.1", 5481))
+    assert parse(BASE | {"anchors": UCI_ANCHORS, "uwb": {"kind": "uci"}}, tmp_path / "p").uwb.listen is None
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ def test_a_good_file_is_read_with_paths_relative_to_it(file):
     assert settings_.spool == file.parent / "spool"
     assert settings_.identity == "pad"
     assert [anchor.port for anchor in settings_.anchors] == ["/dev/ttyUSB0", "/dev/ttyUSB1", "/dev/ttyUSB2"]
-    assert settings_.remote_id_listen == ("::", 5480)
+    assert settings_.remote_id.listen == ("::", 5480)
     assert settings_.quota_bytes == 64 << 20
 
 
@@ -61,7 +61,7 @@ def test_a_good_file_is_read_with_paths_relative_to_it(file):
     ("before", "after", "complaint"),
     [
         ('pad_id = "pad-1"', "", "pad_id is missing"),
-        ('pad_id = "pad-1"', "pad_id = 7", "pad_id is not a text"),
+        ('pad_id = "pad-1"', "pad_id = 7", "pad_id is 7, expected a text"),
         ('pad_id = "pad-1"', 'pad_id = "päd"', "pad_id is 'päd'"),
         ('spool = "spool"', 'spool = ""', "spool is empty"),
         ('anchor_id = "A2"', 'anchor_id = "A1"', "same anchor_id"),
@@ -74,7 +74,11 @@ def test_a_good_file_is_read_with_paths_relative_to_it(file):
         ('url = "wss', 'utl = "wss', "backend.utl is unknown"),
         ('pad_id = "pad-1"', 'pad_id = "pad-1"\nquota_mb = 0', "quota_mb is 0"),
         ('pad_id = "pad-1"', 'pad_id = "pad-1"\nprekeys = true', "prekeys is True"),
-        ('pad_id = "pad-1"', 'pad_id = "pad-1"\nwhole_certificate = "yes"', "whole_certificate is not true or false"),
+        (
+            'pad_id = "pad-1"',
+            'pad_id = "pad-1"\nwhole_certificate = "yes"',
+            "whole_certificate is 'yes', expected true or false",
+        ),
         ('pad_id = "pad-1"', "pad_id = ", "no TOML"),
     ],
 )
@@ -216,7 +220,7 @@ def test_uav_prove_says_what_is_wrong_in_one_line(tmp_path):
 
 def test_a_receiver_listens_on_this_machine_unless_told_otherwise(file):
     file.write_text(GOOD.replace('listen = "[::]:5480"', 'listen = ":5480"'))
-    assert load(file).remote_id_listen == ("127.0.0.1", 5480)
+    assert load(file).remote_id.listen == ("127.0.0.1", 5480)
 
 
 @pytest.mark.parametrize(

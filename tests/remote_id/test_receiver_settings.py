@@ -22,7 +22,7 @@ PAD = {
 
 
 def receivers(**remote_id) -> ReceiverSettings:
-    return parse(PAD | {"remote_id": remote_id}, FILE).receivers
+    return parse(PAD | {"remote_id": remote_id}, FILE).remote_id
 
 
 def test_nothing_by_default() -> None:
@@ -50,7 +50,7 @@ def test_everything() -> None:
         },
     )
     assert settings.mqtt is not None
-    assert (settings.mqtt.port, settings.mqtt.password_file) == (8883, Path("/pads/secret"))
+    assert (settings.mqtt.broker_port, settings.mqtt.password_file) == (8883, Path("/pads/secret"))
     assert (settings.replay, settings.drip) == (Path("/pads/heard.pcap"), Path("/pads/registries.json"))
     names = [type(source).__name__ for source in sources_of(settings)]
     assert names == ["SerialMavlink", "SerialMavlink", "MqttSource", "BluezSource", "WifiMonitorSource", "ReplaySource"]
@@ -62,11 +62,11 @@ def test_everything() -> None:
     ("remote_id", "says"),
     [
         ({"blutooth": "hci0"}, r"remote_id\.blutooth is unknown"),
-        ({"mavlink": "/dev/ttyUSB0"}, r"remote_id\.mavlink is not a list"),
-        ({"wifi": ""}, r"remote_id\.wifi is empty"),
+        ({"mavlink": "/dev/ttyUSB0"}, r"remote_id\.mavlink is '/dev/ttyUSB0', expected a list"),
+        ({"wifi": ""}, r"remote_id\.wifi is '', expected"),
         ({"replay_speed_percent": -1}, r"replay_speed_percent is -1"),
         ({"mqtt": {"topics": ["x"]}}, r"remote_id\.mqtt\.host is missing"),
-        ({"mqtt": {"host": "b"}}, r"remote_id\.mqtt\.topics is empty"),
+        ({"mqtt": {"host": "b"}}, r"remote_id\.mqtt\.topics is missing"),
         ({"mqtt": {"host": "b", "topics": ["x"], "port": 0}}, r"remote_id\.mqtt\.port is 0"),
         ({"mqtt": {"host": "b", "topics": ["x"], "qos": 1}}, r"remote_id\.mqtt\.qos is unknown"),
         ({"mqtt": {"host": "b", "topics": ["x"], "password_file": "p"}}, r"username is missing"),

@@ -142,7 +142,7 @@ def _live(
 ) -> LiveSettings:
 
     pad = load(config)
-    if pad.reports_listen is not None:
+    if pad.uwb.listen is not None:
         raise click.UsageError(
             "this pad has DWM1001 anchors, which report nothing here; commission it from a recording"
         )

@@ -57,7 +57,7 @@ class MqttSource:
             raise ReceiverError(f"remote_id.mqtt: {settings.password_file or settings.tls_ca}: {cause}") from cause
         return aiomqtt.Client(
             settings.host,
-            settings.port,
+            settings.broker_port,
             identifier=f"wonderland-{secrets.token_hex(8)}",  # small brokers do not give one
             username=settings.username,
             password=password,
@@ -68,7 +68,7 @@ class MqttSource:
         )
 
     async def _run(self, client: aiomqtt.Client, sink: Sink) -> None:
-        where, wait_s = f"{self._settings.host}:{self._settings.port}", AGAIN_S
+        where, wait_s = f"{self._settings.host}:{self._settings.broker_port}", AGAIN_S
         while True:
             try:
                 async with client:
