@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from wonderland.proofs.admission import CHECKED_ANCHORS
 from wonderland_edge_agent.radios import AnchorState
 from wonderland_edge_agent.radios.nodes import MIN_ANCHORS
 
@@ -51,21 +52,42 @@ def why_not(now: Now) -> list[str]:
     return reasons
 
 
+def goes_on_without(now: Now) -> list[str]:
+    """Anchors that are missing and that the pad does not need; empty where so many are that it can prove nothing."""
+    if now.anchors is None:
+        return []
+    wanted, missing = _missing(now.anchors, now.pad)
+    enough = len(wanted) - len(missing) >= _needed(len(wanted))
+    return [f"{anchor_id} ({why})" for anchor_id, why in missing.items()] if enough else []
+
+
 def _of_anchors(states: Sequence[AnchorState], pad: Pad | None) -> list[str]:
-    """An anchor that is silent while ranging counts as there: a drone out of reach makes all of them so."""
+    wanted, missing = _missing(states, pad)
+    there, needed = len(wanted) - len(missing), _needed(len(wanted))
+    if there >= needed:
+        return []
+    said = ", ".join(f"{anchor_id} ({why})" for anchor_id, why in missing.items())
+    return [f"{there} of {len(wanted)} anchors can range, {needed} are needed: {said}"]
+
+
+def _needed(commissioned: int) -> int:
+    """Where the contract can check four anchors' ranges against each other, it verifies on no fewer."""
+    return max(MIN_ANCHORS, min(commissioned, CHECKED_ANCHORS))
+
+
+def _missing(states: Sequence[AnchorState], pad: Pad | None) -> tuple[list[str], dict[str, str]]:
+    """The anchors of the pad, and why some of them measure nothing.
+
+    One that is silent like all others counts as there: a drone out of reach makes all of them so.
+    """
     commissioning = None if pad is None else pad.commissioning
     known = {state.anchor_id: state for state in states}
     wanted = list(known) if commissioning is None else [anchor.anchor_id for anchor in commissioning.anchors]
-    down: dict[str, str] = {}
+    missing: dict[str, str] = {}
     for anchor_id in wanted:
         state = known.get(anchor_id)
         if state is None:
-            down[anchor_id] = "no port configured"
-        elif state.state == "down":
-            down[anchor_id] = state.detail or "down"
-    said = ", ".join(f"{anchor_id} ({why})" for anchor_id, why in down.items())
-    if len(wanted) - len(down) < MIN_ANCHORS:
-        return [f"{len(wanted) - len(down)} of {len(wanted)} anchors answer, {MIN_ANCHORS} are needed: {said}"]
-    if wanted[0] in down:
-        return [f"the anchor that speaks to the drone does not answer: {said}"]
-    return []
+            missing[anchor_id] = "no port configured"
+        elif not state.ranges:
+            missing[anchor_id] = state.detail or state.state
+    return wanted, missing

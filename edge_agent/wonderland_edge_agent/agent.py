@@ -23,7 +23,7 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of
 from wonderland.telemetry import Health
-from wonderland_edge_agent.ability import Now, why_not
+from wonderland_edge_agent.ability import Now, goes_on_without, why_not
 from wonderland_edge_agent.drift.idle import watch_when_idle
 from wonderland_edge_agent.event_subscription import EventSubscription
 from wonderland_edge_agent.health import health_record, reach_of, tell_health, write_status
@@ -31,6 +31,7 @@ from wonderland_edge_agent.metrics import write_metrics
 from wonderland_edge_agent.own_pad import OwnPad
 from wonderland_edge_agent.ports import PadLedger, PadRadiosPort
 from wonderland_edge_agent.prekeys import PrekeyKeeper
+from wonderland_edge_agent.radios.roll_calls import call_when_idle
 from wonderland_edge_agent.reconcile import Reconciler
 from wonderland_edge_agent.reporting import SpoolReporter
 from wonderland_edge_agent.session import events as on
@@ -94,6 +95,7 @@ class PadAgent:
         status_file: Path | None = None,
         drift: DriftKeeper | None = None,
         metrics_file: Path | None = None,
+        roll_call_every_s: float = 0,
         random_octets: Callable[[int], bytes] = os.urandom,
     ) -> None:
         self.pad_id: Final = pad_id
@@ -109,6 +111,7 @@ class PadAgent:
         self._status_file = status_file
         self._drift = drift
         self._metrics_file = metrics_file
+        self._roll_call_every_s = roll_call_every_s
         self._random_octets = random_octets
         self._reporter = SpoolReporter(spool, receiver.signature)
         self._prekeys = PrekeyKeeper(pad_id, spool, ledger, clock, prekeys)
@@ -141,6 +144,8 @@ class PadAgent:
         parts = [self._subscription.run(), self._serve(), self._take_care(), telling]
         if self._drift is not None:
             parts.append(watch_when_idle(self._drift, self._own, self._idle))
+        if self._roll_call_every_s:
+            parts.append(call_when_idle(self._radios, self._own, self._idle, self._roll_call_every_s))
         tasks = [asyncio.create_task(part) for part in parts]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -153,13 +158,15 @@ class PadAgent:
         """How the agent is, for people and for ``wonderland pad status``."""
         runner = self._runner
         spool = self._spool.status
-        reasons = self._why_not()
+        now = self._now()
+        reasons = why_not(now)
         return {
             "pad_id": self.pad_id,
             "process": os.getpid(),
             "t_ms": self._clock(),
             "accepts_sessions": not reasons,
             "cannot_prove": reasons,
+            "goes_on_without": goes_on_without(now),
             "spool_reason": spool.reason,
             "session": runner.session.session_id if runner is not None else "",
             "sessions_run": self._sessions,
@@ -169,11 +176,11 @@ class PadAgent:
             **telemetry.plain(self._health()),
         }
 
-    def _why_not(self) -> list[str]:
-        """Why no drone can be proved now; empty where one can."""
+    def _now(self) -> Now:
+        """What decides whether a drone can be proved now."""
         pad, spool = self._pad, self._spool
         digest = None if pad is None else pad.commissioning_sha256
-        now = Now(
+        return Now(
             ledger_trouble=self._ledger_trouble,
             pad=pad,
             anchors=self._radios.states() if self._radios.measured_by == "pad" else None,
@@ -181,7 +188,6 @@ class PadAgent:
             spool_trouble="" if spool.accepts_sessions else spool.status.reason or "the spool is full",
             prekeys=self._prekeys.available,
         )
-        return why_not(now)
 
     # --- what the ledger says ----------------------------------------------------------------------------------
 

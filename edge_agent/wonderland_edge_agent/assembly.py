@@ -100,6 +100,7 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
         status_file=settings.status_file,
         drift=drift,
         metrics_file=settings.metrics_file,
+        roll_call_every_s=settings.drift.roll_call_every_s if settings.anchors else 0,
     )
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from wonderland import __version__
-from wonderland.telemetry import AnchorHealth, Health
+from wonderland.telemetry import AnchorHealth, Health, clean
 from wonderland.uwb.reach import reach
 from wonderland_edge_agent.drift import DriftState
 from wonderland_edge_agent.radios import AnchorState
@@ -27,6 +27,9 @@ LOOK_S: Final = 1.0
 """Between two looks whether something changed that is told at once."""
 
 
+MAX_DETAIL: Final = 200
+
+
 class StatusError(LedgerError):
     """The agent's status file is missing or no status; the text says what to do."""
 
@@ -41,7 +44,12 @@ def health_record(
     """A pad's word on itself."""
     return Health(
         anchors=tuple(
-            AnchorHealth(anchor_id=anchor.anchor_id, state=anchor.state, firmware=anchor.firmware or None)
+            AnchorHealth(
+                anchor_id=anchor.anchor_id,
+                state=anchor.state,
+                firmware=anchor.firmware or None,
+                detail=None if anchor.state == "up" else clean(anchor.detail, MAX_DETAIL) or None,
+            )
             for anchor in anchors
         ),
         spool=spool.health(),
@@ -92,7 +100,7 @@ async def tell_health(
 
 
 def _states(health: Health) -> tuple[object, ...]:
-    anchors = tuple((anchor.anchor_id, anchor.state) for anchor in health.anchors)
+    anchors = tuple((anchor.anchor_id, anchor.state) for anchor in health.anchors)  # details may change all the time
     return anchors, None if health.drift is None else health.drift.state, bool(health.prekeys)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from typing import TYPE_CHECKING, Protocol
 
 from wonderland_edge_agent.prekeys import PrekeyLedger
@@ -50,3 +50,6 @@ class PadRadiosPort(Radios, WitnessRadios, Protocol):
     def states(self) -> list[AnchorState]:
         """Every anchor's node as it is now."""
         ...
+
+    async def call_roll(self, macs: Mapping[str, int]) -> None:
+        """Look whether all nodes that answer also range."""

@@ -5,7 +5,7 @@ connection = "ledger/connection.json"   # paths are relative to this file
 identity = "pad"                        # a name in connection.json
 spool = "spool"                         # a directory of this pad's own
 
-[[anchors]]                             # the first one also speaks to the drone
+[[anchors]]                             # one for each node
 anchor_id = "A1"                        # as commissioned
 port = "/dev/serial/by-id/usb-…"        # or socket://HOST:PORT, rfc2217://HOST:PORT
 baud_rate = 115200                      # optional; flow_control = "rtscts" beside it
@@ -24,6 +24,7 @@ topics = ["dronescout/#"]
 
 [drift]
 every_s = 600                           # how often the anchors range each other when no drone is there; 0: never
+roll_call_every_s = 10                  # how often a short look says whether all of them still range; 0: never
 
 [backend]
 url = "wss://console.example/ingest"    # optional: where telemetry goes
@@ -101,6 +102,8 @@ class DriftSettings(Table, frozen=True):
     """``[drift]``: how often the anchors range each other while no drone is there; 0: never."""
 
     every_s: Annotated[int, Meta(ge=0, le=86_400)] = 600
+    roll_call_every_s: Annotated[int, Meta(ge=0, le=86_400)] = 10
+    """How often it is seen, while no drone is there, whether all nodes that answer also range; 0: never."""
 
 
 class BackendSettings(Table, frozen=True):

@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from wonderland_edge_agent.config_option import config_option
@@ -69,6 +70,10 @@ def _show(said: dict[str, Any], *, alive: bool, age_s: float) -> None:
     reasons = said.get("cannot_prove")
     for reason in reasons if isinstance(reasons, list) else ():
         console.print(f"  {reason}", soft_wrap=True, markup=False, highlight=False)
+    without = said.get("goes_on_without")
+    if isinstance(without, list) and without:
+        words = ", ".join(map(str, without))
+        console.print(f"  goes on without {words}", soft_wrap=True, markup=False, highlight=False)
     table = Table(box=None, show_header=False)
     with contextlib.suppress(KeyError, TypeError):
         table.add_row("session", said["session"] or "none under way")
@@ -83,7 +88,8 @@ def _show(said: dict[str, Any], *, alive: bool, age_s: float) -> None:
         for label, text in _reach(said.get("reach")):
             table.add_row(label, text)
         for anchor in said["anchors"]:
-            table.add_row(f"anchor {anchor['anchor_id']}", f"{anchor['state']} {anchor.get('firmware', '')}")
+            words = f"{anchor['state']} {anchor.get('detail') or anchor.get('firmware', '')}"
+            table.add_row(f"anchor {anchor['anchor_id']}", escape(words))
     console.print(table)
 
 

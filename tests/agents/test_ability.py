@@ -8,7 +8,7 @@ import pytest
 from kit.agents import open_ledger
 
 from wonderland.proof_contract import RefusedError
-from wonderland_edge_agent.ability import Now, why_not
+from wonderland_edge_agent.ability import Now, goes_on_without, why_not
 from wonderland_edge_agent.metrics import exposition
 from wonderland_edge_agent.radios import AnchorState
 
@@ -17,6 +17,17 @@ UP = tuple(AnchorState(name, "up", "", None) for name in ("A1", "A2", "A3", "A4"
 
 def down(*names):
     return tuple(AnchorState(s.anchor_id, "down", "unplugged", None) if s.anchor_id in names else s for s in UP)
+
+
+def faulty(*names):
+    """These answer, and measure nothing while others do."""
+    return tuple(
+        AnchorState(s.anchor_id, "silent", "measures nothing", None, faulty=True) if s.anchor_id in names else s
+        for s in UP
+    )
+
+
+FIFTH = AnchorState("A5", "up", "", None)
 
 
 class Record:
@@ -44,14 +55,21 @@ WELL = {"ledger_trouble": "", "pad": Record(), "anchors": UP, "moved": False, "s
         ({}, None),
         ({"anchors": None}, None),
         ({"prekeys": None}, None),
-        ({"anchors": down("A3")}, None),
+        ({"anchors": down("A3")}, "3 of 4 anchors can range, 4 are needed: A3 (unplugged)"),
+        ({"anchors": faulty("A3")}, "3 of 4 anchors can range, 4 are needed: A3 (measures nothing)"),
         ({"anchors": tuple(AnchorState(s.anchor_id, "silent", "", None) for s in UP)}, None),
-        ({"anchors": down("A1")}, "speaks to the drone does not answer: A1 (unplugged)"),
-        ({"anchors": down("A3", "A4")}, "2 of 4 anchors answer, 3 are needed: A3 (unplugged), A4 (unplugged)"),
-        ({"anchors": down("A1", "A2", "A3", "A4")}, "0 of 4 anchors answer"),
-        ({"anchors": ()}, "0 of 4 anchors answer, 3 are needed: A1 (no port configured)"),
+        ({"anchors": down("A3", "A4")}, "2 of 4 anchors can range, 4 are needed: A3 (unplugged), A4 (unplugged)"),
+        ({"anchors": down("A1", "A2", "A3", "A4")}, "0 of 4 anchors can range"),
+        ({"anchors": ()}, "0 of 4 anchors can range, 4 are needed: A1 (no port configured)"),
         ({"anchors": UP[1:]}, "A1 (no port configured)"),
-        ({"pad": Record(names=("A4", "A3", "A2", "A1")), "anchors": down("A1")}, None),
+        ({"pad": Record(names=("A1", "A2", "A3"))}, None),
+        ({"pad": Record(names=("A1", "A2", "A4")), "anchors": down("A4")}, "2 of 3 anchors can range, 3 are needed"),
+        ({"pad": Record(names=("A4", "A3", "A2", "A1", "A5")), "anchors": (*UP, FIFTH)}, None),
+        ({"pad": Record(names=("A4", "A3", "A2", "A1", "A5")), "anchors": (*down("A1"), FIFTH)}, None),
+        (
+            {"pad": Record(names=("A4", "A3", "A2", "A1", "A5")), "anchors": down("A1")},
+            "3 of 5 anchors can range, 4 are needed: A1 (unplugged), A5 (no port configured)",
+        ),
         ({"pad": None}, "has not said yet"),
         ({"pad": Record("registered", ())}, "not commissioned"),
         ({"pad": Record("retired")}, "retired"),
@@ -68,6 +86,15 @@ def test_each_reason(change, reason):
     else:
         assert len(found) == 1
         assert reason in found[0]
+
+
+@pytest.mark.parametrize("why", [down, faulty])
+def test_a_pad_of_five_goes_on_with_four_and_says_so(why):
+    record = Record(names=("A1", "A2", "A3", "A4", "A5"))
+    (word,) = goes_on_without(Now(**(WELL | {"pad": record, "anchors": (*why("A3"), FIFTH)})))
+    assert word.startswith("A3 (")
+    assert goes_on_without(Now(**(WELL | {"pad": record, "anchors": (*UP, FIFTH)}))) == []
+    assert goes_on_without(Now(**(WELL | {"pad": record, "anchors": why("A3")}))) == []
 
 
 def test_several_reasons_are_all_said():
@@ -96,7 +123,7 @@ async def test_unplugged_anchors_and_a_lost_ledger_are_noticed_and_forgotten(wor
         ports = [port for name, port in world.ports.items() if name != "uav"]
         for port in ports:
             port.unplug()
-        await until(lambda: says(pad, f"0 of {len(ports)} anchors answer"))
+        await until(lambda: says(pad, f"0 of {len(ports)} anchors can range"))
         for port in ports:
             port.plug()
         await until(lambda: says(pad, ""))

@@ -154,8 +154,18 @@ async def test_three_of_four_anchors_still_range(world):
     assert any(reason.code == "anchor_silent" for reason in result.verdict.reasons)
 
 
-async def test_a_pad_without_the_node_that_speaks_cancels(world):
+async def test_without_its_first_node_another_speaks(world):
     world.ports["A1"].unplug()
+    await world.policy(max_rounds=20)
+    async with world.pad(), world.uav() as uav:
+        result = await uav.prove("pad-1", "land")
+    assert result.verdict is not None
+    assert any(reason.code == "anchor_silent" for reason in result.verdict.reasons)
+
+
+async def test_a_pad_with_two_nodes_left_cancels(world):
+    world.ports["A1"].unplug()
+    world.ports["A2"].unplug()
     async with world.pad(), world.uav() as uav:
         result = await uav.prove("pad-1", "land")
     assert (result.state, result.end) == ("cancelled", "radios_unavailable")

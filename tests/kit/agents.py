@@ -40,6 +40,14 @@ ANCHORS = {
     "A3": (-2_000, -2_000, 200),
     "A4": (2_000, -2_000, 200),
 }
+MORE = {
+    "A5": (0, 2_600, 1_200),
+    "A6": (0, -2_600, 200),
+    "A7": (2_600, 0, 1_200),
+    "A8": (-2_600, 0, 200),
+}
+"""For pads that have more than four; ``World.extend``."""
+STAND = ANCHORS | MORE
 HERE = (4_000.0, 3_000.0, 6_000.0)
 """Where the drone hovers, east, north, up in mm."""
 FAST_PAD = PadTiming(
@@ -56,8 +64,9 @@ FAST_PAD = PadTiming(
 FAST_UAV = UavTiming(open_ms=4_000, pad_silence_ms=2_500, verdict_grace_ms=1_000)
 
 
-def commissioning(now_ms: int, *, timed: bool = False) -> Commissioning:
+def commissioning(now_ms: int, *, timed: bool = False, anchors: dict | None = None) -> Commissioning:
     """``timed``: the nodes share a clock, good to 5 mm."""
+    anchors = ANCHORS if anchors is None else anchors
     clock = {"clock_offset_mm": 0, "clock_sigma_mm": 5} if timed else {}
     return Commissioning.parse(
         ({"timestamp_sigma_mm": 30} if timed else {})
@@ -74,7 +83,7 @@ def commissioning(now_ms: int, *, timed: bool = False) -> Commissioning:
                     "bias": [{"range_mm": 0, "bias_mm": 0, "sigma_mm": 5}],
                     **clock,
                 }
-                for index, (name, (east, north, up)) in enumerate(ANCHORS.items())
+                for index, (name, (east, north, up)) in enumerate(anchors.items())
             ],
             "range_sigma_mm": 25,
             "installation_sigma_mm": 5,
@@ -101,7 +110,7 @@ class Flight:
     """How far the drone's clock is ahead."""
 
     def range_mm(self, anchor: str, rng: random.Random) -> float:
-        return math.dist(ANCHORS[anchor], self.ranged or self.truth) + rng.gauss(0, self.noise_mm)
+        return math.dist(STAND[anchor], self.ranged or self.truth) + rng.gauss(0, self.noise_mm)
 
     def stamp(self, place, sent_s: float, rng: random.Random) -> int:
         """Ticks of the pad's common clock when an anchor there hears what was sent then."""
@@ -132,8 +141,10 @@ class World:
         self.clock = SteadyClock()
         self.anchors = dict(ANCHORS)
         self.flight = Flight()
-        self.stand = dict(ANCHORS)
+        self.stand = dict(STAND)
         """Where the anchors really stand, mm."""
+        self.mute: set[str] = set()
+        """Anchors that answer commands and measure nothing."""
         self.rng = random.Random(5)
         self.drawn: dict[tuple[str, float], Measurement] = {}
         self.air = Air(self.measure, rng=random.Random(7), stamp=self.stamp)
@@ -159,8 +170,10 @@ class World:
         return json.loads((await contract.submit_with_retry(function, encoding.encode(argument))).payload)
 
     def measure(self, observer: str, peer: str, t_s: float) -> Measurement:
-        anchor = observer if observer in ANCHORS else peer
-        if observer in ANCHORS and peer in ANCHORS:
+        anchor = observer if observer in STAND else peer
+        if self.mute & {observer, peer}:
+            return Measurement(None, status=0x21)
+        if observer in STAND and peer in STAND:
             between = math.dist(self.stand[observer], self.stand[peer]) + self.rng.gauss(0, 20.0)
             return Measurement(round(between), nlos=False, rssi_dbm=-60.0)
         if anchor in self.flight.silent:
@@ -177,7 +190,20 @@ class World:
         return None if anchor in self.flight.silent else self.flight.stamp(self.anchors[anchor], t_s, self.rng)
 
     def commissioning(self, *, timed: bool = False) -> Commissioning:
-        return commissioning(self.clock(), timed=timed)
+        return commissioning(self.clock(), timed=timed, anchors=self.own)
+
+    @property
+    def own(self) -> dict:
+        """The first pad's anchors; a test may put another pad's beside them."""
+        return {name: place for name, place in self.anchors.items() if name in STAND}
+
+    async def extend(self, count: int) -> None:
+        """Make it a pad of so many anchors."""
+        for name, place in list(MORE.items())[: count - len(self.anchors)]:
+            self.anchors[name] = place
+            self.add_node(name)
+        record = self.commissioning().to_json()
+        await self.call("pad_operator", "CommissionPad", pad_id="pad-1", commissioning=record)
 
     async def share_a_clock(self) -> None:
         """Commission the pad anew, for time stamps."""
@@ -266,7 +292,7 @@ class World:
             "connection": str(self.directory / "ledger" / "connection.json"),
             "identity": "pad",
             "spool": "spool",
-            "anchors": [{"anchor_id": name, "port": str(self.directory / f"tty-{name}")} for name in ANCHORS],
+            "anchors": [{"anchor_id": name, "port": str(self.directory / f"tty-{name}")} for name in self.own],
             "remote_id": {"listen": "127.0.0.1:0"},
             "prekeys": 6,
         } | more

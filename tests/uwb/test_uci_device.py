@@ -267,6 +267,21 @@ def test_pauses_between_resets_grow_to_their_limit() -> None:
     assert bench.take(DeviceReady)
 
 
+def test_a_node_that_hangs_at_rest_is_noticed_within_seconds_and_comes_back() -> None:
+    bench = Bench()
+    bench.boot()
+    bench.run(60_000)
+    assert not bench.take(DeviceLost)
+    bench.deaf = True
+    bench.run(2_400)
+    (lost,) = bench.take(DeviceLost)
+    assert "CORE_GET_DEVICE_INFO was not answered" in lost.detail
+    bench.deaf = False
+    bench.take(DeviceReady)
+    bench.run(2_000)
+    assert bench.take(DeviceReady)
+
+
 def test_a_device_error_and_a_vanished_port_lose_everything() -> None:
     bench = opened()
     bench._from_node(bytes.fromhex("60010001ff"))

@@ -27,6 +27,7 @@ class AnchorHealth(ApiModel):
     anchor_id: str
     state: Literal["up", "down", "silent"]
     firmware: str | None = None
+    detail: str | None = Field(default=None, description="Why it is not up, in the agent's words")
 
 
 class SpoolHealth(ApiModel):

@@ -7,13 +7,14 @@ import contextlib
 import logging
 import secrets
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 from wonderland_fira_uci.errors import UwbError
 from wonderland_fira_uci.events import RangeMeasurement, SessionFailed
 from wonderland_fira_uci.node import UwbNode, UwbSession
 from wonderland_fira_uci.uci.config import AppConfig, DeviceRole, DeviceType, MultiNodeMode, SessionConfig
-from wonderland_fira_uci.uci.status import SessionType
+from wonderland_fira_uci.uci.status import SessionType, Status, status_name
 
 _log = logging.getLogger(__name__)
 
@@ -23,6 +24,10 @@ SLOTS: Final = 20
 PATIENCE: Final = 4
 """A leader gets this many times the time that its rounds should take."""
 LEAST_S: Final = 2.0
+ROLL_CALL_ROUNDS: Final = 2
+ROLL_CALL_S: Final = 0.6
+ROLL_CALL_LEADERS: Final = 3
+"""So many lead at most until everybody was heard: two may fail, and one is still contradicted."""
 
 PairRanges = dict[tuple[str, str], list[int]]
 """Ranges in mm by (leader, follower)."""
@@ -71,8 +76,55 @@ async def measure_between(
         return out
     for leader in present:
         told(leader)
-        out |= await _lead(nodes, macs, leader, [name for name in present if name != leader], rounds, random_octets)
+        others = [name for name in present if name != leader]
+        limit_s = max(PATIENCE * rounds * INTERVAL_MS / 1000, LEAST_S)
+        out |= (await _lead(nodes, macs, leader, others, rounds, limit_s, random_octets)).ranges
     return out
+
+
+@dataclass(frozen=True, slots=True)
+class RollCall:
+    """Which nodes another one ranged; which none did, though others were, and why. Both empty: nothing was learnt."""
+
+    heard: frozenset[str] = frozenset()
+    unheard: Mapping[str, str] = field(default_factory=dict)
+
+
+async def roll_call(
+    nodes: Mapping[str, UwbNode],
+    macs: Mapping[str, int],
+    *,
+    random_octets: Callable[[int], bytes] = secrets.token_bytes,
+) -> RollCall:
+    """A short look whether all nodes that answer also range: one leads, and others where it does not hear all."""
+    present = [name for name, node in nodes.items() if node.is_ready and name in macs]
+    heard: set[str] = set()
+    why: dict[str, str] = {}
+    leaders: list[str] = []
+    while len(leaders) < min(ROLL_CALL_LEADERS, len(present)) and len(heard) < len(present) and len(present) > 2:
+        # Whoever was heard is fit to lead; a leader that hears nobody may be the one that is at fault.
+        leader = min((name for name in present if name not in leaders), key=lambda name: name not in heard)
+        leaders.append(leader)
+        followers = [name for name in present if name != leader]
+        led = await _lead(nodes, macs, leader, followers, ROLL_CALL_ROUNDS, ROLL_CALL_S, random_octets)
+        heard |= {name for pair in led.ranges for name in pair} | led.negative
+        for name, trouble in led.troubles.items():
+            why.setdefault(name, trouble)
+    if not heard:
+        return RollCall()
+    return RollCall(
+        frozenset(heard), {name: why.get(name, "no other anchor hears it") for name in present if name not in heard}
+    )
+
+
+@dataclass(slots=True)
+class _Led:
+    """What one leader measured, and what was wrong with the others."""
+
+    ranges: PairRanges = field(default_factory=dict)
+    troubles: dict[str, str] = field(default_factory=dict)
+    negative: set[str] = field(default_factory=set)
+    """Ranges below zero, of nodes close to each other whose antenna delay nobody has set: they range all the same."""
 
 
 async def _lead(
@@ -81,12 +133,14 @@ async def _lead(
     leader: str,
     followers: Sequence[str],
     rounds: int,
+    limit_s: float,
     random_octets: Callable[[int], bytes],
-) -> PairRanges:
+) -> _Led:
     session_id = int.from_bytes(random_octets(4), "little") | 1
     key = random_octets(16)
     names = {macs[name]: name for name in followers}
     found: PairRanges = {(leader, name): [] for name in followers}
+    led = _Led()
     sessions: list[UwbSession] = []
 
     async def opened(name: str, peers: Sequence[int], *, leads: bool) -> UwbSession | None:
@@ -95,6 +149,7 @@ async def _lead(
             session = await nodes[name].open_session(config)
         except UwbError as error:
             _log.warning("anchor %s takes no part in ranging between anchors: %s", name, error)
+            led.troubles[name] = f"takes no ranging session: {error}"
             return None
         sessions.append(session)
         return session
@@ -103,22 +158,35 @@ async def _lead(
         await asyncio.gather(*(opened(name, (macs[leader],), leads=False) for name in followers))
         leading = await opened(leader, tuple(names), leads=True)
         if leading is None:
-            return {}
-        limit_s = max(PATIENCE * rounds * INTERVAL_MS / 1000, LEAST_S)
+            return led
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(limit_s):
-                await _collect(leading, names, leader, found, rounds)
+                await _collect(leading, names, leader, found, rounds, led)
     finally:
         await asyncio.gather(*(session.close() for session in sessions))
-    return {pair: values for pair, values in found.items() if values}
+    led.ranges = {pair: values for pair, values in found.items() if values}
+    return led
 
 
-async def _collect(session: UwbSession, names: Mapping[int, str], leader: str, found: PairRanges, rounds: int) -> None:
+async def _collect(
+    session: UwbSession,
+    names: Mapping[int, str],
+    leader: str,
+    found: PairRanges,
+    rounds: int,
+    led: _Led,
+) -> None:
     async for event in session.events():
-        if isinstance(event, RangeMeasurement) and event.range_mm and event.peer_mac in names:
-            found[leader, names[event.peer_mac]].append(event.range_mm)
-            if all(len(values) >= rounds for values in found.values()):
-                return
+        if isinstance(event, RangeMeasurement) and event.peer_mac in names:
+            name = names[event.peer_mac]
+            if event.range_mm:
+                found[leader, name].append(event.range_mm)
+                if all(len(values) >= rounds for values in found.values()):
+                    return
+            elif event.status == Status.NEGATIVE_DISTANCE:
+                led.negative |= {leader, name}
+            elif event.status != Status.OK:
+                led.troubles.setdefault(name, f"no other anchor hears it: {status_name(event.status)}")
         elif isinstance(event, SessionFailed):
             _log.warning("anchor %s: ranging between anchors failed: %s", leader, event.error)
             return

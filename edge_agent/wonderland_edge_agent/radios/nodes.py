@@ -15,10 +15,17 @@ from wonderland.clock import Clock
 from wonderland.telemetry.fields import AnchorCondition
 from wonderland.uwb.blinks import BlinkPlan
 from wonderland.uwb.layout import RangingPlan
-from wonderland_edge_agent.radios.between import PairRanges, measure_between
+from wonderland_edge_agent.radios.attendance import Attendance
+from wonderland_edge_agent.radios.between import PairRanges, RollCall, measure_between, roll_call
 from wonderland_edge_agent.session.events import AnchorRange, DataHeard, FrameHeard, PadEvent, RadiosFailed
 from wonderland_fira_uci.errors import NodeError, UwbError
-from wonderland_fira_uci.events import DataReceived, FrameStamped, RangeMeasurement, SessionFailed
+from wonderland_fira_uci.events import (
+    DataReceived,
+    FrameStamped,
+    RangeMeasurement,
+    SessionFailed,
+    SessionInterrupted,
+)
 from wonderland_fira_uci.node import UwbNode, UwbSession
 from wonderland_fira_uci.serial_port import Opener
 from wonderland_fira_uci.uci.capabilities import Capabilities
@@ -33,6 +40,8 @@ READY_GRACE_S: Final = 0.5
 ECHO_MS: Final = 30
 """All nodes hear the same data; copies within this time are one."""
 _REMEMBERED: Final = 64
+_VOICE_S: Final = 0.25
+"""Between two looks whether the node that speaks still does."""
 
 Sink = Callable[[PadEvent], None]
 
@@ -51,7 +60,10 @@ class AnchorPort:
 
 @dataclass(frozen=True, slots=True)
 class AnchorState:
-    """One anchor's node, for people. ``state``: up, down (port or node away), or silent (no report when ranging)."""
+    """One anchor's node, for people. ``state``: up, down (port or node away), or silent (answers, and does not range).
+
+    ``detail``: why it is not up.
+    """
 
     anchor_id: str
     state: AnchorCondition
@@ -59,6 +71,13 @@ class AnchorState:
     firmware: str | None
     capabilities: Capabilities | None = None
     """What the node says that it can do; None where it has not said."""
+    faulty: bool = False
+    """It is silent while others range: no drone out of reach explains that."""
+
+    @property
+    def ranges(self) -> bool:
+        """Whether it would measure a drone in reach, as far as anybody knows."""
+        return self.state != "down" and not self.faulty
 
 
 class PadRadios:
@@ -76,8 +95,11 @@ class PadRadios:
         self._sessions: list[UwbSession] = []
         self._readers: list[asyncio.Task[None]] = []
         self._heard: OrderedDict[bytes, int] = OrderedDict()
-        self._reported: dict[str, int] = {}
-        self._between: asyncio.Task[PairRanges] | None = None
+        self._attendance = Attendance()
+        self._voice = ""
+        """The anchor that speaks to the drone."""
+        self._voice_lost = asyncio.Event()
+        self._between: asyncio.Task[PairRanges] | asyncio.Task[RollCall] | None = None
 
     async def __aenter__(self) -> Self:
         for node in self._nodes.values():
@@ -92,34 +114,47 @@ class PadRadios:
 
     def states(self) -> list[AnchorState]:
         """Every anchor's node as it is now."""
-        ranging = bool(self._sessions)
         now_ms = self._clock()
         out: list[AnchorState] = []
         for anchor_id, node in self._nodes.items():
             state: AnchorCondition = "up" if node.is_ready else "down"
-            if node.is_ready and ranging and now_ms - self._reported.get(anchor_id, now_ms) > 1_000:
-                state = "silent"
-            out.append(AnchorState(anchor_id, state, node.detail, _firmware(node), node.capabilities))
+            detail, fault = node.detail, ""
+            if node.is_ready:
+                fault = self._attendance.fault(anchor_id, now_ms)
+                if fault or self._attendance.is_silent(anchor_id, now_ms):
+                    state, detail = "silent", fault or self._attendance.status(anchor_id)
+            out.append(AnchorState(anchor_id, state, detail, _firmware(node), node.capabilities, bool(fault)))
         return out
 
     async def open_session(self, plan: RangingPlan, anchor_ids: Sequence[str], sink: Sink) -> str | None:
         """Start session A on every node and B on the first; reports go to ``sink`` from now on.
 
         ``anchor_ids`` in the order of ``plan.pad_macs``. Returns the nodes' firmware, where they say it. Raises
-        RadiosError when fewer than three nodes, or the one that speaks, take part.
+        RadiosError when fewer than three nodes take part, or none of them can speak.
         """
         await self.close_session()
         self._heard.clear()
-        self._reported = dict.fromkeys(anchor_ids, self._clock())
+        self._attendance.begin(anchor_ids, self._clock())
+        voice = self._voices(anchor_ids)[:1]
         outcomes = await asyncio.gather(
-            *(self._open_anchor(plan, index, anchor_id, sink) for index, anchor_id in enumerate(anchor_ids))
+            *(
+                self._open_anchor(plan, index, anchor_id, sink, speaks=anchor_id in voice)
+                for index, anchor_id in enumerate(anchor_ids)
+            )
         )
         missing = [f"{anchor_id} ({why})" for anchor_id, why in zip(anchor_ids, outcomes, strict=True) if why]
         if missing:
             _log.warning("session %#010x: without %s", plan.session_a_id, ", ".join(missing))
-        if len(anchor_ids) - len(missing) < MIN_ANCHORS or outcomes[0]:
+        if len(anchor_ids) - len(missing) < MIN_ANCHORS:
             await self.close_session()
             raise RadiosError(f"nodes that cannot range: {', '.join(missing)}")
+        if self._words is None:
+            there = [anchor_id for anchor_id, why in zip(anchor_ids, outcomes, strict=True) if not why]
+            problem = await self._speak(plan, self._voices(there))
+            if problem:
+                await self.close_session()
+                raise RadiosError(f"no node can speak to the drone: {problem}")
+        self._read(self._keep_voice(plan, anchor_ids, sink))
         if plan.blinks is not None:  # not waited for: ranging begins meanwhile
             self._read(self._stamp_blinks(plan.blinks, anchor_ids, sink))
         firmware = {_firmware(self._nodes[anchor_id]) for anchor_id in anchor_ids if anchor_id in self._nodes}
@@ -129,7 +164,6 @@ class PadRadios:
     async def listen(self, plan: BlinkPlan, anchor_ids: Sequence[str], sink: Sink) -> None:
         """Only time-stamp blinks, as a witness does, until ``close_session``. Raises RadiosError where no node can."""
         await self.close_session()
-        self._reported = dict.fromkeys(anchor_ids, self._clock())
         if not await self._open_blinks(plan, anchor_ids, sink):
             await self.close_session()
             raise RadiosError("no node can time-stamp blinks")
@@ -138,10 +172,25 @@ class PadRadios:
         """Let the nodes range each other; a session that is opened ends it at once, and there is nothing then."""
         if self._sessions or self._between is not None:
             return {}
-        task = self._between = asyncio.create_task(measure_between(self._nodes, macs, rounds=rounds))
+        task = asyncio.create_task(measure_between(self._nodes, macs, rounds=rounds))
+        self._between = task
         try:
             await asyncio.wait({task})
             return {} if task.cancelled() else task.result()
+        finally:
+            await self._stop_between()
+
+    async def call_roll(self, macs: Mapping[str, int]) -> None:
+        """Look whether all nodes that answer also range; ``states`` says it. A session that is opened ends it."""
+        if self._sessions or self._between is not None:
+            return
+        task = asyncio.create_task(roll_call(self._nodes, macs))
+        self._between = task
+        try:
+            await asyncio.wait({task})
+            if not task.cancelled():
+                found = task.result()
+                self._attendance.called(found.heard, found.unheard)
         finally:
             await self._stop_between()
 
@@ -162,7 +211,8 @@ class PadRadios:
         await self._stop_between()
         readers, self._readers = self._readers, []
         sessions, self._sessions = self._sessions, []
-        self._words = None
+        self._words, self._voice = None, ""
+        self._attendance.end()
         for reader in readers:
             reader.cancel()
         for reader in readers:
@@ -170,22 +220,79 @@ class PadRadios:
                 await reader
         await asyncio.gather(*(session.close() for session in sessions))
 
-    async def _open_anchor(self, plan: RangingPlan, index: int, anchor_id: str, sink: Sink) -> str:
+    async def _open_anchor(self, plan: RangingPlan, index: int, anchor_id: str, sink: Sink, *, speaks: bool) -> str:
         """Why the anchor does not take part; empty where it does."""
         node = self._nodes.get(anchor_id)
         if node is None:
             return "no port configured"
-        speaks = index == 0
         try:
             await node.wait_ready(READY_GRACE_S)
             ranging = await self._started(node, plan.pad_ranging(index))
-            self._read(self._reports(ranging, anchor_id, plan.uav_mac, sink, speaks=speaks))
-            if speaks:
-                self._words = await self._started(node, plan.pad_words())
-                self._read(self._drain(self._words, sink))
+            self._read(self._reports(ranging, anchor_id, plan.uav_mac, sink))
         except UwbError as error:
+            if node.is_ready:
+                self._attendance.refused(anchor_id, f"does not take the session: {error}")
             return str(error)
+        if speaks:
+            problem = await self._speak(plan, [anchor_id])
+            if problem:
+                _log.warning("session %#010x: another node has to speak: %s", plan.session_b_id, problem)
         return ""
+
+    def _voices(self, anchor_ids: Sequence[str]) -> list[str]:
+        """Nodes in the order in which they are asked to speak: those that are well first."""
+        states = {state.anchor_id: state for state in self.states()}
+
+        def rank(anchor_id: str) -> int:
+            state = states.get(anchor_id)
+            return 2 if state is None or state.state == "down" else int(state.state == "silent")
+
+        return sorted(anchor_ids, key=rank)
+
+    async def _speak(self, plan: RangingPlan, anchor_ids: Sequence[str]) -> str:
+        """Let the first of these that can speak for the pad; why none can, or empty.
+
+        Whoever does uses the address that the plan gives to the pad's words, so that the drone need not know who it is.
+        """
+        troubles: list[str] = []
+        for anchor_id in anchor_ids:
+            node = self._nodes.get(anchor_id)
+            if node is None:
+                continue
+            try:
+                self._words = await self._started(node, plan.pad_words())
+            except UwbError as error:
+                troubles.append(str(error))
+                continue
+            self._voice = anchor_id
+            self._voice_lost.clear()
+            self._read(self._drain(self._words))
+            return ""
+        return "; ".join(troubles) or "no node is left"
+
+    async def _keep_voice(self, plan: RangingPlan, anchor_ids: Sequence[str], sink: Sink) -> None:
+        """Where the node that speaks goes, or is not heard while others are, another takes its part."""
+        while True:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_VOICE_S):
+                    await self._voice_lost.wait()
+            now_ms = self._clock()
+            problem = self._attendance.other_key(now_ms)
+            if problem:
+                sink(RadiosFailed(problem))
+                return
+            if not (self._voice_lost.is_set() or self._attendance.fault(self._voice, now_ms)):
+                continue
+            lost, words, self._words = self._voice, self._words, None
+            if words is not None:
+                self._sessions.remove(words)
+                self._read(words.close())  # not waited for: a node that hangs does not confirm it
+            others = [anchor_id for anchor_id in self._voices(anchor_ids) if anchor_id != lost]
+            problem = await self._speak(plan, others)
+            if problem:
+                sink(RadiosFailed(f"no node can speak to the drone any more: {problem}"))
+                return
+            _log.warning("session %#010x: anchor %s speaks in place of %s", plan.session_b_id, self._voice, lost)
 
     async def _stamp_blinks(self, plan: BlinkPlan, anchor_ids: Sequence[str], sink: Sink) -> None:
         await self._open_blinks(plan, anchor_ids, sink)
@@ -216,7 +323,6 @@ class PadRadios:
         async for event in session.events():
             match event:
                 case FrameStamped() if event.tag_mac == uav_mac:
-                    self._reported[anchor_id] = event.t_ms
                     sink(FrameHeard(anchor_id, event.t_ms, event.number, event.ticks, event.payload))
                 case SessionFailed():
                     _log.warning("anchor %s: no time stamps any more: %s", anchor_id, event.error)
@@ -231,27 +337,26 @@ class PadRadios:
     def _read(self, reader: Coroutine[None, None, None]) -> None:
         self._readers.append(asyncio.create_task(reader))
 
-    async def _reports(self, session: UwbSession, anchor_id: str, uav_mac: int, sink: Sink, *, speaks: bool) -> None:
+    async def _reports(self, session: UwbSession, anchor_id: str, uav_mac: int, sink: Sink) -> None:
         async for event in session.events():
             match event:
                 case RangeMeasurement() if event.peer_mac == uav_mac:
-                    self._reported[anchor_id] = event.t_ms
+                    ranged = event.range_mm is not None
+                    self._attendance.measured(anchor_id, event.t_ms, status=event.status, ranged=ranged)
                     sink(AnchorRange(anchor_id, event.t_ms, event.range_mm, bool(event.nlos)))
                 case DataReceived():
                     if self._is_first(event.data, event.t_ms):
                         sink(DataHeard(event.data))
-                case SessionFailed() if speaks:
-                    sink(RadiosFailed(f"anchor {anchor_id}: {event.error}"))
                 case SessionFailed():
                     _log.warning("anchor %s: out of the session: %s", anchor_id, event.error)
                 case _:
                     pass
 
-    async def _drain(self, session: UwbSession, sink: Sink) -> None:
+    async def _drain(self, session: UwbSession) -> None:
         """Session B's reports: its range is one more of an anchor that reports already, so only its end matters."""
         async for event in session.events():
-            if isinstance(event, SessionFailed):
-                sink(RadiosFailed(f"session for words: {event.error}"))
+            if isinstance(event, (SessionFailed, SessionInterrupted)) and session is self._words:
+                self._voice_lost.set()
 
     def _is_first(self, data: bytes, t_ms: int) -> bool:
         """Whether this is the first copy: every node hears the same frame, but a repetition counts anew."""

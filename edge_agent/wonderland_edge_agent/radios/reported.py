@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import Final, Self, cast
 
@@ -102,6 +102,9 @@ class ReportedRadios(asyncio.DatagramProtocol):
         """These anchors time-stamp nothing for the pad: always raises RadiosError."""
         del plan, anchor_ids, sink
         raise RadiosError("DWM1001 anchors tell the pad no time stamps, so that it cannot be a witness")
+
+    async def call_roll(self, macs: Mapping[str, int]) -> None:
+        """These anchors say nothing to the pad: nothing to do."""
 
     async def send(self, frame: bytes) -> None:
         """Send a frame to the drone. Raises NodeError while nobody knows where it is."""

@@ -78,7 +78,12 @@ function HealthCard({ pad_id, now_ms }: { pad_id: string; now_ms: number }): Rea
           <p>{t("healthIs", { connected: String(health.connected), ago: ago(now_ms - health.t_ms) })}</p>
           <Facts
             rows={[
-              [t("anchors"), health.anchors.map(({ anchor_id, state }) => `${anchor_id} ${t("anchorState", { state })}`).join(" · ")],
+              [
+                t("anchors"),
+                health.anchors
+                  .map(({ anchor_id, state, detail }) => `${anchor_id} ${t("anchorState", { state })}${detail === undefined ? "" : ` (${detail})`}`)
+                  .join(" · "),
+              ],
               [t("prekeys"), health.prekeys === undefined ? "–" : count(health.prekeys)],
               [t("version"), health.version ?? "–"],
             ]}

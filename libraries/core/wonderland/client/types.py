@@ -66,6 +66,7 @@ class AnchorHealth(TypedDict):
     anchor_id: str
     state: Literal["up", "down", "silent"]
     firmware: NotRequired[str]
+    detail: NotRequired[str]
 
 
 class AnchorPosition(TypedDict):

@@ -234,11 +234,12 @@ class SessionEnd(Message, frozen=True, kw_only=True):
 
 
 class AnchorHealth(Message, frozen=True, kw_only=True):
-    """How an anchor does. ``down``: its port or node is away; ``silent``: no report while ranging."""
+    """How an anchor does. ``down``: its port or node is away; ``silent``: it answers, and ranges nothing."""
 
     anchor_id: AnchorId
     state: AnchorCondition
     firmware: Text64 | None = None
+    detail: Annotated[Text200, Meta(description="Why it is not up, in the agent's words")] | None = None
 
 
 class SpoolHealth(Message, frozen=True, kw_only=True):

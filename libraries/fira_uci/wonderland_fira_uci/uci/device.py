@@ -62,6 +62,8 @@ class Timings:
     incomplete_ms: int = 200
     desynchronised_ms: int = 2_000
     silence_ms: int = 2_000
+    alive_ms: int = 1_500
+    """A node that has said nothing for so long is asked for its information: whoever does not answer hangs."""
 
 
 class Phase(Enum):
@@ -96,6 +98,7 @@ class UciDevice:
         self._backoff_ms = self.timings.backoff_ms
         self._ready_heard = False
         self._received_ms = 0
+        self._asks_alive = False
         self._desynchronised_ms: int | None = None
         self._handlers: dict[type, Callable[..., None]] = {
             RangeData: self._on_report,
@@ -128,6 +131,7 @@ class UciDevice:
         if self.phase in (Phase.DOWN, Phase.BACKOFF):
             return
         self._received_ms = now_ms
+        self._asks_alive = False
         self._codec.receive_data(data)
         for event in self._codec.events():
             handler = self._handlers.get(type(event))
@@ -154,6 +158,8 @@ class UciDevice:
             if session.active and now_ms - session.heard_ms >= self._silence_ms(session):
                 session.heard_ms = now_ms
                 session.verify()
+        if self.phase is Phase.READY and now_ms - self._received_ms >= self.timings.alive_ms:
+            self._asks_alive = True
         self._pump(now_ms)
 
     def open_session(self, config: SessionConfig, now_ms: int) -> None:
@@ -219,6 +225,8 @@ class UciDevice:
             times.append(self._phase_deadline_ms)
         if self._command is not None:
             times.append(self._command_deadline_ms)
+        elif self.phase is Phase.READY:
+            times.append(self._received_ms + self.timings.alive_ms)
         reader = self._codec.reader
         if reader.desynchronised:
             times.append(self._received_ms + self.timings.quiet_ms)
@@ -303,6 +311,8 @@ class UciDevice:
                     if command is not None:
                         break
                 self._reap()
+                if command is None and self._asks_alive:
+                    self._asks_alive, session, command = False, None, device_info_command()
             if command is None:
                 return
             self._command, self._command_session, self._command_retries = command, session, 0
