@@ -19,6 +19,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 from starlette.types import Scope
 
+from wonderland_backend.field_texts import field_text
 from wonderland_backend.languages import language_of
 from wonderland_backend.problem_texts import Said, SaidError, in_language, said, title_in
 from wonderland_backend.schemas import ApiModel
@@ -190,8 +191,8 @@ def problem_response(
 
 
 def field_errors(error: RequestValidationError) -> list[FieldError]:
-    """Which fields and parameters are not as they must be; the first of them, in the validating library's words."""
-    return [(".".join(str(part) for part in each["loc"]), str(each["msg"])) for each in error.errors()[:20]]
+    """Which fields and parameters are not as they must be, and why; the first 20 of them."""
+    return [(".".join(str(part) for part in each["loc"]), field_text(each)) for each in error.errors()[:20]]
 
 
 def documented(*problems: type[Problem] | Problem, etag: bool = False) -> dict[int | str, dict[str, Any]]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
+from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from wonderland.messages import LANGUAGES, Language
@@ -29,6 +30,9 @@ def language_of(request: HTTPConnection) -> Language:
         if language is not None and quality > best[0]:
             best = (quality, language)
     return best[1]
+
+
+LanguageDep = Annotated[Language, Depends(language_of)]
 
 
 def _quality(parameter: str) -> float:

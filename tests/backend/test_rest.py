@@ -302,6 +302,12 @@ async def test_errors_are_problems(running, path, status, code):
     assert problem["status"] == status
     if status == 422:
         assert problem["errors"]
+        assert not problem["errors"][0]["message"].startswith(("Input", "Value error"))
+
+
+async def test_what_is_wrong_with_a_parameter_is_said_in_finnish(running):
+    answer = await running.http.get("/api/v1/sessions?limit=0", headers={"Accept-Language": "fi"})
+    assert answer.json()["errors"] == [{"path": "query.limit", "message": "pitää olla vähintään 1"}]
 
 
 async def test_wrong_methods_are_problems(running):

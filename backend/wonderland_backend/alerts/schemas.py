@@ -9,7 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
 from wonderland_backend.alerts.kinds import KindName
+from wonderland_backend.field_texts import FieldRefused
 from wonderland_backend.filters import AboutQuery
+from wonderland_backend.problem_texts import said
 from wonderland_backend.schemas import ApiModel, page_of
 
 _ID = f"^{ID_PATTERN}$"
@@ -96,11 +98,11 @@ class Act(BaseModel):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if (self.act == "snooze") != (self.until_ms is not None):
-            raise ValueError("until_ms belongs to snooze, and to nothing else")
+            raise FieldRefused(said("fields_snooze"))
         if self.assignee is not None and self.act != "assign":
-            raise ValueError("assignee belongs to assign")
+            raise FieldRefused(said("fields_assignee"))
         if self.act == "note" and self.note is None:
-            raise ValueError("a note needs a text")
+            raise FieldRefused(said("fields_note"))
         return self
 
 

@@ -25,6 +25,7 @@ from cryptography.x509.verification import (
 from starlette.requests import HTTPConnection
 
 from wonderland_backend.errors import BadRequest, SettingsError
+from wonderland_backend.field_texts import FieldRefused
 from wonderland_backend.problem_texts import said
 from wonderland_backend.settings import Settings
 from wonderland_fabric_gateway.certificates import certificate_of_der, certificates_of
@@ -138,7 +139,7 @@ def read_pem(text: str) -> x509.Certificate:
     """A registered client's certificate. Raises ValueError."""
     found = certificates_of(text.encode())
     if len(found) != 1:
-        raise ValueError("one certificate, the client's own")
+        raise FieldRefused(said("certificate_one"))
     return found[0]
 
 

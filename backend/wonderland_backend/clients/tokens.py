@@ -20,6 +20,7 @@ from wonderland_backend.clients.keys import ALGORITHM, TokenKeys
 from wonderland_backend.clients.store import Clients
 from wonderland_backend.db.tables.clients import ClientRow
 from wonderland_backend.errors import BackendError
+from wonderland_backend.problem_texts import Said, SaidError, said
 from wonderland_backend.tokens import THUMBPRINT
 
 TTL_S: Final = 3600
@@ -31,11 +32,11 @@ LEEWAY_S: Final = 30
 MAX_TOKEN: Final = 8192
 
 
-class TokenDenied(BackendError):  # noqa: N818 - an answer of the protocol
+class TokenDenied(SaidError, BackendError):  # noqa: N818 - an answer of the protocol
     """An error of RFC 6749, 5.2: ``code`` for machines, the text for people."""
 
-    def __init__(self, code: str, text: str) -> None:
-        super().__init__(text)
+    def __init__(self, code: str, said: Said) -> None:
+        super().__init__(said)
         self.code = code
 
 
@@ -64,16 +65,16 @@ class Tokens:
     ) -> dict[str, Any]:
         """The answer to a token request over a connection with this certificate. Raises `TokenDenied`."""
         if form.get("grant_type") != "client_credentials":
-            raise TokenDenied("unsupported_grant_type", "grant_type: client_credentials is the one there is")
+            raise TokenDenied("unsupported_grant_type", said("oauth_grant"))
         audience = form.get("audience") or form.get("resource")
         if audience is not None and audience not in {self.issuer, self.audience}:
-            raise TokenDenied("invalid_target", f"audience: tokens of this server are for {self.audience}")
+            raise TokenDenied("invalid_target", said("oauth_audience", audience=self.audience))
         client = await self._authenticated(form, authorization, shown)
         allowed = client.scopes.split()
         wanted = form.get("scope", "").split() or allowed
         beyond = [scope for scope in wanted if scope not in allowed]
         if beyond:
-            raise TokenDenied("invalid_scope", f"not given to this client: {' '.join(beyond)[:200]}")
+            raise TokenDenied("invalid_scope", said("oauth_scope", scopes=" ".join(beyond)[:200]))
         now_s = self._clock() // 1000
         scope = " ".join(dict.fromkeys(wanted))
         claims = {
@@ -107,28 +108,28 @@ class Tokens:
         # The same work for a client that is not there: its absence shows in no time.
         fits = store.is_secret_of(client or _NOBODY, secret)
         if client is None or client.revoked_ms is not None or not fits:
-            raise TokenDenied("invalid_client", "no such client, or another secret than its own")
+            raise TokenDenied("invalid_client", said("oauth_secret"))
         return client
 
     async def _by_certificate(self, client_id: str, shown: ShownCertificate | None) -> ClientRow:
         if shown is None:
-            raise TokenDenied("invalid_client", "no certificate came with the connection, and nothing else does")
+            raise TokenDenied("invalid_client", said("oauth_no_certificate"))
         client = await self._clients.find(client_id[:64])
         if client is None or client.revoked_ms is not None or not store.is_certificate_of(client, shown):
-            raise TokenDenied("invalid_client", "no such client, or another certificate than its own")
+            raise TokenDenied("invalid_client", said("oauth_certificate"))
         now_ms = self._clock()
         if not _at(shown.certificate.not_valid_before_utc) <= now_ms <= _at(shown.certificate.not_valid_after_utc):
-            raise TokenDenied("invalid_client", "the certificate is not valid now")
+            raise TokenDenied("invalid_client", said("oauth_certificate_time"))
         return client
 
     async def _by_assertion(self, form: Mapping[str, str]) -> ClientRow:
         if form.get("client_assertion_type") != ASSERTION_TYPE:
-            raise TokenDenied("invalid_request", f"client_assertion_type: {ASSERTION_TYPE}")
+            raise TokenDenied("invalid_request", said("oauth_assertion_type", type=ASSERTION_TYPE))
         assertion = form["client_assertion"]
         client_id = str(_unverified(assertion, 1).get("sub", ""))[:64]
         client = await self._clients.find(client_id)
         if client is None or client.revoked_ms is not None or client.jwks is None or len(assertion) > MAX_TOKEN:
-            raise TokenDenied("invalid_client", "no such client, or it has registered no key")
+            raise TokenDenied("invalid_client", said("oauth_no_key"))
         now_s = self._clock() // 1000
         try:
             keys = KeySet.import_key_set(orjson.loads(client.jwks))
@@ -143,12 +144,12 @@ class Tokens:
                 jti={"essential": True},
             ).validate(decoded.claims)
         except (JoseError, ValueError) as cause:
-            raise TokenDenied("invalid_client", f"client_assertion: {_said(cause)}") from None
+            raise TokenDenied("invalid_client", said("oauth_assertion", why=_words(cause))) from None
         expires_s, jti = int(decoded.claims["exp"]), str(decoded.claims["jti"])
         if expires_s > now_s + ASSERTION_TTL_S + LEEWAY_S:
-            raise TokenDenied("invalid_client", f"client_assertion: exp is more than {ASSERTION_TTL_S} s ahead")
+            raise TokenDenied("invalid_client", said("oauth_assertion_long", most=ASSERTION_TTL_S))
         if not await self._clients.spend(client_id, jti, (expires_s + LEEWAY_S) * 1000):
-            raise TokenDenied("invalid_client", "client_assertion: this one was used before")
+            raise TokenDenied("invalid_client", said("oauth_assertion_used"))
         return client
 
 
@@ -164,7 +165,7 @@ def _basic(authorization: str | None) -> tuple[str, str]:
         decoded = ""
     client_id, separator, secret = decoded.partition(":")
     if scheme.lower() != "basic" or not separator or len(decoded) > 512:
-        raise TokenDenied("invalid_client", "authenticate by HTTP Basic with client id and secret, or by an assertion")
+        raise TokenDenied("invalid_client", said("oauth_how"))
     return unquote_plus(client_id), unquote_plus(secret)
 
 
@@ -184,5 +185,5 @@ def _unverified(token: str, part: int) -> Mapping[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _said(cause: Exception) -> str:
+def _words(cause: Exception) -> str:
     return str(cause).strip() or type(cause).__name__

@@ -9,6 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
 from wonderland_backend.conformance.rules import Limit, Status
+from wonderland_backend.field_texts import FieldRefused
+from wonderland_backend.problem_texts import said
 from wonderland_backend.proofs.schemas import Proof
 from wonderland_backend.schemas import ApiModel
 from wonderland_backend.tracks.schemas import SessionSignature
@@ -45,9 +47,9 @@ class ConformanceQuery(BaseModel):
     @model_validator(mode="after")
     def _whole(self) -> Self:
         if (self.lat_e7 is None) != (self.lon_e7 is None):
-            raise ValueError("lat_e7 and lon_e7 belong together")
+            raise FieldRefused(said("fields_together", first="lat_e7", second="lon_e7"))
         if self.lat_e7 is None and self.t_ms is not None:
-            raise ValueError("t_ms belongs to lat_e7 and lon_e7")
+            raise FieldRefused(said("fields_time_of_place"))
         return self
 
 

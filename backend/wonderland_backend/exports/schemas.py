@@ -7,6 +7,8 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
+from wonderland_backend.field_texts import FieldRefused
+from wonderland_backend.problem_texts import said
 from wonderland_backend.schemas import ApiModel
 from wonderland_backend.settings.outputs import Format
 
@@ -29,7 +31,7 @@ class ExportArea(BaseModel):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.north_e7 < self.south_e7:
-            raise ValueError("north_e7 must not be south of south_e7")
+            raise FieldRefused(said("fields_south_north"))
         return self
 
     def holds(self, lat_e7: int, lon_e7: int) -> bool:
@@ -56,7 +58,7 @@ class ExportQuery(BaseModel):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.until_ms <= self.from_ms:
-            raise ValueError("until_ms must be later than from_ms")
+            raise FieldRefused(said("fields_order", later="until_ms", earlier="from_ms"))
         return self
 
 

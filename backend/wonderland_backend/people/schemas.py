@@ -9,7 +9,9 @@ from fastapi import Path
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from wonderland.proofs.records.fields import ID_PATTERN
+from wonderland_backend.field_texts import FieldRefused
 from wonderland_backend.person import ROLES, Role
+from wonderland_backend.problem_texts import said
 from wonderland_backend.schemas import ApiModel
 
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069]")
@@ -20,7 +22,7 @@ OF_AN_ORGANISATION: Final = frozenset({"pad_operator", "fleet_operator"})
 def _plain(text: str) -> str:
     text = text.strip()
     if not text or _CONTROL.search(text):
-        raise ValueError("a name has letters, and no control characters")
+        raise FieldRefused(said("field_name"))
     return text
 
 
@@ -54,7 +56,7 @@ class Invitation(_Body):
     @model_validator(mode="after")
     def _of_an_organisation(self) -> Self:
         if not self.msp_id and not OF_AN_ORGANISATION.isdisjoint(self.roles):
-            raise ValueError("an operator belongs to an organisation: give msp_id")
+            raise FieldRefused(said("fields_operator"))
         return self
 
 

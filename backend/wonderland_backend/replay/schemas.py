@@ -9,8 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from wonderland.proofs.records.fields import MAX_TIME_MS
 from wonderland_backend.alerts.schemas import Alert
+from wonderland_backend.field_texts import FieldRefused
 from wonderland_backend.ledger.schemas import Status
 from wonderland_backend.pads.schemas import Pad
+from wonderland_backend.problem_texts import said
 from wonderland_backend.replay.film import MAX_STEPS
 from wonderland_backend.schemas import ApiModel
 from wonderland_backend.sessions.schemas import SessionState
@@ -94,7 +96,7 @@ class SpanQuery(BaseModel):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.until_ms <= self.from_ms:
-            raise ValueError("until_ms must be later than from_ms")
+            raise FieldRefused(said("fields_order", later="until_ms", earlier="from_ms"))
         return self
 
 
@@ -107,7 +109,7 @@ class FramesQuery(SpanQuery):
     @model_validator(mode="after")
     def _bounded(self) -> Self:
         if self.until_ms - self.from_ms > MAX_STEPS * self.step_ms:
-            raise ValueError(f"at most {MAX_STEPS} steps at a time; ask for the rest after it")
+            raise FieldRefused(said("fields_steps", most=MAX_STEPS))
         return self
 
 

@@ -28,7 +28,7 @@ from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import BadRequest, Forbidden, NotFound, Unprocessable, documented
 from wonderland_backend.filters import Paging
 from wonderland_backend.person import Person
-from wonderland_backend.problem_texts import said
+from wonderland_backend.problem_texts import Said, said
 from wonderland_backend.responses import Json, page, resource
 
 oauth = APIRouter(tags=["tokens"])
@@ -57,8 +57,8 @@ _REQUEST_BODY: Final[dict[str, Any]] = {
 }
 
 
-def _refused(error: str, text: str) -> dict[str, Any]:
-    example = {"error": error, "error_description": text}
+def _refused(error: str, description: Said) -> dict[str, Any]:
+    example = {"error": error, "error_description": str(description)}
     return {
         "model": TokenError,
         "description": "Refused as RFC 6749, 5.2 has it.",
@@ -70,8 +70,8 @@ def _refused(error: str, text: str) -> dict[str, Any]:
     "/oauth/token",
     response_model=TokenAnswer,
     responses={
-        400: _refused("invalid_scope", "not given to this client: wonderland.ledger.read"),
-        401: _refused("invalid_client", "no such client, or another secret than its own"),
+        400: _refused("invalid_scope", said("oauth_scope", scopes="wonderland.ledger.read")),
+        401: _refused("invalid_client", said("oauth_secret")),
     },
     openapi_extra=_REQUEST_BODY,
 )
@@ -190,12 +190,12 @@ async def _form(request: Request) -> dict[str, str]:
     """The form's fields, each at most once. Raises `TokenDenied`."""
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if kind != "application/x-www-form-urlencoded":
-        raise TokenDenied("invalid_request", "send the fields as application/x-www-form-urlencoded")
+        raise TokenDenied("invalid_request", said("oauth_form"))
     try:
         pairs = parse_qsl((await request.body()).decode(), keep_blank_values=True, max_num_fields=MAX_FIELDS)
     except ValueError:
-        raise TokenDenied("invalid_request", "the body is no form") from None
+        raise TokenDenied("invalid_request", said("oauth_no_form")) from None
     form = dict(pairs)
     if len(form) != len(pairs):
-        raise TokenDenied("invalid_request", "a field is there twice")
+        raise TokenDenied("invalid_request", said("oauth_twice"))
     return form

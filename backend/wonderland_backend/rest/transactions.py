@@ -8,10 +8,12 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Depends, Path, Query
 from fastapi.responses import Response
 
+from wonderland.messages import Language
 from wonderland_backend.access import allowed
 from wonderland_backend.agents.members import MembersDep
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, LedgerAway, NotFound, TooManyRequests, documented
+from wonderland_backend.languages import LanguageDep
 from wonderland_backend.ledger.access import LedgerDep
 from wonderland_backend.person import Person
 from wonderland_backend.problem_texts import said
@@ -137,12 +139,12 @@ async def end_signing_key(signing_keys: SigningKeysDep, certificate_sha256: TxId
 
 @router.get("/transactions/proposals", response_model=SignedTransactions, responses=documented(Forbidden))
 async def list_proposals(
-    context: ContextDep, person: Signer, limit: Annotated[int, Query(ge=1, le=500)] = 50
+    context: ContextDep, person: Signer, language: LanguageDep, limit: Annotated[int, Query(ge=1, le=500)] = 50
 ) -> Response:
     """One's own transactions of the last 30 days, newest first."""
     async with context.database.read() as database:
         rows = await store.latest(database, person.person_id, limit)
-    return Json({"items": [store.shown(row) for row in rows]}, headers=NO_STORE)
+    return Json({"items": [store.shown(row, language) for row in rows]}, headers=NO_STORE)
 
 
 @router.post(
@@ -152,20 +154,20 @@ async def list_proposals(
     responses=documented(_BAD_ARGUMENT, Forbidden, TooManyRequests, LedgerAway),
 )
 async def propose_transaction(
-    body: Propose, person: Signer, signing: SigningDep, signing_keys: SigningKeysDep
+    body: Propose, person: Signer, signing: SigningDep, signing_keys: SigningKeysDep, language: LanguageDep
 ) -> Response:
     """Begin a change: the bytes to sign come back in `to_sign`."""
     identity = await signing_keys.usable(person, body.certificate_sha256)
     row, message = await signing.propose(person, body, identity)
-    return Json(store.shown(row, to_sign=message), 201, headers=NO_STORE)
+    return Json(store.shown(row, language, to_sign=message), 201, headers=NO_STORE)
 
 
 @router.get(
     "/transactions/proposals/{tx_id}", response_model=SignedTransaction, responses=documented(Forbidden, _NOT_FOUND)
 )
-async def read_proposal(tx_id: TxId, person: Signer, signing: SigningDep) -> Response:
+async def read_proposal(tx_id: TxId, person: Signer, signing: SigningDep, language: LanguageDep) -> Response:
     """How far it is."""
-    return await _shown(signing, person, tx_id)
+    return await _shown(signing, person, tx_id, language)
 
 
 @router.post(
@@ -173,10 +175,12 @@ async def read_proposal(tx_id: TxId, person: Signer, signing: SigningDep) -> Res
     response_model=SignedTransaction,
     responses=documented(_BAD_SIGNATURE, Forbidden, _NOT_FOUND, _SETTLED, LedgerAway),
 )
-async def endorse_transaction(tx_id: TxId, body: Signature, person: Signer, signing: SigningDep) -> Response:
+async def endorse_transaction(
+    tx_id: TxId, body: Signature, person: Signer, signing: SigningDep, language: LanguageDep
+) -> Response:
     """Signed once: peers run it. Endorsed, it has the next bytes in `to_sign`; refused, it says by whom and why."""
     await signing.endorse(person, tx_id, _bytes(body.signature))
-    return await _shown(signing, person, tx_id)
+    return await _shown(signing, person, tx_id, language)
 
 
 @router.post(
@@ -185,15 +189,17 @@ async def endorse_transaction(tx_id: TxId, body: Signature, person: Signer, sign
     status_code=202,
     responses=documented(_BAD_SIGNATURE, Forbidden, _NOT_FOUND, _SETTLED),
 )
-async def submit_transaction(tx_id: TxId, body: SubmitAgain, person: Signer, signing: SigningDep) -> Response:
+async def submit_transaction(
+    tx_id: TxId, body: SubmitAgain, person: Signer, signing: SigningDep, language: LanguageDep
+) -> Response:
     """Signed twice: to the ledger. Ask for its state until that is an outcome; it cannot take effect twice."""
     await signing.submit(person, tx_id, None if body.signature is None else _bytes(body.signature))
-    return await _shown(signing, person, tx_id, 202)
+    return await _shown(signing, person, tx_id, language, 202)
 
 
-async def _shown(signing: Signing, person: Person, tx_id: str, status: int = 200) -> Response:
+async def _shown(signing: Signing, person: Person, tx_id: str, language: Language, status: int = 200) -> Response:
     row, to_sign = await signing.look(person, tx_id)
-    content: dict[str, Any] = store.shown(row, to_sign=to_sign)
+    content: dict[str, Any] = store.shown(row, language, to_sign=to_sign)
     return Json(content, status, headers=NO_STORE)
 
 

@@ -12,6 +12,7 @@ from pydantic_settings import SettingsError as UnreadableError
 
 from wonderland.messages import Language
 from wonderland_backend.errors import SettingsError
+from wonderland_backend.field_texts import field_text
 from wonderland_backend.settings.maps import MapSettings
 from wonderland_backend.settings.oidc import OidcSettings
 from wonderland_backend.settings.outputs import OutputSettings
@@ -174,4 +175,4 @@ def load(**options: object) -> Settings:
         first = cause.errors()[0]
         name = ".".join(str(part) for part in first["loc"])
         variable = PREFIX + "__".join(str(part) for part in first["loc"]).upper()
-        raise SettingsError(f"{name} (environment: {variable}): {first['msg']}") from None
+        raise SettingsError(f"{name} (environment: {variable}): {field_text(first)}") from None

@@ -8,6 +8,8 @@ from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
+from wonderland_backend.field_texts import FieldRefused
+from wonderland_backend.problem_texts import said
 from wonderland_backend.schemas import ApiModel
 
 _ID = f"^{ID_PATTERN}$"
@@ -31,9 +33,9 @@ class StatisticsQuery(BaseModel):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if self.until_ms <= self.since_ms:
-            raise ValueError("until_ms must be after since_ms")
+            raise FieldRefused(said("fields_order", later="until_ms", earlier="since_ms"))
         if (self.until_ms - self.since_ms) / self.bin_ms > MAX_BINS:
-            raise ValueError(f"at most {MAX_BINS} bins: make them wider, or the span shorter")
+            raise FieldRefused(said("fields_bins", most=MAX_BINS))
         return self
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from typing import Any, Final
 
+from wonderland.messages import Language
+from wonderland_backend.problem_texts import Said, said
 from wonderland_fabric_gateway.gateway import CommitStatus, EndorseError, GatewayError
 from wonderland_fabric_gateway.transactions import ValidationCode
 
@@ -50,11 +52,22 @@ def of_outcome(status: CommitStatus) -> dict[str, Any]:
         kind = POLICY
     else:
         kind = INVALID
-    return {"kind": kind, "text": f"{status.code_name} in block {status.block_number}"}
+    return {"kind": kind, "text": _kept("transaction_in_block", code=status.code_name, block=status.block_number)}
 
 
 def changed(seen: tuple[int, int], found: tuple[int, int] | None) -> dict[str, Any]:
     """The record is not the one that the person had before their eyes."""
-    before = "nothing was there" if seen[0] < 0 else f"it was last changed in block {seen[0]}"
-    now = "nothing is there" if found is None else f"it was changed in block {found[0]}"
-    return {"kind": CHANGED, "text": f"When you began {before}; now {now}. Nothing was written."}
+    before = "none" if seen[0] < 0 else str(seen[0])
+    now = "none" if found is None else str(found[0])
+    return {"kind": CHANGED, "text": _kept("transaction_overtaken", seen=before, found=now)}
+
+
+def in_words(problem: dict[str, Any], language: Language) -> dict[str, Any]:
+    """A problem as it is kept, its text in a language; the words of the contract and of peers stay theirs."""
+    text = problem["text"]
+    return problem | {"text": text if isinstance(text, str) else Said(text["key"], text["facts"]).text(language)}
+
+
+def _kept(key: str, **facts: int | str) -> dict[str, Any]:
+    """A sentence of the catalogue, as it is stored until somebody reads it."""
+    return {"key": said(key, **facts).key, "facts": facts}

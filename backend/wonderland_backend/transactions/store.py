@@ -10,7 +10,9 @@ import orjson
 from sqlalchemy import delete, func, insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
+from wonderland.messages import Language
 from wonderland_backend.db.tables.signing import SignedTransactionRow as Row
+from wonderland_backend.transactions import problems
 
 PROPOSED, ENDORSED, SUBMITTED, UNKNOWN = "proposed", "endorsed", "submitted", "unknown"
 VALID, INVALID, REFUSED, EXPIRED = "valid", "invalid", "refused", "expired"
@@ -22,8 +24,8 @@ KEEP_MS: Final = 30 * 86_400_000
 """The ledger and the audit log keep what was done; here it need not stay."""
 
 
-def shown(row: Row, *, to_sign: bytes | None = None) -> dict[str, Any]:
-    """The SignedTransaction of a row."""
+def shown(row: Row, language: Language, *, to_sign: bytes | None = None) -> dict[str, Any]:
+    """The SignedTransaction of a row, in the language of whoever asks."""
     content: dict[str, Any] = {
         "tx_id": row.tx_id,
         "function": row.function,
@@ -38,7 +40,7 @@ def shown(row: Row, *, to_sign: bytes | None = None) -> dict[str, Any]:
     if to_sign is not None:
         content["to_sign"] = urlsafe_b64encode(to_sign).rstrip(b"=").decode()
     if row.problem is not None:
-        content["problem"] = orjson.Fragment(row.problem)
+        content["problem"] = problems.in_words(orjson.loads(row.problem), language)
     return content | {name: getattr(row, name) for name in ("block", "validation") if getattr(row, name) is not None}
 
 

@@ -9,7 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from wonderland.proofs.records.closures import Closure
 from wonderland.proofs.records.fields import MAX_TIME_MS
 from wonderland_backend.areas import DESCRIPTION, PATTERN
+from wonderland_backend.field_texts import FieldRefused
 from wonderland_backend.filters import PageQuery
+from wonderland_backend.problem_texts import said
 from wonderland_backend.schemas import ApiModel, model_of, page_of
 from wonderland_backend.zones.applicability import DAY_MS
 from wonderland_backend.zones.files.common import TYPES
@@ -91,7 +93,7 @@ class ZoneQuery(PageQuery):
     @model_validator(mode="after")
     def _both_ends(self) -> Self:
         if (self.since_ms is None) != (self.until_ms is None):
-            raise ValueError("since_ms and until_ms come together")
+            raise FieldRefused(said("fields_together", first="since_ms", second="until_ms"))
         _require_span(self.since_ms, self.until_ms)
         return self
 
@@ -201,7 +203,7 @@ class AwarenessArea(BaseModel):
     def _spans(self) -> Self:
         _require_span(self.from_ms, self.until_ms)
         if self.lower_m is not None and self.upper_m is not None and self.lower_m > self.upper_m:
-            raise ValueError("lower_m is above upper_m")
+            raise FieldRefused(said("fields_lower_upper"))
         return self
 
 
@@ -298,6 +300,6 @@ class PlanQuery(BaseModel):
 
 def _require_span(from_ms: int | None, until_ms: int | None) -> None:
     if from_ms is not None and until_ms is not None and not 0 <= until_ms - from_ms <= MAX_SPAN_MS:
-        raise ValueError("the time ends before it begins, or lasts longer than 31 days")
+        raise FieldRefused(said("fields_span"))
     if from_ms is None and until_ms is not None:
-        raise ValueError("until_ms needs from_ms (here: the two come together)")
+        raise FieldRefused(said("fields_together", first="from_ms", second="until_ms"))

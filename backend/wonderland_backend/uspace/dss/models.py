@@ -9,6 +9,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from wonderland_backend.field_texts import FieldRefused, first_error
 from wonderland_backend.http.addresses import ADDRESS
 from wonderland_backend.http.times import unix_ms
 from wonderland_backend.uspace.geo import E7, TURN, Box
@@ -181,9 +182,7 @@ def parse(model: type[_Model], document: Any) -> _Model:
     try:
         return model.model_validate(document)
     except ValidationError as error:
-        first = error.errors(include_input=False, include_url=False, include_context=False)[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ValueError(f"{where}: {first['msg']}") from None
+        raise FieldRefused(first_error(error.errors(include_input=False, include_url=False))) from None
 
 
 def _around(points: list[Point]) -> Box:
