@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import random
 import sys
@@ -11,6 +12,7 @@ import pytest
 
 from wonderland.uwb.listen import Summary, UciBench
 from wonderland_edge_agent.commissioning.live.radios import TagPlan
+from wonderland_fira_uci.errors import NodeError
 from wonderland_fira_uci.events import FrameStamped
 from wonderland_fira_uci.node import UwbNode
 from wonderland_fira_uci.uci.errors import UciEncodeError
@@ -87,6 +89,50 @@ async def test_two_uci_boards_range_each_other(tmp_path):
         [{"address": "d001", "range_mm": 4_320, "obstructed": False, "rssi_dbm": -80.0}]
     ] * 3
     assert summary["peers"]["d001"]["mean_mm"] == 4_320
+
+
+async def test_eight_boards_follow_one_that_leads_each_told_how_many_answer(tmp_path):
+    air = Air(lambda observer, peer, t_s: Measurement(4_320, rssi_dbm=-80.0), rng=random.Random(1))
+    ports = {name: PtyPort(VirtualNode(name, air), tmp_path / name) for name in (*(f"p{i}" for i in range(8)), "lead")}
+    for port in ports.values():
+        port.plug()
+    peers = [word for index in range(8) for word in ("--peer", f"{0xA001 + index:04x}")]
+    leading = UciBench(mac=0xD001, peers=tuple(range(0xA001, 0xA009)), leads=True, interval_ms=50)
+    assert leading.config().app.slots_per_round == 20  # 40 ms of the 50, where 25 slots would not fit
+    try:
+        async with contextlib.AsyncExitStack() as stack:
+            for index in range(7):
+                node = await stack.enter_async_context(UwbNode(ports[f"p{index}"].path))
+                await node.wait_ready()
+                follows = UciBench(
+                    mac=0xA001 + index, peers=(0xD001,), leads=False, interval_ms=50, responders=8, session_id=7
+                )
+                await node.open_session(follows.config())
+            follower = asyncio.create_task(
+                run(
+                    *("listen", "--port", ports["p7"].path, "--kind", "uci", "--mac", "a008", "--peer", "d001"),
+                    *("--follow", "--responders", 8, "--session", 7, "--interval-ms", 50, "--count", 10, "--json"),
+                )
+            )
+            code, lines, err = await run(
+                *("listen", "--port", ports["lead"].path, "--kind", "uci", "--mac", "d001", *peers, "--lead"),
+                *("--session", 7, "--interval-ms", 50, "--seconds", 8, "--json"),
+            )
+            followed = await follower
+    finally:
+        for port in ports.values():
+            port.close()
+        air.close()
+    assert (code, err) == (0, "")
+    heard = json.loads(lines[-1])["peers"]
+    assert sorted(heard) == [f"{0xA001 + index:04x}" for index in range(8)]
+    assert all(peer["ranges"] > 0 for peer in heard.values())
+    assert json.loads(followed[1][-1])["peers"]["d001"]["mean_mm"] == 4_320
+
+
+def test_a_round_that_does_not_fit_is_refused_by_name():
+    with pytest.raises(NodeError, match="a round of 8 nodes takes 40 ms, and the interval is 30 ms"):
+        UciBench(mac=0xD001, peers=tuple(range(0xA001, 0xA009)), leads=True, interval_ms=30).config()
 
 
 async def test_a_uci_board_says_what_it_can_do(tmp_path):

@@ -24,9 +24,8 @@ from wonderland_fira_uci.uci.config import SessionConfig, least_slots
 
 READY_S: Final = 10.0
 RUN_INTERVAL_MS: Final = 100
-RUN_SLOTS: Final = 25
 SLOT_MS: Final = 2
-"""As ``wonderland uwb listen`` has them, so that the tag may hang on another computer."""
+"""As ``wonderland uwb listen`` has it, so that the tag may hang on another computer."""
 MIN_NODES: Final = 3
 
 
@@ -214,7 +213,7 @@ async def _read_stamps(session: UwbSession, name: str, tag_mac: int, recorder: R
 
 
 def _config(plan: TagPlan, mac: int, peers: tuple[int, ...], *, leads: bool) -> SessionConfig:
-    slots = min(RUN_SLOTS, plan.interval_ms // SLOT_MS)
+    slots = least_slots(len(plan.macs))
     return ranging_config(
         mac, peers, leads=leads, session_id=plan.session_id, key=plan.key, interval_ms=plan.interval_ms, slots=slots
     )

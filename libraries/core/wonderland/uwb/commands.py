@@ -110,6 +110,11 @@ def capabilities(*, port: str, baud_rate: int, rtscts: bool, as_json: bool) -> N
     help="UCI: file with the session key in hexadecimal (provisioned STS). Without it the public static STS is used.",
 )
 @click.option("--blink", is_flag=True, help="UCI: blink, too, for nodes that time-stamp (a pad's calibration run).")
+@click.option(
+    "--responders",
+    type=click.IntRange(1, 8),
+    help="UCI: how many boards answer in a round, where this one follows a board that leads several.",
+)
 @click.option("--count", type=click.IntRange(1), help="Stop after so many reports.")
 @click.option("--seconds", type=click.FloatRange(0.1), help="Stop after so long. Otherwise Ctrl-C ends it.")
 @click.option("--json", "as_json", is_flag=True, help="A JSON document per line; the last one is the summary.")
@@ -147,6 +152,7 @@ def _reports(
     interval_ms: int,
     key_file: Path | None,
     blink: bool,
+    responders: int | None,
     baud_rate: int,
     rtscts: bool,
 ) -> AsyncGenerator[Document, None]:
@@ -175,6 +181,7 @@ def _reports(
         interval_ms=interval_ms,
         key=_key(key_file),
         blink=blink,
+        responders=responders or 0,
     )
     return bench.uci(port, opener, session_plan, SteadyClock())
 

@@ -23,10 +23,12 @@ from wonderland_fira_uci.uci.config import (
     ParameterId,
     SessionConfig,
     StsConfig,
+    least_slots,
 )
 from wonderland_fira_uci.uci.status import SessionType, Status, status_name
 
 READY_S: Final = 10.0
+SLOT_MS: Final = 2
 _PUBLIC_STS: Final = ((ParameterId.VENDOR_ID, b"\x08\x07"), (ParameterId.STATIC_STS_IV, bytes(range(1, 7))))
 """The static sequence that every evaluation kit comes with. Good for a bench, worthless as evidence."""
 
@@ -46,16 +48,26 @@ class UciBench:
     key: bytes | None = field(default=None, repr=False)
     blink: bool = False
     """Blink as well, for nodes that time-stamp (a calibration run)."""
+    responders: int = 0
+    """How many nodes answer in a round; 0: as many as there are peers. One that follows has to be told."""
 
     def config(self) -> SessionConfig:
-        """The session that the node is told. Raises UciEncodeError."""
+        """The session that the node is told. Raises NodeError where a round takes too long, UciEncodeError."""
+        responders = self.responders or len(self.peers)
+        slots = least_slots(responders)
+        if slots * SLOT_MS > self.interval_ms:
+            raise NodeError(
+                f"a round of {responders} nodes takes {slots * SLOT_MS} ms, and the interval is {self.interval_ms} ms: "
+                "lengthen it"
+            )
         app = AppConfig(
             device_type=DeviceType.CONTROLLER if self.leads else DeviceType.CONTROLEE,
             device_role=DeviceRole.INITIATOR if self.leads else DeviceRole.RESPONDER,
-            multi_node_mode=MultiNodeMode.ONE_TO_MANY if len(self.peers) > 1 else MultiNodeMode.UNICAST,
+            multi_node_mode=MultiNodeMode.ONE_TO_MANY if responders > 1 else MultiNodeMode.UNICAST,
             mac_address=self.mac,
             destination_macs=self.peers,
             interval_ms=self.interval_ms,
+            slots_per_round=slots,
             channel=self.channel,
             rssi_reporting=1,
             sts_config=StsConfig.STATIC if self.key is None else StsConfig.PROVISIONED,
