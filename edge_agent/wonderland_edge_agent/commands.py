@@ -16,6 +16,10 @@ from wonderland.lazy_commands import LazyGroup
         ),
         "run": ("wonderland_edge_agent.agent_commands:run", "Work until told to stop (Ctrl-C or SIGTERM)."),
         "site-plan": ("wonderland_edge_agent.site_plan_command:site_plan", "Check a plan of the pad's site (GeoJSON)."),
+        "swap-node": (
+            "wonderland_edge_agent.commissioning.swap_command:swap_node",
+            "Take a new node into the commissioning in place of a broken one.",
+        ),
         "status": ("wonderland_edge_agent.status_command:status", "Say how the pad is."),
     },
 )
@@ -28,6 +32,7 @@ def pad() -> None:
       wonderland pad site-plan plan.geojson
       wonderland pad run --config pad.toml
       wonderland pad status --config pad.toml
+      wonderland pad swap-node --config pad.toml --anchor A3
 
     pad.toml names the pad, connection.json with the identity, a directory for the spool, one serial port for each
     anchor, where Remote ID is heard, and the backend. A mistake in it is reported with the field's name.

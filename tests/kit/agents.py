@@ -143,6 +143,8 @@ class World:
         self.flight = Flight()
         self.stand = dict(STAND)
         """Where the anchors really stand, mm."""
+        self.delay_mm: dict[str, float] = {}
+        """What nodes range too long, wherever and whomever they range."""
         self.mute: set[str] = set()
         """Anchors that answer commands and measure nothing."""
         self.rng = random.Random(5)
@@ -175,6 +177,7 @@ class World:
             return Measurement(None, status=0x21)
         if observer in STAND and peer in STAND:
             between = math.dist(self.stand[observer], self.stand[peer]) + self.rng.gauss(0, 20.0)
+            between += self.delay_mm.get(observer, 0.0) + self.delay_mm.get(peer, 0.0)
             return Measurement(round(between), nlos=False, rssi_dbm=-60.0)
         if anchor in self.flight.silent:
             return Measurement(None, status=0x21)
@@ -182,7 +185,7 @@ class World:
         if key not in self.drawn:
             if len(self.drawn) > 64:
                 self.drawn.clear()
-            distance = self.flight.range_mm(anchor, self.rng)
+            distance = self.flight.range_mm(anchor, self.rng) + self.delay_mm.get(anchor, 0.0)
             self.drawn[key] = Measurement(round(distance), nlos=False, rssi_dbm=-80.0)
         return self.drawn[key]
 

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from wonderland.clock import Clock, SteadyClock
 from wonderland.proofs.records.pads import Commissioning, Frame
+from wonderland_edge_agent.commissioning.alone import alone
 from wonderland_edge_agent.commissioning.errors import (
     ClockError,
     CommissioningError,
@@ -31,8 +32,6 @@ from wonderland_edge_agent.drift.baseline import Baseline
 from wonderland_edge_agent.radios.between import measure_between
 from wonderland_edge_agent.self_survey import Priors, SelfSurvey, self_survey
 from wonderland_edge_agent.settings import PadSettings
-from wonderland_edge_agent.spool.errors import SpoolError
-from wonderland_edge_agent.spool.lock import ProcessLock
 from wonderland_fabric_gateway.files import PRIVATE, write_atomic
 from wonderland_fira_uci.node import UwbNode
 from wonderland_fira_uci.serial_port import Opener
@@ -99,7 +98,7 @@ class Wizard:
         """All steps that are left; what is committed, or would be (``dry_run``)."""
         survey = self._survey()
         if self._state.read("check") is None or not self._runs_done() or self._settings.another_run:
-            with self._alone():
+            with alone(self._settings.pad.spool):
                 ports = {anchor.anchor_id: anchor.opener() for anchor in self._settings.pad.anchors}
                 async with open_nodes(ports, self._clock) as nodes:
                     await self._check(nodes, survey)
@@ -348,20 +347,6 @@ class Wizard:
             Baseline.parse(check["baseline"]).save(settings.pad.baseline_file, done["commissioning_sha256"])
         self._dialogue.say(f"Committed in block {done['block']}." if done["tx_id"] else "The ledger has it already.")
         return {"published": True, **done}
-
-    @contextlib.contextmanager
-    def _alone(self):  # type: ignore[no-untyped-def] # noqa: ANN202
-        """No agent of this pad runs meanwhile: it would hold the nodes."""
-        spool = self._settings.pad.spool
-        try:
-            spool.mkdir(parents=True, exist_ok=True, mode=0o700)
-            lock = ProcessLock(spool / "spool.lock")
-        except (OSError, SpoolError) as error:
-            raise RadioError(f"the pad's agent seems to run; stop it while commissioning ({error})") from error
-        try:
-            yield
-        finally:
-            lock.release()
 
 
 def check_survey(survey: Survey, ranges_m: dict[tuple[str, str], float], sigma_m: float = 0.01) -> SelfSurvey:
