@@ -58,7 +58,7 @@ def field_text(error: Mapping[str, Any]) -> Said | str:
     if isinstance(cause, SaidError):
         return cause.said
     if error["type"] in KINDS:
-        return said(PREFIX + KINDS[error["type"]], **{name: _fact(name, value) for name, value in facts.items()})
+        return Said(PREFIX + KINDS[error["type"]], {name: _fact(name, value) for name, value in facts.items()})
     return str(cause or error["msg"])
 
 

@@ -52,14 +52,14 @@ def of_outcome(status: CommitStatus) -> dict[str, Any]:
         kind = POLICY
     else:
         kind = INVALID
-    return {"kind": kind, "text": _kept("transaction_in_block", code=status.code_name, block=status.block_number)}
+    return {"kind": kind, "text": _kept(said("transaction_in_block", code=status.code_name, block=status.block_number))}
 
 
 def changed(seen: tuple[int, int], found: tuple[int, int] | None) -> dict[str, Any]:
     """The record is not the one that the person had before their eyes."""
     before = "none" if seen[0] < 0 else str(seen[0])
     now = "none" if found is None else str(found[0])
-    return {"kind": CHANGED, "text": _kept("transaction_overtaken", seen=before, found=now)}
+    return {"kind": CHANGED, "text": _kept(said("transaction_overtaken", seen=before, found=now))}
 
 
 def in_words(problem: dict[str, Any], language: Language) -> dict[str, Any]:
@@ -68,6 +68,6 @@ def in_words(problem: dict[str, Any], language: Language) -> dict[str, Any]:
     return problem | {"text": text if isinstance(text, str) else Said(text["key"], text["facts"]).text(language)}
 
 
-def _kept(key: str, **facts: int | str) -> dict[str, Any]:
+def _kept(text: Said) -> dict[str, Any]:
     """A sentence of the catalogue, as it is stored until somebody reads it."""
-    return {"key": said(key, **facts).key, "facts": facts}
+    return {"key": text.key, "facts": text.facts}
