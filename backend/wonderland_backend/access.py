@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
-from wonderland_backend.auth.sign_ins import SignIns
+from wonderland_backend.auth.store.sign_ins import SignIns
 from wonderland_backend.clients.machines import Machines
 from wonderland_backend.context import Context, required
 from wonderland_backend.errors import Forbidden, SignInRequired

@@ -11,8 +11,6 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any, Final
 
-from sqlalchemy import insert, select
-
 from wonderland import __version__
 from wonderland.proof_contract import ProofContract
 from wonderland_backend.agents.connected import Agents
@@ -22,16 +20,15 @@ from wonderland_backend.alerts.deliver import Delivery
 from wonderland_backend.alerts.service import Alerts
 from wonderland_backend.alerts.watch import Watch
 from wonderland_backend.audit.anchors import Anchoring
+from wonderland_backend.audit.store import ensure_instance
 from wonderland_backend.auth.attempts import Attempts
-from wonderland_backend.auth.sign_ins import SignIns
+from wonderland_backend.auth.store.sign_ins import SignIns
 from wonderland_backend.clients.machines import machines_of
 from wonderland_backend.clients.store import Clients
 from wonderland_backend.context import Context
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.partitions import make_ahead
-from wonderland_backend.db.tables.ledger import OrganisationRow
-from wonderland_backend.db.tables.reported import InstanceRow
-from wonderland_backend.events.feed import Commits
+from wonderland_backend.events.queries import Commits
 from wonderland_backend.events.streams import Streams
 from wonderland_backend.flights.store import forget as forget_flights
 from wonderland_backend.http.transfer import new_client
@@ -48,7 +45,8 @@ from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.mirror.subscriber import AfterCommit
 from wonderland_backend.outputs.mqtt import MqttOutput
 from wonderland_backend.parts import Parts
-from wonderland_backend.replay.arrivals import Arrivals, Connections, note_unknown
+from wonderland_backend.registry.queries.organisations import definitions
+from wonderland_backend.replay.store import Arrivals, Connections, note_unknown
 from wonderland_backend.routes import new_app
 from wonderland_backend.settings import Settings
 from wonderland_backend.tracks import queries as track_queries
@@ -170,8 +168,7 @@ class Backend:
         await asyncio.to_thread(self.parts.maps.check)
         async with self.database.read() as session:
             await self.parts.board.load(session)
-            found = await session.execute(select(OrganisationRow.msp_id, OrganisationRow.definition))
-            organisations = [(msp_id, definition) for msp_id, definition in found]
+            organisations = await definitions(session)
         self.parts.members.configure(organisations)
         self.parts.mirror.organisations = participants(organisations)
         self.parts.mirror.level_ms = self.context.clock()
@@ -281,10 +278,4 @@ class Backend:
 
 async def _instance(database: Database, context: Context) -> str:
     async with database.write() as connection:
-        known = (await connection.execute(select(InstanceRow.instance))).scalar_one_or_none()
-        if known is not None:
-            return str(known)
-        instance = context.randomness(16).hex()
-        row = {"id": 1, "instance": instance, "created_ms": context.clock()}
-        await connection.execute(insert(InstanceRow), [row])
-        return instance
+        return await ensure_instance(connection, context.randomness(16).hex(), context.clock())

@@ -11,11 +11,11 @@ from wonderland.proof_contract import ProofContract
 from wonderland_backend.agents.connected import Agents
 from wonderland_backend.agents.members import Members
 from wonderland_backend.auth.attempts import Attempts
-from wonderland_backend.auth.sign_ins import SignIns
+from wonderland_backend.auth.store.sign_ins import SignIns
 from wonderland_backend.clients.machines import Machines
 from wonderland_backend.clients.store import Clients
 from wonderland_backend.context import Context
-from wonderland_backend.events.feed import Commits
+from wonderland_backend.events.queries import Commits
 from wonderland_backend.events.streams import Streams
 from wonderland_backend.ingest.intake import Intake
 from wonderland_backend.ledger.access import LedgerAccess

@@ -20,7 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from wonderland_backend.app import now_ms
 from wonderland_backend.audit.anchors import instance_of
 from wonderland_backend.audit.verify import verify
-from wonderland_backend.auth.sign_ins import SignIns
+from wonderland_backend.auth.store.sign_ins import SignIns
 from wonderland_backend.db import migrate as migrations
 from wonderland_backend.db import passwords
 from wonderland_backend.db.engine import Database

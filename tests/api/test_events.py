@@ -10,7 +10,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from kit.description import document
 
-from wonderland_backend.events.feed import Place
+from wonderland_backend.events.queries import Place
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]

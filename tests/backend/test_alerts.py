@@ -21,7 +21,7 @@ from msgspec.structs import asdict
 from sqlalchemy import insert, select, update
 
 from wonderland import messages
-from wonderland_backend.alerts import oddities, store, watch
+from wonderland_backend.alerts import oddities, queries, store, watch
 from wonderland_backend.alerts.deliver import Delivery
 from wonderland_backend.alerts.derive import alerts_of
 from wonderland_backend.alerts.kinds import SEVERITIES, Alert, plain_text
@@ -323,7 +323,7 @@ async def test_a_permission_that_no_broadcast_follows(running, database, clock):
 
     from wonderland_backend.db.tables.reported import TrackRow
 
-    clock.now_ms = START_MS + 2_000 + watch.MATCH_AFTER_MS + 1
+    clock.now_ms = START_MS + 2_000 + queries.MATCH_AFTER_MS + 1
     await running.backend.watch.look()
     assert await alerts(running, kind="permission_unmatched") == [], "a pad that hears nobody accuses nobody"
     async with database.write() as connection:
@@ -605,7 +605,7 @@ async def test_what_a_receiver_finds_odd_is_an_alert_until_it_is_odd_no_more(run
     conforms("Alert", identity)
     (rate,) = await alerts(running, kind="broadcast_odd")
     assert (rate["severity"], rate["facts"]["finding"]) == ("notice", "rate_high")
-    clock.now_ms += oddities.LASTS_MS
+    clock.now_ms += queries.LASTS_MS
     await running.backend.watch.look()
     assert {each["state"] for each in await alerts(running, kind="identity_odd")} == {"returned"}
 

@@ -27,8 +27,8 @@ from wonderland_backend.db.engine import Database
 from wonderland_backend.db.migrate import migrate
 from wonderland_backend.db.tables.reported import LatestTrackRow, TrackRow
 from wonderland_backend.person import ALL, Person
-from wonderland_backend.replay.events import Span, _tracks
-from wonderland_backend.replay.moment import Moment, contents_at
+from wonderland_backend.replay.queries.events import Span, _tracks
+from wonderland_backend.replay.queries.moment import Moment, contents_at
 from wonderland_backend.tracks import queries
 
 pytestmark = [pytest.mark.bench, pytest.mark.timeout(7_200)]

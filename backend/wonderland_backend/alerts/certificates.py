@@ -13,15 +13,14 @@ from typing import Final
 
 import orjson
 from cryptography import x509
-from sqlalchemy import ColumnElement, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland_backend.agents.connected import Agents
+from wonderland_backend.alerts import queries
 from wonderland_backend.alerts.conditions import Condition
 from wonderland_backend.db.tables.alerts import AlertRow
-from wonderland_backend.db.tables.ledger import CertificateRow, OrganisationRow
-from wonderland_backend.db.tables.signing import SigningKeyRow
-from wonderland_backend.registry.organisations import revoked_serials
+from wonderland_backend.db.tables.ledger import CertificateRow
+from wonderland_backend.registry.queries.organisations import definitions, revoked_serials
 from wonderland_fabric_gateway.certificates import certificate_of
 from wonderland_fabric_gateway.errors import IdentityError
 from wonderland_fabric_gateway.identity import Identity
@@ -57,19 +56,26 @@ async def conditions(
     """
     found = [
         _condition(each, f"{each.msp_id} CA", now_ms)
-        for each in await _cas(session)
+        for each in _cas(await definitions(session))
         if each.until_ms < now_ms + EXPIRING_MS
     ]
-    in_use = [*_of_agents(agents), *await _of_browsers(session)]
+    in_use = [
+        *_of_agents(agents),
+        *(_of(msp_id, name, _parsed(pem)) for msp_id, name, pem in await queries.keys_of_people(session)),
+    ]
     ending = CertificateRow.not_after_ms.between(now_ms - EXPIRED_MS, now_ms + EXPIRING_MS)
-    known = (*await _on_ledger(session, ending), *in_use, *_of_alerts(lasting))
+    known = (
+        *(_Certificate(*each) for each in await queries.certificates_on_ledger(session, ending)),
+        *in_use,
+        *_of_alerts(lasting),
+    )
     soon = {(each.msp_id, each.serial): each for each in known if each.ends_soon(now_ms)}
     if not soon:
         return found
     revoked = await revoked_serials(session)
     latest: dict[tuple[str, str], int] = {}
     same_names = CertificateRow.name.in_({each.name for each in soon.values()})
-    for each in (*await _on_ledger(session, same_names), *in_use):
+    for each in (*(_Certificate(*each) for each in await queries.certificates_on_ledger(session, same_names)), *in_use):
         if each.serial not in revoked.get(each.msp_id, ()):
             latest[each.holder] = max(latest.get(each.holder, 0), each.until_ms)
     for each in soon.values():
@@ -84,26 +90,14 @@ def _condition(certificate: _Certificate, who: str, now_ms: int) -> Condition:
     return Condition(KIND, f"{certificate.msp_id}/{certificate.serial}", now_ms, None, facts)
 
 
-async def _on_ledger(session: AsyncSession, which: ColumnElement[bool]) -> list[_Certificate]:
-    columns = (CertificateRow.msp_id, CertificateRow.name, CertificateRow.serial, CertificateRow.not_after_ms)
-    return [_Certificate(*row) for row in await session.execute(select(*columns).where(which))]
-
-
-async def _cas(session: AsyncSession) -> list[_Certificate]:
+def _cas(definitions: Iterable[tuple[str, str]]) -> list[_Certificate]:
     found = []
-    for msp_id, definition in await session.execute(select(OrganisationRow.msp_id, OrganisationRow.definition)):
+    for msp_id, definition in definitions:
         its = orjson.loads(definition)
         for pem in (*its.get("root_certs", ()), *its.get("intermediate_certs", ())):
             with contextlib.suppress(ValueError):  # The channel's peers judge what an MSP holds.
                 found.append(_of(msp_id, "CA", certificate_of(pem.encode())))
     return found
-
-
-async def _of_browsers(session: AsyncSession) -> list[_Certificate]:
-    """Those that people sign with, also before they first do."""
-    columns = (SigningKeyRow.msp_id, SigningKeyRow.name, SigningKeyRow.certificate)
-    rows = await session.execute(select(*columns).where(SigningKeyRow.ended_ms.is_(None)))
-    return [_of(msp_id, name, _parsed(pem)) for msp_id, name, pem in rows]
 
 
 def _of_agents(agents: Agents) -> Iterable[_Certificate]:

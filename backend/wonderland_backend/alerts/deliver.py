@@ -16,7 +16,6 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 import orjson
-from sqlalchemy import insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland import messages
@@ -58,7 +57,7 @@ async def enqueue(
         for target in (*settings.alert_emails, *settings.alert_webhooks)
     ]
     if rows:
-        await connection.execute(insert(AlertDeliveryRow), rows)
+        await store.add_deliveries(connection, rows)
 
 
 class Delivery:
@@ -89,15 +88,7 @@ class Delivery:
         """Everything whose time has come, a bounded number at once."""
         now = self._clock()
         async with self._database.read() as session:
-            due = (
-                await session.execute(
-                    select(AlertDeliveryRow, AlertRow)
-                    .join(AlertRow, AlertRow.alert_id == AlertDeliveryRow.alert_id)
-                    .where(AlertDeliveryRow.next_ms <= now)
-                    .order_by(AlertDeliveryRow.next_ms)
-                    .limit(MAX_AT_ONCE)
-                )
-            ).all()
+            due = await store.due_deliveries(session, now, MAX_AT_ONCE)
         await asyncio.gather(*(self._send(delivery, alert) for delivery, alert in due))
 
     async def _send(self, delivery: AlertDeliveryRow, alert: AlertRow) -> None:
@@ -123,17 +114,12 @@ class Delivery:
                 "given up" if over else "trying again",
             )  # fmt: skip
         async with self._database.write() as connection:
-            await connection.execute(_one(delivery).values(**values))
+            await store.note_delivery(connection, delivery, values)
 
     async def _claim(self, delivery: AlertDeliveryRow) -> bool:
         """Take it, unless another replica has."""
         async with self._database.write() as connection:
-            taken = await connection.execute(
-                _one(delivery)
-                .where(AlertDeliveryRow.next_ms == delivery.next_ms)
-                .values(next_ms=self._clock() + LEASE_MS)
-            )
-        return bool(taken.rowcount)
+            return await store.claim_delivery(connection, delivery, self._clock() + LEASE_MS)
 
     async def _post(self, url: str, alert: AlertRow) -> None:
         secret = self._settings.alert_webhook_secret
@@ -174,12 +160,6 @@ class Delivery:
                 smtp.send_message(message)
         except (OSError, smtplib.SMTPException) as error:
             raise Undelivered(f"{type(error).__name__}: {error}") from error
-
-
-def _one(delivery: AlertDeliveryRow) -> Any:
-    return update(AlertDeliveryRow).where(
-        AlertDeliveryRow.alert_id == delivery.alert_id, AlertDeliveryRow.target == delivery.target
-    )
 
 
 def _shown(target: str) -> str:

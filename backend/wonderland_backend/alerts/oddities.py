@@ -8,50 +8,18 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import orjson
-from sqlalchemy import func, select
-from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland_backend.alerts.conditions import Condition
-from wonderland_backend.db.tables.reported import FindingRow
+from wonderland_backend.alerts.queries import Odd
 
-LASTS_MS: Final = 10 * 60_000
 SHOWN: Final = 20
-_READ: Final = 2_000
 _FACTS: Final = ("distance_mm", "interval_ms", "other_uav_id")
 
 IDENTITY: Final = frozenset({"two_places", "impossible_speed", "time_backwards", "several_identities", "signature_bad"})
 """Kinds that tell of a false identity or of a replay; the others may be no more than a bad clock or radio."""
-
-
-class Odd(NamedTuple):
-    """One kind of oddity of one drone at one pad, within the last minutes."""
-
-    pad_id: str
-    uav_id: str
-    kind: str
-    t_ms: int
-    body: str
-
-
-async def recent(database: AsyncSession, now_ms: int) -> list[Odd]:
-    """The newest finding of each drone, pad and kind, in the order in which they began."""
-    last = (
-        select(func.max(FindingRow.id).label("id"), func.min(FindingRow.id).label("first"))
-        .where(FindingRow.t_ms.between(now_ms - LASTS_MS, now_ms + LASTS_MS))
-        .group_by(FindingRow.pad_id, FindingRow.uav_id, FindingRow.kind)
-        .order_by(func.min(FindingRow.id))
-        .limit(_READ)
-        .subquery()
-    )
-    rows = await database.execute(
-        select(FindingRow.pad_id, FindingRow.uav_id, FindingRow.kind, FindingRow.t_ms, FindingRow.body)
-        .join(last, last.c.id == FindingRow.id)
-        .order_by(last.c.first)
-    )
-    return [Odd(*row) for row in rows]
 
 
 def conditions(found: Sequence[Odd]) -> Iterable[Condition]:

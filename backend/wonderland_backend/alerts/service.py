@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from sqlalchemy import update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland_backend.alerts import store
@@ -39,11 +38,7 @@ class Alerts(Subscriber[list[dict[str, Any]]]):
         raised = await store.raise_all(connection, alerts, now)
         if not raised:
             return []
-        await connection.execute(
-            update(AlertRow)
-            .where(AlertRow.alert_id.in_(raised), AlertRow.t_ms < now - STALE_MS)
-            .values(state=store.OVER, over_ms=now)
-        )
+        await store.end_old(connection, raised, now - STALE_MS, now)
         fresh = [alert for alert in alerts if alert.t_ms > now - TOLD_MS]
         await enqueue(connection, self._settings, fresh, raised, now)
         new = set(raised)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import orjson
-from sqlalchemy import ColumnElement, and_, case, func, insert, or_, select, tuple_, update
+from sqlalchemy import ColumnElement, Update, and_, case, func, insert, or_, select, tuple_, update
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
@@ -250,3 +250,48 @@ async def listing(
     if filters.until_ms is not None:
         query = query.where(AlertRow.t_ms <= filters.until_ms)
     return (await database.scalars(query)).all()
+
+
+async def end_old(connection: AsyncConnection, alert_ids: Sequence[str], before_ms: int, now_ms: int) -> None:
+    """What began before that is history: over as soon as it is known."""
+    await connection.execute(
+        update(AlertRow)
+        .where(AlertRow.alert_id.in_(alert_ids), AlertRow.t_ms < before_ms)
+        .values(state=OVER, over_ms=now_ms)
+    )
+
+
+async def add_deliveries(connection: AsyncConnection, rows: list[dict[str, Any]]) -> None:
+    """Alerts to be told, each to one target."""
+    await connection.execute(insert(AlertDeliveryRow), rows)
+
+
+async def due_deliveries(session: AsyncSession, now_ms: int, limit: int) -> list[tuple[AlertDeliveryRow, AlertRow]]:
+    """Those whose time has come, and what they tell."""
+    rows = await session.execute(
+        select(AlertDeliveryRow, AlertRow)
+        .join(AlertRow, AlertRow.alert_id == AlertDeliveryRow.alert_id)
+        .where(AlertDeliveryRow.next_ms <= now_ms)
+        .order_by(AlertDeliveryRow.next_ms)
+        .limit(limit)
+    )
+    return [(row[0], row[1]) for row in rows]
+
+
+async def claim_delivery(connection: AsyncConnection, delivery: AlertDeliveryRow, until_ms: int) -> bool:
+    """Whether it is ours until then; False where another replica has taken it."""
+    taken = await connection.execute(
+        _one(delivery).where(AlertDeliveryRow.next_ms == delivery.next_ms).values(next_ms=until_ms)
+    )
+    return taken.rowcount == 1
+
+
+async def note_delivery(connection: AsyncConnection, delivery: AlertDeliveryRow, values: dict[str, Any]) -> None:
+    """How it went."""
+    await connection.execute(_one(delivery).values(**values))
+
+
+def _one(delivery: AlertDeliveryRow) -> Update:
+    return update(AlertDeliveryRow).where(
+        AlertDeliveryRow.alert_id == delivery.alert_id, AlertDeliveryRow.target == delivery.target
+    )

@@ -12,17 +12,12 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 import orjson
-from sqlalchemy import select
 
 from wonderland_backend.agents.connected import Agents
-from wonderland_backend.alerts import certificates, oddities, store
+from wonderland_backend.alerts import certificates, oddities, queries, store
 from wonderland_backend.alerts.conditions import Condition
 from wonderland_backend.alerts.deliver import enqueue
-from wonderland_backend.alerts.kinds import Alert
 from wonderland_backend.context import Context
-from wonderland_backend.db.tables.alerts import AlertRow
-from wonderland_backend.db.tables.ledger import ClosuresRow, PadRow, VerdictRow
-from wonderland_backend.db.tables.reported import HealthRow, TrackRow
 from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.zones.differing import Differing
 
@@ -34,11 +29,6 @@ SILENT_MS: Final = 60_000
 AWAY_MS: Final = 30_000
 CLOSURES_MS: Final = 3 * 86_400_000
 """So long before they run out the closures of a pad should be published anew."""
-MATCH_AFTER_MS: Final = 60_000
-"""A drone that got permission is heard within this, at a pad that hears drones at all."""
-MATCH_BEFORE_MS: Final = 10_000
-MATCH_LOOK_BACK_MS: Final = 15 * 60_000
-HEARS_MS: Final = 10 * 60_000
 
 
 CONDITIONS: Final = (
@@ -127,31 +117,19 @@ class Watch:
         """Raise what is new, end what is over, and tell the live side."""
         now = self._context.clock()
         async with self._context.database.read() as session:
-            pads = await session.execute(
-                select(HealthRow.agent_id, HealthRow.t_ms, HealthRow.body)
-                .join(PadRow, PadRow.pad_id == HealthRow.agent_id)
-                .where(HealthRow.agent == "pad", PadRow.status == "commissioned")
-            )
-            closures = await session.execute(
-                select(ClosuresRow.pad_id, ClosuresRow.valid_until_ms)
-                .join(PadRow, PadRow.pad_id == ClosuresRow.pad_id)
-                .where(PadRow.status != "retired")
-            )
-            lasting = (
-                await session.scalars(
-                    select(AlertRow).where(AlertRow.state.in_(store.LASTING), AlertRow.kind.in_(CONDITIONS))
-                )
-            ).all()
+            pads = await queries.health_of_pads(session)
+            closures = await queries.closures_of_pads(session)
+            lasting = await queries.lasting(session, CONDITIONS)
             found = [
-                *closure_conditions(((each[0], each[1]) for each in closures), now),
-                *pad_conditions(((each[0], each[1], each[2]) for each in pads), self._agents.is_connected, now),
+                *closure_conditions(closures, now),
+                *pad_conditions(pads, self._agents.is_connected, now),
                 *ledger_conditions(self._mirror, now),
                 *await certificates.conditions(session, self._agents, lasting, now),
                 *differing_conditions(await self._differing.look(session, now), now),
-                *oddities.conditions(await oddities.recent(session, now)),
+                *oddities.conditions(await queries.recent_oddities(session, now)),
             ]
             known = {(row.kind, row.source.rpartition("@")[0]): row.alert_id for row in lasting}
-            unmatched = await self._unmatched(session, now)
+            unmatched = await queries.unmatched_permissions(session, now)
         holds = {(each.kind, each.key) for each in found}
         new = [each.alert(now) for each in found if (each.kind, each.key) not in known]
         over = [alert_id for key, alert_id in known.items() if key not in holds]
@@ -164,32 +142,3 @@ class Watch:
         async with self._context.database.read() as session:
             for row in await store.by_ids(session, [*raised, *ended]):
                 self._tell(store.shown(row))
-
-    async def _unmatched(self, session: Any, now: int) -> list[Alert]:
-        """Permissions that no broadcast followed, at pads that hear broadcasts."""
-        granted = await session.scalars(
-            select(VerdictRow).where(
-                VerdictRow.permission == "granted",
-                VerdictRow.decided_ms.between(now - MATCH_LOOK_BACK_MS, now - MATCH_AFTER_MS),
-            )
-        )
-        alerts = []
-        for verdict in granted:
-            heard = select(TrackRow.id).limit(1)
-            of_drone = heard.where(
-                TrackRow.uav_id == verdict.uav_id,
-                TrackRow.t_ms.between(verdict.decided_ms - MATCH_BEFORE_MS, verdict.decided_ms + MATCH_AFTER_MS),
-            )
-            of_pad = heard.where(
-                TrackRow.pad_id == verdict.pad_id, TrackRow.received_ms > verdict.decided_ms - HEARS_MS
-            )
-            if await session.scalar(of_drone) is None and await session.scalar(of_pad) is not None:
-                place = {"pad_id": verdict.pad_id, "uav_id": verdict.uav_id, "session_id": verdict.session_id}
-                facts = {"action": verdict.action}
-                alerts.append(
-                    Alert(
-                        "permission_unmatched", verdict.session_id, verdict.decided_ms, **place,
-                        tx_id=verdict.tx_id, facts=facts,
-                    )
-                )  # fmt: skip
-        return alerts

@@ -10,7 +10,6 @@ from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any, Final, Protocol
 
 from fastapi import Depends
-from sqlalchemy import select
 from starlette.requests import HTTPConnection
 
 from wonderland.proof_contract import Committed, ProofContract
@@ -18,11 +17,10 @@ from wonderland.proofs import encoding
 from wonderland.proofs.errors import EncodingError
 from wonderland.proofs.records.assets import AssetChange
 from wonderland.proofs.records.transactions import CreateAsset
-from wonderland_backend.audit.chain import record
+from wonderland_backend.audit import queries
+from wonderland_backend.audit.store import record
 from wonderland_backend.context import ContextDep, part_of
 from wonderland_backend.db.engine import Database
-from wonderland_backend.db.tables.audit import AuditRow
-from wonderland_backend.db.tables.reported import InstanceRow
 from wonderland_fabric_gateway.errors import LedgerError
 
 logger = logging.getLogger(__name__)
@@ -112,7 +110,7 @@ class Anchoring:
     async def anchor(self, anchors: Anchors) -> bool:
         """Write the head, unless the last row only says that this was done. Raises `LedgerError`."""
         async with self._database.read() as session:
-            head = (await session.scalars(select(AuditRow).order_by(AuditRow.seq.desc()).limit(1))).first()
+            head = await queries.head(session)
         if head is None or head.act == ANCHORED:
             return False
         done = await anchors.put(head.seq, head.sha256, self._clock())
@@ -126,7 +124,7 @@ class Anchoring:
 async def instance_of(database: Database) -> str:
     """The installation whose log it is; empty for a server that has never started."""
     async with database.read() as session:
-        return (await session.execute(select(InstanceRow.instance))).scalar_one_or_none() or ""
+        return await queries.instance(session) or ""
 
 
 def _day(t_ms: int) -> datetime:

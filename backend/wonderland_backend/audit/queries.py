@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland_backend.audit.schemas import AuditQuery
 from wonderland_backend.db.tables.audit import AuditRow
+from wonderland_backend.db.tables.reported import InstanceRow
 
 
 async def listing(database: AsyncSession, filters: AuditQuery, *, before: int | None) -> Sequence[AuditRow]:
@@ -27,3 +29,21 @@ async def listing(database: AsyncSession, filters: AuditQuery, *, before: int | 
     if filters.until_ms is not None:
         query = query.where(AuditRow.t_ms <= filters.until_ms)
     return (await database.scalars(query)).all()
+
+
+async def head(session: AsyncSession) -> AuditRow | None:
+    """The last row; None for an empty log."""
+    return (await session.scalars(select(AuditRow).order_by(AuditRow.seq.desc()).limit(1))).first()
+
+
+async def rows_after(session: AsyncSession, seq: int, limit: int) -> list[dict[str, Any]]:
+    """Rows after this one in order, by their columns' names: as they were hashed."""
+    rows = await session.execute(
+        select(AuditRow.__table__).where(AuditRow.seq > seq).order_by(AuditRow.seq).limit(limit)
+    )
+    return [dict(row) for row in rows.mappings()]
+
+
+async def instance(session: AsyncSession) -> str | None:
+    """The installation's name; None before the server's first start."""
+    return (await session.execute(select(InstanceRow.instance))).scalar_one_or_none()

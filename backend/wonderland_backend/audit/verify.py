@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from sqlalchemy import select
-
+from wonderland_backend.audit import queries
 from wonderland_backend.audit.anchors import Anchors
-from wonderland_backend.audit.chain import START, hash_of
+from wonderland_backend.audit.store import START, hash_of
 from wonderland_backend.db.engine import Database
-from wonderland_backend.db.tables.audit import AuditRow
 from wonderland_fabric_gateway.errors import LedgerError
 
 CHUNK: Final = 1_000
@@ -82,13 +80,10 @@ async def _walk(database: Database, result: Result) -> tuple[list[str], int]:
     hashes: list[str] = []
     first_ms: int | None = None
     previous = START
-    names = [column.name for column in AuditRow.__table__.columns]
     async with database.read() as session:
         while True:
-            query = select(AuditRow.__table__).where(AuditRow.seq > len(hashes)).order_by(AuditRow.seq).limit(CHUNK)
-            chunk = (await session.execute(query)).all()
-            for row in chunk:
-                content = dict(zip(names, row, strict=True))
+            chunk = await queries.rows_after(session, len(hashes), CHUNK)
+            for content in chunk:
                 first_ms = content["t_ms"] if first_ms is None else first_ms
                 fits = content["seq"] == len(hashes) + 1 and content["previous_sha256"] == previous
                 if not fits or hash_of(content) != content["sha256"]:

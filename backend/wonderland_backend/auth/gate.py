@@ -8,7 +8,7 @@ from typing import Final
 from starlette.routing import Match
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from wonderland_backend.auth.sign_ins import SignIns
+from wonderland_backend.auth.store.sign_ins import SignIns
 from wonderland_backend.errors import problem_response
 from wonderland_backend.problem_texts import said
 

@@ -7,7 +7,6 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import orjson
-from sqlalchemy import insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 from webauthn import (
     generate_authentication_options,
@@ -25,11 +24,10 @@ from webauthn.helpers.structs import (
     UserVerificationRequirement,
 )
 
-from wonderland_backend.auth import ceremonies
-from wonderland_backend.auth.sign_ins import ACTIVE
 from wonderland_backend.auth.site import site_of
+from wonderland_backend.auth.store import ceremonies
+from wonderland_backend.auth.store import passkeys as store
 from wonderland_backend.context import Context
-from wonderland_backend.db.tables.people import PasskeyRow, PersonRow
 from wonderland_backend.errors import BadRequest, Conflict, SignInRequired
 from wonderland_backend.problem_texts import Said, said
 
@@ -53,9 +51,7 @@ async def ask_for_new(
     `more` is kept besides: what came with a link, which ends all earlier passkeys. Raises `Conflict` for somebody who
     has `MAX_PASSKEYS`.
     """
-    known = (
-        await connection.execute(select(PasskeyRow.credential_id).where(PasskeyRow.person_id == person_id))
-    ).scalars()
+    known = await store.ids_of(connection, person_id)
     excluded = [] if more else [PublicKeyCredentialDescriptor(id=base64url_to_bytes(each)) for each in known]
     if len(excluded) >= MAX_PASSKEYS:
         raise Conflict(said("too_many_passkeys", most=MAX_PASSKEYS))
@@ -112,8 +108,7 @@ async def keep(
     credential_id = bytes_to_base64url(made.credential_id)
     if len(credential_id) > MAX_CREDENTIAL:
         raise BadRequest(said("passkey_id_too_long"))
-    known = select(PasskeyRow.person_id).where(PasskeyRow.credential_id == credential_id)
-    if (await connection.execute(known)).first() is not None:
+    if await store.is_known(connection, credential_id):
         raise Conflict(said("passkey_known"))
     row = {
         "credential_id": credential_id,
@@ -125,7 +120,7 @@ async def keep(
         "created_ms": context.clock(),
         "last_used_ms": None,
     }
-    await connection.execute(insert(PasskeyRow), [row])
+    await store.add(connection, row)
 
 
 async def ask_to_sign_in(context: Context, connection: AsyncConnection) -> dict[str, Any]:
@@ -164,11 +159,7 @@ async def verify(
         )
     except (WebAuthnException, ValueError, KeyError, TypeError, AttributeError) as cause:
         raise SignInRequired(said("passkey_refused", why=_why(cause))) from None
-    await connection.execute(
-        update(PasskeyRow)
-        .where(PasskeyRow.credential_id == row.credential_id)
-        .values(sign_count=signed.new_sign_count, last_used_ms=context.clock())
-    )
+    await store.note_use(connection, row.credential_id, signed.new_sign_count, context.clock())
     return str(row.person_id)
 
 
@@ -176,12 +167,7 @@ async def _known(connection: AsyncConnection, credential: dict[str, Any]) -> Any
     credential_id = credential.get("id")
     if not isinstance(credential_id, str) or len(credential_id) > MAX_CREDENTIAL or "\x00" in credential_id:
         raise SignInRequired(_UNKNOWN)
-    found = await connection.execute(
-        select(PasskeyRow.credential_id, PasskeyRow.person_id, PasskeyRow.public_key, PasskeyRow.sign_count)
-        .join_from(PasskeyRow, PersonRow)
-        .where(PasskeyRow.credential_id == credential_id, PersonRow.state == ACTIVE)
-    )
-    row = found.first()
+    row = await store.of_active_person(connection, credential_id)
     handle = _field(credential, "response", "userHandle")
     # A discoverable credential says whose it is; a wrong answer is a mix-up, or worse.
     if row is None or (handle is not None and handle != bytes_to_base64url(bytes.fromhex(row.person_id))):

@@ -13,9 +13,9 @@ from typing import Any, Final
 from cryptography.fernet import Fernet
 from fastapi import Request
 from fastapi.responses import Response
-from sqlalchemy import delete, insert, or_, update
 from sqlalchemy.exc import IntegrityError
 
+from wonderland_backend.clients import store
 from wonderland_backend.context import Context, required
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.clients import IdempotencyRow
@@ -65,7 +65,7 @@ async def once(request: Request, person: Person, write: Callable[[], Awaitable[R
         response = await write()
     except BaseException:
         async with database.write() as connection:
-            await connection.execute(delete(IdempotencyRow).filter_by(**ours))
+            await store.forget_request(connection, ours)
         raise
     values = {
         "status": response.status_code,
@@ -73,21 +73,16 @@ async def once(request: Request, person: Person, write: Callable[[], Awaitable[R
         "body": cipher.encrypt(bytes(response.body)).decode(),
     }
     async with database.write() as connection:
-        await connection.execute(update(IdempotencyRow).filter_by(**ours).values(**values))
+        await store.keep_answer(connection, ours, values)
     return response
 
 
 async def _begin(database: Database, place: dict[str, str], digest: str, now: int) -> IdempotencyRow | None:
     """None: it is the first, or the first one's lease is over. Otherwise what is known of the first."""
     row = {**place, "request_sha256": digest, "created_ms": now, "status": None, "location": None, "body": None}
-    over = or_(
-        IdempotencyRow.created_ms < now - KEPT_MS,
-        IdempotencyRow.status.is_(None) & (IdempotencyRow.created_ms < now - LEASE_MS),
-    )
     try:
         async with database.write() as connection:
-            await connection.execute(delete(IdempotencyRow).where(over))
-            await connection.execute(insert(IdempotencyRow), [row])
+            await store.begin_request(connection, row, kept_ms=KEPT_MS, lease_ms=LEASE_MS)
     except IntegrityError:
         async with database.read() as session:
             known = await session.get(IdempotencyRow, (place["principal"], place["key"]))

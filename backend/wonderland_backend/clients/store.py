@@ -11,17 +11,17 @@ from typing import Annotated, Any, Final, Literal
 
 import orjson
 from cryptography import x509
-from sqlalchemy import delete, insert, select, update
+from sqlalchemy import delete, insert, or_, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from wonderland_backend import audit
-from wonderland_backend.audit.chain import Actor
+from wonderland_backend.audit.store import Actor
 from wonderland_backend.clients.certificates import ShownCertificate, names_of, read_pem, sha256_of
 from wonderland_backend.clients.scopes import SCOPES
 from wonderland_backend.context import part
 from wonderland_backend.db.engine import Database
-from wonderland_backend.db.tables.clients import AssertionRow, ClientRow
+from wonderland_backend.db.tables.clients import AssertionRow, ClientRow, IdempotencyRow
 from wonderland_backend.errors import NotFound
 from wonderland_backend.http.transfer import TransferError
 from wonderland_backend.problem_texts import SaidError, said
@@ -242,3 +242,27 @@ def _method(row: ClientRow) -> str:
 def sha256(text: str) -> str:
     """Hexadecimal SHA-256 of a text."""
     return hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()
+
+
+async def begin_request(connection: AsyncConnection, row: dict[str, Any], *, kept_ms: int, lease_ms: int) -> None:
+    """Put a request's key down; those of long ago go, and those whose server has stopped.
+
+    Raises `IntegrityError` for a key that was used before.
+    """
+    now_ms = row["created_ms"]
+    over = or_(
+        IdempotencyRow.created_ms < now_ms - kept_ms,
+        IdempotencyRow.status.is_(None) & (IdempotencyRow.created_ms < now_ms - lease_ms),
+    )
+    await connection.execute(delete(IdempotencyRow).where(over))
+    await connection.execute(insert(IdempotencyRow), [row])
+
+
+async def forget_request(connection: AsyncConnection, which: dict[str, Any]) -> None:
+    """It failed, and may be sent again."""
+    await connection.execute(delete(IdempotencyRow).filter_by(**which))
+
+
+async def keep_answer(connection: AsyncConnection, which: dict[str, Any], answer: dict[str, Any]) -> None:
+    """What it was answered."""
+    await connection.execute(update(IdempotencyRow).filter_by(**which).values(**answer))

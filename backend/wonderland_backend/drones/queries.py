@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import orjson
@@ -79,3 +79,9 @@ async def number_of(connection: AsyncConnection, uav_id: str, field: str) -> str
         return (await connection.execute(query)).scalar_one_or_none()
     record = (await connection.execute(select(DroneRow.record).where(DroneRow.uav_id == uav_id))).scalar_one_or_none()
     return None if record is None else orjson.loads(record).get(field)
+
+
+async def records_of(session: AsyncSession, drones: Collection[str]) -> list[tuple[str, str]]:
+    """Those of these drones that the ledger knows, and their records (JSON)."""
+    rows = await session.execute(select(DroneRow.uav_id, DroneRow.record).where(DroneRow.uav_id.in_(drones)))
+    return [(row[0], row[1]) for row in rows]

@@ -8,7 +8,7 @@ from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field
 
 from wonderland.proofs.records.fields import ID_PATTERN
-from wonderland_backend.events.feed import PATTERN, Filter
+from wonderland_backend.events.queries import PATTERN, Filter
 from wonderland_backend.schemas import ApiModel
 
 _ID = f"^{ID_PATTERN}$"

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import orjson
 
-from wonderland_backend.exports.rows import ESTIMATE_FIELDS, TRACK_FIELDS, VERDICT_FIELDS, Record, Rows
+from wonderland_backend.exports.queries import ESTIMATE_FIELDS, TRACK_FIELDS, VERDICT_FIELDS, Record, Rows
 
 CLAIMED: Final = "claimed"
 ESTIMATE: Final = "estimate"

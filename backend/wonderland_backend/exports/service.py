@@ -8,20 +8,20 @@ from typing import Any, Final
 
 import anyio
 import orjson
-from sqlalchemy import delete, insert, select, update
 
 from wonderland_backend import audit
 from wonderland_backend.context import Context
 from wonderland_backend.db.tables.exports import ExportRow
 from wonderland_backend.errors import BadRequest, Conflict, NotFound, SwitchedOff, TooManyRequests
+from wonderland_backend.exports import store
 from wonderland_backend.exports.archive import archive
 from wonderland_backend.exports.formats import FORMATS, Counts
-from wonderland_backend.exports.rows import Rows
+from wonderland_backend.exports.queries import Rows
 from wonderland_backend.exports.schemas import ExportQuery
 from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.person import Person
 from wonderland_backend.problem_texts import said
-from wonderland_backend.replay.moment import moment
+from wonderland_backend.replay.queries.moment import moment
 from wonderland_backend.settings.outputs import Format
 
 KEPT_MS: Final = 3_600_000
@@ -70,8 +70,7 @@ async def prepare(context: Context, person: Person, query: ExportQuery) -> Expor
         "sha256": None,
     }
     async with context.database.write() as connection:
-        await connection.execute(delete(ExportRow).where(ExportRow.created_ms < now - FORGOTTEN_MS))
-        await connection.execute(insert(ExportRow), [row])
+        await store.add(connection, row, forget_before_ms=now - FORGOTTEN_MS)
         await audit.record(connection, person, "export", f"export/{row['export_id']}", wanted, t_ms=now)
     return ExportRow(**row)
 
@@ -93,18 +92,11 @@ async def begin(context: Context, row: ExportRow) -> ExportQuery:
     if row.created_ms + KEPT_MS < now:
         raise NotFound(said("export_expired"))
     async with context.database.write() as connection:
-        running = select(ExportRow.person_id).where(
-            ExportRow.state == "running", ExportRow.changed_ms > now - STALLED_MS
-        )
-        of = (await connection.execute(running)).scalars().all()
+        of = await store.people_of_running(connection, now - STALLED_MS)
         if len(of) >= MAX_AT_ONCE or of.count(row.person_id) >= MAX_EACH:
             raise TooManyRequests(said("exports_busy"), headers={"Retry-After": str(WAIT_S)})
-        claimed = await connection.execute(
-            update(ExportRow)
-            .where(ExportRow.export_id == row.export_id, ExportRow.state == "prepared")
-            .values(state="running", changed_ms=now)
-        )
-    if claimed.rowcount != 1:
+        claimed = await store.claim(connection, row.export_id, now)
+    if not claimed:
         raise Conflict(said("export_fetched"))
     return query
 
@@ -156,7 +148,7 @@ async def stream(
 async def _note(context: Context, row: ExportRow, state: str, rows: int, size: int, sha256: str | None = None) -> None:
     values = {"state": state, "rows": rows, "bytes": size, "changed_ms": context.clock(), "sha256": sha256}
     async with context.database.write() as connection:
-        await connection.execute(update(ExportRow).where(ExportRow.export_id == row.export_id).values(**values))
+        await store.change(connection, row.export_id, values)
 
 
 async def _heights(context: Context, mirror: MirrorStatus, query: ExportQuery) -> dict[str, Any]:

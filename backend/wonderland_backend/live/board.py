@@ -17,7 +17,7 @@ from sqlalchemy.ext.asyncio import AsyncSession
 from wonderland.proofs.records.verdicts import OUTCOMES
 from wonderland_backend.alerts import store as alerts
 from wonderland_backend.context import part
-from wonderland_backend.live.contents import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents, contents_now
+from wonderland_backend.live.queries import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents, contents_now
 from wonderland_backend.mirror.derive import Changes
 from wonderland_backend.mirror.rows import DroneWrite, EvidenceWrite, PadWrite, SessionWrite, VerdictWrite, outline_of
 from wonderland_backend.mirror.status import MirrorStatus

@@ -11,7 +11,7 @@ from typing import Final
 from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect, WebSocketState
 
-from wonderland_backend.auth.sign_ins import SignInsDep
+from wonderland_backend.auth.store.sign_ins import SignInsDep
 from wonderland_backend.context import ContextDep
 from wonderland_backend.live.board import BoardDep
 from wonderland_backend.live.hub import SIGNED_OUT, Client, HubDep

@@ -8,25 +8,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import orjson
-from sqlalchemy import String, Text, collate, select
-from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland_backend.db.engine import Database
-from wonderland_backend.db.tables.base import LedgerRow
 from wonderland_backend.db.tables.ledger import ledger_tables
 from wonderland_backend.mirror import store
 from wonderland_backend.mirror.follow import Mirror
+from wonderland_backend.mirror.queries import TableDigest, table_digest
 from wonderland_backend.mirror.source import BlockSource
 from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.mirror.subscriber import AfterCommit
-
-
-@dataclass(frozen=True)
-class TableDigest:
-    """How many rows a table has, and SHA-256 (hex) over them in the order of their keys."""
-
-    rows: int
-    sha256: str
 
 
 @dataclass(frozen=True)
@@ -51,7 +41,7 @@ async def digest(database: Database) -> Digest:
     async with database.read() as session:
         connection = await session.connection()
         for model in ledger_tables():
-            tables[model.__tablename__] = await _table_digest(connection, model)
+            tables[model.__tablename__] = await table_digest(connection, model)
     whole = hashlib.sha256()
     for name, each in sorted(tables.items()):
         whole.update(orjson.dumps([name, each.rows, each.sha256]))
@@ -86,22 +76,3 @@ async def rebuild(
         batch_transactions=batch_transactions,
     )
     await mirror.run_until(height)
-
-
-async def _table_digest(connection: AsyncConnection, model: type[LedgerRow]) -> TableDigest:
-    table = model.__table__
-    columns = sorted(table.columns, key=lambda column: column.name)
-    order = []
-    for column in table.primary_key:
-        # By bytes, whatever language the database sorts in.
-        by_bytes = connection.dialect.name == "postgresql" and isinstance(column.type, String | Text)
-        order.append(collate(column, "C") if by_bytes else column)
-    found = hashlib.sha256()
-    rows = 0
-    result = await connection.stream(select(*columns).order_by(*order))
-    async for partition in result.partitions(1_000):
-        for row in partition:
-            found.update(orjson.dumps(list(row)))
-            found.update(b"\n")
-            rows += 1
-    return TableDigest(rows, found.hexdigest())

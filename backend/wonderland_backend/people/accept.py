@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-from sqlalchemy import delete, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland_backend import audit
-from wonderland_backend.audit.chain import take_turns
+from wonderland_backend.audit.store import take_turns
 from wonderland_backend.auth.oidc import Identity
 from wonderland_backend.auth.secret import new_id
-from wonderland_backend.auth.sign_ins import SignIns
+from wonderland_backend.auth.store.sign_ins import SignIns
 from wonderland_backend.context import Context
-from wonderland_backend.db.tables.people import PasskeyRow, PersonRow
 from wonderland_backend.errors import Conflict, SignInRequired
 from wonderland_backend.people import store
 from wonderland_backend.people.schemas import Invitation
@@ -68,8 +66,7 @@ async def accept(context: Context, sign_ins: SignIns, connection: AsyncConnectio
     account = Account(acceptance.person_id, acceptance.name)
     if link.kind == SET_UP:
         await take_turns(connection)
-        active = select(PersonRow.person_id).where(PersonRow.state == store.ACTIVE).limit(1)
-        if (await connection.execute(active)).first() is not None:
+        if await store.is_anybody_active(connection):
             raise Conflict(said("set_up_already"))
         wanted = Invitation(name=acceptance.name, roles=["admin"])
         await store.create(connection, account, wanted, account.person_id, state=store.ACTIVE, now_ms=now)
@@ -78,10 +75,7 @@ async def accept(context: Context, sign_ins: SignIns, connection: AsyncConnectio
     if link.kind == INVITATION and person["state"] == store.INVITED:
         await activate(connection, account, now)
     elif link.kind == RECOVERY and person["state"] == store.ACTIVE:
-        await connection.execute(delete(PasskeyRow).where(PasskeyRow.person_id == account.person_id))
-        await connection.execute(
-            update(PersonRow).where(PersonRow.person_id == account.person_id).values(issuer=None, subject=None)
-        )
+        await store.forget_methods(connection, account.person_id)
         await store.end_all(connection, account.person_id)
         await audit.record(connection, account, "account_recovered", store.subject(account.person_id), t_ms=now)
     else:
@@ -91,11 +85,7 @@ async def accept(context: Context, sign_ins: SignIns, connection: AsyncConnectio
 
 async def activate(connection: AsyncConnection, account: Account, now_ms: int) -> None:
     """An invitation is accepted."""
-    await connection.execute(
-        update(PersonRow)
-        .where(PersonRow.person_id == account.person_id)
-        .values(state=store.ACTIVE, changed_ms=now_ms, revision=PersonRow.revision + 1)
-    )
+    await store.activate(connection, account.person_id, now_ms)
     await audit.record(connection, account, "invitation_accepted", store.subject(account.person_id), t_ms=now_ms)
 
 
@@ -103,11 +93,7 @@ async def link_identity(connection: AsyncConnection, account: Account, identity:
     """From now on the provider vouches for this account. Raises `Conflict` where it does for another one."""
     try:
         async with connection.begin_nested():
-            await connection.execute(
-                update(PersonRow)
-                .where(PersonRow.person_id == account.person_id)
-                .values(issuer=identity.issuer, subject=identity.subject)
-            )
+            await store.link(connection, account.person_id, identity.issuer, identity.subject)
     except IntegrityError:
         raise Conflict(said("identity_of_other")) from None
     detail = {"issuer": identity.issuer}

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from sqlalchemy import select
-
 from wonderland_backend import audit
-from wonderland_backend.auth.sign_ins import ACTIVE, DISPLAY, SIGN_IN, SignIns
+from wonderland_backend.auth.store.sign_ins import DISPLAY, SIGN_IN, SignIns
 from wonderland_backend.db.engine import Database
-from wonderland_backend.db.tables.people import PersonRow
 from wonderland_backend.errors import BackendError
+from wonderland_backend.people import store
 from wonderland_backend.people.accept import SET_UP
-from wonderland_backend.people.store import subject
 from wonderland_backend.person import roles_of
 
 SHELL: Final = "the server's command line"
@@ -44,14 +41,13 @@ async def for_administrator(database: Database, sign_ins: SignIns, name: str | N
         async with database.write() as connection:
             return await sign_ins.new_link(connection, SET_UP, None)
     async with database.write() as connection:
-        query = select(PersonRow.person_id, PersonRow.name, PersonRow.roles).where(PersonRow.state == ACTIVE)
-        found = [row for row in await connection.execute(query) if "admin" in roles_of(row.roles)]
+        found = [row for row in await store.active(connection) if "admin" in roles_of(row.roles)]
         chosen = [row for row in found if name is None or row.name == name]
         if len(chosen) != 1:
             names = ", ".join(sorted(row.name for row in found))
             raise BackendError(f"--name: say which administrator; there are: {names}")
         token = await sign_ins.new_link(connection, SIGN_IN, chosen[0].person_id)
-        await audit.record(connection, SHELL, "sign_in_link_made", subject(chosen[0].person_id), t_ms=now_ms)
+        await audit.record(connection, SHELL, "sign_in_link_made", store.subject(chosen[0].person_id), t_ms=now_ms)
     return token
 
 

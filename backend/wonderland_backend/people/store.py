@@ -11,8 +11,8 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from wonderland_backend import audit
-from wonderland_backend.audit.chain import take_turns
-from wonderland_backend.auth.sign_ins import DISPLAY
+from wonderland_backend.audit.store import take_turns
+from wonderland_backend.auth.store.sign_ins import DISPLAY
 from wonderland_backend.db.tables.people import LinkRow, PasskeyRow, PersonRow, SignInRow
 from wonderland_backend.errors import Conflict, NotFound
 from wonderland_backend.people.schemas import OF_AN_ORGANISATION, Invitation, PersonChange
@@ -264,3 +264,39 @@ def _shown(row: Any) -> Row:
 
 def _without_none(row: Row) -> Row:
     return {name: value for name, value in row.items() if value is not None}
+
+
+async def is_anybody_active(connection: AsyncConnection) -> bool:
+    """Whether the server has been set up."""
+    query = select(PersonRow.person_id).where(PersonRow.state == ACTIVE).limit(1)
+    return (await connection.execute(query)).first() is not None
+
+
+async def active(connection: AsyncConnection) -> Sequence[Columns[str, str, str]]:
+    """Everybody who is active: id, name, roles."""
+    query = select(PersonRow.person_id, PersonRow.name, PersonRow.roles).where(PersonRow.state == ACTIVE)
+    return (await connection.execute(query)).all()
+
+
+async def activate(connection: AsyncConnection, person_id: str, now_ms: int) -> None:
+    """From invited to active."""
+    await connection.execute(
+        update(PersonRow)
+        .where(PersonRow.person_id == person_id)
+        .values(state=ACTIVE, changed_ms=now_ms, revision=PersonRow.revision + 1)
+    )
+
+
+async def link(connection: AsyncConnection, person_id: str, issuer: str, subject: str) -> None:
+    """The provider vouches for them. Raises `IntegrityError` where it does for somebody else."""
+    await connection.execute(
+        update(PersonRow).where(PersonRow.person_id == person_id).values(issuer=issuer, subject=subject)
+    )
+
+
+async def forget_methods(connection: AsyncConnection, person_id: str) -> None:
+    """Whoever comes back by a link has no passkey, and no provider that vouches for them."""
+    await connection.execute(delete(PasskeyRow).where(PasskeyRow.person_id == person_id))
+    await connection.execute(
+        update(PersonRow).where(PersonRow.person_id == person_id).values(issuer=None, subject=None)
+    )

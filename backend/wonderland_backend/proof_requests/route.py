@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import Any, Final, cast
 
-from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland.telemetry import Action, Answer, PleaseProve
 from wonderland_backend.agents.connected import UAV, Agent, Agents
 from wonderland_backend.context import Context
-from wonderland_backend.db.tables.webhooks import SubscriptionRow
-from wonderland_backend.events.feed import Event, Place, visible
+from wonderland_backend.events.queries import Event, Place, visible
 from wonderland_backend.proof_requests import store
 from wonderland_backend.webhooks import store as webhooks
 from wonderland_backend.webhooks.deliver import owner_of
@@ -55,14 +53,11 @@ async def answered(context: Context, agent: Agent, answer: Answer) -> None:
 
 async def deliveries_of(database: AsyncSession, row: dict[str, Any], now_ms: int) -> list[dict[str, Any]]:
     """A delivery for each active subscription that names this type, and whose owner may see the drone or the pad."""
-    query = select(SubscriptionRow).where(
-        SubscriptionRow.state == webhooks.ACTIVE, SubscriptionRow.filter.contains(CREATED)
-    )
     record = {name: row[name] for name in _PUBLIC}
     event = Event(Place(0, 0), CREATED, row["created_ms"], "", record)
     content = {"id": row["request_id"], "type": CREATED, "t_ms": row["created_ms"], "record": record}
     found = []
-    for subscription in (await database.scalars(query)).all():
+    for subscription in await webhooks.naming(database, CREATED):
         wanted = webhooks.filter_of(subscription)
         owner = await owner_of(database, subscription)
         if CREATED not in wanted.types or not wanted.passes(CREATED, record) or owner is None:

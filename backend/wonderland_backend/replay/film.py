@@ -12,8 +12,8 @@ from wonderland_backend.context import Context
 from wonderland_backend.live.board import Board
 from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.person import Person
-from wonderland_backend.replay.events import Span, events
-from wonderland_backend.replay.moment import Moment, connected_at, contents_at, moment
+from wonderland_backend.replay.queries.events import Span, events
+from wonderland_backend.replay.queries.moment import Moment, connected_at, contents_at, moment
 
 SLICE_STEPS: Final = 10
 """So many steps are read from the database at a time."""

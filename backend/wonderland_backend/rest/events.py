@@ -13,8 +13,8 @@ from fastapi.responses import Response, StreamingResponse
 from wonderland_backend.access import SignedInPerson, person_of
 from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import Problem, TooManyRequests, documented
-from wonderland_backend.events import feed
-from wonderland_backend.events.feed import BAD_PLACE, Commits, CommitsDep, Filter, Place
+from wonderland_backend.events import queries as feed
+from wonderland_backend.events.queries import BAD_PLACE, Commits, CommitsDep, Filter, Place
 from wonderland_backend.events.schemas import EventFilters, EventPage
 from wonderland_backend.events.streams import StreamsDep
 from wonderland_backend.person import Person

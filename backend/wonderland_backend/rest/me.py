@@ -10,7 +10,7 @@ from fastapi.responses import Response
 from wonderland_backend import audit
 from wonderland_backend.access import SignedInPerson
 from wonderland_backend.auth import passkeys
-from wonderland_backend.auth.ceremonies import CeremonyOver
+from wonderland_backend.auth.store.ceremonies import CeremonyOver
 from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import BadRequest, Conflict, NotFound, documented
 from wonderland_backend.live.hub import HubDep

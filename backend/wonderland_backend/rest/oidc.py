@@ -13,12 +13,12 @@ from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland_backend import audit
-from wonderland_backend.auth import ceremonies
 from wonderland_backend.auth.limits import address_of, counted
 from wonderland_backend.auth.oidc import Identity, OidcError, Provider
 from wonderland_backend.auth.secret import sha256
-from wonderland_backend.auth.sign_ins import SignIns, SignInsDep
 from wonderland_backend.auth.site import site_of
+from wonderland_backend.auth.store import ceremonies
+from wonderland_backend.auth.store.sign_ins import SignIns, SignInsDep
 from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import BadRequest, NotFound, Problem, TooManyRequests, documented
 from wonderland_backend.people import store

@@ -10,7 +10,7 @@ from fastapi.responses import Response
 from wonderland_backend import audit
 from wonderland_backend.access import Administrator
 from wonderland_backend.auth.secret import new_id
-from wonderland_backend.auth.sign_ins import SignIns, SignInsDep
+from wonderland_backend.auth.store.sign_ins import SignIns, SignInsDep
 from wonderland_backend.clients import idempotency
 from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import Conflict, Forbidden, NotFound, PreconditionFailed, documented

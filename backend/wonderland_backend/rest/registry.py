@@ -14,7 +14,9 @@ from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, NotFound, documented
 from wonderland_backend.languages import language_of
 from wonderland_backend.problem_texts import said
-from wonderland_backend.registry import imports, organisations, queries
+from wonderland_backend.registry import imports
+from wonderland_backend.registry.queries import organisations
+from wonderland_backend.registry.queries import records as queries
 from wonderland_backend.registry.reach import reach
 from wonderland_backend.registry.schemas import (
     CertificateFilters,

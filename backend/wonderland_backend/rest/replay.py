@@ -12,7 +12,9 @@ from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import NotFound, documented
 from wonderland_backend.mirror.status import MirrorStatusDep
 from wonderland_backend.problem_texts import said
-from wonderland_backend.replay import film, marks
+from wonderland_backend.replay import film
+from wonderland_backend.replay.queries import marks
+from wonderland_backend.replay.queries.session import session_at
 from wonderland_backend.replay.schemas import (
     AtMoment,
     FramesWanted,
@@ -22,7 +24,6 @@ from wonderland_backend.replay.schemas import (
     PastState,
     RefusalWanted,
 )
-from wonderland_backend.replay.session import session_at
 from wonderland_backend.responses import Json
 from wonderland_backend.rest.sessions import SessionIdPath
 from wonderland_backend.sessions.schemas import SessionDetail

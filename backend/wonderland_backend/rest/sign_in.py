@@ -8,7 +8,7 @@ from fastapi.responses import Response
 from wonderland_backend.access import SignedInPerson
 from wonderland_backend.auth.limits import counted, failures_audited
 from wonderland_backend.auth.schemas import SignedIn, SignIn
-from wonderland_backend.auth.sign_ins import SignInsDep
+from wonderland_backend.auth.store.sign_ins import SignInsDep
 from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import TooManyRequests, documented
 from wonderland_backend.live.hub import HubDep

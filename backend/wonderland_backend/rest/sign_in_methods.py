@@ -10,12 +10,12 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from wonderland_backend import audit
 from wonderland_backend.auth import passkeys
-from wonderland_backend.auth.ceremonies import CeremonyOver
 from wonderland_backend.auth.limits import counted, failures_audited
 from wonderland_backend.auth.schemas import SignedIn
 from wonderland_backend.auth.secret import sha256
-from wonderland_backend.auth.sign_ins import SignInsDep
 from wonderland_backend.auth.site import site_of
+from wonderland_backend.auth.store.ceremonies import CeremonyOver
+from wonderland_backend.auth.store.sign_ins import SignInsDep
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, Conflict, TooManyRequests, documented
 from wonderland_backend.people import store

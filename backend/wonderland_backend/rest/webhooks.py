@@ -23,8 +23,8 @@ from wonderland_backend.errors import (
     Unprocessable,
     documented,
 )
-from wonderland_backend.events import feed
-from wonderland_backend.events.feed import Place
+from wonderland_backend.events import queries as feed
+from wonderland_backend.events.queries import Place
 from wonderland_backend.filters import Paging
 from wonderland_backend.http.targets import TargetRefused, resolved
 from wonderland_backend.person import Person

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
 from cryptography.hazmat.primitives.serialization import Encoding
-from sqlalchemy import insert, select, update
 
 from wonderland.proofs import encoding
 from wonderland_backend import audit
@@ -18,6 +17,7 @@ from wonderland_backend.db.tables.signing import SigningKeyRow
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, NotFound
 from wonderland_backend.person import Person
 from wonderland_backend.problem_texts import said
+from wonderland_backend.transactions import store
 from wonderland_backend.transactions.functions import SIGNING_ROLES
 from wonderland_fabric_gateway.embedded.errors import AccessDeniedError
 from wonderland_fabric_gateway.embedded.msp import Member
@@ -76,20 +76,13 @@ class SigningKeys:
             "ended_ms": None,
         }
         async with self._database.write() as connection:
-            query = select(SigningKeyRow.person_id).where(
-                SigningKeyRow.certificate_sha256 == creator.certificate_sha256
-            )
-            owner = (await connection.execute(query)).scalar_one_or_none()
+            owner = await store.owner_of_key(connection, creator.certificate_sha256)
             if owner is not None and owner != person.person_id:
                 raise Conflict(said("certificate_of_other"))
             if owner is None:
-                await connection.execute(insert(SigningKeyRow), [row])
+                await store.add_key(connection, row)
             else:
-                await connection.execute(
-                    update(SigningKeyRow)
-                    .where(SigningKeyRow.certificate_sha256 == creator.certificate_sha256)
-                    .values(ended_ms=None)
-                )
+                await store.take_key_up_again(connection, creator.certificate_sha256)
             detail = {"msp_id": creator.msp_id, "name": creator.common_name, "role": creator.role}
             subject = f"certificate/{creator.certificate_sha256}"
             await audit.record(connection, person, "bind_key", subject, detail, t_ms=now)
@@ -99,28 +92,14 @@ class SigningKeys:
         """Nothing is signed with it here any more; whether the ledger takes it is its CA's affair."""
         now = self._clock()
         async with self._database.write() as connection:
-            ended = await connection.execute(
-                update(SigningKeyRow)
-                .where(
-                    SigningKeyRow.certificate_sha256 == certificate_sha256,
-                    SigningKeyRow.person_id == person.person_id,
-                    SigningKeyRow.ended_ms.is_(None),
-                )
-                .values(ended_ms=now)
-            )
-            if ended.rowcount != 1:
+            if not await store.end_key(connection, person.person_id, certificate_sha256, now):
                 raise NotFound(said("no_such_key"))
             await audit.record(connection, person, "end_key", f"certificate/{certificate_sha256}", t_ms=now)
 
     async def of(self, person: Person) -> Sequence[dict[str, Any]]:
         """Somebody's keys, newest first, and whether the ledger takes them now."""
-        query = (
-            select(SigningKeyRow)
-            .where(SigningKeyRow.person_id == person.person_id, SigningKeyRow.ended_ms.is_(None))
-            .order_by(SigningKeyRow.bound_ms.desc())
-        )
         async with self._database.read() as database:
-            return [self.shown(row) for row in await database.scalars(query)]
+            return [self.shown(row) for row in await store.keys_of(database, person.person_id)]
 
     async def usable(self, person: Person, certificate_sha256: str) -> Identity:
         """The identity of one of their keys that the ledger takes. Raises `Forbidden`."""

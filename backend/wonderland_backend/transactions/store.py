@@ -12,6 +12,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from wonderland.messages import Language
 from wonderland_backend.db.tables.signing import SignedTransactionRow as Row
+from wonderland_backend.db.tables.signing import SigningKeyRow
 from wonderland_backend.transactions import problems
 
 PROPOSED, ENDORSED, SUBMITTED, UNKNOWN = "proposed", "endorsed", "submitted", "unknown"
@@ -78,3 +79,46 @@ async def move(connection: AsyncConnection, tx_id: str, before: tuple[str, ...],
     """Change a row, if it still is in one of these states; whether it was."""
     moved = await connection.execute(update(Row).where(Row.tx_id == tx_id, Row.state.in_(before)).values(**values))
     return moved.rowcount == 1
+
+
+async def owner_of_key(connection: AsyncConnection, certificate_sha256: str) -> str | None:
+    """Whose signing key it is or was; None for a new one."""
+    query = select(SigningKeyRow.person_id).where(SigningKeyRow.certificate_sha256 == certificate_sha256)
+    owner: str | None = (await connection.execute(query)).scalar_one_or_none()
+    return owner
+
+
+async def add_key(connection: AsyncConnection, row: dict[str, Any]) -> None:
+    """A new signing key."""
+    await connection.execute(insert(SigningKeyRow), [row])
+
+
+async def take_key_up_again(connection: AsyncConnection, certificate_sha256: str) -> None:
+    """One that its person had taken off."""
+    await connection.execute(
+        update(SigningKeyRow).where(SigningKeyRow.certificate_sha256 == certificate_sha256).values(ended_ms=None)
+    )
+
+
+async def end_key(connection: AsyncConnection, person_id: str, certificate_sha256: str, now_ms: int) -> bool:
+    """Take it off; False where it is not theirs, or was taken off before."""
+    ended = await connection.execute(
+        update(SigningKeyRow)
+        .where(
+            SigningKeyRow.certificate_sha256 == certificate_sha256,
+            SigningKeyRow.person_id == person_id,
+            SigningKeyRow.ended_ms.is_(None),
+        )
+        .values(ended_ms=now_ms)
+    )
+    return ended.rowcount == 1
+
+
+async def keys_of(session: AsyncSession, person_id: str) -> Sequence[SigningKeyRow]:
+    """Somebody's signing keys, newest first."""
+    query = (
+        select(SigningKeyRow)
+        .where(SigningKeyRow.person_id == person_id, SigningKeyRow.ended_ms.is_(None))
+        .order_by(SigningKeyRow.bound_ms.desc())
+    )
+    return (await session.scalars(query)).all()

@@ -7,10 +7,9 @@ from dataclasses import replace
 from typing import Final
 
 import orjson
-from sqlalchemy import select
 
 from wonderland_backend.db.engine import Database
-from wonderland_backend.db.tables.ledger import DroneRow
+from wonderland_backend.drones.queries import records_of
 from wonderland_backend.uspace.flights import Flight
 from wonderland_remote_id.operators import public_operator_id
 
@@ -44,7 +43,6 @@ class Registry:
                 flight.details = replace(flight.details, operator=operator)
 
     async def _registrations(self, drones: list[str]) -> dict[str, str]:
-        query = select(DroneRow.uav_id, DroneRow.record).where(DroneRow.uav_id.in_(drones))
         async with self._database.read() as session:
-            rows = (await session.execute(query)).all()
+            rows = await records_of(session, drones)
         return {uav_id: public_operator_id(orjson.loads(record).get("registration", "")) for uav_id, record in rows}

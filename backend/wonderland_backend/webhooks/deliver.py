@@ -8,7 +8,6 @@ import logging
 from collections.abc import Callable
 from typing import Any, Final
 
-from sqlalchemy import func, select, tuple_, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland_backend.clients.machines import person_of_client
@@ -17,8 +16,8 @@ from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.clients import ClientRow
 from wonderland_backend.db.tables.people import PersonRow
 from wonderland_backend.db.tables.webhooks import DeliveryRow, SubscriptionRow
-from wonderland_backend.events import feed
-from wonderland_backend.events.feed import Commits, Place
+from wonderland_backend.events import queries as feed
+from wonderland_backend.events.queries import Commits, Place
 from wonderland_backend.person import Person, roles_of
 from wonderland_backend.webhooks import store
 from wonderland_backend.webhooks.post import Poster, Undelivered, retry_ms
@@ -71,17 +70,7 @@ class Webhooks:
         """Put down deliveries of the next events that each subscription has not had yet; whether there are more."""
         async with self._database.read() as session:
             tip = await feed.tip(session)
-            behind = (
-                await session.scalars(
-                    select(SubscriptionRow)
-                    .where(
-                        SubscriptionRow.state == store.ACTIVE,
-                        tuple_(SubscriptionRow.block, SubscriptionRow.tx_index) < (tip.block, tip.tx_index),
-                    )
-                    .order_by(SubscriptionRow.block)
-                    .limit(MAX_SUBSCRIPTIONS)
-                )
-            ).all()
+            behind = await store.behind(session, tip, MAX_SUBSCRIPTIONS)
             full = await store.with_waiting(session, MAX_WAITING) if behind else frozenset()
         return any([await self._catch_up(row, tip) for row in behind if row.subscription_id not in full])
 
@@ -112,20 +101,8 @@ class Webhooks:
 
     async def _start_due(self) -> None:
         """Begin to send to each subscription that something is due to, and that is not being sent to."""
-        due = (
-            select(DeliveryRow.subscription_id)
-            .join(SubscriptionRow, SubscriptionRow.subscription_id == DeliveryRow.subscription_id)
-            .where(
-                DeliveryRow.next_ms <= self._clock(),
-                SubscriptionRow.state == store.ACTIVE,
-                DeliveryRow.subscription_id.not_in(self._lanes),
-            )
-            .group_by(DeliveryRow.subscription_id)
-            .order_by(func.min(DeliveryRow.next_ms))
-            .limit(MAX_LANES - len(self._lanes))
-        )
         async with self._database.read() as session:
-            found = (await session.scalars(due)).all()
+            found = await store.due_subscriptions(session, self._clock(), self._lanes, MAX_LANES - len(self._lanes))
         for subscription_id in found:
             lane = asyncio.create_task(self._send_all(subscription_id), name=f"webhooks of {subscription_id}")
             self._lanes[subscription_id] = lane
@@ -142,18 +119,11 @@ class Webhooks:
 
     async def _send_all(self, subscription_id: str) -> None:
         """What is due to one subscription, a few at a time, until one of them does not arrive."""
-        query = (
-            select(DeliveryRow, SubscriptionRow)
-            .join(SubscriptionRow, SubscriptionRow.subscription_id == DeliveryRow.subscription_id)
-            .where(DeliveryRow.subscription_id == subscription_id, SubscriptionRow.state == store.ACTIVE)
-            .order_by(DeliveryRow.next_ms)
-            .limit(AT_ONCE)
-        )
         arrived = True
         try:
             while arrived:
                 async with self._database.read() as session:
-                    due = (await session.execute(query.where(DeliveryRow.next_ms <= self._clock()))).all()
+                    due = await store.due_deliveries(session, subscription_id, self._clock(), AT_ONCE)
                 sent = await asyncio.gather(*(self._send(delivery, subscription) for delivery, subscription in due))
                 arrived = bool(sent) and all(sent)
         except Exception:
@@ -183,16 +153,13 @@ class Webhooks:
                 "given up" if over else "trying again",
             )  # fmt: skip
         async with self._database.write() as connection:
-            await connection.execute(_one(delivery).values(**values))
+            await store.note_delivery(connection, delivery, values)
         return values["delivered_ms"] is not None
 
     async def _claim(self, delivery: DeliveryRow) -> bool:
         """Take it, unless another replica has."""
         async with self._database.write() as connection:
-            taken = await connection.execute(
-                _one(delivery).where(DeliveryRow.next_ms == delivery.next_ms).values(next_ms=self._clock() + LEASE_MS)
-            )
-        return bool(taken.rowcount)
+            return await store.claim_delivery(connection, delivery, self._clock() + LEASE_MS)
 
     async def _tidy(self) -> None:
         now = self._clock()
@@ -212,7 +179,3 @@ async def owner_of(session: AsyncSession, subscription: SubscriptionRow) -> Pers
     if row is None or row.state != "active":
         return None
     return Person(row.person_id, row.name, roles_of(row.roles), row.msp_id, "", row.created_ms, 0, "")
-
-
-def _one(delivery: DeliveryRow) -> Any:
-    return update(DeliveryRow).where(DeliveryRow.delivery_id == delivery.delivery_id)

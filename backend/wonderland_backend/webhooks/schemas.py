@@ -8,7 +8,7 @@ from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field
 
 from wonderland.proofs.records.fields import ID_PATTERN
-from wonderland_backend.events.feed import PATTERN, Filter
+from wonderland_backend.events.queries import PATTERN, Filter
 from wonderland_backend.events.schemas import EventType
 from wonderland_backend.filters import PageQuery
 from wonderland_backend.http.targets import MAX_URL

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, Final
 
 import orjson
-from sqlalchemy import delete, func, insert, select, tuple_, update
+from sqlalchemy import Update, delete, func, insert, select, tuple_, update
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from wonderland_backend.db.tables.webhooks import DeliveryRow, SubscriptionRow
-from wonderland_backend.events.feed import Filter, Place
+from wonderland_backend.events.queries import Filter, Place
 
 ACTIVE: Final = "active"
 PAUSED: Final = "paused"
@@ -200,3 +200,77 @@ def shown_delivery(row: DeliveryRow) -> Row:
     }
     more = {name: getattr(row, name) for name in ("next_ms", "delivered_ms", "status", "problem")}
     return content | {name: value for name, value in more.items() if value is not None}
+
+
+async def naming(session: AsyncSession, event_type: str) -> Sequence[SubscriptionRow]:
+    """Active subscriptions that name this type of event, and a few that only hold its name: look at their filters."""
+    query = select(SubscriptionRow).where(
+        SubscriptionRow.state == ACTIVE, SubscriptionRow.filter.contains(event_type, autoescape=True)
+    )
+    return (await session.scalars(query)).all()
+
+
+async def behind(session: AsyncSession, tip: Place, limit: int) -> Sequence[SubscriptionRow]:
+    """Active subscriptions that have not had all events up to there; who waits longest, first."""
+    query = (
+        select(SubscriptionRow)
+        .where(
+            SubscriptionRow.state == ACTIVE,
+            tuple_(SubscriptionRow.block, SubscriptionRow.tx_index) < (tip.block, tip.tx_index),
+        )
+        .order_by(SubscriptionRow.block)
+        .limit(limit)
+    )
+    return (await session.scalars(query)).all()
+
+
+async def due_subscriptions(session: AsyncSession, now_ms: int, but: Collection[str], limit: int) -> Sequence[str]:
+    """Active subscriptions to which something is due, without these."""
+    query = (
+        select(DeliveryRow.subscription_id)
+        .join(SubscriptionRow, SubscriptionRow.subscription_id == DeliveryRow.subscription_id)
+        .where(
+            DeliveryRow.next_ms <= now_ms,
+            SubscriptionRow.state == ACTIVE,
+            DeliveryRow.subscription_id.not_in(but),
+        )
+        .group_by(DeliveryRow.subscription_id)
+        .order_by(func.min(DeliveryRow.next_ms))
+        .limit(limit)
+    )
+    return (await session.scalars(query)).all()
+
+
+async def due_deliveries(
+    session: AsyncSession, subscription_id: str, now_ms: int, limit: int
+) -> list[tuple[DeliveryRow, SubscriptionRow]]:
+    """What is due to one subscription, while it is active."""
+    rows = await session.execute(
+        select(DeliveryRow, SubscriptionRow)
+        .join(SubscriptionRow, SubscriptionRow.subscription_id == DeliveryRow.subscription_id)
+        .where(
+            DeliveryRow.subscription_id == subscription_id,
+            SubscriptionRow.state == ACTIVE,
+            DeliveryRow.next_ms <= now_ms,
+        )
+        .order_by(DeliveryRow.next_ms)
+        .limit(limit)
+    )
+    return [(row[0], row[1]) for row in rows]
+
+
+async def claim_delivery(connection: AsyncConnection, delivery: DeliveryRow, until_ms: int) -> bool:
+    """Whether it is ours until then; False where another replica has taken it."""
+    taken = await connection.execute(
+        _one(delivery).where(DeliveryRow.next_ms == delivery.next_ms).values(next_ms=until_ms)
+    )
+    return taken.rowcount == 1
+
+
+async def note_delivery(connection: AsyncConnection, delivery: DeliveryRow, values: dict[str, Any]) -> None:
+    """How it went."""
+    await connection.execute(_one(delivery).values(**values))
+
+
+def _one(delivery: DeliveryRow) -> Update:
+    return update(DeliveryRow).where(DeliveryRow.delivery_id == delivery.delivery_id)

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland_backend.db.tables.ledger import ClosuresRow, PadRow
-from wonderland_backend.db.tables.zones import ZoneSetRow
 from wonderland_backend.errors import Unprocessable
-from wonderland_backend.zones import pads
+from wonderland_backend.zones import pads, queries
 
 AGAIN_MS: Final = 10 * 60_000
 SETTLE_MS: Final = 60_000
@@ -31,20 +29,12 @@ class Differing:
 
     async def look(self, database: AsyncSession, now_ms: int) -> list[tuple[str, str]]:
         """Pads, and how theirs are wrong: `missing` or `differs`."""
-        held = select(ZoneSetRow.import_id, ZoneSetRow.imported_ms).where(ZoneSetRow.current.is_not(None))
-        sets = (await database.execute(held.order_by(ZoneSetRow.import_id))).all()
+        sets = await queries.imports_that_hold(database)
         if any(now_ms - imported_ms < SETTLE_MS for _, imported_ms in sets):
             return self._wrong()
         data = (tuple(import_id for import_id, _ in sets), now_ms // AGAIN_MS)
-        query = (
-            select(PadRow, ClosuresRow)
-            .outerjoin(ClosuresRow, ClosuresRow.pad_id == PadRow.pad_id)
-            .where(PadRow.status != "retired")
-        )
         known: dict[str, tuple[Seen, str]] = {}
-        # An outer join: there may be no closures of a pad.
-        found: list[tuple[PadRow, ClosuresRow | None]] = [(row[0], row[1]) for row in await database.execute(query)]
-        for pad, published in found:
+        for pad, published in await queries.pads_with_closures(database):
             place = None if published is None else (published.block, published.tx_index)
             seen: Seen = (*data, pad.block, pad.tx_index, place)
             before = self._known.get(pad.pad_id)

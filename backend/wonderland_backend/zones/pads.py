@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import orjson
-from sqlalchemy import Select, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland.messages import Language
@@ -15,7 +14,7 @@ from wonderland.proofs.records.closures import Closure
 from wonderland_backend.db.tables.ledger import ClosuresRow, PadRow
 from wonderland_backend.errors import Unprocessable
 from wonderland_backend.person import Scope
-from wonderland_backend.zones import closing, store
+from wonderland_backend.zones import closing, queries, store
 from wonderland_backend.zones.closing import PadPlace, Plan, TooManyClosuresError, Touch
 from wonderland_backend.zones.shown import active, in_language, spans_ahead
 from wonderland_backend.zones.zone import zone_of
@@ -35,27 +34,15 @@ class PadZones:
     published: ClosuresRow | None
 
 
-def in_service(after: str | None, limit: int) -> Select[PadRow, ClosuresRow]:
-    """Pads that are not retired, with the closures that the ledger has of them, by name."""
-    query = (
-        select(PadRow, ClosuresRow)
-        .outerjoin(ClosuresRow, ClosuresRow.pad_id == PadRow.pad_id)
-        .where(PadRow.status != "retired")
-        .order_by(PadRow.pad_id)
-        .limit(limit)
-    )
-    return query if after is None else query.where(PadRow.pad_id > after)
-
-
 async def listing(database: AsyncSession, scope: Scope, *, after: str | None, limit: int) -> list[PadZones]:
     """Pads in service with their zones, by name."""
-    rows = (await database.execute(scope.narrow(in_service(after, limit), pad=PadRow.pad_id))).all()
+    rows = (await database.execute(scope.narrow(queries.in_service(after, limit), pad=PadRow.pad_id))).all()
     return [await zones_of(database, row[0], row[1]) for row in rows]
 
 
 async def find(database: AsyncSession, scope: Scope, pad_id: str) -> PadZones | None:
     """One pad in service with its zones."""
-    query = scope.narrow(in_service(None, 1).where(PadRow.pad_id == pad_id), pad=PadRow.pad_id)
+    query = scope.narrow(queries.in_service(None, 1).where(PadRow.pad_id == pad_id), pad=PadRow.pad_id)
     row = (await database.execute(query)).first()
     return None if row is None else await zones_of(database, row[0], row[1])
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from sqlalchemy import select, tuple_
+from sqlalchemy import Select, select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland_backend.areas import Box
+from wonderland_backend.db.tables.ledger import ClosuresRow, PadRow
 from wonderland_backend.db.tables.zones import ZoneRow, ZoneSetRow
 from wonderland_backend.zones.applicability import spans
 from wonderland_backend.zones.schemas import ImportsQuery, ZoneQuery
@@ -81,3 +82,31 @@ async def imports(
     if before is not None:
         query = query.where(tuple_(ZoneSetRow.imported_ms, ZoneSetRow.import_id) < before)
     return (await database.scalars(query)).all()
+
+
+async def imports_that_hold(session: AsyncSession) -> list[tuple[str, int]]:
+    """The current import of each data set, and when it came (Unix, ms)."""
+    query = select(ZoneSetRow.import_id, ZoneSetRow.imported_ms).where(ZoneSetRow.current.is_not(None))
+    return [(row[0], row[1]) for row in await session.execute(query.order_by(ZoneSetRow.import_id))]
+
+
+async def pads_with_closures(session: AsyncSession) -> list[tuple[PadRow, ClosuresRow | None]]:
+    """Pads in service, each with what is published of its closures."""
+    query = (
+        select(PadRow, ClosuresRow)
+        .outerjoin(ClosuresRow, ClosuresRow.pad_id == PadRow.pad_id)
+        .where(PadRow.status != "retired")
+    )
+    return [(row[0], row[1]) for row in await session.execute(query)]
+
+
+def in_service(after: str | None, limit: int) -> Select[PadRow, ClosuresRow]:
+    """Pads that are not retired, with the closures that the ledger has of them, by name."""
+    query = (
+        select(PadRow, ClosuresRow)
+        .outerjoin(ClosuresRow, ClosuresRow.pad_id == PadRow.pad_id)
+        .where(PadRow.status != "retired")
+        .order_by(PadRow.pad_id)
+        .limit(limit)
+    )
+    return query if after is None else query.where(PadRow.pad_id > after)

@@ -18,7 +18,7 @@ from wonderland_backend.access import SignedInPerson, person_of
 from wonderland_backend.areas import BAD_BOX
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import Problem, TooManyRequests, documented
-from wonderland_backend.events.feed import Commits, CommitsDep
+from wonderland_backend.events.queries import Commits, CommitsDep
 from wonderland_backend.events.streams import StreamsDep
 from wonderland_backend.responses import Json
 from wonderland_backend.uspace.eu664.schemas import Recipient, Traffic

@@ -127,3 +127,9 @@ def shown_certificate(row: CertificateRow, revoked: dict[str, set[str]], now_ms:
 
 def _contains(column: Any, text: str) -> ColumnElement[bool]:
     return func.lower(column).contains(text.lower(), autoescape=True)
+
+
+async def definitions(session: AsyncSession) -> list[tuple[str, str]]:
+    """Each organisation, and its definition (JSON) in the channel's configuration."""
+    rows = await session.execute(select(OrganisationRow.msp_id, OrganisationRow.definition))
+    return [(row[0], row[1]) for row in rows]

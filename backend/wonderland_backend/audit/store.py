@@ -13,6 +13,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from wonderland.proofs import encoding
 from wonderland_backend.audit.acts import ACTS
 from wonderland_backend.db.tables.audit import AuditRow
+from wonderland_backend.db.tables.reported import InstanceRow
 
 START: Final = "0" * 64
 """What the first row has for the hash of the row before."""
@@ -109,3 +110,12 @@ def hash_of(row: Mapping[str, Any]) -> str:
     if row["tx_id"] is not None:
         content["tx_id"] = row["tx_id"]
     return hashlib.sha256(encoding.encode(content)).hexdigest()
+
+
+async def ensure_instance(connection: AsyncConnection, name: str, now_ms: int) -> str:
+    """The installation's name; at the first start it gets this one."""
+    known: str | None = (await connection.execute(select(InstanceRow.instance))).scalar_one_or_none()
+    if known is not None:
+        return known
+    await connection.execute(insert(InstanceRow), [{"id": 1, "instance": name, "created_ms": now_ms}])
+    return name

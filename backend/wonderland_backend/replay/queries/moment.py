@@ -37,11 +37,11 @@ from wonderland_backend.db.tables.reported import (
     TrackRow,
 )
 from wonderland_backend.live.board import TRACK_AGE_MS
-from wonderland_backend.live.contents import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents
+from wonderland_backend.live.queries import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents
 from wonderland_backend.masking import shown_alert
 from wonderland_backend.mirror.rows import OUTLINE, SessionWrite
 from wonderland_backend.person import Person, Scope
-from wonderland_backend.replay.arrivals import CONFIRM_S
+from wonderland_backend.replay.store import CONFIRM_S
 from wonderland_backend.sessions.state import ReportedStep, SessionView
 from wonderland_backend.tracks.queries import MAX_AHEAD_MS
 from wonderland_backend.verdicts import queries as verdicts

@@ -12,7 +12,7 @@ from wonderland_backend.db.tables.ledger import EvidenceRow, SessionRow, Verdict
 from wonderland_backend.db.tables.reported import EstimateRow, SessionEndRow
 from wonderland_backend.ledger.queries import with_events
 from wonderland_backend.person import Scope
-from wonderland_backend.replay.moment import moment, sessions_at
+from wonderland_backend.replay.queries.moment import moment, sessions_at
 from wonderland_backend.responses import record
 from wonderland_backend.sessions import queries as sessions
 from wonderland_backend.verdicts import queries as verdicts

@@ -34,8 +34,8 @@ from wonderland_backend.masking import shown_alert
 from wonderland_backend.mirror.derive import Changes
 from wonderland_backend.mirror.rows import RECORDS, EvidenceWrite, VerdictWrite, outline_of
 from wonderland_backend.person import Person, Scope
-from wonderland_backend.replay.arrivals import CONFIRM_S
-from wonderland_backend.replay.moment import alert_at, outline_at
+from wonderland_backend.replay.queries.moment import alert_at, outline_at
+from wonderland_backend.replay.store import CONFIRM_S
 from wonderland_backend.sessions.state import ReportedStep
 
 SESSION_EVENTS: Final = {

@@ -1,0 +1,1 @@
+"""What is kept of signing in: sign-ins, links, passkeys, and what browsers were asked."""

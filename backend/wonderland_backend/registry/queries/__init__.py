@@ -1,0 +1,1 @@
+"""What the registry reads: records with their past, organisations, certificates."""

@@ -1,0 +1,1 @@
+"""What replays read: a moment of the past, what happened after it, marks on the time line, a session."""
