@@ -55,6 +55,24 @@ def lep(report: LocationReport) -> str:
     return f"POS,{_coordinates(report.position)},{report.position.quality_percent or 0}"
 
 
+def system_information(mode: str, network: int, address: int, rates_tenths: tuple[int, int]) -> bytes:
+    """What ``si`` prints, line by line as the firmware's log has it."""
+    moving, resting = rates_tenths
+    label = f"DW{address:04X}"
+    rates = f"upd_rate_norm={moving} upd_rate_stat={resting}"
+    told = (
+        "sys: fw2 fw_ver=x01030001 cfg_ver=x00010700",
+        f"uwb0: panid=x{network:04X} addr=xDECA9AABC0A2{address:04X}",
+        f"mode: {mode} (act,{'twr,np,le' if mode == 'tn' else 'real'})",
+        "uwbmac: disconnected",
+        "uwbmac: bh disconnected",
+        f"cfg: sync=0 fwup=0 ble=1 leds=1 le=1 lp=0 stat_det=1 (sens=1) mode=0 {rates} label={label}",
+        "enc: off",
+        "ble: addr=C2:BB:9E:BE:5D:15",
+    )
+    return b"".join(f"[{541_880 + index:06d}.000 INF] {line}\r\n".encode() for index, line in enumerate(told))
+
+
 def spliced(line: str, rng: random.Random) -> str:
     """The line cut anywhere, going on with one of its anchors: what boards send at high rates."""
     starts = [match.start() for match in _ANCHOR.finditer(line)] or [0]

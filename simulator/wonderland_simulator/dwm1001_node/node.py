@@ -20,6 +20,7 @@ ENTER_WITHIN_S: Final = 1.0
 MAX_COMMAND_OCTETS: Final = 80
 MAX_ANCHORS: Final = 4
 """PANS ranges with up to four anchors in a round."""
+_MODES: Final = {"nmt": "tn", "nmi": "ain", "nma": "an"}
 BOOT_S: Final = 0.05
 """Real boards take a second; nobody gains from waiting here."""
 
@@ -67,10 +68,18 @@ class VirtualDwm1001:
         quirks: Quirks | None = None,
         solve: Callable[[Sequence[AnchorDistance]], BoardPosition | None] | None = None,
         clock_s: Callable[[], float] = time.monotonic,
+        address: int = 0x1A2B,
     ) -> None:
         self.name = name
+        self.address = address
+        """The low 16 bits of its own number."""
         self.generation = generation
         self.quirks = quirks or Quirks()
+        self.mode = "tn"
+        """tn: a tag; ain: the initiating anchor; an: an anchor."""
+        self.network = 0
+        self.rates_tenths = (1, 1)
+        """As ``aurs`` sets them, kept over restarts like mode and network; ``quirks.update_ms`` is what it does."""
         self.rounds = 0
         self.in_shell = False
         self.streaming = ""
@@ -128,7 +137,7 @@ class VirtualDwm1001:
         self._next_round()
         t_s = self._clock_s()
         distances: list[AnchorDistance] = []
-        for anchor in self._anchors:
+        for anchor in self._anchors if self.mode == "tn" else ():
             measured = self._measure(self.name, anchor.name, t_s)
             if measured.range_mm is not None and len(distances) < MAX_ANCHORS:
                 distances.append(self._distance(anchor, measured.range_mm))
@@ -208,9 +217,32 @@ class VirtualDwm1001:
         elif command == "reset":
             self._reboot()
             return
+        elif command in _MODES:
+            self.mode = _MODES[command]
+            self._reboot()
+            return
+        elif command.split()[:1] in (["si"], ["nis"], ["aurs"]):
+            self.transmit(self._configured(*command.split()))
         elif command:
             self.transmit(b"unknown command\r\n")
         self.transmit(b"dwm> ")
+
+    def _configured(self, command: str, *values: str) -> bytes:
+        """The answer to what shows and sets the node's configuration."""
+        match command, values:
+            case "nis", (text,):
+                try:
+                    self.network = int(text, 0) & 0xFFFF
+                except ValueError:
+                    return b"nis: err\r\n"
+                return b"nis: ok\r\n"
+            case "aurs", (moving, resting) if moving.isdigit() and resting.isdigit():
+                self.rates_tenths = (int(moving), int(resting))
+                return b"aurs: ok\r\n"
+            case "si", ():
+                return lines.system_information(self.mode, self.network, self.address, self.rates_tenths)
+            case _:
+                return f"{command}: err\r\n".encode()
 
     def _reboot(self) -> None:
         self.power_off()

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from wonderland.lazy_commands import LazyGroup
+
 if TYPE_CHECKING:
     from wonderland.uwb.listen import Document, Summary, UciBench
 
@@ -32,18 +34,25 @@ _baud_rate = click.option(
 _rtscts = click.option("--rtscts", is_flag=True, help="Flow control by RTS and CTS.")
 
 
-@click.group()
+@click.group(
+    cls=LazyGroup,
+    lazy={
+        "prepare": ("wonderland.uwb.prepare_command:prepare", "Put a DWM1001 into its role, and check it."),
+        "record": ("wonderland.uwb.record_command:record", "Write what boards measure as a recording (CSV)."),
+    },
+)
 def uwb() -> None:
-    """Try UWB boards: what one measures, how often, how steadily.
+    """Try UWB boards: what one measures, how often, how steadily; put boards into their roles; record.
 
     \b
       wonderland uwb listen --port /dev/ttyACM0 --kind dwm1001
       wonderland uwb capabilities --port /dev/ttyUSB0
+      wonderland uwb prepare --port /dev/ttyACM0 --role pad --network 3caf
       wonderland uwb listen --port /dev/ttyUSB0 --kind uci --mac a001 --peer d001 --lead
     """  # noqa: D301 - \b is click's mark for "do not wrap"
 
 
-def _address(text: str) -> int:
+def short_address(text: str) -> int:
     """A 16-bit short address in hexadecimal digits."""
     digits = text.lower().removeprefix("0x")
     if not 1 <= len(digits) <= 4 or any(digit not in "0123456789abcdef" for digit in digits):
@@ -167,7 +176,7 @@ def _reports(
         return bench.dwm1001(port, opener, Mode(mode), SteadyClock())
     if mac is None or not peers:
         raise click.UsageError("--kind uci needs --mac (this board) and --peer (the others)")
-    own, others = _address(mac), tuple(_address(peer) for peer in peers)
+    own, others = short_address(mac), tuple(short_address(peer) for peer in peers)
     if len({own, *others}) != 1 + len(others):
         raise click.UsageError("--mac and --peer: two boards have the same address")
     if blink and not (lead and key_file):
@@ -179,14 +188,15 @@ def _reports(
         session_id=session,
         channel=channel,
         interval_ms=interval_ms,
-        key=_key(key_file),
+        key=key_of(key_file),
         blink=blink,
         responders=responders or 0,
     )
     return bench.uci(port, opener, session_plan, SteadyClock())
 
 
-def _key(path: Path | None) -> bytes | None:
+def key_of(path: Path | None) -> bytes | None:
+    """The session key of a file with hexadecimal digits."""
     if path is None:
         return None
     try:

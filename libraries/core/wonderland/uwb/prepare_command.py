@@ -1,0 +1,72 @@
+"""``wonderland uwb prepare``: a DWM1001 with its factory firmware gets its role by its shell."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import Final
+
+import click
+
+from wonderland_fira_uci.dwm1001.roles import TENTHS, Role
+from wonderland_fira_uci.dwm1001.roles import prepare as put_into_role
+from wonderland_fira_uci.errors import UwbError
+from wonderland_fira_uci.serial_port import serial_opener
+
+ROLES: Final = {"pad": Role.TAG, "drone": Role.INITIATOR}
+
+
+def _network(_: click.Context, __: click.Parameter, text: str) -> int:
+    digits = text.lower().removeprefix("0x")
+    if not 1 <= len(digits) <= 4 or any(digit not in "0123456789abcdef" for digit in digits):
+        raise click.BadParameter(f"{text!r}: one to four hexadecimal digits, for example 3caf")
+    number = int(digits, 16)
+    if not 0 < number < 0xFFFF:
+        raise click.BadParameter("0000 and ffff are no networks")
+    return number
+
+
+@click.command()
+@click.option("--port", required=True, help="Port of the board: a device, socket://HOST:PORT or rfc2217://HOST:PORT.")
+@click.option(
+    "--role",
+    required=True,
+    type=click.Choice(tuple(ROLES)),
+    help="pad: a tag, which measures its own range; drone: the initiating anchor.",
+)
+@click.option(
+    "--network", required=True, callback=_network, metavar="HEX", help="The network of this pad and its drones."
+)
+@click.option(
+    "--every-ms",
+    type=click.IntRange(100, 60_000),
+    default=100,
+    show_default=True,
+    help="pad: between two rounds, in steps of 100 ms.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON document.")
+def prepare(*, port: str, role: str, network: int, every_ms: int, as_json: bool) -> None:
+    """Put a DWM1001 with its factory firmware (PANS) into its role, and check that it took it.
+
+    \b
+    The network stands the other way round than for indoor positioning: each board of the *pad* is a tag on a serial
+    port of its own, the board of the *drone* is the anchor, which needs nothing but power afterwards.
+      wonderland uwb prepare --port /dev/ttyACM0 --role pad --network 3caf     (each of the pad's)
+      wonderland uwb prepare --port /dev/ttyACM0 --role drone --network 3caf   (says the address that the drone is told)
+
+    What is so already is left alone. Exit code 1 when the board does not answer or did not take its role.
+    """  # noqa: D301 - \b is click's mark for "do not wrap"
+    try:
+        info = asyncio.run(
+            put_into_role(serial_opener(port), ROLES[role], network, name=port, tenths=every_ms // (1000 // TENTHS))
+        )
+    except UwbError as error:
+        raise click.ClickException(str(error)) from error
+    if as_json:
+        told = {"address": f"{info.address:04x}", "network": f"{info.network:04x}", "mode": info.mode}
+        click.echo(json.dumps({**told, "firmware": info.firmware, "encrypted": info.encrypted}))
+        return
+    what = "a tag of the pad" if role == "pad" else "the anchor of the drone"
+    click.echo(f"Board {info.address:04x} is {what} in network {info.network:04x} (firmware {info.firmware}).")
+    if role == "drone":
+        click.echo(f"Tell the drone's agent so: --node dwm1001-anchor --board {info.address:04x}")

@@ -1,0 +1,181 @@
+"""Boards are put into their roles by their shells, checked, and recorded; what goes wrong is said."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import json
+import random
+import sys
+from dataclasses import dataclass
+
+import pytest
+from click.testing import CliRunner
+
+from wonderland.uwb.commands import uwb
+from wonderland_fira_uci.dwm1001.roles import Role, parse_info, prepare
+from wonderland_fira_uci.errors import NodeError
+from wonderland_fira_uci.serial_port import serial_opener
+from wonderland_simulator.dwm1001_node import VirtualDwm1001
+from wonderland_simulator.dwm1001_node.lines import system_information
+from wonderland_simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
+
+REAL_SI = """[000541.880 INF] sys: fw2 fw_ver=x01030001 cfg_ver=x00010700
+[000541.880 INF] uwb0: panid=x0000 addr=xDECA9AABC0A2591A
+[000541.890 INF] mode: tn (act,twr,np,le)
+[000541.890 INF] cfg: sync=0 fwup=0 ble=1 upd_rate_norm=1 upd_rate_stat=100 label=DW591A
+[000541.910 INF] enc: off
+"""
+"""Lines of a real board, as a user showed them in Qorvo's forum (forum.qorvo.com, thread 10676)."""
+
+
+def test_what_a_real_board_says_of_itself():
+    info = parse_info(REAL_SI)
+    assert (info.address, info.network, info.mode) == (0x591A, 0, "tn")
+    assert (info.rate_tenths, info.resting_tenths, info.encrypted) == (1, 100, False)
+    assert info.firmware == "0x01030001"
+    assert parse_info(system_information("ain", 0x3CAF, 0x1A2B, (1, 1)).decode()).network == 0x3CAF
+    with pytest.raises(NodeError, match="does not say what it is"):
+        parse_info("unknown command")
+
+
+async def call(*arguments):
+    return await asyncio.to_thread(CliRunner().invoke, uwb, [str(each) for each in arguments])
+
+
+@dataclass
+class Done:
+    exit_code: int
+    output: str
+
+
+async def run(*arguments):
+    """As a process: it hears signals."""
+    program = "from wonderland.uwb.commands import uwb; uwb()"
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-c", program, *map(str, arguments)),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.STDOUT,
+    )
+    async with asyncio.timeout(30):
+        out, _ = await process.communicate()
+    return Done(process.returncode, out.decode())
+
+
+async def test_boards_out_of_the_box_take_their_roles_and_keep_them(bench):
+    port = bench.add("p1")
+    board = bench.boards["p1"]
+    for role, mode in (("pad", "tn"), ("drone", "ain"), ("pad", "tn")):
+        done = await call("prepare", "--port", port, "--role", role, "--network", "3CAF", "--json")
+        assert done.exit_code == 0, done.output
+        assert json.loads(done.output)["mode"] == mode == board.mode
+        assert (board.network, board.in_shell) == (0x3CAF, False)
+    assert board.rates_tenths == (1, 1)
+
+
+async def test_a_board_that_somebody_left_in_its_shell_streaming_is_prepared_all_the_same(bench):
+    path = bench.add("p1")
+    board = bench.boards["p1"]
+    board.in_shell, board.streaming = True, "lec"
+    info = await prepare(serial_opener(path), Role.TAG, 0x0042)
+    assert (info.network, board.network) == (0x42, 0x42)
+
+
+async def test_nothing_is_written_to_a_board_that_is_as_it_should_be(bench, monkeypatch):
+    path = bench.add("p1")
+    await prepare(serial_opener(path), Role.INITIATOR, 0x42)
+    written = []
+    monkeypatch.setattr(VirtualDwm1001, "_reboot", lambda self: written.append(self.name))
+    await prepare(serial_opener(path), Role.INITIATOR, 0x42)
+    assert written == []
+
+
+async def test_a_board_that_does_not_take_its_role_and_one_that_is_none_are_said(bench, monkeypatch, tmp_path):
+    path = bench.add("p1")
+    monkeypatch.setattr(VirtualDwm1001, "_configured", _stubborn(VirtualDwm1001._configured))
+    done = await call("prepare", "--port", path, "--role", "pad", "--network", "3caf")
+    assert done.exit_code == 1
+    assert "did not take its role: network 0x0000 in place of 0x3CAF" in done.output
+    node = PtyPort(VirtualNode("u", Air(lambda *_: Measurement(1), rng=random.Random(1))), tmp_path / "uci")
+    node.plug()
+    try:
+        monkeypatch.setattr("wonderland_fira_uci.dwm1001.roles.PROMPT_S", 0.2)
+        done = await call("prepare", "--port", node.path, "--role", "pad", "--network", "3caf")
+    finally:
+        node.close()
+    assert done.exit_code == 1
+    assert "no shell answers" in done.output
+
+
+def _stubborn(method):
+    """As firmware behaves that reads the number otherwise: it says ok and keeps what it has."""
+
+    def configured(self, command, *values):
+        return b"nis: ok\r\n" if command == "nis" else method(self, command, *values)
+
+    return configured
+
+
+@pytest.mark.parametrize("network", ["xyz", "0", "ffff", "12345"])
+async def test_networks_that_are_none(network):
+    done = await call("prepare", "--port", "x", "--role", "pad", "--network", network)
+    assert done.exit_code == 2
+
+
+async def test_the_drones_tag_is_recorded_by_anchor(bench, tmp_path):
+    out = tmp_path / "ranges.csv"
+    arguments = ["record", "--kind", "dwm1001", "--port", bench.add(), "--out", out, "--seconds", 1.5]
+    done = await run(*arguments, "--anchor", "A1=a001", "--anchor", "A2=a002")
+    assert done.exit_code == 0, done.output
+    with out.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["anchor"] for row in rows} == {"A1", "A2"}
+    assert all(abs(float(row["range"]) - (5.0 if row["anchor"] == "A1" else 5.111)) < 0.05 for row in rows)
+    assert [row["t"] for row in rows] == sorted(row["t"] for row in rows)
+    again = await run(*arguments, "--anchor", "A1=a001")
+    assert again.exit_code == 1
+    assert "not overwritten" in again.output
+
+
+async def test_tags_on_a_pad_are_recorded_each_by_its_own_range(bench, tmp_path):
+    ports = {name: bench.add(name) for name in ("p1", "p2", "p3", "p4")}
+    boards = [word for name, port in ports.items() for word in ("--board", f"{name}={port}")]
+    out = tmp_path / "ranges.csv"
+    done = await run("record", "--kind", "dwm1001", *boards, "--peer", "a003", "--out", out, "--seconds", 1.5)
+    assert done.exit_code == 0, done.output
+    with out.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["anchor"] for row in rows} == set(ports)
+    assert all(abs(float(row["range"]) - 5.222) < 0.05 for row in rows)
+
+
+async def test_a_uci_board_is_recorded(tmp_path):
+    air = Air(lambda observer, peer, t_s: Measurement(4_320, rssi_dbm=-80.0), rng=random.Random(1))
+    port = PtyPort(VirtualNode("here", air), tmp_path / "here")
+    port.plug()
+    out = tmp_path / "ranges.csv"
+    arguments = ["record", "--kind", "uci", "--port", port.path, "--mac", "d001", "--anchor", "A1=a001"]
+    try:
+        done = await run(*arguments, "--out", out, "--seconds", 1.0)
+    finally:
+        port.close()
+        air.close()
+    assert done.exit_code == 1  # nobody is there: said, not an empty recording taken for one
+    assert "not one range was written" in done.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        ((), "give --board for each"),
+        (("--board", "A1=x", "--port", "y"), "give --board for each"),
+        (("--board", "A1=x"), "needs --peer"),
+        (("--board", "A1", "--peer", "1"), "is not ANCHOR="),
+        (("--board", "A1=x", "--board", "A1=y", "--peer", "1"), "there twice"),
+        (("--port", "x"), "needs --anchor"),
+    ],
+)
+async def test_mistakes_are_named(tmp_path, arguments, why):
+    done = await call("record", "--kind", "dwm1001", "--out", tmp_path / "x.csv", *arguments)
+    assert done.exit_code == 2
+    assert why in done.output
