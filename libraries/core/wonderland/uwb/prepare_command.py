@@ -50,9 +50,10 @@ def prepare(*, port: str, role: str, network: int, every_ms: int, as_json: bool)
 
     \b
     The network stands the other way round than for indoor positioning: each board of the *pad* is a tag on a serial
-    port of its own, the board of the *drone* is the anchor, which needs nothing but power afterwards.
+    port of its own, the board of the *drone* is the anchor, which needs nothing but power afterwards. Such ranges can
+    be recorded; the agents cannot prove with them yet, since nothing binds them to a session.
       wonderland uwb prepare --port /dev/ttyACM0 --role pad --network 3caf     (each of the pad's)
-      wonderland uwb prepare --port /dev/ttyACM0 --role drone --network 3caf   (says the address that the drone is told)
+      wonderland uwb prepare --port /dev/ttyACM0 --role drone --network 3caf   (says its address)
 
     What is so already is left alone. Exit code 1 when the board does not answer or did not take its role.
     """  # noqa: D301 - \b is click's mark for "do not wrap"
@@ -69,4 +70,4 @@ def prepare(*, port: str, role: str, network: int, every_ms: int, as_json: bool)
     what = "a tag of the pad" if role == "pad" else "the anchor of the drone"
     click.echo(f"Board {info.address:04x} is {what} in network {info.network:04x} (firmware {info.firmware}).")
     if role == "drone":
-        click.echo(f"Tell the drone's agent so: --node dwm1001-anchor --board {info.address:04x}")
+        click.echo("Tags in its network range it (wonderland uwb record); agents cannot prove with such boards yet.")
