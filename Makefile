@@ -1,7 +1,7 @@
 # Everything that one does with this checkout. `make demo` and `make test` need nothing but python3 (3.11 or later,
 # with venv), make and git: they make .venv and the built console first, and again whenever these have become stale.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-python test-console lint types bench fuzz fmt docs figures screenshots film vectors lock compose clean
+.PHONY: help setup demo test test-python test-console lint types bench fuzz evidence-bytes fmt docs figures screenshots film threat-model house vectors evidence-vectors lock compose clean
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
@@ -38,8 +38,9 @@ test: setup test-python test-console ## All tests
 
 # Temporary files are in memory where there is room: ledgers and databases wait for a disk half of their time.
 MEMORY = $(shell [ "$$(df --output=avail /dev/shm 2>/dev/null | tail -n 1)" -gt 6000000 ] 2>/dev/null && echo TMPDIR=/dev/shm)
+WORKERS ?= 2
 test-python: $(VENV)/.ready
-	@$(MEMORY) $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	@$(MEMORY) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 test-console: frontend/dist/index.html
 	@$(BIN)/python scripts/console.py test
@@ -57,6 +58,9 @@ bench: setup ## Benchmarks: ratios against peers and floors, in one run
 
 fuzz: setup ## Coverage-guided fuzzing of the Remote ID codec and framings (RUNS=10000000)
 	@mkdir -p .fuzz/corpus && $(BIN)/python tests/fuzz/seeds.py .fuzz/corpus && cd .fuzz && ../$(BIN)/python ../tests/fuzz/fuzz_remote_id.py -runs=$(RUNS) -max_len=300 -print_final_stats=1 corpus
+
+evidence-bytes: setup ## Nightly: every byte of a bundle changed, on each ledger, and each change found (half an hour)
+	@EVIDENCE_BYTES=all $(BIN)/python -m pytest tests/evidence -q -k one_changed_byte -p no:xdist
 
 fmt: $(VENV)/.ready ## Format
 	@$(BIN)/ruff check --fix --quiet . ; $(BIN)/ruff format --quiet .
@@ -77,8 +81,14 @@ film: setup ## Film twenty seconds of a running demo for the README (needs Chrom
 threat-model: setup ## Play the attack lab anew for docs/threat-model.md (an hour or two)
 	@$(BIN)/python scripts/threat_model.py
 
+house: $(VENV)/.ready ## The house by numbers (lines, long modules, Any, duplicates, wheels), and the drawing of its parts
+	@$(BIN)/python scripts/house.py drawing && $(BIN)/python scripts/house.py table && $(BIN)/python scripts/house.py wheels
+
 vectors: $(VENV)/.ready ## Regenerate the golden vectors of the verdict (read the diff!)
 	@PYTHONPATH=tests $(BIN)/python -m vectors.make_verdicts
+
+evidence-vectors: $(VENV)/.ready ## Regenerate the vectors of evidence: new keys, new bytes; only when the format changes
+	@PYTHONPATH=tests $(BIN)/python -m vectors.make_evidence
 
 compose: $(VENV)/.ready ## Regenerate compose.yaml from deploy/network.yaml
 	@$(BIN)/wonderland network compose --file deploy/network.yaml --out compose.yaml

@@ -6,15 +6,16 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from wonderland.proofs.records import assets, closures, pads, policies, sessions, uavs, verdicts
+from wonderland.proofs.records import assets, changes, closures, pads, policies, sessions, uavs, verdicts
 from wonderland.proofs.records.schema import Record
 from wonderland.proofs.records.transactions import TRANSACTIONS
 from wonderland.proofs.transcript import Transcript
 
 RECORDS: tuple[type[Record], ...] = (
     pads.Pad, pads.Commissioning, pads.Frame, pads.Anchor, pads.BiasPoint, pads.Prekey, uavs.Uav, uavs.Maintenance,
-    uavs.Authorisation, policies.Policy, closures.Closures,
-    closures.Closure, sessions.Session, sessions.Claim, sessions.Evidence, sessions.RangeTable,
+    uavs.Authorisation, policies.Policy, changes.ProposedChange, changes.PolicyChange, changes.Reinstatement,
+    changes.Signatory, closures.Closures, closures.Closure,
+    sessions.Session, sessions.Claim, sessions.Evidence, sessions.RangeTable,
     sessions.AnchorRanges, sessions.TimeStamps, sessions.AnchorTicks, sessions.ClockReading, sessions.BroadcastClaim,
     sessions.Radio, sessions.Witness, sessions.LastRequest, sessions.Party, sessions.Testimony, verdicts.Verdict,
     verdicts.Judgement, verdicts.BroadcastFinding, verdicts.TimeDifferences,

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import gc
+import os
 from pathlib import Path
+
+# Before numpy: its matrices here are small, and threads that share them wait for one another at full speed.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 
@@ -27,6 +31,7 @@ LONGEST_FIRST = (
     "system",
     "network",
     "scenarios",
+    "evidence",
     "console",
     "simulator",
     "registry",
@@ -34,7 +39,24 @@ LONGEST_FIRST = (
     "backend",
     "api",
 )
-"""Folders of tests that take long: with them first, both processes come to their end at about the same time."""
+"""Folders of tests that take long: with them first, all workers come to their end at about the same time."""
+
+TOGETHER = ("evidence", "network", "scenarios")
+"""Folders that stay with one worker: their networks of Fabric are brought up once."""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):
+        """A worker takes a file, or a whole folder of those."""
+
+        def _split_scope(self, nodeid):
+            folder = Path(nodeid).parts[1]
+            return folder if folder in TOGETHER else super()._split_scope(nodeid)
+
+    return Scheduling(config, log)
 
 
 @pytest.hookimpl(trylast=True)

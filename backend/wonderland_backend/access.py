@@ -20,11 +20,13 @@ async def person_of(connection: HTTPConnection) -> Person:
     """Who is signed in, or which machine bears a token for this. Raises `SignInRequired`, `Forbidden`."""
     authorization = connection.headers.get("authorization")
     if authorization is not None:
-        return await required(connection, Machines).person_of(connection, authorization)
-    cookie = connection.cookies.get(required(connection, Context).cookie_name)
-    person = await required(connection, SignIns).find(cookie)
+        person: Person | None = await required(connection, Machines).person_of(connection, authorization)
+    else:
+        cookie = connection.cookies.get(required(connection, Context).cookie_name)
+        person = await required(connection, SignIns).person_of_cookie(cookie)
     if person is None:
         raise SignInRequired(said("sign_in_first"))
+    connection.state.person = person  # for `audit.refusals`, which stands outside
     return person
 
 

@@ -6,21 +6,20 @@ import asyncio
 import contextlib
 import logging
 import secrets
-import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any, Final
 
 from wonderland import __version__
-from wonderland.proof_contract import ProofContract
 from wonderland_backend.agents.connected import Agents
 from wonderland_backend.agents.members import Members
 from wonderland_backend.agents.standing import Standing
 from wonderland_backend.alerts.deliver import Delivery
 from wonderland_backend.alerts.service import Alerts
 from wonderland_backend.alerts.watch import Watch
-from wonderland_backend.audit.anchors import Anchoring
+from wonderland_backend.audit.anchors import Anchoring, AuditIdentity
 from wonderland_backend.audit.store import ensure_instance
+from wonderland_backend.audit.stream import AuditStream, destination_of
 from wonderland_backend.auth.attempts import Attempts
 from wonderland_backend.auth.store.sign_ins import SignIns
 from wonderland_backend.clients.machines import machines_of
@@ -31,6 +30,7 @@ from wonderland_backend.db.partitions import make_ahead
 from wonderland_backend.events.queries import Commits
 from wonderland_backend.events.streams import Streams
 from wonderland_backend.flights.store import forget as forget_flights
+from wonderland_backend.http.times import now_ms
 from wonderland_backend.http.transfer import new_client
 from wonderland_backend.ingest.intake import Intake
 from wonderland_backend.ledger.access import LedgerAccess
@@ -39,10 +39,12 @@ from wonderland_backend.live.hub import Hub
 from wonderland_backend.maps.service import Maps
 from wonderland_backend.metrics import Metrics
 from wonderland_backend.mirror.follow import Mirror
+from wonderland_backend.mirror.row_check import RowCheck
 from wonderland_backend.mirror.rows import participants
 from wonderland_backend.mirror.source import BlockSource
 from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.mirror.subscriber import AfterCommit
+from wonderland_backend.mirror.verified import VerifiedSource
 from wonderland_backend.outputs.mqtt import MqttOutput
 from wonderland_backend.parts import Parts
 from wonderland_backend.registry.queries.organisations import definitions
@@ -63,11 +65,6 @@ TIDY_EVERY_S: Final = 300.0
 CHECK_EVERY_S: Final = 15.0
 
 
-def now_ms() -> int:
-    """Milliseconds since the Unix epoch."""
-    return time.time_ns() // 1_000_000
-
-
 class Backend:
     """One backend: `start`, then serve `app`, then `stop`."""
 
@@ -77,7 +74,7 @@ class Backend:
         *,
         database: Database,
         source: BlockSource | None = None,
-        assets: ProofContract | None = None,
+        audit_identity: AuditIdentity | None = None,
         ledger: LedgerAccess | None = None,
         demo_registrar: Registrar | None = None,
         channel: str = "",
@@ -131,10 +128,12 @@ class Backend:
             maps=Maps(settings.map, http),
             metrics=Metrics(status, hub, agents, intake, uspace, clock),
             signing_keys=SigningKeys(database, members, clock),
-            assets=assets,
+            audit_identity=audit_identity,
             source=source,
             ledger=ledger,
-            signing=Signing(database, ledger, clock, per_minute=settings.signed_per_minute) if ledger else None,
+            signing=Signing(database, ledger, clock, per_minute=settings.signed_per_minute, alone=settings.demo)
+            if ledger
+            else None,
             demo_registrar=DemoRegistrar(demo_registrar) if demo_registrar else None,
         )
         self.standing = Standing(agents, members, clock)
@@ -157,6 +156,19 @@ class Backend:
                 batch_transactions=settings.mirror_batch_transactions,
             )
             if source is not None
+            else None
+        )
+        self.row_check = (
+            RowCheck(
+                database,
+                source.plain if isinstance(source, VerifiedSource) else source,  # equal to blocks that were checked
+                channel=channel,
+                chaincode=chaincode,
+                status=status,
+                clock=clock,
+                transactions_per_s=settings.row_check_transactions_per_s,
+            )
+            if source is not None and settings.row_check_transactions_per_s
             else None
         )
         self.app = new_app(settings, allowed_hosts, console_directory)
@@ -182,11 +194,14 @@ class Backend:
         self._run(self.parts.hub.run(), "hub")
         self._run(self._tidy(), "tidy")
         self._run(self._check(), "check")
-        if self.parts.assets is not None:
-            anchoring = Anchoring(
-                self.database, self.parts.assets, every_s=self.settings.audit_anchor_s, clock=self.context.clock
-            )
-            self._run(anchoring.run(self.context.instance), "audit")
+        if self.parts.audit_identity is not None:
+            anchors = self.parts.audit_identity.anchors(self.context.instance)
+            every_s = self.settings.audit_anchor_s
+            anchoring = Anchoring(self.database, anchors, every_s=every_s, clock=self.context.clock)
+            self._run(anchoring.run(), "audit")
+        if (stream := self.settings.audit_stream) is not None:
+            destination = destination_of(stream, self.context.instance)
+            self._run(AuditStream(self.database, destination, stream.to, self.context.clock).run(), "audit stream")
         told = Webhooks(self.database, self.parts.poster, self.parts.commits, self.context.clock)
         self._run(told.run(), "webhooks")
         if self.parts.signing is not None:
@@ -194,6 +209,8 @@ class Backend:
         if self._mirror is not None:
             self._run(self._mirror.run(), "mirror")
             self._run(self.watch.run(), "watch")
+        if self.row_check is not None:
+            self._run(self.row_check.run(), "row check")
         if (mqtt := self.settings.outputs.mqtt) is not None:
             self._run(MqttOutput(mqtt, self.parts.hub, self.context.instance).run(), "mqtt")
         if (tak := self.settings.outputs.tak) is not None:

@@ -13,17 +13,17 @@ from wonderland.lazy_commands import LazyGroup
         "audit": ("wonderland_backend.server_commands:audit", "The audit log: who did or read what."),
         "client": ("wonderland_backend.clients.commands:client", "Register and revoke machines (OAuth 2.0 clients)."),
         "digest": (
-            "wonderland_backend.server_commands:digest_command",
+            "wonderland_backend.database_commands:digest_command",
             "Print a digest of the tables derived from the ledger.",
         ),
-        "health": ("wonderland_backend.server_commands:health_command", "Ask a running backend whether it serves."),
-        "link": ("wonderland_backend.server_commands:link_command", "Print a one-time token that signs in."),
+        "health": ("wonderland_backend.deployment_commands:health_command", "Ask a running backend whether it serves."),
+        "link": ("wonderland_backend.database_commands:link_command", "Print a one-time token that signs in."),
         "migrate": (
-            "wonderland_backend.server_commands:migrate_command",
+            "wonderland_backend.database_commands:migrate_command",
             "Bring the database's tables to this version.",
         ),
         "new-password": (
-            "wonderland_backend.server_commands:new_password_command",
+            "wonderland_backend.deployment_commands:new_password_command",
             "Make a password for the database, a token for /metrics.",
         ),
         "openapi": (

@@ -67,7 +67,7 @@ def _accepted(header: str) -> set[str]:
     }
 
 
-def find(directory: Path | None) -> Path | None:
+def find_console(directory: Path | None) -> Path | None:
     """Where the built console is: as told, inside the installed package, or in a working tree."""
     candidates = (
         [directory]

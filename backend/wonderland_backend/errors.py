@@ -21,13 +21,12 @@ from starlette.types import Scope
 
 from wonderland_backend.field_texts import field_text
 from wonderland_backend.languages import language_of
-from wonderland_backend.problem_texts import Said, SaidError, in_language, said, title_in
+from wonderland_backend.problem_texts import TYPE_BASE, Said, SaidError, in_language, said, title_in
 from wonderland_backend.schemas import ApiModel
 
 logger = logging.getLogger(__name__)
 
 MEDIA_TYPE: Final = "application/problem+json"
-TYPE_BASE: Final = "urn:wonderland:problem:"
 PROBLEM_SCHEMA: Final = "#/components/schemas/ProblemDetails"
 BINARY: Final = {"type": "string", "format": "binary"}
 """The schema of an answer that is bytes."""

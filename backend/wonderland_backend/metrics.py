@@ -46,6 +46,15 @@ class Metrics(Collector):
         yield _gauge(
             "mirror_halted", "1 when the mirror has halted until somebody looks", int(mirror.halted is not None)
         )
+        yield _gauge("mirror_rows_differ", "Rows that were not what the ledger says", len(mirror.rows_differ))
+        yield _gauge(
+            "mirror_rows_checked_timestamp_seconds",
+            "When all rows were last compared with the ledger; 0 before the first time",
+            (mirror.rows_checked_ms or 0) / 1000,
+        )
+        yield _gauge(
+            "mirror_alone", "1 while no other organisation confirms validity", int(mirror.alone_since_ms is not None)
+        )
         yield _gauge("mirror_connected", "1 while the ledger can be reached", int(mirror.connected))
         yield _counter("mirror_transactions", "Transactions mirrored since the start", mirror.transactions)
         yield _counter("mirror_unread_writes", "Writes that could not be read since the start", mirror.unread)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import get_args, get_type_hints
 
-from wonderland.proof_contract import ProofContract
 from wonderland_backend.agents.connected import Agents
 from wonderland_backend.agents.members import Members
+from wonderland_backend.audit.anchors import AuditIdentity
 from wonderland_backend.auth.attempts import Attempts
 from wonderland_backend.auth.store.sign_ins import SignIns
 from wonderland_backend.clients.machines import Machines
@@ -55,8 +55,7 @@ class Parts:
     maps: Maps
     metrics: Metrics
     signing_keys: SigningKeys
-    assets: ProofContract | None
-    """The contract as the identity that anchors the audit log."""
+    audit_identity: AuditIdentity | None
     source: BlockSource | None
     """The ledger itself, for what the mirror does not keep."""
     ledger: LedgerAccess | None

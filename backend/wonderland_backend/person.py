@@ -64,6 +64,8 @@ class Person:
     signed_in_ms: int
     expires_ms: int
     cookie_sha256: str
+    verified_ms: int = 0
+    """When this sign-in's person last proved to be there, by a passkey; 0: not since it began."""
 
     def has(self, *roles: Role) -> bool:
         """Whether they have one of these roles."""
@@ -71,7 +73,7 @@ class Person:
 
     @property
     def scope(self) -> Scope:
-        """What they see."""
+        """Whose pads and drones they see, by their roles."""
         if not _SEE_ALL.isdisjoint(self.roles):
             return ALL
         return Scope(

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from wonderland import messages
 from wonderland.messages import Language
+
+TYPE_BASE: Final = "urn:wonderland:problem:"
+"""What a problem's type begins with; its code follows."""
+STANDBY: Final = "standby"
+"""The code of a server that waits for another's end: of its answers, and why it closes a socket."""
 
 
 @dataclass(frozen=True, slots=True)

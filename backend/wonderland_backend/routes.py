@@ -13,6 +13,7 @@ from wonderland import __version__
 from wonderland.site_plans import MAX_BYTES
 from wonderland_backend import console, errors
 from wonderland_backend.answer_headers import AnswerHeaders
+from wonderland_backend.audit.refusals import RefusalLog
 from wonderland_backend.auth.gate import SetUpGate
 from wonderland_backend.boundary import Boundary
 from wonderland_backend.description import DESCRIPTION, openapi
@@ -48,6 +49,7 @@ from wonderland_backend.rest import (
     sign_in_methods,
     site_plans,
     statistics,
+    step_up,
     tracks,
     transactions,
     verdicts,
@@ -78,6 +80,7 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
     for router in (
         sign_in.router,
         sign_in_methods.router,
+        step_up.router,
         oidc.router,
         me.router,
         people.router,
@@ -128,7 +131,8 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
         app.include_router(geo_awareness.router)
     for path in (*remote_id_tests.PATHS, *geo_awareness.PATHS):
         app.add_api_route(path, _unknown, methods=["GET", "HEAD", "PUT", "POST", "DELETE"], include_in_schema=False)
-    console.install(app, console.find(console_directory))
+    console.install(app, console.find_console(console_directory))
+    app.add_middleware(RefusalLog)
     app.add_middleware(AnswerHeaders)
     app.add_middleware(SetUpGate)
     app.add_middleware(

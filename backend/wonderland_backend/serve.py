@@ -13,6 +13,7 @@ import socket
 import ssl
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlsplit
@@ -20,25 +21,30 @@ from urllib.parse import urlsplit
 import click
 import uvicorn
 from starlette.types import ASGIApp
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from wonderland.proof_contract import ProofContract
 from wonderland_backend import console
 from wonderland_backend.app import Backend
-from wonderland_backend.audit.anchors import Anchors
+from wonderland_backend.audit.anchors import Anchors, AuditIdentity
 from wonderland_backend.auth.site import LOCAL
-from wonderland_backend.clients.certificates import EXTENSION, Peer
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.migrate import migrate
 from wonderland_backend.errors import SettingsError
+from wonderland_backend.http.times import now_ms
+from wonderland_backend.http_protocol import Gate, protocols
 from wonderland_backend.leader_election.lock import Lock, lock_of
 from wonderland_backend.leader_election.standby import DETAIL, stand_by, stay_leader
 from wonderland_backend.ledger.access import LedgerAccess
+from wonderland_backend.mirror.second_opinion import GatewayAsked, SecondOpinion
 from wonderland_backend.mirror.source import BlockSource, GatewaySource
+from wonderland_backend.mirror.store import endorsement_policies
+from wonderland_backend.mirror.verified import VerifiedSource
 from wonderland_backend.people import links
 from wonderland_backend.settings import Settings
 from wonderland_backend.transactions.enrolment import Registrar
 from wonderland_backend.transactions.registrar import registrar_of
+from wonderland_evidence.errors import UnreadableError
+from wonderland_evidence.trust import Pins
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.files import write_atomic
 from wonderland_fabric_gateway.gateway import Gateway
@@ -93,32 +99,55 @@ class Listen:
 
 
 @contextlib.asynccontextmanager
-async def source_of(settings: Settings) -> AsyncIterator[tuple[Connection, BlockSource]]:
-    """The ledger that the settings name, and its blocks. Raises `SettingsError`, `LedgerError`."""
+async def source_of(settings: Settings, database: Database) -> AsyncIterator[tuple[Connection, BlockSource]]:
+    """The ledger that the settings name, and its blocks, checked. Raises `SettingsError`, `LedgerError`."""
     async with _ledger_of(settings) as (connection, source, _, _):
-        yield connection, source
+        yield connection, verified_source(settings, connection, source, database)
+
+
+def verified_source(
+    settings: Settings,
+    connection: Connection,
+    source: BlockSource,
+    database: Database,
+    opinion: SecondOpinion | None = None,
+) -> VerifiedSource:
+    """Blocks that are checked, from the pinned first one on where `trust` pins it. Raises `SettingsError`."""
+    pinned: bytes | None = None
+    if settings.trust is not None:
+        try:
+            pins = Pins.decode(settings.trust.read_bytes())
+        except (UnreadableError, OSError) as cause:
+            raise SettingsError(f"trust: {settings.trust} cannot be read ({cause})") from None
+        if pins.channel != connection.channel:
+            raise SettingsError(f"trust: {settings.trust} is about channel {pins.channel}, not {connection.channel}")
+        pinned = pins.genesis_hash
+    return VerifiedSource(source, partial(endorsement_policies, database), pinned=pinned, opinion=opinion)
 
 
 @contextlib.asynccontextmanager
 async def _ledger_of(
     settings: Settings,
-) -> AsyncIterator[tuple[Connection, BlockSource, LedgerAccess, ProofContract | None]]:
+) -> AsyncIterator[tuple[Connection, GatewaySource, LedgerAccess, AuditIdentity | None]]:
     if settings.connection is None:
         raise SettingsError("--connection: say where the ledger's connection.json is")
     connection = Connection.load(settings.connection)
     async with connection.open_channel() as channel:
         gateway = Gateway(channel, connection.identity(settings.identity), connection.signer(settings.identity))
         blocks = GatewaySource(gateway.network(connection.channel))
-        yield connection, blocks, LedgerAccess(connection, channel, gateway), _assets(settings, connection, channel)
+        ledger = LedgerAccess(connection, channel, gateway)
+        yield connection, blocks, ledger, _audit_identity(settings, connection, channel)
 
 
-def _assets(settings: Settings, connection: Connection, channel: Gateways) -> ProofContract | None:
-    """The contract as whoever anchors the audit log. A demo's log is anchored by the identity that reads the blocks."""
+def _audit_identity(settings: Settings, connection: Connection, channel: Gateways) -> AuditIdentity | None:
+    """Who anchors the audit log. A demo's log is anchored by the identity that reads the blocks."""
     name = settings.audit_identity or (settings.identity if settings.demo else None)
     if name is None:
         return None
-    gateway = Gateway(channel, connection.identity(name), connection.signer(name))
-    return ProofContract(gateway.network(connection.channel), connection.chaincode)
+    identity = connection.identity(name)
+    gateway = Gateway(channel, identity, connection.signer(name))
+    contract = ProofContract(gateway.network(connection.channel), connection.chaincode)
+    return AuditIdentity(contract, identity.common_name)
 
 
 @contextlib.asynccontextmanager
@@ -128,24 +157,26 @@ async def audit_anchors(settings: Settings, instance: str) -> AsyncIterator[Anch
         yield None
         return
     reader = settings.model_copy(update={"audit_identity": settings.audit_identity or settings.identity})
-    async with _ledger_of(reader) as (_, _, _, assets):
-        assert assets is not None
-        yield Anchors(assets, instance)
+    async with _ledger_of(reader) as (_, _, _, audit_identity):
+        assert audit_identity is not None
+        yield audit_identity.anchors(instance)
 
 
 @contextlib.asynccontextmanager
 async def backend_of(settings: Settings, hosts: frozenset[str]) -> AsyncIterator[Backend]:
     """A running backend on the ledger that the settings name. Raises `LedgerError`, `BackendError`."""
-    async with _ledger_of(settings) as (connection, source, access, assets):
+    async with _ledger_of(settings) as (connection, source, access, audit_identity):
         database = Database(settings.database)
         try:
             await migrate(database)
             ledger = connection.ledger
+            # An embedded ledger is one process: it has no second opinion.
+            opinion = None if access.is_embedded else _second_opinion(settings, connection, source)
             backend = Backend(
                 settings,
                 database=database,
-                source=source,
-                assets=assets,
+                source=verified_source(settings, connection, source, database, opinion),
+                audit_identity=audit_identity,
                 ledger=access,
                 demo_registrar=_registrar(settings, access),
                 channel=connection.channel,
@@ -155,10 +186,16 @@ async def backend_of(settings: Settings, hosts: frozenset[str]) -> AsyncIterator
                 allowed_hosts=hosts,
                 console_directory=settings.console,
             )
+            if opinion is not None:
+                opinion.status = backend.parts.mirror
             async with backend.running():
                 yield backend
         finally:
             await database.close()
+
+
+def _second_opinion(settings: Settings, connection: Connection, source: GatewaySource) -> SecondOpinion:
+    return SecondOpinion(GatewayAsked(source.network), connection.identity(settings.identity).msp_id, clock=now_ms)
 
 
 def _registrar(settings: Settings, access: LedgerAccess) -> Registrar | None:
@@ -173,14 +210,14 @@ async def serve(settings: Settings, listen: Listen, *, token_file: Path | None, 
         raise SettingsError("--demo: a demo listens on loopback only, for example --listen 127.0.0.1:8080")
     if settings.demo_registrar is not None and not settings.demo:
         raise SettingsError("demo_registrar: only a demo gives roles to whoever asks; leave it out, or add --demo")
-    if settings.console is not None and console.find(settings.console) is None:
+    if settings.console is not None and console.find_console(settings.console) is None:
         raise SettingsError(f"--console: {settings.console} has no index.html; build the console first")
     hosts = _hosts(settings, listen)
     with contextlib.closing(listen.open()) as bound:
         url = (settings.public_url or f"http://{_shown(listen.host)}:{bound.getsockname()[1]}").rstrip("/")
         lock = lock_of(settings.database)
         try:
-            if not (await lock.take() or await _stood_by(lock, bound, url, settings, as_json=as_json)):
+            if not (await lock.take_lock() or await _stood_by(lock, bound, url, settings, as_json=as_json)):
                 return
             async with backend_of(settings, hosts) as backend:
                 token = await links.at_start(backend.database, backend.parts.sign_ins, demo=settings.demo)
@@ -255,22 +292,24 @@ class Ready:
 
 def new_server(app: ASGIApp, settings: Settings) -> uvicorn.Server:
     """A server with the settings that were measured to be best for many live clients. Raises `SettingsError`."""
+    gate = Gate(settings.max_connections, settings.max_connections_each, settings.trusted_proxies)
+    http, websocket = protocols(gate)
     config = uvicorn.Config(
         app,
         loop="none",  # the loop runs already
-        ws="websockets-sansio",
+        ws=websocket,
         ws_per_message_deflate=False,
         ws_max_size=settings.ingest_max_bytes,
         ws_ping_interval=20.0,
         ws_ping_timeout=20.0,
-        http=KnownPeer,
+        http=http,
+        forwarded_allow_ips=[str(each) for each in settings.trusted_proxies],
         lifespan="off",
         log_config=None,
         log_level="warning",
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=GRACE_S,
-        h11_max_incomplete_event_size=64 * 1024,
         backlog=BACKLOG,
         ssl_certfile=settings.tls_certificate,
         ssl_keyfile=settings.tls_key,
@@ -283,25 +322,6 @@ def new_server(app: ASGIApp, settings: Settings) -> uvicorn.Server:
     except OSError as cause:  # ssl.SSLError is one
         raise SettingsError(f"tls_certificate, tls_key or tls_client_ca cannot be used ({cause})") from None
     return _Server(config)
-
-
-class KnownPeer(HttpToolsProtocol):
-    """Tells the application whom the socket is connected with, whatever headers say, and which certificate it has."""
-
-    _peer: Peer | None = None
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Comes after the TLS handshake."""
-        super().connection_made(transport)
-        tls = transport.get_extra_info("ssl_object")
-        address = transport.get_extra_info("peername")
-        certificate = None if tls is None else tls.getpeercert(binary_form=True)
-        self._peer = Peer(str(address[0]) if address else "", certificate)
-
-    def on_message_begin(self) -> None:
-        """Httptools."""
-        super().on_message_begin()
-        self.scope["extensions"] = {EXTENSION: self._peer}  # type: ignore[dict-item]
 
 
 class _Server(uvicorn.Server):

@@ -140,7 +140,7 @@ class TokenVerifier:
         return caller
 
     async def _check_signature(self, token: str, header: Mapping[str, Any], keys: _Keys) -> None:
-        key = await keys.find(header.get("kid"))
+        key = await keys.find_key(header.get("kid"))
         try:
             jws.deserialize_compact(token, key, algorithms=ALGORITHMS)
         except (JoseError, ValueError, RecursionError):
@@ -178,7 +178,7 @@ class _Held:
     def __init__(self, keys: KeySet) -> None:
         self._keys = keys
 
-    async def find(self, kid: object) -> Key:
+    async def find_key(self, kid: object) -> Key:
         """The key of this name; the only one there is, where a token names none. Raises `TokenRefused`."""
         key = _find(self._keys, kid)
         if key is None:
@@ -198,7 +198,7 @@ class _Published:
         self._tried_s: float | None = None
         self._fetching = asyncio.Lock()
 
-    async def find(self, kid: object) -> Key:
+    async def find_key(self, kid: object) -> Key:
         """As `_Held.find`; an unknown key is looked for at the issuer. Raises `TokenRefused`."""
         if self._age_s() > REFRESH_S:
             await self._fetch(self._fetched_s)

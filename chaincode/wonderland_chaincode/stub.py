@@ -83,7 +83,7 @@ class Stub(Protocol):
 
     @property
     def creator(self) -> Creator:
-        """Who signed it."""
+        """Who signed the proposal: organisation, role and id from the certificate."""
 
     async def get(self, key: str) -> bytes | None:
         """The committed value of a key, or None."""

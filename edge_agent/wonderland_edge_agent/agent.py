@@ -23,6 +23,7 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of
 from wonderland.telemetry import Health
+from wonderland.uwb.agreed import no_plan, out_of_reach
 from wonderland_edge_agent.ability import Now, goes_on_without, why_not
 from wonderland_edge_agent.drift.idle import watch_when_idle
 from wonderland_edge_agent.event_subscription import EventSubscription
@@ -321,7 +322,15 @@ class PadAgent:
             _log.error("session %.12s: the ledger's transcript is not the one that follows from it", session.session_id)
             self._reconciler.add(session.session_id, "transcript_mismatch")
             return
-        private_key = await self._prekeys.take(session.prekey_id)
+        for end, problem in (
+            ("no_radio_plan", no_plan(commissioning, current.node)),
+            ("assurance_out_of_reach", out_of_reach(commissioning, current.node, current.policy)),
+        ):
+            if problem:
+                _log.error("session %.12s refused: %s", session.session_id, problem)
+                self._reconciler.add(session.session_id, end)
+                return
+        private_key = await self._prekeys.take_key(session.prekey_id)
         if private_key is None:
             self._reconciler.add(session.session_id, "prekey_lost")
             return
@@ -344,6 +353,7 @@ class PadAgent:
             whole_certificate=self._whole_certificate,
             measured_by=self._radios.measured_by,
             sts=self._radios.sts,
+            interval_ms=self._radios.interval_ms,
             drift_sigma_mm=drift_mm,
         )
         self._receiver.watch(uav_id)
@@ -394,7 +404,7 @@ class PadAgent:
                 self._pad = await self._own.refresh()
                 self._ledger_trouble = ""
                 self._started.set()
-                await self._reconciler.look()
+                await self._reconciler.look_at_sessions()
             except AwayError as error:
                 self._ledger_trouble = f"the ledger is away: {error}"
                 _log.warning("%s", self._ledger_trouble)

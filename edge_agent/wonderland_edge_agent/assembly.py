@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import logging
 import ssl
@@ -15,6 +16,7 @@ from wonderland_edge_agent.drift.keeper import DriftKeeper
 from wonderland_edge_agent.permission import CommandPermission, LogPermission, Permissions
 from wonderland_edge_agent.ports import AgentError, PadRadiosPort
 from wonderland_edge_agent.radios import AnchorPort, PadRadios, RadiosError
+from wonderland_edge_agent.radios.power import cycle_power
 from wonderland_edge_agent.receiver import Finding, Heard, ReceiverError, RemoteIdReceiver
 from wonderland_edge_agent.receiver.configured import sources_of
 from wonderland_edge_agent.receiver.settings import NOT_TRUSTWORTHY, registry_of, trust
@@ -106,15 +108,28 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
 
 async def _radios(settings: PadSettings, stack: contextlib.AsyncExitStack, clock: SteadyClock) -> PadRadiosPort:
     if settings.uwb.listen is None:
-        ports = [AnchorPort(anchor.anchor_id, anchor.opener()) for anchor in settings.anchors]
-        return await stack.enter_async_context(PadRadios(ports, clock))
+        ports = [AnchorPort.of(anchor) for anchor in settings.anchors]
+        own = await stack.enter_async_context(PadRadios(ports, clock))
+        commands = {anchor.anchor_id: anchor.power_cycle for anchor in settings.anchors if anchor.power_cycle}
+        if commands:
+            cycling = asyncio.create_task(cycle_power(own.states, commands, clock))
+            stack.push_async_callback(_ended, cycling)
+        return own
     # Few pads are of this kind; the others need not carry the driver.
-    from wonderland_edge_agent.radios.reported import ReportedRadios  # noqa: PLC0415
+    from wonderland_edge_agent.radios.reported import ReportedRadios, TagRadios  # noqa: PLC0415
 
+    ports = [AnchorPort.of(anchor) for anchor in settings.anchors]
+    radios = TagRadios(ports, settings.uwb.listen, clock) if ports else ReportedRadios(settings.uwb.listen, clock)
     try:
-        return await stack.enter_async_context(ReportedRadios(settings.uwb.listen, clock))
+        return await stack.enter_async_context(radios)
     except RadiosError as cause:
         raise AgentError(str(cause)) from cause
+
+
+async def _ended(task: asyncio.Task[None]) -> None:
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
 
 
 def _tell(tracks: SpoolReporter, heard: Heard) -> None:

@@ -10,6 +10,10 @@ from wonderland.lazy_commands import LazyGroup
 @click.group(
     cls=LazyGroup,
     lazy={
+        "calibrate-uav": (
+            "wonderland_edge_agent.commissioning.calibrate_command:calibrate_uav",
+            "Measure what a drone's node adds to every range, and register it.",
+        ),
         "commission": (
             "wonderland_edge_agent.commissioning.commands:commission",
             "Find how far off each anchor's ranges are, and what the pad can verify.",
@@ -33,6 +37,7 @@ def pad() -> None:
       wonderland pad run --config pad.toml
       wonderland pad status --config pad.toml
       wonderland pad swap-node --config pad.toml --anchor A3
+      wonderland pad calibrate-uav --config pad.toml --uav 1596F0123 --at 0.30,-0.20,0.15
 
     pad.toml names the pad, connection.json with the identity, a directory for the spool, one serial port for each
     anchor, where Remote ID is heard, and the backend. A mistake in it is reported with the field's name.

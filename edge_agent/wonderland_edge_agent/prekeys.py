@@ -88,7 +88,7 @@ class PrekeyKeeper:
             if missing > 0 and self.low:
                 await self._publish(missing)
 
-    async def take(self, prekey_id: str) -> ec.EllipticCurvePrivateKey | None:
+    async def take_key(self, prekey_id: str) -> ec.EllipticCurvePrivateKey | None:
         """The private half of a prekey, once; None where it was taken before or never was this pad's."""
         secret = await self._vault.take_secret(_PREFIX + prekey_id)
         if secret is None:

@@ -83,7 +83,7 @@ class Reconciler:
             reason = state.get("reason")
             self.add(session_id, reason if isinstance(reason, str) and reason else "agent_restart")
 
-    async def look(self) -> None:
+    async def look_at_sessions(self) -> None:
         """Look at each once. Never raises for a ledger that is away: the next look comes."""
         for session_id, reason in list(self._open.items()):
             try:

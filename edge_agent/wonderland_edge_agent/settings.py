@@ -9,10 +9,15 @@ spool = "spool"                         # a directory of this pad's own
 anchor_id = "A1"                        # as commissioned
 port = "/dev/serial/by-id/usb-…"        # or socket://HOST:PORT, rfc2217://HOST:PORT
 baud_rate = 115200                      # optional; flow_control = "rtscts" beside it
+device_config = { "e301" = "4a40" }     # optional: its maker's parameters, hexadecimal (antenna delay, power)
+power_cycle = ["uhubctl", "-l", "1-1", "-p", "2", "-a", "cycle"]   # optional: run when the node hangs for 20 s
 
-[uwb]                                   # only for a pad of DWM1001 anchors, which have no ports: no [[anchors]] then;
-kind = "dwm1001"                        # drones measure and report by UDP, so that proofs have assurance 0
-listen = "0.0.0.0:5481"
+[uwb]
+words = "initiator"                     # for nodes that carry data as initiators only; usual: "both_ways"
+region = "EU"                           # or UK, US, JP: whose channels may be used (wonderland uwb law)
+kind = "dwm1001"                        # a pad of DWM1001 anchors, which have no ports: no [[anchors]] then; drones
+listen = "0.0.0.0:5481"                 # measure and report by UDP. "dwm1001-tags": [[anchors]] are tags, which measure
+                                        # an anchor on the drone. Proofs have assurance 0 with either
 
 [remote_id]
 listen = "127.0.0.1:5480"               # UDP; or serial = ["/dev/ttyUSB4"], mavlink = [...], bluetooth = "hci0",
@@ -74,11 +79,27 @@ class AnchorSetting(Table, frozen=True):
     baud_rate: Annotated[int, Meta(ge=1_200, le=12_000_000)] = BAUD_RATE
     flow_control: Literal["none", "rtscts"] = "none"
     """XON and XOFF are data here."""
+    device_config: dict[str, str] | None = None
+    """Parameters of the node's maker, id and value in hexadecimal: antenna delay, power."""
+    power_cycle: tuple[Text, ...] = ()
+    """A program with its arguments that takes the node's power away and gives it back; run when the node hangs."""
 
     def __post_init__(self) -> None:
         problem = url_problem(self.port)
         if problem:
             raise FieldError(f"port is {self.port!r}: {problem}")
+        self.settings()
+
+    def settings(self) -> tuple[tuple[bytes, bytes], ...]:
+        """``device_config`` as octets. Raises FieldError."""
+        given = self.device_config or {}
+        try:
+            found = tuple((bytes.fromhex(name), bytes.fromhex(value)) for name, value in given.items())
+        except ValueError as error:
+            raise FieldError('device_config: ids and values are hexadecimal, for example "e301" = "4a40"') from error
+        if any(not 1 <= len(name) <= 2 or not 1 <= len(value) <= 255 for name, value in found):
+            raise FieldError("device_config: ids have 1 or 2 octets, values 1 to 255")
+        return found
 
     def opener(self) -> Opener:
         """Opens the node's port."""
@@ -88,13 +109,17 @@ class AnchorSetting(Table, frozen=True):
 class UwbSettings(Table, frozen=True):
     """``[uwb]``: what the anchors are. A pad of DWM1001 boards has no ports; drones report to `listen`."""
 
-    kind: Literal["uci", "dwm1001"] = "uci"
+    kind: Literal["uci", "dwm1001", "dwm1001-tags"] = "uci"
     listen: Address | None = None
+    words: Literal["both_ways", "initiator"] = "both_ways"
+    """Whether the pad's nodes carry data as responders, too. No node says so; some carry it as initiators alone."""
+    region: Literal["EU", "UK", "US", "JP"] | None = None
+    """Whose channels may be used (``wonderland uwb law``); None: all that the nodes have."""
 
     def __post_init__(self) -> None:
         if self.kind == "uci" and self.listen is not None:
             raise FieldError('listen is for kind = "dwm1001"; nodes that speak UCI hang on serial ports')
-        if self.kind == "dwm1001" and self.listen is None:
+        if self.kind != "uci" and self.listen is None:
             raise FieldError("listen is missing; drones have to report somewhere, for example 0.0.0.0:5481")
 
 

@@ -63,7 +63,7 @@ class WitnessRadios(Protocol):
 class WitnessPrekeys(Protocol):
     """The pad's one-time keys (``wonderland_edge_agent.prekeys.PrekeyKeeper``)."""
 
-    async def take(self, prekey_id: str) -> ec.EllipticCurvePrivateKey | None:
+    async def take_key(self, prekey_id: str) -> ec.EllipticCurvePrivateKey | None:
         """The private half of a prekey, once."""
 
 
@@ -225,7 +225,7 @@ class WitnessDuty:
             return "transcript_mismatch"
         if named is None or found is None or pad.commissioning_sha256 != named.commissioning_sha256:
             return "commissioning_changed"
-        private_key = await self._prekeys.take(named.prekey_id)
+        private_key = await self._prekeys.take_key(named.prekey_id)
         if private_key is None:
             return "prekey_lost"
         secret = session_keys.shared_secret(private_key, from_base64url(current.uav_key))

@@ -44,6 +44,8 @@ async function start(): Promise<void> {
       api = new Api(origin, fakeFetch(store, new Set()));
     }
   }
+  const known = api;
+  known.stepUp = async (act) => (await import("./people/StepUp")).stepUp(known, act);
   const client = new QueryClient({
     defaultOptions: {
       queries: { retry: (failures, error) => failures < 2 && error instanceof ApiError && error.status === 0 },

@@ -169,11 +169,11 @@ class Study:
 
     @property
     def name(self) -> str:
-        """For people."""
+        """The recording's file name without its suffix."""
         return self.settings.recording.stem
 
     def rounds(self) -> Iterator[tuple[RecordedRound, ...]]:
-        """Whole windows."""
+        """The rounds of one window after the other; what is left over at the end is left out."""
         size = self.settings.rounds
         everything = self.recording.rounds
         for count, first in enumerate(range(0, len(everything) - size + 1, size)):

@@ -55,7 +55,7 @@ class Delays:
         return tuple(one for one in (self.common, *self.own) if one.suspected)
 
     def sentences(self) -> Iterator[str]:
-        """For people."""
+        """Lines for the terminal: how late ranges are against the truth."""
         known = "the commissioning states" if self.commissioned else "uncalibrated DW1000 differ by"
         but = "" if self.against == "truth" else ", if the claims are true"
         cure = "Commission again" if self.commissioned else "Set it, or commission"

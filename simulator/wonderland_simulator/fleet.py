@@ -46,7 +46,7 @@ class Modes(asyncio.DatagramProtocol):
         self._tasks: set[asyncio.Task[None]] = set()
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        """One report."""
+        """Note the mode that a drone's agent reports."""
         del addr
         with contextlib.suppress(ValueError, KeyError, TypeError):
             value = json.loads(data[:1024])

@@ -59,7 +59,7 @@ class Flight:
 
     @property
     def speed_m_s(self) -> float:
-        """Over the ground."""
+        """Horizontal speed."""
         return math.hypot(self.velocity[0], self.velocity[1])
 
     @property

@@ -27,7 +27,7 @@ class NoSpoofing:
     """The sky as it is."""
 
     def offset(self, t_s: float) -> Vector:
-        """Nothing."""
+        """No offset, at any time."""
         del t_s
         return (0.0, 0.0, 0.0)
 

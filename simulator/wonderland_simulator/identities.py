@@ -12,8 +12,8 @@ from wonderland_fabric_gateway.embedded.directory import LedgerDirectory
 from wonderland_fabric_gateway.export import export_identities
 from wonderland_simulator.scenario import DroneSpec, PadSite
 
-OPERATORS: Final = ("admin", "pad_operator", "fleet_operator")
-"""Who registers pads and drones."""
+OPERATORS: Final = ("admin", "inspector", "pad_operator", "fleet_operator")
+"""Who registers pads and drones, and who approves what takes two people."""
 MIRROR: Final = "mirror"
 DAYS: Final = 365
 

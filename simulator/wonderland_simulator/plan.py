@@ -30,7 +30,7 @@ class Plan:
     seed: int
 
     def write(self, path: Path) -> None:
-        """As JSON."""
+        """Write it as JSON, for the world's process to read."""
         path.write_text(json.dumps(dataclasses.asdict(self), default=str, indent=1))
 
     @classmethod

@@ -10,8 +10,10 @@ from enum import StrEnum
 from typing import Final
 
 from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning, Frame
+from wonderland.uwb.agreed import ability_of
 from wonderland_edge_agent.geodesy import frame_at
 from wonderland_simulator.channel import BIAS_M
+from wonderland_simulator.uci_node.profiles import DWM3001CDK, SR150, NodeProfile
 
 DAY_MS: Final = 86_400_000
 STAMP_SIGMA_M: Final = 0.03
@@ -69,6 +71,11 @@ class PadSite:
     witness_pad_id: str | None = None
 
     @property
+    def board(self) -> NodeProfile:
+        """The boards of the pad and of the drones that it serves: they time-stamp one way only where that is needed."""
+        return DWM3001CDK if self.clock_sigma_mm is None else SR150
+
+    @property
     def frame(self) -> Frame:
         """The pad's local frame."""
         return frame_at(self.lat_e7, self.lon_e7, self.height_mm)
@@ -105,6 +112,7 @@ class PadSite:
             valid_until_ms=now_ms + 365 * DAY_MS,
             method="Simulated survey and calibration",
             timestamp_sigma_mm=None if self.clock_sigma_mm is None else round(STAMP_SIGMA_M * 1000),
+            nodes=ability_of(self.board.said()),
         )
 
 

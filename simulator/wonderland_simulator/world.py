@@ -28,7 +28,12 @@ from wonderland_simulator.channel import Channel
 from wonderland_simulator.flight import Vector
 from wonderland_simulator.mission import Mission, Mode
 from wonderland_simulator.scenario import STAMP_SIGMA_M, AnchorSite, Behaviour, DroneSpec, PadSite
-from wonderland_simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
+from wonderland_simulator.uci_node import (
+    Air,
+    Measurement,
+    PtyPort,
+    VirtualNode,
+)
 
 TICK_S: Final = 0.05
 POSITION_EVERY: Final = 2
@@ -114,14 +119,15 @@ class World:
             data_loss=0.02,
             intercept=attack.intercept,
             stamp=self._stamp,
+            reach=self._reach,
         )
         self._impostors = {drone.uav_id: _Impostor(drone) for drone in drones if drone.impostor_m is not None}
         self._serial = []
         for name, (pad_id, site) in self._sites.items():
-            node = VirtualNode(name, self._air)
+            node = VirtualNode(name, self._air, profile=self._pads[pad_id].board)
             self._serial.append(PtyPort(node, anchor_path(directory, pad_id, site.anchor_id)))
         for drone in drones:
-            node = VirtualNode(drone.uav_id, self._air)
+            node = VirtualNode(drone.uav_id, self._air, profile=self._pads[drone.pad_id].board)
             self._serial.append(PtyPort(node, drone_path(directory, drone.uav_id)))
 
     async def run(self, ready: Callable[[], None]) -> None:
@@ -242,14 +248,34 @@ class World:
         away_m += site.clock_error_m + self._stamp_rng.gauss(0.0, STAMP_SIGMA_M)
         return round(t_s * TICKS_PER_SECOND) + round(away_m / LIGHT_M_S * TICKS_PER_SECOND)
 
+    def _reach(self, receiver: str, sender: str) -> int | None:
+        """How far apart two radios are, of whatever pads, as far as they hear each other."""
+        pad_id = self._sites[receiver][0] if receiver in self._sites else self._missions[receiver].spec.pad_id
+        places = self._place(pad_id, receiver), self._place(pad_id, sender)
+        if places[0] is None or places[1] is None:
+            return None
+        away_m = math.dist(places[0], places[1])
+        return None if away_m > BLINK_REACH_M else round(away_m * 1000)
+
+    def _place(self, pad_id: str, name: str) -> Vector | None:
+        """Where a node is, in the frame of any pad; None where that is too far away."""
+        if name not in self._sites:
+            return self._seen_from(pad_id, self._missions[name])
+        home_id, site = self._sites[name]
+        place = (site.east_m, site.north_m, site.up_m)
+        return place if home_id == pad_id else self._moved(home_id, place, pad_id)
+
     def _seen_from(self, pad_id: str, mission: Mission) -> Vector | None:
         """Where the drone's radio is, in the frame of any pad."""
         if mission.spec.pad_id == pad_id:
             return _radio_at(mission)
-        home = self._frames[mission.spec.pad_id]
+        return self._moved(mission.spec.pad_id, _radio_at(mission), pad_id)
+
+    def _moved(self, from_pad: str, place: Vector, to_pad: str) -> Vector | None:
+        """From one pad's frame into another's."""
         try:
             east, north, up = to_local(
-                self._frames[pad_id], *to_wgs84(home, *(round(value * 1000) for value in _radio_at(mission)))
+                self._frames[to_pad], *to_wgs84(self._frames[from_pad], *(round(value * 1000) for value in place))
             )
         except GeometryError:
             return None

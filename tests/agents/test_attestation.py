@@ -79,7 +79,7 @@ def heard(octets, heard_ms):
 @pytest.mark.parametrize("wrap", [None, "uav-1", "mavlink"])
 def test_what_the_module_sends_is_what_the_pad_hears(module, accuracy, wrap):
     octets = frame(NOW_MS - 300, serial="uav-1" if wrap == "uav-1" else None, accuracy=accuracy)
-    module.take(mavlink.build_frame(octets) if wrap == "mavlink" else octets)
+    module.take_datagram(mavlink.build_frame(octets) if wrap == "mavlink" else octets)
     assert [to_base64url(digest) for digest in module.sent(0)] == [digest_of(heard(octets, NOW_MS + 900))]
 
 
@@ -87,19 +87,19 @@ def test_messages_over_the_full_hour_have_one_time():
     hour_ms = NOW_MS - NOW_MS % HOUR_MS
     module = RemoteIdModule(("127.0.0.1", 0), "uav-1", lambda: hour_ms + 20)
     octets = frame(hour_ms - 100)
-    module.take(octets)
+    module.take_datagram(octets)
     assert [to_base64url(digest) for digest in module.sent(0)] == [digest_of(heard(octets, hour_ms - 10))]
 
 
 def test_what_is_not_this_drones_or_not_dated_by_its_clock_is_not_attested(module):
-    module.take(frame(NOW_MS, serial="uav-2"))
-    module.take(frame(NOW_MS + 900))
-    module.take(frame(NOW_MS - 1_900))
-    module.take(encode(Location(**PLACE)))
-    module.take(frame(NOW_MS, lat_e7=None, lon_e7=None))
-    module.take(encode(BasicId(uas_id="uav-1", id_type=IdType.SERIAL_NUMBER)))
-    module.take(b"\xff" * 25)
-    module.take(b"")
+    module.take_datagram(frame(NOW_MS, serial="uav-2"))
+    module.take_datagram(frame(NOW_MS + 900))
+    module.take_datagram(frame(NOW_MS - 1_900))
+    module.take_datagram(encode(Location(**PLACE)))
+    module.take_datagram(frame(NOW_MS, lat_e7=None, lon_e7=None))
+    module.take_datagram(encode(BasicId(uas_id="uav-1", id_type=IdType.SERIAL_NUMBER)))
+    module.take_datagram(b"\xff" * 25)
+    module.take_datagram(b"")
     assert module.sent(0) == ()
     assert (module.foreign, module.undated, module.bad, module.datagrams) == (1, 4, 2, 8)
 
@@ -109,8 +109,8 @@ def test_the_list_has_each_position_once_in_order_and_from_the_session_on():
     module = RemoteIdModule(("127.0.0.1", 0), "uav-1", lambda: now[0])
     for second in range(400):
         now[0] = NOW_MS + second * 1_000
-        module.take(frame(now[0]))
-        module.take(frame(now[0]))
+        module.take_datagram(frame(now[0]))
+        module.take_datagram(frame(now[0]))
     assert len(module.sent(now[0] - 5_000)) == 6
     assert len(module.sent(0)) <= 256
     assert module.sent(now[0] + 1) == NoBroadcasts().sent(0) == ()

@@ -8,12 +8,12 @@ import random
 
 import pytest
 from click.testing import CliRunner
+from kit.agents import FAST_PAD
 from msgspec import structs
 
 from wonderland_edge_agent.assembly import open_pad
 from wonderland_edge_agent.ports import AgentError
 from wonderland_edge_agent.radios.reported import ReportedRadios
-from wonderland_edge_agent.session.timing import PadTiming
 from wonderland_edge_agent.settings import SettingsError, UwbSettings, parse
 from wonderland_edge_agent.settings_fields import Address
 from wonderland_fira_uci.dwm1001 import BoardPosition, Generation, Mode, Timings
@@ -26,23 +26,8 @@ ANCHOR_NAMES = ("A1", "A2", "A3", "A4")
 QUICK = Timings(poll_ms=25, listen_ms=50, prompt_ms=300)
 
 
-@pytest.fixture
-def fast_timing():
-    return PadTiming(
-        open_ms=4_000,
-        reply_ms=2_500,
-        silence_ms=1_000,
-        identity_ms=2_000,
-        echo_ms=2_000,
-        confirm_ms=2_000,
-        submit_reserve_ms=1_500,
-        completion_ms=1_500,
-        lapse_margin_ms=300,
-    )
-
-
 @contextlib.asynccontextmanager
-async def proofs(world, timing, *, generation=Generation.PANS_R2, mode=Mode.TLV, quirks=None):
+async def proofs(world, *, generation=Generation.PANS_R2, mode=Mode.TLV, quirks=None):
     """A pad of DWM1001 anchors, a drone with a tag; both agents at work."""
     anchors = [VirtualAnchor(0xA000 + index, name, BoardPosition(0, 0, 0)) for index, name in enumerate(ANCHOR_NAMES)]
     tag = VirtualDwm1001(
@@ -56,23 +41,15 @@ async def proofs(world, timing, *, generation=Generation.PANS_R2, mode=Mode.TLV,
     port = PtyPort(tag, world.directory / "tty-tag")
     port.plug()
     world.ports["tag"] = port
-    settings = world.settings(anchors=[], uwb={"kind": "dwm1001", "listen": "127.0.0.1:0"})
     try:
-        async with open_pad(settings, timing=timing) as pad:
-            working = asyncio.create_task(pad.run())
-            try:
-                async with asyncio.timeout(10):
-                    await pad.wait_ready()
-                radios = pad._radios
-                assert isinstance(radios, ReportedRadios)
-                async with (
-                    TagRadio(port.path, radios.address, world.clock, mode=mode, timings=QUICK) as radio,
-                    world.uav(radio=radio) as uav,
-                ):
-                    yield pad, uav
-            finally:
-                working.cancel()
-                await asyncio.gather(working, return_exceptions=True)
+        async with world.pad(anchors=[], uwb={"kind": "dwm1001", "listen": "127.0.0.1:0"}) as pad:
+            radios = pad._radios
+            assert isinstance(radios, ReportedRadios)
+            async with (
+                TagRadio(port.path, radios.address, world.clock, mode=mode, timings=QUICK) as radio,
+                world.uav(radio=radio) as uav,
+            ):
+                yield pad, uav
     finally:
         port.close()
 
@@ -81,11 +58,9 @@ async def proofs(world, timing, *, generation=Generation.PANS_R2, mode=Mode.TLV,
     ("generation", "mode"),
     [(Generation.PANS_R2, Mode.TLV), (Generation.LEAPS, Mode.TLV), (Generation.PANS_R2, Mode.LEC)],
 )
-async def test_where_the_policy_takes_the_drones_word_it_is_verified_at_assurance_0(
-    world, fast_timing, generation, mode
-):
+async def test_where_the_policy_takes_the_drones_word_it_is_verified_at_assurance_0(world, generation, mode):
     await world.policy(min_assurance=0)
-    async with proofs(world, fast_timing, generation=generation, mode=mode) as (pad, uav):
+    async with proofs(world, generation=generation, mode=mode) as (pad, uav):
         result = await uav.prove("pad-1", "land")
         anchors = {anchor["anchor_id"] for anchor in pad.status()["anchors"]}
     assert (result.verdict.outcome, result.verdict.assurance) == ("verified", 0)
@@ -94,8 +69,8 @@ async def test_where_the_policy_takes_the_drones_word_it_is_verified_at_assuranc
     assert world.acted
 
 
-async def test_the_default_policy_never_verifies_what_a_drone_says_of_itself(world, fast_timing):
-    async with proofs(world, fast_timing) as (_, uav):
+async def test_the_default_policy_never_verifies_what_a_drone_says_of_itself(world):
+    async with proofs(world) as (_, uav):
         result = await uav.prove("pad-1", "land")
     assert result.verdict.outcome == "inconclusive"
     assert result.verdict.permission != "granted"
@@ -103,34 +78,34 @@ async def test_the_default_policy_never_verifies_what_a_drone_says_of_itself(wor
     assert not world.acted
 
 
-async def test_a_spoofed_position_is_found_out_though_the_drone_reports_itself(world, fast_timing):
+async def test_a_spoofed_position_is_found_out_though_the_drone_reports_itself(world):
     """What level 0 is good for: an honest drone whose GNSS is dragged away."""
     await world.policy(min_assurance=0)
     world.flight.truth = (16_000.0, 3_000.0, 6_000.0)
-    async with proofs(world, fast_timing) as (_, uav):
+    async with proofs(world) as (_, uav):
         result = await uav.prove("pad-1", "land")
     assert result.verdict.outcome == "refuted"
     assert not world.acted
 
 
-async def test_spliced_lines_and_noise_cost_rounds_and_nothing_else(world, fast_timing):
+async def test_spliced_lines_and_noise_cost_rounds_and_nothing_else(world):
     await world.policy(min_assurance=0)
     quirks = Quirks(update_ms=25, splice=0.3, garbage=0.2, nan=0.2)
-    async with proofs(world, fast_timing, mode=Mode.LEC, quirks=quirks) as (_, uav):
+    async with proofs(world, mode=Mode.LEC, quirks=quirks) as (_, uav):
         result = await uav.prove("pad-1", "land")
     assert result.verdict.outcome == "verified"
 
 
-async def test_distances_that_the_board_itself_rates_low_are_left_out(world, fast_timing):
+async def test_distances_that_the_board_itself_rates_low_are_left_out(world):
     await world.policy(min_assurance=0)
-    async with proofs(world, fast_timing, quirks=Quirks(update_ms=25, poor=0.6)) as (_, uav):
+    async with proofs(world, quirks=Quirks(update_ms=25, poor=0.6)) as (_, uav):
         result = await uav.prove("pad-1", "land")
     assert result.verdict.outcome == "verified"
 
 
-async def test_a_tag_that_is_away_ends_in_a_recorded_state(world, fast_timing, monkeypatch):
+async def test_a_tag_that_is_away_ends_in_a_recorded_state(world, monkeypatch):
     monkeypatch.setattr("wonderland_uav_agent.radio.tag.READY_GRACE_S", 0.2)
-    async with proofs(world, fast_timing) as (_, uav):
+    async with proofs(world) as (_, uav):
         world.ports["tag"].unplug()
         await asyncio.sleep(0.05)
         result = await uav.prove("pad-1", "land")
@@ -140,9 +115,9 @@ async def test_a_tag_that_is_away_ends_in_a_recorded_state(world, fast_timing, m
     assert not world.acted
 
 
-async def test_a_tag_pulled_while_ranging_is_judged_by_what_there_is(world, fast_timing):
+async def test_a_tag_pulled_while_ranging_is_judged_by_what_there_is(world):
     await world.policy(min_assurance=0)
-    async with proofs(world, fast_timing, quirks=Quirks(update_ms=100)) as (pad, uav):
+    async with proofs(world, quirks=Quirks(update_ms=100)) as (pad, uav):
         proving = asyncio.create_task(uav.prove("pad-1", "land"))
         async with asyncio.timeout(10):
             while "up" not in {anchor["state"] for anchor in pad.status()["anchors"]}:
@@ -154,8 +129,8 @@ async def test_a_tag_pulled_while_ranging_is_judged_by_what_there_is(world, fast
     assert not world.acted
 
 
-async def test_a_pad_that_does_not_listen_there_leaves_a_recorded_end(world, fast_timing, unused_udp_port):
-    async with proofs(world, fast_timing) as (_, uav):
+async def test_a_pad_that_does_not_listen_there_leaves_a_recorded_end(world, unused_udp_port):
+    async with proofs(world) as (_, uav):
         uav._radio._pad = ("127.0.0.1", unused_udp_port)
         result = await uav.prove("pad-1", "land")
         session = await world.contract("mirror").read_session(result.session_id)
@@ -179,13 +154,13 @@ def test_a_drones_mistakes_are_named(prepared_ledger, arguments, why):
     assert why in done.output
 
 
-async def test_a_port_in_use_is_said(world, fast_timing):
+async def test_a_port_in_use_is_said(world):
     settings = world.settings(anchors=[], uwb={"kind": "dwm1001", "listen": "127.0.0.1:0"})
     async with ReportedRadios(("127.0.0.1", 0), world.clock) as other:
         with pytest.raises(AgentError, match=r"uwb\.listen: 127\.0\.0\.1:\d+ cannot be bound"):
             async with open_pad(
                 structs.replace(settings, uwb=UwbSettings(kind="dwm1001", listen=Address(other.address))),
-                timing=fast_timing,
+                timing=FAST_PAD,
             ):
                 pytest.fail("it opened")
 

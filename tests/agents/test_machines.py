@@ -359,7 +359,7 @@ def test_no_order_of_events_permits_without_a_committed_verdict(make_duo, steps)
     for wait_ms, event in steps:
         now_ms += wait_ms
         actions += machine.handle(event, now_ms)
-        machine.frames_to_send(now_ms, 4)
+        machine.frames_to_send(now_ms)
     assert not duo.of(actions, pad_do.Permit)
     ends = duo.of(actions, pad_do.Finish)
     assert len(ends) == (machine.phase is PadPhase.ENDED)
@@ -399,7 +399,7 @@ def test_no_order_of_events_makes_a_drone_act_without_a_committed_verdict(make_d
     for wait_ms, event in steps:
         now_ms += wait_ms
         actions += machine.handle(event, now_ms)
-        machine.frames_to_send(now_ms, 4)
+        machine.frames_to_send(now_ms)
     assert not duo.of(actions, uav_do.Act)
     assert not duo.of(actions, uav_do.Complete)
     assert not duo.of(actions, uav_do.Sign)
@@ -413,9 +413,7 @@ def test_lost_frames_cost_time_and_no_verdict(make_duo, loss, seed):
     rng = random.Random(seed)
     for machine in (duo.pad, duo.uav):
         send = machine.frames_to_send
-        machine.frames_to_send = lambda now_ms, budget, send=send: [
-            frame for frame in send(now_ms, budget) if rng.random() >= loss
-        ]
+        machine.frames_to_send = lambda now_ms, send=send: [frame for frame in send(now_ms) if rng.random() >= loss]
     duo.run()
     assert duo.verdict.outcome == "verified"
     assert duo.ledger_state == "completed"

@@ -278,8 +278,8 @@ async def test_prekeys_are_published_when_half_are_used_and_taken_once(keeper):
     names = list(keeper.ledger.offered)
     for name in names[:4]:
         del keeper.ledger.offered[name]
-        assert await keeper.take(name) is not None
-        assert await keeper.take(name) is None
+        assert await keeper.take_key(name) is not None
+        assert await keeper.take_key(name) is None
     assert keeper.low
     await keeper.ensure()
     assert keeper.available == 8
@@ -346,7 +346,7 @@ async def looked(ledger, *, now_ms=NOW_MS, reason="agent_restart"):
     ends = Ends()
     reconciler = Reconciler(ledger, ends, lambda: now_ms)
     reconciler.add_interrupted({"a" * 64: {"reason": reason}})
-    await reconciler.look()
+    await reconciler.look_at_sessions()
     return ends.list, reconciler
 
 
@@ -391,7 +391,7 @@ async def test_an_absent_ledger_is_waited_for_and_an_unknown_session_forgotten(s
     ends, reconciler = await looked(ledger)
     assert (ends, reconciler.waiting) == ([], 1)
     ledger.away = False
-    await reconciler.look()
+    await reconciler.look_at_sessions()
     assert reconciler.waiting == 0
 
 
@@ -400,15 +400,15 @@ async def test_a_session_is_unknown_to_a_ledger_only_after_a_while(session_of):
     ledger, ends, now_ms = EndLedger(None), Ends(), [NOW_MS]
     reconciler = Reconciler(ledger, ends, lambda: now_ms[0])
     reconciler.add("a" * 64, "agent_restart")
-    await reconciler.look()
+    await reconciler.look_at_sessions()
     ledger.away = True
     now_ms[0] += UNKNOWN_MS - 1
-    await reconciler.look()
+    await reconciler.look_at_sessions()
     ledger.away = False
-    await reconciler.look()
+    await reconciler.look_at_sessions()
     assert (ends.list, reconciler.waiting) == ([], 1)
     now_ms[0] += 1
-    await reconciler.look()
+    await reconciler.look_at_sessions()
     assert ends.list == [("a" * 64, "cancelled", "unknown_to_ledger")]
     assert reconciler.waiting == 0
 
@@ -417,9 +417,9 @@ async def test_a_session_that_appears_after_all_is_ended(session_of):
     ledger, ends = EndLedger(None), Ends()
     reconciler = Reconciler(ledger, ends, lambda: NOW_MS)
     reconciler.add("a" * 64, "agent_restart")
-    await reconciler.look()
+    await reconciler.look_at_sessions()
     ledger.session = session_of
-    await reconciler.look()
+    await reconciler.look_at_sessions()
     assert ends.list == [("a" * 64, "cancelled", "agent_restart")]
 
 

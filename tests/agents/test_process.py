@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
+import re
 import signal
 import sys
 
@@ -91,6 +93,17 @@ async def test_killed_in_mid_session_and_back_the_end_is_on_the_ledger(world, st
     assert not world.acted
 
 
+async def sessions(world):
+    """Those that ended with what was permitted, as their events tell of them."""
+    contract, found = world.contract("mirror"), []
+    events = contract.events(start_block=0, names=frozenset({"InteractionCompleted"}))
+    with contextlib.suppress(TimeoutError):
+        while True:
+            async with asyncio.timeout(0.5):
+                found.append((await anext(events)).record)
+    return found
+
+
 async def test_the_drones_command_proves_and_says_how(world, start_pad):
     await start_pad()
     claim = world.flight.claim(0)
@@ -100,9 +113,9 @@ async def test_the_drones_command_proves_and_says_how(world, start_pad):
         f"0,{claim.lat_e7},{claim.lon_e7},{claim.height_mm},500,500\n"
     )
 
-    async def prove(*more):
+    async def prove(*more, command="prove"):
         process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-c", "from wonderland.cli import main; main()", "uav", "prove"),
+            *(sys.executable, "-c", "from wonderland.cli import main; main()", "uav", command),
             *("--connection", str(world.directory / "ledger"), "--identity", "uav"),
             *("--port", str(world.directory / "tty-uav"), "--position", f"track:{track}", "--pad", "pad-1"),
             *more,
@@ -124,6 +137,16 @@ async def test_the_drones_command_proves_and_says_how(world, start_pad):
     assert code == 2
     assert "Verified, permission granted" in output
     assert "✓ match" in errors
+
+    code, output, errors = await prove("--sessions", "1", command="calibrate")
+    assert code == 0, errors
+    session_id = re.search(r"session ([0-9a-f]{12})…", output).group(1)
+    (session,) = [each for each in await sessions(world) if each["session_id"].startswith(session_id)]
+    assert (session["end"], session["ended_by"]) == ("aborted", "uav")
+    assert session["note"] == "ranged for a calibration: nothing was flown"
+    code, _, errors = await prove("--then", "true", command="calibrate")
+    assert code == 2
+    assert "nothing is done that a calibration's sessions permit" in errors
 
     world.flight.truth = (20_000.0, 3_000.0, 6_000.0)
     code, output, _ = await prove()

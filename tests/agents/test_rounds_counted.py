@@ -22,6 +22,7 @@ def ranging():
         GatheredEvidence(ANCHORS),
         lambda now_ms: pytest.fail("no look is due"),
         interval_ms=INTERVAL_MS,
+        measured_ago_ms=0,
         max_rounds=160,
         timing=PadTiming(),
     )

@@ -6,6 +6,7 @@ import asyncio
 
 import pytest
 from click.testing import CliRunner
+from kit.agents import cured, hang
 
 from wonderland.cli import main
 from wonderland_fabric_gateway.connection import Connection
@@ -68,6 +69,25 @@ async def test_a_missing_anchor_of_five_is_named_and_the_pad_goes_on(world):
     world.ports["A3"].unplug()
     async with world.pad():
         await said(path, CAN, "can prove", "goes on without A3 (")
+
+
+async def test_a_node_that_hangs_and_comes_back(world):
+    path = settings_file(world)
+    async with world.pad():
+        await said(path, CAN)
+        hang(world.ports["A2"])
+        await said(path, CANNOT, "3 of 4 anchors can range, 4 are needed", "A2 (")
+        cured(world.ports["A2"])
+        world.ports["A2"].unplug()
+        world.ports["A2"].plug()
+        await said(path, CAN, limit_s=2 * NOTICED_S)
+
+
+async def test_a_node_that_answers_and_never_ranges(world):
+    path = settings_file(world)
+    world.mute = {"A2"}
+    async with world.pad():
+        await said(path, CANNOT, "3 of 4 anchors can range, 4 are needed", "A2 (", limit_s=3 * NOTICED_S)
 
 
 async def test_a_lost_ledger(world):

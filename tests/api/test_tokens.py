@@ -11,11 +11,15 @@ from joserfc.jwk import ECKey, OctKey, RSAKey
 from sqlalchemy import update
 
 from wonderland_backend.clients.keys import TokenKeys
-from wonderland_backend.clients.store import ClientError, NewClient
+from wonderland_backend.clients.store import ClientError, NewClient, role_within
 from wonderland_backend.clients.tokens import ASSERTION_TYPE
 from wonderland_backend.db.tables.clients import ClientRow
+from wonderland_backend.db.tables.people import PersonRow
 from wonderland_backend.errors import SettingsError, TooManyRequests
 from wonderland_backend.http.limits import RateLimits
+from wonderland_backend.people import store as people
+from wonderland_backend.people.schemas import Invitation
+from wonderland_backend.person import Account
 
 START_S = 1_800_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -47,7 +51,7 @@ async def test_a_secret_buys_a_token_and_the_token_opens_what_its_scope_says(run
     assert refused.status_code == 403
     assert refused.json()["type"] == "urn:wonderland:problem:insufficient-scope"
     assert 'scope="wonderland.proofs.read"' in refused.headers["www-authenticate"]
-    known = await running.parts.clients.find(row.client_id)
+    known = await running.parts.clients.find_client(row.client_id)
     assert known.last_token_ms == running.context.clock()
 
 
@@ -297,3 +301,53 @@ def test_keys_from_a_file(tmp_path):
             TokenKeys.load(path)
     with pytest.raises(SettingsError, match="token_key_file"):
         TokenKeys.load(tmp_path / "missing")
+
+
+@pytest.mark.parametrize(
+    ("change", "state", "role", "left"),
+    [
+        ({"roles": "inspector"}, "active", "inspector", "inspector"),
+        ({"roles": "viewer"}, "active", "inspector", "viewer"),
+        ({"roles": "pad_operator", "msp_id": "PadMSP"}, "active", "inspector", None),
+        ({"roles": "admin"}, "suspended", "viewer", None),
+    ],
+)
+async def test_a_machine_never_goes_beyond_the_person_who_registered_it(running, change, state, role, left):
+    """Demoted or suspended: its machines lose with it, at once, with the tokens that they have."""
+    ada = Account("a" * 32, "Ada")
+    async with running.context.database.write() as connection:
+        await people.create(
+            connection, ada, Invitation(name="Ada", roles=["admin"]), ada.person_id, state="active", now_ms=0
+        )
+        wanted = NewClient("Bot", ("wonderland.pads.read",), role)
+        row, secret = await running.parts.clients.add(connection, wanted, ada)
+    async with httpx.AsyncClient(base_url=running.url, trust_env=False) as http:
+        form = {"grant_type": "client_credentials"}
+        answer = await http.post("/oauth/token", data=form, auth=(row.client_id, secret))
+        bearer = {"Authorization": f"Bearer {answer.json()['access_token']}"}
+        assert (await http.get("/api/v1/pads", headers=bearer)).status_code == 200
+        async with running.context.database.write() as connection:
+            await connection.execute(
+                update(PersonRow).where(PersonRow.person_id == ada.person_id).values(state=state, **change)
+            )
+        now = await running.parts.clients.find_client(row.client_id)
+        assert (now.role if now.revoked_ms is None else None) == left
+        again = await http.get("/api/v1/pads", headers=bearer)
+        anew = await http.post("/oauth/token", data=form, auth=(row.client_id, secret))
+        expected = (200, 200) if left else (401, 401)
+        assert (again.status_code, anew.status_code) == expected
+
+
+@pytest.mark.parametrize(
+    ("role", "msp_id", "held", "held_msp_id", "left"),
+    [
+        ("pad_operator", "PadMSP", ("pad_operator",), "PadMSP", "pad_operator"),
+        ("pad_operator", "PadMSP", ("pad_operator",), "Pad2MSP", None),
+        ("fleet_operator", "FleetMSP", ("viewer",), "", None),
+        ("inspector", "", ("fleet_operator",), "FleetMSP", None),
+        ("viewer", "", ("inspector",), "", "viewer"),
+        ("inspector", "", (), "", None),
+    ],
+)
+def test_what_is_left_of_a_machine(role, msp_id, held, held_msp_id, left):
+    assert role_within(role, msp_id, held, held_msp_id) == left

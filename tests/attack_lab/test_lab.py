@@ -18,7 +18,7 @@ from wonderland_research.attack_lab.judge import run_batch, verdict_of
 from wonderland_research.attack_lab.model import interval, percent, share
 from wonderland_research.attack_lab.places import SMALL
 from wonderland_research.attack_lab.report import markdown, result_from
-from wonderland_research.attack_lab.screen import Look, look
+from wonderland_research.attack_lab.screen import Look, screen_looks
 
 TRIES = 10
 running = sys.modules["wonderland_research.attack_lab.run"]  # the package has the function under that name
@@ -58,14 +58,14 @@ def test_the_screen_agrees_with_the_decision(name, number):
 
 def test_a_screen_that_errs_is_found(monkeypatch):
     batch = ATTACKS["honest"].variants[0].make(np.random.default_rng(5), 3)
-    monkeypatch.setattr(judging, "look", lambda batch, rows, rounds: np.full(len(rows), Look.REFUTED))
+    monkeypatch.setattr(judging, "screen_looks", lambda batch, rows, rounds: np.full(len(rows), Look.REFUTED))
     with pytest.raises(LabError, match="screen says refuted and the decision verified"):
         run_batch(batch, sample=3)
 
 
 def test_whatever_may_be_verified_is_asked():
     batch = ATTACKS["honest"].variants[0].make(np.random.default_rng(6), 12)
-    assert {int(answer) for answer in look(batch, np.arange(12), 24)} == {Look.ASK}
+    assert {int(answer) for answer in screen_looks(batch, np.arange(12), 24)} == {Look.ASK}
     assert {verdict_of(batch, row, 24).outcome for row in range(12)} == {"verified"}
 
 

@@ -195,16 +195,16 @@ async def test_a_pad_that_falls_silent_and_comes_back(running, database, clock):
     row = {"agent": "pad", "agent_id": "pad-1", "t_ms": clock.now_ms, "body": "{}"}
     async with database.write() as connection:
         await connection.execute(insert(HealthRow), [row])
-    await running.backend.watch.look()
+    await running.backend.watch.look_once()
     assert await alerts(running, kind="pad_silent") == []
     clock.now_ms += watch.SILENT_MS + 1
     for _ in range(2):
-        await running.backend.watch.look()
+        await running.backend.watch.look_once()
     (silent,) = await alerts(running, kind="pad_silent", state="open")
     assert silent["facts"]["since_ms"] == row["t_ms"]
     async with database.write() as connection:
         await connection.execute(update(HealthRow).values(t_ms=clock.now_ms))
-    await running.backend.watch.look()
+    await running.backend.watch.look_once()
     (returned,) = await alerts(running, kind="pad_silent", state="inbox")
     assert (returned["state"], returned["over_ms"]) == ("returned", clock.now_ms)
     # Nobody had seen it: it stays until somebody has, also in the live interface and after a restart.
@@ -219,20 +219,20 @@ async def test_a_pad_that_falls_silent_and_comes_back(running, database, clock):
         assert [each["state"] for each in told] == ["over"]
     assert await alerts(running, kind="pad_silent", state="inbox") == []
     clock.now_ms += watch.SILENT_MS + 1
-    await running.backend.watch.look()
+    await running.backend.watch.look_once()
     (again, _) = await alerts(running, kind="pad_silent")
     # One that was seen while it lasted is over when it ends.
     await act(running, again, "acknowledge")
     async with database.write() as connection:
         await connection.execute(update(HealthRow).values(t_ms=clock.now_ms))
-    await running.backend.watch.look()
+    await running.backend.watch.look_once()
     assert [each["state"] for each in await alerts(running, kind="pad_silent")] == ["over", "over"]
 
 
 async def test_a_halted_mirror_and_certificates_that_expire(running, clock):
     running.parts.mirror.halted = "block 9 does not continue the chain"
     clock.now_ms += 20 * 365 * 86_400_000
-    await running.backend.watch.look()
+    await running.backend.watch.look_once()
     await running.sign_in()
     kinds = {each["kind"] for each in await alerts(running, state="open", limit=100)}
     assert {"ledger_halted", "certificate_expiring"} <= kinds
@@ -241,7 +241,7 @@ async def test_a_halted_mirror_and_certificates_that_expire(running, clock):
 
 async def expiring(running, state="open"):
     """Alerts of certificates that end soon, by the serial number."""
-    await running.backend.watch.look()
+    await running.backend.watch.look_once()
     found = await alerts(running, kind="certificate_expiring", state=state, limit=100)
     return {each["facts"]["serial"]: each for each in found}
 
@@ -324,12 +324,12 @@ async def test_a_permission_that_no_broadcast_follows(running, database, clock):
     from wonderland_backend.db.tables.reported import TrackRow
 
     clock.now_ms = START_MS + 2_000 + queries.MATCH_AFTER_MS + 1
-    await running.backend.watch.look()
+    await running.backend.watch.look_once()
     assert await alerts(running, kind="permission_unmatched") == [], "a pad that hears nobody accuses nobody"
     async with database.write() as connection:
         row = {"uav_id": "another", "pad_id": "pad-1", "t_ms": START_MS, "received_ms": START_MS, "body": "{}"}
         await connection.execute(insert(TrackRow), [row])
-    await running.backend.watch.look()
+    await running.backend.watch.look_once()
     (alert,) = await alerts(running, kind="permission_unmatched")
     assert (alert["uav_id"], alert["pad_id"]) == ("uav-1", "pad-1")
 
@@ -594,7 +594,7 @@ async def test_what_a_receiver_finds_odd_is_an_alert_until_it_is_odd_no_more(run
     async with database.write() as connection:
         await connection.execute(insert(FindingRow), rows)
     for _ in range(2):
-        await running.backend.watch.look()
+        await running.backend.watch.look_once()
     (identity,) = await alerts(running, kind="identity_odd")
     assert (identity["uav_id"], identity["pad_id"], identity["severity"]) == ("uav-1", "pad-1", "warning")
     assert identity["facts"] == {
@@ -606,7 +606,7 @@ async def test_what_a_receiver_finds_odd_is_an_alert_until_it_is_odd_no_more(run
     (rate,) = await alerts(running, kind="broadcast_odd")
     assert (rate["severity"], rate["facts"]["finding"]) == ("notice", "rate_high")
     clock.now_ms += queries.LASTS_MS
-    await running.backend.watch.look()
+    await running.backend.watch.look_once()
     assert {each["state"] for each in await alerts(running, kind="identity_odd")} == {"returned"}
 
 
@@ -617,7 +617,7 @@ async def test_a_flood_of_invented_identities_drowns_nobody_and_is_told(running,
     rows = [finding(f"ghost-{i:03}", "two_places", clock.now_ms + i) for i in range(oddities.SHOWN + 7)]
     async with database.write() as connection:
         await connection.execute(insert(FindingRow), rows)
-    await running.backend.watch.look()
+    await running.backend.watch.look_once()
     assert len(await alerts(running, kind="identity_odd", limit=100)) == oddities.SHOWN
     (flood,) = await alerts(running, kind="broadcasts_flooded")
     assert flood["facts"]["drones"] == oddities.SHOWN + 7

@@ -5,7 +5,7 @@ from __future__ import annotations
 import httpx
 import pytest
 
-from wonderland_backend.console import find
+from wonderland_backend.console import find_console
 from wonderland_backend.routes import new_app
 from wonderland_backend.settings import Settings
 
@@ -85,4 +85,4 @@ async def test_without_a_console_it_says_so(tmp_path):
     app = new_app(Settings(), frozenset(), tmp_path)
     answer = await get(app, "/")
     assert "not built" in answer.text
-    assert find(tmp_path) is None
+    assert find_console(tmp_path) is None

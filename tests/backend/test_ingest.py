@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import contextlib
 import json
 
 import pytest
@@ -561,17 +562,22 @@ async def test_absurd_records_are_refused_alone(running, agent_client):
     assert await count(running, IrregularRow) == len(records)
 
 
-async def test_too_many_silent_connections_are_turned_away(running, agent_client, monkeypatch):
-    monkeypatch.setattr("wonderland_backend.ingest.endpoints.MAX_UNPROVEN", 1)
-    async with running.connect("/ingest") as silent:
-        await asyncio.wait_for(silent.recv(), 5)
+async def test_silent_connections_shut_no_agent_out(running, agent_client, monkeypatch):
+    """Whoever opens many and says nothing loses the oldest; agents say who they are at once."""
+    monkeypatch.setattr("wonderland_backend.ingest.endpoints.MAX_UNPROVEN", 3)
+    async with contextlib.AsyncExitStack() as stack:
+        silent = [await stack.enter_async_context(running.connect("/ingest")) for _ in range(5)]
+        for socket in silent:
+            assert json.loads(await asyncio.wait_for(socket.recv(), 5))["type"] == "challenge"
         async with running.connect("/ingest") as socket:
-            await closed_with(socket, 1013)
+            assert (await agent_client(socket).hello())["type"] == "welcome"
+        for socket in silent[:3]:
+            assert json.loads(await asyncio.wait_for(socket.recv(), 5))["code"] == "no_hello"
+            await closed_with(socket, 4401)
+        assert running.parts.agents.unproven == 2
     async with asyncio.timeout(5):
         while running.parts.agents.unproven:
             await asyncio.sleep(0.01)
-    async with running.connect("/ingest") as socket:
-        assert (await agent_client(socket).hello())["type"] == "welcome"
 
 
 async def test_browsers_of_other_origins_get_no_further(running):

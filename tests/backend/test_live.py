@@ -289,7 +289,7 @@ class FakeBoard:
         self.taken = 0
         self.has_more_alerts = False
 
-    def take(self, *, with_status):
+    def take_changes(self, *, with_status):
         self.taken += 1
         return {"tracks": self.changes.pop(0)} if self.changes else {}
 

@@ -32,8 +32,10 @@ from wonderland_backend.db.tables.ledger import (
 )
 from wonderland_backend.errors import MirrorHalted
 from wonderland_backend.mirror import store
+from wonderland_backend.mirror.derive import WITHOUT_ROWS
 from wonderland_backend.mirror.follow import Mirror
 from wonderland_backend.mirror.rebuild import digest, rebuild
+from wonderland_backend.mirror.rows import RECORDS
 from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_fabric_gateway.errors import LedgerError
 
@@ -137,6 +139,11 @@ async def test_deleted_assets_go_and_may_come_back(database, new_mirror, chain, 
     await mirror.run_until(chain.height)
     (asset,) = await rows(database, AssetRow)
     assert orjson.loads(asset.record)["version"] == 3
+
+
+def test_every_kind_of_key_has_rows_or_is_known_to_have_none():
+    kinds = {value for name, value in vars(keys).items() if name.isupper()} - {keys.SEPARATOR, keys.LAST}
+    assert set(RECORDS) | WITHOUT_ROWS == kinds
 
 
 @pytest.mark.parametrize(

@@ -9,18 +9,22 @@ from wonderland_backend.db import passwords
 
 
 def test_it_is_made_once_in_the_two_forms_in_which_it_is_read(tmp_path):
-    directory = tmp_path / "secrets"
-    first = CliRunner().invoke(backend, ["new-password", "--to", str(directory)])
+    at = tmp_path / "secrets"
+    directory = at / "owner"
+    first = CliRunner().invoke(backend, ["new-password", "--to", str(at)])
     assert first.exit_code == 0
-    assert "new password" in first.output
+    assert "new passwords" in first.output
     password = (directory / passwords.FOR_SERVER).read_text()
     assert len(password.strip()) >= 40
     assert (directory / passwords.FOR_CLIENT).read_text() == f"*:*:*:wonderland:{password}"
     assert password.strip() not in first.output
     assert stat.S_IMODE((directory / passwords.FOR_CLIENT).stat().st_mode) == 0o600
     assert stat.S_IMODE((directory / passwords.FOR_SERVER).stat().st_mode) == 0o640
-    assert "it stays" in CliRunner().invoke(backend, ["new-password", "--to", str(directory)]).output
+    assert "they stay" in CliRunner().invoke(backend, ["new-password", "--to", str(at)]).output
     assert (directory / passwords.FOR_SERVER).read_text() == password
+    servers = (at / "server" / passwords.FOR_SERVER).read_text()
+    assert servers != password
+    assert (at / "server" / passwords.FOR_CLIENT).read_text() == f"*:*:*:wonderland_server:{servers}"
 
 
 def test_a_lost_client_file_is_made_from_the_servers(tmp_path):

@@ -15,7 +15,7 @@ from kit.proof_actors import HERE, ROUNDS, Actors
 from kit.proof_world import World
 from sqlalchemy.engine import make_url
 
-from wonderland_backend.app import now_ms
+from wonderland_backend.http.times import now_ms
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.embedded.administration import DirectoryAdministration
 

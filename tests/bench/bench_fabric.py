@@ -17,7 +17,7 @@ def quiet(_step, _text):
 def needs_fabric():
     """Skip where Fabric's servers are missing."""
     try:
-        binaries.find()
+        binaries.find_binaries()
     except BinaryError as error:
         pytest.skip(f"Fabric's servers are needed: {error}")
 
@@ -25,7 +25,7 @@ def needs_fabric():
 async def fabric_network(directory, **described):
     """A network that is up; without a description three organisations, one peer each, one orderer. Take it down!"""
     needs_fabric()
-    servers = await binaries.check()
+    servers = await binaries.check_binaries()
     network = bringing_up.new_network(NetworkDirectory(directory), NetworkDescription.parse(described))
     try:
         await bringing_up.bring_up(network, servers, quiet)

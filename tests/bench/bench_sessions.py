@@ -6,16 +6,20 @@ import asyncio
 import contextlib
 import math
 import random
+import time
+from dataclasses import replace
 
 from wonderland.clock import SteadyClock
 from wonderland.proof_contract import ProofContract
+from wonderland.proofs.records.sessions import TICKS_PER_SECOND
+from wonderland.uwb.agreed import ability_of
 from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_simulator.channel import Channel
 from wonderland_simulator.playback import Playback
 from wonderland_simulator.recording import RecordedRound, Recording
-from wonderland_simulator.scenario import PADS, Behaviour, DroneSpec
+from wonderland_simulator.scenario import PADS, STAMP_SIGMA_M, Behaviour, DroneSpec
 from wonderland_simulator.stage import Stage, StageSettings
-from wonderland_simulator.world import drone_path
+from wonderland_simulator.world import LIGHT_M_S, drone_path
 from wonderland_uav_agent.agent import UavAgent
 from wonderland_uav_agent.ledger_events import LedgerEvents
 from wonderland_uav_agent.position.autopilot import AutopilotPosition
@@ -39,6 +43,25 @@ def hovering(pad, rounds, seed=1):
     return Recording(tuple(RecordedRound(0.05 * number, ranged(), HOVER_M) for number in range(rounds)), sites)
 
 
+def commissioned(pad, board):
+    """The pad's record, its nodes being of that kind."""
+    return replace(pad.commissioning(time.time_ns() // 1_000_000), nodes=ability_of(board.said()))
+
+
+def stamping(pad, seed=1):
+    """What the pad's common clock shows when an anchor hears the hovering drone."""
+    rng = random.Random(seed)
+    sites = {f"{pad.pad_id}/{site.anchor_id}": site for site in pad.anchors}
+
+    def stamp(anchor, _tag, t_s):
+        site = sites[anchor]
+        away_m = math.dist((site.east_m, site.north_m, site.up_m), HOVER_M)
+        away_m += site.clock_error_m + rng.gauss(0.0, STAMP_SIGMA_M)
+        return round(t_s * TICKS_PER_SECOND) + round(away_m / LIGHT_M_S * TICKS_PER_SECOND)
+
+    return stamp
+
+
 class Sessions:
     """Proves on demand at one pad."""
 
@@ -48,9 +71,13 @@ class Sessions:
         self.identity = identity
         self.pad_id = stage.settings.pads[0].pad_id
 
+    async def attempt(self):
+        """One proof, however it ends."""
+        return await self.agent.prove(self.pad_id, "land")
+
     async def prove(self):
         """One proof; asserts that it was verified."""
-        result = await self.agent.prove(self.pad_id, "land")
+        result = await self.attempt()
         assert result.verdict is not None, (result.end, result.detail)
         assert result.verdict.outcome == "verified", result.verdict.reasons
         return result
@@ -61,16 +88,23 @@ class Sessions:
 
 
 @contextlib.asynccontextmanager
-async def sessions(directory, *, policy, rounds=10_000, ledger="embedded"):
-    """A stage with one pad and one drone, ready to prove. ``policy``: of the pad; ``rounds``: of the recording."""
-    pad = PADS[0]
+async def sessions(directory, *, policy, rounds=10_000, ledger="embedded", pad=PADS[0], board=None):
+    """A stage with one pad and one drone, ready to prove.
+
+    ``policy``: of the pad; ``rounds``: of the recording; ``board``: of all nodes, the pad's own unless given.
+    """
+    board = board or pad.board
     drone = DroneSpec(UAV_ID, "Bench", pad.pad_id, "land", Behaviour.HONEST, HOVER_M, HOVER_M, 0.0)
-    stage = Stage(directory, StageSettings((pad,), (drone,), policy=lambda _: policy, ledger=ledger))
+    settings = StageSettings(
+        (pad,), (drone,), policy=lambda _: policy, ledger=ledger, commissioning=lambda _: commissioned(pad, board)
+    )
+    stage = Stage(directory, settings)
     async with contextlib.AsyncExitStack() as stack:
         await stack.enter_async_context(stage)
-        playback = Playback(
-            hovering(pad, rounds), pad, UAV_ID, directory, stage.ports.position[UAV_ID], lambda truth: truth
-        )
+        port = stage.ports.position[UAV_ID]
+        playback = Playback(hovering(pad, rounds), pad, UAV_ID, directory, port, lambda truth: truth, board=board)
+        if pad.clock_sigma_mm is not None:
+            playback._air.stamp = stamping(pad)  # recordings have none
         air = asyncio.ensure_future(playback.run())
         try:
             await asyncio.sleep(0)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 from pathlib import Path
+
+from wonderland_fabric_gateway.blocks import parse_block
 
 
 def quantile(values, share):
@@ -58,3 +61,18 @@ class NodeClient:
         self._process.stdin.write(json.dumps(work).encode() + b"\n")
         await self._process.stdin.drain()
         return (await self.read())["took_ms"]
+
+
+class Replay:
+    """The blocks' bytes as a source; they are parsed as they would be when they come from a ledger."""
+
+    def __init__(self, blocks):
+        self._blocks = blocks
+
+    async def height(self):
+        return len(self._blocks)
+
+    async def blocks(self, start):
+        for raw in self._blocks[start:]:
+            yield parse_block(raw)
+        await asyncio.Event().wait()

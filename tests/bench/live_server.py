@@ -80,7 +80,7 @@ class Raw:
         seq = 0
         while True:
             await asyncio.sleep(self.tick_s)
-            changed = self.board.take(with_status=False)
+            changed = self.board.take_changes(with_status=False)
             if not changed:
                 continue
             seq += 1

@@ -59,7 +59,7 @@ def test_moves_that_are_noticed():
             named += found.suspect is not None and found.suspect.anchor_id == name
             watch = DriftWatch(Baseline.of(ranges(PLACES, rng, 30, units), t_ms=0, source=""), PLACES, LOOK_S)
             for look in range(1, MOST_LOOKS + 1):
-                state = watch.look(look, summary(ranges(places, rng, 20, units)))
+                state = watch.judge_pairs(look, summary(ranges(places, rng, 20, units)))
                 if state.state != "ok":
                     looks.append(look)
                     watched += 1

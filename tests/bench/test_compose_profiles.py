@@ -24,7 +24,7 @@ def test_up_down_and_up_again(tmp_path, profile):
     environment = dict(os.environ)
     if profile != "embedded":
         try:
-            environment["FABRIC_BIN"] = str(binaries.find()["peer"].parent)
+            environment["FABRIC_BIN"] = str(binaries.find_binaries()["peer"].parent)
         except binaries.BinaryError as error:
             pytest.skip(f"Fabric's servers are needed: {error}")
     script = ROOT / "tests" / "compose" / "run_profile.py"

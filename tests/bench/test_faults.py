@@ -68,7 +68,7 @@ async def leader(network):
 @pytest.mark.parametrize(("consensus", "orderers"), [("raft", 3), ("bft", 4)])
 async def test_stalls(tmp_path, keep, consensus, orderers):
     try:
-        servers = await binaries.check()
+        servers = await binaries.check_binaries()
     except BinaryError as error:
         pytest.skip(f"Fabric's servers are needed: {error}")
     network = bringing_up.new_network(NetworkDirectory(tmp_path / "net"), description(consensus, orderers))

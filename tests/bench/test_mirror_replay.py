@@ -5,13 +5,12 @@ The blocks are whole ones as a ledger makes them; parsing, checking and deriving
 
 from __future__ import annotations
 
-import asyncio
 import sqlite3
 import time
 from collections import Counter
 
 import pytest
-from bench.bench_tools import show
+from bench.bench_tools import Replay, show
 from kit.chain import START_MS, Authorities, ChainBuilder
 from kit.facts import Facts
 from msgspec.structs import asdict
@@ -53,21 +52,6 @@ def blocks(tmp_path):
     if waiting:
         chain.add(*waiting)
     return chain.blocks
-
-
-class Replay:
-    """The blocks' bytes as a source; they are parsed as they would be when they come from a ledger."""
-
-    def __init__(self, blocks):
-        self._blocks = blocks
-
-    async def height(self):
-        return len(self._blocks)
-
-    async def blocks(self, start):
-        for raw in self._blocks[start:]:
-            yield parse_block(raw)
-        await asyncio.Event().wait()
 
 
 @pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)])

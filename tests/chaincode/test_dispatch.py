@@ -217,11 +217,12 @@ def _examples(scene):
     )
     yield scene.fleet, "RegisterUav", scene.uav_argument("U7")
     yield scene.fleet, "RecordMaintenance", scene.maintenance()
-    yield scene.admin, "SetUavStatus", {"uav_id": "1AB0000001", "status": "active", "reason": "x"}
+    yield scene.admin, "SetUavStatus", {"uav_id": "1AB0000001", "status": "suspended", "reason": "x"}
     yield scene.admin, "GrantAuthorisation", scene.authorisation(authorisation_id="a7")
-    yield scene.admin, "SetPolicy", {"pad_id": "*", "action": "*", "policy": session["policy"]}
+    yield scene.admin, "ProposePolicy", {"pad_id": "*", "action": "*", "policy": session["policy"]}
     yield scene.uav, "RequestProof", scene.request_argument("k2")
     yield scene.pad, "SubmitProof", {"session_id": session["session_id"], "evidence": scene.evidence(session)}
+    yield scene.inspector, "CalibrateUav", scene.calibration(session["session_id"])
     yield scene.uav, "CancelProof", {"session_id": session["session_id"], "reason": "x"}
     yield scene.uav, "CreateAsset", {"id": "a", "type": "t", "media_type": "a/b", "value": "v"}
 

@@ -69,7 +69,7 @@ def test_a_retired_pad_stays_retired(scene):
         ),
         (scene.uav, "RequestProof", scene.request_argument()),
         (scene.admin, "GrantAuthorisation", scene.authorisation(authorisation_id="a2")),
-        (scene.admin, "SetPolicy", {"pad_id": "pad-1", "action": "*", "policy": {}}),
+        (scene.admin, "ProposePolicy", {"pad_id": "pad-1", "action": "*", "policy": {}}),
     ):
         scene.refuse(422, "PAD_RETIRED", who, function, argument)
     scene.refuse(409, "PAD_EXISTS", scene.operator, "RegisterPad", scene.pad_argument())

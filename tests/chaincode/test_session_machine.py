@@ -123,7 +123,12 @@ class Sessions(RuleBasedStateMachine):
 
     @rule(status=mostly("active", "suspended"), range_sigma_mm=mostly(25, 26))
     def authority(self, status, range_sigma_mm):
-        self.attempt(self.scene.admin, "SetUavStatus", uav_id="1AB0000001", status=status, reason="x")
+        if status == "active":
+            lifted = self.attempt(self.scene.admin, "ProposeReinstatement", uav_id="1AB0000001", reason="x")
+            if lifted is not None:
+                self.attempt(self.scene.inspector, "ApproveChange", **self.scene.approval(lifted))
+        else:
+            self.attempt(self.scene.admin, "SetUavStatus", uav_id="1AB0000001", status=status, reason="x")
         commissioning = self.scene.commissioning(range_sigma_mm=range_sigma_mm)
         self.attempt(self.scene.operator, "CommissionPad", pad_id="pad-1", commissioning=commissioning)
 

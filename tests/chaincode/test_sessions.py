@@ -298,7 +298,7 @@ def test_a_permission_stands_until_it_expires(scene):
 
 
 def test_a_policy_decides_how_long_a_session_lives(scene):
-    scene.call(scene.admin, "SetPolicy", pad_id="pad-1", action="*", policy=Policy(session_ttl_ms=1_000).to_json())
+    scene.set_policy(Policy(session_ttl_ms=1_000).to_json(), "pad-1")
     session = scene.request()
     assert session["expires_ms"] == scene.now_ms + 1_000
     _submit(scene, session, 422, "SESSION_EXPIRED", evidence=scene.evidence(session))

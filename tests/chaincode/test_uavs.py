@@ -45,7 +45,7 @@ def test_the_operators_secret_is_not_stored(empty, ending):
     assert old.registration.endswith(ending), "old blocks read as they always did"
 
 
-def test_the_authority_suspends_and_reactivates_and_the_operator_only_retires(scene):
+def test_the_authority_suspends_and_two_of_it_reactivate_and_the_operator_only_retires(scene):
     def status(who, status):
         return scene.call(who, "SetUavStatus", uav_id="1AB0000001", status=status, reason="because")
 
@@ -60,7 +60,11 @@ def test_the_authority_suspends_and_reactivates_and_the_operator_only_retires(sc
             status=wish,
             reason="please",
         )
-    assert status(scene.admin, "active")["status"] == "active"
+    scene.refuse(
+        403, "TWO_PEOPLE_NEEDED", scene.admin, "SetUavStatus", uav_id="1AB0000001", status="active", reason="alone"
+    )
+    assert scene.reinstate()["state"] == "approved"
+    assert scene.call(scene.mirror, "ReadUav", uav_id="1AB0000001")["status"] == "active"
     assert status(scene.fleet, "retired")["status"] == "retired"
     for who, function, argument in (
         (scene.admin, "SetUavStatus", {"uav_id": "1AB0000001", "status": "active", "reason": "x"}),
@@ -210,5 +214,5 @@ def test_a_policy_can_do_without_maintenance_and_authorisation(empty):
     empty.call(empty.fleet, "RegisterUav", empty.uav_argument())
     policy = {"require_maintenance": False, "require_authorisation": False}
     full = empty.call(empty.mirror, "ReadPolicy", pad_id="pad-1", action="land") | policy
-    empty.call(empty.admin, "SetPolicy", pad_id="pad-1", action="land", policy=full)
+    empty.set_policy(full, "pad-1", "land")
     assert empty.submit(empty.request())["permission"] == "granted"

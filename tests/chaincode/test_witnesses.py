@@ -36,13 +36,7 @@ def witnessed(scene):
 
 
 def policy(scene, **more):
-    scene.call(
-        scene.admin,
-        "SetPolicy",
-        pad_id="pad-1",
-        action="*",
-        policy={"min_assurance": 4, "witness_pad_id": "pad-2"} | more,
-    )
+    scene.set_policy({"min_assurance": 4, "witness_pad_id": "pad-2"} | more, "pad-1")
 
 
 def bear_witness(scene, session, **more):
@@ -201,7 +195,7 @@ def test_who_can_be_a_witness(witnessed):
     argument = witnessed.request_argument("k1")
     witnessed.refuse(422, "WITNESS_PREKEY_MISSING", witnessed.uav, "RequestProof", argument)
     unknown = {"min_assurance": 4, "witness_pad_id": "pad-9"}
-    witnessed.refuse(404, "PAD_UNKNOWN", witnessed.admin, "SetPolicy", pad_id="pad-1", action="*", policy=unknown)
+    witnessed.refuse(404, "PAD_UNKNOWN", witnessed.admin, "ProposePolicy", pad_id="pad-1", action="*", policy=unknown)
     witnessed.call(
         witnessed.operator,
         "CommissionPad",
@@ -209,7 +203,7 @@ def test_who_can_be_a_witness(witnessed):
         commissioning=witnessed.commissioning(anchors=anchors(WITNESS_ANCHORS)),
     )
     witnessed.refuse(422, "WITNESS_WITHOUT_CLOCK", witnessed.uav, "RequestProof", argument, witness_prekey_id="w0")
-    witnessed.call(witnessed.admin, "SetPolicy", pad_id="pad-1", action="*", policy={})
+    witnessed.set_policy({}, "pad-1")
     witnessed.refuse(400, "NO_WITNESS_NAMED", witnessed.uav, "RequestProof", argument, witness_prekey_id="w0")
     session = witnessed.call(witnessed.uav, "RequestProof", argument)
     witnessed.refuse(
@@ -230,7 +224,7 @@ def test_a_testimony_changes_only_with_its_organisations_signature(witnessed):
 
 
 def test_a_drone_cannot_drain_a_pads_prekeys(scene):
-    scene.call(scene.admin, "SetPolicy", pad_id="pad-1", action="*", policy={"min_request_gap_ms": 5_000})
+    scene.set_policy({"min_request_gap_ms": 5_000}, "pad-1")
     first = scene.request("k1")
     scene.refuse(422, "ASKED_TOO_SOON", scene.uav, "RequestProof", scene.request_argument("k2"))
     assert len(scene.call(scene.uav, "ListPrekeys", pad_id="pad-1")["prekeys"]) == 2
@@ -239,6 +233,6 @@ def test_a_drone_cannot_drain_a_pads_prekeys(scene):
     assert again["session_id"] != first["session_id"]
     key = keys.composite(keys.LAST_REQUEST, "1AB0000001", "pad-1")
     assert key in scene.last.writes, "two at the same time conflict"
-    scene.call(scene.admin, "SetPolicy", pad_id="pad-1", action="*", policy={})
+    scene.set_policy({}, "pad-1")
     scene.request("k3")
     assert key not in scene.last.writes, "without the gap nothing is shared between sessions"

@@ -51,10 +51,10 @@ def test_an_anchor_that_moved_by_ten_centimetres_is_named_within_three_looks(nam
     rng = random.Random(f"{name}{angle}")
     over = watch(rng)
     for look in range(5):
-        assert over.look(look, summary(ranges(PLACES, rng))).state == "ok"
+        assert over.judge_pairs(look, summary(ranges(PLACES, rng))).state == "ok"
     there = moved(name, 0.1 * math.cos(math.radians(angle)), 0.1 * math.sin(math.radians(angle)))
     for _ in range(3):
-        state = over.look(10, summary(ranges(there, rng)))
+        state = over.judge_pairs(10, summary(ranges(there, rng)))
         if state.state != "ok":
             break
     assert (state.state, state.anchor_id) == ("moved", name)
@@ -68,9 +68,9 @@ def test_seasons_and_noise_raise_no_alarm_and_a_lasting_common_change_does():
     over = watch(rng)
     for look in range(1_500):  # ten days with ±15 °C between night and noon
         warm = 0.03 * math.sin(2 * math.pi * look / 144)
-        assert over.look(look, summary(ranges(PLACES, rng, 10, common_m=warm))).state == "ok"
+        assert over.judge_pairs(look, summary(ranges(PLACES, rng, 10, common_m=warm))).state == "ok"
     for _ in range(10):
-        state = over.look(2_000, summary(ranges(PLACES, rng, common_m=0.20)))
+        state = over.judge_pairs(2_000, summary(ranges(PLACES, rng, common_m=0.20)))
     assert state.state == "drifting"
     assert state.common_mm == pytest.approx(200, abs=20)
     assert state.extra_sigma_mm >= 180
@@ -80,19 +80,19 @@ def test_the_alarm_ends_when_the_anchor_is_put_back():
     rng = random.Random(6)
     over = watch(rng)
     while over.state.state == "ok":
-        over.look(1, summary(ranges(moved("A2", 0.3, 0.0), rng)))
+        over.judge_pairs(1, summary(ranges(moved("A2", 0.3, 0.0), rng)))
     for _ in range(12):
-        over.look(2, summary(ranges(PLACES, rng)))
+        over.judge_pairs(2, summary(ranges(PLACES, rng)))
     assert over.state.state == "ok"
 
 
 def test_pairs_that_are_missing_change_nothing():
     rng = random.Random(7)
     over = watch(rng)
-    assert over.look(1, {}).looks == 0
+    assert over.judge_pairs(1, {}).looks == 0
     some = {pair: value for pair, value in summary(ranges(PLACES, rng)).items() if "A4" not in pair}
-    assert over.look(2, some).state == "ok"
-    assert over.look(3, {("B1", "B2"): next(iter(some.values()))}).looks == 1
+    assert over.judge_pairs(2, some).state == "ok"
+    assert over.judge_pairs(3, {("B1", "B2"): next(iter(some.values()))}).looks == 1
 
 
 def test_the_stated_rate_of_false_alarms_holds():
@@ -215,12 +215,12 @@ class TestKeeper:
     async def test_it_learns_watches_remembers_and_begins_anew(self, tmp_path, commissioning):
         radios, path = Radios(), tmp_path / "anchors.json"
         keeper = DriftKeeper(radios, path, lambda: 1_000, 600)
-        assert (await keeper.look("a" * 64, commissioning)).state == "ok"
+        assert (await keeper.measure_and_judge("a" * 64, commissioning)).state == "ok"
         assert json.loads(path.read_text())["source"] == "first look"
         assert keeper.extra_sigma_mm("a" * 64) is None
         radios.stand = moved("A3", 0.15, 0.0)
         for _ in range(3):
-            await keeper.look("a" * 64, commissioning)
+            await keeper.measure_and_judge("a" * 64, commissioning)
         assert keeper.moved("a" * 64)
         assert not keeper.moved("b" * 64)
         assert keeper.state.anchor_id == "A3"
@@ -229,7 +229,7 @@ class TestKeeper:
         again.load("a" * 64, commissioning)
         assert again.moved("a" * 64)
         # Commissioned anew, it learns anew.
-        assert (await again.look("b" * 64, commissioning)) is not None
+        assert (await again.measure_and_judge("b" * 64, commissioning)) is not None
 
     async def test_an_anchor_that_was_moved_before_the_first_look_is_noticed_by_the_survey(
         self, tmp_path, commissioning
@@ -237,7 +237,7 @@ class TestKeeper:
         radios = Radios()
         radios.stand = moved("A4", 0.4, -0.2)
         keeper = DriftKeeper(radios, tmp_path / "anchors.json", lambda: 1_000, 600)
-        state = await keeper.look("a" * 64, commissioning)
+        state = await keeper.measure_and_judge("a" * 64, commissioning)
         assert (state.state, state.anchor_id) == ("moved", "A4")
 
     @pytest.mark.parametrize("named", [("A1",), ("A1", "A2")])
@@ -245,7 +245,7 @@ class TestKeeper:
         radios = Radios()
         radios.bad_looks = [moved(anchor, 1.0, 0.5) for anchor in named]
         keeper = DriftKeeper(radios, tmp_path / "anchors.json", lambda: 1_000, 600)
-        states = [await keeper.look("a" * 64, commissioning) for _ in range(2)]
+        states = [await keeper.measure_and_judge("a" * 64, commissioning) for _ in range(2)]
         assert not keeper.moved("a" * 64)
         assert states[-1].state == "ok"
         assert states[0] == (states[1] if len(named) == 1 else None)
@@ -254,7 +254,7 @@ class TestKeeper:
         radios = Radios()
         radios.hidden = {"A1", "A3"}
         keeper = DriftKeeper(radios, tmp_path / "anchors.json", lambda: 1_000, 600)
-        states = [await keeper.look("a" * 64, commissioning) for _ in range(4)]
+        states = [await keeper.measure_and_judge("a" * 64, commissioning) for _ in range(4)]
         assert [state and state.state for state in states] == [None, None, "ok", "ok"]
         assert len(json.loads((tmp_path / "anchors.json").read_text())["pairs"]) == 5
 
@@ -262,13 +262,13 @@ class TestKeeper:
         radios = Radios()
         radios.away = True
         keeper = DriftKeeper(radios, tmp_path / "anchors.json", lambda: 1_000, 600)
-        assert await keeper.look("a" * 64, commissioning) is None
+        assert await keeper.measure_and_judge("a" * 64, commissioning) is None
 
     @pytest.mark.parametrize("text", ["", "[]", "{", '{"commissioning": "k", "state": 3}'])
     async def test_a_broken_note_is_no_obstacle(self, tmp_path, commissioning, text):
         (tmp_path / "drift.json").write_text(text)
         keeper = DriftKeeper(Radios(), tmp_path / "anchors.json", lambda: 1_000, 600)
-        assert (await keeper.look("k", commissioning)).state == "ok"
+        assert (await keeper.measure_and_judge("k", commissioning)).state == "ok"
 
 
 def test_uncertainty_is_added_and_never_taken_away(commissioning):

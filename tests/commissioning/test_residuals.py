@@ -38,7 +38,7 @@ def test_a_pad_that_measures_as_commissioned_raises_no_alarm():
     counted = 0
     for number in range(300):
         verdict, commissioning = session(number)
-        counted += watch.take(verdict, commissioning, 0)
+        counted += watch.take_verdict(verdict, commissioning, 0)
         assert watch.extra_sigma_mm(commissioning) == 0
     assert counted > 280
 
@@ -47,7 +47,7 @@ def sessions_until_noticed(drift_mm, most):
     watch = ResidualWatch()
     for number in range(most):
         verdict, commissioning = session(1_000 + number, drift_mm)
-        watch.take(verdict, commissioning, 0)
+        watch.take_verdict(verdict, commissioning, 0)
         if watch.alarmed:
             return number + 1, watch.extra_sigma_mm(commissioning)
     pytest.fail(f"not noticed in {most} sessions")
@@ -67,7 +67,7 @@ def test_what_was_added_is_not_mistaken_for_a_recovery():
     added = 0
     for number in range(60):
         verdict, commissioning = session(2_000 + number, (100, 0, 0, 0), added_mm=added or None)
-        watch.take(verdict, commissioning, added)
+        watch.take_verdict(verdict, commissioning, added)
         added = watch.extra_sigma_mm(commissioning)
     assert watch.alarmed
     assert 8 <= added <= 60
@@ -78,7 +78,7 @@ def test_good_sessions_end_an_alarm():
     for number in range(60):
         added = watch.extra_sigma_mm(World(bias_sigma_mm=BIAS_MM).commissioning)
         verdict, commissioning = session(3_000 + number, added_mm=added or None)
-        watch.take(verdict, commissioning, added)
+        watch.take_verdict(verdict, commissioning, added)
     assert not watch.alarmed
 
 
@@ -87,7 +87,7 @@ def test_only_verified_sessions_count():
     for number in range(20):
         verdict, commissioning = session(number, (0, 0, 0, 0), lie_mm=4_000.0)
         assert verdict.outcome == "refuted"
-        assert not watch.take(verdict, commissioning, 0)
+        assert not watch.take_verdict(verdict, commissioning, 0)
     assert watch == ResidualWatch()
 
 

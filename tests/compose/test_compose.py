@@ -174,7 +174,7 @@ def test_the_raft_profile_permits_a_landing(tmp_path):
 
 def _needs_fabric():
     try:
-        servers = binaries.find()
+        servers = binaries.find_binaries()
     except binaries.BinaryError as error:
         pytest.skip(f"Fabric's servers are needed: {error}")
     os.environ.setdefault("FABRIC_BIN", str(servers["peer"].parent))

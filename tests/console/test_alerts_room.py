@@ -100,12 +100,12 @@ async def report_health(database, t_ms):
 def test_what_ended_by_itself_stays_until_somebody_has_seen_it(real, inbox):
     database, watch = real.backend.database, real.backend.watch
     real._run(report_health(database, real.now_ms() - 120_000))
-    real._run(watch.look())
+    real._run(watch.look_once())
     silent = inbox.get_by_role("link", name="Pad silent")
     expect(silent).to_be_visible()
     expect(silent).not_to_contain_text("over since")
     real._run(report_health(database, real.now_ms()))
-    real._run(watch.look())
+    real._run(watch.look_once())
     expect(silent).to_contain_text("over since")
     expect(inbox.get_by_test_id("alerts-chip")).to_contain_text("2 alerts")
     inbox.reload()
@@ -124,9 +124,9 @@ def flapping(real, inbox):
     database, watch = real.backend.database, real.backend.watch
     for _ in range(3):
         real._run(report_health(database, real.now_ms() - 120_000))
-        real._run(watch.look())
+        real._run(watch.look_once())
         real._run(report_health(database, real.now_ms()))
-        real._run(watch.look())
+        real._run(watch.look_once())
     expect(inbox.get_by_role("link", name="Pad silent")).to_have_count(3)
     return inbox
 

@@ -231,6 +231,8 @@ def test_a_console_goes_over_to_an_archive_that_replaced_its_own(placed, open_pa
     # What the browser had kept of the first is the first's, everything else the second's.
     for request in asked:
         answer = request.response()
+        if answer is None:
+            continue  # the map had moved on, and no longer wanted it
         assert answer.status in {206, 410}
         if answer.status == 206:
             first, last = map(int, answer.headers["content-range"].removeprefix("bytes ").partition("/")[0].split("-"))

@@ -80,3 +80,13 @@ def test_bytes_that_are_not_those_of_the_header_are_found_out(ledger):
     ledger.get_by_role("row").nth(2).get_by_role("link").first.click()
     ledger.get_by_role("button", name="Check against the bytes").click()
     expect(ledger.get_by_role("status")).to_contain_text("do NOT have the hash")
+
+
+def test_a_row_that_was_edited_in_the_database_is_shown_and_alerted(real, ledger):
+    shown = ledger.get_by_test_id("rows-checked")
+    expect(shown).to_have_text("not yet")
+    real.compare_rows()
+    expect(shown).to_contain_text("equal, ")
+    real.compare_rows("UPDATE verdicts SET outcome = 'verified' WHERE outcome = 'refuted'")
+    expect(shown).to_contain_text("1 row differs")
+    expect(ledger.get_by_text("changed behind the ledger’s back")).to_be_visible(timeout=15_000)

@@ -122,6 +122,17 @@ def test_network_describes_itself(install):
     assert "up" in alone.run("wonderland", "network", "--help")
 
 
+def test_evidence_is_verified_without_backend_agents_and_numerics(install):
+    alone = install("wonderland-evidence")
+    assert not (WEB | NUMERICS) & alone.needed.others
+    assert not {"wonderland-backend", "wonderland-edge-agent", "wonderland-simulator"} & alone.needed.ours
+    vectors = ROOT / "tests" / "vectors" / "evidence"
+    told = alone.run(
+        "wonderland", "evidence", "verify", str(vectors / "good.json"), "--trust", str(vectors / "trust.json")
+    )
+    assert "13 decision" in told
+
+
 @pytest.mark.parametrize(
     ("name", "command", "says"),
     [

@@ -17,7 +17,7 @@ from wonderland_fira_uci.events import FrameStamped
 from wonderland_fira_uci.node import UwbNode
 from wonderland_fira_uci.uci.errors import UciEncodeError
 from wonderland_simulator.dwm1001_node import Quirks
-from wonderland_simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
+from wonderland_simulator.uci_node import IDEAL, SR150, Air, Measurement, PtyPort, VirtualNode
 
 PROGRAM = "from wonderland.uwb.commands import uwb; uwb()"
 
@@ -85,9 +85,7 @@ async def test_two_uci_boards_range_each_other(tmp_path):
         air.close()
     assert (code, err) == (0, "")
     _, *reports, summary = map(json.loads, lines)
-    assert [report["ranges"] for report in reports] == [
-        [{"address": "d001", "range_mm": 4_320, "obstructed": False, "rssi_dbm": -80.0}]
-    ] * 3
+    assert [report["ranges"] for report in reports] == [[{"address": "d001", "range_mm": 4_320, "rssi_dbm": -80.0}]] * 3
     assert summary["peers"]["d001"]["mean_mm"] == 4_320
 
 
@@ -137,7 +135,7 @@ def test_a_round_that_does_not_fit_is_refused_by_name():
 
 async def test_a_uci_board_says_what_it_can_do(tmp_path):
     air = Air(lambda *_: Measurement(4_320), rng=random.Random(1))
-    node = VirtualNode("here", air)
+    node = VirtualNode("here", air, profile=IDEAL)
     port = PtyPort(node, tmp_path / "here")
     port.plug()
     try:
@@ -164,7 +162,7 @@ async def test_a_uci_board_says_what_it_can_do(tmp_path):
 async def test_a_board_that_leads_blinks_for_nodes_that_time_stamp(tmp_path):
     """As the tag of a pad's calibration run, on another computer: what `pad commission` says to run there."""
     air = Air(lambda *_: Measurement(4_320), stamp=lambda *_: 1_234, rng=random.Random(1))
-    ports = {name: PtyPort(VirtualNode(name, air), tmp_path / name) for name in ("tag", "anchor")}
+    ports = {name: PtyPort(VirtualNode(name, air, profile=SR150), tmp_path / name) for name in ("tag", "anchor")}
     for port in ports.values():
         port.plug()
     plan = TagPlan(macs={"A1": 0xA001}, tag_mac=0xD001, session_id=77, key=bytes(range(16)), interval_ms=50)
@@ -174,6 +172,9 @@ async def test_a_board_that_leads_blinks_for_nodes_that_time_stamp(tmp_path):
     try:
         async with UwbNode(ports["anchor"].path) as node:
             await node.wait_ready()
+            peers = (plan.tag_mac,)
+            bench = UciBench(mac=0xA001, peers=peers, leads=False, session_id=77, key=plan.key, interval_ms=50)
+            await node.open_session(bench.config())  # on whose time the blinks come
             session = await node.open_session(plan.blinks().pad_anchor(0))
             listening = asyncio.create_task(run(*told.split()[2:], "--seconds", 6))
             async with asyncio.timeout(20):
@@ -190,18 +191,8 @@ async def test_a_board_that_leads_blinks_for_nodes_that_time_stamp(tmp_path):
 
 async def test_a_board_that_refuses_blinks_ends_with_one_line(tmp_path):
     air = Air(lambda *_: Measurement(4_320), rng=random.Random(1))
-    node = VirtualNode("tag", air)
-    port = PtyPort(node, tmp_path / "tag")
+    port = PtyPort(VirtualNode("tag", air), tmp_path / "tag")
     port.plug()
-    configure = node._configure
-
-    def without_tdoa(command):
-        if bytes((0x11, 1, 4)) in command.payload:  # the role of an UL-TDoA tag
-            node._malformed(command)
-        else:
-            configure(command)
-
-    node._configure = without_tdoa
     key_file = tmp_path / "run.key"
     key_file.write_text("00" * 16)
     try:
@@ -246,8 +237,8 @@ async def test_a_peer_that_is_away_is_said(tmp_path):
         "ranges": 0,
         "missing": 2,
         "rate_hz": 0.0,
-        "mean_mm": 0.0,
-        "sigma_mm": 0.0,
+        "mean_mm": None,
+        "sigma_mm": None,
     }
 
 
@@ -257,6 +248,8 @@ async def test_a_peer_that_is_away_is_said(tmp_path):
         (("--kind", "uci"), 2, "needs --mac"),
         (("--kind", "uci", "--mac", "a001", "--peer", "a001"), 2, "the same address"),
         (("--kind", "uci", "--mac", "a001", "--peer", "xyzzy"), 2, "no short address"),
+        (("--kind", "uci", "--mac", "0", "--peer", "a001"), 2, "of one board"),
+        (("--kind", "uci", "--mac", "a001", "--peer", "ffff"), 2, "of one board"),
         (("--kind", "uci", "--mac", "1", "--peer", "2", "--key-file", "absent"), 2, "No such file"),
         (("--kind", "uci", "--mac", "1", "--peer", "2", "--key-file", "bad"), 2, "hexadecimal"),
         (("--kind", "uci", "--mac", "1", "--peer", "2", "--key-file", "short"), 2, "3 octets"),

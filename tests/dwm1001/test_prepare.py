@@ -13,12 +13,16 @@ import pytest
 from click.testing import CliRunner
 
 from wonderland.uwb.commands import uwb
+from wonderland.uwb.listen import UciBench
+from wonderland.uwb.record import Recorder
+from wonderland_edge_agent.commissioning.recording import Recording
 from wonderland_fira_uci.dwm1001.roles import Role, parse_info, prepare
 from wonderland_fira_uci.errors import NodeError
+from wonderland_fira_uci.node import UwbNode
 from wonderland_fira_uci.serial_port import serial_opener
 from wonderland_simulator.dwm1001_node import VirtualDwm1001
 from wonderland_simulator.dwm1001_node.lines import system_information
-from wonderland_simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
+from wonderland_simulator.uci_node import IDEAL, Air, Measurement, PtyPort, VirtualNode
 
 REAL_SI = """[000541.880 INF] sys: fw2 fw_ver=x01030001 cfg_ver=x00010700
 [000541.880 INF] uwb0: panid=x0000 addr=xDECA9AABC0A2591A
@@ -149,19 +153,73 @@ async def test_tags_on_a_pad_are_recorded_each_by_its_own_range(bench, tmp_path)
     assert all(abs(float(row["range"]) - 5.222) < 0.05 for row in rows)
 
 
-async def test_a_uci_board_is_recorded(tmp_path):
-    air = Air(lambda observer, peer, t_s: Measurement(4_320, rssi_dbm=-80.0), rng=random.Random(1))
-    port = PtyPort(VirtualNode("here", air), tmp_path / "here")
-    port.plug()
+async def test_a_uci_board_is_recorded_and_one_that_nobody_answers_leaves_no_recording(tmp_path):
+    air = Air(lambda observer, peer, t_s: Measurement(4_320, nlos=True, rssi_dbm=-80.0), rng=random.Random(1))
+    here, there = (PtyPort(VirtualNode(name, air, profile=IDEAL), tmp_path / name) for name in ("here", "there"))
     out = tmp_path / "ranges.csv"
-    arguments = ["record", "--kind", "uci", "--port", port.path, "--mac", "d001", "--anchor", "A1=a001"]
+    arguments = ["record", "--kind", "uci", "--port", here.path, "--mac", "d001", "--anchor", "A1=a001", "--out", out]
+    answering = UciBench(mac=0xA001, peers=(0xD001,), leads=False, interval_ms=100, responders=1)
     try:
-        done = await run(*arguments, "--out", out, "--seconds", 1.0)
+        here.plug()
+        there.plug()
+        alone = await run(*arguments, "--seconds", 1.0)
+        assert alone.exit_code == 1
+        assert "not one range was written" in alone.output
+        assert not out.exists()
+        async with UwbNode(str(there.path)) as anchor:
+            await anchor.wait_ready()
+            await anchor.open_session(answering.config())
+            done = await run(*arguments, "--seconds", 2.0)
     finally:
-        port.close()
+        here.close()
+        there.close()
         air.close()
-    assert done.exit_code == 1  # nobody is there: said, not an empty recording taken for one
-    assert "not one range was written" in done.output
+    assert done.exit_code == 0, done.output
+    with out.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) >= 5
+    assert {(row["anchor"], row["range"], row["nlos"]) for row in rows} == {("A1", "4.320", "1")}
+
+
+async def test_a_port_that_is_not_there_is_named_while_recording(tmp_path):
+    out = tmp_path / "ranges.csv"
+    board = f"A1={tmp_path / 'nowhere'}"
+    done = await run("record", "--kind", "dwm1001", "--board", board, "--peer", "1a2b", "--out", out, "--seconds", "1")
+    assert done.exit_code == 1
+    assert "nowhere cannot be opened" in done.output
+    assert not out.exists()
+
+
+def test_what_is_recorded_can_be_commissioned_with_also_where_a_port_hands_over_two_reports_at_once(tmp_path):
+    recorder = Recorder(tmp_path / "ranges.csv")
+    for t_ms in (1_000, 1_000, 990, 1_100):
+        ranges = [{"address": f"a00{index}", "range_mm": 4_000 + index} for index in (1, 2, 3)]
+        names = {f"a00{index}": f"A{index}" for index in (1, 2, 3)}
+        recorder.write({"kind": "ranges", "t_ms": t_ms, "ranges": ranges}, names)
+    recorder.close()
+    anchors = tmp_path / "anchors.csv"
+    anchors.write_text("anchor,x,y,z\nA1,0,0,1\nA2,2,0,1\nA3,0,2,1\n", encoding="utf-8")
+    recording = Recording.load(tmp_path / "ranges.csv", anchors, truthless=True)
+    assert sum(len(each.ranges_m) for each in recording.rounds) == 12
+
+
+async def test_a_rate_that_the_firmware_does_not_have_is_refused_and_a_resting_tag_is_as_fast(bench, monkeypatch):
+    path = bench.add("p1")
+    arguments = ("prepare", "--port", path, "--role", "pad", "--network", "3caf")
+    done = await call(*arguments, "--every-ms", "150")
+    assert done.exit_code == 2
+    assert "in steps of 100 ms" in done.output
+
+    def sleepy(self, command, *values, method=VirtualDwm1001._configured):
+        """As a board that keeps its ten seconds at rest, where a tag on a pad always is."""
+        answer = method(self, command, *values)
+        self.rates_tenths = (self.rates_tenths[0], 100)
+        return answer
+
+    monkeypatch.setattr(VirtualDwm1001, "_configured", sleepy)
+    done = await call(*arguments)
+    assert done.exit_code == 1
+    assert "at rest a round every 100 tenths of a second in place of 1" in done.output
 
 
 @pytest.mark.parametrize(

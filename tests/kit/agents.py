@@ -10,6 +10,7 @@ import random
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from kit.contract import Scene
 from wonderland.clock import SteadyClock
 from wonderland.proof_contract import ProofContract
 from wonderland.proofs import encoding
@@ -27,7 +28,15 @@ from wonderland_fabric_gateway.embedded.administration import DirectoryAdministr
 from wonderland_fabric_gateway.embedded.node import EmbeddedLedger, LedgerSettings
 from wonderland_fabric_gateway.embedded.orderer import BatchLimits
 from wonderland_fabric_gateway.gateway import Gateway
-from wonderland_simulator.uci_node import Air, Measurement, PtyPort, VirtualNode
+from wonderland_simulator.uci_node import (
+    DWM3001CDK,
+    SR150,
+    Air,
+    Measurement,
+    NodeProfile,
+    PtyPort,
+    VirtualNode,
+)
 from wonderland_uav_agent.agent import UavAgent
 from wonderland_uav_agent.ledger_events import LedgerEvents
 from wonderland_uav_agent.radio import UavRadio
@@ -129,10 +138,25 @@ class Flight:
         )
 
 
+def hang(port):
+    """Its serial line stays, and it answers nothing any more; plugging it in anew cures it."""
+    node = port.node
+    node.power_off()
+    node.receive = lambda _data: None
+    node.transmit = lambda _data: None
+
+
+def cured(port):
+    del port.node.receive
+    port.node.transmit = port._write
+
+
 class World:
     """The ledger, the air, one pad and one drone."""
 
     fast_pad = FAST_PAD
+    profile = DWM3001CDK
+    """Of every node; ``share_a_clock`` swaps them for such that time-stamp."""
 
     def __init__(self, directory: Path, ledger: EmbeddedLedger, channel) -> None:
         self.directory = directory
@@ -149,13 +173,13 @@ class World:
         """Anchors that answer commands and measure nothing."""
         self.rng = random.Random(5)
         self.drawn: dict[tuple[str, float], Measurement] = {}
-        self.air = Air(self.measure, rng=random.Random(7), stamp=self.stamp)
+        self.air = Air(self.measure, rng=random.Random(7), stamp=self.stamp, reach=self.reach)
         self.ports: dict[str, PtyPort] = {}
         self.acted: list = []
         self.all_identities = None
 
     def add_node(self, name: str) -> None:
-        self.ports[name] = PtyPort(VirtualNode(name, self.air), self.directory / f"tty-{name}")
+        self.ports[name] = PtyPort(VirtualNode(name, self.air, profile=self.profile), self.directory / f"tty-{name}")
         self.ports[name].plug()
 
     @property
@@ -185,12 +209,26 @@ class World:
         if key not in self.drawn:
             if len(self.drawn) > 64:
                 self.drawn.clear()
-            distance = self.flight.range_mm(anchor, self.rng) + self.delay_mm.get(anchor, 0.0)
+            distance = self.flight.range_mm(anchor, self.rng)
+            distance += self.delay_mm.get(anchor, 0.0) + self.delay_mm.get("uav", 0.0)
             self.drawn[key] = Measurement(round(distance), nlos=False, rssi_dbm=-80.0)
         return self.drawn[key]
 
     def stamp(self, anchor: str, tag: str, t_s: float) -> int | None:
         return None if anchor in self.flight.silent else self.flight.stamp(self.anchors[anchor], t_s, self.rng)
+
+    def reach(self, receiver: str, sender: str) -> int | None:
+        """Between any two nodes: what frames of foreign groups meet. A second drone waits 30 m above the first."""
+        east, north, up = self.flight.truth
+        drones = {"uav-2": (east, north, up + 30_000.0)}
+        return round(math.dist(*((self.stand | drones).get(n, self.flight.truth) for n in (receiver, sender))))
+
+    def use_nodes(self, profile: NodeProfile) -> None:
+        """Swap the chips behind all ports, before anybody opens these."""
+        self.profile = profile
+        for port in self.ports.values():
+            assert isinstance(port.node, VirtualNode)
+            port.node.become(profile)
 
     def commissioning(self, *, timed: bool = False) -> Commissioning:
         return commissioning(self.clock(), timed=timed, anchors=self.own)
@@ -209,7 +247,8 @@ class World:
         await self.call("pad_operator", "CommissionPad", pad_id="pad-1", commissioning=record)
 
     async def share_a_clock(self) -> None:
-        """Commission the pad anew, for time stamps."""
+        """Put nodes there that time-stamp one way, and commission the pad anew."""
+        self.use_nodes(SR150)
         new = self.commissioning(timed=True)
         await self.call("pad_operator", "CommissionPad", pad_id="pad-1", commissioning=new.to_json())
 
@@ -287,7 +326,9 @@ class World:
         )
 
     async def policy(self, **fields) -> None:
-        await self.call("admin", "SetPolicy", pad_id="pad-1", action="*", policy=Policy.parse(fields).to_json())
+        policy = Policy.parse(fields).to_json()
+        proposed = await self.call("admin", "ProposePolicy", pad_id="pad-1", action="*", policy=policy)
+        await self.call("inspector", "ApproveChange", **Scene.approval(proposed))
 
     def settings(self, **more):
         document = {
@@ -316,7 +357,7 @@ class World:
                 await asyncio.gather(working, return_exceptions=True)
 
     @contextlib.asynccontextmanager
-    async def uav(self, *, name="uav", act=None, ledger=None, **more):
+    async def uav(self, *, name="uav", act=None, ledger=None, port="", words="both_ways", **more):
         """The drone's agent."""
         contract = ledger or self.contract(name)
 
@@ -326,7 +367,7 @@ class World:
 
         async with (
             LedgerEvents(self.contract(name)) as events,
-            UavRadio(self.directory / f"tty-{name}", self.clock) as radio,
+            UavRadio(port or self.directory / f"tty-{name}", self.clock, words=words) as radio,
         ):
             arguments = {
                 "uav_id": self.connection.identity(name).pol_id,
@@ -359,3 +400,12 @@ class World:
 def open_ledger(directory: Path, **where) -> EmbeddedLedger:
     settings = LedgerSettings(limits=BatchLimits(time_ms=1), **where)
     return EmbeddedLedger(directory / "ledger", {"pol": CONTRACT}, settings)
+
+
+async def decided(uav, pad_id="pad-1", action="land", *, tries=3):
+    """An honest drone's proof. One that is left open is asked for again, as a pilot does on a crowded machine too."""
+    for left in reversed(range(tries)):
+        result = await uav.prove(pad_id, action)
+        if left == 0 or (result.verdict is not None and result.verdict.outcome != "inconclusive"):
+            return result
+    raise AssertionError

@@ -8,7 +8,6 @@ import contextlib
 import json
 from pathlib import Path
 
-import httpx
 import pytest
 import websockets
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
@@ -16,6 +15,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from kit import PLAIN
 from kit.chain import START_MS, Tx
 from kit.facts import Facts
+from kit.stepping_up import ConfirmingAsyncClient
 from wonderland.telemetry import signed_text
 from wonderland_backend.app import Backend
 from wonderland_backend.serve import Listen, new_server
@@ -98,7 +98,7 @@ async def serving(backend):
         while not server.started:
             await asyncio.sleep(0.005)
         try:
-            async with httpx.AsyncClient(base_url=url, trust_env=False, verify=PLAIN, timeout=30) as http:
+            async with ConfirmingAsyncClient(base_url=url, trust_env=False, verify=PLAIN, timeout=30) as http:
                 running = Running(backend, url, http)
                 await running.sign_in()
                 yield running

@@ -16,12 +16,14 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
+from sqlalchemy import text
 
 from kit import proof_world
 from kit.browser import FRONTEND
 from kit.chain import ChainBuilder, Source, number
 from kit.databases import copy_migrated
 from kit.facts import Facts
+from kit.once import made_once
 from wonderland.proofs import encoding
 from wonderland.proofs.records.sessions import StepTime
 from wonderland.proofs.verdict import decide
@@ -47,10 +49,13 @@ def scripted(tmp_path_factory):
         node = str(Path(wheel.origin).parent / "bin" / "node")
     if node is None or not vite.is_file():
         pytest.skip("the console's packages are not installed (make setup)")
-    directory = tmp_path_factory.mktemp("scripted")
-    command = [node, str(vite), "build", "--mode", "fake", "--outDir", str(directory), "--emptyOutDir"]
-    done = subprocess.run(command, cwd=FRONTEND, capture_output=True, text=True, timeout=100, check=False)
-    assert done.returncode == 0, done.stderr
+
+    def build(directory):
+        command = [node, str(vite), "build", "--mode", "fake", "--outDir", str(directory), "--emptyOutDir"]
+        done = subprocess.run(command, cwd=FRONTEND, capture_output=True, text=True, timeout=100, check=False)
+        assert done.returncode == 0, done.stderr
+
+    directory = made_once(tmp_path_factory, "scripted", build)
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=str(directory)))
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
@@ -164,6 +169,17 @@ class RealBackend:
     def contradict(self):
         """A block whose previous hash is another's."""
         self._run(self._make(lambda: self.chain.append([b""], b"\x00", previous=b"\x07" * 32)))
+
+    def compare_rows(self, edit=""):
+        """The pass over all rows that else comes once a minute; ``edit``: SQL of somebody with the password, before."""
+
+        async def work():
+            if edit:
+                async with self.backend.database.write() as connection:
+                    await connection.execute(text(edit))
+            await self.backend.row_check.once()
+
+        self._run(work())
 
     def hear(self, uav_id, lat_e7, lon_e7, pad_id="pad-1", **more):
         """A pad reports a broadcast position."""

@@ -206,7 +206,7 @@ class Scene(Ledger):
     """People, a pad that is commissioned and a drone that may land, as far as a test asks for them."""
 
     admin = Person("ada", "AuthorityMSP", "admin")
-    inspector = Person("ines", "AuthorityMSP", "inspector")
+    inspector = Person("ines", "AuthorityMSP", "inspector", number=2)
     mirror = Person("mira", "AuthorityMSP", "mirror")
     operator = Person("olga", "PadMSP", "pad_operator")
     other_operator = Person("oscar", "OtherPadMSP", "pad_operator")
@@ -278,6 +278,18 @@ class Scene(Ledger):
             "work": "100 h",
         } | more
 
+    def calibration(self, *session_ids: str, **more: Any) -> dict[str, Any]:
+        return {
+            "uav_id": "1AB0000001",
+            "pad_id": "pad-1",
+            "offset_mm": 300,
+            "sigma_mm": 20,
+            "sessions": [
+                {"session_id": each, "east_mm": HERE[0], "north_mm": HERE[1], "up_mm": HERE[2]} for each in session_ids
+            ],
+            "valid_until_ms": START_MS + 10**9,
+        } | more
+
     def claim(self, local: tuple[int, int, int] = HERE, **more: Any) -> dict[str, Any]:
         lat, lon, height = to_wgs84(FRAME, *local)
         return {
@@ -308,12 +320,13 @@ class Scene(Ledger):
         signer: Person | None = None,
         astray: Collection[int] = (),
         silent: Callable[[int, int], bool] = lambda *_: False,
+        delay_mm: int = 0,
         **more: Any,
     ) -> dict[str, Any]:
         """What the pad would bring of a drone that hovers at ``truth`` and claims ``claimed``, countersigned.
 
         ``astray``: which of its claims (one in four rounds) are 7.5 m to the east of that. ``silent(anchor, round)``:
-        whether an anchor measures nothing in a round, both by their numbers.
+        whether an anchor measures nothing in a round, both by their numbers. ``delay_mm``: what its node adds to ranges.
         """
         noise = random.Random(rounds)
         times = [self.now_ms + 100 + 50 * index for index in range(rounds)]
@@ -327,7 +340,7 @@ class Scene(Ledger):
                 {
                     "anchor_id": name,
                     "range_mm": [
-                        -1 if silent(index, number) else round(math.dist(truth, at) + noise.gauss(0, 25))
+                        -1 if silent(index, number) else round(math.dist(truth, at) + delay_mm + noise.gauss(0, 25))
                         for number in range(rounds)
                     ],
                 }
@@ -350,6 +363,24 @@ class Scene(Ledger):
             "steps": [],
             "uav_signature": encoding.to_base64url((signer or self.uav).sign(message)),
         } | more
+
+    # what two people do
+
+    def set_policy(self, policy: Mapping[str, Any], pad_id: str = "*", action: str = "*") -> dict[str, Any]:
+        """Proposed by the administrator, approved by the inspector."""
+        proposed = self.call(self.admin, "ProposePolicy", pad_id=pad_id, action=action, policy=policy)
+        return self.approve(proposed)
+
+    def reinstate(self, uav_id: str = "1AB0000001") -> dict[str, Any]:
+        return self.approve(self.call(self.admin, "ProposeReinstatement", uav_id=uav_id, reason="inspected"))
+
+    def approve(self, proposed: Mapping[str, Any], who: Person | None = None) -> dict[str, Any]:
+        approved: dict[str, Any] = self.call(who or self.inspector, "ApproveChange", self.approval(proposed))
+        return approved
+
+    @staticmethod
+    def approval(proposed: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: proposed[name] for name in ("change_id", "policy", "reinstatement") if name in proposed}
 
     # what has to happen before
 

@@ -41,13 +41,15 @@ class Duo:
         self.now_ms = self.START_MS
         self.flight = flight or Flight()
         self.rng = random.Random(3)
-        self.commissioning = commissioning(self.now_ms, timed=more.get("timed", False))
+        self.commissioning = replace(
+            commissioning(self.now_ms, timed=more.get("timed", False)), nodes=more.get("nodes")
+        )
         self.blink_payload = b""
         self.blinks = 0
         self.uav_key = private_key(77)
         pad_secret, uav_secret = private_key(5), private_key(6)
         blank = Session(
-            session_id="a" * 64,
+            session_id=more.get("session_id", "a" * 64),
             state="requested",
             pad_id="pad-1",
             uav_id="uav-1",
@@ -108,7 +110,6 @@ class Duo:
         self.when: list = []
         """(condition, consequence): each is tried after every event until it fires."""
         self._round_ms = self.now_ms
-        self._b_ms = self.now_ms
         self._ranging = {"pad": False, "uav": False}
         self._a_frames: list[bytes] = []
         self._b_frames: list[bytes] = []
@@ -151,23 +152,22 @@ class Duo:
     def _a_or_b(self) -> None:
         frames_ms = self.pad.next_frames_ms()
         if frames_ms is not None and self.now_ms >= frames_ms:
-            self._b_frames.extend(self.pad.frames_to_send(self.now_ms, 4))
+            if not self._b_frames:
+                self._b_frames = self.pad.frames_to_send(self.now_ms)
             self.tell_pad(pad_on.Tick())
 
     def _radio(self) -> None:
         if "uav" not in self.dead:
             frames_ms = self.uav.next_frames_ms()
             if frames_ms is not None and self.now_ms >= frames_ms:
-                self._a_frames.extend(self.uav.frames_to_send(self.now_ms, 4))
+                self._a_frames = self._a_frames or self.uav.frames_to_send(self.now_ms)
         both = all(self._ranging.values()) and not self.dead
-        if self.now_ms >= self._b_ms + 100:
-            self._b_ms = self.now_ms
-            frames, self._b_frames = self._b_frames, []
+        if self.now_ms >= self._round_ms + self.pad.plan.interval_ms:
+            self._round_ms += self.pad.plan.interval_ms
+            back, self._b_frames = self._b_frames, []
             if both and "pad" not in self.mute:
-                for frame in frames:
+                for frame in back:
                     self.tell_uav(uav_on.DataHeard(frame))
-        if self.now_ms >= self._round_ms + 50:
-            self._round_ms = self.now_ms
             frames, self._a_frames = self._a_frames, []
             if not both or "uav" in self.mute:
                 return

@@ -110,6 +110,12 @@ class ToyContract:
             }
         ).encode()
 
+    async def do_guard(self, stub, key, msp_id):
+        """A key that only this organisation's peers change from now on."""
+        await stub.put(key, b"guarded")
+        await stub.require_endorsement(key, [msp_id])
+        return b""
+
     async def do_refuse(self, stub, status, text):
         raise NotAllowedError(int(status), text)
 

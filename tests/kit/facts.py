@@ -221,7 +221,7 @@ class Facts:
 
     def set_policy(self, pad_id="*", action="*"):
         key = keys.composite(keys.POLICY, pad_id, action)
-        return Tx("SetPolicy", {}, {key: policies.Policy(buffer_mm=2_000).encode()})
+        return Tx("ApproveChange", {}, {key: policies.Policy(buffer_mm=2_000).encode()})
 
     def request(self, name, pad_id="pad-1", uav_id="uav-1", t_ms=START_MS):
         session_id = number("session", name)

@@ -13,6 +13,7 @@ from wonderland.proofs import encoding
 from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.keys import public_bytes
 from wonderland.proofs.records import transactions as tx
+from wonderland.proofs.records.changes import ProposedChange
 from wonderland.proofs.records.pads import OfferedPrekey
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.statement import statement
@@ -83,11 +84,11 @@ class Actors:
             await self.submit_known(
                 "pad_operator", "CommissionPad", tx.CommissionPad(pad_id=pad_id, commissioning=self.commissioning)
             )
-        await self.submit_known(
-            "admin",
-            "SetPolicy",
-            tx.SetPolicy(pad_id="*", action="*", policy=Policy(min_assurance=2, max_claim_age_ms=60_000)),
-        )
+        policy = Policy(min_assurance=2, max_claim_age_ms=60_000)
+        proposal = tx.ProposePolicy(pad_id="*", action="*", policy=policy)
+        proposed = ProposedChange.decode((await self.submit_known("admin", "ProposePolicy", proposal)).payload)
+        approval = tx.ApproveChange(change_id=proposed.change_id, policy=proposed.policy)
+        await self.submit_known("inspector", "ApproveChange", approval)
         for index in range(drones):
             uav_id = f"uav-{index}"
             await self.submit_known(

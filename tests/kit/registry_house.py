@@ -10,7 +10,6 @@ import threading
 import time
 from base64 import urlsafe_b64decode, urlsafe_b64encode
 
-import httpx
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
@@ -19,6 +18,7 @@ from cryptography.x509.oid import NameOID
 
 from kit import PLAIN
 from kit.databases import copy_migrated
+from kit.stepping_up import ConfirmingClient
 from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning
 from wonderland_backend.app import Backend
 from wonderland_backend.db.engine import Database
@@ -75,7 +75,7 @@ class Somebody:
 
     def __init__(self, house, name, roles, msp_id=""):
         self.house = house
-        self.http = httpx.Client(base_url=house.url, trust_env=False, verify=PLAIN, timeout=30)
+        self.http = ConfirmingClient(base_url=house.url, trust_env=False, verify=PLAIN, timeout=30)
         token = house.run(house.backend.parts.sign_ins.new_token(name, roles, msp_id=msp_id))
         answer = self.http.post("/api/v1/session", json={"token": token})
         assert answer.status_code == 200, answer.text

@@ -106,7 +106,7 @@ def finding() -> Any:
     there = Position(604_618_000, 222_666_000, None, T0 - 500, None, "ble4")
     gate = FindingGate()
     gate.put(two_places(SERIAL, here, there))
-    (found,) = gate.take()
+    (found,) = gate.take_findings()
     return found.body
 
 

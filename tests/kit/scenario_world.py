@@ -99,7 +99,7 @@ class FabricPlace:
 
     kind = "fabric"
 
-    def __init__(self, directory):
+    def __init__(self, directory, consensus="raft"):
         self.directory = NetworkDirectory(directory / "net")
         self.connection_file = self.directory.connection_file
         standard = NetworkDescription()
@@ -107,6 +107,8 @@ class FabricPlace:
         self._description = standard.with_organisation(organisations[-1]).with_endorsement(
             standard_endorsement(organisations)
         )
+        if consensus != "raft":
+            self._description = self._description.with_ordering(consensus)
         self._network = None
 
     @property
@@ -120,7 +122,7 @@ class FabricPlace:
         asyncio.run(self._up())
 
     async def _up(self):
-        await bringing_up.bring_up(self._network, await servers.check(), quiet)
+        await bringing_up.bring_up(self._network, await servers.check_binaries(), quiet)
 
     def stop(self):
         if self._network is not None:
@@ -316,6 +318,11 @@ class Site:
             grant = scene.authorisation(uav_id=self.uav_id, pad_id=self.pad_id, **valid)
             await self.admin.submit("GrantAuthorisation", grant)
         return self
+
+    async def set_policy(self, policy, action="*"):
+        """By two people."""
+        proposed = await self.admin.submit("ProposePolicy", pad_id=self.pad_id, action=action, policy=policy)
+        return await self.people["inspector"].submit("ApproveChange", Scene.approval(proposed))
 
     def scene(self):
         """The contract tests' scene at the people's time, for its records."""

@@ -19,8 +19,9 @@ from kit.databases import copy_migrated
 from kit.dss_server import Dss
 from kit.token_server import Authority
 from wonderland_backend.agents.connected import Agent
-from wonderland_backend.app import Backend, now_ms
+from wonderland_backend.app import Backend
 from wonderland_backend.db.engine import Database
+from wonderland_backend.http.times import now_ms
 from wonderland_backend.ingest.batch import read
 from wonderland_backend.serve import Listen, new_server
 from wonderland_backend.settings import Settings
@@ -126,7 +127,7 @@ class Uss:
         agent = Agent("pad", "pad-1", "0" * 32, "PadMSP", b"", lambda _: None)
         batch = read(agent, [Raw(orjson.dumps(each)) for each in records], acknowledged=0, now_ms=self.uspace.clock())
         assert batch.rejected == []
-        await (await self.backend.parts.intake.take(batch))
+        await (await self.backend.parts.intake.take_batch(batch))
 
     async def set_up(self, role="inspector"):
         """Somebody can sign in: until then a server serves nothing else."""

@@ -3,6 +3,8 @@
 import asyncio
 import contextlib
 import sqlite3
+import threading
+import time
 
 import grpc
 import pytest
@@ -67,8 +69,9 @@ async def test_older_blocks_are_checked_while_the_ledger_serves(tmp_path, open_w
 
 
 @pytest.mark.parametrize("what", ["code", "hash", "missing"])
-async def test_damage_to_an_older_block_stops_the_chain_and_is_said(tmp_path, open_world, what):
-    """Found after the start, which looks at the end only; what is there stays readable."""
+async def test_damage_to_an_older_block_stops_the_chain_and_is_said(tmp_path, open_world, monkeypatch, what):
+    """Found after the start, were it not for the seal; what is there stays readable."""
+    monkeypatch.setattr(chain_module, "verify_seal", lambda *_, **__: None)
     async with open_world(tmp_path / "ledger") as world:
         await world.contract().submit("put", "k", "1")
         await fill(world, 130)
@@ -94,12 +97,14 @@ async def test_damage_to_an_older_block_stops_the_chain_and_is_said(tmp_path, op
 
 async def test_a_chain_that_was_begun_without_commit_hashes_goes_on_without(tmp_path, open_world):
     async with open_world(tmp_path / "ledger") as world:
-        await fill(world, 2)
+        await world.contract().submit("put", "k", "1")
+        await world.contract().submit("put", "k", "2")
         path, raw = world.ledger.directory.database, world.chain.block(2)
     block = common_pb2.Block.FromString(raw)
     block.metadata.metadata[common_pb2.COMMIT_HASH] = b""
     with contextlib.closing(sqlite3.connect(path)) as db, db:
         db.execute("UPDATE block SET raw=? WHERE number=2", (block.SerializeToString(),))
+    (tmp_path / "ledger" / "node" / "seal.key").unlink()  # older than the seal, too
     async with open_world(tmp_path / "ledger") as world:
         await fill(world, 1)
         assert commit_hash_of(parse_block(world.chain.block(3))) == b""
@@ -110,7 +115,7 @@ async def test_a_batch_is_cut_by_count_before_its_time():
     for name in "abcd":
         cutter.add(candidate(name))
     await asyncio.wait_for(cutter.wait(), 1)
-    assert [each.tx_id for each in cutter.take()] == ["a", "b", "c"]
+    assert [each.tx_id for each in cutter.take_batch()] == ["a", "b", "c"]
     with pytest.raises(asyncio.TimeoutError):
         await asyncio.wait_for(cutter.wait(), 0.05)
 
@@ -120,12 +125,12 @@ async def test_a_batch_is_cut_by_size_before_its_time():
     for name in "abc":
         cutter.add(candidate(name, 60))
     await asyncio.wait_for(cutter.wait(), 1)
-    assert [each.tx_id for each in cutter.take()] == ["a"]
+    assert [each.tx_id for each in cutter.take_batch()] == ["a"]
     await asyncio.wait_for(cutter.wait(), 1)
     cutter.add(candidate("big", 1000))
-    assert [each.tx_id for each in cutter.take()] == ["b"]
-    assert [each.tx_id for each in cutter.take()] == ["c"]
-    assert [each.tx_id for each in cutter.take()] == ["big"]
+    assert [each.tx_id for each in cutter.take_batch()] == ["b"]
+    assert [each.tx_id for each in cutter.take_batch()] == ["c"]
+    assert [each.tx_id for each in cutter.take_batch()] == ["big"]
 
 
 async def test_the_time_runs_from_the_oldest_transaction():
@@ -136,8 +141,8 @@ async def test_the_time_runs_from_the_oldest_transaction():
     loop.call_later(0.04, cutter.add, candidate("b"))
     await asyncio.wait_for(cutter.wait(), 1)
     assert 0.055 <= loop.time() - started < 0.5
-    assert [each.tx_id for each in cutter.take()] == ["a", "b"]
-    assert cutter.take() == []
+    assert [each.tx_id for each in cutter.take_batch()] == ["a", "b"]
+    assert cutter.take_batch() == []
 
 
 async def test_a_line_that_is_too_long_is_refused():
@@ -356,3 +361,24 @@ async def test_an_idle_ledger_uses_no_processor(world):
     before = time.process_time()
     await asyncio.sleep(0.5)
     assert time.process_time() - before < 0.05
+
+
+async def test_nobody_hears_of_a_transaction_before_its_block_is_the_newest(world, monkeypatch):
+    """Between the disk's word and the ledger's own there is a moment, in which the store has it already."""
+    chain, commit, on_disk = world.chain, world.chain.writer.commit, threading.Event()
+
+    def slow(number):
+        commit(number)
+        on_disk.set()
+        time.sleep(0.3)
+
+    monkeypatch.setattr(chain.writer, "commit", slow)
+    before = chain.height
+    endorsed = await world.contract().propose("put", "a", "1").endorse()
+    await endorsed.submit()
+    while not on_disk.is_set():
+        await asyncio.sleep(0.005)
+    assert chain.reader.transaction(endorsed.tx_id) is not None
+    assert chain.height == before
+    status = await endorsed.commit.status()
+    assert (status.block_number, chain.height) == (before, before + 1)

@@ -49,7 +49,7 @@ class RunningNetwork:
     def start(cls, path, description=None):
         begin = time.monotonic()
         network = bringing_up.new_network(NetworkDirectory(path), description)
-        running = cls(network, asyncio.run(servers.check()))
+        running = cls(network, asyncio.run(servers.check_binaries()))
         try:
             running.up()
         except BaseException:
@@ -98,7 +98,7 @@ class RunningNetwork:
 def fabric():
     """Fabric's servers; a test that needs them is skipped, with the reason, where they are missing."""
     try:
-        servers.find()
+        servers.find_binaries()
     except BinaryError as error:
         pytest.skip(f"Fabric's servers are needed: {error}")
 

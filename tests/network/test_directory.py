@@ -209,18 +209,18 @@ class TestBinaries:
 
     def test_all_that_is_missing_is_named_with_where_to_get_it(self, tmp_path):
         with pytest.raises(BinaryError) as raised:
-            binaries.find({"FABRIC_BIN": str(tmp_path), "PATH": str(tmp_path)})
+            binaries.find_binaries({"FABRIC_BIN": str(tmp_path), "PATH": str(tmp_path)})
         text = str(raised.value)
         assert "peer, orderer, fabric-ca-server not found" in text
         assert f"FABRIC_BIN={tmp_path}" in text
         assert "github.com/hyperledger/fabric/releases" in text
         with pytest.raises(BinaryError, match="FABRIC_BIN is not set"):
-            binaries.find({"PATH": str(tmp_path)})
+            binaries.find_binaries({"PATH": str(tmp_path)})
 
     async def test_fabric_bin_comes_before_path(self, tmp_path, fake):
         for name in binaries.SERVERS:
             fake(name, f"{name}:\n Version: 3.1.5\n" if name != "fabric-ca-server" else " Version: v1.5.15\n")
-        found = await binaries.check({"FABRIC_BIN": str(tmp_path), "PATH": "/usr/bin"})
+        found = await binaries.check_binaries({"FABRIC_BIN": str(tmp_path), "PATH": "/usr/bin"})
         assert found.peer == tmp_path / "peer"
         assert found.versions == {"peer": "3.1.5", "orderer": "3.1.5", "fabric-ca-server": "1.5.15"}
 
@@ -239,13 +239,13 @@ class TestBinaries:
         for name in binaries.SERVERS:
             fake(name, "hello")
         with pytest.raises(BinaryError, match="does not say its version"):
-            await binaries.check({"FABRIC_BIN": str(tmp_path)})
+            await binaries.check_binaries({"FABRIC_BIN": str(tmp_path)})
 
     async def test_what_cannot_be_run_is_said(self, tmp_path, fake):
         for name in binaries.SERVERS:
             fake(name, "x").write_bytes(b"\x7fELF not really")
         with pytest.raises(BinaryError, match="cannot be run"):
-            await binaries.check({"FABRIC_BIN": str(tmp_path)})
+            await binaries.check_binaries({"FABRIC_BIN": str(tmp_path)})
 
 
 def test_a_contract_that_is_not_installed_leaves_nothing_behind(tmp_path):

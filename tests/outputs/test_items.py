@@ -77,7 +77,7 @@ def test_positions_have_a_pace_and_verdicts_are_told_once_each():
     def told(item):
         through = gate.lets_through(item)
         if through:
-            gate.told(item)
+            gate.note_told(item)
         return through
 
     def claim(t_ms, uav_id="SERIAL1"):

@@ -7,12 +7,12 @@ import contextlib
 import json
 import subprocess
 
-import httpx
 import pytest
 from kit import PLAIN
 from kit.authenticator import Authenticator
 from kit.console import RealBackend
 from kit.openid_provider import SECRET, command
+from kit.stepping_up import ConfirmingAsyncClient
 
 from wonderland_backend.serve import Listen, new_server
 from wonderland_backend.settings.oidc import OidcSettings
@@ -110,7 +110,7 @@ class Visitor:
 
     def __init__(self, http, authenticator):
         self.http = http
-        self.authenticator = authenticator
+        self.authenticator = http.authenticator = authenticator
 
     async def call(self, method, path, body=None, status=200):
         answer = await self.http.request(method, f"/api/v1{path}", json=body)
@@ -189,7 +189,7 @@ class Fresh:
     @contextlib.asynccontextmanager
     async def visitor(self, authenticator=None):
         headers = {"Origin": self.url, "Host": self.url.removeprefix("http://")}
-        async with httpx.AsyncClient(base_url=self.address, trust_env=False, verify=PLAIN, headers=headers) as http:
+        async with ConfirmingAsyncClient(base_url=self.address, trust_env=False, verify=PLAIN, headers=headers) as http:
             yield Visitor(http, authenticator or Authenticator(self.url))
 
     @contextlib.asynccontextmanager

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import json
+import time
 from pathlib import Path
 from typing import get_args
 
@@ -10,11 +12,12 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError
 
-from wonderland.proof_contract import ProofContract
+from wonderland.proof_contract import ProofContract, RefusedError
 from wonderland_backend import audit
 from wonderland_backend.alerts.schemas import ActName
 from wonderland_backend.audit.acts import ACTS
-from wonderland_backend.audit.anchors import Anchoring, Anchors
+from wonderland_backend.audit.anchors import Anchoring, AuditIdentity
+from wonderland_backend.audit.refusals import EACH_HOUR, HOUR_MS, STRANGERS_HOUR, Quota
 from wonderland_backend.audit.verify import verify
 from wonderland_backend.person import Account
 from wonderland_backend.transactions.functions import CHANGES
@@ -26,6 +29,11 @@ BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
 ADA = Account("a" * 32, "Ada")
 NOW_MS = 1_800_000_000_000
+
+
+def now_ms():
+    """The ledger's time is the machine's."""
+    return time.time_ns() // 1_000_000
 
 
 async def write(database, count, first=0):
@@ -90,8 +98,8 @@ async def test_what_somebody_changes_in_the_database_is_found(database, statemen
 
 
 @pytest.fixture
-async def assets(tmp_path):
-    """The contract on a real embedded ledger, as the mirror's identity: it needs no more than that."""
+async def contract(tmp_path):
+    """The contract on a real embedded ledger, as the mirror's identity."""
     async with EmbeddedLedger(tmp_path / "ledger", {"pol": load_contract("pol")}) as ledger:
         connection = ledger.connection
         async with connection.open_channel() as channel:
@@ -99,33 +107,144 @@ async def assets(tmp_path):
             yield ProofContract(gateway.network(connection.channel), connection.chaincode)
 
 
-async def test_the_head_is_on_the_ledger_and_a_rewritten_log_contradicts_it(database, assets, clock):
-    anchors = Anchors(assets, "i" * 32)
-    anchoring = Anchoring(database, assets, every_s=1, clock=clock)
-    assert not await anchoring.anchor(anchors), "nothing to anchor"
-    await write(database, 3)
-    assert await anchoring.anchor(anchors)
-    assert not await anchoring.anchor(anchors), "nothing new but that it was anchored"
-    await write(database, 2)
-    clock.now_ms += 86_400_000
-    assert await anchoring.anchor(anchors)
-    found = await verify(database, anchors, clock())
-    assert (found.ok, found.rows, found.ledger, found.anchors, found.anchored_seq) == (True, 7, "checked", 2, 6)
+class AnchoredLog:
+    """A log of seven rows, of which the ledger has two heads; `rewrite` is what somebody with the database does."""
 
-    rows = "SELECT seq, t_ms, person_id, person, act, subject, detail, tx_id, previous_sha256, sha256 FROM audit_log"
+    def __init__(self, database, contract):
+        self.database = database
+        self.anchors = AuditIdentity(contract, "mirror").anchors("i" * 32)
+        self.anchoring = Anchoring(database, self.anchors, every_s=1, clock=now_ms)
+        self.kept = []
+
+    async def write(self, count):
+        for index in range(count):
+            async with self.database.write() as connection:
+                await audit.record(connection, ADA, "note", f"alert/{index}", {"note": "ä"})
+
+    async def begin(self):
+        assert not await self.anchoring.anchor(), "nothing to anchor"
+        await self.write(3)
+        assert await self.anchoring.anchor()
+        assert not await self.anchoring.anchor(), "nothing new but that it was anchored"
+        await self.write(2)
+        assert await self.anchoring.anchor()
+        async with self.database.read() as session:
+            rows = await session.execute(text("SELECT * FROM audit_log ORDER BY seq"))
+            self.kept = [dict(row._mapping) for row in rows]
+        return self
+
+    async def check(self, after_ms=0):
+        return await verify(self.database, self.anchors, now_ms() + after_ms)
+
+    async def rewrite(self, rows, later_ms=0):
+        """Drop the triggers, empty the table, and write these rows with hashes that fit."""
+        await tamper(self.database, "DELETE FROM audit_log")
+        for row in rows:
+            async with self.database.write() as connection:
+                detail, at_ms = json.loads(row["detail"]), row["t_ms"] + later_ms
+                await audit.record(
+                    connection, row["person"], row["act"], row["subject"], detail, row["tx_id"], t_ms=at_ms
+                )
+        found = await verify(self.database, None, now_ms())
+        assert (found.broken_seq, found.misdated_seq) == (None, None), "the forged chain is whole by itself"
+
+
+@pytest.fixture
+async def anchored(database, contract):
+    return await AnchoredLog(database, contract).begin()
+
+
+async def test_the_ledger_vouches_for_a_log_that_is_what_it_was(anchored):
+    found = await anchored.check()
+    assert (found.ok, found.rows, found.ledger, found.anchors, found.anchored_seq) == (True, 7, "checked", 2, 6)
+    assert [row["act"] for row in anchored.kept].count("audit_anchored") == 2
+    assert "vouches for them up to row 6 (2 heads compared)." in found.to_text()
+
+
+async def test_a_row_taken_out_contradicts_the_head(anchored):
+    await anchored.rewrite([row for row in anchored.kept if row["seq"] != 2])
+    assert (await anchored.check()).contradicted_tx == anchored.kept[3]["tx_id"]
+
+
+async def test_a_log_cut_off_at_its_end_lacks_a_head(anchored):
+    await tamper(anchored.database, "DELETE FROM audit_log WHERE seq > 4")
+    assert (await anchored.check()).contradicted_tx == anchored.kept[6]["tx_id"]
+    await tamper(anchored.database, "DELETE FROM audit_log")
+    found = await anchored.check()
+    assert (found.rows, found.ok, found.contradicted_tx) == (0, False, anchored.kept[3]["tx_id"])
+
+
+async def test_a_log_dated_ahead_is_no_log_without_heads(anchored):
+    """Heads were looked for from the first row's day on: dated two days ahead, a forged log was ok with none."""
+    await anchored.rewrite([row for row in anchored.kept if row["seq"] != 2], later_ms=2 * 86_400_000)
+    found = await anchored.check(after_ms=2 * 86_400_000)
+    assert (found.ok, found.misdated_seq, found.contradicted_tx) == (False, 1, anchored.kept[3]["tx_id"])
+
+
+@pytest.mark.parametrize("instance", ["i" * 32, "another"])
+async def test_a_forged_log_of_the_last_hour_is_not_anchored_in_good_faith(anchored, contract, instance):
+    """The table and the installation's name are rewritten, all rows dated within the hour; the server anchors on."""
+    await anchored.rewrite([row for row in anchored.kept if row["act"] != "audit_anchored"])
+    await anchored.write(5)
+    anchored.anchors = AuditIdentity(contract, "mirror").anchors(instance)
+    anchoring = Anchoring(anchored.database, anchored.anchors, every_s=1, clock=now_ms)
+    if instance == "another":
+        with pytest.raises(RefusedError, match="AUDIT_LOG_OTHER"):
+            await anchoring.anchor()
+    else:
+        assert await anchoring.anchor()
+    found = await anchored.check()
+    assert (found.ok, found.contradicted_tx) == (False, anchored.kept[3]["tx_id"])
+
+
+async def test_a_log_that_nobody_anchors_is_a_failure_before_long(anchored, contract):
+    anchored.anchors = AuditIdentity(contract, "nobody").anchors("i" * 32)
+    found = await anchored.check(after_ms=2 * 3_600_000)
+    assert (found.ok, found.anchors, found.late_seq) == (False, 0, 1)
+    assert found.lost_tx == anchored.kept[3]["tx_id"], "the log names heads that are another's"
+    assert "no head on the ledger covers it" in found.to_text()
+
+
+async def test_an_invented_anchor_is_none(anchored):
+    async with anchored.database.write() as connection:
+        await audit.record(connection, "the server", "audit_anchored", "audit/7", {}, "f" * 64)
+    assert (await anchored.check()).lost_tx == "f" * 64
+
+
+async def test_what_is_not_anchored_in_time_is_a_failure(anchored):
+    await anchored.write(1)
+    assert (await anchored.check()).ok
+    found = await anchored.check(after_ms=3_700_000)
+    assert (found.ok, found.late_seq) == (False, 8)
+    assert await anchored.anchoring.anchor()
+    assert (await anchored.check(after_ms=3_700_000)).ok
+
+
+async def test_rows_are_never_dated_back(database):
+    for t_ms in (NOW_MS, NOW_MS - 5_000, NOW_MS + 1):
+        async with database.write() as connection:
+            await audit.record(connection, ADA, "note", "alert/1", t_ms=t_ms)
     async with database.read() as session:
-        kept = [dict(row._mapping) for row in await session.execute(text(f"{rows} ORDER BY seq"))]
-    assert kept[3]["act"] == "audit_anchored"
-    assert len(kept[3]["tx_id"]) == 64
-    await tamper(database, "DELETE FROM audit_log")
-    for row in kept:
-        if row["seq"] != 2:
-            async with database.write() as connection:
-                await audit.record(connection, row["person"], row["act"], row["subject"], t_ms=row["t_ms"])
-    assert (await verify(database, None, clock())).ok, "the forged chain is whole by itself"
-    assert (await verify(database, anchors, clock())).contradicted_tx == kept[3]["tx_id"]
-    await tamper(database, "DELETE FROM audit_log WHERE seq > 2")
-    assert not (await verify(database, anchors, clock())).ok, "a log that was cut off at its end"
+        dates = list(await session.scalars(text("SELECT t_ms FROM audit_log ORDER BY seq")))
+    assert dates == [NOW_MS, NOW_MS, NOW_MS + 1]
+
+
+def test_who_asks_again_and_again_does_not_fill_the_log():
+    quota = Quota()
+
+    def take(who, subject, after_ms, *, known=False):
+        return quota.take(who, subject, NOW_MS + after_ms, known=known)
+
+    assert take("eve", "GET/audit", 0) == 0
+    assert take("eve", "GET/audit", 59_999) is None, "the same again within a minute"
+    assert take("eve", "GET/audit", 60_000) == 1, "and the next row says that one was left out"
+    taken = [take("eve", f"GET/{index}", 60_001) for index in range(200)]
+    assert sum(each is not None for each in taken) == EACH_HOUR - 2
+    assert take("bob", "GET/audit", 60_002) == 200 - (EACH_HOUR - 2)
+    many = [take(f"2001:db8::{index:x}", "GET/audit", 60_003) for index in range(2 * STRANGERS_HOUR)]
+    assert sum(each is not None for each in many) == STRANGERS_HOUR - EACH_HOUR - 1
+    assert take("mallory's id", "GET/people", 60_004, known=True) is not None, "strangers hide nobody who is signed in"
+    assert take("eve", "GET/audit", HOUR_MS) is not None, "an hour later"
 
 
 async def test_what_is_done_and_refused_is_in_the_log(fresh):
@@ -137,16 +256,18 @@ async def test_what_is_done_and_refused_is_in_the_log(fresh):
         await eve.call("GET", "/audit", status=401)
         items = (await ada.call("GET", "/audit"))["items"]
         acts = [each["act"] for each in items]
-        assert acts == ["sign_in_failed", "sign_in_failed", "sign_in", "passkey_added", "person_active"]
-        assert items[1]["detail"] == {"why": "sign-in-required", "address": "127.0.0.1"}
-        assert {each.get("person") for each in items[2:]} == {"Ada"}
-        mine = await ada.call("GET", f"/audit?act=sign_in&person={items[2]['person_id']}")
-        assert [each["seq"] for each in mine["items"]] == [items[2]["seq"]]
+        assert acts == ["refused", "sign_in_failed", "sign_in_failed", "sign_in", "passkey_added", "person_active"]
+        assert items[0]["detail"] == {"status": 401, "address": "127.0.0.1"}
+        assert items[0]["subject"] == "GET/api/v1/audit"
+        assert items[2]["detail"] == {"why": "sign-in-required", "address": "127.0.0.1"}
+        assert {each.get("person") for each in items[3:]} == {"Ada"}
+        mine = await ada.call("GET", f"/audit?act=sign_in&person={items[3]['person_id']}")
+        assert [each["seq"] for each in mine["items"]] == [items[3]["seq"]]
         page = await ada.call("GET", "/audit?limit=2")
         rest = await ada.call("GET", f"/audit?limit=50&cursor={page['next']}")
         assert [each["seq"] for each in (*page["items"], *rest["items"])] == [each["seq"] for each in items]
         found = await ada.call("GET", "/audit/verify")
-        assert (found["ok"], found["rows"], found["ledger"]) == (True, 5, "off")
+        assert (found["ok"], found["rows"], found["ledger"]) == (True, 6, "off")
         for method in ("PUT", "PATCH", "DELETE", "POST"):
             await ada.call(method, "/audit", status=405)
 
@@ -168,7 +289,14 @@ def written():
                     "_link_made": ("invitation_link_made", "recovery_link_made"),
                     "_subscription": ("active_subscription", "paused_subscription"),
                 }[rest]
-    yield from ("read_personal_data", "audit_anchored", "person_changed", "person_suspended", "person_restored")
+    yield from (
+        "read_personal_data",
+        "audit_anchored",
+        "refused",
+        "person_changed",
+        "person_suspended",
+        "person_restored",
+    )
     yield from get_args(ActName)
     yield from CHANGES
 

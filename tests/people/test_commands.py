@@ -120,8 +120,11 @@ async def test_the_log_is_anchored_and_checked_from_outside(ledger, at):
                     if anchored:
                         break
                     await asyncio.sleep(0.2)
-            transaction = (await http.get(f"/api/v1/transactions/{anchored[0]['tx_id']}")).json()
-            assert (transaction["function"], transaction["creator"]["name"]) == ("CreateAsset", "mirror")
+            async with asyncio.timeout(30):
+                while (found := await http.get(f"/api/v1/transactions/{anchored[0]['tx_id']}")).status_code == 404:
+                    await asyncio.sleep(0.1)  # not mirrored yet
+            transaction = found.json()
+            assert (transaction["function"], transaction["creator"]["name"]) == ("AnchorAuditLog", "mirror")
             found = (await http.get("/api/v1/audit/verify")).json()
             assert (found["ok"], found["ledger"], found["anchors"]) == (True, "checked", 1)
     finally:

@@ -200,6 +200,9 @@ class Liar:
         self.confused = False
 
     def answer(self, request):
+        return httpx.Response(200, stream=httpx.ByteStream(json.dumps(self.told(request)).encode()))
+
+    def told(self, request):
         path = request.url.path
         if path.endswith("openid-configuration"):
             found = {
@@ -210,17 +213,17 @@ class Liar:
             }
             if self.userinfo is not None:
                 found["userinfo_endpoint"] = f"{self.issuer}/userinfo"
-            return httpx.Response(200, json=found | self.metadata)
+            return found | self.metadata
         if path == "/keys":
-            return httpx.Response(200, json={"keys": [self.key.as_dict(private=False)]})
+            return {"keys": [self.key.as_dict(private=False)]}
         if path == "/userinfo":
-            return httpx.Response(200, json=self.userinfo)
+            return self.userinfo
         if self.confused:
-            return httpx.Response(200, json={"id_token": self.by_public_key()})
+            return {"id_token": self.by_public_key()}
         token = jws.serialize_compact(
             self.header, json.dumps(self.claims), self.sign_with, algorithms=["ES256", "RS256", "RS512"]
         )
-        return httpx.Response(200, json={"id_token": token, "access_token": "x", "token_type": "Bearer"})
+        return {"id_token": token, "access_token": "x", "token_type": "Bearer"}
 
     def by_public_key(self):
         """The oldest trick: signed by HMAC with the public key as if that were a shared secret."""

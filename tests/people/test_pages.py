@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 
 import pytest
@@ -9,6 +10,7 @@ from kit import barriers
 from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
+CONFIRM = "Confirm with the passkey"
 
 
 def authenticate(page):
@@ -27,12 +29,26 @@ def authenticate(page):
     return session, made["authenticatorId"]
 
 
-MAKE = """([path, body]) => fetch(path, { method: "POST", body: body && JSON.stringify(body),
-    headers: body ? { "Content-Type": "application/json" } : {} }).then((answer) => answer.json())"""
+MAKE = """async ([path, body]) => {
+    const post = (to, what, more = {}) => fetch(to, { method: "POST", body: what && JSON.stringify(what),
+        headers: { ...(what && { "Content-Type": "application/json" }), ...more } }).then((answer) => answer.json());
+    const bytes = new TextEncoder().encode(body ? JSON.stringify(body) : "");
+    const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", bytes));
+    const body_sha256 = Array.from(digest, (each) => each.toString(16).padStart(2, "0")).join("");
+    const asked = await post("/api/v1/step-up/challenge", { method: "POST", path, body_sha256 });
+    const publicKey = PublicKeyCredential.parseRequestOptionsFromJSON(asked.options);
+    const credential = (await navigator.credentials.get({ publicKey })).toJSON();
+    const { token } = await post("/api/v1/step-up", { ceremony: asked.ceremony, credential });
+    return post(path, body, { "Step-Up": token });
+}"""
+"""Makes something by the interface, confirmed by the page's passkey."""
 
 
-def set_up(open_page, server, before=lambda page: None):
-    """The first administrator, at her account; `before` looks at the page that leads there."""
+def set_up(open_page, server, before=lambda page: None, *, confirms=True):
+    """The first administrator, at her account; `before` looks at the page that leads there.
+
+    `confirms`: whenever she is asked once more for her passkey.
+    """
     page = open_page(server.url)
     page.watched.expected = ("status of 403", "status of 401")
     authenticate(page)
@@ -42,6 +58,8 @@ def set_up(open_page, server, before=lambda page: None):
     page.get_by_label("Your name").fill("Ada Lovelace")
     page.get_by_role("button", name="Make a passkey and sign in").click()
     expect(page.get_by_role("navigation", name="Pages")).to_be_visible()
+    if confirms:
+        page.add_locator_handler(page.get_by_role("button", name=CONFIRM), lambda button: button.click())
     return page
 
 
@@ -82,6 +100,7 @@ def test_invite_change_suspend_and_find_it_in_the_log(open_page, server):
     page.get_by_label("Inspector").check()
     page.get_by_label("Viewer").uncheck()
     page.get_by_role("button", name="Make the invitation").click()
+    expect(page.get_by_test_id("made-link")).to_be_visible()
     link = page.get_by_test_id("made-link").inner_text()
 
     other = open_page(link)
@@ -105,13 +124,53 @@ def test_invite_change_suspend_and_find_it_in_the_log(open_page, server):
 
     page.get_by_role("link", name="Audit log").click()
     rows = page.get_by_role("row")
-    expect(rows.nth(1)).to_contain_text("suspended an account")
+    expect(rows.filter(has_text="suspended an account")).to_have_count(1)
     page.get_by_label("Act").select_option("passkey_added")
     expect(rows).to_have_count(3)
     page.get_by_role("button", name="Check the log").click()
     expect(page.get_by_role("status").filter(has_text="as they were written")).to_be_visible()
     page.reload()
     expect(page.get_by_label("Act")).to_have_value("passkey_added")
+
+
+def test_what_weighs_most_is_confirmed_and_nothing_typed_is_lost(open_page, server):
+    page = set_up(open_page, server, confirms=False)
+    page.goto(f"{server.url}/#/people/invite")
+    page.get_by_label("Name", exact=True).fill("Grace Höpper")
+    invite = page.get_by_role("button", name="Make the invitation")
+    invite.click()
+    dialog = page.get_by_role("dialog", name="Is it you?")
+    expect(dialog.get_by_role("button", name=CONFIRM)).to_be_focused()
+    assert barriers.anywhere(page) == []
+    if (directory := os.environ.get("WONDERLAND_SCREENS")) is not None:
+        page.screenshot(path=f"{directory}/step-up.png")
+    page.keyboard.press("Escape")
+    expect(dialog).to_have_count(0)
+    expect(page.get_by_role("alert")).to_contain_text("passkey once more")
+    expect(page.get_by_label("Name", exact=True)).to_have_value("Grace Höpper")
+    # Somebody who changes her mind at the authenticator can still go on.
+    page.evaluate("() => { window.get = navigator.credentials.get.bind(navigator.credentials); }")
+    page.evaluate(
+        "() => { navigator.credentials.get = async () => { throw new DOMException('', 'NotAllowedError'); }; }"
+    )
+    invite.click()
+    dialog.get_by_role("button", name=CONFIRM).click()
+    expect(dialog.get_by_role("alert")).to_contain_text("cancelled")
+    page.evaluate("() => { navigator.credentials.get = window.get; }")
+    dialog.get_by_role("button", name=CONFIRM).click()
+    expect(page.get_by_test_id("made-link")).to_be_visible()
+    page.goto(f"{server.url}/#/people/audit")
+    expect(page.get_by_role("row").filter(has_text="confirmed by passkey")).to_have_count(1)
+    page.get_by_role("button", name="Language").click()
+    page.goto(f"{server.url}/#/people/invite")
+    page.get_by_label("Nimi", exact=True).fill("Aino")
+    page.get_by_role("button", name="Tee kutsu").click()
+    dialog = page.get_by_role("dialog", name="Oletko se sinä?")
+    expect(dialog).to_be_visible()
+    if directory is not None:
+        page.screenshot(path=f"{directory}/step-up-fi.png")
+    dialog.get_by_role("button", name="Vahvista pääsyavaimella").click()
+    expect(page.get_by_test_id("made-link")).to_be_visible()
 
 
 def test_a_lost_passkey_and_the_link_that_gives_the_account_back(open_page, server):
@@ -131,6 +190,7 @@ def test_a_lost_passkey_and_the_link_that_gives_the_account_back(open_page, serv
     page.goto(f"{server.url}/#/people")
     page.get_by_role("link", name="Grace").click()
     page.get_by_role("button", name="Recovery link").click()
+    expect(page.get_by_test_id("made-link")).to_be_visible()
     link = page.get_by_test_id("made-link").inner_text()
     after = accept(link)
 
@@ -156,10 +216,16 @@ def test_ending_a_sign_in_elsewhere(open_page, server):
 
 def test_signing_in_by_a_real_openid_provider(open_page, oidc_server):
     server = oidc_server
-    admin = open_page(server.link("Ada", "admin"), room="people/invite")
+    admin = open_page(server.link("Ada", "admin"), room="people/me")
+    admin.watched.expected = ("status of 403",)
+    authenticate(admin)
+    admin.get_by_role("button", name="Add a passkey").click()
+    expect(admin.get_by_role("region", name="Passkeys").get_by_role("listitem")).to_have_count(1)
+    admin.goto(f"{server.url}/#/people/invite")
     admin.get_by_label("Name", exact=True).fill("Grace")
     admin.get_by_label("E-mail").fill("grace@example.org")
     admin.get_by_role("button", name="Make the invitation").click()
+    admin.get_by_role("button", name=CONFIRM).click()
     expect(admin.get_by_test_id("made-link")).to_be_visible()
 
     page = open_page(server.url)

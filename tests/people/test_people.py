@@ -47,6 +47,10 @@ async def test_an_invitation_is_withdrawn(fresh):
         {"email": "a@b\u0000.c"},
         {"name": "<b>\u0007"},
         {"msp_id": "no spaces"},
+        # A role and the organisation that gives it.
+        {"roles": ["inspector"], "msp_id": "PadMSP"},
+        {"roles": ["pad_operator"], "msp_id": "AuthorityMSP"},
+        {"roles": ["admin", "fleet_operator"], "msp_id": "FleetMSP"},
         {"more": 1},
     ],
 )

@@ -28,7 +28,7 @@ class FabricHouse(House):
         places.prepare()
         self.network = bringing_up.new_network(places, None)
         self.stack.push_async_callback(taking_down.take_down, self.network, lambda *_: None)
-        await bringing_up.bring_up(self.network, await binaries.check(), lambda *_: None)
+        await bringing_up.bring_up(self.network, await binaries.check_binaries(), lambda *_: None)
         self.connection = Connection.load(places.connection_file)
         self.channel = await self.stack.enter_async_context(self.connection.open_channel())
 
@@ -42,7 +42,7 @@ class FabricHouse(House):
 @pytest.fixture(scope="module")
 def fabric_house(tmp_path_factory, built_console):
     try:
-        binaries.find()
+        binaries.find_binaries()
     except BinaryError as error:
         pytest.skip(f"Fabric's servers are needed: {error}")
     house = FabricHouse(tmp_path_factory.mktemp("fabric"), console=built_console, demo=True)

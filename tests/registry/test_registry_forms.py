@@ -6,6 +6,7 @@ import json
 import re
 
 import pytest
+from kit.contract import Scene
 from kit.registry_house import commissioning
 from playwright.sync_api import expect
 
@@ -19,7 +20,7 @@ def place(page, path):
 def key(page, role):
     place(page, "key")
     page.get_by_role("button", name=f"Use the demo’s {role} key").click()
-    expect(page.get_by_text("in use")).to_be_visible()
+    expect(page.get_by_text(f"demo-{role.replace(' ', '-').replace('administrator', 'admin')}-").first).to_be_visible()
 
 
 def fill(page, **fields):
@@ -49,7 +50,17 @@ def page(console_house, open_page):
     return open_page(console_house.link(), room="registry")
 
 
-def test_a_drone_from_its_registration_to_its_end(page):
+def approve(house, page):
+    """As the second person, who is somewhere else."""
+    asked = page.evaluate("fetch('/api/v1/registry/proposals?state=open').then((answer) => answer.json())")
+    (proposal,) = asked["items"]
+    house.send("inspector", "ApproveChange", Scene.approval(proposal["record"]))
+    page.wait_for_function(
+        "fetch('/api/v1/registry/proposals?state=open').then(async (answer) => (await answer.json()).items.length === 0)"
+    )
+
+
+def test_a_drone_from_its_registration_to_its_end(console_house, page):
     key(page, "fleet operator")
     place(page, "drones/new")
     fill(page, Serial_number="OH-DRN-0999", Model="Räven 2", Operator="arctic-air", Registration_number="FIN87abc")
@@ -57,11 +68,17 @@ def test_a_drone_from_its_registration_to_its_end(page):
     place(page, "drones/OH-DRN-0999")
     expect(status(page)).to_have_text("Active")
     key(page, "administrator")
-    for form, after in (("suspend", "Suspended"), ("reactivate", "Active"), ("retire-drone", "Retired")):
+    for form, after in (("suspend", "Suspended"), ("reactivate", "Suspended"), ("retire-drone", "Retired")):
         place(page, f"drones/OH-DRN-0999/{form}")
         fill(page, Reason=f"{form}, by a test")
         sign(page)
         expect(status(page)).to_have_text(after)
+        if form == "reactivate":
+            approve(console_house, page)
+            expect(status(page)).to_have_text("Active")  # on the page that is open, without a reload
+            place(page, "drones/OH-DRN-0640")
+            place(page, "drones/OH-DRN-0999")
+            expect(status(page)).to_have_text("Active")
     expect(page.get_by_role("navigation", name="What can be done").get_by_role("link")).to_have_count(0)
     expect(page.locator(".history li")).to_have_count(4)
 

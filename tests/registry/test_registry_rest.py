@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 from kit.backend import serving
 from kit.chain import Source
-from kit.facts import Facts
+from kit.facts import START_MS, Facts
+
+from wonderland.proofs.records.calibrations import Calibration
 
 BOTH = pytest.mark.parametrize("database_url", ["sqlite", "postgresql"], indirect=True)
 
@@ -43,6 +45,33 @@ async def test_lists_are_found_filtered_sorted_and_paged(client):
     assert [each["record"]["pad_id"] for each in pads["items"]] == ["pad-2"]
     assert (await client.get("/registry/drones", params={"colour": "red"})).status_code == 422
     assert (await client.get("/registry/drones", params={"cursor": "x"})).status_code == 400
+
+
+async def test_a_drone_with_its_calibrations(new_backend, chain):
+    facts = Facts()
+    pad = facts.put_pad()
+    digest = facts.pad().commissioning_sha256
+
+    def at(pad_id, **more):
+        record = {"pad_id": pad_id, "commissioning_sha256": digest, "offset_mm": 300, "sigma_mm": 20, "sessions": 2}
+        record |= {"rounds": 60, "measured_ms": START_MS - 1_000, "valid_until_ms": START_MS + 10**12}
+        record |= {"registered_ms": START_MS, "registered_by": "olga", "msp_id": "PadMSP"} | more
+        return Calibration.parse(record).to_json()
+
+    calibrations = (
+        at("pad-1"),
+        at("pad-2", commissioning_sha256="1" * 64),
+        at("pad-3", withdrawn="another antenna"),
+        at("pad-4", valid_until_ms=START_MS - 10**11),
+    )
+    others = [facts.put_pad(f"pad-{number}") for number in (2, 3, 4)]
+    chain.add(pad, *others, facts.put_uav(), facts.put_uav("uav-2", calibrations=calibrations))
+    async with serving(new_backend(Source(chain))) as running:
+        await running.mirrored(chain.height)
+        assert (await running.json("/registry/drones/uav-1"))["calibrations"] == []
+        found = (await running.json("/registry/drones/uav-2"))["calibrations"]
+    assert [each["state"] for each in found] == ["holds", "pad_changed", "withdrawn", "over"]
+    assert [each["record"] for each in found] == list(calibrations)
 
 
 @BOTH
@@ -84,4 +113,4 @@ async def test_organisations_and_certificates(client):
     one = certificates[0]
     assert one in (await client.json("/registry/certificates", q=one["name"], msp=one["msp_id"]))["items"]
     forms = (await client.json("/registry/forms"))["items"]
-    assert {"SetUavStatus", "SetPolicy"} <= {each["function"] for each in forms}
+    assert {"SetUavStatus", "ProposePolicy", "ApproveChange"} <= {each["function"] for each in forms}

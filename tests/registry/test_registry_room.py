@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import pytest
+from kit.contract import Scene
 from playwright.sync_api import expect
 
 DRONE = "OH-DRN-0417"
@@ -109,6 +110,49 @@ def test_a_role_that_may_not_is_told_before_and_refused_by_the_contract(console_
     expect(officer.get_by_label("Reason")).to_have_value("I should not")
 
 
+@pytest.fixture
+def calibrated(console_house):
+    """A drone that was ranged at a pad and calibrated there, as the contract takes it; the pad's id."""
+    scene = Scene()
+
+    def send(*what):
+        return json.loads(console_house.send(*what).payload)
+
+    scene.now_ms = console_house.now_ms()
+    valid = {"valid_from_ms": scene.now_ms - 60_000, "valid_until_ms": scene.now_ms + 10**10}
+    send("pad_operator", "RegisterPad", scene.pad_argument())
+    send("pad_operator", "CommissionPad", {"pad_id": "pad-1", "commissioning": scene.commissioning(**valid)})
+    prekeys = [{"prekey_id": "k1", "public_key": scene.point(60)}]
+    send("pad", "PublishPrekeys", {"pad_id": "pad-1", "prekeys": prekeys})
+    send("fleet_operator", "RegisterUav", scene.uav_argument("uav-1"))
+    session = send("uav", "RequestProof", scene.request_argument())
+    send("pad", "SubmitProof", {"session_id": session["session_id"], "evidence": scene.evidence(session)})
+    measured = scene.calibration(session["session_id"], uav_id="uav-1", valid_until_ms=scene.now_ms + 10**9)
+    send("pad_operator", "CalibrateUav", measured)
+    console_house.wait_mirrored()
+    return "pad-1"
+
+
+def test_a_drones_calibration_is_shown_and_withdrawn(console_house, officer, calibrated):
+    place(officer, f"drones/{DRONE}")
+    card = officer.locator("section").filter(has=officer.get_by_role("heading", name="Calibration of its node"))
+    expect(card).to_contain_text("Nobody has calibrated this drone’s node")
+    expect(card).to_contain_text("judged with the prior")
+    place(officer, "drones/uav-1")
+    row = card.get_by_role("row").filter(has_text=calibrated)
+    expect(row).to_contain_text("0.30 m ± 0.02 m")
+    expect(row).to_contain_text("in force")
+    expect(row).to_contain_text("pad_operator · PadMSP")
+    row.get_by_role("link", name="Withdraw the calibration").click()
+    officer.get_by_label("Reason").fill("Another antenna")
+    sign(officer)
+    expect(officer.get_by_text("It is on the ledger, signed by you.")).to_be_visible()
+    expect(row).to_contain_text("withdrawn")
+    history = officer.locator(".history li").first
+    expect(history).to_contain_text("pad-1: 0.30 m ± 0.02 m → pad-1: 0.30 m ± 0.02 m (withdrawn: Another antenna)")
+    expect(row.get_by_role("link")).to_have_count(0)
+
+
 def test_two_officers_and_one_record(console_house, officer):
     place(officer, f"drones/{DRONE}/maintenance")
     officer.get_by_label("Work").fill("Motors")
@@ -140,6 +184,24 @@ def test_a_policy_is_checked_by_the_contracts_bounds(console_house, officer):
     officer.get_by_label("Refuted below likelihood, %").fill("1")
     sign(officer)
     expect(officer.get_by_text("It is on the ledger, signed by you.")).to_be_visible()
+    place(officer, "proposals")
+    proposal = officer.locator("section.card").filter(has_text="Policy: aurajoki-2, Landing")
+    expect(proposal).to_contain_text("waits for a second person")
+    changed = proposal.get_by_role("row").filter(has_text="Buffer around the claim")
+    expect(changed).to_contain_text("1.00 m")
+    expect(changed).to_contain_text("2.50 m")
+    proposal.get_by_role("link", name="Look and approve").click()
+    expect(proposal).to_contain_text("Somebody else has to approve it.")
+    officer.get_by_role("button", name="Sign and send").click()
+    expect(officer.get_by_role("alert")).to_contain_text("SAME_PERSON")
+    place(officer, "key")
+    officer.get_by_role("button", name="Use the demo’s inspector key").click()
+    expect(officer.get_by_text("demo-inspector-").first).to_be_visible()
+    place(officer, "proposals")
+    proposal.get_by_role("link", name="Look and approve").click()
+    officer.get_by_role("button", name="Sign and send").click()
+    expect(proposal).to_contain_text("Approved by")
+    place(officer, "pads/aurajoki-2")
     landing = (
         officer.locator("section")
         .filter(has_text="What holds for each action")

@@ -14,6 +14,7 @@ from kit.registry_house import DAY_MS, base64url, decoded, new_house, request_pe
 from sqlalchemy import select
 
 from wonderland.proofs import encoding
+from wonderland.proofs.records.policies import Policy
 from wonderland_backend.db.tables.audit import AuditRow
 from wonderland_backend.transactions.keys import signed_text
 from wonderland_fabric_gateway.identity import Identity
@@ -116,8 +117,11 @@ def test_a_policy_that_somebody_else_has_set_meanwhile(house):
     admin.enrol("admin", "bertil")
     policy = {"pad_id": "aurajoki-2", "action": "land", "policy": {"buffer_mm": 2_000}}
     nothing = {"block": -1, "tx_index": 0}
-    assert admin.change("SetPolicy", policy, nothing)["state"] == "valid"
-    refused = admin.change("SetPolicy", policy | {"policy": {"buffer_mm": 3_000}}, nothing)
+    proposed = admin.change("ProposePolicy", policy, nothing)
+    assert proposed["state"] == "valid"
+    approval = {"change_id": proposed["tx_id"], "policy": policy | {"policy": Policy(buffer_mm=2_000).to_json()}}
+    house.send("inspector", "ApproveChange", approval)
+    refused = admin.change("ProposePolicy", policy | {"policy": {"buffer_mm": 3_000}}, nothing)
     assert (refused["state"], refused["problem"]["kind"]) == ("refused", "changed")
 
 

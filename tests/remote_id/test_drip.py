@@ -303,8 +303,8 @@ def test_only_registries_endorse(world) -> None:
         registry.learn(endorse(accomplice.det, accomplice.key, drone.det, times, drone.sign), T0)
     with pytest.raises(DripError, match="another registry"):
         registry.learn(endorse(foreigner.det, foreigner.key, authority.det, times, authority.sign), T0)
-    assert registry.find(accomplice.det, T0) is None
-    assert registry.find(foreigner.det, T0) is None
+    assert registry.find_identity(accomplice.det, T0) is None
+    assert registry.find_identity(foreigner.det, T0) is None
 
 
 def test_authority_comes_down_the_hierarchy() -> None:

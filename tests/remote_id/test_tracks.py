@@ -144,8 +144,8 @@ def test_a_finding_is_told_once_a_minute_with_its_count() -> None:
     gate = FindingGate()
     for step in range(100):
         gate.put(Finding(T0 + 1_000 * step, telemetry.Finding(uav_id=SERIAL, kind="time_off")))
-    told = gate.take()
+    told = gate.take_findings()
     assert [(finding.t_ms, finding.body.count) for finding in told] == [(T0, 1), (T0 + AGAIN_MS, 60)]
     for step in range(5_000):
         gate.put(Finding(T0, telemetry.Finding(uav_id=f"drone-{step}", kind="time_off")))
-    assert len(gate.take()) <= 1_024
+    assert len(gate.take_findings()) <= 1_024

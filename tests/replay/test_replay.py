@@ -104,7 +104,7 @@ async def proof(story, running, chain, facts, number, agent_client):
         clock.now_ms += 999
     await story.then(after_ms=1)
     await story.then(mirrored(facts.put_uav("uav-9"), facts.put_pad("pad-3")))
-    await story.then(running.backend.watch.look(), after_ms=61_000)
+    await story.then(running.backend.watch.look_once(), after_ms=61_000)
     async with running.connect("/ingest") as socket:
         agent = agent_client(socket)
 
@@ -114,7 +114,7 @@ async def proof(story, running, chain, facts, number, agent_client):
         await story.then(come_back())
         await story.then(agent.report(("health", HEALTH), t_ms=clock.now_ms))
         # The alert's cause has ended before anybody acknowledged it: it stays until somebody does.
-        await story.then(running.backend.watch.look())
+        await story.then(running.backend.watch.look_once())
         await story.then(acts("acknowledge", {"kind": "pad_silent", "state": "returned"}))
         await story.then(acts("note", {"kind": "pad_silent", "state": "over"}, note="power cut"))
         clock.now_ms += 999

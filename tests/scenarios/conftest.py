@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import uuid
 
 import pytest
@@ -12,20 +13,32 @@ from wonderland_fabric_network import binaries
 from wonderland_fabric_network.errors import BinaryError
 
 
+@pytest.fixture(scope="session")
+def places(tmp_path_factory):
+    """Starts the ledger of a kind at its first scenario; all of them run to the end, whatever order files come in."""
+    begun = {}
+    with contextlib.ExitStack() as endings:
+
+        def of(kind):
+            if kind not in begun:
+                place = PLACES[kind](tmp_path_factory.mktemp(kind))
+                endings.callback(place.stop)
+                place.start()
+                begun[kind] = place
+            return begun[kind]
+
+        yield of
+
+
 @pytest.fixture(scope="session", params=[pytest.param("embedded"), pytest.param("fabric", marks=pytest.mark.fabric)])
-def ledger(request, tmp_path_factory):
+def ledger(request, places):
     """A ledger that runs, for all scenarios; they leave it running and tread on nobody's pads."""
     if request.param == "fabric":
         try:
-            binaries.find()
+            binaries.find_binaries()
         except BinaryError as error:
             pytest.skip(f"Fabric's servers are needed: {error}")
-    place = PLACES[request.param](tmp_path_factory.mktemp(request.param))
-    try:
-        place.start()
-        yield place
-    finally:
-        place.stop()
+    return places(request.param)
 
 
 def pytest_generate_tests(metafunc):

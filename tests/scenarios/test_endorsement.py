@@ -2,6 +2,7 @@
 
 import pytest
 from kit import witnesses
+from kit.forgers import endorsed_by_nobody, one_endorsement_more, submitted_changed
 from kit.scenario_world import also_with_the_node_client
 
 from wonderland_fabric_gateway.gateway import CommitError
@@ -89,7 +90,7 @@ async def test_a_witness_brings_its_own_organisation(people, site_of):
     site = await site_of(survey=clocks(witnesses.PAD_ANCHORS))
     watch = await site_of("Pad2MSP", survey=clocks(witnesses.WITNESS_ANCHORS))
     policy = {"min_assurance": 4, "witness_pad_id": watch.pad_id}
-    await site.admin.submit("SetPolicy", pad_id=site.pad_id, action="land", policy=policy)
+    await site.set_policy(policy, "land")
     wish = {**site.wish(), "witness_prekey_id": "k0"}
     for one_of_them in (["AuthorityMSP", "PadMSP"], ["AuthorityMSP", "Pad2MSP"]):
         await not_enough(site.uav, one_of_them, "RequestProof", wish)
@@ -119,3 +120,12 @@ async def test_two_verdicts_at_once_leave_one(people, site):
     outcomes.remove("VALID")
     assert outcomes[0] in {NOT_ENOUGH, "MVCC_READ_CONFLICT"}  # in the same block, or in the next
     await site.pad.is_refused(422, "SESSION_DECIDED", "SubmitProof", fields)
+
+
+@pytest.mark.parametrize("more", [endorsed_by_nobody, one_endorsement_more], ids=lambda each: each.__name__)
+async def test_an_endorsement_that_holds_for_nobody_counts_for_nothing_and_harms_nobody(people, tag, more):
+    """Its sender may add one: the transaction is as valid as without it, and everybody can read it."""
+    asset = {"id": tag, "type": "std_msgs/msg/String", "media_type": "text/plain", "value": "1"}
+    status, _ = await submitted_changed(people["uav"], [more], "CreateAsset", asset)
+    assert status.code_name == "VALID"
+    assert {"AuthorityMSP"} < await people.endorsers(status)

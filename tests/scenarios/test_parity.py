@@ -253,7 +253,7 @@ async def test_pads_drones_and_proofs_are_the_same_on_both(people, tag):
     await site.uav.is_refused(409, "PREKEY_USED", "RequestProof", site.wish("k1"))
     await other.pad.is_refused(403, "NOT_YOUR_SESSION", "CancelProof", session_id=lied["session_id"], reason="refused")
     await site.operator.is_refused(403, "PAD_OF_OTHER_ORGANISATION", "UpdatePad", pad_id=other.pad_id, name="x")
-    await site.admin.submit("SetPolicy", pad_id=site.pad_id, action="*", policy={"buffer_mm": 2000})
+    await site.set_policy({"buffer_mm": 2000})
     await site.operator.submit("UpdatePad", pad_id=site.pad_id, note="Mind the crane")
     later = time.time_ns() // 1_000_000 + 3_600_000
     closed = {"zone_id": "FIN:P1", "actions": ["land"], "from_ms": 0, "until_ms": later}

@@ -3,6 +3,7 @@
 import asyncio
 
 import pytest
+from kit.contract import Scene
 from kit.scenario_world import also_with_the_node_client
 
 from wonderland.proofs.records.transactions import ROLES, TRANSACTIONS
@@ -18,7 +19,7 @@ async def test_a_role_is_refused_what_is_not_its_own(people, role):
 
     async def refused(function):
         with pytest.raises(EndorseError) as raised:
-            await people[role].endorsed(function, {})
+            await people[role].endorsed(function, {"no such field": 0})
         return raised.value.chaincode_response
 
     for function, transaction in TRANSACTIONS.items():
@@ -67,6 +68,8 @@ async def test_a_suspension_is_the_authoritys_to_lift(site):
     assert raised.value.chaincode_response.status == 403
     verdict = await site.judge(await site.request())
     assert verdict["permission"] == "refused"
-    await site.people["inspector"].submit("SetUavStatus", uav_id=uav_id, status="active", reason="inspected")
+    proposed = await site.people["inspector"].submit("ProposeReinstatement", uav_id=uav_id, reason="inspected")
+    await site.people["inspector"].is_refused(403, "SAME_PERSON", "ApproveChange", Scene.approval(proposed))
+    await site.admin.submit("ApproveChange", Scene.approval(proposed))
     verdict = await site.judge(await site.request("k1"))
     assert verdict["permission"] == "granted"

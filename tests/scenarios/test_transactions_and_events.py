@@ -78,8 +78,13 @@ async def test_every_transaction_has_its_event(people, site):
         await tells(operator, "SetSitePlan", pad_id=pad_id, site_plan_sha256="1" * 64)
         prekeys = [{"prekey_id": f"k{index}", "public_key": scene.point(90 + index)} for index in range(2)]
         await tells(pad, "PublishPrekeys", pad_id=pad_id, prekeys=prekeys)
-        _, record = await happens(admin, "SetPolicy", landing, policy={"buffer_mm": 1500})
-        assert (record["pad_id"], record["policy"]["buffer_mm"]) == (pad_id, 1500)
+        _, proposed = await happens(admin, "ProposePolicy", landing, policy={"buffer_mm": 1500})
+        assert (proposed["state"], proposed["policy"]["policy"]["buffer_mm"]) == ("open", 1500)
+        assert await admin.query("ReadChange", change_id=proposed["change_id"]) == proposed
+        _, approved = await happens(people["inspector"], "ApproveChange", scene.approval(proposed))
+        assert (approved["state"], approved["policy"]["pad_id"]) == ("approved", pad_id)
+        _, other = await happens(admin, "ProposePolicy", landing, policy={"buffer_mm": 1600})
+        await tells(admin, "WithdrawChange", change_id=other["change_id"], reason="too wide")
 
         until_ms = valid["valid_until_ms"]
         await tells(admin, "SetClosures", pad_id=pad_id, closures=[], valid_until_ms=until_ms)
@@ -95,9 +100,16 @@ async def test_every_transaction_has_its_event(people, site):
         verdict = await tells(pad, "SubmitProof", session_id=session["session_id"], evidence=evidence)
         assert verdict["permission"] == "granted"
         await tells(uav, "CompleteInteraction", session_id=session["session_id"], result="done")
+        here = {"uav_id": uav_id, "pad_id": pad_id}
+        measured = scene.calibration(session["session_id"], **here, valid_until_ms=people.now_ms + 10**9)
+        await tells(operator, "CalibrateUav", measured)
+        await tells(fleet, "WithdrawCalibration", here, reason="another antenna")
         session = await tells(uav, "RequestProof", site.scene().request_argument("k1", pad_id=pad_id))
         await tells(uav, "CancelProof", session_id=session["session_id"], reason="operator")
 
+        await tells(inspector, "SetUavStatus", uav_id=uav_id, status="suspended", reason="inspection")
+        _, lifted = await happens(inspector, "ProposeReinstatement", uav_id=uav_id, reason="inspected")
+        await happens(admin, "ApproveChange", scene.approval(lifted))
         await tells(inspector, "RevokeAuthorisation", uav_id=uav_id, authorisation_id="a1", reason="over")
         await tells(fleet, "SetUavStatus", uav_id=uav_id, status="retired", reason="sold")
         await tells(operator, "RetirePad", pad_id=pad_id, reason="the roof is sold")
@@ -108,6 +120,11 @@ async def test_every_transaction_has_its_event(people, site):
         await happens(uav, "UpdateAsset", id=asset["id"], value="2")
         await happens(uav, "DeleteAsset", id=asset["id"])
         assert created["value"] == "1"
+        log = {"log": f"log-{uav_id}", "seq": 7, "sha256": "2" * 64}
+        mirror = await people.enrol("mirror", f"mirror-{uav_id}")
+        anchored = await tells(mirror, "AnchorAuditLog", log)
+        about = {"anchored_by": anchored["anchored_by"]}
+        assert (await site.mirror.query("ListAuditHeads", about))["heads"] == [anchored]
     with_a_witness = {"WitnessProof"}  # in test_endorsement
     assert told | with_a_witness == {name for name, each in TRANSACTIONS.items() if each.event}
     assert (await site.mirror.query("ReadPolicy", landing))["buffer_mm"] == 1500

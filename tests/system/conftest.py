@@ -77,6 +77,6 @@ def fabric_servers() -> None:
     from wonderland_fabric_network import binaries
 
     try:
-        asyncio.run(binaries.check())
+        asyncio.run(binaries.check_binaries())
     except LedgerError as error:
         pytest.skip(str(error))

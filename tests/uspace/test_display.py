@@ -210,7 +210,7 @@ async def test_the_eleventh_subscription_is_a_search(pair, dss, track, until):
 
 def flight(lat, lng):
     found = Flight("a", "b", Details({}))
-    found.take(State(t_ms=0, lat=lat, lng=lng))
+    found.take_state(State(t_ms=0, lat=lat, lng=lng))
     return found
 
 

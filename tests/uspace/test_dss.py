@@ -25,7 +25,7 @@ class Told:
     def __init__(self):
         self.told = []
 
-    def tell(self, url, area_id, body):
+    def tell_subscriber(self, url, area_id, body):
         self.told.append((url, area_id, body))
 
 

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from wonderland_backend.app import now_ms
+from wonderland_backend.http.times import now_ms
 from wonderland_backend.settings.uspace import USpaceSettings
 from wonderland_backend.uspace.dss.client import DssClient, extents_of
 from wonderland_backend.uspace.dss.errors import DssRefused, NotThere, VersionConflict

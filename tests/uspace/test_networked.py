@@ -24,7 +24,7 @@ def position(now, **change):
 
 async def say(uss, agent, *records):
     batch = read(agent, [Raw(orjson.dumps(each)) for each in records], acknowledged=0, now_ms=uss.uspace.clock())
-    await (await uss.backend.parts.intake.take(batch))
+    await (await uss.backend.parts.intake.take_batch(batch))
     return batch.rejected
 
 

@@ -69,7 +69,7 @@ async def test_a_flight_is_told_as_it_was_claimed(uss, track):
     assert state["operational_status"] == "Airborne"
     assert state["timestamp"]["value"].endswith("Z")
     assert flight["simulated"] is False
-    assert uss.uspace.flights.find(flight["id"]).drone not in flight["id"]
+    assert uss.uspace.flights.find_flight(flight["id"]).drone not in flight["id"]
 
 
 async def test_who_flies(uss, track):
@@ -185,7 +185,7 @@ async def test_only_flights_of_our_operators(new_uss, track):
             track("SERIAL1"), track("SERIAL2", operator_id=None), track("SERIAL3", operator_id="FIN87astrdge12k9")
         )
         ids = [each["id"] for each in (await flights(uss))["flights"]]
-        served = {uss.uspace.flights.find(each).drone for each in ids}
+        served = {uss.uspace.flights.find_flight(each).drone for each in ids}
         assert served == {"SERIAL1", "SERIAL2"}
         uss.backend.parts.agents.join(Agent("uav", "SERIAL3", "0" * 32))
         assert len((await flights(uss))["flights"]) == 3

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from wonderland.uwb.layout import RangingPlan
-from wonderland_simulator.uci_node import Air, Measurement, PtyPort, Quirks, VirtualNode
+from wonderland_simulator.uci_node import DWM3001CDK, Air, Measurement, NodeProfile, PtyPort, Quirks, VirtualNode
 
 PAD_MACS = (0xA001, 0xA002, 0xA003, 0xA004)
 UAV_MAC = 0xD001
@@ -33,8 +33,8 @@ class World:
         distance = self.distances.get(anchor, 5_000)
         return Measurement(distance, nlos=False, rssi_dbm=-78.5)
 
-    def add(self, name: str, quirks: Quirks | None = None) -> Path:
-        node = VirtualNode(name, self.air, quirks=quirks)
+    def add(self, name: str, quirks: Quirks | None = None, *, profile: NodeProfile = DWM3001CDK) -> Path:
+        node = VirtualNode(name, self.air, profile=profile, quirks=quirks)
         self.ports[name] = PtyPort(node, self.directory / name)
         self.ports[name].plug()
         return self.ports[name].path

@@ -20,9 +20,10 @@ from wonderland_fira_uci.uci.capabilities import (
     StsConfigs,
     decode_capabilities,
 )
-from wonderland_fira_uci.uci.config import encode_parameters
+from wonderland_fira_uci.uci.config import decode_parameters, encode_parameters
 from wonderland_fira_uci.uci.errors import UciDecodeError
-from wonderland_simulator.uci_node.node import CAPABILITIES
+from wonderland_simulator.uci_node import IDEAL as IDEAL_PROFILE
+from wonderland_simulator.uci_node import PICA as PICA_PROFILE
 
 # The first 18 of 26 parameters that a Qorvo DWM3001CDK (QM33 SDK, UCI 2.0.0) answered, as captured in the public
 # repository EstebanMenti/i-mop-qorvo-uci-script; the rest is not at hand here.
@@ -30,24 +31,12 @@ DWM3001CDK = bytes.fromhex(
     "12 00020301 0102ff00 020402000200 030402000200 040103 05020300 06021e00 070119 080103 090102 0a0102 0b0101"
     "0c0101 0d0101 0e0109 0f010a 100101 11013f"
 )
-# google/pica (e6fd445) announces UCI 2.0 and numbers its answer as UCI 1 does; figures of its source, our bytes.
-PICA = encode_parameters(
-    [
-        (0x00, b"\x01\x01\x01\x03"),
-        (0x01, b"\x01\x01\x01\x03"),
-        (0x02, b"\x03"),
-        (0x03, b"\x1f"),
-        (0x04, b"\x1f"),
-        (0x05, b"\xff"),
-        (0x06, b"\x01"),
-        (0x07, b"\x01"),
-        (0x0B, b"\xff"),
-        (0x0C, b"\xff"),
-        (0xA0, b"\x01"),
-        (0xE3, b"\x01"),
-    ]
+# What google/pica (e6fd445) answers, read off its port: it announces UCI 2.0 and numbers as UCI 1 does.
+PICA = bytes.fromhex(
+    "1b 000401010103 010401010103 020103 03011f 04011f 0501ff 060101 070101 080100 090101 0a0101 0b01ff 0c01ff 0d01ff"
+    "0e01ff 0f01ff 1001ff e30101 110101 a4020100 a50100 a60100 a70400000000 a001ff a104ffffffff a301ff a201ff"
 )
-IDEAL = decode_capabilities(encode_parameters(list(CAPABILITIES)))
+IDEAL = decode_capabilities(encode_parameters(list(IDEAL_PROFILE.capabilities)))
 BOARD = decode_capabilities(DWM3001CDK)
 
 
@@ -86,10 +75,27 @@ def test_the_numbers_of_uci_1_are_told_by_their_shape_whatever_version_is_announ
     assert said.device_roles == DeviceRoles.RESPONDER | DeviceRoles.INITIATOR
     assert said.channels == (5, 6, 8, 9, 10, 12, 13, 14)
     assert said.device_types is None
-    assert (said.unknown, said.skipped) == ((), 2)
+    assert (said.unknown, said.skipped) == ((), 9)
     nothing_of_versions = encode_parameters([(0x0B, b"\x08")])
     assert decode_capabilities(nothing_of_versions, 0x1001).channels == (9,)
     assert decode_capabilities(nothing_of_versions, 0x0002).channels is None
+
+
+def test_values_in_place_of_bits_are_told_by_what_no_node_can_be() -> None:
+    """pica says schedule mode 1 and time structure 1, and means the values: time-scheduled, blocks."""
+    assert decode_parameters(PICA) == list(PICA_PROFILE.capabilities)
+    said = decode_capabilities(PICA, 0x0002)
+    assert (said.schedule_modes, said.time_structures) == (ScheduleModes.TIME_SCHEDULED, 2)
+    found = reach({"A1": said}, said)
+    assert found.level == 2
+    assert {each.capability for each in found.missing} == {
+        "the role of an UL-TDoA synchronisation anchor",
+        "the role of an UL-TDoA tag",
+    }
+    # Bits stay bits: a node that has blocks, and contention only, has no time-scheduled ranging.
+    contention = PICA.replace(bytes.fromhex("060101"), bytes.fromhex("060102"))
+    assert decode_capabilities(contention, 0x0002).schedule_modes == ScheduleModes.CONTENTION
+    assert "time-scheduled" in str(reach({"A1": decode_capabilities(contention, 0x0002)}).missing[0])
 
 
 def test_what_is_not_known_is_kept_and_what_is_a_vendors_is_skipped() -> None:
@@ -150,7 +156,7 @@ def test_every_truncation_and_every_lying_octet_of_a_real_answer(at: int, octet:
 @settings(max_examples=200, deadline=None)
 @given(st.dictionaries(st.integers(0x20, 0xFF), st.binary(max_size=20), max_size=8))
 def test_parameters_of_others_change_nothing(extra: dict[int, bytes]) -> None:
-    parameters = [*CAPABILITIES, *extra.items()]
+    parameters = [*IDEAL_PROFILE.capabilities, *extra.items()]
     said = decode_capabilities(encode_parameters(parameters))
     assert said.unknown == tuple((i, v) for i, v in extra.items() if i < 0xA0)
     assert replace(said, unknown=(), skipped=0) == IDEAL

@@ -15,6 +15,8 @@ import serial
 import serial.rfc2217
 from kit.port_observer import Observer
 
+from wonderland_fira_uci.dwm1001 import Dwm1001Node
+from wonderland_fira_uci.errors import NodeUnavailableError
 from wonderland_fira_uci.node import UwbNode
 from wonderland_fira_uci.serial_port import PortError, PortTimings, ReconnectingPort, serial_opener, url_problem
 from wonderland_simulator.uci_node import Air, Measurement, VirtualNode
@@ -173,6 +175,16 @@ async def test_nobody_there_is_said_without_stopping_the_loop_and_found_later() 
             await until(lambda: observer.data.startswith(b"hello"))
     finally:
         port.close()
+
+
+@pytest.mark.parametrize("kind", [UwbNode, Dwm1001Node])
+async def test_a_node_on_a_line_that_is_refused_says_so(
+    kind: type[UwbNode | Dwm1001Node], unused_tcp_port: int
+) -> None:
+    async with kind(f"socket://127.0.0.1:{unused_tcp_port}") as node:
+        with pytest.raises(NodeUnavailableError, match="Connection refused"):
+            await node.wait_ready(1.0)
+        assert "refused" in node.detail
 
 
 async def test_a_port_that_is_given_up_while_it_connects_is_not_used() -> None:

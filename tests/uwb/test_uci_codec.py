@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 
 import pytest
 from hypothesis import given, settings
@@ -18,6 +19,7 @@ from wonderland_fira_uci.uci.config import (
     MultiNodeMode,
     ParameterId,
     StsConfig,
+    TimeBase,
     UciParameterError,
     decode_parameters,
     encode_parameters,
@@ -77,7 +79,7 @@ from wonderland_fira_uci.uci.status import Status, status_name
 KEY = bytes(range(16))
 PAD_NODE = bytes.fromhex(
     "16 260100 000100 110100 030101 010102 220101 060201a0 050101 070201d0 040109 08026009 1b0119 0904c8000000 "
-    "0c0103 120103 14010a 150102 2e0101 0d0100 130100 020103 4510"
+    "0c0103 120101 14010a 150102 2e0101 0d0100 130100 020103 4510"
 )
 RANGE_NTF = bytes.fromhex(
     "62000038 2a000000 01000000 00 00000000 01 00 00 0000000000000000 01"
@@ -133,7 +135,7 @@ def test_the_drones_configuration_and_session_b_differ_where_they_should() -> No
         pad_macs=(0xA001, 0xA002, 0xA003, 0xA004),
         uav_mac=0xD001,
         sts_key=KEY,
-        interval_b_ms=400,
+        words="initiator",
     )
     pad, uav = plan.pad_ranging(0), plan.uav_ranging()
     assert (pad.session_id, pad.session_type) == (1, 1)
@@ -145,12 +147,20 @@ def test_the_drones_configuration_and_session_b_differ_where_they_should() -> No
         0x05: "04",
         0x07: "01a002a003a004a0",
     }
-    words, heard = dict(plan.pad_words().app.parameters()), dict(plan.uav_words().app.parameters())
-    assert (words[0x03], words[0x09]) == (b"\x00", bytes.fromhex("90010000"))
+    pad_words, uav_words = plan.pad_words(), plan.uav_words()
+    assert pad_words is not None
+    assert uav_words is not None
+    words, heard = dict(pad_words.app.parameters()), dict(uav_words.app.parameters())
+    # Rounds of 12 and of 6 slots of 2 ms, and half a millisecond to spare; the second begins where the first ends.
+    assert (words[0x03], words[0x09], drone[0x09]) == (b"\x00", b"\x25\0\0\0", b"\x25\0\0\0")
+    assert pad_words.time_base == TimeBase(1, 24_000)
     assert (words[0x00], words[0x11], words[0x06], words[0x07]) == (b"\x01", b"\x01", b"\x01\xa0", b"\x01\xd0")
     assert (heard[0x00], heard[0x11], heard[0x06], heard[0x07]) == (b"\x00", b"\x00", b"\x01\xd0", b"\x01\xa0")
     assert words[0x45] == heard[0x45] == KEY
-    assert plan.pad_words().session_id == plan.uav_words().session_id == 2
+    assert pad_words.session_id == uav_words.session_id == 2
+    both_ways = dataclasses.replace(plan, words="both_ways")
+    assert both_ways.pad_words() is both_ways.uav_words() is None
+    assert both_ways.interval_ms == 25
 
 
 @pytest.mark.parametrize(
@@ -165,9 +175,7 @@ def test_the_drones_configuration_and_session_b_differ_where_they_should() -> No
         ({"channel": 7}, "channel"),
         ({"preamble_code": 8}, "preamble_code"),
         ({"slot_duration_rstu": 0x10000}, "slot_duration_rstu"),
-        ({"pad_macs": tuple(range(1, 9)), "interval_a_ms": 45}, "rounds of 40 ms and of 12 ms do not fit"),
-        ({"interval_a_ms": 0}, "interval_a_ms"),
-        ({"interval_a_ms": 25}, "do not fit"),
+        ({"slot_duration_rstu": 500}, "a frame with 84 octets of data and the turn after it take 498 µs; at least 598"),
     ],
 )
 def test_a_plan_that_cannot_run_is_refused_by_name(changes: dict[str, object], text: str) -> None:

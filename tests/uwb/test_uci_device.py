@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import random
 from collections.abc import Callable
 from typing import Any
@@ -29,9 +30,10 @@ from wonderland_fira_uci.uci.packets import MessageType, encode_control
 from wonderland_fira_uci.uci.ranging import RangeData
 from wonderland_fira_uci.uci.session import Command, get_state_command, init_command, reset_command, start_command
 from wonderland_fira_uci.uci.status import SessionState, Status
-from wonderland_simulator.uci_node import Quirks, VirtualNode
+from wonderland_simulator.uci_node import IDEAL, Quirks, VirtualNode
 
 PLAN = RangingPlan(session_a_id=1, session_b_id=2, pad_macs=(0xA001,), uav_mac=0xD001, sts_key=bytes(16))
+WORDS = dataclasses.replace(PLAN.pad_ranging(0), session_id=2)
 
 
 class NoAir:
@@ -45,7 +47,7 @@ class Bench:
     def __init__(self, quirks: Quirks | None = None) -> None:
         self.ms = 10_000
         self.machine = UciDevice()
-        self.node = VirtualNode("node", NoAir(), quirks=quirks)  # type: ignore[arg-type]
+        self.node = VirtualNode("node", NoAir(), profile=IDEAL, quirks=quirks)  # type: ignore[arg-type]
         self.node.transmit = self._from_node
         self.to_host: list[bytes] = []
         self.log: list[str] = []
@@ -241,7 +243,7 @@ def test_a_lost_state_notification_is_asked_for() -> None:
 
 def test_an_unanswered_command_resets_the_node_and_every_session_comes_back() -> None:
     bench = opened()
-    bench.open(PLAN.pad_words())
+    bench.open(WORDS)
     assert bench.state(2) is SessionState.ACTIVE
     del bench.log[:]
     bench.deaf = True
@@ -341,7 +343,7 @@ def test_refusals_end_the_session_with_what_the_node_said() -> None:
         with pytest.raises(kind, match=text):
             raise ended.error
         assert bench.node.sessions == {} or prefix == b"\x41\x00"
-        bench.open(PLAN.pad_words())
+        bench.open(WORDS)
         bench.run(3_000)
         assert bench.state(2) is SessionState.ACTIVE or prefix == b"\x42\x00"
 
@@ -361,7 +363,7 @@ def test_a_generic_error_answers_the_command_and_a_retry_is_repeated() -> None:
     assert bench.log.count("> " + init_command(1, 1).encode().hex()) == 3
     assert bench.state() is SessionState.ACTIVE
     bench.filter = lambda packet: b"\x60\x07\x00\x01\x02" if packet[:2] == b"\x41\x00" else packet
-    bench.open(PLAN.pad_words())
+    bench.open(WORDS)
     bench.run(2_000)
     assert "FAILED" in str(next(e for e in bench.take(SessionEnded) if e.session_id == 2).error)
 
@@ -416,7 +418,7 @@ def test_data_needs_an_active_session_and_credit() -> None:
 
 def test_reports_reach_the_session_by_handle_and_strangers_are_ignored() -> None:
     bench = opened(Quirks(handle_offset=5))
-    bench.node.sessions[6].report([], None)
+    bench.node.sessions[6].report([], [])
     bench._from_node(
         encode_control(MessageType.NOTIFICATION, 2, 0, bytes(4) + b"\x63" + bytes(11) + b"\x01" + bytes(12))
     )
@@ -444,7 +446,7 @@ def test_a_header_longer_than_its_body_costs_a_moment() -> None:
     bench.machine.receive_data(b"\x62\x00\x00\xff" + bytes(20), bench.ms)
     bench.run(250)
     assert bench.take(StreamResynchronised) == [StreamResynchronised(24)]
-    bench.node.sessions[1].report([], None)
+    bench.node.sessions[1].report([], [])
     bench.settle()
     assert len(bench.take(SessionMessage)) == 1
 

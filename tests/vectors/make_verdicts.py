@@ -8,6 +8,7 @@ from pathlib import Path
 
 from kit.proof_world import START_MS, World
 
+from wonderland.proofs.records.calibrations import DroneOffset
 from wonderland.proofs.records.sessions import ClockReading, Radio
 from wonderland.proofs.testimony import WitnessBrought
 from wonderland.proofs.verdict import decide
@@ -73,6 +74,19 @@ FLOWN = {
 }
 
 
+CALIBRATED = {
+    "calibrated": (300, DroneOffset(offset_mm=300, sigma_mm=20, measured_ms=0), (300, 500, 1800), (300, 500, 1800)),
+    "not calibrated": (300, None, (300, 500, 1800), (300, 500, 1800)),
+    "calibrated falsely": (
+        0,
+        DroneOffset(offset_mm=-500, sigma_mm=20, measured_ms=0),
+        (9000, 9000, 4000),
+        (9880, 9880, 4000),
+    ),
+}
+"""What its node adds, what it is calibrated to; true and claimed place."""
+
+
 CLOCKS_MM = {"one clock is off": (0, 0, 400, 0)}
 
 
@@ -132,6 +146,11 @@ def main() -> None:
         world = World(seed=9)
         session = world.session(world.claim(claimed(0), START_MS))
         vectors.append(_vector(name, world, session, world.evidence(truth, claimed, rounds=rounds)))
+    for name, (delay, calibration, truth, claimed) in CALIBRATED.items():
+        world = World(seed=13)
+        session = replace(world.session(world.claim(claimed, START_MS)), calibration=calibration)
+        evidence = world.evidence(lambda t, p=truth: p, lambda t, p=claimed: p, rounds=60, bias_mm=(delay,) * 4)
+        vectors.append(_vector(name, world, session, evidence))
     Path(__file__).with_name("verdicts.json").write_text(
         json.dumps(vectors, separators=(",", ":"), sort_keys=True) + "\n"
     )

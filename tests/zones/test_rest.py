@@ -291,12 +291,12 @@ def test_what_belongs_to_others_is_not_there(house, admin):
 def test_a_pad_whose_closures_run_out_is_an_alert(house, admin):
     done = admin.change("SetClosures", {"pad_id": PAD, "closures": [], "valid_until_ms": house.now_ms() + 3_600_000})
     house.wait_mirrored(done["block"] + 1)
-    house.run(house.backend.watch.look())
+    house.run(house.backend.watch.look_once())
     kinds = {each["kind"]: each for each in admin.get("/alerts").json()["items"]}
     assert kinds["closures_ending"]["pad_id"] == PAD
     done = admin.change("SetClosures", {"pad_id": PAD, "closures": [], "valid_until_ms": house.now_ms() + 10**10})
     house.wait_mirrored(done["block"] + 1)
-    house.run(house.backend.watch.look())
+    house.run(house.backend.watch.look_once())
     returned = admin.get("/alerts", params={"state": "returned"}).json()["items"]
     assert [each["kind"] for each in returned] == ["closures_ending"]
 
@@ -306,7 +306,7 @@ def test_closures_that_are_not_what_the_zones_say_are_an_alert(house, admin):
     kinds = ("closures_differ",)
 
     def look():
-        house.run(house.backend.watch.look())
+        house.run(house.backend.watch.look_once())
         found = admin.get("/alerts", params={"kind": kinds[0]}).json()["items"]
         return [(each["pad_id"], each["state"], each["facts"]["state"]) for each in found]
 

@@ -21,10 +21,12 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.prospects import hopeless
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.pads import Commissioning, Prekey
+from wonderland.proofs.records.radios import NodeAbility
 from wonderland.proofs.records.sessions import Claim, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.transcript import transcript_of
 from wonderland.telemetry import StepName
+from wonderland.uwb.agreed import no_plan
 from wonderland.uwb.blinks import BlinkPlan, blink_plan
 from wonderland_fabric_gateway.identity import Identity
 from wonderland_fabric_gateway.signing import Signer
@@ -144,8 +146,12 @@ class UavAgent:
         Raises UavAgentError where no proof could begin, RefusedError where the contract refused the request, and
         AwayError where the ledger is away.
         """
-        await self._commissioning(pad_id)
-        asked = await self._request(pad_id, action)
+        commissioning = await self._commissioning(pad_id)
+        node = await self._radio.ability()
+        problem = no_plan(commissioning, node)
+        if problem:
+            raise UavAgentError("no_radio_plan", f"pad {pad_id}: {problem}")
+        asked = await self._request(pad_id, action, node)
         session = asked.session
         _log.info("%s asks %s to %s: session %.12s", self.uav_id, pad_id, action, session.session_id)
         commissioning = await self._commissioning(pad_id, session.commissioning_sha256)
@@ -167,6 +173,7 @@ class UavAgent:
             whole_certificate=self._whole_certificate,
             witness_blinks=await self._witness_blinks(asked),
             broadcasts=self._broadcasts.sent,
+            measures=self._radio.measures,
         )
         runner = self._runner = UavRunner(
             machine,
@@ -233,14 +240,14 @@ class UavAgent:
             )
         return None
 
-    async def _request(self, pad_id: str, action: str) -> _Asked:
+    async def _request(self, pad_id: str, action: str, node: NodeAbility | None) -> _Asked:
         """Step 1, through a ledger that is away for a while, and other drones that take the same prekey."""
         loop = asyncio.get_running_loop()
         patient_until_s = loop.time() + REQUEST_PATIENCE_S
         attempts = 0
         while True:
             try:
-                return await self._request_once(pad_id, action)
+                return await self._request_once(pad_id, action, node)
             except RefusedError as error:
                 attempts += 1
                 if error.code not in _TAKEN or attempts == REQUEST_ATTEMPTS:
@@ -253,7 +260,7 @@ class UavAgent:
                 _log.warning("the request waits for the ledger: %s", error)
                 await asyncio.sleep(AWAY_PAUSE_S)
 
-    async def _request_once(self, pad_id: str, action: str) -> _Asked:
+    async def _request_once(self, pad_id: str, action: str, node: NodeAbility | None) -> _Asked:
         prekeys, witness = await asyncio.gather(
             self._ledger.list_prekeys(pad_id, PREKEYS_LISTED), self._witness_prekey(pad_id, action)
         )
@@ -271,10 +278,13 @@ class UavAgent:
             uav_key=to_base64url(keys.public_bytes(own)),
             claim=claim,
             witness_prekey_id=None if witness is None else witness.prekey_id,
+            node=node,
         )
         session, _ = await self._ledger.request_proof(argument)
         if (session.pad_key, session.uav_key) != (prekey.public_key, argument.uav_key):
             raise UavAgentError("session_mismatch", "the session on the ledger has other keys than the request")
+        if session.node != node:
+            raise UavAgentError("session_mismatch", "the session on the ledger has another node than the request")
         named = session.witness
         if (None if named is None else named.pad_key) != (None if witness is None else witness.public_key):
             raise UavAgentError("session_mismatch", "the session on the ledger has another witness than the request")

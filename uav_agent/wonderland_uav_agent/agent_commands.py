@@ -1,4 +1,4 @@
-"""``wonderland uav prove`` and ``serve``: proofs from the drone's companion computer."""
+"""``wonderland uav prove``, ``calibrate`` and ``serve``: proofs from the drone's companion computer."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from wonderland.proof_contract import ProofContract
 from wonderland.proofs.records.fields import ACTIONS
 from wonderland.proofs.records.sessions import STEP_NAMES
 from wonderland.proofs.records.verdicts import Verdict
+from wonderland.uwb.layout import WordWays
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway import Gateway
@@ -50,10 +51,19 @@ def _of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
         click.option("--port", required=True, help="Serial port of the drone's UWB node."),
         click.option(
             "--node",
-            type=click.Choice(("uci", "dwm1001")),
+            type=click.Choice(("uci", "dwm1001", "dwm1001-anchor")),
             default="uci",
             show_default=True,
-            help="What hangs there. With a DWM1001 tag the drone reports its own ranges: assurance 0.",
+            help="What hangs there. With a DWM1001 tag the drone reports its own ranges, with an anchor the pad's tags "
+            "measure it: assurance 0 with either.",
+        ),
+        click.option("--board", metavar="HEX", help="Short address of the anchor on the drone (dwm1001-anchor)."),
+        click.option(
+            "--words",
+            type=click.Choice(("both_ways", "initiator")),
+            default="both_ways",
+            show_default=True,
+            help="UCI: who carries data in a ranging session. No node says whether it does so as a responder, too.",
         ),
         click.option(
             "--report-to", metavar="HOST:PORT", help="Where the pad listens to drones with a DWM1001 (its uwb.listen)."
@@ -121,6 +131,46 @@ async def _prove(*, pad_id: str, action: str, **options: Any) -> ProofResult:
 
 @click.command()
 @_of_the_drone
+@click.option("--pad", "pad_id", required=True, help="The landing pad.")
+@click.option(
+    "--sessions", type=click.IntRange(1, 16), default=4, show_default=True, help="How often to ask at this place."
+)
+def calibrate(*, pad_id: str, sessions: int, verbose: bool, command: str | None, **options: Any) -> None:
+    """Be ranged by a pad whose operator calibrates this drone's node.
+
+    The drone stands on the pad's mark. It asks for proofs as ever, flies nothing that they permit, and says so on the
+    ledger. What its node adds to every range is found and registered by the pad's side (`wonderland pad
+    calibrate-uav`), never by this one. Again after its node, its antenna or its firmware was changed: and withdraw
+    the old calibration in the console then, or let the pad's operator do it.
+    """
+    if command is not None:
+        raise click.UsageError("--then: nothing is done that a calibration's sessions permit")
+    _log_to_stderr(verbose=verbose)
+    try:
+        results = asyncio.run(_ranged(pad_id, sessions, **options))
+    except (LedgerError, UavAgentError, PositionError, BroadcastError) as error:
+        raise click.ClickException(str(error)) from error
+    for result in results:
+        _show(result)
+    unfinished = sum(result.verdict is None for result in results)
+    if unfinished:
+        raise click.ClickException(f"{unfinished} of {sessions} sessions brought no ranges; ask again")
+
+
+async def _ranged(pad_id: str, sessions: int, **options: Any) -> list[ProofResult]:
+    async with _agent(command=None, act=_only_ranged, quiet=False, **options) as (agent, _):
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, agent.stop)
+        return [await agent.prove(pad_id, "land") for _ in range(sessions)]
+
+
+async def _only_ranged(_: Verdict) -> str:
+    return "ranged for a calibration: nothing was flown"
+
+
+@click.command()
+@_of_the_drone
 @click.option("--backend", "url", required=True, metavar="WSS_URL", help="wss://host/ingest of the backend.")
 @click.option(
     "--pad", "pads", multiple=True, required=True, help="A pad at which it will prove itself when asked; several times."
@@ -161,18 +211,23 @@ async def _agent(
     identity: str,
     port: str,
     node: str,
+    words: WordWays,
     report_to: str | None,
+    board: str | None,
     position: str,
     remote_id: str | None,
     command: str | None,
     whole_certificate: bool,
     quiet: bool,
+    act: Act | None = None,
 ) -> AsyncIterator[tuple[UavAgent, tuple[Identity, Signer]]]:
     """The drone's agent with all that it needs, and who it is."""
-    if (node == "dwm1001") != (report_to is not None):
-        raise click.UsageError("--node dwm1001 and --report-to HOST:PORT go together")
+    if (node != "uci") != (report_to is not None):
+        raise click.UsageError("--node dwm1001 or dwm1001-anchor and --report-to HOST:PORT go together")
+    if (node == "dwm1001-anchor") != (board is not None):
+        raise click.UsageError("--node dwm1001-anchor and --board HEX go together")
     clock = SteadyClock()
-    radio = UavRadio(port, clock) if node == "uci" else _tag(port, report_to, clock)
+    radio = UavRadio(port, clock, words=words) if node == "uci" else _tag(port, report_to, board, clock)
     where = Connection.load(connection)
     who, signer = where.identity(identity), where.signer(identity)
     async with contextlib.AsyncExitStack() as stack:
@@ -191,7 +246,7 @@ async def _agent(
             radio=radio,
             position=source,
             broadcasts=broadcasts,
-            act=_act(command),
+            act=act or _act(command),
             clock=clock,
             whole_certificate=whole_certificate,
             on_step=None if quiet else _progress,
@@ -199,12 +254,17 @@ async def _agent(
         yield agent, (who, signer)
 
 
-def _tag(port: str, report_to: str | None, clock: Clock) -> TagRadio:
-
+def _tag(port: str, report_to: str | None, board: str | None, clock: Clock) -> TagRadio:
     host, _, number = (report_to or "").rpartition(":")
     if not host or not number.isascii() or not number.isdigit() or not 0 < int(number) < 65_536:
         raise click.UsageError(f"--report-to {report_to}: give HOST:PORT")
-    return TagRadio(port, (host.strip("[]"), int(number)), clock)
+    try:
+        address = None if board is None else int(board, 16)
+    except ValueError:
+        address = -1
+    if address is not None and not 0 <= address <= 0xFFFF:
+        raise click.UsageError(f"--board {board}: give up to four hexadecimal digits, as its shell says (si)")
+    return TagRadio(port, (host.strip("[]"), int(number)), clock, board=address)
 
 
 @contextlib.asynccontextmanager

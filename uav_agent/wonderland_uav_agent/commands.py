@@ -10,6 +10,10 @@ from wonderland.lazy_commands import LazyGroup
 @click.group(
     cls=LazyGroup,
     lazy={
+        "calibrate": (
+            "wonderland_uav_agent.agent_commands:calibrate",
+            "Be ranged by a pad whose operator calibrates this drone's node.",
+        ),
         "prove": ("wonderland_uav_agent.agent_commands:prove", "Prove where the drone is."),
         "serve": (
             "wonderland_uav_agent.agent_commands:serve",
@@ -23,4 +27,5 @@ def uav() -> None:
     \b
       wonderland uav prove --connection ledger/connection.json --identity uav --port /dev/ttyUSB0 \\
           --position udp:127.0.0.1:5500 --pad pad-1 --action land
+      wonderland uav calibrate … --pad pad-1      (beside wonderland pad calibrate-uav, on the pad's mark)
     """  # noqa: D301 - \b is click's mark for "do not wrap"

@@ -78,7 +78,7 @@ class Requests:
         self._answers: dict[str, str] = {}
 
     async def run(self) -> None:
-        """Until cancelled."""
+        """Keep a connection to the backend, with growing pauses where it fails, until cancelled."""
         pause_s = FIRST_PAUSE_S
         while True:
             try:

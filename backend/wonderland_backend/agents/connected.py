@@ -44,18 +44,30 @@ class Agents:
 
     def __init__(self) -> None:
         self._agents: dict[tuple[str, str], Agent] = {}
-        self.unproven = 0
+        self._unproven: dict[asyncio.Timeout, None] = {}
         self.on_change: Callable[[str], None] = lambda _pad_id: None
         """Called with a pad's id when its agent came or went."""
 
+    @property
+    def unproven(self) -> int:
+        """How many connections have yet to say who they are."""
+        return len(self._unproven)
+
     @contextlib.contextmanager
-    def proving(self) -> Iterator[None]:
-        """While a connection has yet to say who it is."""
-        self.unproven += 1
+    def proving(self, patience: asyncio.Timeout, most: int) -> Iterator[None]:
+        """While a connection has yet to say who it is, for which `patience` waits.
+
+        Of `most` the oldest gives way: agents say it at once, so that many who are silent shut none out.
+        """
+        if len(self._unproven) >= most:
+            oldest = next(iter(self._unproven))
+            del self._unproven[oldest]
+            oldest.reschedule(asyncio.get_running_loop().time())
+        self._unproven[patience] = None
         try:
             yield
         finally:
-            self.unproven -= 1
+            self._unproven.pop(patience, None)
 
     def join(self, agent: Agent) -> None:
         """Take a connection in. The same agent's older one, which may hang half open, is replaced.
@@ -89,7 +101,7 @@ class Agents:
         """Whether this agent, by default a pad's, is connected."""
         return (kind, agent_id) in self._agents
 
-    def find(self, kind: str, agent_id: str) -> Agent | None:
+    def find_agent(self, kind: str, agent_id: str) -> Agent | None:
         """The connected agent of this id."""
         return self._agents.get((kind, agent_id))
 

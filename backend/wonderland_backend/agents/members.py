@@ -57,7 +57,7 @@ class Members:
 
     @property
     def msp_ids(self) -> tuple[str, ...]:
-        """The organisations."""
+        """MSP ids of the organisations in the channel's configuration."""
         return tuple(sorted(self._organisations))
 
     def authenticate(self, hello: Hello, *, nonce: str, server: str, now_ms: int) -> Identity:

@@ -124,7 +124,7 @@ class Delivery:
     async def _post(self, url: str, alert: AlertRow) -> None:
         secret = self._settings.alert_webhook_secret
         assert secret is not None
-        body = orjson.dumps({"type": "alert", "alert": store.shown(alert), "text": self._text(alert)})
+        body = orjson.dumps({"type": "alert", "alert": store.alert_json(alert), "text": self._text(alert)})
         await self._poster.post(url, secret, alert.alert_id, self._clock() // 1000, body)
 
     def _text(self, alert: AlertRow) -> str:

@@ -21,6 +21,7 @@ SEVERITIES: Final[Mapping[str, Severity]] = {
     "leaving": "critical",
     "permission_unmatched": "critical",
     "ledger_halted": "critical",
+    "rows_differ": "critical",
     "unauthorised": "warning",
     "zone_closed": "warning",
     "closures_ending": "warning",
@@ -32,6 +33,7 @@ SEVERITIES: Final[Mapping[str, Severity]] = {
     "pad_drifting": "warning",
     "certificate_expiring": "warning",
     "ledger_away": "warning",
+    "ledger_alone": "warning",
 }
 """Every kind of alert. Its words are in the catalogues of messages (`alerts`, `alert-titles`), of every language."""
 if TYPE_CHECKING:

@@ -43,7 +43,7 @@ class Alerts(Subscriber[list[dict[str, Any]]]):
         await enqueue(connection, self._settings, fresh, raised, now)
         new = set(raised)
         return [
-            store.shown(AlertRow(**store.row_of(alert, now)))
+            store.alert_json(AlertRow(**store.row_of(alert, now)))
             for alert in alerts
             if alert.alert_id in new and alert.t_ms >= now - STALE_MS
         ]

@@ -98,7 +98,7 @@ async def end(connection: AsyncConnection, alert_ids: Sequence[str], now_ms: int
     return ended
 
 
-async def find(database: AsyncSession, scope: Scope, alert_id: str) -> AlertRow:
+async def find_alert(database: AsyncSession, scope: Scope, alert_id: str) -> AlertRow:
     """One alert. Raises `NotFound`."""
     query = scope.narrow(
         select(AlertRow).where(AlertRow.alert_id == alert_id), pad=AlertRow.pad_id, drone=AlertRow.uav_id
@@ -157,7 +157,7 @@ async def act(database: Database, alert_id: str, who: Person, wanted: Act, now_m
     return found
 
 
-def shown(row: AlertRow) -> Row:
+def alert_json(row: AlertRow) -> Row:
     """The Alert of a row."""
     content: Row = {
         "alert_id": row.alert_id,
@@ -287,7 +287,7 @@ async def claim_delivery(connection: AsyncConnection, delivery: AlertDeliveryRow
 
 
 async def note_delivery(connection: AsyncConnection, delivery: AlertDeliveryRow, values: dict[str, Any]) -> None:
-    """How it went."""
+    """Set columns of a delivery after an attempt: when it arrived, or what went wrong and when it is tried again."""
     await connection.execute(_one(delivery).values(**values))
 
 

@@ -35,7 +35,9 @@ CONDITIONS: Final = (
     "pad_silent",
     "pad_drifting",
     "ledger_halted",
+    "rows_differ",
     "ledger_away",
+    "ledger_alone",
     "certificate_expiring",
     "closures_ending",
     "closures_differ",
@@ -79,6 +81,19 @@ def ledger_conditions(mirror: MirrorStatus, now_ms: int) -> Iterable[Condition]:
         yield Condition("ledger_away", mirror.channel, now_ms - mirror.lag_ms(now_ms), None, facts)
 
 
+def row_conditions(mirror: MirrorStatus, now_ms: int) -> Iterable[Condition]:
+    """Somebody changed what this database says of the ledger."""
+    for row in mirror.rows_differ:
+        yield Condition("rows_differ", row, mirror.rows_checked_ms or now_ms, None, {"row": row})
+
+
+def alone_conditions(mirror: MirrorStatus, now_ms: int) -> Iterable[Condition]:
+    """No other organisation's peer has confirmed for long what this one's passes on."""
+    since_ms = mirror.alone_since_ms
+    if since_ms is not None and now_ms - since_ms > AWAY_MS:
+        yield Condition("ledger_alone", mirror.channel, since_ms, None, {})
+
+
 def closure_conditions(closures: Iterable[tuple[str, int]], now_ms: int) -> Iterable[Condition]:
     """`closures`: pads in service, and until when their closures by zones are published."""
     for pad_id, until_ms in closures:
@@ -109,11 +124,11 @@ class Watch:
         while True:
             await asyncio.sleep(EVERY_S)
             try:
-                await self.look()
+                await self.look_once()
             except Exception:
                 logger.exception("the watch for alerts failed; trying again")
 
-    async def look(self) -> None:
+    async def look_once(self) -> None:
         """Raise what is new, end what is over, and tell the live side."""
         now = self._context.clock()
         async with self._context.database.read() as session:
@@ -124,8 +139,10 @@ class Watch:
                 *closure_conditions(closures, now),
                 *pad_conditions(pads, self._agents.is_connected, now),
                 *ledger_conditions(self._mirror, now),
+                *alone_conditions(self._mirror, now),
+                *row_conditions(self._mirror, now),
                 *await certificates.conditions(session, self._agents, lasting, now),
-                *differing_conditions(await self._differing.look(session, now), now),
+                *differing_conditions(await self._differing.look_at_pads(session, now), now),
                 *oddities.conditions(await queries.recent_oddities(session, now)),
             ]
             known = {(row.kind, row.source.rpartition("@")[0]): row.alert_id for row in lasting}
@@ -141,4 +158,4 @@ class Watch:
             ended = await store.end(connection, over, now)
         async with self._context.database.read() as session:
             for row in await store.by_ids(session, [*raised, *ended]):
-                self._tell(store.shown(row))
+                self._tell(store.alert_json(row))

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from sqlalchemy import select
-from sqlalchemy.ext.asyncio import AsyncSession
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from wonderland_backend.audit.schemas import AuditQuery
-from wonderland_backend.db.tables.audit import AuditRow
+from wonderland_backend.db.tables.audit import AuditRow, AuditStreamRow
 from wonderland_backend.db.tables.reported import InstanceRow
 
 
@@ -44,6 +44,11 @@ async def rows_after(session: AsyncSession, seq: int, limit: int) -> list[dict[s
     return [dict(row) for row in rows.mappings()]
 
 
-async def instance(session: AsyncSession) -> str | None:
+async def instance(session: AsyncSession | AsyncConnection) -> str | None:
     """The installation's name; None before the server's first start."""
     return (await session.execute(select(InstanceRow.instance))).scalar_one_or_none()
+
+
+async def sent_to(session: AsyncSession, destination: str) -> int | None:
+    """Up to which row the log was sent there; None where nothing ever was."""
+    return (await session.scalars(select(AuditStreamRow.seq).where(AuditStreamRow.destination == destination))).first()

@@ -40,6 +40,11 @@ class AuditCheck(ApiModel):
     anchored_seq: int | None = Field(default=None, description="Up to this row the ledger vouches for the log")
     anchored_ms: int | None = None
     contradicted_tx: str | None = Field(default=None, description="The transaction whose head the log does not have")
+    misdated_seq: int | None = Field(
+        default=None, description="The first row dated before the one above it, or after the head that covers it"
+    )
+    lost_tx: str | None = Field(default=None, description="The log names it as its anchor; no head is of it")
+    late_seq: int | None = Field(default=None, description="A row older than an hour that no head on the ledger covers")
 
 
 class AuditQuery(TimeQuery):

@@ -7,12 +7,13 @@ import time
 from collections.abc import Mapping
 from typing import Any, Final, Protocol
 
-from sqlalchemy import func, insert, select
+from sqlalchemy import func, insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland.proofs import encoding
+from wonderland_backend.audit import queries
 from wonderland_backend.audit.acts import ACTS
-from wonderland_backend.db.tables.audit import AuditRow
+from wonderland_backend.db.tables.audit import AuditRow, AuditStreamRow
 from wonderland_backend.db.tables.reported import InstanceRow
 
 START: Final = "0" * 64
@@ -48,20 +49,20 @@ async def record(
 
     `who` is a text where no person acts: the server itself, or somebody who could not sign in. `act` is one of
     `audit.acts`, `subject` what it was done to (``alert/…``), `detail` what is worth to be known besides:
-    texts, integers, booleans, lists and objects of these. `t_ms` defaults to now. Raises `ValueError` for another act.
+    texts, integers, booleans, lists and objects of these. `t_ms` defaults to now. Times never go back: while a
+    clock that was set back is behind, rows are dated like the one before. Raises `ValueError` for another act.
     """
     if act not in ACTS:
         raise ValueError(
             f"{act} is no act that the log knows; add it to backend.audit.acts, and name it in the console"
         )
     await take_turns(connection)
-    last = (
-        await connection.execute(select(AuditRow.seq, AuditRow.sha256).order_by(AuditRow.seq.desc()).limit(1))
-    ).first()
-    seq, previous = (1, START) if last is None else (last.seq + 1, last.sha256)
+    newest = select(AuditRow.seq, AuditRow.sha256, AuditRow.t_ms).order_by(AuditRow.seq.desc()).limit(1)
+    last = (await connection.execute(newest)).first()
+    seq, previous, earliest_ms = (1, START, 0) if last is None else (last.seq + 1, last.sha256, last.t_ms)
     row: dict[str, Any] = {
         "seq": seq,
-        "t_ms": time.time_ns() // 1_000_000 if t_ms is None else t_ms,
+        "t_ms": max(earliest_ms, time.time_ns() // 1_000_000 if t_ms is None else t_ms),
         "person_id": "" if isinstance(who, str) else who.person_id,
         "person": (who if isinstance(who, str) else who.name)[:128],
         "act": act,
@@ -114,8 +115,17 @@ def hash_of(row: Mapping[str, Any]) -> str:
 
 async def ensure_instance(connection: AsyncConnection, name: str, now_ms: int) -> str:
     """The installation's name; at the first start it gets this one."""
-    known: str | None = (await connection.execute(select(InstanceRow.instance))).scalar_one_or_none()
+    known = await queries.instance(connection)
     if known is not None:
         return known
     await connection.execute(insert(InstanceRow), [{"id": 1, "instance": name, "created_ms": now_ms}])
     return name
+
+
+async def note_sent(connection: AsyncConnection, destination: str, seq: int, *, again: bool) -> None:
+    """The log was sent there up to this row; `again`: not for the first time."""
+    if again:
+        known = update(AuditStreamRow).where(AuditStreamRow.destination == destination)
+        await connection.execute(known.values(seq=seq))
+    else:
+        await connection.execute(insert(AuditStreamRow), [{"destination": destination, "seq": seq}])

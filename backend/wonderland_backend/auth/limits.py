@@ -33,4 +33,5 @@ async def failures_audited(request: Request, way: str) -> AsyncIterator[None]:
         detail = {"why": refused.code, "address": address_of(request)}
         async with context.database.write() as connection:
             await audit.record(connection, "", "sign_in_failed", way, detail, t_ms=context.clock())
+        request.state.audited = True
         raise

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -123,18 +123,30 @@ async def keep(
     await store.add(connection, row)
 
 
-async def ask_to_sign_in(context: Context, connection: AsyncConnection) -> dict[str, Any]:
-    """What to hand to ``navigator.credentials.get``; the authenticator knows whom it can sign in."""
-    challenge = context.randomness(32)
+async def ask_to_sign_in(
+    context: Context,
+    connection: AsyncConnection,
+    *,
+    kind: str = SIGN_IN,
+    challenge: bytes | None = None,
+    allowed: Sequence[str] = (),
+    more: Mapping[str, Any] = MappingProxyType({}),
+) -> dict[str, Any]:
+    """What to hand to ``navigator.credentials.get``; the authenticator knows whom it can sign in.
+
+    `allowed`: the credentials of who is known already. `more` is kept besides the challenge.
+    """
+    challenge = challenge or context.randomness(32)
     options = generate_authentication_options(
         rp_id=site_of(context.settings, "").rp_id,
         challenge=challenge,
+        allow_credentials=[PublicKeyCredentialDescriptor(id=base64url_to_bytes(each)) for each in allowed] or None,
         user_verification=UserVerificationRequirement.REQUIRED,
     )
     ceremony = await ceremonies.begin(
         connection,
-        SIGN_IN,
-        {"challenge": bytes_to_base64url(challenge)},
+        kind,
+        {"challenge": bytes_to_base64url(challenge), **more},
         now_ms=context.clock(),
         randomness=context.randomness,
     )

@@ -111,7 +111,7 @@ def list_command(database: str | None, *, as_json: bool) -> None:
 
     async def work(_: Clients, opened: Database) -> list[dict[str, Any]]:
         async with opened.read() as session:
-            return [store.shown(row) for row in await store.listing(session, limit=10_000)]
+            return [store.client_json(row) for row in await store.listing(session, limit=10_000)]
 
     found = _run(work, database)
     if as_json:

@@ -66,7 +66,7 @@ class Machines:
         caller = await self._verifier.verify(authorization, None if shown is None else shown.thumbprint)
         if caller.issuer != self.tokens.issuer:
             return caller, None
-        client = await self._clients.find(caller.subject)
+        client = await self._clients.find_client(caller.subject)
         if client is None or client.revoked_ms is not None:
             raise TokenRefused(said("client_revoked"))
         # What was taken away from the client since is in its older tokens no longer.

@@ -22,8 +22,10 @@ from wonderland_backend.clients.scopes import SCOPES
 from wonderland_backend.context import part
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.clients import AssertionRow, ClientRow, IdempotencyRow
+from wonderland_backend.db.tables.people import PersonRow
 from wonderland_backend.errors import NotFound
 from wonderland_backend.http.transfer import TransferError
+from wonderland_backend.person import roles_of
 from wonderland_backend.problem_texts import SaidError, said
 from wonderland_backend.tokens import read_keys
 
@@ -32,6 +34,8 @@ CLIENT: Final = "wl-"
 """How the identifiers of clients begin; those of people are hexadecimal."""
 MAX_KEYS: Final = 8
 SHA256: Final = "sha256"
+ACTIVE: Final = "active"
+"""The state of a person who may sign in."""
 _PRIVATE: Final = frozenset({"d", "p", "q", "k"})
 Role = Literal["viewer", "inspector", "pad_operator", "fleet_operator"]
 ROLES: Final[tuple[Role, ...]] = ("viewer", "inspector", "pad_operator", "fleet_operator")
@@ -153,6 +157,7 @@ class Clients:
             "tls": orjson.dumps(wanted.tls.stored()).decode() if wanted.tls is not None else None,
             "created_ms": self._clock(),
             "created_by": by if isinstance(by, str) else by.name,
+            "owner_id": "" if isinstance(by, str) else by.person_id,
             "revoked_ms": None,
             "last_token_ms": None,
         }
@@ -174,10 +179,10 @@ class Clients:
         if done.rowcount:
             await audit.record(connection, by, "revoke_client", f"client/{client_id}", t_ms=self._clock())
 
-    async def find(self, client_id: str) -> ClientRow | None:
-        """A client, revoked or not."""
+    async def find_client(self, client_id: str) -> ClientRow | None:
+        """A client, revoked or not, with what is left of its rights today."""
         async with self._database.read() as session:
-            return await session.get(ClientRow, client_id)
+            return await find_limited(session, client_id, self._clock())
 
     async def used(self, client_id: str) -> None:
         """A token was issued to it."""
@@ -197,11 +202,40 @@ class Clients:
         return new
 
 
+async def find_limited(session: AsyncSession, client_id: str, now_ms: int = 0) -> ClientRow | None:
+    """A client as far as the person who registered it still goes: with less, or as if it were revoked.
+
+    Asked at each request, so that a machine loses with its person, and at once.
+    """
+    client = await session.get(ClientRow, client_id)
+    if client is None or not client.owner_id:
+        return client
+    session.expunge(client)  # what is set here is nobody's to write
+    columns = (PersonRow.state, PersonRow.roles, PersonRow.msp_id)
+    owner = (await session.execute(select(*columns).where(PersonRow.person_id == client.owner_id))).first()
+    held = roles_of(owner.roles) if owner is not None and owner.state == ACTIVE else ()
+    left = role_within(client.role, client.msp_id, held, owner.msp_id if owner is not None else "")
+    if left is None:
+        client.revoked_ms = client.revoked_ms if client.revoked_ms is not None else now_ms
+    else:
+        client.role = left
+    return client
+
+
+def role_within(role: str, msp_id: str, held: Sequence[str], held_msp_id: str) -> str | None:
+    """What a machine may be whose person has these roles now: what it is, a viewer, or nothing."""
+    if "admin" in held or (role in held and (role not in OWN_ONLY or msp_id == held_msp_id)):
+        return role
+    if role in OWN_ONLY:
+        return role if "inspector" in held else None
+    return "viewer" if not {"inspector", "viewer"}.isdisjoint(held) else None
+
+
 ClientsDep = Annotated[Clients, part(Clients)]
 
 
 async def listing(database: AsyncSession, *, after: str | None = None, limit: int) -> Sequence[ClientRow]:
-    """Clients by identifier."""
+    """Clients by identifier, those after `after`, at most `limit`; revoked ones too."""
     query = select(ClientRow).order_by(ClientRow.client_id).limit(limit)
     if after is not None:
         query = query.where(ClientRow.client_id > after)
@@ -213,7 +247,7 @@ def is_secret_of(row: ClientRow, secret: str) -> bool:
     return row.secret_sha256 is not None and hmac.compare_digest(row.secret_sha256, sha256(secret))
 
 
-def shown(row: ClientRow) -> dict[str, Any]:
+def client_json(row: ClientRow) -> dict[str, Any]:
     """The client as the interface shows it: never its secret."""
     content: dict[str, Any] = {
         "client_id": row.client_id,

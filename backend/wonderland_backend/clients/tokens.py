@@ -104,7 +104,7 @@ class Tokens:
         if authorization is None and "client_id" in form:
             return await self._by_certificate(form["client_id"], shown)
         client_id, secret = _basic(authorization)
-        client = await self._clients.find(client_id)
+        client = await self._clients.find_client(client_id)
         # The same work for a client that is not there: its absence shows in no time.
         fits = store.is_secret_of(client or _NOBODY, secret)
         if client is None or client.revoked_ms is not None or not fits:
@@ -114,7 +114,7 @@ class Tokens:
     async def _by_certificate(self, client_id: str, shown: ShownCertificate | None) -> ClientRow:
         if shown is None:
             raise TokenDenied("invalid_client", said("oauth_no_certificate"))
-        client = await self._clients.find(client_id[:64])
+        client = await self._clients.find_client(client_id[:64])
         if client is None or client.revoked_ms is not None or not store.is_certificate_of(client, shown):
             raise TokenDenied("invalid_client", said("oauth_certificate"))
         now_ms = self._clock()
@@ -127,7 +127,7 @@ class Tokens:
             raise TokenDenied("invalid_request", said("oauth_assertion_type", type=ASSERTION_TYPE))
         assertion = form["client_assertion"]
         client_id = str(_unverified(assertion, 1).get("sub", ""))[:64]
-        client = await self._clients.find(client_id)
+        client = await self._clients.find_client(client_id)
         if client is None or client.revoked_ms is not None or client.jwks is None or len(assertion) > MAX_TOKEN:
             raise TokenDenied("invalid_client", said("oauth_no_key"))
         now_s = self._clock() // 1000

@@ -87,7 +87,7 @@ class Database:
                 yield connection
 
     async def close(self) -> None:
-        """Close all connections."""
+        """Close all connections; nothing may be asked of it after."""
         await self.engine.dispose()
 
 

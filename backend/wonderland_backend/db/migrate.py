@@ -10,6 +10,7 @@ from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from alembic.util.exc import CommandError
 from sqlalchemy import Connection, func, select
+from sqlalchemy.exc import ProgrammingError
 
 from alembic import command
 from wonderland_backend.db.engine import Database
@@ -29,9 +30,11 @@ def scripts() -> Path:
 
 
 async def migrate(database: Database, revision: str = "head") -> None:
-    """Bring the tables to a revision. Raises `DatabaseError` for a database of a later version."""
+    """Bring the tables to a revision. Raises `DatabaseError` for a database of a later version, or of another role."""
 
     def run(connection: Connection) -> None:
+        if revision == "head" and _revision(connection) == head():
+            return  # a server's role may ask, and owns no tables (`db.roles`)
         config = Config()
         config.set_main_option("script_location", str(scripts()).replace("%", "%%"))
         config.attributes["connection"] = connection
@@ -44,13 +47,25 @@ async def migrate(database: Database, revision: str = "head") -> None:
         if not database.is_sqlite:
             # Two servers that start at once migrate one after the other; SQLite's write lock does the same.
             await connection.execute(select(func.pg_advisory_xact_lock(_LOCK)))
-        await connection.run_sync(run)
+        try:
+            await connection.run_sync(run)
+        except ProgrammingError as cause:
+            if not any(words in str(cause) for words in ("permission denied", "must be owner")):
+                raise
+            raise DatabaseError(
+                "the database's tables are of another version and belong to another role; as that role, run "
+                "`wonderland backend migrate --server-role` with this server's role"
+            ) from cause
 
 
 async def revision(database: Database) -> str | None:
     """The revision of the database; None for an empty one."""
     async with database.engine.connect() as connection:
-        return await connection.run_sync(lambda each: MigrationContext.configure(each).get_current_revision())
+        return await connection.run_sync(_revision)
+
+
+def _revision(connection: Connection) -> str | None:
+    return MigrationContext.configure(connection).get_current_revision()
 
 
 def head() -> str | None:

@@ -20,7 +20,7 @@ from wonderland_backend.responses import record
 from wonderland_backend.verdicts import queries as verdicts
 
 
-def shown(
+def drone_json(
     row: DroneRow, person: Person, authorisations: list[str], track: str | None, verdict: VerdictRow | None
 ) -> Any:
     """The Drone of the interfaces, as this person sees it."""
@@ -28,7 +28,7 @@ def shown(
         shown_uav(row.record, person),
         authorisations=[record(text) for text in authorisations],
         track=orjson.Fragment(track) if track is not None else None,
-        verdict=verdicts.shown(verdict) if verdict is not None else None,
+        verdict=verdicts.verdict_json(verdict) if verdict is not None else None,
     )
 
 
@@ -47,8 +47,8 @@ async def listing(
     return (await database.scalars(query)).all()
 
 
-async def find(database: AsyncSession, scope: Scope, uav_id: str) -> DroneRow | None:
-    """One drone."""
+async def find_drone(database: AsyncSession, scope: Scope, uav_id: str) -> DroneRow | None:
+    """The drone's row; None for one that the ledger does not know, or that is not theirs to see."""
     query = scope.narrow(select(DroneRow).where(DroneRow.uav_id == uav_id), drone=DroneRow.uav_id)
     return (await database.scalars(query)).first()
 
@@ -68,7 +68,8 @@ async def details(database: AsyncSession, person: Person, rows: Sequence[DroneRo
     tracks = {row.uav_id: row.body for row in await database.execute(positions)}
     last = await verdicts.latest_of(database, names)
     return [
-        shown(row, person, allowed.get(row.uav_id, []), tracks.get(row.uav_id), last.get(row.uav_id)) for row in rows
+        drone_json(row, person, allowed.get(row.uav_id, []), tracks.get(row.uav_id), last.get(row.uav_id))
+        for row in rows
     ]
 
 

@@ -28,7 +28,7 @@ class _Outgoing(io.RawIOBase):
         self._pieces.append(bytes(data))
         return len(data)
 
-    def take(self) -> bytes:
+    def take_bytes(self) -> bytes:
         pieces, self._pieces = self._pieces, []
         return b"".join(pieces)
 
@@ -50,13 +50,13 @@ async def archive(
                     digest.update(data)
                     size += len(data)
                     entry.write(data)
-                    ready = outgoing.take()
+                    ready = outgoing.take_bytes()
                     if ready:
                         yield ready
             written.append({"name": file.name, "bytes": size, "sha256": digest.hexdigest()})
         content = orjson.dumps(manifest(written), option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE)
         packed.writestr(_entry("manifest.json", stamp), content)
-    yield outgoing.take()
+    yield outgoing.take_bytes()
 
 
 def _entry(name: str, stamp: Any) -> zipfile.ZipInfo:

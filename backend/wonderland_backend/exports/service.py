@@ -75,7 +75,7 @@ async def prepare(context: Context, person: Person, query: ExportQuery) -> Expor
     return ExportRow(**row)
 
 
-async def find(context: Context, person: Person, export_id: str) -> ExportRow:
+async def find_export(context: Context, person: Person, export_id: str) -> ExportRow:
     """One's own export. Raises `NotFound`."""
     async with context.database.read() as database:
         row = await database.get(ExportRow, export_id)

@@ -34,7 +34,9 @@ class FlightLog:
         self._waiting: dict[str, list[Position]] = {}
         self._written: dict[str, int] = {}
 
-    async def take(self, connection: AsyncConnection, positions: Iterable[tuple[str, Position]], now_ms: int) -> None:
+    async def take_positions(
+        self, connection: AsyncConnection, positions: Iterable[tuple[str, Position]], now_ms: int
+    ) -> None:
         """Take in positions, (uav_id, position) each; write those of drones that have waited long enough."""
         for uav_id, position in positions:
             self._waiting.setdefault(uav_id, []).append(position)
@@ -104,7 +106,7 @@ async def listing(
     return (await database.scalars(query)).all()
 
 
-async def find(database: AsyncSession, flight_id: str, scope: Scope) -> FlightRow | None:
+async def find_flight(database: AsyncSession, flight_id: str, scope: Scope) -> FlightRow | None:
     """One flight, if its drone is within the scope."""
     query = scope.narrow(select(FlightRow).where(FlightRow.flight_id == flight_id), drone=FlightRow.uav_id)
     return (await database.scalars(query)).first()

@@ -1,11 +1,17 @@
-"""Times as U-space writes them: RFC 3339 in UTC, with ``Z``."""
+"""The clock, and times as U-space writes them: RFC 3339 in UTC, with ``Z``."""
 
 from __future__ import annotations
 
+import time
 from datetime import UTC, datetime
 from typing import Final
 
 _FIRST: Final = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+def now_ms() -> int:
+    """Milliseconds since the Unix epoch."""
+    return time.time_ns() // 1_000_000
 
 
 def rfc3339(t_ms: int) -> str:

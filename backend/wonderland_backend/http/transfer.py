@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import functools
 import ssl
+import zlib
 from http import HTTPStatus
 from typing import Any, Final
 
@@ -40,20 +41,43 @@ async def ask(
     client: httpx.AsyncClient, method: str, url: str, *, max_bytes: int = MAX_ANSWER, **options: Any
 ) -> tuple[int, httpx.Headers, bytes]:
     """Status, headers and body of an answer; the whole exchange is bounded in time. Raises `TransferError`."""
-    body = bytearray()
+    headers = {"Accept-Encoding": "gzip", **(options.pop("headers", None) or {})}
     try:
-        async with asyncio.timeout(2 * TIMEOUT_S), client.stream(method, url, **options) as answer:
-            async for part in answer.aiter_bytes():
-                body += part
-                if len(body) > max_bytes:
-                    raise TransferError(f"{_host(url)} sends more than {max_bytes} bytes")
+        async with (
+            asyncio.timeout(2 * TIMEOUT_S),
+            client.stream(method, url, headers=headers, **options) as answer,
+        ):
+            body = await _read(answer, max_bytes, _host(url))
     except httpx.HTTPError as error:
         raise TransferError(f"{_host(url)}: {type(error).__name__} {error}".rstrip()) from None
     except (httpx.InvalidURL, ValueError) as error:
         raise TransferError(f"an address that is none: {error}") from None
     except TimeoutError:
         raise TransferError(f"{_host(url)} did not answer in time") from None
-    return answer.status_code, answer.headers, bytes(body)
+    return answer.status_code, answer.headers, body
+
+
+async def _read(answer: httpx.Response, max_bytes: int, host: str) -> bytes:
+    """The body, unpacked within bounds: a few kilobytes, packed twice, are gigabytes."""
+    encoding = answer.headers.get("content-encoding", "identity").strip().lower()
+    if encoding not in {"identity", "gzip"}:
+        raise TransferError(f"{host} sends an encoding that it was not asked for: {encoding[:40]}")
+    unpacker = zlib.decompressobj(wbits=31) if encoding == "gzip" else None
+    body = bytearray()
+    received = 0
+    async for part in answer.aiter_raw():
+        received += len(part)
+        try:
+            body += part if unpacker is None else unpacker.decompress(part, max_bytes + 1 - len(body))
+        except zlib.error as error:
+            raise TransferError(f"{host} sends what is not gzip ({error})") from None
+        if len(body) > max_bytes or received > max_bytes:
+            raise TransferError(f"{host} sends more than {max_bytes} bytes")
+        if unpacker is not None and (unpacker.unused_data or unpacker.unconsumed_tail):
+            raise TransferError(f"{host} sends more than one packed body")
+    if unpacker is not None and received and not unpacker.eof:
+        raise TransferError(f"{host} ended its answer early")
+    return bytes(body)
 
 
 async def ask_object(client: httpx.AsyncClient, method: str, url: str, **options: Any) -> dict[str, Any]:

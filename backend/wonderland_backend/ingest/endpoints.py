@@ -61,13 +61,9 @@ async def ingest(
 ) -> None:
     """Take in what an agent reports; see docs/seams.md, "Agents to backend: ingest"."""
     await socket.accept()
-    if connected.unproven >= MAX_UNPROVEN:
-        await socket.close(TRY_LATER, "too many connections that say nothing")
-        return
     with contextlib.suppress(WebSocketDisconnect):
         try:
-            with connected.proving():
-                agent = await _admit(socket, context, members, connected)
+            agent = await _admit(socket, context, members, connected)
         except TelemetryError as problem:
             logger.warning("an agent was refused: %s: %s", problem.code, problem.message)
             await _send(socket, Refused(code=problem.code, message=problem.message))
@@ -85,10 +81,11 @@ async def _admit(socket: WebSocket, context: Context, members: Members, connecte
     nonce = encoding.to_base64url(context.randomness(NONCE_BYTES))
     await _send(socket, Challenge(nonce=nonce, server=SERVER, t_ms=context.clock()))
     try:
-        async with asyncio.timeout(HELLO_S):
-            text = await _receive(socket, context)
+        async with asyncio.timeout(HELLO_S) as patience:
+            with connected.proving(patience, MAX_UNPROVEN):
+                text = await _receive(socket, context)
     except TimeoutError:
-        raise IngestError("no_hello", f"no hello within {HELLO_S:g} s") from None
+        raise IngestError("no_hello", "no hello in time, or too many others are silent") from None
     hello = telemetry.decode_hello(text)
     identity = members.authenticate(hello, nonce=nonce, server=SERVER, now_ms=context.clock())
     if len(connected) >= context.settings.ingest_max_agents:
@@ -168,7 +165,7 @@ class _Serving:
                 return
             durable = None
             if batch.last_seq > taken:
-                durable = await self.intake.take(batch)
+                durable = await self.intake.take_batch(batch)
                 taken = batch.last_seq
             await under_way.put((batch, durable))
 

@@ -32,7 +32,7 @@ from wonderland_backend.flights.store import FlightLog
 from wonderland_backend.ingest.batch import Batch
 from wonderland_backend.ingest.rows import HealthValues, OperatorValues, TrackValues
 from wonderland_backend.live.board import Board
-from wonderland_backend.live.telling import tell
+from wonderland_backend.live.telling import tell_board
 
 R = TypeVar("R", bound=bulk.Row)
 OfDrone = TypeVar("OfDrone", TrackValues, OperatorValues)
@@ -75,7 +75,7 @@ class Intake:
             row = await session.get(SpoolRow, (agent.kind, agent.id, agent.spool))
         return row.acknowledged if row is not None else 0
 
-    async def take(self, batch: Batch) -> asyncio.Future[None]:
+    async def take_batch(self, batch: Batch) -> asyncio.Future[None]:
         """Queues the batch. Its future is done when the batch is durable, and raises `DatabaseError` when it is not.
 
         Once one of a connection is not, none after it is: an agent's records are durable without a gap.
@@ -87,7 +87,7 @@ class Intake:
         return done
 
     async def run(self) -> None:
-        """Write until cancelled."""
+        """Write what was queued, many batches in one database transaction, until cancelled."""
         loop = asyncio.get_running_loop()
         due = 0.0
         while True:
@@ -120,7 +120,7 @@ class Intake:
         self.records += len(batch.tell)
         self.rejected += len(batch.rejected)
         for what in batch.tell:
-            tell(self._board, what)
+            tell_board(self._board, what)
         for listener in self.listeners:
             listener(batch)
 
@@ -146,7 +146,7 @@ class Intake:
             await bulk.upsert(connection, LatestTrackRow, _latest(tracks), rising=_LATEST)
             heard = (each for batch in batches for each in batch.heard)
             positions = ((body.uav_id, (t_ms, body.lat_e7, body.lon_e7)) for t_ms, body in heard)
-            await self._flights.take(connection, positions, now)
+            await self._flights.take_positions(connection, positions, now)
             operators = [row for batch in batches for row in batch.operators]
             await bulk.upsert(connection, BroadcastOperatorRow, _latest(operators), rising=_LATEST)
             if tracks:

@@ -37,7 +37,7 @@ _NOTICE_THE_DEAD: Final = (
 class Lock(Protocol):
     """The lock of one database."""
 
-    async def take(self) -> bool:
+    async def take_lock(self) -> bool:
         """Whether it is ours now."""
 
     async def prove(self) -> None:
@@ -56,7 +56,7 @@ class PostgresLock:
         )
         self._connection: AsyncConnection | None = None
 
-    async def take(self) -> bool:
+    async def take_lock(self) -> bool:
         """Whether it is ours now. Raises `DatabaseError` where the database does not answer."""
         try:
             if self._connection is None:
@@ -95,7 +95,7 @@ class FileLock:
         self._path = database.with_name(f"{database.name}.lock")
         self._file: int | None = None
 
-    async def take(self) -> bool:
+    async def take_lock(self) -> bool:
         """Whether it is ours now. Raises `SettingsError` where no file can be made."""
         try:
             self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -129,7 +129,7 @@ async def held(database: str) -> AsyncIterator[None]:
     """Alone with a database, for what must not be done beside a running backend. Raises `DatabaseError`."""
     lock = lock_of(database)
     try:
-        if not await lock.take():
+        if not await lock.take_lock():
             raise DatabaseError("A backend works on this database; stop it (and those that stand by) first.")
         yield
     finally:

@@ -12,11 +12,9 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from wonderland_backend.errors import DatabaseError, problem_response
 from wonderland_backend.leader_election.lock import PROVE_EVERY_S, TRY_EVERY_S, Lock
-from wonderland_backend.problem_texts import said
+from wonderland_backend.problem_texts import STANDBY, said
 
 TRY_AGAIN_LATER: Final = 1013
-STANDBY: Final = "standby"
-"""Of the problem, and why a socket is closed."""
 DETAIL: Final = said("standby")
 
 
@@ -42,7 +40,7 @@ async def stay_leader(lock: Lock) -> None:
 
 async def _taken(lock: Lock) -> bool:
     try:
-        return await lock.take()
+        return await lock.take_lock()
     except DatabaseError:
         return False  # standing by is waiting, for the database as well
 

@@ -8,9 +8,11 @@ from typing import Annotated, Final
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
-from wonderland_backend.context import part_of
+from wonderland_backend.context import maybe, part_of
 from wonderland_backend.errors import LedgerAway
 from wonderland_backend.problem_texts import said
+from wonderland_evidence.export import export
+from wonderland_evidence.stamping import with_timestamp
 from wonderland_fabric_gateway.ca import CertificateRequest
 from wonderland_fabric_gateway.ca.client import FabricCaClient
 from wonderland_fabric_gateway.ca.errors import CaError, CaRequestError
@@ -61,6 +63,14 @@ class LedgerAccess:
         """A transaction of theirs from its bytes. Raises `GatewayError`."""
         return Gateway(self._gateways, identity, None).new_transaction(data)
 
+    async def evidence(self, session_id: str, timestamp_url: str | None = None) -> bytes:
+        """A session's evidence (``wonderland-evidence/1``), read from the ledger alone. Raises `ExportError`.
+
+        `timestamp_url`: a service (RFC 3161) to have it stamped by.
+        """
+        found = await export(self._own, self.chaincode, session_id)
+        return (found if timestamp_url is None else await with_timestamp(found, timestamp_url)).encode()
+
     async def settle(self, transaction: Transaction) -> CommitStatus:
         """Submit a signed transaction until it has an outcome. Raises `GatewayError`."""
         return await self._own.settle(transaction)
@@ -98,3 +108,5 @@ async def ledger_of(connection: HTTPConnection) -> LedgerAccess:
 
 
 LedgerDep = Annotated[LedgerAccess, Depends(ledger_of)]
+MaybeLedgerDep = Annotated[LedgerAccess | None, maybe(LedgerAccess)]
+"""For what asks it only once it knows for what."""

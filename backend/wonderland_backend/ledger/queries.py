@@ -78,7 +78,7 @@ async def with_events(database: AsyncSession, rows: Sequence[TransactionRow]) ->
 
 
 async def blocks(database: AsyncSession, *, before: int | None, limit: int) -> Sequence[BlockRow]:
-    """Blocks, newest first."""
+    """Blocks below `before`, newest first, at most `limit`."""
     query = select(BlockRow).order_by(BlockRow.number.desc()).limit(limit)
     if before is not None:
         query = query.where(BlockRow.number < before)
@@ -86,7 +86,7 @@ async def blocks(database: AsyncSession, *, before: int | None, limit: int) -> S
 
 
 async def block(database: AsyncSession, number: int) -> BlockRow | None:
-    """One block."""
+    """The block of this number; None where it is not mirrored."""
     return await database.get(BlockRow, number)
 
 

@@ -181,6 +181,13 @@ class LedgerStatus(ApiModel):
     halted: str | None = Field(description="Why the mirror stopped until somebody looks; null while it runs")
     problem: str | None = Field(default=None, description="Why it is not connected just now")
     organisations: list[str] = Field(description="MSP ids of the channel's member organisations")
+    alone_since_ms: int | None = Field(
+        description="Since when no other organisation's peer confirms which transactions are valid; null while one does"
+    )
+    rows_checked_ms: int | None = Field(
+        description="When all rows were last derived anew and compared; null before the first time"
+    )
+    rows_differ: list[str] = Field(description="Rows that were not what the ledger says, 20 at most")
 
 
 class Outputs(ApiModel):

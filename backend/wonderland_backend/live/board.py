@@ -218,7 +218,7 @@ class Board:
             "estimates": [fragment for _, fragment in self._estimates.values()],
         }
 
-    def take(self, *, with_status: bool) -> dict[str, Any]:
+    def take_changes(self, *, with_status: bool) -> dict[str, Any]:
         """What changed since the last call; empty when nothing did. `with_status`: look whether the status did, too."""
         changed: dict[str, Any] = {}
         if self._changed_tracks:
@@ -289,7 +289,7 @@ class Board:
 
     def _shown_pad(self, pad_id: str) -> Any:
         pad = self._pads[pad_id]
-        return pads.shown(pad.record, pad.health, connected=self._agents.is_connected(pad_id))
+        return pads.pad_json(pad.record, pad.health, connected=self._agents.is_connected(pad_id))
 
     def _heard_since(self, t_ms: int) -> int:
         count = 0

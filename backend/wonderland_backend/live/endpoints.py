@@ -25,7 +25,7 @@ _CLOSE_S: Final = 5.0
 @router.websocket("/live")
 async def live(socket: WebSocket, context: ContextDep, board: BoardDep, hub: HubDep, sign_ins: SignInsDep) -> None:
     """Push what happens to a signed-in browser; see docs/seams.md, "Backend to browser: live"."""
-    person = await sign_ins.find(socket.cookies.get(context.cookie_name))
+    person = await sign_ins.person_of_cookie(socket.cookies.get(context.cookie_name))
     await socket.accept()
     if person is None:
         # Closed after accepting: a browser is not told why a handshake was refused.

@@ -122,7 +122,7 @@ class Hub:
         board.viewers = lambda: len(self._clients)
 
     async def run(self) -> None:
-        """Tick until cancelled."""
+        """Send each tick's changes to every client, until cancelled."""
         loop = asyncio.get_running_loop()
         due = ticked = loop.time()
         while True:
@@ -151,7 +151,7 @@ class Hub:
         with_status = now >= self._status_due_ms or now < self._status_due_ms - STATUS_EVERY_MS
         if with_status:
             self._status_due_ms = now + STATUS_EVERY_MS
-        changed = self._board.take(with_status=with_status)
+        changed = self._board.take_changes(with_status=with_status)
         if not changed and 0 <= now - self._sent_ms < HEARTBEAT_MS:
             return
         self._sent_ms = now

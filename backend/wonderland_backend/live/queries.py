@@ -42,7 +42,7 @@ class Contents:
 
 
 async def contents_now(database: AsyncSession) -> Contents:
-    """What there is."""
+    """What a client is shown first: pads, drones, sessions under way, the newest verdicts and alerts."""
     found = Contents()
     health = {row.agent_id: row.body for row in await database.scalars(select(HealthRow)) if row.agent == "pad"}
     for pad in await database.scalars(select(PadRow)):
@@ -56,8 +56,8 @@ async def contents_now(database: AsyncSession) -> Contents:
     found.sessions = await sessions.listing(database, SessionQuery(limit=RECENT_SESSIONS))
     found.sessions.reverse()
     newest = await verdicts.listing(database, VerdictQuery(limit=LAST_VERDICTS))
-    found.verdicts = [verdicts.shown(row) for row in reversed(newest)]
-    found.alerts = [alerts.shown(row) for row in await alerts.current(database)]
+    found.verdicts = [verdicts.verdict_json(row) for row in reversed(newest)]
+    found.alerts = [alerts.alert_json(row) for row in await alerts.current(database)]
     found.counts["sessions"] = (await database.execute(select(func.count()).select_from(SessionRow))).scalar_one()
     outcomes = select(VerdictRow.outcome, func.count()).group_by(VerdictRow.outcome)
     for outcome, count in await database.execute(outcomes):

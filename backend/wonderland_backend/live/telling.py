@@ -47,8 +47,8 @@ class PadHealthTold:
 Telling: TypeAlias = HeardTrack | RunningEstimate | StepTaken | PadHealthTold
 
 
-def tell(board: Board, what: Telling) -> None:
-    """Tell the board."""
+def tell_board(board: Board, what: Telling) -> None:
+    """Hand what agents said to the live map, each kind to its own method."""
     match what:
         case HeardTrack(uav_id, t_ms, shown):
             board.hear(uav_id, t_ms, shown)

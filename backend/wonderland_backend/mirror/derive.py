@@ -6,6 +6,7 @@ goes on: the chain itself is sound.
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, TypeVar, cast
@@ -19,6 +20,7 @@ from wonderland_backend.mirror.rows import (
     RECORDS,
     BlockWrite,
     CertificateWrite,
+    EndorsementPolicyWrite,
     EventWrite,
     EvidenceWrite,
     Key,
@@ -37,7 +39,8 @@ from wonderland_backend.mirror.rows import (
 from wonderland_fabric_gateway.blocks import Block, Transaction
 from wonderland_fabric_gateway.channel_config import ChannelConfig
 from wonderland_fabric_gateway.errors import LedgerError
-from wonderland_fabric_gateway.transactions import Write
+from wonderland_fabric_gateway.transactions import Invocation, Write
+from wonderland_fabric_gateway.verification.light_client import policy_changes
 
 R = TypeVar("R", bound=Row)
 
@@ -45,9 +48,12 @@ _SUBMIT_PROOF: Final = "SubmitProof"
 _IDENTIFIER: Final = 128
 _PROBLEM: Final = 300
 
-_WITHOUT_ROWS: Final = frozenset({keys.PREKEY, keys.USED_PREKEY, keys.LAST_REQUEST, keys.TESTIMONY})
+WITHOUT_ROWS: Final = frozenset(
+    {keys.PREKEY, keys.USED_PREKEY, keys.LAST_REQUEST, keys.TESTIMONY, keys.AUDIT_LOG, keys.AUDIT_HEAD}
+)
 """Secrets' public halves and their tombstones, and the times of requests: of use on the ledger only. What a witness
-brought is judged in the verdict, which says so; its transaction is there in full."""
+brought is judged in the verdict, which says so; its transaction is there in full. Heads of
+audit logs are asked of the ledger itself: a copy of them beside the log would prove nothing."""
 VERSIONED: Final = frozenset({keys.PAD, keys.UAV, keys.AUTHORISATION, keys.POLICY, keys.CLOSURES})
 """Kinds whose every version is kept."""
 
@@ -152,6 +158,7 @@ def _invocation(number: int, transaction: Transaction, chaincode: str, changes: 
         except Unreadable as problem:
             _unread(changes, place, position, str(problem), namespace=namespace, key=write.key)
     assert transaction.invocation is not None
+    _policies(place, transaction.invocation, changes)
     if transaction.invocation.chaincode == chaincode and transaction.invocation.function == _SUBMIT_PROOF:
         try:
             _evidence(place, transaction.invocation.args, changes)
@@ -159,9 +166,21 @@ def _invocation(number: int, transaction: Transaction, chaincode: str, changes: 
             _unread(changes, place, -1, str(problem), namespace=chaincode, key=_SUBMIT_PROOF)
 
 
+def _policies(place: Place, invocation: Invocation, changes: Changes) -> None:
+    try:
+        for key, policy in policy_changes(invocation):
+            if policy is None:
+                changes.remove(EndorsementPolicyWrite, (key.hex(),))
+            else:
+                row = EndorsementPolicyWrite(key.hex(), b64encode(policy).decode(), place.block, place.tx_index)
+                changes.put((key.hex(),), row)
+    except LedgerError as problem:
+        _unread(changes, place, -1, str(problem), namespace=invocation.chaincode, key="endorsement policy")
+
+
 def _write(place: Place, write: Write, changes: Changes) -> None:
     kind, names = keys.split(write.key)
-    if kind in _WITHOUT_ROWS:
+    if kind in WITHOUT_ROWS:
         return
     row_of = RECORDS.get(kind)
     if row_of is None:

@@ -30,7 +30,7 @@ class Digest:
     tables: dict[str, TableDigest]
 
     def to_json(self) -> dict[str, Any]:
-        """For machines."""
+        """JSON values, as `--json` prints them."""
         tables = {name: {"rows": each.rows, "sha256": each.sha256} for name, each in self.tables.items()}
         return {"sha256": self.sha256, "tables": tables}
 

@@ -106,6 +106,16 @@ class VersionWrite(Row):
     record: str
 
 
+class EndorsementPolicyWrite(Row):
+    """Who must endorse changes of a record."""
+
+    table: ClassVar[Table] = tables.EndorsementPolicyRow
+    key_sha256: str
+    policy: str
+    block: int
+    tx_index: int
+
+
 class OrganisationWrite(Row):
     """An organisation of the channel."""
 
@@ -215,6 +225,16 @@ class PolicyWrite(RecordRow):
             raise ValueError("the key's action is no action")
 
 
+class ChangeWrite(RecordRow):
+    """A change that two people make."""
+
+    table: ClassVar[Table] = tables.ChangeRow
+    names: ClassVar[Key] = ("change_id",)
+    change_id: Identifier
+    state: Word
+    expires_ms: Number
+
+
 class ClosuresWrite(RecordRow):
     """When zones forbid what at a pad."""
 
@@ -279,7 +299,7 @@ class VerdictWrite(RecordRow):
     tx_id: str = ""
 
     def written(self, record: str, place: Place) -> None:
-        """Besides: its transaction."""
+        """Note the verdict's transaction, too: commit subscribers ask for it."""
         RecordRow.written(self, record, place)
         self.tx_id = place.tx_id
 
@@ -300,6 +320,7 @@ RECORDS: Final[dict[str, type[RecordRow]]] = {
     keys.UAV: DroneWrite,
     keys.AUTHORISATION: AuthorisationWrite,
     keys.POLICY: PolicyWrite,
+    keys.CHANGE: ChangeWrite,
     keys.CLOSURES: ClosuresWrite,
     keys.SESSION: SessionWrite,
     keys.VERDICT: VerdictWrite,

@@ -36,14 +36,14 @@ class GatewaySource:
     """The blocks of a channel, from the Deliver service behind a Gateway."""
 
     def __init__(self, network: Network) -> None:
-        self._network = network
+        self.network = network
 
     async def blocks(self, start: int) -> AsyncGenerator[Block, None]:
         """Blocks from number `start` on, without an end."""
-        async with await self._network.blocks(start_block=start) as stream:
+        async with await self.network.blocks(start_block=start) as stream:
             async for block in stream:
                 yield block
 
     async def height(self) -> int:
         """Number of blocks on the channel."""
-        return await self._network.height()
+        return await self.network.height()

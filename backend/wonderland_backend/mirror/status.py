@@ -23,6 +23,13 @@ class MirrorStatus:
     organisations: list[str] = field(default_factory=list)
     level_ms: int | None = None
     """When the mirror was last seen level with the ledger; None when never."""
+    alone_since_ms: int | None = None
+    """Since when no other organisation's peer says that it has the same; None while one does, or there is none."""
+    rows_checked_ms: int | None = None
+    """When all rows were last compared with the ledger; None before the first time."""
+    rows_checked_height: int = 0
+    rows_differ: tuple[str, ...] = ()
+    """Rows that were not what the ledger says: table, key, and what about them."""
     transactions: int = 0
     """Mirrored since the start, for metrics."""
     unread: int = 0
@@ -64,6 +71,9 @@ class MirrorStatus:
             "connected": self.connected,
             "halted": self.halted,
             "organisations": self.organisations,
+            "alone_since_ms": self.alone_since_ms,
+            "rows_checked_ms": self.rows_checked_ms,
+            "rows_differ": list(self.rows_differ),
         }
         if self.problem is not None:
             shown["problem"] = self.problem

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from base64 import b64decode
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import msgspec
 from sqlalchemy import delete, func, insert, select, update
-from sqlalchemy.ext.asyncio import AsyncConnection
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from wonderland_backend.db import bulk
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.base import LedgerRow
-from wonderland_backend.db.tables.ledger import BlockRow, Checkpoint, OrganisationRow, ledger_tables
+from wonderland_backend.db.tables.ledger import (
+    BlockRow,
+    Checkpoint,
+    EndorsementPolicyRow,
+    OrganisationRow,
+    ledger_tables,
+)
 from wonderland_backend.errors import MirrorHalted
 from wonderland_backend.mirror.derive import Changes
 from wonderland_backend.mirror.rows import BlockWrite, Row, SessionWrite
@@ -35,7 +42,12 @@ class Position:
 async def position(database: Database) -> Position | None:
     """The checkpoint of the database; None before block 0."""
     async with database.read() as session:
-        rows = (await session.scalars(select(Checkpoint))).all()
+        return await position_in(session)
+
+
+async def position_in(session: AsyncSession) -> Position | None:
+    """The same in a snapshot that is open already."""
+    rows = (await session.scalars(select(Checkpoint))).all()
     if not rows:
         return None
     row = rows[0]
@@ -51,6 +63,14 @@ async def header_hash(database: Database, number: int) -> str | None:
     """The hash (hex) of a mirrored block's header; None for one that is not mirrored."""
     async with database.read() as session:
         return await session.scalar(select(BlockRow.header_hash).where(BlockRow.number == number))
+
+
+async def endorsement_policies(database: Database) -> tuple[int | None, dict[bytes, bytes]]:
+    """The last block whose rows are here, and which policies hold after it."""
+    async with database.read() as session:
+        number = await session.scalar(select(Checkpoint.block))
+        rows = await session.execute(select(EndorsementPolicyRow.key_sha256, EndorsementPolicyRow.policy))
+        return number, {bytes.fromhex(key): b64decode(policy) for key, policy in rows}
 
 
 async def save(
@@ -76,6 +96,13 @@ async def save(
         for kind, written in changes.upserts.items():
             await bulk.upsert(connection, kind.table, _plain(written.values()), fill=_KEPT.get(kind, ()))
         return [(each, await each.in_transaction(connection, changes)) for each in subscribers]
+
+
+async def create_tables(database: Database) -> None:
+    """The tables that are derived from the ledger, in a database that is used for a while only."""
+    tables = [bulk.table_of(each) for each in ledger_tables()]
+    async with database.write() as connection:
+        await connection.run_sync(lambda sync: LedgerRow.metadata.create_all(sync, tables=tables))
 
 
 async def clear(database: Database) -> None:

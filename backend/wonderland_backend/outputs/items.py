@@ -60,7 +60,7 @@ class Gate:
         last_ms = self._told.get((item.kind, item.uav_id))
         return last_ms is None or not last_ms <= item.t_ms < last_ms + self._period_ms
 
-    def told(self, item: Item) -> None:
+    def note_told(self, item: Item) -> None:
         """The item went out; until this is said it counts as not told."""
         if item.kind == "verdict":
             self._decided = max(self._decided, _place(item))

@@ -90,6 +90,6 @@ class MqttOutput:
             decided = item.kind == "verdict"
             quality = AT_LEAST_ONCE if decided else 0
             await client.publish(topic(prefix, item), orjson.dumps(item.to_json()), quality, retain=decided)
-            self._gate.told(item)
+            self._gate.note_told(item)
             self.published += 1
         await client.publish(status_topic(prefix), b"offline", AT_LEAST_ONCE, retain=True)

@@ -73,7 +73,7 @@ class TakOutput:
                 async with asyncio.timeout(SEND_S):
                     await worker.send_data(event)
                 self.sent += 1
-            self._gate.told(item)
+            self._gate.note_told(item)
 
 
 async def _until_gone(reader: asyncio.StreamReader | None) -> None:

@@ -20,7 +20,7 @@ from wonderland_backend.person import Scope
 from wonderland_backend.responses import record
 
 
-def shown(pad_record: str, health_body: str | None, *, connected: bool) -> Any:
+def pad_json(pad_record: str, health_body: str | None, *, connected: bool) -> Any:
     """The Pad of the interfaces: record, anchors on the globe, and how the pad says that it is."""
     health = None
     if health_body is not None:
@@ -73,8 +73,8 @@ async def listing(
     return (await database.scalars(query)).all()
 
 
-async def find(database: AsyncSession, scope: Scope, pad_id: str) -> PadRow | None:
-    """One pad."""
+async def find_pad(database: AsyncSession, scope: Scope, pad_id: str) -> PadRow | None:
+    """The pad's row; None for one that the ledger does not know, or that is not theirs to see."""
     query = scope.narrow(select(PadRow).where(PadRow.pad_id == pad_id), pad=PadRow.pad_id)
     return (await database.scalars(query)).first()
 

@@ -45,14 +45,14 @@ class Acceptance:
         return {"token_sha256": self.token_sha256, "person_id": self.person_id, "name": self.name}
 
 
-async def look(
+async def open_link(
     context: Context, sign_ins: SignIns, connection: AsyncConnection, token_sha256: str, name: str | None
 ) -> tuple[Any, Acceptance]:
     """The link's row, and whose it is or will be. Raises `SignInRequired` for a link that is none."""
     link = await sign_ins.find_link(connection, token_sha256)
     if link.person_id is None:
         return link, Acceptance(token_sha256, new_id(context.randomness), name or FIRST)
-    person = await store.find(connection, link.person_id)
+    person = await store.find_person(connection, link.person_id)
     return link, Acceptance(token_sha256, link.person_id, person["name"])
 
 
@@ -71,7 +71,7 @@ async def accept(context: Context, sign_ins: SignIns, connection: AsyncConnectio
         wanted = Invitation(name=acceptance.name, roles=["admin"])
         await store.create(connection, account, wanted, account.person_id, state=store.ACTIVE, now_ms=now)
         return account
-    person = await store.find(connection, account.person_id)
+    person = await store.find_person(connection, account.person_id)
     if link.kind == INVITATION and person["state"] == store.INVITED:
         await activate(connection, account, now)
     elif link.kind == RECOVERY and person["state"] == store.ACTIVE:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Annotated, Any, Final, Literal, Self
 
 from fastapi import Path
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from wonderland.proofs.records.fields import ID_PATTERN
+from wonderland.proofs.records.transactions import ADMIN, MSP_OF_ROLE
 from wonderland_backend.field_texts import FieldRefused
-from wonderland_backend.person import ROLES, Role
-from wonderland_backend.problem_texts import said
+from wonderland_backend.person import AUTHORITY, ROLES, Role
+from wonderland_backend.problem_texts import Said, said
 from wonderland_backend.schemas import ApiModel
 
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069]")
@@ -45,6 +47,23 @@ class _Body(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
+def misfit(roles: Iterable[Role], msp_id: str) -> Said | None:
+    """Why these roles are none that this organisation gives; None where they are.
+
+    As on the ledger: administrators and inspectors are the authority's, operators are not.
+    """
+    of_authority = sorted(set(AUTHORITY).intersection(roles))
+    of_operators = sorted(OF_AN_ORGANISATION.intersection(roles))
+    authority = MSP_OF_ROLE[ADMIN]
+    if of_authority and of_operators:
+        return said("roles_of_two", roles=", ".join([*of_authority, *of_operators]))
+    if of_authority and msp_id not in {"", authority}:
+        return said("role_of_authority", role=of_authority[0], authority=authority, msp_id=msp_id)
+    if of_operators and msp_id == authority:
+        return said("role_of_operator", role=of_operators[0], authority=authority)
+    return None
+
+
 class Invitation(_Body):
     """Somebody who shall have an account."""
 
@@ -57,6 +76,8 @@ class Invitation(_Body):
     def _of_an_organisation(self) -> Self:
         if not self.msp_id and not OF_AN_ORGANISATION.isdisjoint(self.roles):
             raise FieldRefused(said("fields_operator"))
+        if (why := misfit(self.roles, self.msp_id)) is not None:
+            raise FieldRefused(why)
         return self
 
 

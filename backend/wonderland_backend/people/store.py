@@ -15,7 +15,7 @@ from wonderland_backend.audit.store import take_turns
 from wonderland_backend.auth.store.sign_ins import DISPLAY
 from wonderland_backend.db.tables.people import LinkRow, PasskeyRow, PersonRow, SignInRow
 from wonderland_backend.errors import Conflict, NotFound
-from wonderland_backend.people.schemas import OF_AN_ORGANISATION, Invitation, PersonChange
+from wonderland_backend.people.schemas import OF_AN_ORGANISATION, Invitation, PersonChange, misfit
 from wonderland_backend.person import Account, Person, Role, roles_of
 from wonderland_backend.problem_texts import said
 
@@ -39,7 +39,7 @@ async def listing(database: AsyncSession | AsyncConnection) -> list[Row]:
     return [_shown(row) for row in found]
 
 
-async def find(database: AsyncSession | AsyncConnection, person_id: str) -> Row:
+async def find_person(database: AsyncSession | AsyncConnection, person_id: str) -> Row:
     """One person. Raises `NotFound`."""
     row = (await database.execute(_people().where(PersonRow.person_id == person_id))).first()
     if row is None:
@@ -113,7 +113,7 @@ async def change(
     """
     # Two administrators who demote each other at once would leave none.
     await take_turns(connection)
-    before = await find(connection, person_id)
+    before = await find_person(connection, person_id)
     values = wanted.model_dump(exclude_none=True, exclude={"revision"})
     _check(before, values, by_oneself=who.person_id == person_id)
     roles: Sequence[Role] = values.get("roles") or before["roles"]
@@ -144,12 +144,12 @@ async def change(
     act = {SUSPENDED: "person_suspended", ACTIVE: "person_restored"}.get(values.get("state", ""), "person_changed")
     was = {name: before.get(name, "") for name in values}
     await audit.record(connection, who, act, subject(person_id), {"to": values, "from": was}, t_ms=now_ms)
-    return await find(connection, person_id), touched
+    return await find_person(connection, person_id), touched
 
 
 async def withdraw(connection: AsyncConnection, who: Person, person_id: str, now_ms: int) -> None:
     """Take an invitation back. Raises `NotFound`, and `Conflict` for somebody who has accepted it."""
-    before = await find(connection, person_id)
+    before = await find_person(connection, person_id)
     if before["state"] != INVITED:
         raise Conflict(said("invitation_accepted"))
     await connection.execute(delete(PersonRow).where(PersonRow.person_id == person_id))
@@ -186,7 +186,7 @@ async def rename_passkey(connection: AsyncConnection, who: Person, credential_id
 
 async def remove_passkey(connection: AsyncConnection, who: Person, credential_id: str, now_ms: int) -> None:
     """Raises `NotFound`, and `Conflict` for the last sign-in method."""
-    person = await find(connection, who.person_id)
+    person = await find_person(connection, who.person_id)
     mine = (PasskeyRow.person_id == who.person_id, PasskeyRow.credential_id == credential_id)
     name = (await connection.execute(select(PasskeyRow.name).where(*mine))).scalar_one_or_none()
     if name is None:
@@ -199,7 +199,7 @@ async def remove_passkey(connection: AsyncConnection, who: Person, credential_id
 
 async def set_roles(connection: AsyncConnection, account: Account, roles: Sequence[Role], now_ms: int) -> None:
     """The provider's groups say what somebody is. The last administrator stays one all the same."""
-    before = await find(connection, account.person_id)
+    before = await find_person(connection, account.person_id)
     if list(roles) == before["roles"]:
         return
     if (
@@ -225,10 +225,14 @@ def _check(before: Row, values: Row, *, by_oneself: bool) -> None:
     roles: Sequence[Role] = values.get("roles") or before["roles"]
     if not OF_AN_ORGANISATION.isdisjoint(roles) and not values.get("msp_id", before.get("msp_id", "")):
         raise Conflict(said("organisation_needed"))
+    if {"roles", "msp_id"} & values.keys():
+        why = misfit(roles, str(values.get("msp_id", before.get("msp_id", ""))))
+        if why is not None:
+            raise Conflict(why)
 
 
 async def _keep_an_administrator(connection: AsyncConnection, person_id: str) -> None:
-    person = await find(connection, person_id)
+    person = await find_person(connection, person_id)
     if "admin" in person["roles"] and not await _other_administrator(connection, person_id):
         raise Conflict(said("last_administrator"))
 

@@ -21,7 +21,7 @@ _PUBLIC: Final = ("request_id", "uav_id", "pad_id", "action", "note", "created_m
 
 async def tell_agent(context: Context, agents: Agents, uav_id: str, *, again: bool = False) -> None:
     """Send the drone's agent what it has not been told yet; `again`: and what it has not answered."""
-    agent = agents.find(UAV, uav_id)
+    agent = agents.find_agent(UAV, uav_id)
     if agent is None or agent.outbox is None:
         return
     now = context.clock()

@@ -17,7 +17,7 @@ Row = dict[str, Any]
 
 
 async def add(connection: AsyncConnection, row: Row) -> None:
-    """A new request."""
+    """Insert a request, not told to the drone yet."""
     await connection.execute(insert(ProofRequestRow), [row])
 
 
@@ -31,7 +31,7 @@ async def change(connection: AsyncConnection, request_id: str, uav_id: str, **va
     return bool(done.rowcount)
 
 
-async def find(database: AsyncSession, request_id: str, scope: Scope) -> ProofRequestRow | None:
+async def find_request(database: AsyncSession, request_id: str, scope: Scope) -> ProofRequestRow | None:
     """One request, if its drone or pad is within the scope."""
     query = select(ProofRequestRow).where(ProofRequestRow.request_id == request_id)
     query = scope.narrow(query, pad=ProofRequestRow.pad_id, drone=ProofRequestRow.uav_id)
@@ -69,7 +69,7 @@ async def unanswered(database: AsyncSession, uav_id: str, now_ms: int) -> list[P
     return list((await database.scalars(query)).all())
 
 
-async def shown(database: AsyncSession, row: ProofRequestRow, now_ms: int) -> Row:
+async def request_json(database: AsyncSession, row: ProofRequestRow, now_ms: int) -> Row:
     """The request as the interface shows it: the first session that fits to it says how far it is."""
     content: Row = {
         name: getattr(row, name)

@@ -32,7 +32,7 @@ _FORMER: Final[Mapping[str, dict[str, Any]]] = {
 _PLACE: Final = ("lat_e7", "lon_e7", "height_mm")
 
 
-def shown(row: VerdictRow, language: Language) -> dict[str, Any]:
+def proof_json(row: VerdictRow, language: Language) -> dict[str, Any]:
     """The Proof of a verdict's row."""
     record = orjson.loads(row.record)
     proof: dict[str, Any] = {"proof_id": row.session_id}
@@ -49,7 +49,7 @@ def shown(row: VerdictRow, language: Language) -> dict[str, Any]:
     return proof | {"tx_id": row.tx_id, "block": row.block, "tx_index": row.tx_index}
 
 
-async def find(database: AsyncSession, proof_id: str, scope: Scope) -> VerdictRow | None:
+async def find_proof(database: AsyncSession, proof_id: str, scope: Scope) -> VerdictRow | None:
     """One proof, if it is within the scope."""
     query = select(VerdictRow).where(VerdictRow.session_id == proof_id)
     query = scope.narrow(query, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)

@@ -140,7 +140,7 @@ class CellProblem:
     column: str
     message: Said | str
 
-    def shown(self, language: Language) -> dict[str, Any]:
+    def problem_json(self, language: Language) -> dict[str, Any]:
         """As ImportError of the API."""
         return {"line": self.line, "column": self.column, "message": in_language(self.message, language)[:300]}
 
@@ -155,12 +155,12 @@ class Checked:
     errors: list[CellProblem] = field(default_factory=list)
 
     def wrong(self, line: int, column: str, message: Said | str) -> None:
-        """Note an error."""
+        """Note an error at a line (from 1) and column; more than `MAX_ERRORS` are counted, not shown."""
         self.errors.append(CellProblem(line, column, message))
 
     def shown_errors(self, language: Language) -> list[dict[str, Any]]:
         """The first of them, as ImportCheck has them."""
-        return [each.shown(language) for each in self.errors[:MAX_ERRORS]]
+        return [each.problem_json(language) for each in self.errors[:MAX_ERRORS]]
 
 
 def check(kind: Kind, data: bytes) -> Checked:

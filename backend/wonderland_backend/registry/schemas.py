@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from fastapi import Query
 from pydantic import Field
 
-from wonderland.proofs.records import pads, policies, uavs
+from wonderland.proofs.records import calibrations, changes, pads, policies, uavs
 from wonderland_backend.drones.schemas import Authorisation
 from wonderland_backend.filters import PageQuery
 from wonderland_backend.schemas import ApiModel, model_of, page_of
@@ -15,6 +15,8 @@ from wonderland_backend.schemas import ApiModel, model_of, page_of
 Uav = model_of(uavs.Uav)
 PadRecord = model_of(pads.Pad)
 Policy = model_of(policies.Policy)
+Calibration = model_of(calibrations.Calibration)
+ProposedChange = model_of(changes.ProposedChange)
 Sort = Literal["id", "changed"]
 _Text = Annotated[str | None, Field(default=None, min_length=1, max_length=128, description="Part of a name or id")]
 _Msp = Annotated[str | None, Field(default=None, max_length=64, description="Only of this organisation")]
@@ -47,6 +49,12 @@ class CertificateQuery(PageQuery):
     expiring: bool = Field(default=False, description="Only those that are over, or will be within 30 days")
 
 
+class ChangeQuery(PageQuery):
+    """Which of the changes that take two people."""
+
+    state: Literal["open", "approved", "withdrawn", "expired"] | None = None
+
+
 class HistoryQuery(PageQuery):
     """The drone or pad whose changes are listed."""
 
@@ -57,6 +65,7 @@ class HistoryQuery(PageQuery):
 DroneFilters = Annotated[DroneQuery, Query()]
 PadFilters = Annotated[PadQuery, Query()]
 CertificateFilters = Annotated[CertificateQuery, Query()]
+ChangeFilters = Annotated[ChangeQuery, Query()]
 HistoryFilters = Annotated[HistoryQuery, Query()]
 
 
@@ -82,11 +91,22 @@ class RegistryAuthorisation(ApiModel):
     version: Version
 
 
+class RegistryCalibration(ApiModel):
+    """What the drone's own node adds to every range at a pad, and whether it is judged with that there now."""
+
+    record: Calibration  # type: ignore[valid-type]
+    state: Literal["holds", "over", "withdrawn", "pad_changed"] = Field(
+        description="`pad_changed`: the pad was commissioned anew since. Where none holds, the drone is judged with "
+        "the prior, the pad's own uncertainty"
+    )
+
+
 class RegistryDroneDetail(ApiModel):
     """A drone with all that it was ever allowed and is still on record."""
 
     drone: RegistryDrone
     authorisations: list[RegistryAuthorisation]
+    calibrations: list[RegistryCalibration] = Field(description="One for each pad at which somebody calibrated it")
 
 
 class RegistryPad(ApiModel):
@@ -104,6 +124,16 @@ class RegistryPolicy(ApiModel):
     set_for: str = Field(description="pad/action, with * for any; empty: the defaults of the contract")
     own: bool = Field(description="Whether it was set for this very pad and action")
     version: Version | None = Field(default=None, description="Of the one for this very pad and action")
+
+
+class RegistryProposal(ApiModel):
+    """A change that somebody proposed, and what became of it."""
+
+    record: ProposedChange  # type: ignore[valid-type]
+    version: Version
+    state: Literal["open", "approved", "withdrawn", "expired"] = Field(
+        description="As the ledger has it; `expired`: nobody approved it in time"
+    )
 
 
 class RegistryPolicies(ApiModel):
@@ -236,5 +266,6 @@ class RegistryForms(ApiModel):
 
 RegistryDronePage = page_of("RegistryDronePage", RegistryDrone)
 RegistryPadPage = page_of("RegistryPadPage", RegistryPad)
+RegistryProposalPage = page_of("RegistryProposalPage", RegistryProposal)
 RegistryChangePage = page_of("RegistryChangePage", RegistryChange)
 RegistryCertificatePage = page_of("RegistryCertificatePage", RegistryCertificate)

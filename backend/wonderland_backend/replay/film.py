@@ -124,7 +124,7 @@ async def frames(
             with_status = at_ms - status_ms >= STATUS_EVERY_MS
             if with_status:
                 status_ms = at_ms
-            changed = stage.board.take(with_status=with_status)
+            changed = stage.board.take_changes(with_status=with_status)
             if changed:
                 seq += 1
                 line = _line(type="delta", seq=seq, t_ms=at_ms, **changed)

@@ -62,7 +62,7 @@ async def count_alerts(context: ContextDep, person: SignedInPerson) -> Response:
 async def read_alert(request: Request, context: ContextDep, person: SignedInPerson, alert_id: AlertId) -> Response:
     """One alert, with what was done about it and who was told."""
     async with context.database.read() as database:
-        row = await store.find(database, person.scope, alert_id)
+        row = await store.find_alert(database, person.scope, alert_id)
         acts = await store.acts_of(database, alert_id)
         deliveries = [_delivery(each) for each in await store.deliveries_of(database, alert_id)]
     content: dict[str, Any] = {
@@ -85,15 +85,15 @@ async def act_on_alert(
     """Acknowledge, assign, snooze, reopen, or leave a note. Refused when somebody else has acted meanwhile."""
     require(person, "admin", "inspector", "pad_operator", "fleet_operator")
     async with context.database.read() as database:
-        await store.find(database, person.scope, alert_id)
+        await store.find_alert(database, person.scope, alert_id)
     row = await store.act(context.database, alert_id, person, body, context.clock())
-    board.alert(store.shown(row))
+    board.alert(store.alert_json(row))
     return Json(_shown(row, person, language_of(request)), headers={"Cache-Control": "private, no-store"})
 
 
 def _shown(row: AlertRow, person: Person, language: Language) -> dict[str, Any]:
     text = plain_text(row.kind, row.pad_id, row.uav_id, orjson.loads(row.facts), language)
-    return shown_alert(store.shown(row), person) | {"text": text}
+    return shown_alert(store.alert_json(row), person) | {"text": text}
 
 
 def _delivery(row: AlertDeliveryRow) -> dict[str, Any]:

@@ -9,6 +9,8 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
 from wonderland_backend.access import Administrator
+from wonderland_backend.auth import step_up
+from wonderland_backend.auth.step_up import StepUpRequired
 from wonderland_backend.clients import idempotency, store
 from wonderland_backend.clients.machines import MachinesDep
 from wonderland_backend.clients.schemas import (
@@ -29,6 +31,7 @@ from wonderland_backend.errors import BadRequest, Forbidden, NotFound, Unprocess
 from wonderland_backend.filters import Paging
 from wonderland_backend.person import Person
 from wonderland_backend.problem_texts import Said, said
+from wonderland_backend.proved import Fresh
 from wonderland_backend.responses import Json, page, resource
 
 oauth = APIRouter(tags=["tokens"])
@@ -128,7 +131,7 @@ async def list_clients(request: Request, context: ContextDep, paging: Paging, _p
     async with context.database.read() as database:
         rows = await store.listing(database, after=after, limit=paging.limit + 1)
     return page(
-        request, ((row, store.shown(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.client_id,)
+        request, ((row, store.client_json(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.client_id,)
     )
 
 
@@ -139,13 +142,19 @@ async def list_clients(request: Request, context: ContextDep, paging: Paging, _p
     responses=documented(
         idempotency.BAD_KEY,
         Forbidden,
+        StepUpRequired,
         idempotency.BUSY,
         Unprocessable(said("client_scopes", scopes="wonderland.all", known="wonderland.read")),
     ),
-    openapi_extra={"parameters": [idempotency.PARAMETER]},
+    openapi_extra={"parameters": [idempotency.PARAMETER, step_up.PARAMETER]},
 )
 async def add_client(
-    request: Request, context: ContextDep, clients: ClientsDep, body: NewClient, person: Administrator
+    request: Request,
+    context: ContextDep,
+    clients: ClientsDep,
+    body: NewClient,
+    person: Administrator,
+    _proved: Fresh,
 ) -> Response:
     """Register a machine. Its secret is in the answer, and nowhere else ever after."""
     return await idempotency.once(request, person, lambda: _add(context, clients, body, person))
@@ -159,7 +168,7 @@ async def _add(context: Context, clients: Clients, body: NewClient, person: Pers
             row, secret = await clients.add(connection, wanted, person)
     except ClientError as cause:
         raise Unprocessable(cause.said) from None
-    content: dict[str, Any] = {"client": store.shown(row)}
+    content: dict[str, Any] = {"client": store.client_json(row)}
     if secret is not None:
         content["client_secret"] = secret
     return Json(content, 201, NO_STORE | {"Location": f"/api/v1/clients/{row.client_id}"})
@@ -168,10 +177,10 @@ async def _add(context: Context, clients: Clients, body: NewClient, person: Pers
 @router.get("/clients/{client_id}", response_model=Client, responses=documented(Forbidden, _NOT_FOUND, etag=True))
 async def read_client(request: Request, clients: ClientsDep, client_id: ClientId, _person: Administrator) -> Response:
     """A machine."""
-    row = await clients.find(client_id)
+    row = await clients.find_client(client_id)
     if row is None:
         raise NotFound(said("no_such_client", client_id=client_id))
-    return resource(request, store.shown(row))
+    return resource(request, store.client_json(row))
 
 
 @router.delete("/clients/{client_id}", response_model=Client, responses=documented(Forbidden, _NOT_FOUND))
@@ -181,9 +190,9 @@ async def revoke_client(
     """Revoke a machine for good: its tokens are worth nothing from now on."""
     async with context.database.write() as connection:
         await clients.revoke(connection, client_id, person)
-    row = await clients.find(client_id)
+    row = await clients.find_client(client_id)
     assert row is not None
-    return Json(store.shown(row), headers={"Cache-Control": "private, no-store"})
+    return Json(store.client_json(row), headers={"Cache-Control": "private, no-store"})
 
 
 async def _form(request: Request) -> dict[str, str]:

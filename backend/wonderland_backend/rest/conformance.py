@@ -18,7 +18,7 @@ from wonderland_backend.context import ContextDep
 from wonderland_backend.drones import queries as drones
 from wonderland_backend.errors import documented
 from wonderland_backend.languages import HEADER, language_of
-from wonderland_backend.proofs.queries import shown
+from wonderland_backend.proofs.queries import proof_json
 from wonderland_backend.responses import resource
 from wonderland_backend.sessions import queries as sessions
 
@@ -40,7 +40,7 @@ async def read_conformance(
     language = language_of(request)
     content: dict[str, Any] = {"serial": asked.serial, "t_ms": now}
     async with context.database.read() as database:
-        registered = await drones.find(database, person.scope, asked.serial) is not None
+        registered = await drones.find_drone(database, person.scope, asked.serial) is not None
         broadcast = _own(asked, now)
         last_heard = await queries.heard(database, asked.serial) if registered or person.scope.everything else None
         known = registered or last_heard is not None
@@ -62,7 +62,11 @@ async def read_conformance(
         source = "heard" if asked.lat_e7 is None else "asked"
         content["broadcast"] = _broadcast(broadcast, source)
     if found is not None and measured is not None:
-        content |= {"proof": shown(found[0], language), "measured_ms": measured.t_ms, "assurance": measured.assurance}
+        content |= {
+            "proof": proof_json(found[0], language),
+            "measured_ms": measured.t_ms,
+            "assurance": measured.assurance,
+        }
     if signature is not None:
         content["signature"] = signature
     headers = {"Cache-Control": "private, no-store", "Content-Language": language}

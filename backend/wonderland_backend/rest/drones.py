@@ -47,7 +47,7 @@ async def read_drone(
 ) -> Response:
     """A drone."""
     async with context.database.read() as database:
-        row = await queries.find(database, person.scope, uav_id)
+        row = await queries.find_drone(database, person.scope, uav_id)
         if row is None:
             raise NotFound(said("no_such_drone", uav_id=uav_id))
         (item,) = await queries.details(database, person, [row])

@@ -71,7 +71,7 @@ async def prepare_export(
 @router.get("/{export_id}", response_model=Export, responses=documented(_NOT_FOUND))
 async def read_export(context: ContextDep, export_id: ExportId, person: SignedInPerson) -> Response:
     """How far one's own export has come."""
-    return Json(_shown(await service.find(context, person, export_id)), headers=NO_STORE)
+    return Json(_shown(await service.find_export(context, person, export_id)), headers=NO_STORE)
 
 
 @router.get(
@@ -84,7 +84,7 @@ async def fetch_export(
     context: ContextDep, mirror: MirrorStatusDep, export_id: ExportId, person: SignedInPerson
 ) -> Response:
     """The archive (application/zip), once: the data's files and `manifest.json` with their SHA-256."""
-    row = await service.find(context, person, export_id)
+    row = await service.find_export(context, person, export_id)
     query = await service.begin(context, row)
     begin = datetime.fromtimestamp(query.from_ms / 1000, UTC)
     headers = {"Content-Disposition": f'attachment; filename="wonderland-{begin:%Y%m%dT%H%M%SZ}-{query.format}.zip"'}

@@ -51,7 +51,7 @@ async def list_flights(
 async def read_flight(request: Request, context: ContextDep, flight_id: FlightId, person: SignedInPerson) -> Response:
     """One flight. As GeoJSON it is the line of its first 5,000 positions; as JSON they are at `/tracks/{uav_id}`."""
     async with context.database.read() as database:
-        row = await store.find(database, flight_id, person.scope)
+        row = await store.find_flight(database, flight_id, person.scope)
         if row is None:
             raise NotFound(said("no_such_flight"))
         proofs = await store.proofs(database, row)

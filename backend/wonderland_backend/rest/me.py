@@ -9,7 +9,8 @@ from fastapi.responses import Response
 
 from wonderland_backend import audit
 from wonderland_backend.access import SignedInPerson
-from wonderland_backend.auth import passkeys
+from wonderland_backend.auth import passkeys, step_up
+from wonderland_backend.auth.step_up import StepUpRequired
 from wonderland_backend.auth.store.ceremonies import CeremonyOver
 from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import BadRequest, Conflict, NotFound, documented
@@ -25,6 +26,7 @@ from wonderland_backend.people.schemas import (
 )
 from wonderland_backend.person import Person
 from wonderland_backend.problem_texts import said
+from wonderland_backend.proved import ForNewPasskey, Fresh
 from wonderland_backend.responses import Json
 
 router = APIRouter(tags=["people"])
@@ -41,9 +43,10 @@ async def read_me(context: ContextDep, me: SignedInPerson) -> Response:
 @router.post(
     "/me/passkeys/options",
     response_model=Challenge,
-    responses=documented(Conflict(said("too_many_passkeys", most=20))),
+    responses=documented(StepUpRequired, Conflict(said("too_many_passkeys", most=20))),
+    openapi_extra=step_up.DOCUMENTED,
 )
-async def ask_passkey(context: ContextDep, me: SignedInPerson) -> Response:
+async def ask_passkey(context: ContextDep, me: SignedInPerson, _proved: ForNewPasskey) -> Response:
     """What the browser needs to make another passkey."""
     async with context.database.write() as connection:
         found = await passkeys.ask_for_new(context, connection, me.person_id, me.name)
@@ -85,9 +88,12 @@ async def rename_passkey(
 @router.delete(
     "/me/passkeys/{credential_id}",
     response_model=PersonDetail,
-    responses=documented(_NO_PASSKEY, Conflict(said("last_sign_in_method"))),
+    responses=documented(StepUpRequired, _NO_PASSKEY, Conflict(said("last_sign_in_method"))),
+    openapi_extra=step_up.DOCUMENTED,
 )
-async def remove_passkey(context: ContextDep, me: SignedInPerson, credential_id: PasskeyIdPath) -> Response:
+async def remove_passkey(
+    context: ContextDep, me: SignedInPerson, _proved: Fresh, credential_id: PasskeyIdPath
+) -> Response:
     """Forget a passkey; not the last sign-in method."""
     async with context.database.write() as connection:
         await store.remove_passkey(connection, me, credential_id, context.clock())
@@ -115,7 +121,7 @@ async def detail_of(context: Context, who: Person, person_id: str) -> dict[str, 
     """The PersonDetail of somebody, as `who` sees it. Raises `NotFound`."""
     now = context.clock()
     async with context.database.read() as database:
-        person = await store.find(database, person_id)
+        person = await store.find_person(database, person_id)
         keys = await store.passkeys(database, person_id)
         sign_ins = await store.sign_ins(
             database,

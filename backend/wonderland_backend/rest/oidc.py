@@ -22,7 +22,7 @@ from wonderland_backend.auth.store.sign_ins import SignIns, SignInsDep
 from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import BadRequest, NotFound, Problem, TooManyRequests, documented
 from wonderland_backend.people import store
-from wonderland_backend.people.accept import KINDS, Acceptance, accept, activate, link_identity, look
+from wonderland_backend.people.accept import KINDS, Acceptance, accept, activate, link_identity, open_link
 from wonderland_backend.people.schemas import Name
 from wonderland_backend.person import Account, Person
 from wonderland_backend.problem_texts import said
@@ -84,7 +84,7 @@ async def start_oidc(request: Request, context: ContextDep, sign_ins: SignInsDep
         raise ProviderAway(said("oidc_away")) from None
     async with context.database.write() as connection:
         if body.token is not None:
-            link, acceptance = await look(context, sign_ins, connection, sha256(body.token), body.name)
+            link, acceptance = await open_link(context, sign_ins, connection, sha256(body.token), body.name)
             if link.kind not in KINDS:
                 raise BadRequest(said("link_not_for_identity"))
             kept |= acceptance.to_json()

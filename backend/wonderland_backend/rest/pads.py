@@ -37,7 +37,7 @@ async def list_pads(
         )
         health = await queries.health_of(database, [row.pad_id for row in rows])
     items = (
-        (row, queries.shown(row.record, health.get(row.pad_id), connected=agents.is_connected(row.pad_id)))
+        (row, queries.pad_json(row.record, health.get(row.pad_id), connected=agents.is_connected(row.pad_id)))
         for row in rows
     )
     return geojson.page(request, items, filters.limit, cursor_of=lambda row: (row.pad_id,), id_of=_id)
@@ -53,12 +53,12 @@ async def read_pad(
 ) -> Response:
     """A pad."""
     async with context.database.read() as database:
-        row = await queries.find(database, person.scope, pad_id)
+        row = await queries.find_pad(database, person.scope, pad_id)
         if row is None:
             raise NotFound(said("no_such_pad", pad_id=pad_id))
         health = await queries.health_of(database, [pad_id])
     connected = agents.is_connected(pad_id)
-    return geojson.one(request, queries.shown(row.record, health.get(pad_id), connected=connected), id_of=_id)
+    return geojson.one(request, queries.pad_json(row.record, health.get(pad_id), connected=connected), id_of=_id)
 
 
 def _id(item: geojson.Item) -> str:

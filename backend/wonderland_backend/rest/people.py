@@ -9,7 +9,9 @@ from fastapi.responses import Response
 
 from wonderland_backend import audit
 from wonderland_backend.access import Administrator
+from wonderland_backend.auth import step_up
 from wonderland_backend.auth.secret import new_id
+from wonderland_backend.auth.step_up import StepUpRequired
 from wonderland_backend.auth.store.sign_ins import SignIns, SignInsDep
 from wonderland_backend.clients import idempotency
 from wonderland_backend.context import Context, ContextDep
@@ -28,6 +30,7 @@ from wonderland_backend.people.schemas import (
 )
 from wonderland_backend.person import Person
 from wonderland_backend.problem_texts import said
+from wonderland_backend.proved import Fresh
 from wonderland_backend.responses import Json, etag_of, require_match, resource
 from wonderland_backend.rest.me import detail_of
 
@@ -49,11 +52,11 @@ async def list_people(context: ContextDep, who: Administrator) -> Response:
     "/people",
     response_model=LinkMade,
     status_code=201,
-    responses=documented(idempotency.BAD_KEY, Forbidden, Conflict(said("email_taken"))),
-    openapi_extra={"parameters": [idempotency.PARAMETER]},
+    responses=documented(idempotency.BAD_KEY, Forbidden, StepUpRequired, Conflict(said("email_taken"))),
+    openapi_extra={"parameters": [idempotency.PARAMETER, step_up.PARAMETER]},
 )
 async def invite_person(
-    request: Request, context: ContextDep, sign_ins: SignInsDep, who: Administrator, body: Invitation
+    request: Request, context: ContextDep, sign_ins: SignInsDep, who: Administrator, _proved: Fresh, body: Invitation
 ) -> Response:
     """Make an account, and the link by which its owner takes it."""
     return await idempotency.once(request, who, lambda: _invite(context, sign_ins, who, body))
@@ -65,7 +68,7 @@ async def _invite(context: Context, sign_ins: SignIns, who: Person, body: Invita
         await store.create(connection, who, body, person_id, state=store.INVITED, now_ms=context.clock())
         ttl_s = context.settings.invitation_ttl_s
         token = await sign_ins.new_link(connection, INVITATION, person_id, ttl_s=ttl_s)
-        person = await store.find(connection, person_id)
+        person = await store.find_person(connection, person_id)
     return _made(context, person, token, 201)
 
 
@@ -82,10 +85,17 @@ async def read_person(request: Request, context: ContextDep, who: Administrator,
 @router.patch(
     "/people/{person_id}",
     response_model=PersonDetail,
-    responses=documented(Forbidden, _NOT_FOUND, Conflict, PreconditionFailed),
+    responses=documented(Forbidden, StepUpRequired, _NOT_FOUND, Conflict, PreconditionFailed),
+    openapi_extra=step_up.DOCUMENTED,
 )
 async def change_person(
-    request: Request, context: ContextDep, hub: HubDep, who: Administrator, person_id: PersonIdPath, body: PersonChange
+    request: Request,
+    context: ContextDep,
+    hub: HubDep,
+    who: Administrator,
+    _proved: Fresh,
+    person_id: PersonIdPath,
+    body: PersonChange,
 ) -> Response:
     """Change name, address, roles or organisation; suspend and restore. Takes effect at once."""
     require_match(request, await detail_of(context, who, person_id))
@@ -116,15 +126,18 @@ async def withdraw_invitation(
     "/people/{person_id}/link",
     response_model=LinkMade,
     status_code=201,
-    responses=documented(Forbidden, _NOT_FOUND, Conflict),
+    responses=documented(Forbidden, StepUpRequired, _NOT_FOUND, Conflict),
+    openapi_extra=step_up.DOCUMENTED,
 )
-async def make_link(context: ContextDep, sign_ins: SignInsDep, who: Administrator, person_id: PersonIdPath) -> Response:
+async def make_link(
+    context: ContextDep, sign_ins: SignInsDep, who: Administrator, _proved: Fresh, person_id: PersonIdPath
+) -> Response:
     """Another link: for an invitation that has not been accepted, or for somebody who cannot sign in any more.
 
     Whoever comes back by it makes a new passkey; all earlier ones, and all sign-ins, end then.
     """
     async with context.database.write() as connection:
-        person = await store.find(connection, person_id)
+        person = await store.find_person(connection, person_id)
         if person["state"] == store.SUSPENDED:
             raise Conflict(said("suspended_restore_first"))
         kind = INVITATION if person["state"] == store.INVITED else RECOVERY

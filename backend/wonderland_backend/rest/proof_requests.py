@@ -91,21 +91,21 @@ async def _add(context: Context, agents: Agents, body: NewProofRequest, person: 
         await audit.record(connection, person, "request_proof", subject, detail, t_ms=now)
     await route.tell_agent(context, agents, body.uav_id)
     async with context.database.read() as database:
-        found = await store.find(database, row["request_id"], ALL)
+        found = await store.find_request(database, row["request_id"], ALL)
         assert found is not None
-        content = await store.shown(database, found, now)
+        content = await store.request_json(database, found, now)
     return Json(content, 201, NO_STORE | {"Location": f"/api/v1/proof-requests/{row['request_id']}"})
 
 
 async def _check_visible(database: AsyncSession, body: NewProofRequest, person: Person) -> None:
     """Both have to be registered, and one of them the asker's, who may see not all. Raises `NotFound`."""
     theirs = (
-        await drones.find(database, person.scope, body.uav_id),
-        await pads.find(database, person.scope, body.pad_id),
+        await drones.find_drone(database, person.scope, body.uav_id),
+        await pads.find_pad(database, person.scope, body.pad_id),
     )
-    if not any(theirs) or await drones.find(database, ALL, body.uav_id) is None:
+    if not any(theirs) or await drones.find_drone(database, ALL, body.uav_id) is None:
         raise NotFound(said("no_such_drone", uav_id=body.uav_id))
-    if await pads.find(database, ALL, body.pad_id) is None:
+    if await pads.find_pad(database, ALL, body.pad_id) is None:
         raise NotFound(said("no_such_pad", pad_id=body.pad_id))
 
 
@@ -117,7 +117,7 @@ async def list_proof_requests(
     place = filters.after_place(int, str)
     async with context.database.read() as database:
         rows = await store.listing(database, filters, person.scope, before=(place[0], place[1]) if place else None)
-        items = [(row, await store.shown(database, row, context.clock())) for row in rows]
+        items = [(row, await store.request_json(database, row, context.clock())) for row in rows]
     return page(request, items, filters.limit, cursor_of=lambda row: (row.created_ms, row.request_id))
 
 
@@ -127,10 +127,10 @@ async def read_proof_request(
 ) -> Response:
     """What has become of a request."""
     async with context.database.read() as database:
-        row = await store.find(database, request_id, person.scope)
+        row = await store.find_request(database, request_id, person.scope)
         if row is None:
             raise NotFound(said("no_such_request"))
-        content = await store.shown(database, row, context.clock())
+        content = await store.request_json(database, row, context.clock())
     return resource(request, content)
 
 
@@ -141,17 +141,17 @@ async def cancel_proof_request(context: ContextDep, request_id: RequestId, perso
     """Take a request back, as long as the drone has not asked. Whoever made it may, and the authority."""
     now = context.clock()
     async with context.database.read() as database:
-        row = await store.find(database, request_id, person.scope)
+        row = await store.find_request(database, request_id, person.scope)
         if row is None or (row.requested_by != person.person_id and not person.has("admin", "inspector")):
             raise NotFound(said("no_such_request"))
-        state = (await store.shown(database, row, now))["state"]
+        state = (await store.request_json(database, row, now))["state"]
     if state != "pending":
         raise Conflict(said("request_settled", state=state))
     async with context.database.write() as connection:
         await store.change(connection, request_id, row.uav_id, cancelled_ms=now)
         await audit.record(connection, person, "cancel_proof_request", f"proof-request/{request_id}", t_ms=now)
     async with context.database.read() as database:
-        found = await store.find(database, request_id, ALL)
+        found = await store.find_request(database, request_id, ALL)
         assert found is not None
-        content = await store.shown(database, found, now)
+        content = await store.request_json(database, found, now)
     return Json(content, headers=NO_STORE)

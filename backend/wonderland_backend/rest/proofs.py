@@ -38,7 +38,7 @@ async def list_proofs(request: Request, context: ContextDep, filters: ProofFilte
     language = language_of(request)
     return geojson.page(
         request,
-        ((row, queries.shown(row, language)) for row in rows),
+        ((row, queries.proof_json(row, language)) for row in rows),
         filters.limit,
         cursor_of=lambda row: (row.block, row.tx_index),
         id_of=_id,
@@ -56,13 +56,13 @@ async def list_proofs(request: Request, context: ContextDep, filters: ProofFilte
 async def read_proof(request: Request, context: ContextDep, proof_id: ProofId, person: SignedInPerson) -> Response:
     """One proof. Its evidence, step by step, is `/sessions/{session_id}` with the same id."""
     async with context.database.read() as database:
-        row = await queries.find(database, proof_id, person.scope)
+        row = await queries.find_proof(database, proof_id, person.scope)
     if row is None:
         raise NotFound(said("no_such_proof"))
     language = language_of(request)
     return geojson.one(
         request,
-        queries.shown(row, language),
+        queries.proof_json(row, language),
         id_of=_id,
         geometry_of=_geometry,
         headers={"Content-Language": language},

@@ -9,17 +9,18 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
 from wonderland.proofs.records.fields import ID_PATTERN
-from wonderland_backend.access import SIGNED_IN, SignedInPerson
+from wonderland_backend.access import SIGNED_IN, Officer, SignedInPerson
 from wonderland_backend.context import ContextDep
-from wonderland_backend.errors import BadRequest, NotFound, documented
+from wonderland_backend.errors import BadRequest, Forbidden, NotFound, documented
 from wonderland_backend.languages import language_of
 from wonderland_backend.problem_texts import said
 from wonderland_backend.registry import imports
-from wonderland_backend.registry.queries import organisations
+from wonderland_backend.registry.queries import changes, organisations
 from wonderland_backend.registry.queries import records as queries
 from wonderland_backend.registry.reach import reach
 from wonderland_backend.registry.schemas import (
     CertificateFilters,
+    ChangeFilters,
     DroneFilters,
     HistoryFilters,
     ImportCheck,
@@ -33,6 +34,7 @@ from wonderland_backend.registry.schemas import (
     RegistryPadDetail,
     RegistryPadPage,
     RegistryPolicies,
+    RegistryProposalPage,
 )
 from wonderland_backend.responses import Json, page, record, resource
 from wonderland_backend.rest.transactions import Signer
@@ -79,14 +81,17 @@ async def list_registry_drones(
     responses=documented(NotFound(said("no_such_drone", uav_id="OH-DRN-0417")), etag=True),
 )
 async def read_registry_drone(request: Request, context: ContextDep, uav_id: UavId, person: SignedInPerson) -> Response:
-    """A drone and its authorisations, each with the version that a change names as seen."""
+    """A drone, its authorisations, each with the version that a change names as seen, and its calibrations."""
     async with context.database.read() as database:
         row = await queries.drone(database, person, uav_id)
         if row is None:
             raise NotFound(said("no_such_drone", uav_id=uav_id))
         counts = await queries.in_force(database, [uav_id], context.clock())
-        found = await queries.authorisations(database, uav_id)
-    return resource(request, {"drone": queries.shown_drone(row, person, counts[uav_id]), "authorisations": found})
+        found = {
+            "authorisations": await queries.authorisations(database, uav_id),
+            "calibrations": await queries.calibrations(database, row, context.clock()),
+        }
+    return resource(request, {"drone": queries.shown_drone(row, person, counts[uav_id]), **found})
 
 
 @router.get("/pads", response_model=RegistryPadPage, responses=documented(BadRequest, etag=True))
@@ -130,6 +135,18 @@ async def read_registry_pad(request: Request, context: ContextDep, pad_id: PadId
     far = await asyncio.to_thread(reach, row.record, landing)
     shown = {"record": record(row.record), "version": queries.version(row)}
     return resource(request, {"pad": shown, "policies": found, "reach": far})
+
+
+@router.get("/proposals", response_model=RegistryProposalPage, responses=documented(BadRequest, Forbidden, etag=True))
+async def list_registry_proposals(
+    request: Request, context: ContextDep, filters: ChangeFilters, _officer: Officer
+) -> Response:
+    """Changes that take two people, as one of them proposed them: what is open, and what became of the others."""
+    now = context.clock()
+    async with context.database.read() as database:
+        rows = await changes.proposals(database, filters, filters.after_place(int, int, str), now)
+    items = [(row, changes.shown_proposal(row, now)) for row in rows]
+    return page(request, items, filters.limit, cursor_of=lambda row: (row.block, row.tx_index, row.change_id))
 
 
 @router.post(

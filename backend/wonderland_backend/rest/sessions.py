@@ -11,10 +11,12 @@ from fastapi.responses import Response
 
 from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import Verdict
-from wonderland_backend.access import SIGNED_IN, SignedInPerson
+from wonderland_backend import audit
+from wonderland_backend.access import SIGNED_IN, Officer, SignedInPerson
 from wonderland_backend.context import ContextDep
-from wonderland_backend.errors import BadRequest, NotFound, documented
+from wonderland_backend.errors import BINARY, BadRequest, Forbidden, LedgerAway, NotFound, documented
 from wonderland_backend.filters import SessionFilters
+from wonderland_backend.ledger.access import MaybeLedgerDep
 from wonderland_backend.ledger.queries import with_events
 from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import page, record, resource
@@ -23,6 +25,7 @@ from wonderland_backend.sessions.course import course_of
 from wonderland_backend.sessions.residuals import residuals
 from wonderland_backend.sessions.schemas import Course, SessionDetail, SessionPage
 from wonderland_backend.verdicts import queries as verdicts
+from wonderland_evidence.errors import EvidenceError
 
 router = APIRouter(tags=["sessions"], dependencies=SIGNED_IN)
 _NOT_FOUND: Final = NotFound(said("no_such_session"))
@@ -57,7 +60,7 @@ async def read_session(
         row = await queries.row(database, session_id)
         if view is None or row is None:
             raise NotFound(said("no_such_session"))
-        verdict = await verdicts.find(database, session_id)
+        verdict = await verdicts.find_verdict(database, session_id)
         evidence = await queries.evidence(database, session_id)
         transactions = await with_events(database, await queries.transactions(database, view))
         estimates = await queries.estimates(database, session_id)
@@ -76,10 +79,42 @@ async def read_session(
     if signature is not None:
         content["signature"] = signature
     if verdict is not None:
-        content["verdict"] = verdicts.shown(verdict)
+        content["verdict"] = verdicts.verdict_json(verdict)
     if evidence is not None:
         content["evidence"] = record(evidence.record)
     return resource(request, content)
+
+
+@router.get(
+    "/sessions/{session_id}/evidence",
+    response_class=Response,
+    responses=documented(Forbidden, _NOT_FOUND, LedgerAway)
+    | {200: {"content": {"application/json": {"schema": BINARY}}}},
+)
+async def read_evidence(
+    context: ContextDep, ledger: MaybeLedgerDep, person: Officer, session_id: SessionIdPath
+) -> Response:
+    """All that proves the session without this server, in one file (`wonderland-evidence/1`), from the ledger itself.
+
+    These are blocks as they were signed, to the last byte: nothing is masked, so that they are for officers only, and
+    audited.
+    """
+    async with context.database.read() as database:
+        if await queries.row(database, session_id) is None:
+            raise NotFound(said("no_such_session"))
+    if ledger is None:
+        raise LedgerAway(said("no_ledger_here"))
+    try:
+        data = await ledger.evidence(session_id, context.settings.timestamp_url)
+    except EvidenceError as cause:
+        raise LedgerAway(said("evidence_not_to_be_had", why=str(cause))) from cause
+    async with context.database.write() as connection:
+        await audit.record(connection, person, "read_contents", f"session/{session_id}", t_ms=context.clock())
+    headers = {
+        "Cache-Control": "private, no-store",
+        "Content-Disposition": f'attachment; filename="evidence-{session_id[:12]}.json"',
+    }
+    return Response(data, media_type="application/json", headers=headers)
 
 
 @router.get("/sessions/{session_id}/course", response_model=Course, responses=documented(_NOT_FOUND, etag=True))
@@ -90,7 +125,7 @@ async def read_course(
     async with context.database.read() as database:
         view = await queries.view(database, session_id, person.scope)
         row = await queries.row(database, session_id)
-        decided = await verdicts.find(database, session_id)
+        decided = await verdicts.find_verdict(database, session_id)
         brought = await queries.evidence(database, session_id)
         if view is None or row is None or decided is None or brought is None:
             raise NotFound(said("no_decided_session"))

@@ -19,7 +19,7 @@ from wonderland_backend.auth.store.sign_ins import SignInsDep
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, Conflict, TooManyRequests, documented
 from wonderland_backend.people import store
-from wonderland_backend.people.accept import KINDS, Acceptance, accept, look
+from wonderland_backend.people.accept import KINDS, Acceptance, accept, open_link
 from wonderland_backend.people.schemas import Ceremony, Challenge, Credential, Name
 from wonderland_backend.person import Role
 from wonderland_backend.problem_texts import said
@@ -134,7 +134,7 @@ async def look_at_link(request: Request, context: ContextDep, sign_ins: SignInsD
     """What a link is good for; it stays good."""
     async with failures_audited(request, "link"), context.database.write() as connection:
         link = await sign_ins.find_link(connection, sha256(body.token))
-        person = await store.find(connection, link.person_id) if link.person_id is not None else None
+        person = await store.find_person(connection, link.person_id) if link.person_id is not None else None
     found = LinkShown(
         kind=link.kind,
         name=person["name"] if person is not None else None,
@@ -155,7 +155,7 @@ async def ask_link_passkey(
 ) -> Response:
     """What the browser needs to make a passkey for the link's person."""
     async with failures_audited(request, "link"), context.database.write() as connection:
-        link, acceptance = await look(context, sign_ins, connection, sha256(body.token), body.name)
+        link, acceptance = await open_link(context, sign_ins, connection, sha256(body.token), body.name)
         if link.kind not in KINDS:
             raise BadRequest(said("link_not_for_passkey"))
         found = await passkeys.ask_for_new(

@@ -49,7 +49,7 @@ async def keep_site_plan(request: Request, context: ContextDep, person: SignedIn
     """
     require(person, "admin", "pad_operator")
     async with context.database.read() as database:
-        if await queries.find(database, person.scope, pad_id) is None:
+        if await queries.find_pad(database, person.scope, pad_id) is None:
             raise NotFound(said("no_such_pad", pad_id=pad_id))
     body = await request.body()
     try:
@@ -79,8 +79,8 @@ async def keep_site_plan(request: Request, context: ContextDep, person: SignedIn
 async def read_site_plan(context: ContextDep, person: SignedInPerson, pad_id: PadId, sha256: Sha256) -> Response:
     """The file of a site plan, byte for byte; its SHA-256 is in the address, and on the ledger."""
     async with context.database.read() as database:
-        pad = await queries.find(database, person.scope, pad_id)
-        body = None if pad is None else await store.find(database, pad_id, sha256)
+        pad = await queries.find_pad(database, person.scope, pad_id)
+        body = None if pad is None else await store.find_site_plan(database, pad_id, sha256)
     if body is None:
         raise NotFound(said("no_such_site_plan", pad_id=pad_id))
     headers = {"Cache-Control": KEPT, "ETag": f'"{sha256}"', "Content-Security-Policy": "default-src 'none'; sandbox"}

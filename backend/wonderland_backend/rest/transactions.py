@@ -5,12 +5,14 @@ from __future__ import annotations
 from base64 import urlsafe_b64decode
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Depends, Path, Query
+from fastapi import APIRouter, Depends, Path, Query, Request
 from fastapi.responses import Response
 
 from wonderland.messages import Language
 from wonderland_backend.access import allowed
 from wonderland_backend.agents.members import MembersDep
+from wonderland_backend.auth import step_up
+from wonderland_backend.auth.step_up import StepUpRequired
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, LedgerAway, NotFound, TooManyRequests, documented
 from wonderland_backend.languages import LanguageDep
@@ -20,7 +22,7 @@ from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.transactions import enrolment, keys, store
 from wonderland_backend.transactions.enrolment import DemoRegistrarDep
-from wonderland_backend.transactions.functions import SIGNING_ROLES
+from wonderland_backend.transactions.functions import CHANGES, FRESH, RECENT, SIGNING_ROLES
 from wonderland_backend.transactions.keys import SigningKeysDep
 from wonderland_backend.transactions.schemas import (
     TX_ID,
@@ -55,6 +57,18 @@ _BAD_REQUEST: Final = BadRequest(said("bad_csr", why="no PKCS#10 in PEM"), ("bod
 NO_STORE = {"Cache-Control": "private, no-store"}
 Signer = Annotated[Person, Depends(allowed("admin", "inspector", "pad_operator", "fleet_operator"))]
 """Whoever may have a key at all; the ledger decides what it may do."""
+
+
+async def _proved_for(request: Request, context: ContextDep, person: Signer, body: Propose) -> None:
+    change = CHANGES.get(body.function)
+    if change is not None and change.step_up == FRESH:
+        await step_up.require_fresh(request, context, person)
+    elif change is not None and change.step_up == RECENT:
+        await step_up.require_recent(request, context, person)
+
+
+Proved = Annotated[None, Depends(_proved_for)]
+"""As fresh an assertion as the function asks for."""
 TxId = Annotated[str, Path(pattern=TX_ID)]
 
 
@@ -84,7 +98,7 @@ async def read_signing_place(
 async def bring_signing_key(signing_keys: SigningKeysDep, body: BringKey, person: Signer) -> Response:
     """Bind a certificate whose key the browser has, by a signature over the challenge."""
     row = await signing_keys.bring(person, body.msp_id, body.certificate, _bytes(body.signature))
-    return Json(signing_keys.shown(row), 201, headers=NO_STORE)
+    return Json(signing_keys.key_json(row), 201, headers=NO_STORE)
 
 
 @router.post(
@@ -100,7 +114,7 @@ async def enrol_signing_key(
     asked = enrolment.read_request(body.request)
     certificate = await enrolment.enrol(ledger, body.msp_id, asked, body.secret)
     row = await signing_keys.bind_issued(person, body.msp_id, certificate)
-    return Json(signing_keys.shown(row), 201, headers=NO_STORE)
+    return Json(signing_keys.key_json(row), 201, headers=NO_STORE)
 
 
 @router.post(
@@ -127,7 +141,7 @@ async def enrol_demo_key(
     asked = enrolment.read_request(body.request)
     msp_id, certificate = await enrolment.enrol_in_demo(ledger, demo_registrar, body.role, asked)
     row = await signing_keys.bind_issued(person, msp_id, certificate)
-    return Json(signing_keys.shown(row), 201, headers=NO_STORE)
+    return Json(signing_keys.key_json(row), 201, headers=NO_STORE)
 
 
 @router.delete("/signing-keys/{certificate_sha256}", status_code=204, responses=documented(Forbidden, NotFound))
@@ -144,22 +158,28 @@ async def list_proposals(
     """One's own transactions of the last 30 days, newest first."""
     async with context.database.read() as database:
         rows = await store.latest(database, person.person_id, limit)
-    return Json({"items": [store.shown(row, language) for row in rows]}, headers=NO_STORE)
+    return Json({"items": [store.transaction_json(row, language) for row in rows]}, headers=NO_STORE)
 
 
 @router.post(
     "/transactions/proposals",
     response_model=SignedTransaction,
     status_code=201,
-    responses=documented(_BAD_ARGUMENT, Forbidden, TooManyRequests, LedgerAway),
+    responses=documented(_BAD_ARGUMENT, Forbidden, StepUpRequired, TooManyRequests, LedgerAway),
+    openapi_extra=step_up.DOCUMENTED,
 )
 async def propose_transaction(
-    body: Propose, person: Signer, signing: SigningDep, signing_keys: SigningKeysDep, language: LanguageDep
+    body: Propose,
+    person: Signer,
+    _proved: Proved,
+    signing: SigningDep,
+    signing_keys: SigningKeysDep,
+    language: LanguageDep,
 ) -> Response:
     """Begin a change: the bytes to sign come back in `to_sign`."""
     identity = await signing_keys.usable(person, body.certificate_sha256)
     row, message = await signing.propose(person, body, identity)
-    return Json(store.shown(row, language, to_sign=message), 201, headers=NO_STORE)
+    return Json(store.transaction_json(row, language, to_sign=message), 201, headers=NO_STORE)
 
 
 @router.get(
@@ -198,8 +218,8 @@ async def submit_transaction(
 
 
 async def _shown(signing: Signing, person: Person, tx_id: str, language: Language, status: int = 200) -> Response:
-    row, to_sign = await signing.look(person, tx_id)
-    content: dict[str, Any] = store.shown(row, language, to_sign=to_sign)
+    row, to_sign = await signing.own_transaction(person, tx_id)
+    content: dict[str, Any] = store.transaction_json(row, language, to_sign=to_sign)
     return Json(content, status, headers=NO_STORE)
 
 

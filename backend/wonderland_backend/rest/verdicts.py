@@ -26,7 +26,7 @@ async def list_verdicts(
         rows = await queries.listing(database, filters, person.scope, position=(place[0], place[1]) if place else None)
     return page(
         request,
-        ((row, queries.shown(row)) for row in rows),
+        ((row, queries.verdict_json(row)) for row in rows),
         filters.limit,
         cursor_of=lambda row: (row.block, row.tx_index),
     )

@@ -63,7 +63,10 @@ async def list_subscriptions(request: Request, context: ContextDep, paging: Pagi
     async with context.database.read() as database:
         rows = await store.listing(database, owner=owner, after=after, limit=paging.limit + 1)
     return page(
-        request, ((row, store.shown(row)) for row in rows), paging.limit, cursor_of=lambda row: (row.subscription_id,)
+        request,
+        ((row, store.subscription_json(row)) for row in rows),
+        paging.limit,
+        cursor_of=lambda row: (row.subscription_id,),
     )
 
 
@@ -117,7 +120,7 @@ async def _add(context: Context, body: NewSubscription, person: Person) -> Respo
         await store.add(connection, row)
         subject = f"subscription/{row['subscription_id']}"
         await audit.record(connection, person, "add_subscription", subject, {"url": body.url}, t_ms=context.clock())
-    content = {"subscription": store.shown(SubscriptionRow(**row)), "secret": secret}
+    content = {"subscription": store.subscription_json(SubscriptionRow(**row)), "secret": secret}
     return Json(content, 201, NO_STORE | {"Location": f"/api/v1/subscriptions/{row['subscription_id']}"})
 
 
@@ -130,7 +133,7 @@ async def read_subscription(
     """A webhook."""
     async with context.database.read() as database:
         row = await _theirs(database, subscription_id, person)
-    return resource(request, store.shown(row))
+    return resource(request, store.subscription_json(row))
 
 
 @router.patch(
@@ -152,7 +155,7 @@ async def change_subscription(
         subject = f"subscription/{subscription_id}"
         await audit.record(connection, person, f"{body.state}_subscription", subject, t_ms=context.clock())
     async with context.database.read() as database:
-        shown = store.shown(await _theirs(database, subscription_id, person))
+        shown = store.subscription_json(await _theirs(database, subscription_id, person))
     return Json(shown, headers=NO_STORE | {"ETag": etag_of(shown)})
 
 
@@ -193,7 +196,7 @@ async def list_deliveries(
         )
     return page(
         request,
-        ((row, store.shown_delivery(row)) for row in rows),
+        ((row, store.delivery_json(row)) for row in rows),
         filters.limit,
         cursor_of=lambda row: (row.created_ms, row.delivery_id),
     )
@@ -232,7 +235,7 @@ async def redeliver(
         async with context.database.read() as database:
             row = await store.delivery(database, delivery_id)
         assert row is not None
-        return Json(store.shown_delivery(row), 202, NO_STORE)
+        return Json(store.delivery_json(row), 202, NO_STORE)
 
     return await idempotency.once(request, person, write)
 
@@ -241,12 +244,12 @@ async def _to_change(request: Request, connection: AsyncConnection, subscription
     """Hold theirs until it is changed, if it is what they saw. Raises `NotFound`, `PreconditionFailed`."""
     await store.hold(connection, subscription_id)
     async with AsyncSession(connection) as database:
-        require_match(request, store.shown(await _theirs(database, subscription_id, person)))
+        require_match(request, store.subscription_json(await _theirs(database, subscription_id, person)))
 
 
 async def _theirs(database: AsyncSession, subscription_id: str, person: Person) -> SubscriptionRow:
     """Raises `NotFound` for what is not theirs, too."""
-    row = await store.find(database, subscription_id)
+    row = await store.find_subscription(database, subscription_id)
     if row is None or (row.owner != person.person_id and not person.has("admin")):
         raise NotFound(said("no_such_subscription"))
     return row

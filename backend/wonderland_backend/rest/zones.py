@@ -39,7 +39,7 @@ from wonderland_backend.zones.schemas import (
     ZonePage,
     ZoneQuery,
 )
-from wonderland_backend.zones.shown import shown, taken_geometry
+from wonderland_backend.zones.shown import taken_geometry, zone_json
 
 router = APIRouter(tags=["zones"])
 service = APIRouter(tags=["geo-awareness"])
@@ -98,7 +98,7 @@ async def list_zones(
     language = language_of(request)
     return geojson.page(
         request,
-        ((row, shown(row, language, now)) for row in found),
+        ((row, zone_json(row, language, now)) for row in found),
         filters.limit,
         cursor_of=lambda row: (row[0].zone_id,),
         id_of=lambda item: str(item["zone_id"]),
@@ -194,7 +194,7 @@ async def list_pad_closures(request: Request, context: ContextDep, filters: Pagi
         found = await pads.listing(database, person.scope, after=after, limit=filters.limit + 1)
     return page(
         request,
-        ((its, pads.shown(its, language, now)) for its in found),
+        ((its, pads.pad_closures_json(its, language, now)) for its in found),
         filters.limit,
         cursor_of=lambda its: (its.pad.pad_id,),
     )
@@ -209,7 +209,7 @@ async def list_pad_closures(request: Request, context: ContextDep, filters: Pagi
 async def read_pad_closures(request: Request, context: ContextDep, pad_id: PadId, person: SignedInPerson) -> Response:
     """One pad with its zones and closures."""
     its = await _pad(context, pad_id, person)
-    return resource(request, pads.shown(its, language_of(request), context.clock()))
+    return resource(request, pads.pad_closures_json(its, language_of(request), context.clock()))
 
 
 @router.get(
@@ -230,7 +230,7 @@ async def plan_closures(
 
 async def _pad(context: Context, pad_id: str, person: SignedInPerson) -> pads.PadZones:
     async with context.database.read() as database:
-        found = await pads.find(database, person.scope, pad_id)
+        found = await pads.find_pad_zones(database, person.scope, pad_id)
     if found is None:
         raise NotFound(said("no_pad_in_service", pad_id=pad_id))
     return found
@@ -244,12 +244,12 @@ async def _pad(context: Context, pad_id: str, person: SignedInPerson) -> pads.Pa
 async def read_zone(request: Request, context: ContextDep, zone_id: ZoneId, _: SignedInPerson) -> Response:
     """One zone that is in force."""
     async with context.database.read() as database:
-        row = await queries.find(database, zone_id)
+        row = await queries.find_zone(database, zone_id)
     if row is None:
         raise NotFound(said("no_zone_holds", zone_id=zone_id))
     return geojson.one(
         request,
-        shown(row, language_of(request), context.clock()),
+        zone_json(row, language_of(request), context.clock()),
         id_of=lambda item: str(item["zone_id"]),
         geometry_of=taken_geometry,
     )
@@ -302,7 +302,7 @@ async def _awareness(
         "t_ms": now,
         "from_ms": start,
         "until_ms": until,
-        "zones": [_there(each, shown(each.row, language, now)) for each in found[: awareness.MAX_LISTED]],
+        "zones": [_there(each, zone_json(each.row, language, now)) for each in found[: awareness.MAX_LISTED]],
         "more": len(found) > awareness.MAX_LISTED,
         "data_sets": [_data_set(each) for each in sets],
     }

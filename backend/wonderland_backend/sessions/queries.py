@@ -67,7 +67,7 @@ async def views(database: AsyncSession, query: Select[Any]) -> list[SessionView]
 
 
 async def view(database: AsyncSession, session_id: str, scope: Scope = ALL) -> SessionView | None:
-    """One session."""
+    """A session with its verdict and closing; None where there is none, or it is not theirs to see."""
     found = await views(database, _theirs(scope).where(SessionRow.session_id == session_id))
     return found[0] if found else None
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from math import sqrt
 from typing import Any
 
+from wonderland.proofs.calibrated import calibrated
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.drift import widened
 from wonderland.proofs.drone_clock import drone_clock, on_the_pads_clock
@@ -19,7 +20,9 @@ from wonderland.proofs.rounds import UsableRounds, usable
 
 def residuals(session: Session, survey: Commissioning, evidence: Evidence, verdict: Verdict) -> list[dict[str, Any]]:
     """For each anchor: rounds, measured minus claimed and minus estimated (mm), and how far noise and bias reach."""
-    commissioning = survey if evidence.drift_sigma_mm is None else widened(survey, evidence.drift_sigma_mm)
+    commissioning = calibrated(survey, session.calibration)
+    if evidence.drift_sigma_mm is not None:
+        commissioning = widened(commissioning, evidence.drift_sigma_mm)
     rounds = usable(evidence.ranges, [each.anchor_id for each in commissioning.anchors], commissioning.max_range_mm)
     claims = on_the_pads_clock((session.claim, *evidence.claims), drone_clock(evidence.clock))
     try:

@@ -6,13 +6,14 @@ from ipaddress import ip_network
 from pathlib import Path
 from typing import Final, Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, IPvAnyNetwork, ValidationError, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 from pydantic_settings import SettingsError as UnreadableError
 
 from wonderland.messages import Language
 from wonderland_backend.errors import SettingsError
 from wonderland_backend.field_texts import field_text
+from wonderland_backend.settings.audit import AuditStreamSettings
 from wonderland_backend.settings.maps import MapSettings
 from wonderland_backend.settings.oidc import OidcSettings
 from wonderland_backend.settings.outputs import OutputSettings
@@ -30,6 +31,10 @@ class Settings(BaseSettings):
     database: str = Field(default="sqlite:///wonderland.db", description="sqlite:///file or postgresql://…")
     connection: Path | None = Field(default=None, description="connection.json of the ledger")
     identity: str = Field(default="mirror", description="Which identity of connection.json reads the blocks")
+    trust: Path | None = Field(
+        default=None,
+        description="TRUST.json (wonderland evidence trust) that was compared with another organisation's: its channel",
+    )
     console: Path | None = Field(default=None, description="Directory with the built console")
     public_url: str | None = Field(
         default=None, pattern=r"https?://[^/\s]+/?", description="The address that people use, behind a proxy"
@@ -58,6 +63,15 @@ class Settings(BaseSettings):
     signed_per_minute: int = Field(default=600, ge=1, description="Transactions that one person may begin a minute")
     demo_registrar: Path | None = Field(
         default=None, description="A ledger's directory: the demo gives roles on it at a click; only with --demo"
+    )
+
+    max_connections: int = Field(default=10_000, ge=1, description="Most connections at a time")
+    max_connections_each: int = Field(
+        default=256, ge=1, description="Most of one address; trusted proxies and this machine keep their own limits"
+    )
+    trusted_proxies: tuple[IPvAnyNetwork, ...] = Field(
+        default=(ip_network("127.0.0.1"), ip_network("::1")),
+        description="Addresses and networks whose X-Forwarded-For and -Proto are believed",
     )
 
     max_body_bytes: int = Field(default=64 * 1024, ge=1024, description="Largest body of a request")
@@ -105,12 +119,21 @@ class Settings(BaseSettings):
     finding_retention_h: float = Field(default=24 * 30, gt=0, description="The same for findings and refused records")
     export_max_rows: int = Field(default=2_000_000, ge=1, description="Most rows of one export")
     mirror_batch_transactions: int = Field(default=2_000, ge=1, description="Most transactions in one commit")
+    row_check_transactions_per_s: int = Field(
+        default=200, ge=0, description="How fast rows are derived anew to be compared with the ledger; 0: never"
+    )
     log_level: Literal["debug", "info", "warning", "error"] = "info"
 
     audit_identity: str | None = Field(
         default=None, description="Which identity of connection.json anchors the audit log on the ledger"
     )
+    timestamp_url: str | None = Field(
+        default=None, pattern=r"^https?://[^/\s]+(/\S*)?$", description="RFC 3161 service that stamps evidence"
+    )
     audit_anchor_s: int = Field(default=300, ge=1, le=86_400, description="How often, where there is something new")
+    audit_stream: AuditStreamSettings | None = Field(
+        default=None, description="Where it is sent as it grows; see docs/operate/people.md"
+    )
     oidc: OidcSettings = Field(default=OidcSettings(), description="OpenID provider; see docs/operate/people.md")
     map: MapSettings = Field(default=MapSettings(), description="Base maps; see docs/operate/map.md")
     outputs: OutputSettings = Field(

@@ -35,7 +35,7 @@ async def keep(connection: AsyncConnection, pad_id: str, body: bytes, now_ms: in
     return sha256, True
 
 
-async def find(database: AsyncSession, pad_id: str, sha256: str) -> bytes | None:
+async def find_site_plan(database: AsyncSession, pad_id: str, sha256: str) -> bytes | None:
     """A kept plan's bytes, by its pad and SHA-256."""
     row = await database.get(SitePlanRow, (pad_id, sha256))
     return None if row is None else row.body

@@ -22,6 +22,11 @@ class Change:
     """The state's key that it changes."""
 
     @property
+    def step_up(self) -> str:
+        """What its sender has to prove besides: `FRESH`, `RECENT` or nothing."""
+        return _STEP_UP.get(self.function, "")
+
+    @property
     def argument(self) -> type[Record]:
         """The record that is its argument."""
         return tx.TRANSACTIONS[self.function].argument
@@ -30,6 +35,17 @@ class Change:
     def roles(self) -> tuple[str, ...]:
         """Whom the contract lets send it; it checks in addition whose pad or drone it is."""
         return tx.TRANSACTIONS[self.function].roles
+
+
+FRESH, RECENT = "fresh", "recent"
+_STEP_UP: Final = {
+    "ProposePolicy": FRESH,
+    "ProposeReinstatement": FRESH,
+    "ApproveChange": FRESH,
+    # These take away, and may be urgent.
+    "SetClosures": RECENT,
+    "SetUavStatus": RECENT,
+}
 
 
 def _of_pad(function: str) -> Change:
@@ -48,14 +64,24 @@ def _of_authorisation(function: str) -> Change:
     )
 
 
+def _of_proposal(function: str) -> Change:
+    return Change(
+        function, lambda its: f"change/{its.change_id}", lambda its: keys.composite(keys.CHANGE, its.change_id)
+    )
+
+
 CHANGES: Final = {
     change.function: change
     for change in (
         *map(_of_pad, ("RegisterPad", "UpdatePad", "RetirePad", "CommissionPad", "SetSitePlan")),
-        *map(_of_drone, ("RegisterUav", "SetUavStatus", "RecordMaintenance")),
+        *map(
+            _of_drone,
+            ("RegisterUav", "SetUavStatus", "ProposeReinstatement", "RecordMaintenance", "WithdrawCalibration"),
+        ),
         *map(_of_authorisation, ("GrantAuthorisation", "RevokeAuthorisation")),
+        *map(_of_proposal, ("ApproveChange", "WithdrawChange")),
         Change(
-            "SetPolicy",
+            "ProposePolicy",
             lambda its: f"policy/{its.pad_id}/{its.action}",
             lambda its: keys.composite(keys.POLICY, its.pad_id, its.action),
         ),

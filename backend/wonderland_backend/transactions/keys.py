@@ -99,7 +99,7 @@ class SigningKeys:
     async def of(self, person: Person) -> Sequence[dict[str, Any]]:
         """Somebody's keys, newest first, and whether the ledger takes them now."""
         async with self._database.read() as database:
-            return [self.shown(row) for row in await store.keys_of(database, person.person_id)]
+            return [self.key_json(row) for row in await store.keys_of(database, person.person_id)]
 
     async def usable(self, person: Person, certificate_sha256: str) -> Identity:
         """The identity of one of their keys that the ledger takes. Raises `Forbidden`."""
@@ -113,7 +113,7 @@ class SigningKeys:
             raise Forbidden(said("key_not_taken", why=problem))
         return Identity(row.msp_id, row.certificate.encode())
 
-    def shown(self, row: SigningKeyRow) -> dict[str, Any]:
+    def key_json(self, row: SigningKeyRow) -> dict[str, Any]:
         """The SigningKey of a row."""
         names = ("certificate_sha256", "msp_id", "name", "role", "not_after_ms", "certificate", "bound_ms")
         problem = self._problem(row)

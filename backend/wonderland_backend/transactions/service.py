@@ -18,7 +18,8 @@ from starlette.requests import HTTPConnection
 
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import ProofError
-from wonderland.proofs.records.transactions import RegisterUav
+from wonderland.proofs.records.schema import Record
+from wonderland.proofs.records.transactions import ApproveChange, RegisterUav
 from wonderland.proofs.records.uavs import without_secret
 from wonderland_backend import audit
 from wonderland_backend.context import part_of
@@ -49,11 +50,21 @@ _TRY_AGAIN_S: Final = (5.0, 15.0, 60.0)
 class Signing:
     """The service of a running backend. `clock` gives milliseconds since the Unix epoch."""
 
-    def __init__(self, database: Database, ledger: LedgerAccess, clock: Callable[[], int], *, per_minute: int) -> None:
+    def __init__(
+        self,
+        database: Database,
+        ledger: LedgerAccess,
+        clock: Callable[[], int],
+        *,
+        per_minute: int,
+        alone: bool = False,
+    ) -> None:
+        """`alone`: one person plays all parts, as in a demo."""
         self._database = database
         self._ledger = ledger
         self._clock = clock
         self._per_minute = per_minute
+        self._alone = alone
         self._following: dict[str, asyncio.Task[None]] = {}
 
     async def resume(self) -> None:
@@ -75,6 +86,7 @@ class Signing:
         if change is None:
             raise Forbidden(said("function_not_passed", functions=", ".join(sorted(CHANGES))))
         argument, record = _argument(change, asked.argument)
+        await self._require_second_person(person, record)
         await self._within_rate(person)
         proposal = self._ledger.contract(identity).propose(change.function, argument)
         now = self._clock()
@@ -102,7 +114,19 @@ class Signing:
             await store.add(connection, row)
         return SignedTransactionRow(**row), proposal.message
 
-    async def look(self, person: Person, tx_id: str) -> tuple[SignedTransactionRow, bytes | None]:
+    async def _require_second_person(self, person: Person, record: Record) -> None:
+        """Nobody approves by another certificate what the same account has proposed.
+
+        That certificates differ is the contract's to see; which account they belong to only we know.
+        """
+        if self._alone or not isinstance(record, ApproveChange):
+            return
+        async with self._database.read() as database:
+            proposed = await store.find_transaction(database, record.change_id)
+        if proposed is not None and proposed.person_id == person.person_id:
+            raise Forbidden(said("own_proposal"))
+
+    async def own_transaction(self, person: Person, tx_id: str) -> tuple[SignedTransactionRow, bytes | None]:
         """One's own transaction, and what is to be signed now. Raises `NotFound`."""
         row = await self._own(person, tx_id)
         return row, await self._to_sign(row)
@@ -187,7 +211,7 @@ class Signing:
     async def _settle(self, tx_id: str, *, begun: bool) -> bool:
         """One try; whether there is an outcome."""
         async with self._database.read() as database:
-            row = await store.find(database, tx_id)
+            row = await store.find_transaction(database, tx_id)
             mirrored = await transaction_of(database, tx_id) if begun else None
         if row is None or row.state not in store.UNDER_WAY or row.transaction is None:
             return True
@@ -216,7 +240,7 @@ class Signing:
 
     async def _own(self, person: Person, tx_id: str) -> SignedTransactionRow:
         async with self._database.read() as database:
-            row = await store.find(database, tx_id)
+            row = await store.find_transaction(database, tx_id)
         if row is None or row.person_id != person.person_id:
             raise NotFound(said("no_such_signing"))
         return row

@@ -25,7 +25,7 @@ KEEP_MS: Final = 30 * 86_400_000
 """The ledger and the audit log keep what was done; here it need not stay."""
 
 
-def shown(row: Row, language: Language, *, to_sign: bytes | None = None) -> dict[str, Any]:
+def transaction_json(row: Row, language: Language, *, to_sign: bytes | None = None) -> dict[str, Any]:
     """The SignedTransaction of a row, in the language of whoever asks."""
     content: dict[str, Any] = {
         "tx_id": row.tx_id,
@@ -59,13 +59,13 @@ async def count_since(database: AsyncSession, person_id: str, since_ms: int) -> 
     return int((await database.execute(query)).scalar_one())
 
 
-async def find(database: AsyncSession, tx_id: str) -> Row | None:
+async def find_transaction(database: AsyncSession, tx_id: str) -> Row | None:
     """The transaction with this id; None where there is none."""
     return await database.get(Row, tx_id)
 
 
 async def latest(database: AsyncSession, person_id: str, limit: int) -> Sequence[Row]:
-    """Somebody's, newest first."""
+    """Somebody's transactions, newest first, at most `limit`."""
     query = select(Row).where(Row.person_id == person_id).order_by(Row.created_ms.desc(), Row.tx_id).limit(limit)
     return (await database.scalars(query)).all()
 

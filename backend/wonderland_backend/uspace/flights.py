@@ -46,7 +46,7 @@ class Flight:
 
     @property
     def current(self) -> State:
-        """The newest state."""
+        """The newest state; there is always one."""
         return self.states[-1]
 
     @property
@@ -60,7 +60,7 @@ class Flight:
             return False
         return any(view.contains(state.lat, state.lng) for state in self.states)
 
-    def take(self, state: State) -> bool:
+    def take_state(self, state: State) -> bool:
         """A newer state, or one of the same moment that changes nothing. Returns whether it was new."""
         if self.states and state.t_ms <= self.current.t_ms:
             return False
@@ -97,7 +97,7 @@ class Flights:
         self._by_drone: OrderedDict[str, Flight] = OrderedDict()
         self._by_id: dict[str, Flight] = {}
 
-    def take(
+    def take_state(
         self,
         drone: str,
         state: State,
@@ -126,7 +126,7 @@ class Flights:
                 self._end(next(iter(self._by_drone.values())))
         elif not networked and now - flight.networked_ms < NETWORK_MS:
             return None
-        if not flight.take(state):
+        if not flight.take_state(state):
             return None
         if networked:
             flight.networked_ms = now
@@ -150,7 +150,7 @@ class Flights:
         if flight is not None:
             self._end(flight)
 
-    def find(self, flight_id: str) -> Flight | None:
+    def find_flight(self, flight_id: str) -> Flight | None:
         """A flight of the last minute."""
         flight = self._by_id.get(flight_id)
         if flight is None or not flight.forget(self._clock() - WINDOW_MS):

@@ -82,7 +82,7 @@ class Box:
         return max(distance_m(*one, *other) for one in corners for other in corners)
 
     def area_m2(self) -> float:
-        """Its area."""
+        """Its area in square metres, on the sphere."""
         height = abs(math.sin(_radians(self.north)) - math.sin(_radians(self.south)))
         return EARTH_M**2 * height * _radians(min(self.width, TURN))
 
@@ -133,7 +133,7 @@ class Cell:
         return cls(level, row, (lng + TURN // 2) % TURN * columns // TURN)
 
     def box(self) -> Box:
-        """Its edges."""
+        """Its edges in degrees."""
         height = FINEST_E7 << self.level
         columns = _columns(self.row >> (TILES - self.level), self.level)
         west, east = -(-self.column * TURN // columns), -(-(self.column + 1) * TURN // columns)

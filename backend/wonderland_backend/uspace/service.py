@@ -102,7 +102,7 @@ class USpace:
         for networked, positions in ((False, batch.heard), (True, batch.networked)):
             for t_ms, body in positions:
                 state, details = state_of(body, t_ms), details_of(body)
-                self.flights.take(body.uav_id, state, details, heard_ms=t_ms, networked=networked)
+                self.flights.take_state(body.uav_id, state, details, heard_ms=t_ms, networked=networked)
 
     @property
     def served(self) -> int:

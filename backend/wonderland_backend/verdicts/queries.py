@@ -15,12 +15,12 @@ from wonderland_backend.person import ALL, Scope
 from wonderland_backend.responses import record
 
 
-def shown(row: VerdictRow) -> Any:
+def verdict_json(row: VerdictRow) -> Any:
     """The VerdictSummary of a row."""
     return record(row.record, tx_id=row.tx_id, block=row.block, tx_index=row.tx_index)
 
 
-async def find(database: AsyncSession, session_id: str) -> VerdictRow | None:
+async def find_verdict(database: AsyncSession, session_id: str) -> VerdictRow | None:
     """The verdict of a session."""
     return await database.get(VerdictRow, session_id)
 

@@ -11,9 +11,8 @@ from typing import Any, Final
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wonderland_backend.clients.machines import person_of_client
-from wonderland_backend.clients.store import CLIENT
+from wonderland_backend.clients.store import CLIENT, find_limited
 from wonderland_backend.db.engine import Database
-from wonderland_backend.db.tables.clients import ClientRow
 from wonderland_backend.db.tables.people import PersonRow
 from wonderland_backend.db.tables.webhooks import DeliveryRow, SubscriptionRow
 from wonderland_backend.events import queries as feed
@@ -173,7 +172,7 @@ async def owner_of(session: AsyncSession, subscription: SubscriptionRow) -> Pers
     """Whose subscription it is, with the rights of today; None for a revoked client or a suspended person."""
     owner = subscription.owner
     if owner.startswith(CLIENT):
-        client = await session.get(ClientRow, owner)
+        client = await find_limited(session, owner)
         return person_of_client(client) if client is not None and client.revoked_ms is None else None
     row = await session.get(PersonRow, owner)
     if row is None or row.state != "active":

@@ -89,7 +89,7 @@ async def move(connection: AsyncConnection, row: SubscriptionRow, to: Place) -> 
 
 
 async def add(connection: AsyncConnection, row: Row) -> None:
-    """A new subscription."""
+    """Insert a subscription; its row says after which event it begins."""
     await connection.execute(insert(SubscriptionRow), [row])
 
 
@@ -105,8 +105,8 @@ async def remove(connection: AsyncConnection, subscription_id: str) -> None:
     await connection.execute(delete(SubscriptionRow).where(SubscriptionRow.subscription_id == subscription_id))
 
 
-async def find(database: AsyncSession, subscription_id: str) -> SubscriptionRow | None:
-    """One subscription."""
+async def find_subscription(database: AsyncSession, subscription_id: str) -> SubscriptionRow | None:
+    """The subscription; None where there is none of this id."""
     return await database.get(SubscriptionRow, subscription_id)
 
 
@@ -117,7 +117,7 @@ async def hold(connection: AsyncConnection, subscription_id: str) -> None:
 
 
 async def delivery(database: AsyncSession, delivery_id: str) -> DeliveryRow | None:
-    """One delivery."""
+    """The delivery; None where there is none of this id, or it was forgotten."""
     return await database.get(DeliveryRow, delivery_id)
 
 
@@ -172,7 +172,7 @@ async def forget(connection: AsyncConnection, before_ms: int) -> None:
     )
 
 
-def shown(row: SubscriptionRow) -> Row:
+def subscription_json(row: SubscriptionRow) -> Row:
     """The subscription as the interface shows it: never its secret."""
     wanted = {"types": [], "pads": [], "drones": [], "outcomes": []} | orjson.loads(row.filter)
     return {
@@ -187,7 +187,7 @@ def shown(row: SubscriptionRow) -> Row:
     }
 
 
-def shown_delivery(row: DeliveryRow) -> Row:
+def delivery_json(row: DeliveryRow) -> Row:
     """The delivery as the interface shows it."""
     state = "delivered" if row.delivered_ms is not None else "dead" if row.next_ms is None else "waiting"
     content: Row = {
@@ -268,7 +268,7 @@ async def claim_delivery(connection: AsyncConnection, delivery: DeliveryRow, unt
 
 
 async def note_delivery(connection: AsyncConnection, delivery: DeliveryRow, values: dict[str, Any]) -> None:
-    """How it went."""
+    """Set columns of a delivery after an attempt: when it arrived, or what went wrong and when it is tried again."""
     await connection.execute(_one(delivery).values(**values))
 
 

@@ -27,7 +27,7 @@ class Differing:
     def __init__(self) -> None:
         self._known: dict[str, tuple[Seen, str]] = {}
 
-    async def look(self, database: AsyncSession, now_ms: int) -> list[tuple[str, str]]:
+    async def look_at_pads(self, database: AsyncSession, now_ms: int) -> list[tuple[str, str]]:
         """Pads, and how theirs are wrong: `missing` or `differs`."""
         sets = await queries.imports_that_hold(database)
         if any(now_ms - imported_ms < SETTLE_MS for _, imported_ms in sets):

@@ -40,7 +40,7 @@ async def listing(database: AsyncSession, scope: Scope, *, after: str | None, li
     return [await zones_of(database, row[0], row[1]) for row in rows]
 
 
-async def find(database: AsyncSession, scope: Scope, pad_id: str) -> PadZones | None:
+async def find_pad_zones(database: AsyncSession, scope: Scope, pad_id: str) -> PadZones | None:
     """One pad in service with its zones."""
     query = scope.narrow(queries.in_service(None, 1).where(PadRow.pad_id == pad_id), pad=PadRow.pad_id)
     row = (await database.execute(query)).first()
@@ -79,8 +79,8 @@ def state_of(its: PadZones, now_ms: int) -> str:
     return "ending" if until - now_ms < ENDING_MS else "current"
 
 
-def shown(its: PadZones, language: Language, now_ms: int) -> dict[str, Any]:
-    """As PadClosures."""
+def pad_closures_json(its: PadZones, language: Language, now_ms: int) -> dict[str, Any]:
+    """The PadClosures of the API: zones that reach the pad, and what is published of them."""
     content: dict[str, Any] = {
         "pad_id": its.pad.pad_id,
         "name": orjson.loads(its.pad.record)["name"],

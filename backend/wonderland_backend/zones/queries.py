@@ -53,7 +53,7 @@ def _holds(row: Row, filters: ZoneQuery) -> bool:
     return bool(spans(zone_of(row[0].feature), filters.since_ms, until, validity(row[1].about)))
 
 
-async def find(database: AsyncSession, zone_id: str) -> Row | None:
+async def find_zone(database: AsyncSession, zone_id: str) -> Row | None:
     """One zone that is in force."""
     row = (await database.execute(holding().where(ZoneRow.zone_id == zone_id))).first()
     return None if row is None else (row[0], row[1])

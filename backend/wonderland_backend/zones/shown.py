@@ -17,7 +17,7 @@ from wonderland_backend.zones.zone import Zone, plain, zone_of
 Row = tuple[ZoneRow, ZoneSetRow]
 
 
-def shown(row: Row, language: Language, now_ms: int) -> dict[str, Any]:
+def zone_json(row: Row, language: Language, now_ms: int) -> dict[str, Any]:
     """One zone with its feature."""
     zone_row, data_set = row
     zone = zone_of(zone_row.feature)

@@ -89,7 +89,7 @@ async def history(call: Call, argument: tx.AssetHistoryOf) -> Answer:
 
 
 async def _require(call: Call, asset_id: str) -> Asset:
-    asset = await call.find(keys.composite(keys.ASSET, asset_id), Asset)
+    asset = await call.find_record(keys.composite(keys.ASSET, asset_id), Asset)
     if asset is None:
         raise not_there("ASSET_UNKNOWN", f"there is no asset {asset_id}; CreateAsset makes one")
     return asset

@@ -52,14 +52,14 @@ class Call:
 
     @property
     def now_ms(self) -> int:
-        """The transaction's time."""
+        """The transaction's time (Unix, ms), as its proposer said it: the same for every endorser."""
         return self.stub.timestamp_ms
 
     async def read_ahead(self, keys: Sequence[str]) -> None:
         """Read at once what this transaction will look for; on Fabric each question is a round trip to the peer."""
         self._ahead.update(zip(keys, await self.stub.get_many(keys), strict=True))
 
-    async def find(self, key: str, kind: type[R]) -> R | None:
+    async def find_record(self, key: str, kind: type[R]) -> R | None:
         """The committed record under a key, or None."""
         data = self._ahead[key] if key in self._ahead else await self.stub.get(key)
         return None if data is None else stored(data, kind)
@@ -68,12 +68,12 @@ class Call:
         """The first of these keys' committed records that is there."""
         await self.read_ahead([key for key in keys if key not in self._ahead])
         for key in keys:
-            if (found := await self.find(key, kind)) is not None:
+            if (found := await self.find_record(key, kind)) is not None:
                 return found
         return None
 
     async def store(self, key: str, record: Record) -> None:
-        """Write a record."""
+        """Write a record's canonical bytes under its key."""
         await self.stub.put(key, record.encode())
 
     async def store_new(self, key: str, record: Record, msp_id: str) -> None:

@@ -47,7 +47,7 @@ async def set_closures(call: Call, argument: tx.SetClosures) -> Answer:
 
 async def read(call: Call, argument: tx.PadById) -> Answer:
     """ReadClosures."""
-    closures = await call.find(key_of(argument.pad_id), Closures)
+    closures = await call.find_record(key_of(argument.pad_id), Closures)
     if closures is None:
         raise not_there("CLOSURES_UNKNOWN", f"no closures were ever set for pad {argument.pad_id}; no zone closes it")
     return Answer(closures.to_json())
@@ -58,7 +58,7 @@ async def reasons_against(call: Call, session: Session) -> tuple[Reason, ...]:
 
     None at a pad that never had closures.
     """
-    closures = await call.find(key_of(session.pad_id), Closures)
+    closures = await call.find_record(key_of(session.pad_id), Closures)
     if closures is None:
         return ()
     if session.expires_ms > closures.valid_until_ms:

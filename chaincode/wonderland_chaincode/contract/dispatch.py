@@ -8,7 +8,19 @@ from typing import Any, Final
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.transactions import TRANSACTIONS
-from wonderland_chaincode.contract import access, assets, closures, pads, policies, sessions, uavs, witnesses
+from wonderland_chaincode.contract import (
+    access,
+    assets,
+    audit,
+    calibrations,
+    changes,
+    closures,
+    pads,
+    policies,
+    sessions,
+    uavs,
+    witnesses,
+)
 from wonderland_chaincode.contract.call import Answer, Call
 from wonderland_chaincode.contract.errors import bad_input, not_there
 from wonderland_chaincode.stub import Stub
@@ -27,10 +39,16 @@ HANDLERS: Final[Mapping[str, Handler]] = {
     "RegisterUav": uavs.register,
     "SetUavStatus": uavs.set_status,
     "RecordMaintenance": uavs.record_maintenance,
+    "CalibrateUav": calibrations.register,
+    "WithdrawCalibration": calibrations.withdraw,
     "GrantAuthorisation": uavs.grant,
     "RevokeAuthorisation": uavs.revoke,
     "ReadUav": uavs.read,
-    "SetPolicy": policies.set_policy,
+    "ProposePolicy": changes.propose_policy,
+    "ProposeReinstatement": changes.propose_reinstatement,
+    "ApproveChange": changes.approve,
+    "WithdrawChange": changes.withdraw,
+    "ReadChange": changes.read,
     "ReadPolicy": policies.read,
     "SetClosures": closures.set_closures,
     "ReadClosures": closures.read,
@@ -47,6 +65,8 @@ HANDLERS: Final[Mapping[str, Handler]] = {
     "DeleteAsset": assets.delete,
     "ReadAsset": assets.read,
     "AssetHistory": assets.history,
+    "AnchorAuditLog": audit.anchor,
+    "ListAuditHeads": audit.heads,
 }
 
 

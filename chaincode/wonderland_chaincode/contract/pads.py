@@ -8,7 +8,7 @@ from typing import Final
 from wonderland.proofs import encoding
 from wonderland.proofs.records import keys
 from wonderland.proofs.records import transactions as tx
-from wonderland.proofs.records.pads import Pad, Prekey
+from wonderland.proofs.records.pads import Commissioning, Pad, Prekey
 from wonderland_chaincode.contract import access, survey
 from wonderland_chaincode.contract.call import Answer, Call, stored
 from wonderland_chaincode.contract.errors import bad_input, conflict, not_there, refused
@@ -19,7 +19,7 @@ RETIRED: Final = "retired"
 
 async def require(call: Call, pad_id: str) -> Pad:
     """The pad, or ContractError (404)."""
-    pad = await call.find(keys.composite(keys.PAD, pad_id), Pad)
+    pad = await call.find_record(keys.composite(keys.PAD, pad_id), Pad)
     if pad is None:
         raise not_there("PAD_UNKNOWN", f"there is no pad {pad_id}; RegisterPad makes one known")
     return pad
@@ -31,6 +31,17 @@ async def require_in_service(call: Call, pad_id: str) -> Pad:
     if pad.status == RETIRED:
         raise refused("PAD_RETIRED", f"pad {pad_id} is retired for good; register another identifier")
     return pad
+
+
+def commissioned(pad: Pad, now_ms: int) -> tuple[Commissioning, str]:
+    """The survey on which a verdict of this moment can stand, and its digest."""
+    if pad.commissioning is None or pad.commissioning_sha256 is None:
+        raise refused("PAD_NOT_COMMISSIONED", f"pad {pad.pad_id} has not been surveyed; CommissionPad comes first")
+    if not pad.commissioning.valid_from_ms <= now_ms < pad.commissioning.valid_until_ms:
+        raise refused(
+            "COMMISSIONING_NOT_VALID", f"the commissioning of pad {pad.pad_id} is not valid now; survey it again"
+        )
+    return pad.commissioning, pad.commissioning_sha256
 
 
 async def register(call: Call, argument: tx.RegisterPad) -> Answer:

@@ -1,4 +1,4 @@
-"""Policies: set for a pad or all, an action or all; the most specific one holds."""
+"""Policies: set for a pad or all, an action or all; the most specific one holds. Two people set them (`changes`)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Final
 
 from wonderland.proofs.records import keys
 from wonderland.proofs.records import transactions as tx
+from wonderland.proofs.records.changes import PolicyChange
 from wonderland.proofs.records.policies import Policy
 from wonderland_chaincode.contract import pads
 from wonderland_chaincode.contract.call import Answer, Call
@@ -26,23 +27,19 @@ async def in_force(call: Call, pad_id: str, action: str) -> Policy:
     return await call.find_first(keys_for(pad_id, action), Policy) or Policy()
 
 
-async def set_policy(call: Call, argument: tx.SetPolicy) -> Answer:
-    """SetPolicy. It holds for sessions requested from now on; a session keeps the policy of its request."""
-    if argument.pad_id != ANY:
-        await pads.require_in_service(call, argument.pad_id)
-    policy = argument.policy
-    witness_id = policy.witness_pad_id
-    if witness_id is None and policy.min_assurance >= WITNESSED:
-        raise refused("WITNESS_MISSING", f"policy: assurance {policy.min_assurance} needs a witness (witness_pad_id)")
-    if witness_id is not None and witness_id == argument.pad_id:
+async def require_possible(call: Call, wanted: PolicyChange) -> None:
+    """Raises ContractError for a policy that no session could fulfil."""
+    if wanted.pad_id != ANY:
+        await pads.require_in_service(call, wanted.pad_id)
+    witness_id = wanted.policy.witness_pad_id
+    if witness_id is None and wanted.policy.min_assurance >= WITNESSED:
+        raise refused(
+            "WITNESS_MISSING", f"policy: assurance {wanted.policy.min_assurance} needs a witness (witness_pad_id)"
+        )
+    if witness_id is not None and witness_id == wanted.pad_id:
         raise refused("WITNESS_IS_PAD", f"policy: pad {witness_id} cannot be its own witness; name another pad")
     if witness_id is not None:
         await pads.require_in_service(call, witness_id)
-    key = keys.composite(keys.POLICY, argument.pad_id, argument.action)
-    await call.stub.get(key)  # so that of two who set it on the same ground one is refused (MVCC)
-    await call.store(key, policy)
-    document = policy.to_json()
-    return Answer(document, {"pad_id": argument.pad_id, "action": argument.action, "policy": document})
 
 
 async def read(call: Call, argument: tx.PolicyFor) -> Answer:

@@ -15,14 +15,14 @@ from typing import Final
 from wonderland.proofs import encoding
 from wonderland.proofs.records import keys
 from wonderland.proofs.records import transactions as tx
-from wonderland.proofs.records.pads import Commissioning, Pad, Prekey
+from wonderland.proofs.records.pads import Prekey
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Claim, Evidence, LastRequest, Party, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.statement import statement
 from wonderland.proofs.transcript import transcript_of
 from wonderland.proofs.verdict import decide
-from wonderland_chaincode.contract import access, closures, pads, policies, uavs, witnesses
+from wonderland_chaincode.contract import access, calibrations, closures, pads, policies, uavs, witnesses
 from wonderland_chaincode.contract.call import Answer, Call
 from wonderland_chaincode.contract.errors import ContractError, bad_input, conflict, not_there, refused
 from wonderland_chaincode.contract.signatures import is_point, signature_holds
@@ -32,7 +32,7 @@ GRANTED: Final = "granted"
 
 async def require(call: Call, session_id: str) -> Session:
     """The session, or ContractError (404)."""
-    session = await call.find(keys.composite(keys.SESSION, session_id), Session)
+    session = await call.find_record(keys.composite(keys.SESSION, session_id), Session)
     if session is None:
         raise not_there("SESSION_UNKNOWN", f"there is no session {session_id}; its id is the id of its RequestProof")
     return session
@@ -59,12 +59,12 @@ async def request(call: Call, argument: tx.RequestProof) -> Answer:
     access.require_uav_owner(who, uav)
     uavs.require_not_retired(uav)
     pad = await pads.require_in_service(call, argument.pad_id)
-    _, digest = _commissioned(pad, now_ms)
+    _, digest = pads.commissioned(pad, now_ms)
     policy = await policies.in_force(call, pad.pad_id, argument.action)
     _require_fresh(argument.claim, policy, now_ms)
     await _require_patience(call, pad.pad_id, uav_id, policy)
     prekey = await _consumed_prekey(call, pad.pad_id, argument.prekey_id, policy)
-    witness = await witnesses.chosen(call, argument, policy, _commissioned, _consumed_prekey)
+    witness = await witnesses.chosen(call, argument, policy, pads.commissioned, _consumed_prekey)
 
     session = Session(
         session_id=call.stub.tx_id,
@@ -90,6 +90,8 @@ async def request(call: Call, argument: tx.RequestProof) -> Answer:
         expires_ms=now_ms + policy.session_ttl_ms,
         witness=witness,
         site_plan_sha256=pad.site_plan_sha256,
+        node=argument.node,
+        calibration=calibrations.in_force(uav, pad, now_ms),
     )
     transcript = transcript_of(session, call.stub.channel)
     session = replace(session, transcript_sha256=transcript.digest().hex())
@@ -117,7 +119,7 @@ async def submit(call: Call, argument: tx.SubmitProof) -> Answer:
         # Otherwise a drone with a fast clock, or a dishonest one, could keep its session alive for longer.
         raise refused("CLOCKS_DISAGREE", f"session {_short(session)} was requested in the pad's future; set the clocks")
     pad = await pads.require_in_service(call, session.pad_id)
-    commissioning, digest = _commissioned(pad, now_ms)
+    commissioning, digest = pads.commissioned(pad, now_ms)
     if digest != session.commissioning_sha256:
         raise conflict(
             "COMMISSIONING_CHANGED", f"pad {pad.pad_id} was commissioned anew since the request; request anew"
@@ -176,24 +178,13 @@ async def read(call: Call, argument: tx.SessionById) -> Answer:
 
 async def read_verdict(call: Call, argument: tx.SessionById) -> Answer:
     """ReadVerdict."""
-    session = await call.find(keys.composite(keys.SESSION, argument.session_id), Session)
+    session = await call.find_record(keys.composite(keys.SESSION, argument.session_id), Session)
     decided = session is not None and session.decided_ms is not None
     # Only the session is sure to bear the signature of the pad's organisation (decision 0005).
     verdict = await _verdict(call, argument.session_id) if decided else None
     if verdict is None:
         raise not_there("VERDICT_UNKNOWN", f"session {argument.session_id} has no verdict (yet)")
     return Answer(verdict.to_json())
-
-
-def _commissioned(pad: Pad, now_ms: int) -> tuple[Commissioning, str]:
-    """The survey on which a verdict of this moment can stand, and its digest."""
-    if pad.commissioning is None or pad.commissioning_sha256 is None:
-        raise refused("PAD_NOT_COMMISSIONED", f"pad {pad.pad_id} has not been surveyed; CommissionPad comes first")
-    if not pad.commissioning.valid_from_ms <= now_ms < pad.commissioning.valid_until_ms:
-        raise refused(
-            "COMMISSIONING_NOT_VALID", f"the commissioning of pad {pad.pad_id} is not valid now; survey it again"
-        )
-    return pad.commissioning, pad.commissioning_sha256
 
 
 def _require_fresh(claim: Claim, policy: Policy, now_ms: int) -> None:
@@ -211,7 +202,7 @@ async def _require_patience(call: Call, pad_id: str, uav_id: str, policy: Policy
     if policy.min_request_gap_ms == 0:
         return
     key = keys.composite(keys.LAST_REQUEST, uav_id, pad_id)
-    last = await call.find(key, LastRequest)
+    last = await call.find_record(key, LastRequest)
     if last is not None and call.now_ms < last.requested_ms + policy.min_request_gap_ms:
         raise refused(
             "ASKED_TOO_SOON",
@@ -235,7 +226,7 @@ async def _consumed_prekey(call: Call, pad_id: str, prekey_id: str, policy: Poli
 
 
 async def _waiting_prekey(call: Call, key: str, pad_id: str, prekey_id: str) -> Prekey:
-    prekey = await call.find(key, Prekey)
+    prekey = await call.find_record(key, Prekey)
     if prekey is not None:
         return prekey
     if await call.stub.get(keys.composite(keys.USED_PREKEY, pad_id, prekey_id)) is not None:
@@ -264,7 +255,7 @@ def _require_state(session: Session, state: str) -> None:
 
 
 async def _verdict(call: Call, session_id: str) -> Verdict | None:
-    return await call.find(keys.composite(keys.VERDICT, session_id), Verdict)
+    return await call.find_record(keys.composite(keys.VERDICT, session_id), Verdict)
 
 
 async def _permitted(call: Call, session: Session) -> bool:

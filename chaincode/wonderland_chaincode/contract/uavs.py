@@ -8,6 +8,7 @@ from typing import Final
 from wonderland.proofs.reasons import reason
 from wonderland.proofs.records import keys
 from wonderland.proofs.records import transactions as tx
+from wonderland.proofs.records.changes import Reinstatement
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.records.uavs import Authorisation, Maintenance, Uav, without_secret
@@ -16,7 +17,7 @@ from wonderland_chaincode.contract import access, pads
 from wonderland_chaincode.contract.call import Answer, Call, stored
 from wonderland_chaincode.contract.errors import bad_input, conflict, not_allowed, not_there, refused
 
-RETIRED: Final = "retired"
+ACTIVE, SUSPENDED, RETIRED = "active", "suspended", "retired"
 MAX_AUTHORISATIONS: Final = 256
 """Of one drone at a time: what a verdict may have to look through. Ended ones make room; history keeps them."""
 MAX_SKEW_MS: Final = 5_000
@@ -25,7 +26,7 @@ MAX_SKEW_MS: Final = 5_000
 
 async def require(call: Call, uav_id: str) -> Uav:
     """The drone, or ContractError (404)."""
-    uav = await call.find(keys.composite(keys.UAV, uav_id), Uav)
+    uav = await call.find_record(keys.composite(keys.UAV, uav_id), Uav)
     if uav is None:
         raise not_there("UAV_UNKNOWN", f"there is no drone {uav_id}; RegisterUav makes one known")
     return uav
@@ -54,7 +55,7 @@ async def register(call: Call, argument: tx.RegisterUav) -> Answer:
         msp_id=call.who.msp_id,
         registration=argument.registration,
         model=argument.model,
-        status="active",
+        status=ACTIVE,
         registered_ms=call.now_ms,
         updated_ms=call.now_ms,
     )
@@ -63,7 +64,7 @@ async def register(call: Call, argument: tx.RegisterUav) -> Answer:
 
 
 async def set_status(call: Call, argument: tx.SetUavStatus) -> Answer:
-    """SetUavStatus: the authority suspends, reactivates and retires; an operator may retire its own drone."""
+    """SetUavStatus: the authority suspends and retires; an operator may retire its own drone."""
     uav = await require(call, argument.uav_id)
     access.require_uav_owner(call.who, uav)
     if not access.is_authority(call.who) and argument.status != RETIRED:
@@ -71,7 +72,27 @@ async def set_status(call: Call, argument: tx.SetUavStatus) -> Answer:
             "OPERATOR_MAY_ONLY_RETIRE", "a fleet operator may retire its drone; suspensions are the authority's"
         )
     require_not_retired(uav)
+    if argument.status == ACTIVE:
+        raise not_allowed(
+            "TWO_PEOPLE_NEEDED",
+            "a suspension is lifted by two people: one sends ProposeReinstatement, another one ApproveChange",
+        )
     return await _changed(call, replace(uav, status=argument.status, status_reason=argument.reason))
+
+
+async def reinstate(call: Call, wanted: Reinstatement) -> None:
+    """Lift a suspension. Raises ContractError where there is none."""
+    uav = await require_suspended(call, wanted.uav_id)
+    await _changed(call, replace(uav, status=ACTIVE, status_reason=wanted.reason))
+
+
+async def require_suspended(call: Call, uav_id: str) -> Uav:
+    """The drone, which is suspended; else ContractError (404, 422)."""
+    uav = await require(call, uav_id)
+    require_not_retired(uav)
+    if uav.status != SUSPENDED:
+        raise refused("UAV_NOT_SUSPENDED", f"drone {uav_id} is {uav.status}; there is no suspension to lift")
+    return uav
 
 
 async def record_maintenance(call: Call, argument: tx.RecordMaintenance) -> Answer:
@@ -126,7 +147,7 @@ async def grant(call: Call, argument: tx.GrantAuthorisation) -> Answer:
 async def revoke(call: Call, argument: tx.RevokeAuthorisation) -> Answer:
     """RevokeAuthorisation."""
     key = _authorisation_key(argument.uav_id, argument.authorisation_id)
-    authorisation = await call.find(key, Authorisation)
+    authorisation = await call.find_record(key, Authorisation)
     if authorisation is None:
         raise not_there(
             "AUTHORISATION_UNKNOWN", f"drone {argument.uav_id} has no authorisation {argument.authorisation_id}"
@@ -155,7 +176,7 @@ async def reasons_against(call: Call, session: Session) -> tuple[Reason, ...]:
 
 
 def _status_reasons(uav: Uav) -> tuple[Reason, ...]:
-    if uav.status == "active":
+    if uav.status == ACTIVE:
         return ()
     return (reason(f"uav_{uav.status}"),)
 

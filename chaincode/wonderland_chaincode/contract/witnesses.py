@@ -40,7 +40,7 @@ async def chosen(
             raise bad_input("NO_WITNESS_NAMED", "witness_prekey_id: the policy of this pad and action names no witness")
         return None
     if witness_id == argument.pad_id:
-        raise refused("WITNESS_IS_PAD", f"the policy names pad {witness_id} as its own witness; SetPolicy corrects it")
+        raise refused("WITNESS_IS_PAD", f"the policy names pad {witness_id} as its own witness; propose another one")
     if argument.witness_prekey_id is None:
         if policy.min_assurance >= WITNESSED:
             raise refused(
@@ -64,7 +64,7 @@ async def chosen(
 
 async def testify(call: Call, argument: tx.WitnessProof) -> Answer:
     """WitnessProof: once, by the witness that the session names, before the session is decided."""
-    session = await call.find(keys.composite(keys.SESSION, argument.session_id), Session)
+    session = await call.find_record(keys.composite(keys.SESSION, argument.session_id), Session)
     if session is None:
         raise not_there("SESSION_UNKNOWN", f"there is no session {argument.session_id}")
     witness = session.witness
@@ -99,7 +99,7 @@ async def testify(call: Call, argument: tx.WitnessProof) -> Answer:
 
 async def read(call: Call, argument: tx.SessionById) -> Answer:
     """ReadTestimony."""
-    testimony = await call.find(keys.composite(keys.TESTIMONY, argument.session_id), Testimony)
+    testimony = await call.find_record(keys.composite(keys.TESTIMONY, argument.session_id), Testimony)
     if testimony is None:
         raise not_there("TESTIMONY_UNKNOWN", f"session {argument.session_id} has no testimony (yet)")
     return Answer(testimony.to_json())
@@ -109,7 +109,7 @@ async def brought(call: Call, session: Session) -> WitnessBrought | None:
     """What the session's witness brought, with the survey that it rests on; None where nothing serves."""
     if session.witness is None:
         return None
-    testimony = await call.find(keys.composite(keys.TESTIMONY, session.session_id), Testimony)
+    testimony = await call.find_record(keys.composite(keys.TESTIMONY, session.session_id), Testimony)
     if testimony is None:
         return None
     pad = await pads.require(call, session.witness.pad_id)

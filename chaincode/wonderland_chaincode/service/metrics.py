@@ -32,16 +32,16 @@ class Value:
     values: dict[_Labels, float] = field(default_factory=dict)
 
     def inc(self, by: float = 1.0, **labels: str) -> None:
-        """Add to it."""
+        """Add `by` for this set of labels, which begins at 0."""
         key = tuple(labels.items())
         self.values[key] = self.values.get(key, 0.0) + by
 
     def dec(self) -> None:
-        """Take one off."""
+        """Take one off a gauge that has no labels."""
         self.inc(-1.0)
 
     def set(self, value: float, **labels: str) -> None:
-        """Make it this."""
+        """Set a gauge's value for this set of labels."""
         self.values[tuple(labels.items())] = value
 
     def lines(self) -> Iterator[str]:

@@ -46,7 +46,7 @@ class Operations:
         return self.address
 
     async def stop(self) -> None:
-        """Answer no more."""
+        """Close the port of health and metrics."""
         if self._server is not None:
             self._server.close()
             await self._server.wait_closed()

@@ -106,7 +106,7 @@ class ContractServer:
 
     @property
     def in_flight(self) -> int:
-        """Transactions under way."""
+        """How many transactions run just now, of all peers."""
         return sum(stream.in_flight for stream in self._streams)
 
     async def _connect(self, _: Any, context: grpc.aio.ServicerContext[bytes, bytes]) -> None:

@@ -96,7 +96,7 @@ class PeerStream:
 
     @property
     def in_flight(self) -> int:
-        """Transactions under way."""
+        """How many transactions of this peer run just now."""
         return len(self._running)
 
     async def _write_all(self) -> None:

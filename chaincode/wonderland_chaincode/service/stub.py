@@ -81,7 +81,7 @@ class PeerStub:
 
     @property
     def tx_id(self) -> str:
-        """Transaction id."""
+        """The transaction's id: 64 hexadecimal digits."""
         return self._facts.tx_id
 
     @property
@@ -91,7 +91,7 @@ class PeerStub:
 
     @property
     def creator(self) -> Creator:
-        """Who signed it."""
+        """Who signed the proposal: organisation, role and id from the certificate."""
         return self._facts.creator
 
     async def get(self, key: str) -> bytes | None:

@@ -60,7 +60,7 @@ class Judged:
         return self.honest.count("refuted") + self.lies_verified
 
     def document(self) -> dict[str, Any]:
-        """For machines."""
+        """JSON values, as `--json` prints them."""
         return {
             "basis": self.basis,
             "windows": len(self.honest),
@@ -79,7 +79,7 @@ class Choice:
     judged: tuple[Judged, ...] = ()
 
     def document(self) -> dict[str, Any]:
-        """For machines."""
+        """JSON values, as `--json` prints them."""
         return {"basis": self.fit.basis, "held_out": [one.document() for one in self.judged]}
 
     def sentence(self) -> str:

@@ -51,7 +51,7 @@ def _metres(name: str, default: float, least: float, most: float, text: str) -> 
     help="Of blinks, for assurance 3; one for each --recording, in the same order.",
 )
 @click.option("--anchors", required=True, type=_FILE, metavar="CSV|TOML", help="The survey of the anchors.")
-@click.option("--config", type=_FILE, metavar="TOML", help="Live: the pad's settings (pad.toml).")
+@click.option("--config", type=_FILE, metavar="TOML", help="The pad's settings (pad.toml).")
 @click.option("--state", type=click.Path(file_okay=False, path_type=Path), metavar="DIR", help="Live: kept steps.")
 @click.option("--reference", metavar="CSV|udp:HOST:PORT", help="The truth, where it is not in the recording.")
 @click.option("--truth-shift", callback=_shift, metavar="S|auto", help="The truth of t is at t + S. Live: auto.")
@@ -67,11 +67,11 @@ def _metres(name: str, default: float, least: float, most: float, text: str) -> 
 @click.option("--seconds", default=0.0, type=click.FloatRange(0.0), metavar="S", help="Live: end the run by itself.")
 @click.option("--another-run", is_flag=True, help="Live: add one more run, as of another day.")
 @click.option("--redo", default="", metavar="STEP", help="Live: do survey, check, run, fit or publish again.")
-@click.option("--identity", default="pad_operator", show_default=True, help="Live: who publishes (connection.json).")
-@click.option("--register", default="", metavar="NAME", help="Live: register the pad by this name, if it is not yet.")
-@click.option("--operator-id", default="", metavar="ID", help="Live: with --register, who operates the pad.")
-@click.option("--yes", is_flag=True, help="Live: publish without asking.")
-@click.option("--dry-run", is_flag=True, help="Live: everything but the transaction.")
+@click.option("--identity", default="pad_operator", show_default=True, help="Who publishes (connection.json).")
+@click.option("--register", default="", metavar="NAME", help="Register the pad by this name, if it is not yet.")
+@click.option("--operator-id", default="", metavar="ID", help="With --register, who operates the pad.")
+@click.option("--yes", is_flag=True, help="Publish without asking.")
+@click.option("--dry-run", is_flag=True, help="Everything but the transaction.")
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), metavar="JSON", help="The record goes here.")
 @click.option("--report", type=click.Path(path_type=Path), metavar="HTML|DIR", help="A report with plots goes here.")
 @_metres("--buffer", 1.0, 0.1, 100.0, "Buffer of the go/no-go map.")
@@ -87,7 +87,7 @@ def commission(*, config: Path | None, state: Path | None, **options: Any) -> No
       wonderland evaluate --recording other.csv --anchors anchors.csv --commissioning commissioning.json
     The recording has a row for each range: t, anchor, range, gt_x, gt_y, gt_z (s and m). Several recordings, of
     different days, also show what changes between them. Time stamps of blinks in the same runs (--time-stamps: t,
-    anchor, blink, ticks) calibrate the clocks, too.
+    anchor, blink, ticks) calibrate the clocks, too. With --config pad.toml the record is published for that pad.
 
     \b
     At a pad, step by step (survey, check, run, fit, publish); it goes on where it was interrupted:
@@ -95,13 +95,14 @@ def commission(*, config: Path | None, state: Path | None, **options: Any) -> No
           --origin 60.4503,22.2712,31.0 --reference udp:0.0.0.0:5490
     The reference is one JSON datagram for each position (x, y, z or lat, lon, height), or a file that is given
     afterwards: columns t, x, y, z or t, lat, lon, height, a ROS pose, or an export of Motive.
+    DWM1001 boards are recorded (wonderland uwb record) and published from the recording.
 
     \b
     Exit code:
       0  go: the pad verifies --buffer, at some distances in every direction
       1  nothing was commissioned: what was given teaches nothing, or the ledger refused it
       2  options that mean nothing
-      3  no-go: fitted (and published, at a live pad, if that was confirmed), but it verifies --buffer nowhere
+      3  no-go: fitted (and published, with --config, if that was confirmed), but it verifies --buffer nowhere
     """  # noqa: D301 - \b is click's mark for "do not wrap"
     try:
         from wonderland_edge_agent.commissioning.perform import perform  # noqa: PLC0415 - help is there without the extra

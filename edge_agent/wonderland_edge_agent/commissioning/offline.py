@@ -84,7 +84,7 @@ class Calibrated:
         return any(item.everywhere_m is not None for item in self.reaches if item.buffer_m == self.map.buffer_m)
 
     def document(self) -> dict[str, Any]:
-        """For machines."""
+        """JSON values, as `--json` prints them."""
         out = self.fit.document()
         out["go"] = self.go
         if self.choice is not None:

@@ -13,15 +13,15 @@ from typing import Any, Final
 import click
 from rich.console import Console
 
-from wonderland_edge_agent.commissioning.errors import CommissioningError
+from wonderland_edge_agent.commissioning.errors import CommissioningError, SurveyError
 from wonderland_edge_agent.commissioning.fit import FitSettings
-from wonderland_edge_agent.commissioning.live.publish import Operator
+from wonderland_edge_agent.commissioning.live.publish import Operator, publish
 from wonderland_edge_agent.commissioning.live.terminal import Terminal
-from wonderland_edge_agent.commissioning.live.wizard import LiveSettings, Wizard
+from wonderland_edge_agent.commissioning.live.wizard import PUBLISH_QUESTION, UNTIED, LiveSettings, Wizard
 from wonderland_edge_agent.commissioning.offline import Calibrated, OfflineSettings, calibrate, write_record
 from wonderland_edge_agent.commissioning.show import show
-from wonderland_edge_agent.commissioning.survey_files import parse_origin
-from wonderland_edge_agent.settings import SettingsError, load
+from wonderland_edge_agent.commissioning.survey_files import load_survey, parse_origin
+from wonderland_edge_agent.settings import PadSettings, SettingsError, load
 
 NO_GO: Final = 3
 """Exit code of a pad that verifies the buffer asked for nowhere."""
@@ -30,24 +30,31 @@ NO_GO: Final = 3
 def perform(config: Path | None, state: Path | None, **options: Any) -> None:
     """Calibrate from recordings, or at a live pad. Raises click's exceptions, with texts for people."""
     try:
-        if config is None and state is None:
-            _from_recordings(**options)
+        if state is None and (config is None or options["recordings"]):
+            _from_recordings(config, **options)
         elif config is None or state is None:
-            raise click.UsageError("at a live pad both --config and --state are needed")
+            raise click.UsageError("at a live pad both --config and --state are needed, or --config and --recording")
         else:
             _at_the_pad(config, state, **options)
     except (CommissioningError, SettingsError) as error:
         raise click.ClickException(str(error)) from error
 
 
-def _from_recordings(*, out: Path | None, report: Path | None, as_json: bool, anchors: Path, **options: Any) -> None:
-
-    live = [name for name in _LIVE_ONLY if options.pop(name) not in _LIVE_ONLY[name]]
+def _from_recordings(
+    config: Path | None, *, out: Path | None, report: Path | None, as_json: bool, anchors: Path, **options: Any
+) -> None:
+    """With ``config`` what is found is published for that pad, as at a live one."""
+    publishing = {name: options[name] for name in _PUBLISHING}
+    live = [name for name, usual in (_LIVE_ONLY | _PUBLISHING).items() if options.pop(name) not in usual]
+    if config is not None:
+        live = [name for name in live if name not in _PUBLISHING]
     if live:
         raise click.UsageError(
             f"{', '.join('--' + name.replace('_', '-') for name in live)}: only at a live pad (--config)"
         )
-    found = calibrate(_offline(anchors=anchors, **options), time.time_ns() // 1_000_000)
+    settings = _offline(anchors=anchors, **options)
+    pad = None if config is None else _recorded_pad(config, settings)
+    found = calibrate(settings, time.time_ns() // 1_000_000)
     if out is not None:
         write_record(out, found.record)
     where = None if report is None else _report(report, found, anchors.stem)
@@ -58,8 +65,45 @@ def _from_recordings(*, out: Path | None, report: Path | None, as_json: bool, an
         for path, what in ((out, "The commissioning record"), (where, "The report")):
             if path is not None:
                 click.echo(f"{what} is in {path}.")
+    if pad is not None:
+        _publish(pad, found, as_json=as_json, **publishing)
     if not found.go:
         sys.exit(NO_GO)
+
+
+def _recorded_pad(config: Path, settings: OfflineSettings) -> PadSettings:
+    """The pad that recordings are published for: its survey has the same anchors, and a place on the globe."""
+    pad = load(config)
+    survey = load_survey(settings.anchors, origin=settings.origin, crs=settings.crs, control=settings.control)
+    names = {anchor.anchor_id for anchor in pad.anchors} or set(survey.places_m)
+    if differing := sorted(names ^ set(survey.places_m)):
+        raise SurveyError(f"{', '.join(differing)}: in pad.toml or in the survey, but not in both")
+    if survey.frame is None:
+        raise SurveyError(UNTIED)
+    return pad
+
+
+def _publish(
+    pad: PadSettings,
+    found: Calibrated,
+    *,
+    as_json: bool,
+    identity: str,
+    register: str,
+    operator_id: str,
+    yes: bool,
+    dry_run: bool,
+) -> None:
+    terminal = Terminal(Console(stderr=as_json, highlight=False), yes=yes)
+    try:
+        if dry_run or not terminal.confirm(PUBLISH_QUESTION.format(pad.pad_id)):
+            terminal.say("Nothing was sent.")
+            return
+        operator = Operator(connection=pad.connection, identity=identity, register_as=register, operator_id=operator_id)
+        done = asyncio.run(publish(operator, pad.pad_id, found.record))
+        terminal.say(f"Committed in block {done['block']}." if done["tx_id"] else "The ledger has it already.")
+    finally:
+        terminal.close()
 
 
 _LIVE_ONLY: Final[dict[str, tuple[Any, ...]]] = {
@@ -69,13 +113,16 @@ _LIVE_ONLY: Final[dict[str, tuple[Any, ...]]] = {
     "seconds": (0.0,),
     "another_run": (False,),
     "redo": ("",),
+}
+"""Options that mean something at a live pad only, with their defaults."""
+_PUBLISHING: Final[dict[str, tuple[Any, ...]]] = {
     "identity": ("pad_operator",),
     "register": ("",),
     "operator_id": ("",),
     "yes": (False,),
     "dry_run": (False,),
 }
-"""Options that mean something at a live pad only, with their defaults."""
+"""The same, where a pad is named to publish for."""
 
 
 def _at_the_pad(config: Path, state: Path, **options: Any) -> None:
@@ -144,7 +191,8 @@ def _live(
     pad = load(config)
     if pad.uwb.listen is not None:
         raise click.UsageError(
-            "this pad has DWM1001 anchors, which report nothing here; commission it from a recording"
+            "this pad has DWM1001 boards: record what they measure (wonderland uwb record), and give --recording FILE "
+            "in place of --state"
         )
     try:
         mac = int(tag_mac, 16)

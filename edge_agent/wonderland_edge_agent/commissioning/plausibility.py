@@ -67,7 +67,7 @@ class Line:
         )
 
     def text(self) -> str:
-        """For people."""
+        """One line for the operator."""
         if self.stuck:
             return f"anchor {self.anchor_id}: its ranges do not follow the distance"
         if self.scatter_m > LARGEST_SCATTER_M:

@@ -43,7 +43,7 @@ class Reach:
     """In the best direction."""
 
     def document(self) -> dict[str, Any]:
-        """For machines."""
+        """JSON values, as `--json` prints them."""
         return {
             "buffer_m": self.buffer_m,
             "from_m": self.from_m,
@@ -89,7 +89,7 @@ class AtDistance:
     most_rounds: int
 
     def document(self) -> dict[str, Any]:
-        """For machines."""
+        """JSON values, as `--json` prints them."""
         return {
             "buffer_m": self.buffer_m,
             "distance_m": self.distance_m,
@@ -99,7 +99,7 @@ class AtDistance:
         }
 
     def sentence(self) -> str:
-        """For people."""
+        """One line for the operator."""
         if self.rounds > 0:
             return f"At {self.distance_m:g} m: {SHARE} within {self.rounds} rounds (±{self.buffer_m:g} m)."
         share = "hardly any honest drone" if self.share < HARDLY_ANY else f"{100 * self.share:.0f} % of honest drones"

@@ -19,13 +19,14 @@ from wonderland_edge_agent.commissioning.live.publish import Operator, publish
 from wonderland_edge_agent.commissioning.swap import Swapped, swap
 from wonderland_edge_agent.config_option import config_option
 from wonderland_edge_agent.drift.baseline import Baseline, BaselineError, summary
+from wonderland_edge_agent.radios import AnchorPort
 from wonderland_edge_agent.radios.between import measure_between
 from wonderland_edge_agent.settings import PadSettings, SettingsError, load
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_fira_uci.errors import UwbError
-from wonderland_fira_uci.node import UwbNode
+from wonderland_fira_uci.node import monotonic_ms
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -126,7 +127,7 @@ async def _ranges(
     macs = {anchor.anchor_id: anchor.mac for anchor in commissioning.anchors}
     async with contextlib.AsyncExitStack() as stack:
         nodes = {
-            each.anchor_id: await stack.enter_async_context(UwbNode(each.opener(), name=f"anchor {each.anchor_id}"))
+            each.anchor_id: await stack.enter_async_context(AnchorPort.of(each).node(monotonic_ms))
             for each in settings.anchors
         }
         if anchor_id not in nodes:

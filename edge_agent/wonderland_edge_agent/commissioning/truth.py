@@ -71,7 +71,7 @@ class Truth:
     left: Offset
 
     def document(self) -> dict[str, Any]:
-        """For machines."""
+        """JSON values, as `--json` prints them."""
         return {
             name: {"value": round(part.value, 3), "sigma": round(part.sigma, 3)}
             for name, part in (
@@ -85,7 +85,7 @@ class Truth:
         }
 
     def sentence(self) -> str:
-        """For people."""
+        """One line for the operator: where the ranges put the tag against the truth, and how late that is."""
         up, east, north, ahead, left = (part.text(*sides) for part, sides, _ in self._places())
         return (
             f"The ranges put the tag {up} than the truth, {east} and {north} of it, {ahead} and {left} on its way; the "

@@ -26,7 +26,7 @@ async def watch_when_idle(drift: DriftKeeper, own: OwnPad, idle: asyncio.Event) 
             await idle.wait()
             pad = await own.read()
             if pad.commissioning is not None and pad.commissioning_sha256 is not None:
-                await drift.look(pad.commissioning_sha256, pad.commissioning)
+                await drift.measure_and_judge(pad.commissioning_sha256, pad.commissioning)
         except (AwayError, RefusedError) as error:
             _log.debug("the anchors were not checked: %s", error)
         await asyncio.sleep(drift.every_s)

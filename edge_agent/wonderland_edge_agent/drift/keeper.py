@@ -103,7 +103,7 @@ class DriftKeeper:
     ) -> None:
         """A session of this pad was decided, with ``added_mm`` said in its evidence: learn from what it left over."""
         self.load(commissioning_sha256, commissioning)
-        if not self._residuals.take(verdict, commissioning, added_mm or 0):
+        if not self._residuals.take_verdict(verdict, commissioning, added_mm or 0):
             return
         before, self._extra_mm = self._extra_mm, self._residuals.extra_sigma_mm(commissioning)
         if self._extra_mm and not before:
@@ -117,7 +117,7 @@ class DriftKeeper:
         except LedgerError as error:
             _log.warning("what sessions left over is not kept: %s", error)
 
-    async def look(self, commissioning_sha256: str, commissioning: Commissioning) -> DriftState | None:
+    async def measure_and_judge(self, commissioning_sha256: str, commissioning: Commissioning) -> DriftState | None:
         """Measure and judge once; the state after it."""
         self.load(commissioning_sha256, commissioning)
         macs = {anchor.anchor_id: anchor.mac for anchor in commissioning.anchors}
@@ -127,7 +127,7 @@ class DriftKeeper:
             return self.state
         before = self._anchors
         if self._watch is not None:
-            self._anchors = self._watch.look(self._clock(), measured)
+            self._anchors = self._watch.judge_pairs(self._clock(), measured)
         elif not self._learn(ranges, commissioning):
             # It closes the pad, so that one look is not enough: a bad moment of the air names an anchor, too.
             again = await self._radios.measure_between(macs, FIRST_ROUNDS)

@@ -54,7 +54,7 @@ class ResidualWatch:
             return 0
         return math.ceil(math.sqrt(max(self.chi2 / self.freedom - 1.0, 0.0)) * stated_mm(commissioning))
 
-    def take(self, verdict: Verdict, commissioning: Commissioning, added_mm: int) -> bool:
+    def take_verdict(self, verdict: Verdict, commissioning: Commissioning, added_mm: int) -> bool:
         """One decided session, judged with ``added_mm`` on each anchor; whether it told anything."""
         codes = {reason.code for reason in verdict.reasons}
         freedom = len(commissioning.anchors) - 2

@@ -143,7 +143,7 @@ class DriftWatch:
         """After the last look."""
         return self._state
 
-    def look(self, t_ms: int, measured: Mapping[Pair, PairBaseline]) -> DriftState:
+    def judge_pairs(self, t_ms: int, measured: Mapping[Pair, PairBaseline]) -> DriftState:
         """Take one measurement of the pairs (``baseline.summary``); pairs may be missing."""
         known = {pair: value for pair, value in measured.items() if pair in self.baseline.pairs}
         if len(known) < MIN_PAIRS:

@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Sequence
 from typing import Final, Protocol
 
 from wonderland.proofs.records.verdicts import Verdict
+from wonderland_edge_agent.programs import run_program
 
 _log = logging.getLogger(__name__)
 
@@ -55,29 +56,10 @@ class CommandPermission:
         await self._run("withdrawn", verdict)
 
     async def _run(self, word: str, verdict: Verdict) -> None:
-        try:
-            process = await asyncio.create_subprocess_exec(
-                *self._command,
-                word,
-                verdict.uav_id,
-                verdict.action,
-                verdict.session_id,
-                stdin=asyncio.subprocess.DEVNULL,
-                stdout=asyncio.subprocess.DEVNULL,
-            )
-        except OSError as error:
-            _log.error("permission: %s cannot be run: %s", self._command[0], error.strerror or error)
-            return
-        try:
-            async with asyncio.timeout(COMMAND_TIMEOUT_S):
-                status = await process.wait()
-        except TimeoutError:
-            process.kill()
-            await process.wait()
-            _log.error("permission: %s did not end within %g s", self._command[0], COMMAND_TIMEOUT_S)
-            return
-        if status:
-            _log.error("permission: %s ended with status %d", self._command[0], status)
+        command = (*self._command, word, verdict.uav_id, verdict.action, verdict.session_id)
+        problem = await run_program(command, COMMAND_TIMEOUT_S)
+        if problem:
+            _log.error("permission: %s", problem)
 
 
 class Permissions:

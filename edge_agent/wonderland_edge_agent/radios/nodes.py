@@ -9,7 +9,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Final, Self
+from typing import TYPE_CHECKING, Final, Self
 
 from wonderland.clock import Clock
 from wonderland.telemetry.fields import AnchorCondition
@@ -30,6 +30,9 @@ from wonderland_fira_uci.node import UwbNode, UwbSession
 from wonderland_fira_uci.serial_port import Opener
 from wonderland_fira_uci.uci.capabilities import Capabilities
 from wonderland_fira_uci.uci.config import SessionConfig
+
+if TYPE_CHECKING:
+    from wonderland_edge_agent.settings import AnchorSetting
 
 _log = logging.getLogger(__name__)
 
@@ -56,6 +59,17 @@ class AnchorPort:
 
     anchor_id: str
     port: str | Opener
+    settings: tuple[tuple[bytes, bytes], ...] = ()
+    """Parameters of the node's maker (antenna delay, power), given after each reset."""
+
+    @classmethod
+    def of(cls, anchor: AnchorSetting) -> Self:
+        """As pad.toml has it."""
+        return cls(anchor.anchor_id, anchor.opener(), anchor.settings())
+
+    def node(self, clock: Clock) -> UwbNode:
+        """The node there, not connected yet."""
+        return UwbNode(self.port, name=f"anchor {self.anchor_id}", clock=clock, settings=self.settings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,13 +99,15 @@ class PadRadios:
 
     measured_by: Final = "pad"
     sts: Final = "provisioned"
+    interval_ms: Final = None
 
     def __init__(self, ports: Sequence[AnchorPort], clock: Clock) -> None:
-        self._nodes = {
-            entry.anchor_id: UwbNode(entry.port, name=f"anchor {entry.anchor_id}", clock=clock) for entry in ports
-        }
+        self._nodes = {entry.anchor_id: entry.node(clock) for entry in ports}
         self._clock = clock
         self._words: UwbSession | None = None
+        """That in which the pad speaks: session B, or its node's session A where that carries data both ways."""
+        self._ranging: dict[str, UwbSession] = {}
+        """Session A by anchor."""
         self._sessions: list[UwbSession] = []
         self._readers: list[asyncio.Task[None]] = []
         self._heard: OrderedDict[bytes, int] = OrderedDict()
@@ -127,7 +143,7 @@ class PadRadios:
         return out
 
     async def open_session(self, plan: RangingPlan, anchor_ids: Sequence[str], sink: Sink) -> str | None:
-        """Start session A on every node and B on the first; reports go to ``sink`` from now on.
+        """Start session A on every node, and B on one where the plan has it; reports go to ``sink`` from now on.
 
         ``anchor_ids`` in the order of ``plan.pad_macs``. Returns the nodes' firmware, where they say it. Raises
         RadiosError when fewer than three nodes take part, or none of them can speak.
@@ -155,8 +171,9 @@ class PadRadios:
                 await self.close_session()
                 raise RadiosError(f"no node can speak to the drone: {problem}")
         self._read(self._keep_voice(plan, anchor_ids, sink))
-        if plan.blinks is not None:  # not waited for: ranging begins meanwhile
-            self._read(self._stamp_blinks(plan.blinks, anchor_ids, sink))
+        blinks = plan.timed_blinks()
+        if blinks is not None:  # not waited for: ranging begins meanwhile
+            self._read(self._stamp_blinks(blinks, anchor_ids, sink))
         firmware = {_firmware(self._nodes[anchor_id]) for anchor_id in anchor_ids if anchor_id in self._nodes}
         firmware.discard(None)
         return "; ".join(sorted(str(entry) for entry in firmware))[:64] or None
@@ -207,11 +224,12 @@ class PadRadios:
         await self._words.send(frame)
 
     async def close_session(self) -> None:
-        """Stop both UWB sessions on all nodes. Never raises."""
+        """Stop all UWB sessions on all nodes. Never raises."""
         await self._stop_between()
         readers, self._readers = self._readers, []
         sessions, self._sessions = self._sessions, []
         self._words, self._voice = None, ""
+        self._ranging.clear()
         self._attendance.end()
         for reader in readers:
             reader.cancel()
@@ -227,7 +245,7 @@ class PadRadios:
             return "no port configured"
         try:
             await node.wait_ready(READY_GRACE_S)
-            ranging = await self._started(node, plan.pad_ranging(index))
+            ranging = self._ranging[anchor_id] = await self._started(node, plan.pad_ranging(index))
             self._read(self._reports(ranging, anchor_id, plan.uav_mac, sink))
         except UwbError as error:
             if node.is_ready:
@@ -252,21 +270,26 @@ class PadRadios:
     async def _speak(self, plan: RangingPlan, anchor_ids: Sequence[str]) -> str:
         """Let the first of these that can speak for the pad; why none can, or empty.
 
-        Whoever does uses the address that the plan gives to the pad's words, so that the drone need not know who it is.
+        In session B it uses the address that the plan gives to the pad's words, so that the drone need not know who it
+        is; in session A the drone hears all of them.
         """
         troubles: list[str] = []
+        config = plan.pad_words()
         for anchor_id in anchor_ids:
-            node = self._nodes.get(anchor_id)
-            if node is None:
+            ranging = self._ranging.get(anchor_id)
+            if ranging is None or ranging.closed:
                 continue
-            try:
-                self._words = await self._started(node, plan.pad_words())
-            except UwbError as error:
-                troubles.append(str(error))
-                continue
+            self._words = ranging
+            if config is not None:
+                try:
+                    self._words = await self._started(self._nodes[anchor_id], config)
+                except UwbError as error:
+                    self._words = None
+                    troubles.append(str(error))
+                    continue
+                self._read(self._drain(self._words))
             self._voice = anchor_id
             self._voice_lost.clear()
-            self._read(self._drain(self._words))
             return ""
         return "; ".join(troubles) or "no node is left"
 
@@ -284,7 +307,7 @@ class PadRadios:
             if not (self._voice_lost.is_set() or self._attendance.fault(self._voice, now_ms)):
                 continue
             lost, words, self._words = self._voice, self._words, None
-            if words is not None:
+            if words is not None and words is not self._ranging.get(lost):
                 self._sessions.remove(words)
                 self._read(words.close())  # not waited for: a node that hangs does not confirm it
             others = [anchor_id for anchor_id in self._voices(anchor_ids) if anchor_id != lost]
@@ -347,8 +370,11 @@ class PadRadios:
                 case DataReceived():
                     if self._is_first(event.data, event.t_ms):
                         sink(DataHeard(event.data))
-                case SessionFailed():
-                    _log.warning("anchor %s: out of the session: %s", anchor_id, event.error)
+                case SessionFailed() | SessionInterrupted():
+                    if session is self._words:
+                        self._voice_lost.set()
+                    if isinstance(event, SessionFailed):
+                        _log.warning("anchor %s: out of the session: %s", anchor_id, event.error)
                 case _:
                     pass
 

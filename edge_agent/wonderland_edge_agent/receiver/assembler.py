@@ -120,7 +120,7 @@ class Assembler:
 
     def findings(self) -> list[Finding]:
         """What was odd since the last call."""
-        return self._gate.take()
+        return self._gate.take_findings()
 
     def feed(
         self,
@@ -181,7 +181,7 @@ class Assembler:
             self._limited += 1
             self._gate.put(Finding(now_ms, telemetry.Finding(uav_id=uav_id, kind=RATE_HIGH, transport=transport)))
             return None
-        drone.look(uav_id, source, _position(heard), self._gate)
+        drone.compare_position(uav_id, source, _position(heard), self._gate)
         if not watched:
             drone.history.append(heard.claim())
         self._heard += 1
@@ -259,7 +259,7 @@ class Assembler:
             self._drones.move_to_end(uav_id)
             return drone
         watched = uav_id in self._watched
-        if not self._new.take(now_ms) and not watched:
+        if not self._new.take_token(now_ms) and not watched:
             return None
         if len(self._drones) >= self._limits.drones:
             stalest = next((known for known in self._drones if known not in self._watched), None)

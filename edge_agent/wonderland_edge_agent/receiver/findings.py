@@ -127,7 +127,7 @@ class ClaimClock:
         self._since_ms = 0
         self._count = 0
 
-    def look(self, uav_id: str, new: Position) -> Finding | None:
+    def compare_time(self, uav_id: str, new: Position) -> Finding | None:
         """What is odd about the time of a position."""
         if new.claim_ms is None:
             return None
@@ -182,7 +182,7 @@ class FindingGate:
         if len(self._waiting) < MAX_REMEMBERED:
             self._waiting.append(Finding(finding.t_ms, replace(finding.body, count=finding.body.count + unseen)))
 
-    def take(self) -> list[Finding]:
+    def take_findings(self) -> list[Finding]:
         """What is to be told now."""
         waiting, self._waiting = self._waiting, []
         return waiting

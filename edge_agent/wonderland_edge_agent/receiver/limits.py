@@ -43,7 +43,7 @@ class TokenBucket:
         self._milli = self._burst_milli
         self._last_ms = now_ms
 
-    def take(self, now_ms: int) -> bool:
+    def take_token(self, now_ms: int) -> bool:
         """Whether one more may pass now."""
         elapsed_ms = now_ms - self._last_ms
         self._last_ms = now_ms

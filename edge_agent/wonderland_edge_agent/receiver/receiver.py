@@ -119,7 +119,7 @@ class RemoteIdReceiver:
         """End what `watch` began."""
         self._assembler.unwatch(uav_id)
 
-    def take(self, frame: bytes, *, source: str, transport: str, rssi_dbm: int | None = None) -> None:
+    def take_frame(self, frame: bytes, *, source: str, transport: str, rssi_dbm: int | None = None) -> None:
         """Take a bare frame from any other transport; ``source`` tells transmitters apart."""
         self._feed(frame, source=source, transport=transport, rssi_dbm=rssi_dbm)
 

@@ -124,12 +124,12 @@ class DroneTrack:
 
     def takes(self, source: str, now_ms: int) -> bool:
         """Whether one more position of this transmitter is taken now."""
-        return self._transmitter(source).bucket.take(now_ms) and self.bucket.take(now_ms)
+        return self._transmitter(source).bucket.take_token(now_ms) and self.bucket.take_token(now_ms)
 
-    def look(self, uav_id: str, source: str, position: Position, gate: FindingGate) -> None:
+    def compare_position(self, uav_id: str, source: str, position: Position, gate: FindingGate) -> None:
         """Compare a position with those before it, of this transmitter and of others."""
         here = self._transmitter(source)
-        findings: list[Finding | None] = [here.clock.look(uav_id, position)]
+        findings: list[Finding | None] = [here.clock.compare_time(uav_id, position)]
         if here.last is not None:
             findings.append(impossible_speed(uav_id, position, here.last))
         for name, other in self._transmitters.items():

@@ -42,11 +42,11 @@ class Sources:
     def admit(self, name: str, now_ms: int) -> Source | None:
         """The sender of a frame; None where that frame is one too many."""
         source = self._source(name, now_ms)
-        if not source.bucket.take(now_ms):
+        if not source.bucket.take_token(now_ms):
             return None
-        if name in self._known and source.modest.take(now_ms) and self._reserved.take(now_ms):
+        if name in self._known and source.modest.take_token(now_ms) and self._reserved.take_token(now_ms):
             return source
-        return source if self._all.take(now_ms) else None
+        return source if self._all.take_token(now_ms) else None
 
     def _source(self, name: str, now_ms: int) -> Source:
         if name in self._known:

@@ -34,7 +34,7 @@ from wonderland.proofs.stopping import LOOKS
 from wonderland.proofs.verdict import preview
 from wonderland.session.words import Word
 from wonderland.telemetry import StepName
-from wonderland.uwb.blinks import blink_plan
+from wonderland.uwb.agreed import agreed_plan
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.link.messages import AbortReason
 from wonderland_edge_agent.session import actions as do
@@ -42,7 +42,7 @@ from wonderland_edge_agent.session import events as on
 from wonderland_edge_agent.session.broadcasts import Broadcasts, HeardBroadcasts
 from wonderland_edge_agent.session.evidence import GatheredEvidence
 from wonderland_edge_agent.session.frames import FrameGatherer
-from wonderland_edge_agent.session.ranging import Progress, Ranging
+from wonderland_edge_agent.session.ranging import Ranging
 from wonderland_edge_agent.session.timing import PadTiming
 from wonderland_edge_agent.session.words import PadWords
 
@@ -90,6 +90,7 @@ class PadSession:
         drift_sigma_mm: int | None = None,
         judge: Judge = preview,
         unsure: Broadcasts = lambda _since_ms: (),
+        interval_ms: int | None = None,
     ) -> None:
         self.session: Final = session
         self.commissioning: Final = commissioning
@@ -97,14 +98,7 @@ class PadSession:
         self.verdict: Verdict | None = None
         self._timing = timing or PadTiming()
         anchor_ids = [anchor.anchor_id for anchor in commissioning.anchors]
-        self._plan = RangingPlan(
-            session_a_id=keys.session_a,
-            session_b_id=keys.session_b,
-            pad_macs=tuple(anchor.mac for anchor in commissioning.anchors),
-            uav_mac=keys.uav_mac,
-            sts_key=keys.sts_key,
-            blinks=blink_plan(keys, commissioning),
-        )
+        self._plan = agreed_plan(keys, commissioning, session.node)
         self._gathered = GatheredEvidence(anchor_ids)
         self._broadcasts = HeardBroadcasts(
             session, commissioning.frame, broadcasts, unsure, lambda: (self._gathered.claims, self._gathered.clock)
@@ -114,13 +108,19 @@ class PadSession:
         self._ranging = Ranging(
             self._gathered,
             lambda at_ms: judge(session, commissioning, self._evidence(at_ms), at_ms),
-            interval_ms=self._plan.interval_a_ms,
+            interval_ms=interval_ms or self._plan.interval_ms,
+            measured_ago_ms=0 if interval_ms else self._plan.measured_ago_ms,
             max_rounds=min(session.policy.max_rounds, LOOKS[0]) if self._hopeless else session.policy.max_rounds,
             timing=self._timing,
             stamps_frames=self._plan.blinks is not None and measured_by == "pad",
         )
         self._words = PadWords(
-            session, keys, certificate=certificate, whole_certificate=whole_certificate, now_ms=now_ms
+            session,
+            keys,
+            certificate=certificate,
+            whole_certificate=whole_certificate,
+            now_ms=now_ms,
+            word_octets=self._plan.word_octets,
         )
         self._code_uav = keys.code_uav
         self._challenge = random_octets(8)
@@ -206,9 +206,9 @@ class PadSession:
         self._time_passed(now_ms, actions)
         return actions
 
-    def frames_to_send(self, now_ms: int, budget: int) -> list[bytes]:
-        """At most ``budget`` frames for the node that speaks; call it when ``next_frames_ms`` has come."""
-        return self._words.frames_to_send(now_ms, budget) if self.phase in _SPEAKING else []
+    def frames_to_send(self, now_ms: int) -> list[bytes]:
+        """Frames for one data unit of the node that speaks; call it when ``next_frames_ms`` has come."""
+        return self._words.frames_to_send(now_ms) if self.phase in _SPEAKING else []
 
     def next_frames_ms(self) -> int | None:
         """When ``frames_to_send`` will have something; None while all is quiet."""
@@ -300,12 +300,12 @@ class PadSession:
 
     def _range(self, now_ms: int, actions: list[do.PadAction]) -> None:
         """Step 5: what ranging brought by now."""
-        progress, estimate = self._ranging.advance(now_ms)
+        enough, estimate = self._ranging.advance(now_ms)
         if estimate is not None:
             actions.append(estimate)
-        if progress is Progress.ENOUGH:
+        if enough:
             self._confirm(now_ms, actions)
-        elif progress is Progress.GO_ON:
+        else:
             self._words.tell(self._gathered, now_ms, final=False)
 
     def _confirm(self, now_ms: int, actions: list[do.PadAction]) -> None:

@@ -30,6 +30,11 @@ class Radios(Protocol):
         """Their time-stamp sequence, as in the record ``Radio``: static or provisioned."""
         ...
 
+    @property
+    def interval_ms(self) -> int | None:
+        """How often they range where no radio plan says it."""
+        ...
+
     async def open_session(self, plan: RangingPlan, anchor_ids: Sequence[str], sink: Sink) -> str | None:
         """Start both UWB sessions; returns the firmware. Raises where the pad cannot range."""
 

@@ -6,7 +6,7 @@ The looks are those of ``stopping.LOOKS``: each costs time on the air. The verdi
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import Enum
+from dataclasses import replace
 
 from wonderland.proofs.records.sessions import MAX_ATTEMPTED
 from wonderland.proofs.records.verdicts import Verdict
@@ -21,21 +21,12 @@ STAMPS_PATIENCE = 25
 """Rounds that a claim which the ranges verify waits for time stamps."""
 
 
-class Progress(Enum):
-    """What a step in time brought."""
-
-    NOTHING = "nothing"
-    GO_ON = "go_on"
-    """A look left it open: tell the drone the ranges so far and go on."""
-    ENOUGH = "enough"
-    """Settled, hopeless, or the last round: no more ranging."""
-
-
 class Ranging:
     """Rounds, looks and running estimates of one session.
 
     ``judge(now_ms)``: what the contract would say of what there is. ``stamps_frames``: the pad's nodes share a clock,
     so that a claim that the ranges verify is held against time stamps too, before it is brought before the contract.
+    ``measured_ago_ms``: how long nodes have measured when they report.
     """
 
     def __init__(
@@ -44,6 +35,7 @@ class Ranging:
         judge: Callable[[int], Verdict],
         *,
         interval_ms: int,
+        measured_ago_ms: int,
         max_rounds: int,
         timing: PadTiming,
         stamps_frames: bool = False,
@@ -55,10 +47,14 @@ class Ranging:
         self._timing = timing
         self._most = min(max_rounds, LOOKS[-1])
         self._interval_ms = interval_ms
+        self._measured_ago_ms = measured_ago_ms
+        self._start_ms = 0
         self._gatherer = RoundGatherer(gathered.anchor_ids, interval_ms)
         self._running = False
         self._look_by_ms: int | None = None
         """A look is due; it waits until then for a fresh claim."""
+        self._looked_twice = False
+        """A settled claim is judged once more with the next claim."""
         self._estimated = 0
         self._usable_ms = 0
         self._claim_ms: int | None = None
@@ -69,9 +65,9 @@ class Ranging:
         """Rounds since the last usable one in which fewer than three anchors measured."""
 
     def start(self, now_ms: int) -> None:
-        """The codes have matched. What arrived before proves nothing and is left out."""
+        """The codes have matched. What was measured before proves nothing and is left out."""
         self._running = True
-        self._usable_ms = now_ms
+        self._start_ms = self._usable_ms = now_ms
 
     def heard_claim(self, now_ms: int) -> None:
         """A claim of the drone arrived: a look may rest on it for a little while."""
@@ -81,18 +77,21 @@ class Ranging:
         """One report of one node."""
         self._add(self._gatherer.add(anchor_id, t_ms, range_mm, nlos=nlos), now_ms)
 
-    def advance(self, now_ms: int) -> tuple[Progress, ReportEstimate | None]:
-        """Close a round whose time is up, look if a look is due, estimate if it is time."""
+    def advance(self, now_ms: int) -> tuple[bool, ReportEstimate | None]:
+        """Close a round whose time is up, look if a look is due, estimate if it is time.
+
+        Whether it is enough (settled, hopeless, or the last round), and the estimate, if there is one.
+        """
         self._add(self._gatherer.expire(now_ms), now_ms)
         rounds = self._gathered.rounds
         if not self._running or not rounds:
-            return Progress.NOTHING, None
+            return False, None
         if self._look_by_ms is not None:
             fresh = self._claim_ms is not None and now_ms - self._claim_ms <= self._timing.fresh_claim_ms
-            return self._look(now_ms) if fresh or now_ms >= self._look_by_ms else (Progress.NOTHING, None)
+            return self._look(now_ms) if fresh or now_ms >= self._look_by_ms else (False, None)
         if rounds >= self._estimated + self._timing.estimate_every_rounds and self._gathered.claims:
-            return Progress.NOTHING, self._estimate(self._judge(now_ms))
-        return Progress.NOTHING, None
+            return False, self._estimate(self._judge(now_ms))
+        return False, None
 
     @property
     def silent_ms(self) -> int:
@@ -119,9 +118,12 @@ class Ranging:
         return min(t_ms for t_ms in times if t_ms is not None)
 
     def _add(self, rounds: list[Round], now_ms: int) -> None:
-        for complete in rounds:
+        for reported in rounds:
             if not self._running:
                 return
+            complete = replace(reported, t_ms=reported.t_ms - self._measured_ago_ms)
+            if complete.t_ms < self._start_ms:
+                continue
             self._last_ms = complete.t_ms
             self._first_ms = self._first_ms or complete.t_ms
             self._heard += 1
@@ -137,7 +139,7 @@ class Ranging:
                 if self._gathered.rounds in LOOKS or self._gathered.rounds >= self._most:
                     self._look_by_ms = now_ms + self._timing.look_patience_ms
 
-    def _look(self, now_ms: int) -> tuple[Progress, ReportEstimate]:
+    def _look(self, now_ms: int) -> tuple[bool, ReportEstimate]:
         """Ask whether the contract would be settled."""
         self._look_by_ms = None
         self._usable_ms = now_ms
@@ -147,9 +149,15 @@ class Ranging:
         # that would still have settled it ends 1 in 100 (simulated at the largest bias with which a pad can verify).
         hopeless = undecided and verdict.more_rounds < 0
         settled = not undecided and not self._awaits_stamps(verdict)
+        if settled and not self._looked_twice and self._gathered.rounds > LOOKS[0]:
+            # It was open a look ago, so it is near the threshold, where a claim that is still on its way can undo it.
+            self._looked_twice = True
+            self._claim_ms, self._look_by_ms = None, now_ms + self._timing.look_patience_ms
+            return False, self._estimate(verdict)
+        self._looked_twice = False
         enough = settled or hopeless or self._gathered.rounds >= self._most
         self._running = not enough
-        return Progress.ENOUGH if enough else Progress.GO_ON, self._estimate(verdict)
+        return enough, self._estimate(verdict)
 
     def _awaits_stamps(self, verdict: Verdict) -> bool:
         """Whether a settled claim waits a little for the time stamps, whatever assurance the policy demands.

@@ -19,7 +19,7 @@ from wonderland.uwb.link.messages import (
     encode_challenge,
     encode_code,
 )
-from wonderland.uwb.link.proof_payloads import ROUNDS_PER_PART, ClaimBatch, RangesPart
+from wonderland.uwb.link.proof_payloads import ROUNDS_PER_PART, ClaimBatch, RangesPart, rounds_per_frame
 from wonderland_edge_agent.session.evidence import GatheredEvidence
 from wonderland_fabric_gateway.errors import SignatureError
 from wonderland_fabric_gateway.signing import der_from_raw, verify
@@ -29,7 +29,14 @@ class PadWords(Words):
     """The pad's end of the link, in terms of the proof."""
 
     def __init__(
-        self, session: Session, keys: SessionKeys, *, certificate: bytes, whole_certificate: bool, now_ms: int
+        self,
+        session: Session,
+        keys: SessionKeys,
+        *,
+        certificate: bytes,
+        whole_certificate: bool,
+        now_ms: int,
+        word_octets: int,
     ) -> None:
         super().__init__(
             "pad",
@@ -38,6 +45,7 @@ class PadWords(Words):
             whole_certificate=whole_certificate,
             other_sha256=session.uav.certificate_sha256,
             now_ms=now_ms,
+            word_octets=word_octets,
         )
         self._session = session
         self._code = keys.code_pad
@@ -56,7 +64,9 @@ class PadWords(Words):
         self._send(MessageType.CHALLENGE, encode_challenge(challenge))
 
     def tell(self, gathered: GatheredEvidence, now_ms: int, *, final: bool) -> None:
-        """Ranges that the drone was not told yet; with ``final`` it learns that these are all."""
+        """Ranges that the drone was not told yet, once they fill a frame; ``final``: it learns that these are all."""
+        if not final and gathered.rounds < self._told + rounds_per_frame(len(gathered.anchor_ids)):
+            return
         self._now_ms = now_ms
         while True:
             stop = min(self._told + ROUNDS_PER_PART, gathered.rounds)
@@ -73,9 +83,9 @@ class PadWords(Words):
             if last or stop == gathered.rounds:
                 return
 
-    def frames_to_send(self, now_ms: int, budget: int) -> list[bytes]:
+    def frames_to_send(self, now_ms: int) -> list[bytes]:
         """Frames for the node; POLL_SENT is heard with the first ones after ``poll``."""
-        frames = super().frames_to_send(now_ms, budget)
+        frames = super().frames_to_send(now_ms)
         if frames and self._polled and not self._poll_sent:
             self._poll_sent = True
             self._heard.append(Heard(Word.POLL_SENT, t_ms=now_ms))

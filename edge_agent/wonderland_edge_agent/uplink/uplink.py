@@ -111,7 +111,7 @@ class Uplink:
 
     @property
     def status(self) -> UplinkStatus:
-        """How it does."""
+        """Whether it is connected, what is acknowledged, and the last error."""
         return self._status
 
     async def start(self) -> None:

@@ -15,7 +15,14 @@ import { ledgerTexts as t } from "./texts";
 const STATUS: readonly Topic[] = ["status"];
 const PAGE = 50;
 
+function rowsChecked(ledger: Status["ledger"], now_ms: number): string {
+  if (ledger.rows_checked_ms === null) return t("rowsNever");
+  const at = dayAndTime(ledger.rows_checked_ms, now_ms);
+  return ledger.rows_differ.length === 0 ? t("rowsAgree", { at }) : t("rowsDiffer", { at, count: ledger.rows_differ.length });
+}
+
 function Summary({ ledger }: { ledger: Status["ledger"] }): ReactElement {
+  const now_ms = useServerNow(10_000);
   const said = ledger.kind === "embedded" ? t("embedded") : t(ledger.kind === "fabric" ? "fabric" : "unknown", { channel: ledger.channel });
   const state =
     typeof ledger.halted === "string"
@@ -40,6 +47,16 @@ function Summary({ ledger }: { ledger: Status["ledger"] }): ReactElement {
         <div>
           <dt>{t("connection")}</dt>
           <dd>{state}</dd>
+        </div>
+        {ledger.kind === "fabric" && (
+          <div>
+            <dt>{t("confirmed")}</dt>
+            <dd>{ledger.alone_since_ms === null ? t("confirmedByOthers") : t("confirmedByNobody", { at: dayAndTime(ledger.alone_since_ms, now_ms) })}</dd>
+          </div>
+        )}
+        <div>
+          <dt>{t("rowsChecked")}</dt>
+          <dd data-testid="rows-checked">{rowsChecked(ledger, now_ms)}</dd>
         </div>
         <div>
           <dt>{t("organisations")}</dt>

@@ -16,13 +16,24 @@ import { personHref } from "./PeoplePage";
 import { auditTexts as t } from "./texts";
 
 const PAGE = 100;
+/** What can speak against the log: a row or a transaction. */
+const AGAINST = ["broken_seq", "misdated_seq", "contradicted_tx", "lost_tx", "late_seq"] as const;
+
 function Verdict({ found, now_ms }: { found: AuditCheck; now_ms: number }): ReactElement {
   if (!found.ok) {
     return (
-      <p className="people-problem" role="alert">
-        {found.broken_seq === undefined ? t("contradicted") : t("broken", { seq: count(found.broken_seq) })}{" "}
-        {typeof found.contradicted_tx === "string" && <a href={transactionHref(found.contradicted_tx)}>{shortHash(found.contradicted_tx)}</a>}
-      </p>
+      <div className="people-problem" role="alert">
+        {AGAINST.map((what) => {
+          const where = found[what];
+          if (where === undefined) return null;
+          return (
+            <p key={what}>
+              {t("against", { what, seq: typeof where === "number" ? count(where) : "" })}{" "}
+              {typeof where === "string" && <a href={transactionHref(where)}>{shortHash(where)}</a>}
+            </p>
+          );
+        })}
+      </div>
     );
   }
   const ledger =

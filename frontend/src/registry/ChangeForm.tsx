@@ -5,7 +5,7 @@ import { keepDraft, readDraft } from "../shared/drafts";
 import { actionNoun } from "../shared/format";
 import { useLive, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
-import type { Json, JsonObject } from "../shared/signing/canonical";
+import type { JsonObject } from "../shared/signing/canonical";
 import type { Change } from "../shared/signing/flow";
 import { SignPanel } from "../shared/signing/SignPanel";
 import { roleName } from "../shared/signing/texts";
@@ -16,6 +16,7 @@ import { FORMS, fixedPart, formKey, initial, type FieldSpec, type FormName } fro
 import { faults, schemaAt, type Fault, type Schema } from "./schema";
 import { registryTexts as t } from "./texts";
 import { keepable, parsed, put, typedOf, type Draft, type Typed } from "./values";
+import { Summary } from "./Summary";
 import { fieldName, valueWord } from "./words";
 
 const PADS: readonly Topic[] = ["pads"];
@@ -179,36 +180,6 @@ function FieldRow(properties: FieldProperties): ReactElement {
       <Input {...properties} id={id} invalid={fault !== undefined} describedBy={fault === undefined ? undefined : `${id}-fault`} />
       {error}
     </div>
-  );
-}
-
-/** What will be different, field by field; for a new record all of it. */
-function Summary({ argument, about, before }: { argument: JsonObject; about: JsonObject; before: Readonly<Record<string, unknown>> | undefined }): ReactElement {
-  const flat = (value: JsonObject, prefix = ""): [string, Json][] =>
-    Object.entries(value).flatMap(([name, each]): [string, Json][] =>
-      typeof each === "object" && !Array.isArray(each) && name === "policy" ? flat(each as JsonObject, `${name}.`) : [[prefix + name, each]],
-    );
-  const was = (path: string): unknown => path.split(".").reduce<unknown>((at, name) => (at as Record<string, unknown> | undefined)?.[name], before);
-  const rows = flat(argument).filter(([path, value]) => path in about || before === undefined || JSON.stringify(was(path)) !== JSON.stringify(value));
-  return (
-    <table className="table change-table num">
-      <thead>
-        <tr>
-          <th scope="col">{t("field")}</th>
-          {before !== undefined && <th scope="col">{t("was")}</th>}
-          <th scope="col">{t("willBe")}</th>
-        </tr>
-      </thead>
-      <tbody>
-        {rows.map(([path, value]) => (
-          <tr key={path}>
-            <th scope="row">{fieldName(path)}</th>
-            {before !== undefined && <td className="quiet">{valueWord(path, was(path))}</td>}
-            <td>{typeof value === "object" && !Array.isArray(value) ? "JSON" : valueWord(path, value)}</td>
-          </tr>
-        ))}
-      </tbody>
-    </table>
   );
 }
 

@@ -3,10 +3,10 @@ import { useCallback, useMemo, type ReactElement, type ReactNode } from "react";
 import { placeHash } from "../shared/address/location";
 import { Masked } from "../people/Masked";
 import { useApi } from "../shared/api/api";
-import { day, dayAndTime, dotted } from "../shared/format";
+import { day, dayAndTime, dotted, length } from "../shared/format";
 import { useServerNow } from "../shared/live/useLive";
 import { sharedTexts } from "../shared/texts";
-import { drone as fetchDrone, type RegistryAuthorisation, type RegistryDroneDetail } from "./calls";
+import { RECORD_MS, drone as fetchDrone, type RegistryAuthorisation, type RegistryDroneDetail } from "./calls";
 import { ChangeForm } from "./ChangeForm";
 import { maintenanceWord } from "./DronesPage";
 import { FORMS, formKey, type FormName } from "./forms";
@@ -16,7 +16,7 @@ import { Status } from "./Status";
 import { registryTexts as t } from "./texts";
 import { actionList } from "./words";
 
-const DRONE_FORMS = ["suspend", "reactivate", "grant", "maintenance", "retire-drone", "revoke"] as const;
+const DRONE_FORMS = ["suspend", "reactivate", "grant", "maintenance", "retire-drone", "revoke", "withdraw-calibration"] as const;
 type DroneForm = (typeof DRONE_FORMS)[number];
 
 function isDroneForm(name: string | undefined): name is DroneForm {
@@ -84,6 +84,53 @@ function Authorisations({ detail, now_ms }: { detail: RegistryDroneDetail; now_m
   );
 }
 
+function Calibrations({ detail, now_ms }: { detail: RegistryDroneDetail; now_ms: number }): ReactElement {
+  const { calibrations, drone } = detail;
+  return (
+    <section className="float card">
+      <h2>{t("calibrations")}</h2>
+      <p className="quiet">{t(calibrations.length === 0 ? "noCalibrations" : "calibrationHint")}</p>
+      {calibrations.length > 0 && (
+        <div className="scroll">
+          <table className="table num">
+            <thead>
+              <tr>
+                {(["pad", "offset", "status", "measured", "until", "calibratedBy"] as const).map((each) => (
+                  <th key={each} scope="col">
+                    {t(each)}
+                  </th>
+                ))}
+                <td />
+              </tr>
+            </thead>
+            <tbody>
+              {calibrations.map(({ record, state }) => (
+                <tr key={record.pad_id}>
+                  <th scope="row">{record.pad_id}</th>
+                  <td title={record.node}>{t("offsetIs", { offset: length(record.offset_mm), sigma: length(record.sigma_mm) })}</td>
+                  <td className={state === "holds" ? "look-verified" : "quiet"} title={record.withdrawn}>
+                    {t("calibrationIs", { state })}
+                  </td>
+                  <td>{dayAndTime(record.measured_ms, now_ms)}</td>
+                  <td>{day(record.valid_until_ms)}</td>
+                  <td>{`${record.registered_by} · ${record.msp_id}`}</td>
+                  <td className="right">
+                    {state === "holds" && (
+                      <a className="button" href={registryHref(["drones", drone.record.uav_id, "withdraw-calibration", record.pad_id])}>
+                        {t("form", { form: "withdraw_calibration" })}
+                      </a>
+                    )}
+                  </td>
+                </tr>
+              ))}
+            </tbody>
+          </table>
+        </div>
+      )}
+    </section>
+  );
+}
+
 function Record({ detail, now_ms }: { detail: RegistryDroneDetail; now_ms: number }): ReactElement {
   const { record } = detail.drone;
   const facts: [string, ReactNode][] = [
@@ -118,7 +165,7 @@ export function DronePage({ uav_id, form, part, reason }: { uav_id: string; form
   const api = useApi();
   const client = useQueryClient();
   const now_ms = useServerNow(30_000);
-  const query = useQuery({ queryKey: ["registry", "drone", uav_id], queryFn: () => fetchDrone(api, uav_id) });
+  const query = useQuery({ queryKey: ["registry", "drone", uav_id], queryFn: () => fetchDrone(api, uav_id), refetchInterval: RECORD_MS });
   const fresh = useCallback(() => client.invalidateQueries({ queryKey: ["registry"] }), [client]);
   const suggested = useMemo(() => (form === "suspend" && reason !== undefined ? { reason: reason.slice(0, 200) } : undefined), [form, reason]);
   const detail = query.data;
@@ -132,7 +179,12 @@ export function DronePage({ uav_id, form, part, reason }: { uav_id: string; form
   const { record, version } = detail.drone;
   const back = (): void => toRegistry(["drones", uav_id]);
   const authorisation = form === "revoke" ? detail.authorisations.find((each) => each.record.authorisation_id === part) : undefined;
-  const about = authorisation === undefined ? { uav_id } : { uav_id, authorisation_id: authorisation.record.authorisation_id };
+  const calibration = form === "withdraw-calibration" ? detail.calibrations.find((each) => each.record.pad_id === part) : undefined;
+  const about = {
+    uav_id,
+    ...(authorisation !== undefined && { authorisation_id: authorisation.record.authorisation_id }),
+    ...(calibration !== undefined && { pad_id: calibration.record.pad_id }),
+  };
   const before = authorisation ?? (form === "grant" ? undefined : { record, version });
   return (
     <>
@@ -153,10 +205,10 @@ export function DronePage({ uav_id, form, part, reason }: { uav_id: string; form
           </a>
         ))}
       </nav>
-      {isDroneForm(form) && (form !== "revoke" || authorisation !== undefined) && (
+      {isDroneForm(form) && (form !== "revoke" || authorisation !== undefined) && (form !== "withdraw-calibration" || calibration !== undefined) && (
         <section className="float card" aria-labelledby="registry-form">
           <h2 id="registry-form">
-            {t("form", { form: formKey(form) })} <span className="quiet">· {authorisation?.record.authorisation_id ?? uav_id}</span>
+            {t("form", { form: formKey(form) })} <span className="quiet">· {authorisation?.record.authorisation_id ?? calibration?.record.pad_id ?? uav_id}</span>
           </h2>
           <ChangeForm
             key={`${form} ${part ?? ""}`}
@@ -172,7 +224,10 @@ export function DronePage({ uav_id, form, part, reason }: { uav_id: string; form
       )}
       <div className="registry-record">
         <Record detail={detail} now_ms={now_ms} />
-        <Authorisations detail={detail} now_ms={now_ms} />
+        <div className="registry-stack">
+          <Authorisations detail={detail} now_ms={now_ms} />
+          <Calibrations detail={detail} now_ms={now_ms} />
+        </div>
       </div>
       <History kind="drone" id={uav_id} />
     </>

@@ -9,12 +9,12 @@ import { useLive, useServerNow } from "../shared/live/useLive";
 import type { Topic } from "../shared/live/store";
 import { sharedTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
-import { pad as fetchPad, type RegistryPadDetail } from "./calls";
+import { RECORD_MS, pad as fetchPad, type RegistryPadDetail } from "./calls";
 import { ChangeForm } from "./ChangeForm";
 import { FORMS, formKey } from "./forms";
 import { History } from "./History";
 import { registryHref, toRegistry } from "../shared/address/registryLinks";
-import { AnchorPlan, BiasPlot, ReachPlot } from "./PadPlots";
+import { AnchorPlan, BiasPlot, ReachPlot, type Commissioning } from "./PadPlots";
 import { isAction, Policies, policyBefore } from "./Policies";
 import { Status } from "./Status";
 import { registryTexts as t } from "./texts";
@@ -33,6 +33,13 @@ function Facts({ rows }: { rows: readonly (readonly [string, string])[] }): Reac
       ))}
     </dl>
   );
+}
+
+/** What bounds the assurance that a proof at this pad can have; nodes that nobody asked count as able. */
+function bearing({ nodes, timestamp_sigma_mm }: Commissioning): string {
+  if (nodes?.sts === "static") return "static";
+  if (nodes?.blinks === "none") return "blind";
+  return timestamp_sigma_mm === undefined ? "unclocked" : "timed";
 }
 
 function Commissioned({ detail }: { detail: RegistryPadDetail }): ReactElement {
@@ -55,6 +62,7 @@ function Commissioned({ detail }: { detail: RegistryPadDetail }): ReactElement {
           [t("rangeSigma"), length(commissioning.range_sigma_mm)],
           [t("installationSigma"), length(commissioning.installation_sigma_mm)],
           [t("maxRange"), length(commissioning.max_range_mm, true)],
+          [t("assurance"), t("assuranceReached", { by: bearing(commissioning) })],
         ]}
       />
       {commissioning_sha256 !== undefined && (
@@ -99,7 +107,7 @@ export function PadPage({ pad_id, form, part }: { pad_id: string; form: string |
   const api = useApi();
   const client = useQueryClient();
   const now_ms = useServerNow(30_000);
-  const query = useQuery({ queryKey: ["registry", "pad", pad_id], queryFn: () => fetchPad(api, pad_id) });
+  const query = useQuery({ queryKey: ["registry", "pad", pad_id], queryFn: () => fetchPad(api, pad_id), refetchInterval: RECORD_MS });
   const fresh = useCallback(() => client.invalidateQueries({ queryKey: ["registry"] }), [client]);
   const detail = query.data;
   if (detail === undefined) {

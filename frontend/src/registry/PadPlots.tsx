@@ -5,7 +5,7 @@ import { length } from "../shared/format";
 import type { RegistryPad, RegistryPadDetail } from "./calls";
 import { registryTexts as t } from "./texts";
 
-type Commissioning = NonNullable<RegistryPad["record"]["commissioning"]>;
+export type Commissioning = NonNullable<RegistryPad["record"]["commissioning"]>;
 
 const SIZE = 260;
 const WIDTH = 420;

@@ -1,5 +1,6 @@
 import type { ReactElement } from "react";
 import type { Place, PlainRoom } from "../shared/address/location";
+import { useOfficer } from "../shared/api/who";
 import { KeyPage } from "../shared/signing/KeyPage";
 import { ChangeForm } from "./ChangeForm";
 import { CertificatesPage } from "./CertificatesPage";
@@ -11,6 +12,7 @@ import { registryHref, TABS, toRegistry, type Tab } from "../shared/address/regi
 import { OperatorsPage } from "./OperatorsPage";
 import { PadPage } from "./PadPage";
 import { PadsPage } from "./PadsPage";
+import { ProposalsPage } from "./ProposalsPage";
 import "./registry.css";
 import { registryTexts as t } from "./texts";
 
@@ -42,6 +44,8 @@ function Content({ tab, place }: { tab: Tab; place: Registry }): ReactElement {
       return <OperatorsPage />;
     case "certificates":
       return <CertificatesPage place={place} />;
+    case "proposals":
+      return <ProposalsPage id={id} form={form} />;
     case "import":
       return <ImportPage />;
     case "key":
@@ -51,13 +55,14 @@ function Content({ tab, place }: { tab: Tab; place: Registry }): ReactElement {
 
 /** `#/registry/drones/OH-DRN-0417/suspend`, `#/registry/pads/aurajoki-2`, `#/registry/certificates?expiring=1`, … */
 export function RegistryRoom({ place }: { place: Registry }): ReactElement {
+  const officer = useOfficer();
   const tab: Tab = isTab(place.path[0]) ? place.path[0] : "drones";
   return (
     <div className="page registry">
       <div className="page-head">
         <h1>{t("registry")}</h1>
         <nav className="tabs" aria-label={t("sections")}>
-          {TABS.map((each) => (
+          {TABS.filter((each) => each !== "proposals" || officer).map((each) => (
             <a key={each} className="tab" href={registryHref([each])} aria-current={each === tab ? "page" : undefined}>
               {t("tab", { tab: each })}
             </a>

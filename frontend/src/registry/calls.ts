@@ -3,6 +3,9 @@ import { answered, type Api, type Page } from "../shared/api/api";
 import type { components, paths } from "../shared/api/schema";
 import type { Schema } from "./schema";
 
+/** So often an open record is fetched anew: others change it, too, above all who approves what was proposed here. */
+export const RECORD_MS = 5_000;
+
 type Schemas = components["schemas"];
 export type RegistryDrone = Schemas["RegistryDrone"];
 export type RegistryDroneDetail = Schemas["RegistryDroneDetail"];
@@ -11,6 +14,7 @@ export type RegistryPad = Schemas["RegistryPad"];
 export type RegistryPadDetail = Schemas["RegistryPadDetail"];
 export type RegistryPolicy = Schemas["RegistryPolicy"];
 export type RegistryChange = Schemas["RegistryChange"];
+export type RegistryProposal = Schemas["RegistryProposal"];
 export type RegistryOrganisation = Schemas["RegistryOrganisation"];
 export type RegistryCertificate = Schemas["RegistryCertificate"];
 export type Form = { function: string; roles: string[]; argument: Schema };
@@ -42,6 +46,10 @@ export async function commonPolicies(api: Api): Promise<RegistryPolicy[]> {
 
 export function history(api: Api, query: { kind: "drone" | "pad"; id: string; limit: number; cursor?: string }): Promise<Page<RegistryChange>> {
   return answered((signal) => api.client.GET("/api/v1/registry/history", { params: { query }, signal }));
+}
+
+export function proposals(api: Api, query: Query<"/api/v1/registry/proposals">): Promise<Page<RegistryProposal>> {
+  return answered((signal) => api.client.GET("/api/v1/registry/proposals", { params: { query }, signal }));
 }
 
 export async function organisations(api: Api): Promise<RegistryOrganisation[]> {

@@ -10,12 +10,14 @@ export type FormName =
   | "retire-drone"
   | "grant"
   | "revoke"
+  | "withdraw-calibration"
   | "maintenance"
   | "register-pad"
   | "edit-pad"
   | "retire-pad"
   | "commission"
   | "site-plan"
+  | "withdraw-change"
   | "policy";
 export type FormSpec = { transaction: string; fields: readonly FieldSpec[]; danger?: true };
 
@@ -32,7 +34,7 @@ export const FORMS: Readonly<Record<FormName, FormSpec>> = {
     ],
   },
   suspend: { transaction: "SetUavStatus", fields: [REASON], danger: true },
-  reactivate: { transaction: "SetUavStatus", fields: [REASON] },
+  reactivate: { transaction: "ProposeReinstatement", fields: [REASON] },
   "retire-drone": { transaction: "SetUavStatus", fields: [REASON], danger: true },
   grant: {
     transaction: "GrantAuthorisation",
@@ -45,6 +47,7 @@ export const FORMS: Readonly<Record<FormName, FormSpec>> = {
     ],
   },
   revoke: { transaction: "RevokeAuthorisation", fields: [REASON], danger: true },
+  "withdraw-calibration": { transaction: "WithdrawCalibration", fields: [REASON], danger: true },
   maintenance: {
     transaction: "RecordMaintenance",
     fields: [
@@ -76,8 +79,9 @@ export const FORMS: Readonly<Record<FormName, FormSpec>> = {
   "retire-pad": { transaction: "RetirePad", fields: [REASON], danger: true },
   commission: { transaction: "CommissionPad", fields: [] },
   "site-plan": { transaction: "SetSitePlan", fields: [] },
+  "withdraw-change": { transaction: "WithdrawChange", fields: [REASON], danger: true },
   policy: {
-    transaction: "SetPolicy",
+    transaction: "ProposePolicy",
     fields: [
       { path: "policy.buffer_mm", kind: "metres" },
       { path: "policy.min_assurance", kind: "integer" },
@@ -97,6 +101,7 @@ export const FORMS: Readonly<Record<FormName, FormSpec>> = {
       { path: "policy.require_authorisation", kind: "flag" },
       { path: "policy.require_maintenance", kind: "flag" },
       { path: "policy.cancel_hopeless", kind: "flag" },
+      { path: "note", kind: "note", wide: true, optional: true },
     ],
   },
 };
@@ -106,7 +111,7 @@ export function formKey(name: FormName): string {
   return name.replaceAll("-", "_");
 }
 
-const STATUS: Partial<Record<FormName, string>> = { suspend: "suspended", reactivate: "active", "retire-drone": "retired" };
+const STATUS: Partial<Record<FormName, string>> = { suspend: "suspended", "retire-drone": "retired" };
 
 /** What the form itself adds to the argument: of whom it is, and what it does. */
 export function fixedPart(form: FormName, about: JsonObject): JsonObject {

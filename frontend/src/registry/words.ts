@@ -29,6 +29,16 @@ function closuresWord(value: readonly unknown[]): string {
   return value.length === 0 ? t("noClosures") : t("closuresAre", { count: value.length, zones: [...zones].join(", ") });
 }
 
+/** "quay-1: 0.30 m ± 0.02 m": what a drone is calibrated to, by pad. */
+function calibrationsWord(value: readonly unknown[]): string {
+  return (value as { pad_id: string; offset_mm: number; sigma_mm: number; withdrawn?: string }[])
+    .map(({ pad_id, offset_mm, sigma_mm, withdrawn }) => {
+      const word = `${pad_id}: ${t("offsetIs", { offset: length(offset_mm), sigma: length(sigma_mm) })}`;
+      return withdrawn === undefined ? word : `${word} (${t("calibrationIs", { state: "withdrawn" })}: ${withdrawn})`;
+    })
+    .join(" · ");
+}
+
 /** One value of a record; by its name one knows its unit. */
 export function valueWord(path: string, value: unknown): string {
   const name = path.split(".").at(-1) ?? path;
@@ -43,6 +53,7 @@ export function valueWord(path: string, value: unknown): string {
     return String(value);
   }
   if (name === "closures" && Array.isArray(value)) return closuresWord(value);
+  if (name === "calibrations" && Array.isArray(value)) return calibrationsWord(value);
   if (Array.isArray(value)) return name === "actions" ? actionList(value.map(String)) : `[${value.length}]`;
   if (typeof value === "string") {
     if (name === "status") return statusWord(value);

@@ -1,17 +1,24 @@
 import { useMutation } from "@tanstack/react-query";
 import type { ReactElement } from "react";
 import { useApi } from "../shared/api/api";
-import { useLiveStore } from "../shared/live/useLive";
-import { evidenceFile, save } from "./evidence";
 import { sessionTexts as t } from "./texts";
 
-/** The session as one file, for whoever has to judge it without the console. */
+/** Hands a file to the browser's downloads. */
+function save(name: string, content: ArrayBuffer): void {
+  const url = URL.createObjectURL(new Blob([content], { type: "application/json" }));
+  const link = document.createElement("a");
+  link.href = url;
+  link.download = name;
+  link.click();
+  URL.revokeObjectURL(url);
+}
+
+/** The evidence file, as the ledger gives it: for whoever has to judge without the console. */
 export function EvidenceButton({ session_id }: { session_id: string }): ReactElement {
   const api = useApi();
-  const store = useLiveStore();
   const fetched = useMutation({
-    mutationFn: () => evidenceFile(api, session_id, store.serverNow_ms()),
-    onSuccess: (file) => save(`wonderland-${file.session.session.uav_id}-${session_id.slice(0, 12)}.json`, file),
+    mutationFn: () => api.evidence(session_id),
+    onSuccess: (file) => save(`evidence-${session_id.slice(0, 12)}.json`, file),
   });
   return (
     <>

@@ -6,7 +6,6 @@ upwards and a pad that installed only the ``edge`` extra shows only what it has.
 
 from __future__ import annotations
 
-import gc
 import sys
 from importlib.metadata import EntryPoint, entry_points
 from typing import Final
@@ -14,6 +13,7 @@ from typing import Final
 import click
 
 from wonderland import __version__
+from wonderland.lazy_commands import importing
 
 GROUP: Final = "wonderland.commands"
 
@@ -33,16 +33,13 @@ class InstalledCommands(click.Group):
         entry = self._entries().get(cmd_name)
         if entry is None:
             return None
-        # A thousand modules are no garbage: to look for some among them takes a quarter of a backend's start.
-        gc.disable()
         try:
-            loaded = entry.load()
+            with importing():
+                loaded = entry.load()
         except ModuleNotFoundError as error:
             if ctx.params.get("verbose"):
                 click.echo(f"{cmd_name}: not installed here ({error})", err=True)
             return None
-        finally:
-            gc.enable()
         return loaded if isinstance(loaded, click.Command) else None
 
 

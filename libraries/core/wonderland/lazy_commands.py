@@ -6,11 +6,23 @@ it, and a running pad does not carry what calibrating it takes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import gc
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pkgutil import resolve_name
 from typing import Any
 
 import click
+
+
+@contextmanager
+def importing() -> Iterator[None]:
+    """A thousand modules are no garbage: to look for some among them takes a quarter of a backend's start."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 class LazyGroup(click.Group):
@@ -28,7 +40,8 @@ class LazyGroup(click.Group):
         """The command; its module is imported now."""
         if cmd_name not in self.lazy:
             return super().get_command(ctx, cmd_name)
-        found = resolve_name(self.lazy[cmd_name][0])
+        with importing():
+            found = resolve_name(self.lazy[cmd_name][0])
         assert isinstance(found, click.Command)
         return found
 

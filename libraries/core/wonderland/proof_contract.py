@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -18,10 +18,11 @@ import grpc
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records import transactions as tx
-from wonderland.proofs.records.assets import AssetChange
+from wonderland.proofs.records.audit import AnchorAuditLog, AuditHead, AuditHeadsOf
 from wonderland.proofs.records.pads import Commissioning, OfferedPrekey, Pad, Prekey
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Evidence, Radio, Session, Testimony, TimeStamps
+from wonderland.proofs.records.uavs import Uav
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway.errors import (
@@ -161,7 +162,7 @@ class ProofContract:
         return _parsed(Session, answer), done
 
     async def publish_prekeys(self, pad_id: str, prekeys: tuple[OfferedPrekey, ...]) -> Committed:
-        """Offer one-time keys."""
+        """Offer one-time keys, each of which one session takes. Raises `LedgerError`."""
         _, done = await self._submit("PublishPrekeys", tx.PublishPrekeys(pad_id=pad_id, prekeys=prekeys))
         return done
 
@@ -188,6 +189,28 @@ class ProofContract:
         """A pad with its commissioning."""
         return _parsed(Pad, await self._evaluate("ReadPad", tx.PadById(pad_id=pad_id)))
 
+    async def read_uav(self, uav_id: str) -> Uav:
+        """A drone as the ledger knows it."""
+        return _parsed(Uav, await self._evaluate("ReadUav", tx.UavById(uav_id=uav_id)))
+
+    async def calibrate_uav(self, argument: tx.CalibrateUav) -> tuple[Uav, Committed]:
+        """What a drone's node adds to every range at a pad."""
+        answer, done = await self._submit("CalibrateUav", argument, _KNOWN)
+        return _parsed(Uav, answer), done
+
+    async def evidence_of(self, done: Committed) -> Evidence:
+        """What the pad brought with a committed SubmitProof, out of its block."""
+        try:
+            async with self._network.blocks(start_block=done.block_number) as blocks:
+                block = await anext(aiter(blocks))
+        except GatewayError as error:
+            raise _translated(error) from error
+        for transaction in block.transactions:
+            invocation = transaction.invocation
+            if transaction.tx_id == done.tx_id and invocation is not None and len(invocation.args) == 2:
+                return _parsed(tx.SubmitProof, _object(invocation.args[1])).evidence
+        raise RefusedError(0, "NOT_FOUND", f"block {done.block_number} has no proof {done.tx_id[:12]}…")
+
     async def read_policy(self, pad_id: str, action: str) -> Policy:
         """The policy that holds for an action at a pad."""
         return _parsed(Policy, await self._evaluate("ReadPolicy", tx.PolicyFor(pad_id=pad_id, action=action)))
@@ -207,7 +230,7 @@ class ProofContract:
 
     async def events(
         self, *, checkpointer: Checkpointer | None = None, start_block: int | None = None, names: frozenset[str]
-    ) -> AsyncIterator[ContractEvent]:
+    ) -> AsyncGenerator[ContractEvent]:
         """Events with these names, for ever, through interruptions; a checkpoint says where to begin.
 
         Others are left out. An event that is none of this contract's is left out with a warning.
@@ -239,32 +262,17 @@ class ProofContract:
         except GatewayError as error:
             raise _translated(error) from error
 
-    async def put_asset(self, argument: tx.CreateAsset) -> Committed:
-        """Give an asset this value; make it, where there is none yet."""
-        change = tx.UpdateAsset(
-            id=argument.id, value=argument.value, type=argument.type, media_type=argument.media_type
-        )
-        try:
-            _, done = await self._submit("UpdateAsset", change)
-        except RefusedError as error:
-            if error.status != _NOT_THERE:
-                raise
-            _, done = await self._submit("CreateAsset", argument)
-        return done
+    async def anchor_audit_log(self, argument: AnchorAuditLog) -> tuple[AuditHead, Committed]:
+        """Write down where an audit log stands."""
+        answer, done = await self._submit("AnchorAuditLog", argument)
+        return _parsed(AuditHead, answer), done
 
-    async def asset_history(self, asset_id: str, limit: int = 1_000) -> tuple[AssetChange, ...]:
-        """The changes of an asset, newest first; none, where there never was one."""
-        argument = tx.AssetHistoryOf(id=asset_id, limit=limit)
-        try:
-            answer = await self._evaluate("AssetHistory", argument)
-        except RefusedError as error:
-            if error.status == _NOT_THERE:
-                return ()
-            raise
-        listed = answer.get("changes")
+    async def audit_heads(self, argument: AuditHeadsOf) -> tuple[AuditHead, ...]:
+        """Heads of an audit log, oldest first."""
+        listed = (await self._evaluate("ListAuditHeads", argument)).get("heads")
         if not isinstance(listed, list):
-            raise RefusedError(0, "BAD_ANSWER", "the contract's history of an asset is no list")
-        return tuple(_parsed(AssetChange, entry) for entry in listed)
+            raise RefusedError(0, "BAD_ANSWER", "the contract's list of audit heads is no list")
+        return tuple(_parsed(AuditHead, each) for each in listed)
 
     async def _submit(
         self, function: str, argument: Record, behind: frozenset[str] = frozenset()

@@ -28,6 +28,7 @@ __all__ = [
     "Transaction",
     "TransactionType",
     "ValidationCode",
+    "block_signature",
     "block_signatures",
     "data_hash",
     "parse_block",
@@ -159,10 +160,11 @@ def block_signatures(block: Block) -> tuple[BlockSignature, ...]:
     message = decode(common_pb2.Metadata, slot, what, BlockError)
     if len(message.signatures) > MAX_SIGNATURES:
         raise BlockError(f"{what}: {len(message.signatures)} of them; the limit is {MAX_SIGNATURES}")
-    return tuple(_signature(each, message.value, block.header.der, what) for each in message.signatures)
+    return tuple(block_signature(each, message.value, block.header.der, what) for each in message.signatures)
 
 
-def _signature(entry: Any, value: bytes, header_der: bytes, what: str) -> BlockSignature:
+def block_signature(entry: Any, value: bytes, header_der: bytes, what: str) -> BlockSignature:
+    """One ``common.MetadataSignature`` over a block's metadata value and its header's DER. Raises `BlockError`."""
     if entry.identifier_header:
         identifier = decode(common_pb2.IdentifierHeader, entry.identifier_header, what, BlockError)
         message = value + entry.identifier_header + header_der

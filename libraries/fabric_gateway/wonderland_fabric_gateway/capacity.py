@@ -29,7 +29,7 @@ class Share:
 
     @property
     def mean(self) -> float:
-        """Bytes of one."""
+        """Bytes of one transaction on average; 0.0 where there was none."""
         return self.octets / self.count if self.count else 0.0
 
 
@@ -47,7 +47,7 @@ class Census:
     """Bytes of key and value by key, as these blocks leave them."""
 
     def count(self, blocks: Iterable[Block]) -> None:
-        """Take blocks in."""
+        """Take blocks in: each transaction's bytes under its function's name."""
         for block in blocks:
             self.blocks += 1
             self.octets += len(block.to_bytes())
@@ -82,7 +82,7 @@ class Census:
         return Proof(transactions, octets, overhead * transactions, kept / requests)
 
     def as_json(self) -> dict[str, Any]:
-        """JSON values."""
+        """JSON values, as `--json` prints them."""
         proof = self.proof()
         return {
             "blocks": self.blocks,
@@ -113,7 +113,7 @@ class Proof:
         return self.octets + self.overhead
 
     def as_json(self) -> dict[str, float]:
-        """JSON values."""
+        """JSON values, as `--json` prints them."""
         return {
             "transactions": round(self.transactions, 2),
             "envelope_bytes": round(self.octets),

@@ -78,11 +78,11 @@ class ClientTls:
     key: Path
 
     def certificate_pem(self) -> bytes:
-        """The certificate."""
+        """The client's certificate, read from its file. Raises `LedgerError`."""
         return read_bounded(self.certificate, ConnectionFileError, "client_tls.certificate")
 
     def key_pem(self) -> bytes:
-        """Its private key."""
+        """The client's private key, read from its file. Raises `LedgerError`."""
         return read_bounded(self.key, ConnectionFileError, "client_tls.key")
 
     def sha256(self) -> bytes:

@@ -39,6 +39,10 @@ class RevocationListError(LedgerError):
     """A revocation list that must not get onto the channel: foreign, wrongly signed, or without its issuer's key id."""
 
 
+class VerificationError(LedgerError):
+    """A block or a transaction is not what the channel's own configuration asks for; the text says what is wrong."""
+
+
 class AddressError(LedgerError):
     """A text that is no HOST:PORT."""
 

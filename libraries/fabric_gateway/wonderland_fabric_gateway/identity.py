@@ -148,7 +148,7 @@ class SigningIdentity:
 
     @property
     def creator(self) -> bytes:
-        """The SerializedIdentity."""
+        """The SerializedIdentity (protobuf), as it stands in a transaction's header."""
         return self.identity.creator
 
 

@@ -29,6 +29,8 @@ class Signer:
 
     msp_id: str
     role: str = PEER
+    creator: bytes = b""
+    """Its serialised identity, where a policy may name it (BFT orderers); empty where none does."""
 
 
 def role_principal(msp_id: str, role: str) -> msp_principal_pb2.MSPPrincipal:
@@ -112,6 +114,8 @@ def _holds(
 
 
 def _is(signer: Signer, principal: msp_principal_pb2.MSPPrincipal) -> bool:
+    if principal.principal_classification == msp_principal_pb2.MSPPrincipal.IDENTITY:
+        return bool(signer.creator) and bytes(principal.principal) == signer.creator
     if principal.principal_classification != msp_principal_pb2.MSPPrincipal.ROLE:
         return False
     try:

@@ -6,6 +6,7 @@ ChaincodeEndorsedAction{ProposalResponsePayload{ChaincodeAction}}}}}}}, as ``pee
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import TYPE_CHECKING, Any, Final
@@ -273,13 +274,20 @@ def parse_invocation(transaction_data: bytes) -> Invocation:
         response=Response(action.response.status, action.response.message, action.response.payload),
         event=_event(action.events),
         accesses=parse_accesses(action.results),
-        endorsements=tuple(
-            Endorsement(Identity.from_creator(each.endorser), each.signature) for each in endorsed.endorsements
-        ),
+        endorsements=_endorsements(endorsed.endorsements),
         proposal_hash=response.proposal_hash,
         proposal_payload=payload.chaincode_proposal_payload,
         response_payload=endorsed.proposal_response_payload,
     )
+
+
+def _endorsements(given: Any) -> tuple[Endorsement, ...]:
+    """Those by somebody. One by no identity at all counts for nobody, and Fabric's peers pass over it, too."""
+    found: list[Endorsement] = []
+    for each in given:
+        with contextlib.suppress(IdentityError):
+            found.append(Endorsement(Identity.from_creator(each.endorser), each.signature))
+    return tuple(found)
 
 
 def parse_accesses(results: bytes) -> tuple[NamespaceAccess, ...]:

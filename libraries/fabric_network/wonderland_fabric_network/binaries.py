@@ -42,7 +42,7 @@ BY_NAME: Final = Binaries(Path("peer"), Path("orderer"), Path("fabric-ca-server"
 """The servers as Fabric's images have them: on PATH."""
 
 
-def find(environment: Mapping[str, str] | None = None) -> dict[str, Path]:
+def find_binaries(environment: Mapping[str, str] | None = None) -> dict[str, Path]:
     """The servers' files, not yet run. Raises `BinaryError`, naming all that are missing and where to get them."""
     environment = os.environ if environment is None else environment
     directory = environment.get(VARIABLE, "")
@@ -56,9 +56,9 @@ def find(environment: Mapping[str, str] | None = None) -> dict[str, Path]:
     return {name: Path(path).absolute() for name, path in found.items() if path is not None}
 
 
-async def check(environment: Mapping[str, str] | None = None) -> Binaries:
+async def check_binaries(environment: Mapping[str, str] | None = None) -> Binaries:
     """The servers, each asked for its version. Raises `BinaryError`."""
-    files = find(environment)
+    files = find_binaries(environment)
     versions = await asyncio.gather(*(_version(name, path) for name, path in files.items()))
     for (name, path), version in zip(files.items(), versions, strict=True):
         require_version(name, path, version)

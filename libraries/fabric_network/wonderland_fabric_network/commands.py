@@ -88,14 +88,14 @@ def up(*, directory: Path, file: Path | None, consensus: str | None, orderers: i
     description = NetworkDescription.load(file) if file else None
     if consensus or orderers:
         description = (description or NetworkDescription()).with_ordering(consensus, orderers)
-    servers.find()  # before anything is written
+    servers.find_binaries()  # before anything is written
     places = NetworkDirectory(directory)
     places.prepare()
     with places.lock(), progress(quiet=as_json) as report:
         made = bringing_up.new_network(places, description)
 
         async def run() -> None:
-            await bringing_up.bring_up(made, await servers.check(), report)
+            await bringing_up.bring_up(made, await servers.check_binaries(), report)
 
         asyncio.run(run())
     seconds = time.monotonic() - begin
@@ -136,7 +136,7 @@ def keep(*, directory: Path) -> None:
         stop = asyncio.Event()
         for each in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(each, stop.set)
-        await keeping.keep_up(places, await servers.check(), lambda _step, text: click.echo(text), stop)
+        await keeping.keep_up(places, await servers.check_binaries(), lambda _step, text: click.echo(text), stop)
 
     asyncio.run(run())
 
@@ -313,7 +313,7 @@ def add_org(*, msp_id: str, directory: Path, kind: str, peers: int, endorsement:
 
         async def run() -> expansion.Joined:
             return await expansion.add_organisation(
-                made, await servers.check(), organisation, report, endorsement=endorsement
+                made, await servers.check_binaries(), organisation, report, endorsement=endorsement
             )
 
         joined = asyncio.run(run())
@@ -349,7 +349,7 @@ def renew(*, name: str, directory: Path, msp_id: str | None, days: int, everythi
         made.processes.shorten_logs()
 
         async def run() -> list[str]:
-            return await renewal.renew(made, await servers.check(), wanted, report, msp_id=msp_id)
+            return await renewal.renew(made, await servers.check_binaries(), wanted, report, msp_id=msp_id)
 
         done = asyncio.run(run())
     if as_json:

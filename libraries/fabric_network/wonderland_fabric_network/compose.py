@@ -207,7 +207,8 @@ def _embedded() -> dict[str, Any]:
 def _project() -> dict[str, Any]:
     """What every profile has: database, backend with console, simulated pads and drones."""
     identified = _after({"identities-fabric": _COMPLETED, "identities-embedded": _COMPLETED}, required=False)
-    url = f"postgresql://wonderland@postgres/wonderland?passfile={_SECRETS}/pgpass"
+    url = f"postgresql://wonderland_server@postgres/wonderland?passfile={_SECRETS}/server/pgpass"
+    owner_url = f"postgresql://wonderland@postgres/wonderland?passfile={_SECRETS}/owner/pgpass"
     return {
         "secrets": {
             **_job(["backend", "new-password", "--to", "/secrets"], [], [_volume("secrets")]),
@@ -220,18 +221,31 @@ def _project() -> dict[str, Any]:
             "environment": {
                 "POSTGRES_USER": "wonderland",
                 "POSTGRES_DB": "wonderland",
-                "POSTGRES_PASSWORD_FILE": f"{_SECRETS}/password",
+                "POSTGRES_PASSWORD_FILE": f"{_SECRETS}/owner/password",
             },
             "networks": ["database"],
             "volumes": [
                 _volume("database", Path("/var/lib/postgresql/data"), whole=True),
-                _volume("secrets", Path(_SECRETS), whole=True, read_only=True),
+                _volume("secrets", Path(_SECRETS) / "owner", subpath="owner", read_only=True),
             ],
             "tmpfs": [_SCRATCH, f"/var/run/postgresql:size=1m,uid={POSTGRES_OWNER},gid={POSTGRES_OWNER},mode=0755"],
             "shm_size": "128M",
             "stop_signal": "SIGINT",
             "healthcheck": _check("pg_isready", "--username", "wonderland", "--dbname", "wonderland"),
             "depends_on": _after({"secrets": _COMPLETED}),
+        },
+        "migrate": {
+            **_job(
+                [
+                    *("backend", "migrate", "--server-role", "wonderland_server"),
+                    *("--server-password-file", f"{_SECRETS}/server/password"),
+                ],
+                [],
+                [_volume("secrets", Path(_SECRETS), whole=True, read_only=True)],
+                ["database"],
+            ),
+            "environment": {"WONDERLAND_BACKEND_DATABASE": _literal(owner_url)},
+            "depends_on": _after({"postgres": _HEALTHY}),
         },
         "backend": {
             **_base("wonderland", "512M"),
@@ -244,7 +258,7 @@ def _project() -> dict[str, Any]:
             "environment": {
                 "WONDERLAND_BACKEND_DATABASE": _literal(url),
                 "WONDERLAND_BACKEND_AUDIT_IDENTITY": "mirror",
-                "WONDERLAND_BACKEND_METRICS_TOKEN_FILE": f"{_SECRETS}/metrics-token",
+                "WONDERLAND_BACKEND_METRICS_TOKEN_FILE": f"{_SECRETS}/server/metrics-token",
             },
             "ports": [
                 {
@@ -257,11 +271,11 @@ def _project() -> dict[str, Any]:
             "networks": ["ledger", "agents", "database", "console"],
             "volumes": [
                 _volume("clients", Path(_LEDGER), subpath="backend", read_only=True),
-                _volume("secrets", Path(_SECRETS), whole=True, read_only=True),
+                _volume("secrets", Path(_SECRETS) / "server", subpath="server", read_only=True),
             ],
             "tmpfs": [_SCRATCH],
             "healthcheck": _check("wonderland", "backend", "health", "--at", f"http://127.0.0.1:{_CONSOLE_PORT}"),
-            "depends_on": {**identified, **_after({"postgres": _HEALTHY})},
+            "depends_on": {**identified, **_after({"migrate": _COMPLETED})},
         },
         "world": {
             **_base("wonderland", "2G"),

@@ -64,7 +64,7 @@ class Ordering(Record):
 
     @property
     def count(self) -> int:
-        """All orderers together."""
+        """How many orderers there are, of all organisations."""
         return sum(each.orderers for each in self.organisations)
 
     def validate(self, path: str) -> None:

@@ -46,7 +46,7 @@ class Enrolled:
     key: str
 
     def as_json(self) -> dict[str, str]:
-        """JSON values."""
+        """JSON values, as `--json` prints them."""
         return asdict(self)
 
 

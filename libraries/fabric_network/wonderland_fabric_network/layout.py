@@ -78,7 +78,7 @@ class NodeDirectory:
 
     @property
     def data(self) -> Path:
-        """Its ledger."""
+        """Where the server keeps its ledger."""
         return self.path / "data"
 
     @property
@@ -127,7 +127,7 @@ class OrganisationDirectory:
         return self.identity(f"{name}.tls")
 
     def node(self, name: str) -> NodeDirectory:
-        """A server's directory."""
+        """The directory of one of its servers: keys, settings, ledger."""
         return NodeDirectory(self.path / "nodes" / name)
 
 
@@ -163,7 +163,7 @@ class NetworkDirectory:
             raise DirectoryStateError(f"there is no network in {self.path}; `wonderland network up` makes one")
 
     def organisation(self, msp_id: str) -> OrganisationDirectory:
-        """An organisation's part."""
+        """The directory of an organisation: CA, identities, servers, connection.json."""
         return OrganisationDirectory(self.path / "organisations" / msp_id, msp_id)
 
     @contextlib.contextmanager

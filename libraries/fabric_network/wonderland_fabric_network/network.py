@@ -89,7 +89,7 @@ class Network:
 
     @property
     def channel(self) -> str:
-        """The channel's name."""
+        """The channel's name, from the description."""
         return self.description.channel
 
     @property
@@ -104,7 +104,7 @@ class Network:
 
     @property
     def orderers(self) -> tuple[Member, ...]:
-        """All orderers."""
+        """The orderers of all organisations, in the description's order."""
         names = [
             (organisation.msp_id, f"orderer{index}")
             for organisation in self.description.ordering.organisations
@@ -141,11 +141,11 @@ class Network:
         return self.ports[f"{member.msp_id}/{member.name}/{name}"]
 
     def node(self, member: Member) -> NodeDirectory:
-        """Its directory."""
+        """The directory of this server."""
         return self.directory.organisation(member.msp_id).node(member.name)
 
     def authority(self, msp_id: str) -> Authority:
-        """An organisation's CA."""
+        """The CA of this organisation."""
         return Authority(
             self.directory.organisation(msp_id),
             (self.ports[f"{msp_id}/ca/listen"], self.ports[f"{msp_id}/ca/operations"]),

@@ -77,7 +77,7 @@ class PeerAdmin:
 
     @property
     def msp_id(self) -> str:
-        """The organisation."""
+        """MSP id of the organisation whose administrator asks."""
         return self.administrator.identity.msp_id
 
     async def __aenter__(self) -> Self:

@@ -42,7 +42,7 @@ class Revocation:
     block: int | None
 
     def as_json(self) -> dict[str, Any]:
-        """JSON values."""
+        """JSON values, as `--json` prints them."""
         return {"msp_id": self.msp_id, "revoked": list(self.serials), "block": self.block}
 
 

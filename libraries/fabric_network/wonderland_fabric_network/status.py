@@ -89,7 +89,7 @@ class NetworkStatus:
         return "\n".join(lines).encode() + b"\n"
 
     def as_json(self) -> dict[str, Any]:
-        """JSON values."""
+        """JSON values, as `--json` prints them."""
         return {"healthy": self.healthy, **asdict(self)}
 
 

@@ -38,7 +38,7 @@ class Upgrade:
     changed: bool
 
     def as_json(self) -> dict[str, Any]:
-        """JSON values."""
+        """JSON values, as `--json` prints them."""
         return {
             "sequence": self.agreement.sequence,
             "version": self.agreement.version,

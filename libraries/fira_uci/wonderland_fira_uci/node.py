@@ -6,7 +6,7 @@ import asyncio
 import logging
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
@@ -197,7 +197,8 @@ class UwbNode:
 
     ``port``: path of the serial device (a stable link as under /dev/serial/by-id is best), or an ``Opener``.
     ``clock``: milliseconds for ``t_ms`` of all events. ``on_status``: told (ready, detail) when the node comes and
-    goes. ``name``: for messages and logs (default: the path).
+    goes. ``settings``: parameters of the node's maker, (id, value), given after each reset. ``name``: for messages and
+    logs (default: the path).
     """
 
     def __init__(
@@ -208,16 +209,17 @@ class UwbNode:
         clock: Callable[[], int] = monotonic_ms,
         on_status: Callable[[bool, str], None] | None = None,
         timings: Timings | None = None,
+        settings: Sequence[tuple[bytes, bytes]] = (),
         port_timings: PortTimings | None = None,
     ) -> None:
         opener = serial_opener(port) if isinstance(port, (str, Path)) else port
         self.name = name or (str(port) if isinstance(port, (str, Path)) else "UWB node")
-        self.device = UciDevice(timings)
+        self.device = UciDevice(timings, settings)
         self.detail = "not started"
         """Why the node is not ready; empty while it is."""
         self._clock = clock
         self._on_status = on_status
-        self._port = ReconnectingPort(opener, self, timings=port_timings)
+        self._port = ReconnectingPort(opener, self, timings=port_timings, not_opened=self._set_detail)
         self._sessions: dict[int, UwbSession] = {}
         self._status_changed = asyncio.Event()
         self._session_gone = asyncio.Event()
@@ -230,8 +232,6 @@ class UwbNode:
         self._loop = asyncio.get_running_loop()
         self.detail = "looking for the port"
         self._port.start()
-        if self._port.last_error:
-            self.detail = self._port.last_error
         return self
 
     async def __aexit__(

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from wonderland.proofs.records.calibrations import DroneOffset
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import (
@@ -26,6 +27,7 @@ from wonderland.proofs.testimony import WitnessBrought
 from wonderland_research.attack_lab.blinks import commissioned, testimony, time_stamps
 from wonderland_research.attack_lab.places import (
     FIRST_ROUND_MS,
+    OFFSET_SIGMA_MM,
     POLICY,
     ROUND_MS,
     ROUNDS,
@@ -99,6 +101,8 @@ class Batch:
     """It is about the height: ``off_mm`` is vertical, and so is what ``truth_mm`` is held against."""
     won_mm: float | None = None
     """From this distance on a permission is the attacker's success; the policy's buffer where nothing else is said."""
+    offset_mm: Integers | None = None
+    """What each try's drone is calibrated to, truly or not: (B,); None: nobody calibrated it."""
     t_ms: Integers = field(default_factory=round_times)
     commissioning: Commissioning = field(init=False)
 
@@ -112,10 +116,10 @@ class Batch:
     def may_be_screened(self) -> bool:
         """Whether arrays tell enough: a second claim that is judged apart is left to the decision itself.
 
-        So are single moments, heights, and a bias that a moving drone averages out.
+        So are single moments, heights, a bias that a moving drone averages out, and calibrated drones.
         """
         plain = self.broadcast is None and self.heard_mm is None and self.truth_mm is None and not self.vertical
-        return plain and self.pad.bias_length is None
+        return plain and self.pad.bias_length is None and self.offset_mm is None
 
     def session(self, index: int) -> Session:
         """The request of one try."""
@@ -137,6 +141,7 @@ class Batch:
             policy=self.policy,
             requested_ms=START_MS,
             expires_ms=START_MS + 60_000,
+            calibration=self._calibration(index),
         )
 
     def evidence(self, index: int, rounds: int) -> Evidence:
@@ -184,6 +189,11 @@ class Batch:
             return None
         survey = commissioned(self.witness)
         return WitnessBrought(testimony(survey, self.witness_heard_mm[index, :rounds]), survey)
+
+    def _calibration(self, index: int) -> DroneOffset | None:
+        if self.offset_mm is None:
+            return None
+        return DroneOffset(offset_mm=int(self.offset_mm[index]), sigma_mm=OFFSET_SIGMA_MM, measured_ms=0)
 
     def _time_stamps(self, index: int, rounds: int) -> TimeStamps | None:
         if self.heard_mm is None:

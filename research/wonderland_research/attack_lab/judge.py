@@ -12,7 +12,7 @@ from wonderland.proofs.stopping import LOOKS
 from wonderland.proofs.verdict import decide
 from wonderland_research.attack_lab.batch import Batch, won_at_moments, wrongful
 from wonderland_research.attack_lab.places import ROUND_MS, START_MS, Booleans, Integers
-from wonderland_research.attack_lab.screen import Look, look
+from wonderland_research.attack_lab.screen import Look, screen_looks
 
 _LOOK_AGAIN: Final = (LOOKS[len(LOOKS) // 2], LOOKS[-1])
 """Tries that are stuck are looked at again only then."""
@@ -92,7 +92,7 @@ def run_batch(batch: Batch, *, sample: int, screened: bool = True) -> Tally:
         if rounds in _LOOK_AGAIN:
             stuck[:] = False
         every, alive = alive, alive[~stuck[alive]]
-        answers = look(batch, alive, rounds) if screened else np.full(len(alive), Look.ASK, dtype=np.int64)
+        answers = screen_looks(batch, alive, rounds) if screened else np.full(len(alive), Look.ASK, dtype=np.int64)
         if screened:
             _compare(batch, alive, answers, rounds, sample, tally)
         settled = answers == Look.REFUTED

@@ -37,7 +37,7 @@ class KeptTallies:
             except OSError as error:
                 raise LabError(f"{directory}: cannot keep what is played there ({error.strerror})") from error
 
-    def find(self, name: str) -> Tally | None:
+    def find_tally(self, name: str) -> Tally | None:
         """What a chunk came to; None where it is not there, or of other code. Raises LabError for another file."""
         if self._directory is None:
             return None

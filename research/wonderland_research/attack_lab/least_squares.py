@@ -56,7 +56,7 @@ class Problem:
         return Solution(offset, chi2, moved)
 
     def of(self, rows: Integers) -> Problem:
-        """These tries only."""
+        """The same problem for these rows (tries) alone."""
         return replace(self, middle=self.middle[rows], virtual=self.virtual[rows], own=self.own[rows])
 
     def mirrored(self, offset: Floats) -> Floats:

@@ -21,6 +21,7 @@ from wonderland.proofs import encoding
 from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.keys import public_bytes
 from wonderland.proofs.records import transactions as tx
+from wonderland.proofs.records.changes import ProposedChange
 from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning, OfferedPrekey
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.schema import Record
@@ -92,6 +93,7 @@ class Person:
 
 
 ADMIN: Final = Person("ada", "AuthorityMSP", "admin", number=2)
+INSPECTOR: Final = Person("ines", "AuthorityMSP", "inspector", number=9)
 PAD_OPERATOR: Final = Person("olga", "PadMSP", "pad_operator", number=3)
 FLEET_OPERATOR: Final = Person("fred", "FleetMSP", "fleet_operator", number=4)
 PAD: Final = Person("pad-1", "PadMSP", "pad", PAD_ID, number=5)
@@ -160,7 +162,7 @@ class MemoryLedger:
             self.call(PAD_OPERATOR, "RegisterPad", _pad(pad.pol_id))
             self.call(PAD_OPERATOR, "CommissionPad", tx.CommissionPad(pad_id=pad.pol_id, commissioning=COMMISSIONING))
         if policy is not None:
-            self.call(ADMIN, "SetPolicy", tx.SetPolicy(pad_id="*", action="*", policy=policy))
+            self.approve(self.call(ADMIN, "ProposePolicy", tx.ProposePolicy(pad_id="*", action="*", policy=policy)))
         for uav_id in (UAV_ID, OTHER_UAV_ID):
             self.call(FLEET_OPERATOR, "RegisterUav", _uav(uav_id))
             self.call(FLEET_OPERATOR, "RecordMaintenance", _maintenance(uav_id))
@@ -181,14 +183,22 @@ class MemoryLedger:
         assert isinstance(answer, dict)
         return answer
 
+    def approve(self, proposed: dict[str, Any], who: Person = INSPECTOR) -> ProposedChange:
+        """The second pair of eyes: ApproveChange of what was proposed."""
+        change = ProposedChange.parse(proposed)
+        argument = tx.ApproveChange(
+            change_id=change.change_id, policy=change.policy, reinstatement=change.reinstatement
+        )
+        return ProposedChange.parse(self.call(who, "ApproveChange", argument))
+
     def publish(self, prekey_id: str, *, who: Person = PAD) -> None:
-        """One prekey more."""
+        """Offer one more prekey, which the next request may take."""
         key = encoding.to_base64url(public_bytes(ec.derive_private_key(10_000 + self._count, ec.SECP256R1())))
         offered = (OfferedPrekey(prekey_id=prekey_id, public_key=key),)
         self.call(who, "PublishPrekeys", tx.PublishPrekeys(pad_id=who.pol_id, prekeys=offered))
 
     def request(self, prekey_id: str, claimed: Place = PLACE_MM, *, who: Person = UAV, action: str = "land") -> Session:
-        """Step 1."""
+        """RequestProof: step 1 of a session; the session as it was written."""
         key = encoding.to_base64url(who.public_key)
         argument = tx.RequestProof(
             pad_id=PAD_ID, action=action, prekey_id=prekey_id, uav_key=key, claim=self.claim(claimed, self.now_ms)
@@ -196,7 +206,7 @@ class MemoryLedger:
         return Session.parse(self.call(who, "RequestProof", argument))
 
     def submit(self, session_id: str, evidence: Evidence, *, who: Person = PAD) -> Verdict:
-        """Step 7."""
+        """SubmitProof: step 7 of a session; the contract's verdict."""
         return Verdict.parse(self.call(who, "SubmitProof", tx.SubmitProof(session_id=session_id, evidence=evidence)))
 
     def claim(self, place: Place, t_ms: int) -> Claim:

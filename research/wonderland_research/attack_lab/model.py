@@ -162,7 +162,7 @@ class LabResult:
         return all(level.as_documented for attack in self.attacks for level in attack.levels)
 
     def to_json(self) -> dict[str, Any]:
-        """For machines."""
+        """JSON values, as `--json` prints them."""
         return asdict(self)
 
 

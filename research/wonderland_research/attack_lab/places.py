@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wonderland.proofs.records.calibrations import SIGMA_FLOOR_MM
 from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning, Frame
 from wonderland.proofs.records.policies import Policy
 
@@ -29,6 +30,8 @@ SURVEY_SIGMA_MM: Final = 3
 BIAS_SIGMA_MM: Final = 6
 INSTALLATION_SIGMA_MM: Final = 8
 RANGE_SIGMA_MM: Final = 30
+OFFSET_SIGMA_MM: Final = SIGMA_FLOOR_MM
+"""How well a calibration knows what a drone's node adds."""
 FRAME: Final = Frame(lat_e7=0, lon_e7=0, height_mm=0, e1=1 << 32, e2=0, e3=0, n1=1 << 32, n2=0, n3=0, n4=0, u2=0, u3=0)
 
 

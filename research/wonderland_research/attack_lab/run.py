@@ -136,7 +136,7 @@ def _resumed(settings: LabSettings, chunks: Sequence[_Chunk]) -> Iterator[tuple[
     kept = KeptTallies(settings.keep)
     left = []
     for chunk in chunks:
-        tally = kept.find(chunk.name)
+        tally = kept.find_tally(chunk.name)
         if tally is None:
             left.append(chunk)
         else:

@@ -78,7 +78,7 @@ class _Means:
     """(B,): tries with too few usable rounds to decide anything."""
 
     def of(self, rows: Integers) -> _Means:
-        """These tries only."""
+        """The same means for these rows (tries) alone."""
         return _Means(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
@@ -94,7 +94,7 @@ class _Fits:
     problem: Problem
 
 
-def look(batch: Batch, rows: Integers, rounds: int) -> Integers:
+def screen_looks(batch: Batch, rows: Integers, rounds: int) -> Integers:
     """``Look`` for each of these tries after so many rounds."""
     claimed = path_at_rounds(batch.claims[rows])[:, :rounds]
     means = _reduce(batch, batch.range_mm[rows, :rounds], claimed)

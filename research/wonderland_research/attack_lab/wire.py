@@ -28,6 +28,7 @@ from wonderland_research.attack_lab.wire_sites import (
     commissioning,
     documented,
     drones,
+    may_be_granted,
     parsed,
     policy,
     sites_for,
@@ -219,9 +220,15 @@ async def run_wire(
 
 
 def _came_to_nothing(name: str, item: CommittedVerdict) -> bool:
-    """Whether a verdict says nothing about the attack, only about the radio or the witness."""
-    if item.verdict.outcome != "inconclusive" or parsed(name)[0] in UNANSWERED:
+    """Whether a verdict says nothing about the attack, only about the radio, the witness or a crowded machine.
+
+    Who may be granted asks again as long as it is left open, as a pilot does.
+    """
+    attack, level = parsed(name)
+    if item.verdict.outcome != "inconclusive" or attack in UNANSWERED:
         return False
+    if may_be_granted(attack, level):
+        return True
     codes = {reason.code for reason in item.verdict.reasons}
     return not NOTHING_HEARD.isdisjoint(codes) and "witness_contradicts" not in codes
 

@@ -183,7 +183,11 @@ def drones(
     return result
 
 
+def may_be_granted(name: str, level: int) -> bool:
+    """Whether a permission for it is no surprise: it is honest, or its class says that this level does not stop it."""
+    return name in HONEST or not ATTACKS[name].stopped_at(level)
+
+
 def documented(name: str, level: int, *, granted: bool) -> bool:
     """Whether a flight ended as the attack's class says."""
-    attack = ATTACKS[name]
-    return granted if name in HONEST else not (granted and attack.stopped_at(level))
+    return granted if name in HONEST else may_be_granted(name, level) or not granted

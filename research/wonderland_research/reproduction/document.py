@@ -112,7 +112,7 @@ class Document:
         )
 
     def html(self) -> str:
-        """The page."""
+        """The whole page, with style and drawings inside."""
         facts = "".join(f"<dt>{html.escape(name)}</dt><dd>{_inline(value)}</dd>" for name, value in self.facts)
         contents = "".join(f'<li><a href="#{anchor}">{html.escape(title)}</a></li>' for anchor, title in self._sections)
         body = "\n".join(self._body)

@@ -60,11 +60,11 @@ class Crossed:
 
     @property
     def verified(self) -> int:
-        """Honest windows."""
+        """How many honest windows were verified."""
         return self.honest.count("verified")
 
     def row(self) -> dict[str, Any]:
-        """For machines."""
+        """JSON values, as `--json` prints them."""
         count = Counter(self.honest)
         return {
             "learnt_from": self.learnt_from,

@@ -157,7 +157,7 @@ def lab_goals(lab: LabResult) -> list[Goal]:
 
 
 def compose(settings: ReportSettings, results: Results) -> Document:
-    """The page."""
+    """Put the results into one page: goals, paper, recordings, attacks, how it was made."""
     document = Document(
         TITLE,
         LEAD,

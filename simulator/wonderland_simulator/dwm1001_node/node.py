@@ -115,7 +115,7 @@ class VirtualDwm1001:
         self._next_round()
 
     def power_off(self) -> None:
-        """Unplugged."""
+        """Say nothing more until it is switched on again."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

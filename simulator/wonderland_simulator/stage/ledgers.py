@@ -27,7 +27,7 @@ class StageLedger(Protocol):
         ...
 
     async def stop(self) -> None:
-        """Bring it down."""
+        """End the ledger's processes; what was written stays."""
 
 
 class RunningStageLedger:
@@ -91,7 +91,7 @@ class FabricStageLedger:
         requests = [enrolment.Request(pad.pad_id, "pad", pad.pad_id) for pad in pads]
         requests += [enrolment.Request(drone.uav_id, "uav", drone.uav_id) for drone in drones]
         try:
-            found = await binaries.check()
+            found = await binaries.check_binaries()
             places.prepare()
             self._up = True
             with places.lock():

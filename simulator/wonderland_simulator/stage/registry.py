@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Final
 
 from wonderland.proofs.records import transactions as tx
+from wonderland.proofs.records.changes import ProposedChange
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.schema import Record
@@ -34,7 +35,7 @@ class Registry:
             gateway = Gateway(channel, connection.identity(name), connection.signer(name))  # type: ignore[arg-type]
             return gateway.network(connection.channel).contract(connection.chaincode)
 
-        self._contracts = {name: contract(name) for name in ("admin", "pad_operator", "fleet_operator")}
+        self._contracts = {name: contract(name) for name in ("admin", "inspector", "pad_operator", "fleet_operator")}
 
     async def pads(
         self,
@@ -67,10 +68,10 @@ class Registry:
             if (sha256 := site_plans.get(pad.pad_id)) is not None:
                 plan = tx.SetSitePlan(pad_id=pad.pad_id, site_plan_sha256=sha256)
                 await self._submit("pad_operator", "SetSitePlan", plan)
-            await self._submit("admin", "SetPolicy", tx.SetPolicy(pad_id=pad.pad_id, action="*", policy=policy(pad)))
+            await self._set_policy(pad.pad_id, "*", policy(pad))
             if pad.dock_assurance is not None:
                 docking = replace(policy(pad), min_assurance=pad.dock_assurance, witness_pad_id=pad.witness_pad_id)
-                await self._submit("admin", "SetPolicy", tx.SetPolicy(pad_id=pad.pad_id, action="dock", policy=docking))
+                await self._set_policy(pad.pad_id, "dock", docking)
 
         await asyncio.gather(*(one(pad) for pad in pads))
 
@@ -111,20 +112,28 @@ class Registry:
 
         await asyncio.gather(*(one(drone) for drone in drones))
 
-    async def _submit(self, who: str, function: str, argument: Record) -> None:
+    async def _set_policy(self, pad_id: str, action: str, policy: Policy) -> None:
+        """By the two people that this takes."""
+        proposal = tx.ProposePolicy(pad_id=pad_id, action=action, policy=policy)
+        proposed = ProposedChange.decode(await self._submit("admin", "ProposePolicy", proposal))
+        approval = tx.ApproveChange(change_id=proposed.change_id, policy=proposed.policy)
+        await self._submit("inspector", "ApproveChange", approval)
+
+    async def _submit(self, who: str, function: str, argument: Record) -> bytes:
         """Submit; where one organisation's peer has not yet seen what another has, wait for it.
 
-        What is on the ledger already, from an earlier run of the same world, stays.
+        What is on the ledger already, from an earlier run of the same world, stays; the answer is empty then.
         """
         for left in reversed(range(PATIENCE)):
             try:
-                await self._contracts[who].submit_with_retry(function, argument.encode())
+                payload: bytes = (await self._contracts[who].submit_with_retry(function, argument.encode())).payload
             except EndorseError as error:
                 answer = error.chaincode_response
                 if answer is not None and answer.status == CONFLICT:
-                    return
+                    break
                 if not left:
                     raise
                 await asyncio.sleep(PAUSE_S)
             else:
-                return
+                return payload
+        return b""

@@ -10,7 +10,21 @@ port.close()
 """
 
 from wonderland_simulator.uci_node.air import Air, Measure, Measurement
-from wonderland_simulator.uci_node.node import Quirks, VirtualNode
+from wonderland_simulator.uci_node.node import VirtualNode
+from wonderland_simulator.uci_node.profiles import DWM3001CDK, IDEAL, PICA, QM35, SR150, NodeProfile, Quirks
 from wonderland_simulator.uci_node.pty import PtyPort
 
-__all__ = ["Air", "Measure", "Measurement", "PtyPort", "Quirks", "VirtualNode"]
+__all__ = [
+    "DWM3001CDK",
+    "IDEAL",
+    "PICA",
+    "QM35",
+    "SR150",
+    "Air",
+    "Measure",
+    "Measurement",
+    "NodeProfile",
+    "PtyPort",
+    "Quirks",
+    "VirtualNode",
+]

@@ -2,44 +2,29 @@
 
 from __future__ import annotations
 
-from collections import deque
+import random
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
 
 from wonderland_fira_uci.uci.codec import DeviceCodec, MalformedMessage
 from wonderland_fira_uci.uci.config import (
     AppConfig,
-    DeviceType,
     ParameterId,
-    RangingUsage,
     SessionConfig,
     UciParameterError,
     encode_parameters,
-    least_slots,
 )
 from wonderland_fira_uci.uci.data import (
     DataCredit,
-    DataReceive,
     DataSend,
     DataTransferStatus,
     encode_data_credit,
-    encode_data_receive,
     encode_data_transfer_status,
 )
 from wonderland_fira_uci.uci.errors import UciDecodeError
-from wonderland_fira_uci.uci.packets import DataFormat, Group, MessageType, encode_control, encode_data
-from wonderland_fira_uci.uci.ranging import (
-    MeasurementType,
-    OneWayMeasurement,
-    RangeData,
-    TwoWayMeasurement,
-    encode_range_data,
-)
+from wonderland_fira_uci.uci.packets import Group, MessageType, encode_control
 from wonderland_fira_uci.uci.session import (
     Command,
     Core,
-    DeviceInfo,
     Response,
     SessionConfigOp,
     SessionControlOp,
@@ -54,150 +39,33 @@ from wonderland_fira_uci.uci.session import (
 )
 from wonderland_fira_uci.uci.status import DeviceState, SessionState, SessionType, Status, TransferStatus
 from wonderland_simulator.uci_node.air import Air
-
-MAX_SESSIONS: Final = 8
-RSTU_PER_MS: Final = 1200
-CAPABILITIES: Final[tuple[tuple[int, bytes], ...]] = (
-    (0x00, b"\xef\x07"),
-    (0x01, b"\xff\x00"),
-    (0x02, b"\x01\x01\x02\x00"),
-    (0x03, b"\x01\x01\x02\x00"),
-    (0x04, b"\x03"),
-    (0x05, b"\x1f\x00"),
-    (0x06, b"\x1f\x00"),
-    (0x07, b"\x1f"),
-    (0x08, b"\x03"),
-    (0x09, b"\x02"),
-    (0x0A, b"\x03"),
-    (0x0E, b"\xff"),
-    (0x0F, b"\x0b"),
-    (0x11, b"\x3f"),
-)
-"""As since UCI 2: every role and method that a proof needs, uplink time stamps with them."""
-# What the nodes of `uwb.md` accept; any other id is answered as malformed.
-SUPPORTED: Final = frozenset(ParameterId)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Quirks:
-    """Ways in which nodes differ from each other and from the standard.
-
-    ``drift``: relative error of the interval (0.005: one millisecond in 200). ``handle_offset``: the session handle
-    differs from the id by that much (UCI 2). ``report_failures``: a peer that is not heard is reported with an error
-    status, else it is missing. ``empty_data``: an empty data packet every round. ``transfer_status``: success of data
-    is reported. ``max_data_octets``, ``frames_per_round``, ``data_queue``: limits of in-band data. ``no_ready``: no
-    device READY after a reset. ``keeps_duplicate``: a second INIT does not remove the session.
-    """
-
-    drift: float = 0.0
-    handle_offset: int = 0
-    report_failures: bool = True
-    empty_data: bool = False
-    transfer_status: bool = False
-    max_data_octets: int = 84
-    frames_per_round: int = 4
-    data_queue: int = 4
-    no_ready: bool = False
-    keeps_duplicate: bool = False
-    knows_get_state: bool = True
-
-
-class NodeSession:
-    """One session on a virtual node."""
-
-    def __init__(self, node: VirtualNode, session_id: int, session_type: int) -> None:
-        self.node = node
-        self.session_id = session_id
-        self.session_type = session_type
-        self.handle = (session_id + node.quirks.handle_offset) & 0xFFFFFFFF
-        self.state = SessionState.INIT
-        self.parameters: dict[int, bytes] = {}
-        self.config: SessionConfig | None = None
-        self.sequence = 0
-        self.blink_payload = b""
-        self._data: deque[tuple[int, int, bytes]] = deque()
-
-    @property
-    def app(self) -> AppConfig:
-        """The configuration; only for sessions that were configured."""
-        assert self.config is not None
-        return self.config.app
-
-    def queue_data(self, message: DataSend) -> TransferStatus:
-        """Takes data for the next round, or says why not."""
-        if self.session_type == SessionType.RANGING:
-            return TransferStatus.SESSION_TYPE_NOT_SUPPORTED
-        if self.state is not SessionState.ACTIVE:
-            return TransferStatus.REJECTED
-        if len(message.data) > self.node.quirks.max_data_octets:
-            return TransferStatus.INVALID_FORMAT
-        if len(self._data) >= self.node.quirks.data_queue:
-            return TransferStatus.NO_CREDIT
-        self._data.append((message.destination & 0xFFFF, message.sequence, message.data))
-        return TransferStatus.OK
-
-    @property
-    def credits(self) -> int:
-        """1 while another data packet would be taken."""
-        return int(len(self._data) < self.node.quirks.data_queue)
-
-    def take_data(self) -> list[tuple[int, bytes]]:
-        """What goes on air in this round, as (destination, data)."""
-        if not self._data:
-            return []
-        had_credit = bool(self.credits)
-        out: list[tuple[int, bytes]] = []
-        while self._data and len(out) < self.node.quirks.frames_per_round:
-            destination, sequence, data = self._data.popleft()
-            out.append((destination, data))
-            if self.node.quirks.transfer_status:
-                self.node.notify_transfer(self.handle, sequence, TransferStatus.OK)
-        if not had_credit:
-            self.node.notify_credit(self)
-        return out
-
-    def report(self, records: list[TwoWayMeasurement], received: DataReceive | None) -> None:
-        """The end of a round at this node's port."""
-        if self.state is not SessionState.ACTIVE or self.node.sessions.get(self.handle) is not self:
-            return
-        if not self.node.quirks.report_failures:
-            records = [r for r in records if r.status == Status.OK]
-        out = b""
-        if received is not None:
-            out = encode_data(DataFormat.RECEIVE, encode_data_receive(received))
-        out += self._notification(MeasurementType.TWO_WAY, two_way=tuple(records))
-        self.node.transmit(out)
-
-    def report_blink(self, records: tuple[OneWayMeasurement, ...]) -> None:
-        """What this anchor time-stamped of one blink."""
-        if self.state is SessionState.ACTIVE and self.node.sessions.get(self.handle) is self:
-            self.node.transmit(self._notification(MeasurementType.ONE_WAY, one_way=records))
-
-    def _notification(
-        self,
-        kind: MeasurementType,
-        *,
-        two_way: tuple[TwoWayMeasurement, ...] = (),
-        one_way: tuple[OneWayMeasurement, ...] = (),
-    ) -> bytes:
-        report = RangeData(self.sequence, self.handle, 0, self.app.interval_ms, kind, 0, two_way, one_way)
-        self.sequence = (self.sequence + 1) & 0xFFFFFFFF
-        payload = encode_range_data(report)
-        return encode_control(MessageType.NOTIFICATION, Group.SESSION_CONTROL, SessionControlOp.START, payload)
+from wonderland_simulator.uci_node.profiles import DWM3001CDK, NodeProfile, Quirks
+from wonderland_simulator.uci_node.refusals import accepted
+from wonderland_simulator.uci_node.session import NodeSession
 
 
 class VirtualNode:
     """The node: feed ``receive`` with what the host wrote; it calls ``transmit`` with what the host shall read."""
 
-    def __init__(self, name: str, air: Air, *, quirks: Quirks | None = None) -> None:
+    def __init__(self, name: str, air: Air, *, profile: NodeProfile = DWM3001CDK, quirks: Quirks | None = None) -> None:
+        """``quirks``: other manners than the profile's."""
         self.name = name
         self.air = air
-        self.quirks = quirks or Quirks()
+        self.profile = profile
+        self.quirks = quirks or profile.quirks
+        self.drift = self.quirks.drift + random.Random(f"{name}/clock").uniform(-1, 1) * profile.clock_ppm / 1e6
+        """How much too long the node takes for an interval."""
         self.sessions: dict[int, NodeSession] = {}
         self.transmit: Callable[[bytes], None] = lambda _octets: None
         self._codec = DeviceCodec()
         self._was_reset = False
         self._state = DeviceState.READY
+        self._sessions_made = 0
+
+    def become(self, profile: NodeProfile) -> None:
+        """Another chip at the same port; whatever ran is gone."""
+        self.power_off()
+        self.profile, self.quirks = profile, profile.quirks
 
     def power_on(self) -> None:
         """Boots; the host sees device READY."""
@@ -205,12 +73,13 @@ class VirtualNode:
         self.transmit(encode_device_status(DeviceState.READY))
 
     def power_off(self) -> None:
-        """Loses everything."""
+        """Lose sessions and settings, as a node whose supply fails."""
         for session in list(self.sessions.values()):
             self._remove(session, announce=False)
         self._codec = DeviceCodec()
         self._was_reset = False
         self._state = DeviceState.READY
+        self._sessions_made = 0
 
     @property
     def desynchronised(self) -> bool:
@@ -269,18 +138,24 @@ class VirtualNode:
         if len(command.payload) != 1:
             self._malformed(command)
             return
+        if self.quirks.tells_cleared:
+            for session in list(self.sessions.values()):
+                self._remove(session, announce=True)
         self.power_off()
         self._was_reset = True
+        if self.quirks.ready_first:
+            self.transmit(encode_device_status(DeviceState.READY))
         self._answer(command, Status.OK)
         if not self.quirks.no_ready:
             self.transmit(encode_device_status(DeviceState.READY))
+        for packet in self.quirks.vendor_notifications:
+            self.transmit(packet)
 
     def _core(self, command: Command) -> None:
         if command.opcode == Core.GET_DEVICE_INFO:
-            info = DeviceInfo(0x0002, 0x0002, 0x0002, 0x0001, b"")
-            self.transmit(encode_device_info(info).encode())
+            self.transmit(encode_device_info(self.profile.info).encode())
         elif command.opcode == Core.GET_CAPS_INFO:
-            self._answer(command, Status.OK, encode_parameters(list(CAPABILITIES)))
+            self._answer(command, Status.OK, encode_parameters(list(self.profile.capabilities)))
         else:
             self._malformed(command)
 
@@ -297,8 +172,7 @@ class VirtualNode:
         elif op == SessionConfigOp.DEINIT:
             session = self._named(command, command.payload)
             if session is not None:
-                self._answer(command, Status.OK)
-                self._remove(session, announce=True)
+                self._deinit(command, session)
         elif op == SessionConfigOp.GET_STATE and self.quirks.knows_get_state:
             session = self._named(command, command.payload)
             if session is not None:
@@ -322,14 +196,33 @@ class VirtualNode:
                 self._remove(old, announce=False)
             self._answer(command, Status.SESSION_DUPLICATE)
             return
-        if len(self.sessions) >= MAX_SESSIONS:
+        if len(self.sessions) >= self.profile.max_sessions:
             self._answer(command, Status.MAX_SESSIONS_EXCEEDED)
             return
-        session = NodeSession(self, session_id, session_type)
-        self.sessions[session.handle] = session
-        handle = session.handle.to_bytes(4, "little") if self.quirks.handle_offset else b""
-        self._answer(command, Status.OK, handle)
-        self._announce(session, SessionState.INIT)
+        handle, told = self._handle_for(session_id)
+        session = NodeSession(self, session_id, session_type, handle)
+        self.sessions[handle] = session
+        if self.quirks.announces_first:
+            self._announce(session, SessionState.INIT)
+        self._answer(command, Status.OK, handle.to_bytes(4, "little") if told else b"")
+        if not self.quirks.announces_first:
+            self._announce(session, SessionState.INIT)
+
+    def _handle_for(self, session_id: int) -> tuple[int, bool]:
+        """A new session's handle, and whether the host is told; in UCI 1 it is the session id."""
+        if self.quirks.handles_from is not None:
+            self._sessions_made += 1
+            return self.quirks.handles_from + self._sessions_made - 1, True
+        return (session_id + self.quirks.handle_offset) & 0xFFFFFFFF, bool(self.quirks.handle_offset)
+
+    def _deinit(self, command: Command, session: NodeSession) -> None:
+        if self.quirks.deinit_retry and not session.deinit_refused:
+            session.deinit_refused = True
+            payload = bytes((Status.MESSAGE_RETRY,))
+            self.transmit(encode_control(MessageType.NOTIFICATION, Group.CORE, Core.GENERIC_ERROR, payload))
+            return
+        self._answer(command, Status.OK)
+        self._remove(session, announce=True)
 
     def _configure(self, command: Command) -> None:
         handle, parameters = decode_set_app_config(command.payload)
@@ -339,31 +232,22 @@ class VirtualNode:
         if session.state is SessionState.ACTIVE:
             self._answer(command, Status.SESSION_ACTIVE)
             return
-        if any(identifier not in SUPPORTED for identifier, _ in parameters):
+        refused: dict[int, int] = {i: Status.INVALID_PARAMETER for i, _ in parameters if i not in self.profile.known}
+        if refused and not self.quirks.names_unknown:
             self._malformed(command)
             return
-        merged = session.parameters | dict(parameters)
-        order = list(merged)
+        merged = session.parameters | {i: value for i, value in parameters if i in self.profile.known}
+        app = None
         try:
-            for address in (ParameterId.DEVICE_MAC_ADDRESS, ParameterId.DST_MAC_ADDRESS):
-                if address in merged and ParameterId.MAC_ADDRESS_MODE not in order[: order.index(address)]:
-                    raise UciParameterError(address, Status.INVALID_PARAMETER, "the address mode must come before")  # noqa: TRY301 - one answer for all
-            app = AppConfig.from_parameters(list(merged.items()))
-            if app.ranging_usage in (RangingUsage.DS_TWR_DEFERRED, RangingUsage.SS_TWR_DEFERRED):
-                needed = least_slots(len(app.destination_macs), app.round_control)
-                if app.device_type is DeviceType.CONTROLLER and app.slots_per_round < needed:
-                    why = f"{needed} slots are needed"
-                    raise UciParameterError(ParameterId.SLOTS_PER_RR, Status.INVALID_PARAMETER, why)  # noqa: TRY301 - one answer for all
-            if app.slots_per_round * app.slot_duration_rstu > app.interval_ms * RSTU_PER_MS:
-                why = "the round does not fit"
-                raise UciParameterError(ParameterId.RANGING_INTERVAL, Status.INVALID_PARAMETER, why)  # noqa: TRY301 - one answer for all
+            app = accepted(self.profile, merged, self.sessions)
         except UciParameterError as error:
             if error.status is not Status.SESSION_NOT_CONFIGURED:
-                refusal = encode_config_refusal(Status.INVALID_PARAMETER, {error.parameter: error.status})
-                self.transmit(refusal.encode())
-                return
-            session.config = None  # accepted all the same; START will fail
-        else:
+                refused[error.parameter] = error.status
+        if refused:
+            self.transmit(encode_config_refusal(Status.INVALID_PARAMETER, dict(sorted(refused.items()))).encode())
+            return
+        session.config = None  # accepted all the same where something is missing; START will fail
+        if app is not None:
             session.config = SessionConfig(session_id=session.session_id, app=app, session_type=session.session_type)
         session.parameters = merged
         self.transmit(encode_config_refusal(Status.OK, {}).encode())

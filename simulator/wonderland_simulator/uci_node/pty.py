@@ -91,7 +91,7 @@ class PtyPort:
         os.close(master)
 
     def close(self) -> None:
-        """For good."""
+        """Close both ends; the device's path is gone."""
         self.unplug()
 
     def _readable(self) -> None:

@@ -76,7 +76,7 @@ class RemoteIdModule:
         """Digests of the positions sent since then, oldest first, each once."""
         return tuple(dict.fromkeys(digest for sent_ms, digest in self._sent if sent_ms >= since_ms))
 
-    def take(self, datagram: bytes) -> None:
+    def take_datagram(self, datagram: bytes) -> None:
         """One datagram; what is no message of this drone is counted and left out."""
         self.datagrams += 1
         for frame in self._frames(datagram):
@@ -136,4 +136,4 @@ class _Datagrams(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: tuple[str | Any, int]) -> None:
         del addr
-        self._module.take(data)
+        self._module.take_datagram(data)

@@ -77,7 +77,7 @@ class AutopilotPosition:
             host, port = self.address
             raise PositionError(f"no position arrived on UDP {host}:{port} within {timeout_s:g} s") from None
 
-    def take(self, datagram: bytes) -> None:
+    def take_datagram(self, datagram: bytes) -> None:
         """One datagram; what is no position is counted and left out."""
         self.datagrams += 1
         try:
@@ -97,4 +97,4 @@ class _Datagrams(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: tuple[str | Any, int]) -> None:
         del addr
-        self._source.take(data)
+        self._source.take_datagram(data)

@@ -1,4 +1,4 @@
-"""One node in several sessions: it leads the ranging session, hears the pad's words in another, and blinks.
+"""One node in several sessions: it leads the ranging session, hears the pad's words there or in another, and blinks.
 
 Blinks (session C, and another for a witness) are for the pads' time stamps; a node that cannot blink ranges all the
 same, and the proof has no time differences.
@@ -12,11 +12,13 @@ import logging
 from collections.abc import Coroutine
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 from wonderland.clock import Clock
+from wonderland.proofs.records.radios import NodeAbility
+from wonderland.uwb.agreed import ability_of
 from wonderland.uwb.blinks import BlinkPlan
-from wonderland.uwb.layout import RangingPlan
+from wonderland.uwb.layout import RangingPlan, WordWays
 from wonderland_fira_uci.errors import NodeError, UwbError
 from wonderland_fira_uci.events import DataReceived, RangeMeasurement, SessionFailed
 from wonderland_fira_uci.node import UwbNode, UwbSession
@@ -33,8 +35,14 @@ READY_GRACE_S = 3.0
 class UavRadio:
     """Use as an asynchronous context manager; the node is connected as long as it is open."""
 
-    def __init__(self, port: Path | str | Opener, clock: Clock, *, name: str = "drone's node") -> None:
+    measures: Final = True
+
+    def __init__(
+        self, port: Path | str | Opener, clock: Clock, *, name: str = "drone's node", words: WordWays = "both_ways"
+    ) -> None:
+        """``words``: whether the node carries data as a responder, too."""
         self._node = UwbNode(port, name=name, clock=clock)
+        self._carries = words
         self._ranging: UwbSession | None = None
         self._blinks: UwbSession | None = None
         self._answer = b""
@@ -51,22 +59,31 @@ class UavRadio:
         await self.close_session()
         await self._node.close()
 
+    async def ability(self) -> NodeAbility | None:
+        """What the node says that it can do; None where it is away or does not say."""
+        with contextlib.suppress(UwbError):  # a session with a node that is away ends with its reason
+            await self._node.wait_ready(READY_GRACE_S)
+        return ability_of(self._node.capabilities, self._carries)
+
     async def open_session(self, plan: RangingPlan, sink: Sink) -> None:
-        """Start both sessions; reports go to ``sink`` from now on. Raises UwbError."""
+        """Start all sessions; reports go to ``sink`` from now on. Raises UwbError."""
         await self.close_session()
         await self._node.wait_ready(READY_GRACE_S)
-        # The words first: the pad polls as soon as it is heard, and ranging is what lets it hear.
-        words = await self._node.open_session(plan.uav_words())
-        self._sessions.append(words)
-        self._read(self._hear(words, sink))
         self._ranging = await self._node.open_session(plan.uav_ranging())
         self._sessions.append(self._ranging)
         self._read(self._measure(self._ranging, frozenset(plan.pad_macs), sink))
+        # The pad polls once it has a range, when its first round is over: that is time enough.
+        words = plan.uav_words()
+        if words is not None:
+            heard = await self._node.open_session(words)
+            self._sessions.append(heard)
+            self._read(self._hear(heard, sink))
         # Not waited for: ranging begins meanwhile, and goes on where the node cannot blink.
-        if plan.blinks is not None:
-            self._read(self._blink(plan.blinks))
-        if plan.witness_blinks is not None:
-            self._read(self._blink(plan.witness_blinks, for_witness=True))
+        blinks, for_witness = plan.timed_blinks(), plan.timed_witness_blinks()
+        if blinks is not None:
+            self._read(self._blink(blinks))
+        if for_witness is not None:
+            self._read(self._blink(for_witness, for_witness=True))
 
     async def answer_in_blinks(self, answer: bytes) -> None:
         """Let each blink for the pad carry this from now on. Raises UwbError."""
@@ -98,7 +115,7 @@ class UavRadio:
         await self._ranging.send(frame)
 
     async def close_session(self) -> None:
-        """Stop both sessions. Never raises."""
+        """Stop all sessions. Never raises."""
         readers, self._readers = self._readers, []
         sessions, self._sessions = self._sessions, []
         self._ranging = self._blinks = None
@@ -119,6 +136,8 @@ class UavRadio:
             match event:
                 case RangeMeasurement(range_mm=int(range_mm), peer_mac=mac) if mac in pad_macs:
                     sink(OwnRange(mac, event.t_ms, range_mm))
+                case DataReceived():
+                    sink(DataHeard(event.data))
                 case SessionFailed():
                     sink(RadiosFailed(str(event.error)))
                 case _:

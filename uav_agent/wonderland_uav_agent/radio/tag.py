@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Final, Self, cast
 
 from wonderland.clock import Clock
+from wonderland.proofs.records.radios import NodeAbility
 from wonderland.uwb.layout import RangingPlan
 from wonderland_fira_uci.dwm1001 import Dwm1001Node, LocationReport, Mode, Timings
 from wonderland_fira_uci.dwm1001.carrier import Carrier, Words
@@ -31,7 +32,15 @@ Address = tuple[str, int]
 
 
 class TagRadio(asyncio.DatagramProtocol):
-    """Use as an asynchronous context manager; the tag is connected as long as it is open. ``pad``: host and port."""
+    """Use as an asynchronous context manager; the board is connected as long as it is open. ``pad``: host and port.
+
+    ``board``: its short address, where it is an anchor that the pad's tags measure; None where it is a tag itself.
+    """
+
+    @property
+    def measures(self) -> bool:
+        """A tag does; an anchor does not."""
+        return self._board is None
 
     def __init__(
         self,
@@ -42,9 +51,11 @@ class TagRadio(asyncio.DatagramProtocol):
         mode: Mode = Mode.TLV,
         name: str = "drone's tag",
         timings: Timings | None = None,
+        board: int | None = None,
     ) -> None:
         self._node = Dwm1001Node(port, mode=mode, name=name, clock=clock, timings=timings)
         self._pad = pad
+        self._board = board
         self._transport: asyncio.DatagramTransport | None = None
         self._gone = asyncio.Event()
         self._carrier: Carrier | None = None
@@ -63,6 +74,10 @@ class TagRadio(asyncio.DatagramProtocol):
         await self.close_session()
         self._node.close()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def ability(self) -> NodeAbility | None:
+        """This board says nothing about itself; its words go by UDP."""
+        return None
 
     async def open_session(self, plan: RangingPlan, sink: Sink) -> None:
         """Report to the pad from now on. Raises UwbError where the tag is away or the pad's address is none."""
@@ -136,13 +151,13 @@ class TagRadio(asyncio.DatagramProtocol):
 
     async def _greet(self) -> None:
         while self._carrier is not None:
-            self._out(self._carrier.hello())
+            self._out(self._carrier.hello(self._board))
             await asyncio.sleep(HELLO_S)
 
     async def _measure(self) -> None:
         async for timed in self._node.reports():
             report = timed.report
-            if self._carrier is None or self._sink is None:
+            if self._carrier is None or self._sink is None or self._board is not None:
                 continue
             if not isinstance(report, LocationReport) or report.damaged:
                 continue  # rounds are plenty; one in doubt is not worth having

@@ -27,7 +27,8 @@ from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.statement import statement
 from wonderland.session.words import Word
 from wonderland.telemetry import StepName
-from wonderland.uwb.blinks import BlinkPlan, blink_plan
+from wonderland.uwb.agreed import agreed_plan
+from wonderland.uwb.blinks import BlinkPlan
 from wonderland.uwb.layout import RangingPlan
 from wonderland.uwb.link.messages import AbortReason
 from wonderland.uwb.link.proof_payloads import RangesPart
@@ -83,6 +84,7 @@ class UavSession:
         now_ms: int,
         timing: UavTiming | None = None,
         whole_certificate: bool = False,
+        measures: bool = True,
         witness_blinks: BlinkPlan | None = None,
         broadcasts: Broadcasts = lambda _since_ms: (),
     ) -> None:
@@ -98,15 +100,7 @@ class UavSession:
         self._since_ms = now_ms
         self._code_pad = keys.code_pad
         self._macs = {anchor.anchor_id: anchor.mac for anchor in commissioning.anchors}
-        self._plan = RangingPlan(
-            session_a_id=keys.session_a,
-            session_b_id=keys.session_b,
-            pad_macs=tuple(anchor.mac for anchor in commissioning.anchors),
-            uav_mac=keys.uav_mac,
-            sts_key=keys.sts_key,
-            blinks=blink_plan(keys, commissioning),
-            witness_blinks=witness_blinks,
-        )
+        self._plan = agreed_plan(keys, commissioning, session.node, witness_blinks)
         self._answer = keys.answer
         self._words = UavWords(
             session,
@@ -115,8 +109,9 @@ class UavSession:
             certificate=certificate,
             whole_certificate=whole_certificate,
             now_ms=now_ms,
+            word_octets=self._plan.word_octets,
         )
-        self._own = OwnRanges()
+        self._own, self._measures = OwnRanges(), measures
         self._claims: list[Claim] = []
         self._t_ms: list[int] = []
         self._columns: dict[str, list[int]] = {anchor_id: [] for anchor_id in self._macs}
@@ -170,9 +165,9 @@ class UavSession:
         self._time_passed(now_ms, actions)
         return actions
 
-    def frames_to_send(self, now_ms: int, budget: int) -> list[bytes]:
-        """At most ``budget`` frames for the node; call it when ``next_frames_ms`` has come."""
-        return self._words.frames_to_send(now_ms, budget) if self._radios_open else []
+    def frames_to_send(self, now_ms: int) -> list[bytes]:
+        """Frames for one data unit of the node; call it when ``next_frames_ms`` has come."""
+        return self._words.frames_to_send(now_ms) if self._radios_open else []
 
     def next_frames_ms(self) -> int | None:
         """When ``frames_to_send`` will have something; None while all is quiet."""
@@ -266,7 +261,7 @@ class UavSession:
             ),
         )
         comparison = self._own.compare(table, self._macs, now_ms)
-        if comparison.refusal:
+        if self._measures and comparison.refusal:
             detail = f"{comparison.pairs} of {comparison.told} ranges compared, median {comparison.median_mm} mm apart"
             self._refuse(comparison.refusal, detail, now_ms, actions)
             return

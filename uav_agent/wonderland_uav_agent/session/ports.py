@@ -9,6 +9,7 @@ from wonderland.proof_contract import Committed
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.pads import Pad, Prekey
 from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.radios import NodeAbility
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.uwb.layout import RangingPlan
@@ -23,6 +24,14 @@ Act = Callable[[Verdict], Awaitable[str]]
 
 class Radio(Protocol):
     """The drone's node (``wonderland_uav_agent.radio.UavRadio``)."""
+
+    @property
+    def measures(self) -> bool:
+        """Whether the node tells its host the ranges, so that the drone can compare what the pad says."""
+        ...
+
+    async def ability(self) -> NodeAbility | None:
+        """What the node can do, once it is ready; None where it does not say. Raises UwbError."""
 
     async def open_session(self, plan: RangingPlan, sink: Sink) -> None:
         """Start both UWB sessions; raises where the drone cannot range."""

@@ -32,6 +32,7 @@ class UavWords(Words):
         certificate: bytes,
         whole_certificate: bool,
         now_ms: int,
+        word_octets: int,
     ) -> None:
         super().__init__(
             "uav",
@@ -40,6 +41,7 @@ class UavWords(Words):
             whole_certificate=whole_certificate,
             other_sha256=session.pad.certificate_sha256,
             now_ms=now_ms,
+            word_octets=word_octets,
         )
         self._code = keys.code_uav
         self._anchor_ids = tuple(anchor_ids)

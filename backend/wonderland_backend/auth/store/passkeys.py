@@ -24,7 +24,7 @@ async def is_known(connection: AsyncConnection, credential_id: str) -> bool:
 
 
 async def add(connection: AsyncConnection, row: dict[str, Any]) -> None:
-    """A new one."""
+    """Insert a passkey, whose credential nobody has yet (`is_known`)."""
     await connection.execute(insert(PasskeyRow), [row])
 
 

@@ -20,13 +20,14 @@ from wonderland_backend.settings import Settings
 
 ACTIVE: Final = "active"
 SIGN_IN: Final = "sign_in"
+PASSKEY: Final = "passkey"
 DISPLAY: Final = "display"
 """A link, and a sign-in by it, for a screen that nobody operates: it only shows, and is never unused."""
 _TOUCH_MS: Final = 60_000
 """`last_seen` is written at most this often."""
 _WHO: Final = (
     SignInRow.cookie_sha256, SignInRow.method, SignInRow.created_ms, SignInRow.expires_ms, SignInRow.last_seen_ms,
-    PersonRow.person_id, PersonRow.name, PersonRow.roles, PersonRow.msp_id, PersonRow.state,
+    SignInRow.verified_ms, PersonRow.person_id, PersonRow.name, PersonRow.roles, PersonRow.msp_id, PersonRow.state,
 )  # fmt: skip
 _LINK_REFUSED: Final = said("link_refused")
 
@@ -135,6 +136,7 @@ class SignIns:
             "created_ms": now,
             "expires_ms": now + ttl_s * 1000,
             "last_seen_ms": now,
+            "verified_ms": now if method == PASSKEY else 0,
         }
         await connection.execute(delete(SignInRow).where(SignInRow.expires_ms < now))
         await connection.execute(insert(SignInRow), [row])
@@ -154,7 +156,7 @@ class SignIns:
                 self._set_up = (await session.execute(known)).first() is not None
         return self._set_up
 
-    async def find(self, cookie: str | None) -> Person | None:
+    async def person_of_cookie(self, cookie: str | None) -> Person | None:
         """Who a cookie is; None when nobody, or no longer."""
         if not cookie or len(cookie) > MAX_SECRET:
             return None
@@ -190,10 +192,17 @@ class SignIns:
             )
 
     async def end(self, person: Person) -> None:
-        """Sign out."""
+        """Forget this sign-in: its cookie is worth nothing from now on."""
         async with self._database.write() as connection:
             await connection.execute(delete(SignInRow).where(SignInRow.cookie_sha256 == person.cookie_sha256))
             await audit.record(connection, person, "sign_out", f"person/{person.person_id}", t_ms=self._clock())
+
+
+async def note_verified(connection: AsyncConnection, cookie_sha256: str, now_ms: int) -> None:
+    """Its person has just proved to be there."""
+    await connection.execute(
+        update(SignInRow).where(SignInRow.cookie_sha256 == cookie_sha256).values(verified_ms=now_ms)
+    )
 
 
 SignInsDep = Annotated[SignIns, part(SignIns)]
@@ -213,4 +222,5 @@ def _person(row: Any) -> Person:
         signed_in_ms=row.created_ms,
         expires_ms=row.expires_ms,
         cookie_sha256=row.cookie_sha256,
+        verified_ms=row.verified_ms,
     )

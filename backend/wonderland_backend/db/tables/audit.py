@@ -33,3 +33,12 @@ class AuditRow(Base):
     tx_id: Mapped[str | None] = mapped_column(Identifier)
     previous_sha256: Mapped[str] = mapped_column(Hash)
     sha256: Mapped[str] = mapped_column(Hash)
+
+
+class AuditStreamRow(Base):
+    """Up to which row the log was sent to a destination."""
+
+    __tablename__ = "audit_stream"
+
+    destination: Mapped[str] = mapped_column(String(256), primary_key=True)
+    seq: Mapped[int]

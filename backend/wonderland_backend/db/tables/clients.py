@@ -27,6 +27,8 @@ class ClientRow(Base):
     """By which certificate it authenticates (RFC 8705): JSON of one name, or of the certificate's SHA-256."""
     created_ms: Mapped[int]
     created_by: Mapped[str] = mapped_column(Identifier)
+    owner_id: Mapped[str] = mapped_column(String(32), server_default="")
+    """The person who registered it, and beyond whom it never goes; empty: the server's own command line."""
     revoked_ms: Mapped[int | None]
     last_token_ms: Mapped[int | None]
 

@@ -70,6 +70,19 @@ class EventRow(LedgerRow):
     payload: Mapped[str]
 
 
+class EndorsementPolicyRow(LedgerRow):
+    """Who must endorse changes of a record, or calls of a contract: what the next blocks are checked against."""
+
+    __tablename__ = "endorsement_policies"
+
+    key_sha256: Mapped[str] = mapped_column(Hash, primary_key=True)
+    """Of namespace and key, which may hold octets that databases do not take."""
+    policy: Mapped[str]
+    """Base64 of the policy's protocol buffer."""
+    block: Mapped[int]
+    tx_index: Mapped[int]
+
+
 class OrganisationRow(LedgerRow):
     """Whom the channel trusts, from its latest configuration: an organisation's MSP."""
 
@@ -127,6 +140,20 @@ class PolicyRow(LedgerRow):
 
     pad_id: Mapped[str] = mapped_column(Identifier, primary_key=True)
     action: Mapped[str] = mapped_column(String(16), primary_key=True)
+    record: Mapped[str]
+    block: Mapped[int]
+    tx_index: Mapped[int]
+
+
+class ChangeRow(LedgerRow):
+    """A change that two people make: proposed, and what became of it."""
+
+    __tablename__ = "changes"
+    __table_args__ = (Index(None, "block", "tx_index"),)
+
+    change_id: Mapped[str] = mapped_column(Identifier, primary_key=True)
+    state: Mapped[str] = mapped_column(String(16))
+    expires_ms: Mapped[int]
     record: Mapped[str]
     block: Mapped[int]
     tx_index: Mapped[int]

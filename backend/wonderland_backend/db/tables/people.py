@@ -81,6 +81,8 @@ class SignInRow(Base):
     created_ms: Mapped[int]
     expires_ms: Mapped[int] = mapped_column(index=True)
     last_seen_ms: Mapped[int]
+    verified_ms: Mapped[int] = mapped_column(server_default="0")
+    """When its person last proved to be there (step-up)."""
 
 
 class CeremonyRow(Base):

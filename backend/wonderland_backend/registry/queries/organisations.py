@@ -76,9 +76,8 @@ def _revoked(definition: dict[str, Any]) -> set[str]:
 
 
 async def revoked_serials(database: AsyncSession) -> dict[str, set[str]]:
-    """Of every organisation."""
-    rows = await database.execute(select(OrganisationRow.msp_id, OrganisationRow.definition))
-    return {msp_id: _revoked(orjson.loads(definition)) for msp_id, definition in rows}
+    """For each organisation the serial numbers (hexadecimal) on its revocation lists."""
+    return {msp_id: _revoked(orjson.loads(definition)) for msp_id, definition in await definitions(database)}
 
 
 async def certificates(
@@ -111,18 +110,7 @@ def shown_certificate(row: CertificateRow, revoked: dict[str, set[str]], now_ms:
         state = "expired"
     elif row.not_after_ms < now_ms + EXPIRING_MS:
         state = "expiring"
-    names = (
-        "certificate_sha256",
-        "msp_id",
-        "name",
-        "node_ou",
-        "role",
-        "pol_id",
-        "serial",
-        "not_before_ms",
-        "not_after_ms",
-    )
-    return {name: getattr(row, name) for name in names} | {"state": state, "last_block": row.block}
+    return {name: getattr(row, name) for name in _CERTIFICATE} | {"state": state, "last_block": row.block}
 
 
 def _contains(column: Any, text: str) -> ColumnElement[bool]:

@@ -92,6 +92,23 @@ async def authorisations(database: AsyncSession, uav_id: str) -> list[dict[str, 
     return [{"record": record(row.record), "version": version(row)} for row in found]
 
 
+async def calibrations(database: AsyncSession, row: DroneRow, now_ms: int) -> list[dict[str, Any]]:
+    """The RegistryCalibrations of a drone, by pad."""
+    found: list[dict[str, Any]] = orjson.loads(row.record).get("calibrations", [])
+    query = select(PadRow).where(PadRow.pad_id.in_([each["pad_id"] for each in found]))
+    pads = {pad.pad_id: orjson.loads(pad.record).get("commissioning_sha256") for pad in await database.scalars(query)}
+    return [{"record": each, "state": _state(each, pads.get(each["pad_id"]), now_ms)} for each in found]
+
+
+def _state(calibration: dict[str, Any], commissioning_sha256: str | None, now_ms: int) -> str:
+    """As the contract has it (``calibrations.in_force``)."""
+    if "withdrawn" in calibration:
+        return "withdrawn"
+    if calibration["commissioning_sha256"] != commissioning_sha256:
+        return "pad_changed"
+    return "holds" if now_ms < calibration["valid_until_ms"] else "over"
+
+
 async def pad(database: AsyncSession, person: Person, pad_id: str) -> PadRow | None:
     """One pad, where the person may see it."""
     query = person.scope.narrow(select(PadRow).where(PadRow.pad_id == pad_id), pad=PadRow.pad_id)

@@ -29,7 +29,7 @@ from wonderland_backend.db.tables.reported import (
     TrackRow,
 )
 from wonderland_backend.live.board import Board
-from wonderland_backend.live.telling import HeardTrack, PadHealthTold, RunningEstimate, StepTaken, Telling, tell
+from wonderland_backend.live.telling import HeardTrack, PadHealthTold, RunningEstimate, StepTaken, Telling, tell_board
 from wonderland_backend.masking import shown_alert
 from wonderland_backend.mirror.derive import Changes
 from wonderland_backend.mirror.rows import RECORDS, EvidenceWrite, VerdictWrite, outline_of
@@ -274,7 +274,7 @@ def _changes_of(row: AlertRow, acts: Iterable[AlertActRow], span: Span) -> list[
 
 
 def _told(what: Telling) -> Callable[[Stage], None]:
-    return lambda stage: tell(stage.board, what)
+    return lambda stage: tell_board(stage.board, what)
 
 
 def _alert(shown: dict[str, Any]) -> Callable[[Stage], None]:

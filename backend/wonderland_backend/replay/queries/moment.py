@@ -76,7 +76,7 @@ async def contents_at(database: AsyncSession, when: Moment, person: Person) -> C
     found.tracks = await _tracks(database, when, scope)
     found.sessions = await sessions_at(database, when, scope)
     found.estimates = await _estimates(database, when, found.sessions)
-    found.verdicts = [verdicts.shown(row) for row in reversed(await _verdicts(database, when, scope))]
+    found.verdicts = [verdicts.verdict_json(row) for row in reversed(await _verdicts(database, when, scope))]
     found.alerts = [shown_alert(each, person) for each in await open_alerts(database, when, scope)]
     found.counts = await _counts(database, when, scope)
     return found
@@ -182,7 +182,7 @@ def alert_at(row: AlertRow, acts: Iterable[AlertActRow], t_ms: int) -> dict[str,
         state = alerts.RETURNED if waits and row.severity != "notice" else alerts.OVER
         now |= {"state": state, "over_ms": row.over_ms, "changed_ms": max(now["changed_ms"], row.over_ms)}
     past = {column.name: getattr(row, column.name) for column in AlertRow.__table__.columns}
-    return alerts.shown(AlertRow(**(past | now)))
+    return alerts.alert_json(AlertRow(**(past | now)))
 
 
 async def _pads(database: AsyncSession, when: Moment, scope: Scope) -> list[tuple[str, str, str, str | None]]:

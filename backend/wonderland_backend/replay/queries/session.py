@@ -46,7 +46,7 @@ async def session_at(database: AsyncSession, session_id: str, t_ms: int, scope: 
         content["signature"] = signature
     verdict = await database.get(VerdictRow, session_id)
     if verdict is not None and verdict.block <= when.block:
-        content["verdict"] = verdicts.shown(verdict)
+        content["verdict"] = verdicts.verdict_json(verdict)
     evidence = await database.get(EvidenceRow, session_id)
     if evidence is not None and evidence.block <= when.block:
         content["evidence"] = record(evidence.record)

@@ -40,7 +40,7 @@ class Time(Foreign):
 
     @property
     def t_ms(self) -> int:
-        """Unix ms."""
+        """The time as Unix ms."""
         return unix_ms(self.value)
 
 

@@ -50,7 +50,7 @@ async def list_networked_flights(
     """What Network Remote ID shows of a view: flights up to 2 km across, areas with some up to 7 km. Unverified."""
     view = parse_view(query.view)
     display = uspace.display
-    shown = await display.look(view)
+    shown = await display.look_at_view(view)
     content = {
         "t_ms": context.clock(),
         "flights": [_flight(flight, view, display) for flight in shown.flights],

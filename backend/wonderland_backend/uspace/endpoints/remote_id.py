@@ -97,7 +97,7 @@ async def read_flight_details(uspace: USpaceDep, flight_id: FlightId) -> Respons
 )
 async def read_identification_service_area(uspace: USpaceDep, area_id: AreaId) -> Response:
     """The extents of an identification service area of ours (F3411-22a, getIdentificationServiceAreaDetails)."""
-    extents = uspace.areas.find(area_id)
+    extents = uspace.areas.find_extents(area_id)
     if extents is None:
         raise NotFound(said("no_such_rid_area"))
     return Json({"extents": extents}, headers=NO_STORE)
@@ -115,5 +115,5 @@ async def notify_identification_service_area(
     caller: Annotated[Caller, Depends(system_with(SERVICE_PROVIDER))],
 ) -> Response:
     """Take in a changed or ended area of another provider (F3411-22a, postIdentificationServiceArea)."""
-    uspace.display.watches.take(area_id, body, caller.subject)
+    uspace.display.watches.take_notification(area_id, body, caller.subject)
     return Response(status_code=204)

@@ -90,7 +90,7 @@ async def query_user_notifications(
 async def get_display_data(uspace: USpaceDep, view: View) -> Response:
     """What a person would see of a view."""
     box = parse_view(view)
-    shown = await uspace.display.look(box)
+    shown = await uspace.display.look_at_view(box)
     content = {
         "flights": [_flight(flight, box) for flight in shown.flights],
         "clusters": [_cluster(cluster) for cluster in shown.clusters],

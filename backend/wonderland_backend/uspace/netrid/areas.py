@@ -72,7 +72,7 @@ class Areas:
         """Whether an area that stands meets a view."""
         return any(each.version is not None and cell.box().meets(view) for cell, each in self._announced.items())
 
-    def find(self, area_id: str) -> dict[str, Any] | None:
+    def find_extents(self, area_id: str) -> dict[str, Any] | None:
         """The extents of an area of ours."""
         for each in self._announced.values():
             if each.area_id == area_id and each.version is not None:
@@ -177,7 +177,7 @@ class Areas:
             body: dict[str, Any] = {"subscriptions": [each.model_dump() for each in subscriber.subscriptions]}
             if extents is not None:
                 body |= {"service_area": put.service_area.content(), "extents": extents}
-            self._notifier.tell(subscriber.url, put.service_area.id, body)
+            self._notifier.tell_subscriber(subscriber.url, put.service_area.id, body)
 
     def _id(self, cell: Cell, salt: int) -> str:
         text = f"{self.instance} {cell.level} {cell.row} {cell.column} {salt}"

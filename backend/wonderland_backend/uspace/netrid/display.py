@@ -96,7 +96,7 @@ class DisplayProvider:
         self._polls: dict[tuple[str, Box], _Poll] = {}
         self._shown_ms: dict[str, int] = {}
 
-    async def look(self, view: Box) -> Shown:
+    async def look_at_view(self, view: Box) -> Shown:
         """What is in a view now. Raises `TooManyRequests`."""
         urls = await self.watches.providers(cells_of(view, TILES))
         asking = [task for url in sorted(urls) if (task := self._ask(url, view)) is not None]
@@ -117,7 +117,7 @@ class DisplayProvider:
         own = next((flight for flight in self._own.served() if flight.flight_id == flight_id), None)
         if own is not None:
             return own.details
-        origin, flight = self._origins.get(flight_id), self._flights.find(flight_id)
+        origin, flight = self._origins.get(flight_id), self._flights.find_flight(flight_id)
         if origin is None or flight is None:
             return None
         url, told = origin
@@ -144,7 +144,9 @@ class DisplayProvider:
         """Forget what is over."""
         self._flights.tidy()
         now = self._clock()
-        self._origins = {each: told for each, told in self._origins.items() if self._flights.find(each) is not None}
+        self._origins = {
+            each: told for each, told in self._origins.items() if self._flights.find_flight(each) is not None
+        }
         self._shown_ms = {each: until for each, until in self._shown_ms.items() if until >= now}
         self._polls = {key: poll for key, poll in self._polls.items() if now - poll.asked_ms < 2 * SHOWN_MS}
         asked = {url for url, _ in self._polls}
@@ -221,7 +223,7 @@ class DisplayProvider:
                 if state.t_ms > now + 1000 * MAX_RECENT_S:
                     continue  # a clock that is wrong must not keep a flight for ever
                 details = Details({}, told.aircraft_type)
-                flight = self._flights.take(f"{url} {told.id}", state, details, heard_ms=now)
+                flight = self._flights.take_state(f"{url} {told.id}", state, details, heard_ms=now)
                 if flight is not None:
                     self._origins[flight.flight_id] = url, told
         return f"{bad} of its flights cannot be read" if bad else ""

@@ -144,7 +144,7 @@ def _play(playing: _Playing, now_ms: int, flights: Flights, notify: Callable[[st
         if problem:
             notify(problem)
         if state is not None:
-            flights.take(
+            flights.take_state(
                 playing.drone,
                 state,
                 playing.details_at(now_ms),

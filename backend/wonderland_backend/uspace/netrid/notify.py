@@ -26,7 +26,7 @@ class Notifier:
         self._peers = peers
         self._under_way: set[asyncio.Task[None]] = set()
 
-    def tell(self, url: str, area_id: str, body: Mapping[str, Any]) -> None:
+    def tell_subscriber(self, url: str, area_id: str, body: Mapping[str, Any]) -> None:
         """Send an area to a subscriber. It is not waited for."""
         if len(self._under_way) >= MAX_UNDER_WAY:
             logger.warning("a subscriber was not told of an area: %d others are being told", MAX_UNDER_WAY)

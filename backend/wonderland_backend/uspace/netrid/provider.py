@@ -36,7 +36,7 @@ class ServiceProvider:
 
     def details(self, flight_id: str) -> dict[str, Any] | None:
         """`GetFlightDetailsResponse` of a flight of ours; None when there is none of this id."""
-        flight = self._flights.find(flight_id)
+        flight = self._flights.find_flight(flight_id)
         if flight is None or not self._serves(flight):
             return None
         return {"details": flight.details.content(flight_id)}

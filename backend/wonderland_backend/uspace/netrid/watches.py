@@ -82,7 +82,7 @@ class Watches:
             if area.time_end.t_ms > now and area.uss_base_url != self._base_url
         }
 
-    def take(self, area_id: str, notice: AreaNotification, sender: str) -> None:
+    def take_notification(self, area_id: str, notice: AreaNotification, sender: str) -> None:
         """A notification about an area, from whom its token names. Raises `NotTheOwner`, `OtherArea`."""
         area = notice.service_area
         if area is not None and (area.owner != sender or area.id.lower() != area_id.lower()):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
-from wonderland_backend.zones.files.lines import Lines, Path, shown
+from wonderland_backend.zones.files.lines import Lines, Path, path_text
 
 MAX_LISTED: Final = 200
 """So many errors, and as many notices, are listed; further ones are counted."""
@@ -45,4 +45,4 @@ class Findings:
 
 def placed(found: list[tuple[Path, str]], lines: Lines) -> list[Finding]:
     """With their lines, in the order of the file."""
-    return sorted(Finding(*lines.of(path), shown(path), message) for path, message in found)
+    return sorted(Finding(*lines.of(path), path_text(path), message) for path, message in found)

@@ -13,7 +13,7 @@ _BLANK: Final = re.compile(r"[ \t\r\n]*")
 _DECODER: Final = json.JSONDecoder()
 
 
-def shown(path: Path) -> str:
+def path_text(path: Path) -> str:
     """The path as people write it: ``features[0].properties.type``."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
     return text.removeprefix(".")

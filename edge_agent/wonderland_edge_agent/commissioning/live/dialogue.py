@@ -13,11 +13,11 @@ class Dialogue(Protocol):
     """Who sits in front of it."""
 
     def step(self, number: int, name: str, text: str) -> None:
-        """A step begins."""
+        """Say that a step begins: its number from 1, its name, and what it does."""
         ...
 
     def say(self, text: str) -> None:
-        """A plain fact."""
+        """Say something that needs no answer."""
         ...
 
     def warn(self, text: str) -> None:
@@ -29,7 +29,7 @@ class Dialogue(Protocol):
         ...
 
     def show_check(self, found: SelfSurvey) -> None:
-        """The self-survey."""
+        """Show what the anchors' ranges to each other say of the survey."""
         ...
 
     def progress(self, recorder: RunRecorder, seconds: float, reach_m: float, problem: str) -> None:
@@ -37,5 +37,5 @@ class Dialogue(Protocol):
         ...
 
     def show_result(self, found: Calibrated) -> None:
-        """Fit and go/no-go."""
+        """Show the fit's biases and what the pad can verify with them (go or no-go)."""
         ...

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from wonderland.clock import Clock
 from wonderland.proofs.records.pads import Frame
-from wonderland.uwb.blinks import BlinkPlan, blinks_beside
+from wonderland.uwb.blinks import BLINK_SLOTS, BlinkPlan, blinks_beside
 from wonderland_edge_agent.commissioning.errors import RadioError, TruthError
 from wonderland_edge_agent.commissioning.live.recorder import RunRecorder
 from wonderland_edge_agent.commissioning.reference import datagram
+from wonderland_edge_agent.radios import AnchorPort
 from wonderland_edge_agent.radios.between import ranging_config
 from wonderland_fira_uci.errors import UwbError
 from wonderland_fira_uci.events import FrameStamped, RangeMeasurement, SessionFailed
 from wonderland_fira_uci.node import UwbNode, UwbSession
-from wonderland_fira_uci.serial_port import Opener
+from wonderland_fira_uci.uci.airtime import RSTU_PER_MS, measured_ago_ms
 from wonderland_fira_uci.uci.config import SessionConfig, least_slots
 
 READY_S: Final = 10.0
@@ -41,12 +42,17 @@ class TagPlan:
 
     def __post_init__(self) -> None:
         """Raises RadioError where a round of all nodes takes longer than the interval."""
-        round_ms = least_slots(len(self.macs)) * SLOT_MS
+        round_ms = (least_slots(len(self.macs)) + BLINK_SLOTS) * SLOT_MS
         if self.interval_ms < round_ms:
             raise RadioError(
-                f"a round of {len(self.macs)} nodes takes {round_ms} ms, and the interval is {self.interval_ms} ms: "
-                "lengthen it"
+                f"a round of {len(self.macs)} nodes and a blink take {round_ms} ms, and the interval is "
+                f"{self.interval_ms} ms: lengthen it"
             )
+
+    @property
+    def measured_ago_ms(self) -> int:
+        """How long nodes have measured when they report."""
+        return measured_ago_ms(len(self.macs), SLOT_MS * RSTU_PER_MS)
 
     def blinks(self) -> BlinkPlan:
         """The tag's blinks, which the pad's nodes time-stamp; as ``wonderland uwb listen --blink`` has them."""
@@ -62,12 +68,12 @@ class TagPlan:
 
 
 @contextlib.asynccontextmanager
-async def open_nodes(ports: Mapping[str, str | Opener], clock: Clock) -> AsyncIterator[dict[str, UwbNode]]:
+async def open_nodes(ports: Sequence[AnchorPort], clock: Clock) -> AsyncIterator[dict[str, UwbNode]]:
     """The pad's nodes, connected. Raises RadioError where fewer than three answer."""
     async with contextlib.AsyncExitStack() as stack:
         nodes = {}
-        for name, port in ports.items():
-            nodes[name] = await stack.enter_async_context(UwbNode(port, name=f"anchor {name}", clock=clock))
+        for port in ports:
+            nodes[port.anchor_id] = await stack.enter_async_context(port.node(clock))
         outcomes = await asyncio.gather(*(node.wait_ready(READY_S) for node in nodes.values()), return_exceptions=True)
         away = {
             name: str(outcome)
@@ -184,7 +190,7 @@ class LiveReference(asyncio.DatagramProtocol):
         self.address = transport.get_extra_info("sockname")[:2]
 
     def datagram_received(self, data: bytes, addr: object) -> None:
-        """One position."""
+        """Hand a position to the recorder; what is none is counted, and why is kept."""
         del addr
         try:
             t_s, point = datagram(data, self._frame, self._clock() / 1000)

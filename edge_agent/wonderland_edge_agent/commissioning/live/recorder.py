@@ -76,6 +76,7 @@ class RunRecorder:
         anchor_ids: Sequence[str],
         middle_m: Point,
         interval_ms: int,
+        measured_ago_ms: int = 0,
     ) -> None:
         self.coverage = Coverage(ranges=dict.fromkeys(anchor_ids, 0))
         self.position: Point | None = None
@@ -91,6 +92,7 @@ class RunRecorder:
         self._files: list[IO[str]] = []
         self._writers: list[Any] = []
         self._reference_s = -math.inf
+        self._measured_ago_ms = measured_ago_ms
         self._round_ms = 0
         self._stamp_ms = 0
 
@@ -135,7 +137,7 @@ class RunRecorder:
         for item in rounds:
             self.coverage.rounds += 1
             # Reports that a busy computer read late fall into rounds of one time; a recording's times differ.
-            self._round_ms = max(item.t_ms, self._round_ms + 1)
+            self._round_ms = max(item.t_ms - self._measured_ago_ms, self._round_ms + 1)
             for name, range_mm, nlos in zip(self._names, item.range_mm, item.nlos, strict=True):
                 if range_mm != NO_RANGE:
                     self.coverage.ranges[name] += 1

@@ -30,12 +30,12 @@ class Terminal:
             self._live = None
 
     def step(self, number: int, name: str, text: str) -> None:
-        """A step begins."""
+        """Print a step's number, name and text."""
         self.close()
         self._console.print(f"\n[bold]{number}. {escape(name)}[/bold] [dim]– {escape(text)}[/dim]")
 
     def say(self, text: str) -> None:
-        """A plain fact."""
+        """Print a text as it is, without markup."""
         self.close()
         self._console.print(f"   {escape(text)}", soft_wrap=True)
 
@@ -97,6 +97,6 @@ class Terminal:
         self._live.update(line, refresh=True)
 
     def show_result(self, found: Calibrated) -> None:
-        """Fit and go/no-go."""
+        """Print the fit's biases and what the pad can verify with them (go or no-go)."""
         self.close()
         show(found, self._console)

@@ -12,6 +12,8 @@ from typing import Any, Final
 
 from wonderland.clock import Clock, SteadyClock
 from wonderland.proofs.records.pads import Commissioning, Frame
+from wonderland.proofs.records.radios import NodeAbility
+from wonderland.uwb.agreed import ability_of, weakest
 from wonderland_edge_agent.commissioning.alone import alone
 from wonderland_edge_agent.commissioning.errors import (
     ClockError,
@@ -29,16 +31,20 @@ from wonderland_edge_agent.commissioning.live.state import STEPS, StateDirectory
 from wonderland_edge_agent.commissioning.offline import Calibrated, Files, calibrate_runs, write_json, write_record
 from wonderland_edge_agent.commissioning.survey_files import Origin, Survey, SurveyedAnchor, load_survey
 from wonderland_edge_agent.drift.baseline import Baseline
+from wonderland_edge_agent.radios import AnchorPort
 from wonderland_edge_agent.radios.between import measure_between
 from wonderland_edge_agent.self_survey import Priors, SelfSurvey, self_survey
 from wonderland_edge_agent.settings import PadSettings
 from wonderland_fabric_gateway.files import PRIVATE, write_atomic
+from wonderland_fira_uci.errors import RangingPlanError
 from wonderland_fira_uci.node import UwbNode
 from wonderland_fira_uci.serial_port import Opener
 
 SHOW_S: Final = 0.5
 DEFAULT_REACH_M: Final = 20.0
 KEY_FILE: Final = "run.key"
+UNTIED: Final = "the survey has to be tied to the globe: give --origin LAT,LON,HEIGHT, or lat, lon, height"
+PUBLISH_QUESTION: Final = "Publish this commissioning of {}? Verdicts rest on it then."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +105,7 @@ class Wizard:
         survey = self._survey()
         if self._state.read("check") is None or not self._runs_done() or self._settings.another_run:
             with alone(self._settings.pad.spool):
-                ports = {anchor.anchor_id: anchor.opener() for anchor in self._settings.pad.anchors}
+                ports = [AnchorPort.of(anchor) for anchor in self._settings.pad.anchors]
                 async with open_nodes(ports, self._clock) as nodes:
                     await self._check(nodes, survey)
                     if not self._runs_done() or self._settings.another_run:
@@ -131,9 +137,7 @@ class Wizard:
         for _, text in survey.notes:
             self._dialogue.warn(text)
         if survey.frame is None:
-            raise SurveyError(
-                "the survey has to be tied to the globe: give --origin LAT,LON,HEIGHT, or lat, lon, height"
-            )
+            raise SurveyError(UNTIED)
         self._state.write("survey", _survey_json(survey))
         return survey
 
@@ -182,6 +186,7 @@ class Wizard:
         self._dialogue.step(3, "Calibration run", "the drone is moved about while a reference says where it is")
         settings = self._settings
         macs = {anchor.anchor_id: anchor.mac for anchor in survey.anchors}
+        self._state.write("nodes", self._ability(nodes))
         plan = TagPlan(
             macs=macs,
             tag_mac=settings.tag_mac,
@@ -200,7 +205,8 @@ class Wizard:
         started_ms = self._clock()
         stamps = time_stamps_of(ranges)
         with RunRecorder(
-            ranges, reference, stamps, tuple(macs), middle_of(survey.places_m), settings.run_interval_ms
+            *(ranges, reference, stamps, tuple(macs), middle_of(survey.places_m), settings.run_interval_ms),
+            measured_ago_ms=plan.measured_ago_ms,
         ) as recorder:
             async with self._tag() as tag, self._reference(survey.frame, recorder) as live:
                 ranging = asyncio.create_task(run(nodes, tag, plan, recorder, self.stop))
@@ -232,6 +238,16 @@ class Wizard:
         if recorder.positions == 0:
             reference.unlink()
         self._state.write("run", {"runs": [path.name for path in self._state.runs()], "live": recorder.positions > 0})
+
+    def _ability(self, nodes: dict[str, UwbNode]) -> dict[str, Any]:
+        """What the weakest of the nodes can do, for the record; nothing where none of them says it."""
+        uwb = self._settings.pad.uwb
+        try:
+            said = [ability_of(node.capabilities, uwb.words, uwb.region) for node in nodes.values()]
+            told = [each for each in said if each is not None]
+            return weakest(told).to_json() if told else {}
+        except RangingPlanError as error:
+            raise RadioError(f"these nodes cannot range together: {error}") from error
 
     @contextlib.asynccontextmanager
     async def _tag(self) -> AsyncIterator[UwbNode | None]:
@@ -287,6 +303,8 @@ class Wizard:
             # The same inputs: keep the record as it is, so that publishing again publishes the same.
             record = Commissioning.decode(target.read_bytes())
         else:
+            nodes = self._state.read("nodes")
+            record = replace(record, nodes=NodeAbility.parse(nodes) if nodes else None)
             write_record(target, record)
         shown = fingerprint([mark, settings.buffer_m, settings.height_m])
         if before is None or before.get("shown") != shown or not (settings.state / "report.html").exists():
@@ -336,9 +354,7 @@ class Wizard:
         if settings.dry_run or settings.operator is None:
             self._dialogue.say("Nothing is sent (--dry-run); the record is in commissioning.json.")
             return {"published": False, "commissioning": str(settings.state / "commissioning.json")}
-        if not self._dialogue.confirm(
-            f"Publish this commissioning of {settings.pad.pad_id}? Verdicts rest on it then."
-        ):
+        if not self._dialogue.confirm(PUBLISH_QUESTION.format(settings.pad.pad_id)):
             return {"published": False, "commissioning": str(settings.state / "commissioning.json")}
         done = await publish(settings.operator, settings.pad.pad_id, record)
         self._state.write("publish", done)

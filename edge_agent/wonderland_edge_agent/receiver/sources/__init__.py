@@ -13,7 +13,7 @@ from wonderland_remote_id.framings.framed import Framed
 class Sink(Protocol):
     """Who takes what was heard (`wonderland_edge_agent.receiver.RemoteIdReceiver`)."""
 
-    def take(self, frame: bytes, *, source: str, transport: str, rssi_dbm: int | None = None) -> None:
+    def take_frame(self, frame: bytes, *, source: str, transport: str, rssi_dbm: int | None = None) -> None:
         """Take a bare frame."""
 
     def take_framed(self, framed: Framed, source: str) -> None:
@@ -30,4 +30,4 @@ class Source(Protocol):
         """Begin to hear. Raises `ReceiverError` for what waiting will not cure."""
 
     async def close(self) -> None:
-        """Stop hearing."""
+        """Stop hearing, and give device or port free."""

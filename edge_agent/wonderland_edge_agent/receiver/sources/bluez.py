@@ -73,7 +73,7 @@ class BluezSource:
         self._task = asyncio.create_task(self._keep())
 
     async def close(self) -> None:
-        """Stop scanning."""
+        """Stop scanning; the adapter is others' again."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)

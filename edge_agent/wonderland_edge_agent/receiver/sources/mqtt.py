@@ -40,7 +40,7 @@ class MqttSource:
         self._task = asyncio.create_task(self._run(client, sink))
 
     async def close(self) -> None:
-        """Leave the broker."""
+        """Disconnect from the broker."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)

@@ -41,7 +41,7 @@ class ReplaySource:
         self._task = asyncio.create_task(self._play(sink))
 
     async def close(self) -> None:
-        """Stop playing."""
+        """Stop playing, wherever it is."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)

@@ -50,7 +50,7 @@ class UdpSource:
             ) from cause
 
     async def close(self) -> None:
-        """Stop listening."""
+        """Close the port."""
         if self._transport is not None:
             self._transport.close()
             self._transport = None
@@ -74,7 +74,7 @@ class _Datagrams(asyncio.DatagramProtocol):
         elif data and data[0] in JSON:
             deliver_json(self._sink, data, source)
         else:
-            self._sink.take(data, source=source, transport="udp")
+            self._sink.take_frame(data, source=source, transport="udp")
 
     def error_received(self, exc: Exception) -> None:
         _log.debug("Remote ID socket: %s", exc)

@@ -66,7 +66,7 @@ class WifiMonitorSource:
         self._open()
 
     async def close(self) -> None:
-        """Stop hearing."""
+        """Close the socket; the interface stays in monitor mode."""
         if self._again is not None:
             self._again.cancel()
         self._drop()

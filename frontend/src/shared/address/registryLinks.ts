@@ -1,6 +1,6 @@
 import { go, placeHash } from "./location";
 
-export const TABS = ["drones", "pads", "operators", "certificates", "import", "key"] as const;
+export const TABS = ["drones", "pads", "operators", "certificates", "proposals", "import", "key"] as const;
 export type Tab = (typeof TABS)[number];
 
 export function registryHref(path: readonly string[], query: Readonly<Record<string, string>> = {}): string {

@@ -43,20 +43,49 @@ export type VerdictFilters = NonNullable<paths["/api/v1/verdicts"]["get"]["param
 /** An answer takes no longer than this. */
 export const TIMEOUT_MS = 15_000;
 
+/** The server's word for "confirm this" (its other words are for people). */
+const STEP_UP = "urn:wonderland:problem:step-up-required";
+
 type Answer<T> = { data?: T; error?: unknown; response: Response };
+
+/** One request, for which the server wants to know once more who is at the keys. */
+export type Act = components["schemas"]["StepUpQuestion"];
+/** Asks for that; the token to send with the request, or undefined where the person would rather not. */
+export type StepUp = (act: Act) => Promise<string | undefined>;
 
 /** The REST interface, as far as the console uses it. Each call throws `ApiError`. */
 export class Api {
   /** For domains that have calls of their own; each through `answered`. */
   readonly client: Client<paths>;
+  /** Without it such a request is refused as any other. */
+  stepUp: StepUp | undefined;
 
   /** `origin` is where `/api/v1` lies; `fetch` is the browser's, or a fake one's. */
   constructor(origin: string, fetch: (request: Request) => Promise<Response> = (request) => globalThis.fetch(request)) {
-    const inLanguage = (request: Request): Promise<Response> => {
+    const inLanguage = async (request: Request): Promise<Response> => {
       request.headers.set("Accept-Language", reading().locale);
-      return fetch(request);
+      const again = request.method === "GET" || this.stepUp === undefined ? undefined : request.clone();
+      const answer = await fetch(request);
+      return again === undefined ? answer : this.confirmed(answer, again, fetch);
     };
     this.client = createClient<paths>({ baseUrl: origin, fetch: inLanguage, credentials: "same-origin" });
+  }
+
+  /** The answer; where the server wants to know who is at the keys, that of the same request once this is confirmed. */
+  private async confirmed(answer: Response, request: Request, fetch: (request: Request) => Promise<Response>): Promise<Response> {
+    if (answer.status !== 403 || this.stepUp === undefined) return answer;
+    const { type } = (await answer.clone().json().catch(() => ({}))) as { type?: unknown };
+    if (type !== STEP_UP) return answer;
+    const body = await request.arrayBuffer();
+    const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", body));
+    const body_sha256 = Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");
+    const token = await this.stepUp({ method: request.method, path: new URL(request.url).pathname, body_sha256 });
+    if (token === undefined) return answer;
+    const headers = new Headers(request.headers);
+    headers.set("Step-Up", token);
+    const { url, method, credentials } = request;
+    // A request of its own: the time for the first one ran while a person looked for a key.
+    return fetch(new Request(url, { method, headers, credentials, signal: AbortSignal.timeout(TIMEOUT_MS), ...(body.byteLength > 0 && { body }) }));
   }
 
   signIn(token: string): Promise<SignedIn> {
@@ -143,6 +172,13 @@ export class Api {
   blockData(number: number): Promise<ArrayBuffer> {
     return answered((signal) =>
       this.client.GET("/api/v1/blocks/{number}/data", { params: { path: { number } }, parseAs: "arrayBuffer", signal }),
+    );
+  }
+
+  /** All that proves a session without this server (`wonderland-evidence/1`), byte for byte. */
+  evidence(session_id: string): Promise<ArrayBuffer> {
+    return answered((signal) =>
+      this.client.GET("/api/v1/sessions/{session_id}/evidence", { params: { path: { session_id } }, parseAs: "arrayBuffer", signal }),
     );
   }
 

@@ -75,6 +75,9 @@ export class FakeWorld {
         connected: true,
         halted: null,
         organisations: ["AuthorityMSP", "PadMSP", "FleetMSP"],
+        alone_since_ms: null,
+        rows_checked_ms: null,
+        rows_differ: [],
       },
       server: { version: "0.1.0", epoch: "fake", demo: true },
       counts: {

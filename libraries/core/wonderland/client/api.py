@@ -59,7 +59,7 @@ class Wonderland:
         self.close()
 
     def close(self) -> None:
-        """Close connections."""
+        """Close the connections to the server."""
         self._http.close()
 
     def conformance(self, serial: str, **question: int) -> types.Conformance:
@@ -67,7 +67,7 @@ class Wonderland:
         return cast("types.Conformance", self._get("/conformance", serial=serial, **question))
 
     def proofs(self, **filters: Any) -> Iterator[types.Proof]:
-        """Proofs, newest first."""
+        """Proofs, newest first, page by page as they are read."""
         return self._pages("/proofs", filters, types.Proof)
 
     def proof(self, proof_id: str) -> types.Proof:
@@ -75,15 +75,15 @@ class Wonderland:
         return cast("types.Proof", self._get(f"/proofs/{proof_id}"))
 
     def sessions(self, **filters: Any) -> Iterator[types.SessionState]:
-        """Sessions, newest first."""
+        """Sessions, newest first, page by page as they are read."""
         return self._pages("/sessions", filters, types.SessionState)
 
     def pads(self, **filters: Any) -> Iterator[types.Pad]:
-        """Landing pads."""
+        """Landing pads by identifier, page by page as they are read."""
         return self._pages("/pads", filters, types.Pad)
 
     def drones(self, **filters: Any) -> Iterator[types.Drone]:
-        """Drones."""
+        """Drones by serial number, page by page as they are read."""
         return self._pages("/drones", filters, types.Drone)
 
     def flights(self, **filters: Any) -> Iterator[types.Flight]:
@@ -99,7 +99,7 @@ class Wonderland:
         return self._pages("/authorisations", filters, types.Authorisation)
 
     def alerts(self, **filters: Any) -> Iterator[types.Alert]:
-        """Alerts, newest first."""
+        """Alerts, newest first, page by page as they are read."""
         return self._pages("/alerts", filters, types.Alert)
 
     def request_proof(self, uav_id: str, pad_id: str, action: str = "land", **more: Any) -> types.ProofRequest:
@@ -116,7 +116,7 @@ class Wonderland:
         return cast("types.SubscriptionCreated", self._post("/subscriptions", {"url": url, **filters}))
 
     def subscriptions(self) -> Iterator[types.Subscription]:
-        """One's own webhooks."""
+        """One's own webhooks, page by page as they are read."""
         return self._pages("/subscriptions", {}, types.Subscription)
 
     def deliveries(self, subscription_id: str, **filters: Any) -> Iterator[types.WebhookDelivery]:
@@ -129,7 +129,7 @@ class Wonderland:
         return cast("types.WebhookDelivery", self._post(path, None))
 
     def unsubscribe(self, subscription_id: str) -> None:
-        """End a webhook."""
+        """End a webhook: nothing more is sent to its address."""
         self._transport.request("DELETE", f"/subscriptions/{subscription_id}")
 
     def export(

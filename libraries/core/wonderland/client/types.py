@@ -17,6 +17,7 @@ class Alert(TypedDict):
         "leaving",
         "permission_unmatched",
         "ledger_halted",
+        "rows_differ",
         "unauthorised",
         "zone_closed",
         "closures_ending",
@@ -28,6 +29,7 @@ class Alert(TypedDict):
         "pad_drifting",
         "certificate_expiring",
         "ledger_away",
+        "ledger_alone",
     ]
     severity: Literal["critical", "warning", "notice"]
     t_ms: int
@@ -141,6 +143,24 @@ class BroadcastUsed(TypedDict):
     verified: Literal[False]
 
 
+class Calibration(TypedDict):
+    """The offset of a drone's ranges at one pad."""
+
+    pad_id: str
+    commissioning_sha256: str
+    offset_mm: int
+    sigma_mm: int
+    sessions: int
+    rounds: int
+    measured_ms: int
+    valid_until_ms: int
+    registered_ms: int
+    registered_by: str
+    msp_id: str
+    node: NotRequired[str]
+    withdrawn: NotRequired[str]
+
+
 class Commissioning(TypedDict):
     """What a survey and a calibration established about a pad: the ground on which its verdicts stand."""
 
@@ -156,6 +176,7 @@ class Commissioning(TypedDict):
     timestamp_sigma_mm: NotRequired[int]
     bias_length_mm: NotRequired[int]
     bias_fixed_ppm: NotRequired[int]
+    nodes: NotRequired[NodeAbility]
 
 
 class Conformance(TypedDict):
@@ -246,6 +267,7 @@ class Drone(TypedDict):
     updated_ms: int
     status_reason: NotRequired[str]
     maintenance: NotRequired[Maintenance]
+    calibrations: NotRequired[list[Calibration]]
     authorisations: list[Authorisation]
     track: NotRequired[Track]
     verdict: NotRequired[VerdictSummary]
@@ -399,6 +421,17 @@ class Maintenance(TypedDict):
     valid_until_ms: int
     work: str
     recorded_by: str
+
+
+class NodeAbility(TypedDict):
+    """Of the weakest of a pad's nodes, or of a drone's. The plan of a session is a function of both sides'."""
+
+    words: Literal["both_ways", "initiator"]
+    word_octets: int
+    slot_us: int
+    channels: list[int]
+    sts: Literal["static", "provisioned"]
+    blinks: Literal["none", "scheduled"]
 
 
 class Pad(TypedDict):

@@ -99,7 +99,7 @@ def _shape(name: str, language: Language) -> MessageFormat:
     return MessageFormat(_PATTERNS[name], _LOCALES[language])
 
 
-def shown(name: str, value: int | str, language: Language) -> int | str:
+def fact_text(name: str, value: int | str, language: Language) -> int | str:
     """A fact as a message has it: with its unit, or the number itself."""
     if isinstance(value, str):
         return value
@@ -118,5 +118,5 @@ def text(domain: str, key: str, facts: Mapping[str, int | str], language: Langua
     parsed = _parsed(domain, key, language)
     if parsed is None:
         return f"{key} ({', '.join(f'{name} {value}' for name, value in facts.items())})" if facts else key
-    known = {name: shown(name, value, language) for name, value in facts.items()}
+    known = {name: fact_text(name, value, language) for name, value in facts.items()}
     return parsed.format({**_without(domain, key, language), **known})

@@ -7,6 +7,7 @@ anchors can seldom say *which* one is bad; so an outcome then needs every subset
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -73,6 +74,20 @@ def agreement(reduced: Reduced, whole: Offset) -> Agreement:
         whole.chi2,
         limit,
     )
+
+
+def excused(reduced: Reduced, whole: Offset, suspects: Sequence[int]) -> Agreement:
+    """The same without asking whether ranges agree: all anchors, or each set without one of ``suspects``."""
+    parts = {
+        anchor.index: solve(without(reduced, position))
+        for position, anchor in enumerate(reduced.anchors)
+        if anchor.index in suspects
+    }
+    offsets = tuple(part for part in map(parts.get, suspects) if part is not None)
+    if len(offsets) < len(suspects):
+        return Agreement((), (), len(reduced.anchors) - 1, whole.chi2, _limit(CHI2_LIMITS, whole))
+    count = len(reduced.anchors) - (1 if suspects else 0)
+    return Agreement(offsets or (whole,), tuple(suspects), count, whole.chi2, _limit(CHI2_LIMITS, whole))
 
 
 def _limit(limits: tuple[float, ...], offset: Offset) -> float:

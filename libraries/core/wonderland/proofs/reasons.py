@@ -41,6 +41,8 @@ REASONS: Final[Mapping[str, tuple[str, ...]]] = {
     "session_stopped": ("failure",),
     # Which rounds and anchors serve (steps 3 and 6).
     "pad_drifts": ("sigma_mm",),
+    "calibrated": ("offset_mm", "sigma_mm"),
+    "calibration_alone": ("offset_mm",),
     "too_few_rounds": ("rounds", "min_rounds"),
     "rounds_missing": ("attempted", "whole"),
     "obstructed": ("ranges",),
@@ -120,7 +122,7 @@ class Reasons:
     items: list[Reason] = field(default_factory=list)
 
     def add(self, code: str, **facts: int | str) -> None:
-        """One more reason."""
+        """Add a reason. Raises ValueError for a code or facts that REASONS does not have."""
         self.items.append(reason(code, **facts))
 
 

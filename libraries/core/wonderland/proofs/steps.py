@@ -18,8 +18,9 @@ from wonderland.proofs.admission import (
     rounds_missing,
     usable_rounds,
 )
-from wonderland.proofs.agreement import agreement
+from wonderland.proofs.agreement import agreement, excused
 from wonderland.proofs.broadcast import Broadcast, judge_broadcast, outcome_with, unmeasured
+from wonderland.proofs.calibrated import calibrated
 from wonderland.proofs.claims import ClaimedPath
 from wonderland.proofs.differences import halved
 from wonderland.proofs.drift import widened
@@ -67,7 +68,7 @@ class Case:
 
     session: Session
     commissioning: Commissioning
-    """Of the pad, with the uncertainty that its drift added."""
+    """Of the pad, with the uncertainty that its drift added and the offset that the drone was calibrated to."""
     evidence: Evidence
     witness: WitnessBrought | None
     confirmed: bool
@@ -77,6 +78,8 @@ class Case:
     """The drone's, against the pad's."""
     claims: tuple[Claim, ...]
     """The request's, then the session's, by the pad's clock."""
+    excused: tuple[int, ...] | None = None
+    """Ranges need not agree with one another (``uncorrected``): of which anchors each may be bad."""
 
     @property
     def policy(self) -> Policy:
@@ -129,6 +132,7 @@ def case_of(
     now_ms: int,
 ) -> Case:
     """The case, with the pad's drift and the drone's clock reckoned in."""
+    commissioning = calibrated(commissioning, session.calibration)
     if evidence.drift_sigma_mm is not None:
         commissioning = widened(commissioning, evidence.drift_sigma_mm)
     clock = drone_clock(evidence.clock)
@@ -140,6 +144,9 @@ def freshness(case: Case, found: Findings) -> None:
     """1. The times of rounds and claims belong to this session and do not run backwards."""
     if case.evidence.drift_sigma_mm is not None:
         found.reasons.add("pad_drifts", sigma_mm=case.evidence.drift_sigma_mm)
+    drone = case.session.calibration
+    if drone is not None:
+        found.reasons.add("calibrated", offset_mm=drone.offset_mm, sigma_mm=drone.sigma_mm)
     found.block(unless=fresh(case.session, case.evidence, case.now_ms, found.reasons))
 
 
@@ -170,14 +177,13 @@ def claimed_path(case: Case, found: Findings) -> None:
 def measurement(case: Case, found: Findings) -> None:
     """5. Ranges, corrected by their anchors' bias, against the claimed path: the offset, and whether they agree."""
     if found.path is not None and found.rounds is not None:
-        found.measured = _measure(found.rounds, case.commissioning, found.path, case.clock, found.reasons)
+        found.measured = _measure(case, found.rounds, found.path, found.reasons)
 
 
-def _measure(
-    rounds: UsableRounds, commissioning: Commissioning, path: ClaimedPath, clock: Clock, reasons: Reasons
-) -> Measured | None:
+def _measure(case: Case, rounds: UsableRounds, path: ClaimedPath, reasons: Reasons) -> Measured | None:
     """Estimate, covariance, and whether the ranges agree with one another."""
-    reduced = reduce(rounds, commissioning, path, clock.sigma_ms)
+    commissioning = case.commissioning
+    reduced = reduce(rounds, commissioning, path, case.clock.sigma_ms)
     if reduced is None:
         say_torn(residuals_of(rounds, commissioning, path), reasons)
         reasons.add("no_estimate", lacking="anchors")
@@ -189,7 +195,7 @@ def _measure(
     standing = standing_at(reduced, path.points)
     if standing is not None:
         reduced = replace(reduced, moment=standing.claim, moment_spread=standing.spread)
-    agreed = agreement(reduced, offset)
+    agreed = agreement(reduced, offset) if case.excused is None else excused(reduced, offset, case.excused)
     seen = reduced.residuals
     if seen is not None and any(loses_its_place(seen, suspect, commissioning) for suspect in agreed.suspects):
         agreed = replace(agreed, offsets=(), suspects=())  # nobody knows what the others would say
@@ -239,7 +245,7 @@ def time_stamps(case: Case, found: Findings) -> None:
 
 def _assurance(evidence: Evidence) -> int:
     """What the way of ranging can bear; 3 and 4 are earned by time differences and a second pad."""
-    if evidence.radio.measured_by == "uav":
+    if evidence.radio.measured_by == "uav" or evidence.radio.sts == "unbound":
         return 0
     return KEYED if evidence.radio.sts == "provisioned" else 1
 
@@ -346,7 +352,7 @@ def outcome(case: Case, found: Findings) -> None:
     if measured is not None:
         if found.outcome == "verified":
             say_height(found.height, policy, found.reasons)
-        _limits(found.outcome, found.assurance, case.commissioning, measured, more, found.reasons)
+        _limits(case, found.outcome, found.assurance, measured, more, found.reasons)
     if found.more_frames > 0 and more >= 0:
         more, found.blocked = max(more, found.more_frames), False
     if found.missing != 0 and more >= 0:
@@ -360,9 +366,7 @@ def _more(measured: Measured, commissioning: Commissioning, policy: Policy) -> i
     return more_rounds(measured.offset, known.rounds, policy, hope(known.bias_left, known.rounds, commissioning))
 
 
-def _limits(
-    outcome: str, assurance: int, commissioning: Commissioning, measured: Measured, more: int, reasons: Reasons
-) -> None:
+def _limits(case: Case, outcome: str, assurance: int, measured: Measured, more: int, reasons: Reasons) -> None:
     """What an outcome does not mean: said with it, so that nobody reads more into it."""
     if outcome == "inconclusive" and measured.agreement.usable and more < 0:
         reasons.add("cannot_settle")
@@ -370,10 +374,10 @@ def _limits(
         return
     if assurance < TIME_DIFFERENCES:
         # Nor do anchors all around it help: with another height, one delay of all answers fits another place.
-        reasons.add("upper_bound", within_mm=bound_mm(measured, commissioning))
+        reasons.add("upper_bound", within_mm=bound_mm(case, measured))
 
 
-def bound_mm(measured: Measured, commissioning: Commissioning) -> int:
+def bound_mm(case: Case, measured: Measured) -> int:
     """A bound that holds however much a drone delays its answers: within this distance of the pad's origin.
 
     A drone that falsifies its time stamps can shorten ranges as well; against that there are time differences.
@@ -381,12 +385,15 @@ def bound_mm(measured: Measured, commissioning: Commissioning) -> int:
     The least of the anchors' bounds; the second least where one anchor may be bad.
     """
     bounds = []
+    # No calibration makes a bound smaller: it may be false.
+    drone = case.session.calibration
+    longer = float(max(drone.offset_mm, 0)) if drone is not None else 0.0
     installation = measured.reduced.installation_sigma_mm
     for mean in measured.reduced.anchors:
-        anchor = commissioning.anchors[mean.index]
+        anchor = case.commissioning.anchors[mean.index]
         away = sqrt(float(anchor.east_mm**2 + anchor.north_mm**2 + anchor.up_mm**2))
         deviation = sqrt(mean.white + mean.floor + installation * installation)
-        bounds.append(mean.range_mm + away + BOUND_Z * deviation)
+        bounds.append(mean.range_mm + longer + away + BOUND_Z * deviation)
     bounds.sort()
     return int(max(bounds[0 if measured.agreement.consistent else 1], 0.0)) + 1
 

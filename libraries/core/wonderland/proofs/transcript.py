@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 from wonderland.proofs import encoding
+from wonderland.proofs.records.calibrations import DroneOffset
 from wonderland.proofs.records.fields import (
     Action,
     MspId,
@@ -21,6 +22,7 @@ from wonderland.proofs.records.fields import (
     TimeMs,
     UavId,
 )
+from wonderland.proofs.records.radios import NodeAbility
 from wonderland.proofs.records.schema import Choice, Record, Text
 from wonderland.proofs.records.sessions import Session, Witness
 
@@ -53,6 +55,9 @@ class Transcript(Record):
     expires_ms: TimeMs
     sts: Annotated[str, Choice((STS,))]
     witness: Witness | None = None
+    node: NodeAbility | None = None
+    """The drone's; the pad's nodes stand in its commissioning. Both together give the radio plan (``uwb.agreed``)."""
+    calibration: DroneOffset | None = None
 
     def digest(self) -> bytes:
         """SHA-256 of the canonical encoding (32 B)."""
@@ -82,4 +87,6 @@ def transcript_of(session: Session, channel: str, *, contract: str = "pol") -> T
         expires_ms=session.expires_ms,
         sts=STS,
         witness=session.witness,
+        node=session.node,
+        calibration=session.calibration,
     )

@@ -14,14 +14,15 @@
 Steps 1 to 4 and 6 rest on ``admission`` and ``claims``, 5 on ``reduction``, ``estimate`` and ``agreement``, 7 on
 ``differences`` and ``testimony``, 8 on ``judgement``, ``moments`` (every moment), ``leaving`` (the newest rounds alone)
 and ``vertical``, 9 on ``broadcast``; what holds under repeated looks is in ``stopping``, what can be reached at all in
-``prospects``, the drone's clock in ``drone_clock``. The verdict is about what the drone *signed*. Integers and exactly
-rounded operations only (``special``).
+``prospects``, the drone's clock in ``drone_clock``, a drone that was calibrated in ``uncorrected``.
+The verdict is about what the drone *signed*. Integers and exactly rounded operations only (``special``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 from wonderland.proofs.drone_clock import Clock
 from wonderland.proofs.height_finding import estimate, height_record
@@ -30,8 +31,9 @@ from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import DroneClock, Reason, Verdict
 from wonderland.proofs.reduction import said_at
-from wonderland.proofs.steps import STEPS, TIME_DIFFERENCES, Findings, bound_mm, case_of
+from wonderland.proofs.steps import STEPS, TIME_DIFFERENCES, Case, Findings, bound_mm, case_of
 from wonderland.proofs.testimony import WitnessBrought
+from wonderland.proofs.uncorrected import as_measured, hold_both
 
 
 def decide(
@@ -52,18 +54,20 @@ def decide(
     matched. ``signature_valid``: the drone's countersignature, None where it gave
     none. ``authorisation``: reasons why the drone may not do what it asks, none where it may.
     """
-    case = case_of(
-        session,
-        commissioning,
-        evidence,
-        witness,
+    case_with = partial(
+        case_of,
+        commissioning=commissioning,
+        evidence=evidence,
+        witness=witness,
         confirmed=confirmed,
         signature_valid=signature_valid,
         now_ms=now_ms,
     )
-    found = Findings()
-    for step in STEPS:
-        step(case, found)
+    case = case_with(session)
+    found = _found(case)
+    if session.calibration is not None:
+        plain = as_measured(case, found, case_with(replace(session, calibration=None)))
+        hold_both(found, _found(plain), case, session.calibration.offset_mm)
     measured, public = found.measured, found.public
     at, covariance, chi2_milli = (
         estimate(case.commissioning, measured, found.height) if measured is not None else (None,) * 3
@@ -91,11 +95,19 @@ def decide(
         height=height_record(found.height, measured),
         chi2_milli=chi2_milli,
         chi2_claim_milli=milli(measured.offset.chi2_claim) if measured is not None else None,
-        within_mm=bound_mm(measured, case.commissioning) if measured is not None else None,
+        within_mm=bound_mm(case, measured) if measured is not None else None,
         time_differences=found.timed.record if found.timed is not None else None,
         witness=found.seen.record if found.seen is not None else None,
         clock=_clock_record(case.clock),
     )
+
+
+def _found(case: Case) -> Findings:
+    """What the ten steps find."""
+    found = Findings()
+    for step in STEPS:
+        step(case, found)
+    return found
 
 
 def preview(

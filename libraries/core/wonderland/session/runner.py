@@ -53,16 +53,16 @@ class Machine(Protocol[A_co, E_contra]):
         """When ``frames_to_send`` has something."""
         ...
 
-    def frames_to_send(self, now_ms: int, budget: int) -> list[bytes]:
-        """At most ``budget`` frames for the node."""
+    def frames_to_send(self, now_ms: int) -> list[bytes]:
+        """Frames for one data unit of the node."""
         ...
 
 
 class Speaker(Protocol):
     """The nodes of this side, as far as the shell needs them."""
 
-    async def send(self, frame: bytes) -> None:
-        """Hand a frame to the node that speaks; raises UwbError."""
+    async def send(self, data: bytes) -> None:
+        """Hand a data unit to the node that speaks; raises UwbError."""
 
     async def close_session(self) -> None:
         """Stop both UWB sessions; never raises."""
@@ -157,10 +157,10 @@ class SessionRunner(Generic[A, E]):
         while True:
             await self._frames_due.wait()
             self._frames_due.clear()
-            while frames := self._steps.frames_to_send(self._clock(), 1):
+            while frames := self._steps.frames_to_send(self._clock()):
                 self._sending = True
                 try:
-                    await self._speaker.send(frames[0])
+                    await self._speaker.send(b"".join(frames))
                 except UwbError as error:
                     _log.debug("a frame was not sent and will be repeated: %s", error)
                     break

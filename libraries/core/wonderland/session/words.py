@@ -14,6 +14,7 @@ from wonderland.uwb.link.errors import LinkError, PayloadError
 from wonderland.uwb.link.link import Link, LinkAborted, MessageDelivered, MessageReceived
 from wonderland.uwb.link.messages import Abort, AbortReason, Identity, MessageType
 from wonderland.uwb.link.proof_payloads import ClaimBatch, RangesPart
+from wonderland.uwb.link.segments import MAX_FRAME_OCTETS
 
 
 class Word(Enum):
@@ -64,19 +65,25 @@ class Words:
         whole_certificate: bool,
         other_sha256: str,
         now_ms: int,
+        word_octets: int,
     ) -> None:
-        """``certificate`` (DER) is this side's; ``other_sha256`` that of the one which the session names (hex)."""
+        """``certificate`` (DER) is this side's; ``other_sha256`` that of the one which the session names (hex).
+
+        ``word_octets``: data that one radio frame takes.
+        """
         self._side = side
         self._certificate = certificate
         self._whole_certificate = whole_certificate
         self._other_sha256 = other_sha256
         self._now_ms = now_ms
+        self._word_octets = word_octets
         self._link = Link(
             side,
             LinkKeys(
                 keys.link_session, keys.key_pad_to_uav, keys.key_uav_to_pad, keys.iv_pad_to_uav, keys.iv_uav_to_pad
             ),
             lambda: self._now_ms,
+            frame_octets=min(MAX_FRAME_OCTETS, word_octets),
         )
         self._awaited: dict[int, Word] = {}
         self._heard: list[Heard] = []
@@ -105,10 +112,10 @@ class Words:
         """Nothing waits to be sent or acknowledged."""
         return self._link.idle or self._link.closed
 
-    def frames_to_send(self, now_ms: int, budget: int) -> list[bytes]:
-        """At most ``budget`` frames for the node."""
+    def frames_to_send(self, now_ms: int) -> list[bytes]:
+        """Frames for one data unit of the node."""
         self._now_ms = now_ms
-        return self._link.frames_to_send(budget)
+        return self._link.frames_to_send(self._word_octets)
 
     def next_wakeup_ms(self) -> int | None:
         """When ``frames_to_send`` has something again."""

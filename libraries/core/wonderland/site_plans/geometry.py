@@ -11,7 +11,7 @@ Ring = tuple[Point, ...]
 
 
 def area(ring: Ring) -> float:
-    """Signed, square metres."""
+    """Area in square metres, positive where the ring runs anticlockwise."""
     return 0.5 * sum(a[0] * b[1] - b[0] * a[1] for a, b in pairwise(ring))
 
 

@@ -3,17 +3,20 @@
 The first of the pad's nodes is the synchronisation anchor, on whose frames the others lock; the drone's node is the
 tag. No node of the pad answers, and the drone says no time: so nothing in it rests on the drone's word. The tag's host
 hands over a payload (the answer to the pad's challenge) as in-band data; it rides in every blink until it is replaced.
-The sequence that is time-stamped is keyed for one proof, as in the other sessions.
+The sequence that is time-stamped is keyed for one proof, as in the other sessions. Blinks have slots of their own after
+the rounds of another session, since a node has one radio: one for the synchronisation, one for the blink, and as much
+again in which it comes at random, so that nobody can time a frame over it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from wonderland.proofs.keys import SessionKeys
 from wonderland.proofs.records.pads import Commissioning
 from wonderland_fira_uci.errors import RangingPlanError
+from wonderland_fira_uci.uci.airtime import slot_us
 from wonderland_fira_uci.uci.config import (
     MAX_CONTROLEES,
     SESSION_KEY_SIZES,
@@ -24,11 +27,13 @@ from wonderland_fira_uci.uci.config import (
     ParameterId,
     RangingUsage,
     SessionConfig,
+    TimeBase,
+    least_slots,
 )
 from wonderland_fira_uci.uci.status import SessionType
 
 MAX_PAYLOAD: Final = 16
-_SLOTS: Final = 2
+BLINK_SLOTS: Final = 3
 _REPORT_BLINKS: Final = b"\x01"
 """UL_TDOA_NTF_REPORT_CONFIG: each blink is reported, with its payload."""
 
@@ -38,8 +43,7 @@ class BlinkPlan:
     """What a drone and a pad agree on for blinks.
 
     ``pad_macs``: short addresses of the pad's nodes, the synchronisation anchor first. ``interval_ms``: between two
-    blinks; each comes up to ``window_ms`` later, at random, so that nobody can time a frame over it. Raises
-    ``RangingPlanError``.
+    blinks. ``time_base``: which session's rounds they follow; None for who only listens. Raises ``RangingPlanError``.
     """
 
     session_id: int
@@ -49,7 +53,8 @@ class BlinkPlan:
     channel: int = 9
     preamble_code: int = 11
     interval_ms: int = 50
-    window_ms: int = 10
+    slot_duration_rstu: int = 2400
+    time_base: TimeBase | None = None
     payload: bytes = field(default=b"", repr=False)
     """What the blinks carry from the first one on."""
 
@@ -65,8 +70,9 @@ class BlinkPlan:
             raise RangingPlanError(f"sts_key: {len(self.sts_key)} octets; 16 or 32 are needed")
         if len(self.payload) > MAX_PAYLOAD:
             raise RangingPlanError(f"payload: {len(self.payload)} octets; at most {MAX_PAYLOAD} fit into a blink")
-        if not 10 <= self.interval_ms <= 60_000 or not 0 <= self.window_ms < self.interval_ms:
-            raise RangingPlanError("interval_ms, window_ms: out of range, or the window is longer than the interval")
+        if not BLINK_SLOTS * slot_us(self.slot_duration_rstu) <= 1_000 * self.interval_ms <= 60_000_000:
+            text = f"{self.interval_ms} ms; {BLINK_SLOTS} slots have to fit, and at most a minute is allowed"
+            raise RangingPlanError(f"interval_ms: {text}")
 
     def pad_anchor(self, index: int) -> SessionConfig:
         """For the pad's node ``index``; the first synchronises the others."""
@@ -80,7 +86,7 @@ class BlinkPlan:
         """For the drone's node."""
         extra = (
             (ParameterId.UL_TDOA_TX_INTERVAL, self.interval_ms.to_bytes(4, "little")),
-            (ParameterId.UL_TDOA_RANDOM_WINDOW, self.window_ms.to_bytes(4, "little")),
+            (ParameterId.UL_TDOA_RANDOM_WINDOW, int(slot_us(self.slot_duration_rstu) // 1_000).to_bytes(4, "little")),
             (ParameterId.UL_TDOA_DEVICE_ID, b"\x00"),
             (ParameterId.UL_TDOA_TX_TIMESTAMP, b"\x00"),
         )
@@ -99,35 +105,39 @@ class BlinkPlan:
             device_role=role,
             multi_node_mode=MultiNodeMode.ONE_TO_MANY,
             ranging_usage=RangingUsage.UL_TDOA,
-            schedule_mode=0,  # contention: blinks come at random moments
+            sfd_id=0,
+            slot_duration_rstu=self.slot_duration_rstu,
             mac_address=mac,
             destination_macs=peers,
             interval_ms=self.interval_ms,
             channel=self.channel,
             preamble_code=self.preamble_code,
-            slots_per_round=_SLOTS,
+            slots_per_round=BLINK_SLOTS,
             session_key=self.sts_key,
             extra=extra,
         )
-        return SessionConfig(session_id=self.session_id, app=app, session_type=SessionType.RANGING_WITH_DATA)
+        return SessionConfig(
+            session_id=self.session_id,
+            app=app,
+            session_type=SessionType.RANGING_WITH_DATA,
+            time_base=self.time_base,
+        )
 
 
-def blinks_beside(
-    session_id: int, pad_macs: tuple[int, ...], tag_mac: int, key: bytes, round_interval_ms: int
-) -> BlinkPlan:
-    """The blinks of a calibration run beside its ranging session: the next id, the same key, two in each round.
+def blinks_beside(session_id: int, pad_macs: tuple[int, ...], tag_mac: int, key: bytes, interval_ms: int) -> BlinkPlan:
+    """The blinks of a calibration run after each round of its ranging session: the next id, the same key.
 
     Raises RangingPlanError.
     """
-    interval_ms = max(round_interval_ms // 2, 10)
-    return BlinkPlan(
+    plan = BlinkPlan(
         session_id=session_id % 0xFFFFFFFF + 1,
         pad_macs=pad_macs,
         uav_mac=tag_mac,
         sts_key=key,
         interval_ms=interval_ms,
-        window_ms=interval_ms // 5,
     )
+    round_us = int(least_slots(len(pad_macs)) * slot_us(plan.slot_duration_rstu))
+    return replace(plan, time_base=TimeBase(session_id, round_us))
 
 
 def blink_plan(keys: SessionKeys, commissioning: Commissioning, payload: bytes = b"") -> BlinkPlan | None:

@@ -25,6 +25,8 @@ if importlib.util.find_spec("serial") is None:  # a machine without serial ports
 
 MAX_KEY_FILE_OCTETS: Final = 256
 KINDS: Final = ("dwm1001", "uci")
+ADDRESSES: Final = range(0x0001, 0xFFFE)
+"""0 is nobody's, fffe and ffff are everybody's."""
 MODES: Final = ("tlv", "les", "lec", "lep")
 
 
@@ -38,6 +40,8 @@ _rtscts = click.option("--rtscts", is_flag=True, help="Flow control by RTS and C
     cls=LazyGroup,
     lazy={
         "prepare": ("wonderland.uwb.prepare_command:prepare", "Put a DWM1001 into its role, and check it."),
+        "law": ("wonderland.uwb.law_command:law", "What radio law says about UWB at a landing pad."),
+        "udev": ("wonderland.uwb.udev_command:udev", "Print the udev rule that gives a board a name."),
         "record": ("wonderland.uwb.record_command:record", "Write what boards measure as a recording (CSV)."),
     },
 )
@@ -53,10 +57,18 @@ def uwb() -> None:
 
 
 def short_address(text: str) -> int:
-    """A 16-bit short address in hexadecimal digits."""
+    """The address of one board in hexadecimal digits. Raises BadParameter."""
+    number = sixteen_bits(text, "short address")
+    if number not in ADDRESSES:
+        raise click.BadParameter(f"{text!r} is no address of one board; 0001 to fffd are")
+    return number
+
+
+def sixteen_bits(text: str, what: str) -> int:
+    """A number in hexadecimal digits; ``what`` it is, for who mistypes it. Raises BadParameter."""
     digits = text.lower().removeprefix("0x")
     if not 1 <= len(digits) <= 4 or any(digit not in "0123456789abcdef" for digit in digits):
-        raise click.BadParameter(f"{text!r} is no short address; give up to four hexadecimal digits, for example d001")
+        raise click.BadParameter(f"{text!r} is no {what}; give up to four hexadecimal digits, for example d001")
     return int(digits, 16)
 
 
@@ -278,7 +290,7 @@ def _show(summary: Summary) -> None:
             str(tally.count),
             str(tally.missing),
             f"{tally.rate_hz:.1f}",
-            f"{tally.mean_mm / 1000:.3f}",
-            f"{tally.sigma_mm:.0f}",
+            f"{tally.mean_mm / 1000:.3f}" if tally.count else "–",
+            f"{tally.sigma_mm:.0f}" if tally.count > 1 else "–",
         )
     Console().print(table)

@@ -209,7 +209,7 @@ class Summary:
             self.peers.setdefault(row["address"], Tally()).add(document["t_ms"], row.get("range_mm"))
 
     def document(self) -> Document:
-        """For machines."""
+        """JSON values, as `--json` prints them."""
         return {
             "kind": "summary",
             "rounds": self.rounds,
@@ -219,8 +219,8 @@ class Summary:
                     "ranges": tally.count,
                     "missing": tally.missing,
                     "rate_hz": round(tally.rate_hz, 2),
-                    "mean_mm": round(tally.mean_mm, 1),
-                    "sigma_mm": round(tally.sigma_mm, 1),
+                    "mean_mm": round(tally.mean_mm, 1) if tally.count else None,
+                    "sigma_mm": round(tally.sigma_mm, 1) if tally.count > 1 else None,
                 }
                 for address, tally in sorted(self.peers.items())
             },

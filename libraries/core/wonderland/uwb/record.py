@@ -23,6 +23,7 @@ class Recorder:
     """Writes ranges as they come, line by line, so that a power cut costs none but the last."""
 
     def __init__(self, path: Path) -> None:
+        self._path = path
         try:
             self._file = path.open("x", newline="", encoding="utf-8", buffering=1)
         except FileExistsError:
@@ -34,8 +35,9 @@ class Recorder:
         self.rows: dict[str, int] = {}
         self.damaged = 0
         self._t_ms = 0
+        self._latest_ms: dict[str, int] = {}
 
-    def take(self, document: Mapping[str, Any], names: Mapping[str, str]) -> None:
+    def write(self, document: Mapping[str, Any], names: Mapping[str, str]) -> None:
         """A report; ``names``: under which name the range to which address is written. Others are left out."""
         if document["kind"] != "ranges":
             return
@@ -46,13 +48,17 @@ class Recorder:
         for row in document["ranges"]:
             name = names.get(row["address"])
             if name is not None and row.get("range_mm") is not None:
+                # Reports that a port handed over at once bear one time; an anchor has one range at a time.
+                self._t_ms = self._latest_ms[name] = max(self._t_ms, self._latest_ms.get(name, -1) + 1)
                 nlos = int(bool(row.get("obstructed")))
                 self._writer.writerow((f"{self._t_ms / 1000:.3f}", name, f"{row['range_mm'] / 1000:.3f}", nlos))
                 self.rows[name] = self.rows.get(name, 0) + 1
 
     def close(self) -> None:
-        """Done."""
+        """Done. A recording without a range is none: it goes, so that the next try is not refused for it."""
         self._file.close()
+        if not self.rows:
+            self._path.unlink(missing_ok=True)
 
 
 async def record(
@@ -63,7 +69,7 @@ async def record(
     async def read(reports: Reports, names: Mapping[str, str]) -> None:
         async with contextlib.aclosing(reports):
             async for document in reports:
-                recorder.take(document, names)
+                recorder.write(document, names)
 
     tasks = [asyncio.create_task(read(*source)) for source in sources.values()]
     try:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import signal
+import sys
 from pathlib import Path
 from typing import Final
 
@@ -100,6 +102,7 @@ def record(
                 key=key_of(key_file),
             )
             sources[port] = (bench.uci(port, opener, plan, clock), names)
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)  # of ports that cannot be opened
     try:
         recorder = Recorder(out)
         asyncio.run(_until_stopped(sources, recorder, seconds))

@@ -77,12 +77,12 @@ class Enrolment:
 
     @property
     def certificate_pem(self) -> bytes:
-        """The certificate, PEM."""
+        """The certificate that was issued, in PEM."""
         return self.certificate.pem
 
     @property
     def identity(self) -> Identity:
-        """The enrolled identity."""
+        """Organisation and certificate, as transactions name their creator."""
         return Identity(self.msp_id, self.certificate.pem)
 
     def write(self, directory: Path, stem: str | None = None) -> tuple[Path, Path]:

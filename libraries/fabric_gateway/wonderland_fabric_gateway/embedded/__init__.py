@@ -4,7 +4,8 @@ It checks what Fabric checks (certificate chains, node OUs, revocation, signatur
 one machine holds every organisation's key: **it gives no multi-party trust**, and says so wherever it is used.
 
 Rooms: `msp` who may sign · `genesis` the channel's configuration · `proposals`, `stub`, `endorser` running the
-contract · `transactions`, `orderer`, `committer` from envelope to block · `state` SQLite · `gateway`, `deliver`,
+contract · `transactions`, `orderer`, `committer` from envelope to block · `state` SQLite ·
+`seal`, `recompute`, `comparison`, `integrity` whether what is stored is what was written · `gateway`, `deliver`,
 `server` the gRPC side · `directory`, `administration` what lies on disk and how it is changed while it runs.
 """
 

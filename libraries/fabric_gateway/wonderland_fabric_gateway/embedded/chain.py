@@ -36,7 +36,10 @@ from wonderland_fabric_gateway.embedded.errors import (
 from wonderland_fabric_gateway.embedded.integrity import OlderBlocks, last_commit_hash, verify_tip
 from wonderland_fabric_gateway.embedded.msp import ChannelMembership
 from wonderland_fabric_gateway.embedded.orderer import BatchCutter, BatchLimits, BlockAssembler
+from wonderland_fabric_gateway.embedded.recompute import verify_seal
+from wonderland_fabric_gateway.embedded.seal import Seal
 from wonderland_fabric_gateway.embedded.state import (
+    LAST_CONFIG,
     CommittedTx,
     StateReader,
     StateWriter,
@@ -57,7 +60,6 @@ RECENT_BLOCKS: Final = 64
 RECENT_BLOCK_BYTES: Final = 1 << 20
 MAX_STATUS_WAITERS: Final = 50_000
 RETRY_S: Final = 1.0
-_LAST_CONFIG: Final = "last_config"
 _log: Final = logging.getLogger(__name__)
 
 
@@ -70,41 +72,51 @@ class ChainSettings:
     limits: BatchLimits
     clock: Callable[[], int]
     random: Callable[[int], bytes]
+    seal_key: bytes = b""
+    """The secret that all rows are sealed with; without one an edited row goes unnoticed."""
+    adopt: bool = False
+    """The store is not sealed with this key yet: recompute it from its blocks, then seal it."""
 
 
-def initialise(path: Path, genesis: Callable[[], tuple[BlockHeader, bytes]]) -> None:
-    """Make the store and, if it is empty, commit block 0. Raises `DirectoryError`, `StorageError`."""
+def initialise(path: Path, genesis: Callable[[], tuple[BlockHeader, bytes]]) -> bool:
+    """Make the store and, if it is empty, commit block 0; whether it was. Raises `DirectoryError`, `StorageError`."""
     create(path)
     with reading(path), contextlib.closing(StateReader(path)) as reader:
         empty = reader.tip().number < 0
     if not empty:
-        return
+        return False
     header, raw = genesis()
     block = parse_block(raw)
     writer = StateWriter(path)
     try:
         transactions = [CommittedTx(tx.tx_id, tx.validation_code, tx.timestamp_ms, ()) for tx in block.transactions]
-        writer.stage_block(0, header.hash, raw, transactions, {_LAST_CONFIG: b"0"})
+        writer.stage_block(0, header.hash, raw, transactions, {LAST_CONFIG: b"0"})
         writer.commit(0)
     finally:
         writer.close()
+    return True
 
 
 class Chain:
     """One channel's chain. Use `start` and `close`, or ``async with``."""
 
     def __init__(self, path: Path, settings: ChainSettings) -> None:
-        """Open an initialised store and check its end. Raises `LedgerCorruptedError`, `DirectoryError`."""
+        """Open an initialised store; check its seal, and its end. Raises `LedgerCorruptedError`, `DirectoryError`."""
         self.settings: Final = settings
+        seal = Seal(settings.seal_key) if settings.seal_key else None
         self.reader: Final = StateReader(path)
         with contextlib.ExitStack() as on_failure, reading(path):
             on_failure.callback(self.reader.close)
+            if seal is not None:
+                verify_seal(path, self.reader, seal, adopt=settings.adopt)
             verify_tip(self.reader)
             self._tip = self.reader.tip()
             self._last_config, self._config_data, self.membership = self._load_config()
             self._policy = endorsement_policy(self._config_data)
             on_failure.pop_all()
-        self.writer: Final = StateWriter(path)
+        self.writer: Final = StateWriter(path, seal=seal)
+        if settings.adopt:
+            self.writer.seal_as_is(self._tip)
         self._commit_hash = last_commit_hash(self.reader)
         self._older = OlderBlocks(path, self._tip.number, self._found_damage)
         self._cutter = BatchCutter(settings.limits)
@@ -199,7 +211,8 @@ class Chain:
         Raises `LedgerUnavailableError` when the ledger stops before it can say.
         """
         found = self._recent.get(tx_id) or self.reader.transaction(tx_id)
-        if found is not None:
+        # A block is in the store a moment before it is the newest: nobody is told of it before it is.
+        if found is not None and found.block < self.height:
             return found
         if self._closing or self._halted:
             raise LedgerUnavailableError(self._trouble or "the ledger is stopping")
@@ -245,7 +258,7 @@ class Chain:
             if self._lists:
                 lists, done = self._lists.pop(0)
                 await self._make_config_block(lists, done)
-            batch = self._cutter.take()
+            batch = self._cutter.take_batch()
             if not batch:
                 continue
             try:
@@ -299,7 +312,7 @@ class Chain:
                 result = CommittedTx(tx_id, int(ValidationCode.VALID), settings.clock(), ())
                 new_hash = self._hash_with(number, [result])
                 header, raw = self._assembler.assemble(number, self._tip.header_hash, [envelope], [0], number, new_hash)
-                await self._write(header, raw, [result], {_LAST_CONFIG: str(number).encode()})
+                await self._write(header, raw, [result], {LAST_CONFIG: str(number).encode()})
                 self._commit_hash = new_hash or None
                 self._last_config, self._config_data, self.membership = self._load_config()
         except Exception as error:  # noqa: BLE001 - handed to the one who asked
@@ -387,7 +400,7 @@ class Chain:
         grown.set()
 
     def _load_config(self) -> tuple[int, bytes, ChannelMembership]:
-        text = self.reader.meta(_LAST_CONFIG) or b""
+        text = self.reader.meta(LAST_CONFIG) or b""
         number = int(text) if text.isdigit() and len(text) < 19 else -1
         raw = self.reader.block(number)
         try:

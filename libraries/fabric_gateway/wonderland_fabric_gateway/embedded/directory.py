@@ -4,7 +4,7 @@
     tls-ca.pem        the root of the ledger's TLS certificate
     identities/       certificate and key of each enrolled identity (keys 0600)
     ca/<MSP id>/      each organisation's certificate authority
-    node/             the ledger's own identities: peers, orderer, administrators, TLS
+    node/             the ledger's own identities: peers, orderer, administrators, TLS; seal.key
     ledger.sqlite3    the chain and its state
     ledger.lock       held by the one process that runs the ledger
 
@@ -31,8 +31,9 @@ from wonderland_fabric_gateway.connection import FILE_NAME, Connection, Identity
 from wonderland_fabric_gateway.embedded import organisations as orgs
 from wonderland_fabric_gateway.embedded.config_update import ConfigSigners, SigningIdentity
 from wonderland_fabric_gateway.embedded.errors import DirectoryError, LedgerLockedError
+from wonderland_fabric_gateway.embedded.seal import KEY_BYTES
 from wonderland_fabric_gateway.embedded.server import TlsFiles
-from wonderland_fabric_gateway.files import PUBLIC, write_atomic
+from wonderland_fabric_gateway.files import PUBLIC, read_bounded, write_atomic
 from wonderland_fabric_gateway.identity import Identity
 from wonderland_fabric_gateway.signing import key_file_signer
 
@@ -68,6 +69,7 @@ class LedgerDirectory:
         self.connection_file: Final = path / FILE_NAME
         self.tls_root: Final = path / "tls-ca.pem"
         self._node = path / "node"
+        self._seal_key = self._node / "seal.key"
         self._now = now
 
     def prepare(self) -> None:
@@ -165,6 +167,19 @@ class LedgerDirectory:
         admins = {msp_id: own(_ADMINISTRATOR, msp_id, "admin") for msp_id in self.organisations}
         orderer = own(_ORDERER, orgs.ORDERER, "orderer")
         return NodeIdentities(peers, ConfigSigners(admins, orderer))
+
+    def seal_key(self) -> bytes:
+        """The secret that the ledger seals its rows with; empty where none is kept yet. Raises `DirectoryError`."""
+        if not self._seal_key.exists():
+            return b""
+        key = read_bounded(self._seal_key, DirectoryError, "the ledger's seal", KEY_BYTES)
+        if len(key) != KEY_BYTES:
+            raise DirectoryError(f"{self._seal_key} is not whole; restore the ledger's directory from a copy")
+        return key
+
+    def keep_seal_key(self, key: bytes) -> None:
+        """Keep the secret; only once the ledger is sealed with it. Raises `FileWriteError`."""
+        write_atomic(self._seal_key, key)
 
     def ensure_tls(self, ca: LocalCa, hosts: Sequence[str]) -> TlsFiles:
         """The server's certificate for these host names and addresses, issued anew when it lacks one of them."""

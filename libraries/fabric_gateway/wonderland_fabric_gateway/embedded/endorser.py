@@ -119,15 +119,31 @@ class Endorser:
         client asked for; the commit will refuse it, as on Fabric.
         """
         simulation = self.simulate(proposal, member)
-        chaincode = chaincode_pb2.ChaincodeID(
-            name=proposal.chaincode, version=self._contracts[proposal.chaincode].version
-        )
         action = proposal_pb2.ChaincodeAction(
             results=rwsets.encode(simulation.rwset, proposal.chaincode),
             events=simulation.event,
             response=proposal_response_pb2.Response(status=OK, payload=simulation.payload),
-            chaincode_id=chaincode,
+            chaincode_id=chaincode_pb2.ChaincodeID(
+                name=proposal.chaincode, version=self._contracts[proposal.chaincode].version
+            ),
         )
+        envelope_payload, signatures = self._signed(proposal, action, msp_ids)
+        if signatures == len(self.peers):
+            self._remember(proposal.tx_id, envelope_payload, simulation.rwset)
+        return common_pb2.Envelope(payload=envelope_payload)
+
+    def endorse_answer(self, proposal: Proposal, answer: bytes, msp_ids: Sequence[str] = ()) -> common_pb2.Envelope:
+        """The answer to a query about the ledger itself, signed by the peers: what anybody can show to others."""
+        action = proposal_pb2.ChaincodeAction(
+            response=proposal_response_pb2.Response(status=OK, payload=answer),
+            chaincode_id=chaincode_pb2.ChaincodeID(name=proposal.chaincode),
+        )
+        return common_pb2.Envelope(payload=self._signed(proposal, action, msp_ids)[0])
+
+    def _signed(
+        self, proposal: Proposal, action: proposal_pb2.ChaincodeAction, msp_ids: Sequence[str]
+    ) -> tuple[bytes, int]:
+        """The payload of the transaction for the client to sign, and how many peers signed the response in it."""
         response = proposal_response_pb2.ProposalResponsePayload(
             proposal_hash=proposal.hash, extension=action.SerializeToString()
         ).SerializeToString()
@@ -151,9 +167,7 @@ class Endorser:
             ),
             data=transaction.SerializeToString(),
         ).SerializeToString()
-        if len(endorsed.endorsements) == len(self.peers):
-            self._remember(proposal.tx_id, envelope_payload, simulation.rwset)
-        return common_pb2.Envelope(payload=envelope_payload)
+        return bytes(envelope_payload), len(endorsed.endorsements)
 
     def take_prepared(self, tx_id: str, envelope_payload: bytes) -> ReadWriteSet | None:
         """The read-write set, if these are byte for byte what this process endorsed for that id; else None."""

@@ -19,6 +19,7 @@ __all__ = [
     "RequestRefusedError",
     "RevocationListError",
     "StorageError",
+    "TableCorruptedError",
 ]
 
 
@@ -36,6 +37,15 @@ class LedgerLockedError(EmbeddedLedgerError):
 
 class LedgerCorruptedError(EmbeddedLedgerError):
     """The stored chain contradicts itself; the text says where. Nothing is served from it."""
+
+
+class TableCorruptedError(LedgerCorruptedError):
+    """A row is not what follows from the chain: `table` and `key` (its primary key, readable) say which."""
+
+    def __init__(self, text: str, table: str, key: str) -> None:
+        super().__init__(text)
+        self.table = table
+        self.key = key
 
 
 class StorageError(EmbeddedLedgerError):

@@ -21,6 +21,7 @@ from wonderland_fabric_gateway.embedded.errors import (
 )
 from wonderland_fabric_gateway.embedded.proposals import Proposal, check_proposal, parse_proposal
 from wonderland_fabric_gateway.embedded.rpc import RpcError
+from wonderland_fabric_gateway.embedded.system import LEDGER
 from wonderland_fabric_gateway.embedded.system import NAMES as SYSTEM_NAMES
 from wonderland_fabric_gateway.embedded.transactions import accept
 from wonderland_fabric_gateway.protobuf import decode
@@ -73,7 +74,11 @@ class GatewayService:
         self._require_known(proposal, organisations, endorsing=True)
         try:
             member = self._check(proposal)
-            envelope = self._endorser.endorse(proposal, member, organisations)
+            if proposal.chaincode in SYSTEM_NAMES:
+                answer = await self._system.invoke(proposal.chaincode, proposal.args, member)
+                envelope = self._endorser.endorse_answer(proposal, answer, organisations)
+            else:
+                envelope = self._endorser.endorse(proposal, member, organisations)
         except ContractFailedError as error:
             raise self._endorse_failed(_chaincode_response(error)) from error
         except (AccessDeniedError, ProposalRefusedError) as error:
@@ -136,7 +141,9 @@ class GatewayService:
     def _require_known(self, proposal: Proposal, organisations: Sequence[str], *, endorsing: bool = False) -> None:
         self.require_channel(proposal.channel)
         name = proposal.chaincode
-        if not self._endorser.has_contract(name) and (endorsing or name not in SYSTEM_NAMES):
+        # As on Fabric, what a system contract answers is signed only where organisations are named.
+        answers = name in SYSTEM_NAMES and (not endorsing or (name != LEDGER and organisations))
+        if not self._endorser.has_contract(name) and not answers:
             raise RpcError(
                 grpc.StatusCode.FAILED_PRECONDITION,
                 f"no peers available to {'endorse' if endorsing else 'evaluate'} chaincode {name[:80]} in channel "

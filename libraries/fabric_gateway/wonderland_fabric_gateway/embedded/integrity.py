@@ -1,4 +1,7 @@
-"""Whether the stored chain is whole: its end when the ledger starts, all that is older while it already serves."""
+"""Whether the stored blocks hang together: the last ones when the ledger starts, all others while it already serves.
+
+That no row of any table was changed is another matter, and known before anything is served (`recompute`, `seal`).
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from wonderland_fabric_gateway.blocks import block_signatures, parse_block
 from wonderland_fabric_gateway.commit_hash import commit_hash_of, expected_commit_hash
 from wonderland_fabric_gateway.embedded.errors import LedgerCorruptedError
 from wonderland_fabric_gateway.embedded.state import StateReader, reading
-from wonderland_fabric_gateway.errors import LedgerError
+from wonderland_fabric_gateway.errors import LedgerError, VerificationError
 from wonderland_fabric_gateway.signing import verify
 
 if TYPE_CHECKING:
@@ -47,11 +50,11 @@ def verify_blocks(reader: StateReader, first: int, last: int) -> Block | None:
     """Check these blocks and how they hang together; the last of them. Raises `LedgerCorruptedError`."""
     previous: Block | None = None
     for number in range(first, last + 1):
-        block = _load(reader, number)
+        block = load_block(reader, number)
         try:
             if previous is not None:
                 block.require_follows(previous.header)
-                _require_commit_hash(previous, block)
+                require_commit_hash(previous, block)
             for signature in block_signatures(block):
                 if signature.signer is not None:
                     verify(signature.signer.public_key, signature.message, signature.signature)
@@ -67,7 +70,7 @@ def verify_blocks(reader: StateReader, first: int, last: int) -> Block | None:
 def last_commit_hash(reader: StateReader) -> bytes | None:
     """The tip's commit hash, empty for block 0; None for a chain that a version without commit hashes began."""
     tip = reader.tip()
-    return b"" if tip.number <= 0 else commit_hash_of(_load(reader, tip.number)) or None
+    return b"" if tip.number <= 0 else commit_hash_of(load_block(reader, tip.number)) or None
 
 
 class OlderBlocks:
@@ -125,13 +128,15 @@ class OlderBlocks:
             verify_blocks(reader, first, self.verified_from)
 
 
-def _require_commit_hash(previous: Block, block: Block) -> None:
+def require_commit_hash(previous: Block, block: Block) -> None:
+    """Raise `VerificationError` where a block's commit hash is not the one after that of the block before."""
     stated = commit_hash_of(block)
     if stated and stated != expected_commit_hash(commit_hash_of(previous), block):
-        raise LedgerCorruptedError("its commit hash does not fit its transactions and validation codes")
+        raise VerificationError("its commit hash does not fit its transactions and validation codes")
 
 
-def _load(reader: StateReader, number: int) -> Block:
+def load_block(reader: StateReader, number: int) -> Block:
+    """A stored block. Raises `LedgerCorruptedError`."""
     raw = reader.block(number)
     if raw is None:
         raise LedgerCorruptedError(f"block {number} is missing from the store")

@@ -22,6 +22,7 @@ from wonderland_fabric_gateway.embedded.directory import LedgerDirectory
 from wonderland_fabric_gateway.embedded.errors import DirectoryError
 from wonderland_fabric_gateway.embedded.genesis import ChannelDescription, OrganisationDescription, genesis_block
 from wonderland_fabric_gateway.embedded.orderer import BatchLimits
+from wonderland_fabric_gateway.embedded.seal import KEY_BYTES
 from wonderland_fabric_gateway.embedded.server import LedgerServer
 from wonderland_fabric_gateway.embedded.system import KIND
 from wonderland_fabric_gateway.embedded.watchdog import DEFAULT_LIMIT_S
@@ -81,7 +82,7 @@ class EmbeddedLedger:
 
     @property
     def chain(self) -> Chain:
-        """The running chain."""
+        """The chain. Raises `DirectoryError` while the ledger does not run."""
         if self._chain is None:
             raise DirectoryError("the ledger is not running")
         return self._chain
@@ -110,7 +111,9 @@ class EmbeddedLedger:
             if host in _WILDCARDS:
                 hosts.append(socket.gethostname())
             tls = self.directory.ensure_tls(self._cas[orgs.AUTHORITY], hosts)
-            initialise(self.directory.database, self._genesis)
+            began = initialise(self.directory.database, self._genesis)
+            kept = self.directory.seal_key()
+            seal_key = kept or settings.random(KEY_BYTES)
             chain = Chain(
                 self.directory.database,
                 ChainSettings(
@@ -119,9 +122,13 @@ class EmbeddedLedger:
                     limits=settings.limits,
                     clock=self._clock_ms,
                     random=settings.random,
+                    seal_key=seal_key,
+                    adopt=began or not kept,
                 ),
             )
             self._chain = await stack.enter_async_context(chain)
+            if not kept:
+                self.directory.keep_seal_key(seal_key)
             await self.refresh_revocations()
             server = LedgerServer(
                 chain,

@@ -91,7 +91,7 @@ class BatchCutter:
             finally:
                 timer.cancel()
 
-    def take(self) -> list[Candidate]:
+    def take_batch(self) -> list[Candidate]:
         """The next block's transactions, oldest first; at least one if there is any."""
         batch: list[Candidate] = []
         size = 0

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from wonderland_fabric_gateway.embedded.errors import DirectoryError, LedgerCorruptedError, StorageError
+from wonderland_fabric_gateway.embedded.seal import SEAL, TABLES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -23,14 +24,17 @@ if TYPE_CHECKING:
 
     from wonderland_fabric_gateway.embedded.range_reads import Version
     from wonderland_fabric_gateway.embedded.rwset import KeyPolicy, Write
+    from wonderland_fabric_gateway.embedded.seal import Row, Seal
 
 APPLICATION_ID: Final = 0x574C4447  # "WLDG", in the SQLite header: tells this file from any other database
-SCHEMA_VERSION: Final = 2
+SCHEMA_VERSION: Final = 3
 RANGE_PAGE: Final = 256
+LAST_CONFIG: Final = "last_config"
+"""The row of `meta` with the number of the block whose configuration is in force."""
 LOWEST_KEY: Final = b"\x01"
 """Where an open range starts: composite keys begin with U+0000 and are only found by asking for them, as in Fabric."""
 
-_SCHEMA: Final = """
+SCHEMA: Final = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID, STRICT;
 CREATE TABLE block (number INTEGER PRIMARY KEY, header_hash BLOB NOT NULL UNIQUE, raw BLOB NOT NULL) STRICT;
 CREATE TABLE tx (
@@ -47,8 +51,8 @@ CREATE TABLE history (
   PRIMARY KEY (namespace, key, block, position)
 ) WITHOUT ROWID, STRICT;
 """
-_UPGRADES: Final = {1: "ALTER TABLE state ADD COLUMN policy BLOB;"}
-"""What makes the schema of one version into that of the next."""
+_UPGRADES: Final = {1: "ALTER TABLE state ADD COLUMN policy BLOB;", 2: ""}
+"""What makes the schema of one version into that of the next. With 3 came the seal, which an older one would break."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,12 +195,20 @@ class StateReader:
         row = self._db.execute("SELECT value FROM meta WHERE name=?", (name,)).fetchone()
         return None if row is None else bytes(row[0])
 
+    def sealed_rows(self) -> Iterator[tuple[str, Row]]:
+        """Every row that is under the seal, with its table's name."""
+        for table in TABLES:
+            but = " WHERE name != ?" if table == "meta" else ""
+            for row in self._db.execute(f"SELECT * FROM {table}{but}", (SEAL,) if but else ()):  # noqa: S608
+                yield table, row
+
 
 class StateWriter:
-    """Write access; one per store, owned by the committing thread."""
+    """Write access; one per store, owned by the committing thread. With a `seal` each block is sealed."""
 
-    def __init__(self, path: Path, *, max_pages: int | None = None) -> None:
+    def __init__(self, path: Path | None, *, max_pages: int | None = None, seal: Seal | None = None) -> None:
         self._db = _connect(path)
+        self._seal = seal
         if max_pages is not None:
             self.limit_pages(max_pages)
 
@@ -248,21 +260,30 @@ class StateWriter:
     ) -> None:
         """Prepare a block with all its effects; `commit` makes it durable. Raises `StorageError`; nothing is kept."""
         with self._failing(number):
+            if self._seal is not None:
+                self._seal.begin()
             self._db.execute("BEGIN IMMEDIATE")
-            self._db.execute("INSERT INTO block VALUES (?,?,?)", (number, header_hash, raw))
-            self._db.executemany(
-                "INSERT OR IGNORE INTO tx VALUES (?,?,?,?)",  # a repeated id keeps its first place, as in Fabric
-                [(tx.tx_id, number, position, tx.code) for position, tx in enumerate(transactions) if tx.tx_id],
-            )
+            self._insert("block", (number, header_hash, raw))
             for position, tx in enumerate(transactions):
+                if tx.tx_id and not self.has_transaction(tx.tx_id):  # a repeated id keeps its first place, as in Fabric
+                    self._insert("tx", (tx.tx_id, number, position, tx.code))
                 self._apply(number, position, tx)
             for name, value in (meta or {}).items():
-                self._db.execute("INSERT OR REPLACE INTO meta VALUES (?,?)", (name, value))
+                old = self._db.execute("SELECT * FROM meta WHERE name=?", (name,)).fetchone()
+                self._insert("meta", (name, value), old)
+            self._write_seal(number, header_hash)
+
+    def seal_as_is(self, tip: Tip) -> None:
+        """Seal what is stored, for the first time. Raises `StorageError`."""
+        with self._failing(tip.number):
+            self._write_seal(tip.number, tip.header_hash)
 
     def commit(self, number: int) -> None:
         """Write the staged block durably (the only slow step; it may run in another thread). Raises `StorageError`."""
         with self._failing(number):
             self._db.execute("COMMIT")
+            if self._seal is not None:
+                self._seal.keep()
 
     @contextlib.contextmanager
     def _failing(self, number: int) -> Iterator[None]:
@@ -276,32 +297,49 @@ class StateWriter:
             raise StorageError(f"block {number} could not be written: {cause}", full=full) from cause
 
     def _apply(self, number: int, position: int, tx: CommittedTx) -> None:
-        execute = self._db.execute
-        for write in tx.writes:
-            key = write.key.encode()
-            if write.value is None:
-                execute("DELETE FROM state WHERE namespace=? AND key=?", (write.namespace, key))
-            else:
+        for write in {(each.namespace, each.key): each for each in tx.writes}.values():
+            place = write.namespace, write.key.encode()
+            old = self._state_row(*place)
+            if write.value is not None:
                 # A key keeps its own endorsement policy while only its value changes.
-                execute(
-                    "INSERT INTO state (namespace, key, value, block, position) VALUES (?,?,?,?,?) "
-                    "ON CONFLICT DO UPDATE SET value=excluded.value, block=excluded.block, position=excluded.position",
-                    (write.namespace, key, write.value, number, position),
-                )
-            execute(
-                "INSERT OR REPLACE INTO history VALUES (?,?,?,?,?,?,?)",
-                (write.namespace, key, number, position, tx.tx_id, tx.timestamp_ms, write.value),
-            )
+                self._insert("state", (*place, write.value, number, position, old[5] if old else None), old)
+            elif old is not None:
+                self._db.execute("DELETE FROM state WHERE namespace=? AND key=?", place)
+                self._sealed("state", old, None)
+            self._insert("history", (*place, number, position, tx.tx_id, tx.timestamp_ms, write.value))
         for each in tx.policies:
-            execute(
-                "UPDATE state SET policy=?, block=?, position=? WHERE namespace=? AND key=?",
-                (each.policy, number, position, each.namespace, each.key.encode()),
-            )
+            old = self._state_row(each.namespace, each.key.encode())
+            if old is not None:
+                self._insert("state", (*old[:3], number, position, each.policy), old)
+
+    def _state_row(self, namespace: str, key: bytes) -> Row | None:
+        row: Row | None = self._db.execute(
+            "SELECT * FROM state WHERE namespace=? AND key=?", (namespace, key)
+        ).fetchone()
+        return row
+
+    def _insert(self, table: str, row: Row, old: Row | None = None) -> None:
+        """Write a row in the place of `old`, which is None where there is none."""
+        marks = ",".join("?" * len(row))
+        self._db.execute(f"INSERT {'OR REPLACE ' if old else ''}INTO {table} VALUES ({marks})", row)  # noqa: S608
+        self._sealed(table, old, row)
+
+    def _sealed(self, table: str, old: Row | None, new: Row | None) -> None:
+        if self._seal is not None:
+            self._seal.replace(table, old, new)
+
+    def _write_seal(self, number: int, header_hash: bytes) -> None:
+        if self._seal is not None:
+            value = self._seal.value(number, header_hash)
+            self._db.execute("INSERT OR REPLACE INTO meta VALUES (?,?)", (SEAL, value))
 
 
-def _connect(path: Path) -> sqlite3.Connection:
+def _connect(path: Path | None) -> sqlite3.Connection:
+    """A connection; without a path to a temporary store that SQLite deletes by itself."""
     try:
-        db = sqlite3.connect(path, isolation_level=None, timeout=10.0, cached_statements=64, check_same_thread=False)
+        db = sqlite3.connect(
+            path or "", isolation_level=None, timeout=10.0, cached_statements=64, check_same_thread=False
+        )
         db.execute("PRAGMA journal_mode=WAL")
         db.execute("PRAGMA synchronous=FULL")
         db.execute("PRAGMA fullfsync=ON")  # macOS: without it fsync does not reach the platters; elsewhere no effect
@@ -330,14 +368,14 @@ def _check_or_create_schema(db: sqlite3.Connection, path: Path) -> None:
         if db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
             raise DirectoryError(f"{path} is a database, but not a ledger's; choose another directory")
         db.executescript(
-            f"BEGIN IMMEDIATE; {_SCHEMA} PRAGMA application_id={APPLICATION_ID}; "
+            f"BEGIN IMMEDIATE; {SCHEMA} PRAGMA application_id={APPLICATION_ID}; "
             f"PRAGMA user_version={SCHEMA_VERSION}; COMMIT;"
         )
     except sqlite3.DatabaseError as cause:
         raise _unusable(path, cause) from cause
 
 
-def _unusable(path: Path, cause: sqlite3.DatabaseError) -> DirectoryError | LedgerCorruptedError:
+def _unusable(path: Path | None, cause: sqlite3.DatabaseError) -> DirectoryError | LedgerCorruptedError:
     if getattr(cause, "sqlite_errorcode", None) in {sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT}:
         return LedgerCorruptedError(f"{path} is no sound SQLite file ({cause}); restore it from a copy")
     return DirectoryError(f"{path} cannot be opened as a ledger's store ({cause})")

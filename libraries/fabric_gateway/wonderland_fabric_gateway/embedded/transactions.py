@@ -27,6 +27,7 @@ from wonderland_fabric_gateway.transactions import ValidationCode, parse_invocat
 if TYPE_CHECKING:
     from wonderland_fabric_gateway.embedded.endorser import Endorser
     from wonderland_fabric_gateway.embedded.msp import ChannelMembership
+    from wonderland_fabric_gateway.identity import SigningIdentity
     from wonderland_fabric_gateway.signature_policies import Signer
     from wonderland_fabric_gateway.transactions import Invocation
 
@@ -92,18 +93,21 @@ def _check_content(
 
 def _signers(invocation: Invocation, endorser: Endorser) -> tuple[Signer, ...]:
     """Which of this ledger's peers signed this very response. Nobody else's signature counts."""
-    signatures = {each.endorser.creator: each.signature for each in invocation.endorsements}
+    given = {(each.endorser.creator, each.signature) for each in invocation.endorsements}
     found = []
     for peer, signer in zip(endorser.peers, endorser.signers, strict=True):
-        signature = signatures.get(peer.creator)
-        if signature is None:
-            continue
-        try:
-            verify(peer.identity.public_key, invocation.response_payload + peer.creator, signature)
-        except SignatureError:
-            continue
-        found.append(signer)
+        signed = invocation.response_payload + peer.creator
+        if any(_holds(peer, signed, signature) for creator, signature in given if creator == peer.creator):
+            found.append(signer)
     return tuple(found)
+
+
+def _holds(peer: SigningIdentity, message: bytes, signature: bytes) -> bool:
+    try:
+        verify(peer.identity.public_key, message, signature)
+    except SignatureError:
+        return False
+    return True
 
 
 def _decode(message_type: Any, data: bytes, what: str) -> Any:

@@ -18,7 +18,7 @@ class Backoff:
         self._limit_s = first_s
 
     def next_s(self) -> float:
-        """The next pause."""
+        """How long to wait now; the limit doubles for the next one."""
         fraction = (int.from_bytes(self._random_bytes(4), "big") + 1) / (1 << 32)
         limit_s, self._limit_s = self._limit_s, min(self._max_s, 2 * self._limit_s)
         return fraction * limit_s

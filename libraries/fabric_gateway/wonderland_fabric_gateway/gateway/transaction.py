@@ -48,7 +48,7 @@ class Transaction:
 
     @property
     def tx_id(self) -> str:
-        """The transaction id."""
+        """64 hexadecimal digits: SHA-256 of nonce and creator."""
         return str(self._prepared.transaction_id)
 
     @property

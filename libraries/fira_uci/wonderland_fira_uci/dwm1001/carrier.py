@@ -7,7 +7,8 @@ the pad can answer to wherever the last datagram came from.
 
 * WORDS, both ways: one frame of ``wonderland.uwb.link``, which seals and repeats by itself.
 * RANGES, drone → pad: ``count u8``, then for each anchor its short address u16 and the range in millimetres u32.
-* HELLO, drone → pad: nothing; says where the drone is to be reached.
+* HELLO, drone → pad: says where the drone is to be reached, and by its body (u16), where the pad's boards measure, the
+  short address of the board that it carries.
 
 None of it shows that the drone is near: that is why such a proof has assurance 0.
 """
@@ -58,7 +59,9 @@ class Ranges:
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """The drone is here."""
+    """The drone is here. ``board``: the short address of the board that it carries, where it says it."""
+
+    board: int | None = None
 
 
 Content = Words | Ranges | Hello
@@ -88,9 +91,9 @@ class Carrier:
             raise Dwm1001EncodeError(f"ranges: {error}") from error
         return self._seal(Kind.RANGES, bytes((len(rows),)) + body)
 
-    def hello(self) -> bytes:
-        """A datagram that says where this drone is."""
-        return self._seal(Kind.HELLO, b"")
+    def hello(self, board: int | None = None) -> bytes:
+        """A datagram that says where this drone is, and which board it carries."""
+        return self._seal(Kind.HELLO, b"" if board is None else board.to_bytes(2, "big"))
 
     def open(self, datagram: bytes) -> Content:
         """What the peer sent. Raises Dwm1001DecodeError for anything that is not a new datagram of this session."""
@@ -112,8 +115,8 @@ class Carrier:
             rows = tuple(_RANGE.iter_unpack(body[1:]))
             if len({address for address, _ in rows}) == len(rows) and all(0 < mm <= MAX_RANGE_MM for _, mm in rows):
                 return Ranges(rows)
-        if kind == Kind.HELLO and not body:
-            return Hello()
+        if kind == Kind.HELLO and len(body) in {0, 2}:
+            return Hello(int.from_bytes(body, "big") if body else None)
         raise Dwm1001DecodeError(f"datagram: type {kind} with {len(body)} octets makes no sense")
 
     def _seal(self, kind: Kind, body: bytes) -> bytes:

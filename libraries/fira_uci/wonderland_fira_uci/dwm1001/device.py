@@ -46,7 +46,7 @@ class Dwm1001Device:
 
     @property
     def reports(self) -> int:
-        """Reports passed on."""
+        """How many reports were passed on since the start."""
         return self._output.reports
 
     @property

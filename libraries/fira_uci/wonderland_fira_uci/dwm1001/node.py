@@ -57,7 +57,7 @@ class Dwm1001Node:
         self.reports_dropped = 0
         """Reports lost because nobody read them (1024 are kept, the oldest go first)."""
         opener = serial_opener(port) if isinstance(port, (str, Path)) else port
-        self._port = ReconnectingPort(opener, self, timings=port_timings)
+        self._port = ReconnectingPort(opener, self, timings=port_timings, not_opened=self._set_detail)
         self._clock = clock
         self._queue: deque[TimedReport] = deque(maxlen=MAX_QUEUED_REPORTS)
         self._wake = asyncio.Event()
@@ -68,8 +68,6 @@ class Dwm1001Node:
     async def __aenter__(self) -> Self:
         self.detail = "looking for the port"
         self._port.start()
-        if self._port.last_error:
-            self.detail = self._port.last_error
         return self
 
     async def __aexit__(

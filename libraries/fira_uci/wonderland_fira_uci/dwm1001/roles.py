@@ -113,8 +113,10 @@ def _check(info: BoardInfo, role: Role, network: int, tenths: int, name: str) ->
         wrong.append(f"network 0x{info.network:04X} in place of 0x{network:04X}")
     if info.mode not in role.modes:
         wrong.append(f"mode {info.mode} in place of {'/'.join(sorted(role.modes))}")
-    if role is Role.TAG and info.rate_tenths not in {None, tenths}:
-        wrong.append(f"a round every {info.rate_tenths} tenths of a second in place of {tenths}")
+    if role is Role.TAG:
+        for when, rate in (("moving", info.rate_tenths), ("at rest", info.resting_tenths)):
+            if rate not in {None, tenths}:  # at rest is what a tag on a pad always is
+                wrong.append(f"{when} a round every {rate} tenths of a second in place of {tenths}")
     if wrong:
         raise NodeError(f"{name}: the board did not take its role: {'; '.join(wrong)}")
 

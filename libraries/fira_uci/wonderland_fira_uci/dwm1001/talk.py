@@ -108,4 +108,4 @@ class Talk(Protocol):
         """Octets from the board."""
 
     def due(self, now_ms: int) -> None:
-        """``due_ms`` has come."""
+        """Do what waited for ``due_ms``: repeat, give up, or ask again."""

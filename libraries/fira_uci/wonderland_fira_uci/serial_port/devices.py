@@ -47,7 +47,7 @@ class ByteDevice(Protocol):
         """The file descriptor to read and write."""
 
     def close(self) -> None:
-        """Releases it."""
+        """Release the port; reading and writing fail from now on."""
 
 
 Opener = Callable[[], ByteDevice]

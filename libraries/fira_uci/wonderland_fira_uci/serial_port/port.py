@@ -7,6 +7,7 @@ import contextlib
 import logging
 import os
 import termios
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -28,7 +29,7 @@ class PortObserver(Protocol):
         """The device is gone; it is being looked for again."""
 
     def data_received(self, data: bytes) -> None:
-        """Octets came."""
+        """Octets came, in pieces of any size."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,9 +43,20 @@ class PortTimings:
 
 
 class ReconnectingPort:
-    """A port that comes back. Single event loop, no threads; all methods are for that loop."""
+    """A port that comes back. Single event loop, no threads; all methods are for that loop.
 
-    def __init__(self, opener: Opener, observer: PortObserver, *, timings: PortTimings | None = None) -> None:
+    ``not_opened`` hears why the device cannot be opened, whenever that is something else than before.
+    """
+
+    def __init__(
+        self,
+        opener: Opener,
+        observer: PortObserver,
+        *,
+        timings: PortTimings | None = None,
+        not_opened: Callable[[str], None] | None = None,
+    ) -> None:
+        self._tell_not_opened = not_opened
         self._opener = opener
         self._observer = observer
         self._timings = timings or PortTimings()
@@ -153,6 +165,8 @@ class ReconnectingPort:
     def _not_opened(self, detail: str) -> None:
         if detail != self.last_error:
             _log.info("%s; trying again", detail)
+            if self._tell_not_opened is not None:
+                self._tell_not_opened(detail)
         self.last_error = detail
         self._open_later()
 

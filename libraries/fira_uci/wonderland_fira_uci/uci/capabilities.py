@@ -4,6 +4,9 @@ Source: FiRa UCI, "Device capability parameters": a count octet, then ``id lengt
 masks little-endian. UCI 1 and UCI 2 and 3 number the parameters differently (UCI 2 put the two sizes and the device
 type in front), and google/pica announces UCI 2.0 with the numbers of UCI 1; so the numbering is told by where the two
 version ranges stand, which alone have four octets, and by the node's UCI version only where neither is there.
+pica also answers with the *values* of two parameters where bits are due (schedule mode 1, time-scheduled; time
+structure 1, blocks). As bits both together would be a node that ranges in no way that FiRa still has: they are read as
+values.
 Ids from 0xA0 belong to the CCC, to Aliro, to platforms and to vendors: they are skipped, with whatever is in them.
 Nothing in the answer names preamble codes: they follow from the parameter sets of the two pulse rates.
 """
@@ -22,6 +25,7 @@ MAX_MASK_OCTETS: Final = 8
 """Masks grow with the standard (roles: one octet in UCI 1, two since); more than this is no mask."""
 MAX_SIZE_OCTETS: Final = 4
 _VERSIONS_OCTETS: Final = 4
+_VALUE_FOR_BIT: Final = 1
 _CHANNELS: Final = (5, 6, 8, 9, 10, 12, 13, 14)
 
 
@@ -232,6 +236,8 @@ def decode_capabilities(body: bytes, uci_version: int | None = None) -> Capabili
             versions[name] = _version(value[:2]), _version(value[2:])
         else:
             numbers[name] = int.from_bytes(value, "little")
+    if numbers.get("time_structures") == numbers.get("schedule_modes") == _VALUE_FOR_BIT:
+        numbers |= dict.fromkeys(("time_structures", "schedule_modes"), 1 << _VALUE_FOR_BIT)
     return _record(numbers, versions, tuple(values.items()), len(parameters) - len(ours))
 
 

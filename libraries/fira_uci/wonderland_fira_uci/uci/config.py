@@ -7,6 +7,7 @@ before their addresses.
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Final, Self
@@ -59,6 +60,21 @@ class StsConfig(IntEnum):
     PROVISIONED_RESPONDER_KEY = 4
 
 
+class RframeConfig(IntEnum):
+    """What a ranging frame is made of (0x12). Only SP0 and SP1 carry data; SP3 ends with its scrambled sequence."""
+
+    SP0 = 0
+    SP1 = 1
+    SP3 = 3
+
+
+class ScheduleMode(IntEnum):
+    """Whether each frame has its slot (0x22), or whoever wants to speak contends for one."""
+
+    CONTENTION = 0
+    TIME_SCHEDULED = 1
+
+
 class ParameterId(IntEnum):
     """Parameter ids, named as in the standard."""
 
@@ -104,6 +120,7 @@ class ParameterId(IntEnum):
     UL_TDOA_TX_TIMESTAMP = 0x39
     SESSION_KEY = 0x45
     SUBSESSION_KEY = 0x46
+    SESSION_TIME_BASE = 0x48
 
 
 def parameter_name(parameter: int) -> str:
@@ -145,11 +162,14 @@ _ENUMS: Final = {
     "multi_node_mode": MultiNodeMode,
     "ranging_usage": RangingUsage,
     "sts_config": StsConfig,
+    "rframe_config": RframeConfig,
+    "schedule_mode": ScheduleMode,
 }
 SESSION_KEY_SIZES: Final = (16, 32)
 MAX_CONTROLEES: Final = 8
 
 
+_TIME_BASE: Final = struct.Struct("<BII")
 REPORTED_AND_CONTROLLED: Final = 0x03
 """``round_control`` of a round with a control message (bit 1) and result reports (bit 0)."""
 
@@ -161,6 +181,11 @@ def least_slots(responders: int, round_control: int = REPORTED_AND_CONTROLLED) -
     MAC: 12, 16 and 20 for four, six and eight responders.
     """
     return 3 + responders + (round_control >> 1 & 1) + (responders if round_control & 1 else 0)
+
+
+def slots_to_middle(responders: int, round_control: int = REPORTED_AND_CONTROLLED) -> float:
+    """Slots from a round's begin to the middle of its measurement: between the initiation and the final message."""
+    return (round_control >> 1 & 1) + (responders + 2) / 2
 
 
 class UciParameterError(UciDecodeError):
@@ -188,12 +213,12 @@ class AppConfig:
     destination_macs: tuple[int, ...]
     interval_ms: int
     ranging_usage: RangingUsage = RangingUsage.DS_TWR_DEFERRED
-    schedule_mode: int = 1
+    schedule_mode: ScheduleMode = ScheduleMode.TIME_SCHEDULED
     channel: int = 9
     slot_duration_rstu: int = 2400
     slots_per_round: int = 25
     round_control: int = 0x03
-    rframe_config: int = 3
+    rframe_config: RframeConfig = RframeConfig.SP1
     preamble_code: int = 10
     sfd_id: int = 2
     result_report: int = 0x01
@@ -322,6 +347,26 @@ def decode_parameters(data: bytes) -> list[tuple[int, bytes]]:
     return out
 
 
+@dataclass(frozen=True, slots=True)
+class TimeBase:
+    """SESSION_TIME_BASE (0x48): a session's blocks begin ``offset_us`` after those of another one on the same node."""
+
+    session_id: int
+    offset_us: int
+
+    def parameter(self, handle: int) -> tuple[int, bytes]:
+        """As a parameter, with the handle that the node gave to the other session."""
+        return P.SESSION_TIME_BASE, _TIME_BASE.pack(1, handle, self.offset_us)
+
+
+def decode_time_base(value: bytes) -> tuple[int, int] | None:
+    """(handle of the other session, offset in µs); None where it is switched off. Raises ``UciDecodeError``."""
+    if len(value) != _TIME_BASE.size:
+        raise UciDecodeError(f"SESSION_TIME_BASE: {len(value)} octets where {_TIME_BASE.size} are expected")
+    enabled, handle, offset_us = _TIME_BASE.unpack(value)
+    return (handle, offset_us) if enabled & 1 else None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionConfig:
     """A session as one node shall run it: SESSION_INIT and SESSION_SET_APP_CONFIG together.
@@ -332,6 +377,8 @@ class SessionConfig:
     session_id: int
     app: AppConfig
     session_type: int = 0x01
+    time_base: TimeBase | None = None
+    """Without it the node begins the session's blocks when it pleases."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.session_id <= 0xFFFFFFFF:

@@ -8,7 +8,7 @@ everything is done again. The owner calls an input (``port_up``, ``receive_data`
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
@@ -41,6 +41,7 @@ from wonderland_fira_uci.uci.session import (
     decode_device_info,
     device_info_command,
     reset_command,
+    set_config_command,
 )
 from wonderland_fira_uci.uci.session_machine import SessionMachine, StateChanged
 from wonderland_fira_uci.uci.status import DeviceState, Status, status_name
@@ -75,14 +76,17 @@ class Phase(Enum):
     AWAITING_READY = auto()
     INFO = auto()
     CAPABILITIES = auto()
+    SETTINGS = auto()
     READY = auto()
 
 
 class UciDevice:
     """The host's view of one node."""
 
-    def __init__(self, timings: Timings | None = None) -> None:
+    def __init__(self, timings: Timings | None = None, settings: Sequence[tuple[bytes, bytes]] = ()) -> None:
+        """``settings``: (id, value) that the node is given after each reset (CORE_SET_CONFIG)."""
         self.timings = timings or Timings()
+        self._settings = set_config_command(settings) if settings else None
         self.phase = Phase.DOWN
         self.info: DeviceInfo | None = None
         self.capabilities: Capabilities | None = None
@@ -169,7 +173,7 @@ class UciDevice:
         """
         if config.session_id in self._sessions:
             raise UciStateError(f"session {config.session_id:#010x} is already open on this node")
-        self._sessions[config.session_id] = SessionMachine(config)
+        self._sessions[config.session_id] = SessionMachine(config, self._sessions.get)
         self._pump(now_ms)
 
     def close_session(self, session_id: int, now_ms: int) -> None:
@@ -305,6 +309,8 @@ class UciDevice:
                 command = device_info_command()
             elif self.phase is Phase.CAPABILITIES:
                 command = capabilities_command()
+            elif self.phase is Phase.SETTINGS:
+                command = self._settings
             elif self.phase is Phase.READY:
                 for session in self._sessions.values():
                     command = session.next_command(now_ms)
@@ -366,6 +372,12 @@ class UciDevice:
             self._next_phase(Phase.CAPABILITIES)
         elif self.phase is Phase.CAPABILITIES:
             self._on_capabilities(response, now_ms)
+            self._next_phase(Phase.READY if self._settings is None else Phase.SETTINGS)
+        elif self.phase is Phase.SETTINGS:
+            if response.status != Status.OK:
+                said = status_name(response.status)
+                self._fail(f"CORE_SET_CONFIG (device_config) was answered by {said} {response.body.hex()}", now_ms)
+                return
             self._next_phase(Phase.READY)
 
     def _on_capabilities(self, response: Response, now_ms: int) -> None:

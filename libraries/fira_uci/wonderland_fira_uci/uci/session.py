@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Final, NamedTuple
 
 from wonderland_fira_uci.uci.config import decode_parameters, encode_parameters
-from wonderland_fira_uci.uci.errors import UciDecodeError
+from wonderland_fira_uci.uci.errors import UciDecodeError, UciEncodeError
 from wonderland_fira_uci.uci.packets import Group, MessageType, encode_control
 from wonderland_fira_uci.uci.status import Status
 
@@ -24,6 +25,7 @@ class Core(IntEnum):
     DEVICE_STATUS = 0x01
     GET_DEVICE_INFO = 0x02
     GET_CAPS_INFO = 0x03
+    SET_CONFIG = 0x04
     GENERIC_ERROR = 0x07
 
 
@@ -137,6 +139,18 @@ def reset_command() -> Command:
 def device_info_command() -> Command:
     """CORE_GET_DEVICE_INFO."""
     return Command(Group.CORE, Core.GET_DEVICE_INFO, b"")
+
+
+def set_config_command(parameters: Sequence[tuple[bytes, bytes]]) -> Command:
+    """CORE_SET_CONFIG: (id, value) as the node's maker gives them; ids have one octet, or two of a maker's own.
+
+    Raises UciEncodeError where one does not fit.
+    """
+    for identifier, value in parameters:
+        if not 1 <= len(identifier) <= 2 or len(value) > 0xFF:
+            raise UciEncodeError(f"parameter {identifier.hex()}: ids have 1 or 2 octets, values 255 at most")
+    body = b"".join(identifier + bytes((len(value),)) + value for identifier, value in parameters)
+    return Command(Group.CORE, Core.SET_CONFIG, bytes((len(parameters),)) + body)
 
 
 def capabilities_command() -> Command:

@@ -7,6 +7,7 @@ answer in an odd order all mend the same way.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -58,8 +59,10 @@ class Ended:
 class SessionMachine:
     """``wanted``: True while the session shall be ACTIVE, False once it shall be gone."""
 
-    def __init__(self, config: SessionConfig) -> None:
+    def __init__(self, config: SessionConfig, other: Callable[[int], SessionMachine | None] = lambda _id: None) -> None:
+        """``other``: another session of the node by its id, for a common time base."""
         self.config = config
+        self._other = other
         self.handle = config.session_id
         self.wanted = True
         self.state: SessionState | None = None
@@ -138,8 +141,22 @@ class SessionMachine:
                 return None
             return init_command(self.session_id, self.config.session_type)
         if not self._configured:
-            return set_app_config_command(self.handle, self.config.app.parameters())
+            return self._set_app_config(now_ms)
         return None if self.active else start_command(self.handle)
+
+    def _set_app_config(self, now_ms: int) -> Command | None:
+        """The configuration; None while the session that gives the time has no handle yet."""
+        parameters, base = self.config.app.parameters(), self.config.time_base
+        if base is not None:
+            other = self._other(base.session_id)
+            if other is None or not other.wanted:
+                text = f"session {base.session_id:#010x}, on whose time base this one shall run, is not open"
+                self._give_up(UciStateError(text))
+                return self.next_command(now_ms)
+            if other.state is None:
+                return None
+            parameters.append(base.parameter(other.handle))
+        return set_app_config_command(self.handle, parameters)
 
     def next_timeout_ms(self) -> int | None:
         """When something is due although nothing is heard."""

@@ -61,7 +61,7 @@ class Link:
         return times + self.child.octets + self.child_host_identity + self.parent.octets
 
     def sam(self) -> bytes:
-        """As authentication data."""
+        """The octets of this in an Authentication message, with its SAM type."""
         return bytes((SamType.LINK,)) + self.signed() + self.signature
 
 
@@ -81,7 +81,7 @@ class SignedEvidence:
         return times + (self.evidence if evidence is None else evidence) + self.det.octets
 
     def sam(self, kind: SamType) -> bytes:
-        """As authentication data."""
+        """The octets of this in an Authentication message, with its SAM type."""
         return bytes((kind,)) + self.signed() + self.signature
 
 

@@ -131,7 +131,7 @@ class Observer:
         if self._det is not None and signed.det != self._det:
             reason = "signed by another entity tag than the Basic ID's"
             return Observation(state="refused", format=name, det=det, t_ms=now_ms, reason=reason)
-        identity = self._registry.find(signed.det, now_ms)
+        identity = self._registry.find_identity(signed.det, now_ms)
         if identity is None:
             return Observation(state="unknown_signer", format=name, det=det, t_ms=now_ms, bound=bound)
         evidence, covers, reason = self._evidence(sam, plain)

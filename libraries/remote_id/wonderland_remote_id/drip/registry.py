@@ -80,7 +80,7 @@ class Registry:
             roots[det] = Identity(key, name or str(det), is_authority=True)
         return cls(roots)
 
-    def find(self, det: Det, now_ms: int) -> Identity | None:
+    def find_identity(self, det: Det, now_ms: int) -> Identity | None:
         """The identity of an entity tag, if it is believed now."""
         found = self._roots.get(det) or self._learned.get(det)
         if found is None or (found.valid_until_ms is not None and now_ms > found.valid_until_ms + CLOCK_SKEW_MS):
@@ -89,7 +89,7 @@ class Registry:
 
     def learn(self, link: Link, now_ms: int) -> Identity | None:
         """Believe the key that a Link endorses; None where its parent is not known. Raises `DripError` when it lies."""
-        parent = self.find(link.parent, now_ms)
+        parent = self.find_identity(link.parent, now_ms)
         if parent is None:
             return None
         if not parent.is_authority:

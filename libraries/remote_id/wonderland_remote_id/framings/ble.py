@@ -198,15 +198,15 @@ class HciEvents:
 
     @staticmethod
     def _legacy_report(reports: _Reader) -> list[Framed]:
-        head = reports.take(9)
-        data = reports.take(head[8])
-        rssi_dbm = _rssi(reports.take(1)[0])
+        head = reports.take_bytes(9)
+        data = reports.take_bytes(head[8])
+        rssi_dbm = _rssi(reports.take_bytes(1)[0])
         address = format_address(head[7:1:-1])
         return [Framed(one.frame, "ble4", one.counter, address, rssi_dbm) for one in parse_advertising_data(data)]
 
     def _extended_report(self, reports: _Reader) -> list[Framed]:
-        head = reports.take(24)
-        data = reports.take(head[23])
+        head = reports.take_bytes(24)
+        data = reports.take_bytes(head[23])
         kind = int.from_bytes(head[:2], "little")
         key = bytes(head[3:9]), head[11]
         whole = self._pending.pop(key, b"") + data
@@ -226,7 +226,7 @@ class _Reader:
         self._data = data
         self._at = at
 
-    def take(self, size: int) -> bytes:
+    def take_bytes(self, size: int) -> bytes:
         taken = self._data[self._at : self._at + size]
         if len(taken) < size:
             raise FramingError("an advertising report that is cut off")

@@ -160,7 +160,7 @@ class MavlinkStream:
             )
         framed = _framed(number, payload)
         if number in {SYSTEM, MESSAGE_PACK}:
-            self._senders.take(sender, framed)
+            self._senders.take_frame(sender, framed)
         return framed
 
     def _drop(self, size: int) -> None:

@@ -22,7 +22,7 @@ class Senders:
     def __init__(self) -> None:
         self._last: OrderedDict[Hashable, tuple[str | None, System] | None] = OrderedDict()
 
-    def take(self, sender: Hashable, framed: Framed) -> None:
+    def take_frame(self, sender: Hashable, framed: Framed) -> None:
         """Note a frame. A sender that relays several drones leaves open whose operator an update would move."""
         decoded = decode(framed.frame)
         messages = decoded.messages if isinstance(decoded, Pack) else (decoded,)

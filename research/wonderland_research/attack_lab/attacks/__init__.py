@@ -6,6 +6,7 @@ from typing import Final
 
 from wonderland_research.attack_lab.attacks import (
     baseline,
+    calibration,
     claim,
     collusion,
     height,
@@ -25,6 +26,7 @@ ATTACKS: Final[dict[str, Attack]] = {
     attack.name: attack
     for family in (
         baseline,
+        calibration,
         position,
         claim,
         height,

@@ -18,12 +18,14 @@ from wonderland.proofs.records.verdicts import Verdict
 from wonderland.uwb.link.cipher import LinkKeys
 from wonderland.uwb.link.link import Link, MessageReceived
 from wonderland.uwb.link.messages import MessageType
+from wonderland.uwb.link.segments import MAX_FRAME_OCTETS
 from wonderland_chaincode.contract.errors import ContractError
 from wonderland_research.attack_lab.attacks.common import ALL
 from wonderland_research.attack_lab.judge import Tally
 from wonderland_research.attack_lab.memory_ledger import (
     ADMIN,
     FLEET_OPERATOR,
+    INSPECTOR,
     OTHER_PAD,
     OTHER_UAV,
     PAD,
@@ -150,6 +152,12 @@ def downgraded(ledger: MemoryLedger, name: str) -> Verdict:
     return ledger.submit(session.session_id, ledger.evidence(session, radio=weak))
 
 
+def keyless_board(ledger: MemoryLedger, name: str) -> Verdict:
+    """The pad's tags range a board that hovers there; the drone whose key answers over IP is elsewhere."""
+    session = _requested(ledger, name)
+    return ledger.submit(session.session_id, ledger.evidence(session, radio=Radio(measured_by="pad", sts="unbound")))
+
+
 def other_codes(ledger: MemoryLedger, name: str) -> Verdict:
     """A drone answers that does not know the session's codes; the pad brings what it ranged all the same."""
     session = _requested(ledger, name)
@@ -173,7 +181,7 @@ def not_its_role(ledger: MemoryLedger, name: str) -> bool:
         (
             "SetUavStatus",
             tx.SetUavStatus(uav_id=UAV_ID, status="active", reason="so"),
-            (FLEET_OPERATOR, PAD_OPERATOR, PAD, UAV),
+            (FLEET_OPERATOR, PAD_OPERATOR, PAD, UAV, ADMIN, INSPECTOR),
         ),
         (
             "RevokeAuthorisation",
@@ -198,7 +206,8 @@ def grounded(ledger: MemoryLedger, name: str) -> Verdict:
     try:
         return ledger.submit(session.session_id, ledger.evidence(session))
     finally:
-        ledger.call(ADMIN, "SetUavStatus", tx.SetUavStatus(uav_id=UAV_ID, status="active", reason="lab"))
+        lifted = tx.ProposeReinstatement(uav_id=UAV_ID, reason="lab")
+        ledger.approve(ledger.call(ADMIN, "ProposeReinstatement", lifted))
 
 
 def framed(ledger: MemoryLedger, name: str) -> bool:
@@ -255,7 +264,7 @@ def _named(keys: LinkKeys, like: LinkKeys) -> LinkKeys:
 def _sealed(link: Link, rng: np.random.Generator) -> list[bytes]:
     for _ in range(FRAMES):
         link.send(MessageType.ECHO, rng.bytes(16))
-    return link.frames_to_send(FRAMES)
+    return link.frames_to_send(FRAMES * MAX_FRAME_OCTETS)
 
 
 def _protocol(one: Try) -> tuple[Variant, ...]:
@@ -355,6 +364,18 @@ ATTACKS: Final = (
         "The verdict counts what the evidence says was done; the policy demands a level.",
         0,
         (Variant((2,), play=partial(played_at, downgraded, 2)),),
+    ),
+    Attack(
+        "keyless-board",
+        Family.PROTOCOL,
+        "A board without any key, with the drone's address, is where the drone claims to be; the drone is elsewhere",
+        "The drone's key, and one board of the kind that the pad's tags range (DWM1001).",
+        "A board for some tens of euros.",
+        "A permission.",
+        "Nothing at level 0: where words go by IP, nothing on the air ties ranges to a session. The evidence says "
+        "unbound, and any policy that demands level 1 refuses it.",
+        1,
+        tuple(Variant((level,), play=partial(played_at, keyless_board, level)) for level in (0, 1, 2)),
     ),
     Attack(
         "wrong-role",

@@ -16,12 +16,15 @@ USED_PREKEY: Final = "used-prekey"
 UAV: Final = "uav"
 AUTHORISATION: Final = "authorisation"
 POLICY: Final = "policy"
+CHANGE: Final = "change"
 SESSION: Final = "session"
 VERDICT: Final = "verdict"
 LAST_REQUEST: Final = "last-request"
 TESTIMONY: Final = "testimony"
 CLOSURES: Final = "closures"
 ASSET: Final = "asset"
+AUDIT_LOG: Final = "audit-log"
+AUDIT_HEAD: Final = "audit-head"
 
 
 def composite(kind: str, *attributes: str) -> str:

@@ -23,6 +23,7 @@ from wonderland.proofs.records.fields import (
     Sha256Hex,
     TimeMs,
 )
+from wonderland.proofs.records.radios import NodeAbility
 from wonderland.proofs.records.schema import Choice, Integer, Items, Record
 
 
@@ -123,6 +124,9 @@ class Commissioning(Record):
         ]
         | None
     ) = None
+
+    nodes: NodeAbility | None = None
+    """What the weakest of the pad's nodes can do; without it, what published stacks can."""
 
     def validate(self, path: str) -> None:
         """Anchors distinct in name and address, a validity that is not empty, both of the bias's fields over place."""

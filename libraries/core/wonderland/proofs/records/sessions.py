@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from wonderland.proofs.errors import RecordError
+from wonderland.proofs.records.calibrations import DroneOffset
 from wonderland.proofs.records.fields import (
     MAX_TIME_MS,
     Action,
@@ -24,6 +25,7 @@ from wonderland.proofs.records.fields import (
     UavId,
 )
 from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.radios import NodeAbility
 from wonderland.proofs.records.schema import Binary, Choice, Integer, Items, Record, Text
 
 MAX_ROUNDS = 500
@@ -168,7 +170,12 @@ class Radio(Record):
 
     measured_by: Annotated[str, Choice(("pad", "uav"), "Whose nodes computed the ranges")]
     sts: Annotated[
-        str, Choice(("static", "provisioned"), "Scrambled time-stamp sequence: public, or keyed per session")
+        str,
+        Choice(
+            ("unbound", "static", "provisioned"),
+            "Scrambled time-stamp sequence: public, or keyed per session; unbound: there is none, and the words go "
+            "another way, so that nothing on the air ties the ranges to the session",
+        ),
     ]
     firmware: Annotated[str, Text(64, description="Firmware of the pad's nodes")] | None = None
     attempted_rounds: (
@@ -302,3 +309,7 @@ class Session(Record):
     note: Note | None = None
     witness: Witness | None = None
     site_plan_sha256: Sha256Hex | None = None
+    node: NodeAbility | None = None
+    """What the drone's node can do, as it said with its request."""
+    calibration: DroneOffset | None = None
+    """What its node adds to every range; without it the drone is judged with what is known of nodes in general."""

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 from wonderland.proofs.errors import RecordError
-from wonderland.proofs.records import assets, pads, sessions, uavs
+from wonderland.proofs.records import assets, calibrations, pads, sessions, uavs
+from wonderland.proofs.records.audit import AnchorAuditLog, AuditHeadsOf
+from wonderland.proofs.records.changes import PolicyAction, PolicyChange, Reinstatement, require_one
 from wonderland.proofs.records.closures import MAX_CLOSURES, Closure
 from wonderland.proofs.records.fields import (
     Action,
@@ -30,6 +32,7 @@ from wonderland.proofs.records.fields import (
     UavId,
 )
 from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.radios import NodeAbility
 from wonderland.proofs.records.schema import Choice, Integer, Items, Record, Text
 
 ADMIN, INSPECTOR, MIRROR = "admin", "inspector", "mirror"
@@ -111,7 +114,7 @@ class RegisterUav(Record):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SetUavStatus(Record):
-    """Suspends, reactivates or retires a drone."""
+    """Suspends or retires a drone. `active` is refused: it takes two people to lift a suspension."""
 
     uav_id: UavId
     status: Annotated[str, Choice(uavs.STATUSES)]
@@ -155,12 +158,71 @@ class RecordMaintenance(Record):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class SetPolicy(Record):
-    """Sets the policy of a pad (or *) and an action (or *)."""
+class CalibrateUav(Record):
+    """Records what a drone's node adds to every range at a pad; never by the drone's own organisation."""
+
+    uav_id: UavId
+    pad_id: PadId
+    offset_mm: calibrations.OffsetMm
+    sigma_mm: calibrations.OffsetSigmaMm
+    sessions: calibrations.CalibrationSessions
+    valid_until_ms: TimeMs
+    node: Note | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WithdrawCalibration(Record):
+    """Says that a drone's calibration at a pad holds no longer: its node or antenna was changed."""
+
+    uav_id: UavId
+    pad_id: PadId
+    reason: Note
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ProposePolicy(Record):
+    """Proposes the policy of a pad (or *) and an action (or *); it holds once another person has approved it."""
 
     pad_id: uavs.PadPattern
-    action: Annotated[str, Choice(("*", "land", "takeoff", "dock"))]
+    action: PolicyAction
     policy: Policy
+    note: Note | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ProposeReinstatement(Record):
+    """Proposes to lift a drone's suspension; it is lifted once another person has approved it."""
+
+    uav_id: UavId
+    reason: Note
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ApproveChange(Record):
+    """Puts a proposed change into force. It says again what is approved, so that this is what is signed."""
+
+    change_id: Sha256Hex
+    policy: PolicyChange | None = None
+    reinstatement: Reinstatement | None = None
+
+    def validate(self, path: str) -> None:
+        """It approves one thing."""
+        require_one(self.policy, self.reinstatement, path)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WithdrawChange(Record):
+    """Takes a proposed change back, or turns it down: it can be approved no longer."""
+
+    change_id: Sha256Hex
+    reason: Note
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ChangeById(Record):
+    """Names a proposed change."""
+
+    change_id: Sha256Hex
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -183,6 +245,8 @@ class RequestProof(Record):
     claim: sessions.Claim
     witness_prekey_id: PrekeyId | None = None
     """One of the prekeys of the pad that the policy names as witness; required where it names one."""
+    node: NodeAbility | None = None
+    """What the drone's node can do: with the pad's nodes it decides the radio plan."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -320,7 +384,17 @@ TRANSACTIONS: Final = _all(
     Transaction("GrantAuthorisation", GrantAuthorisation, (ADMIN, INSPECTOR), "AuthorisationGranted"),
     Transaction("RevokeAuthorisation", RevokeAuthorisation, (ADMIN, INSPECTOR), "AuthorisationRevoked"),
     Transaction("RecordMaintenance", RecordMaintenance, (ADMIN, FLEET_OPERATOR), "MaintenanceRecorded"),
-    Transaction("SetPolicy", SetPolicy, (ADMIN,), "PolicySet"),
+    Transaction("CalibrateUav", CalibrateUav, (ADMIN, INSPECTOR, PAD_OPERATOR), "UavCalibrated"),
+    Transaction(
+        "WithdrawCalibration",
+        WithdrawCalibration,
+        (ADMIN, INSPECTOR, PAD_OPERATOR, FLEET_OPERATOR),
+        "CalibrationWithdrawn",
+    ),
+    Transaction("ProposePolicy", ProposePolicy, (ADMIN,), "ChangeProposed"),
+    Transaction("ProposeReinstatement", ProposeReinstatement, (ADMIN, INSPECTOR), "ChangeProposed"),
+    Transaction("ApproveChange", ApproveChange, (ADMIN, INSPECTOR), "ChangeApproved"),
+    Transaction("WithdrawChange", WithdrawChange, (ADMIN, INSPECTOR), "ChangeWithdrawn"),
     Transaction("SetClosures", SetClosures, (ADMIN,), "ClosuresSet"),
     Transaction("RequestProof", RequestProof, (UAV,), "ProofRequested"),
     Transaction("WitnessProof", WitnessProof, (PAD,), "ProofWitnessed"),
@@ -330,6 +404,7 @@ TRANSACTIONS: Final = _all(
     Transaction("CreateAsset", CreateAsset, ROLES, "AssetCreated"),
     Transaction("UpdateAsset", UpdateAsset, ROLES, "AssetUpdated"),
     Transaction("DeleteAsset", AssetById, ROLES, "AssetDeleted"),
+    Transaction("AnchorAuditLog", AnchorAuditLog, (MIRROR,), "AuditLogAnchored"),
     Transaction("ReadAsset", AssetById, ROLES),
     Transaction("AssetHistory", AssetHistoryOf, ROLES),
     Transaction("ReadPad", PadById, ROLES),
@@ -338,6 +413,8 @@ TRANSACTIONS: Final = _all(
     Transaction("ReadVerdict", SessionById, ROLES),
     Transaction("ReadTestimony", SessionById, ROLES),
     Transaction("ReadPolicy", PolicyFor, ROLES),
+    Transaction("ReadChange", ChangeById, ROLES),
     Transaction("ReadClosures", PadById, ROLES),
     Transaction("ListPrekeys", PrekeysOf, ROLES),
+    Transaction("ListAuditHeads", AuditHeadsOf, ROLES),
 )

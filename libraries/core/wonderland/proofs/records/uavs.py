@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Annotated, Final
 
+from wonderland.proofs.records.calibrations import MAX_CALIBRATIONS, Calibration
 from wonderland.proofs.records.fields import MspId, Name, Note, OperatorId, TimeMs, UavId
 from wonderland.proofs.records.schema import Choice, Items, Record, Text
 
@@ -54,6 +55,9 @@ class Uav(Record):
     updated_ms: TimeMs
     status_reason: Note | None = None
     maintenance: Maintenance | None = None
+    calibrations: (
+        Annotated[tuple[Calibration, ...], Items(1, MAX_CALIBRATIONS, "One for each pad, by its id")] | None
+    ) = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

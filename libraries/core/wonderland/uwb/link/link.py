@@ -12,8 +12,9 @@ from wonderland.uwb.link.cipher import MAX_SEQUENCE, FrameCipher, LinkKeys, Role
 from wonderland.uwb.link.errors import FrameError, LinkBusyError, LinkClosedError, MessageTooLargeError
 from wonderland.uwb.link.retransmit import Acknowledgement, ReceiveWindow, SendWindow
 from wonderland.uwb.link.segments import (
+    MAX_FRAME_OCTETS,
     MAX_MESSAGE_OCTETS,
-    MAX_TEXT_OCTETS,
+    MIN_FRAME_OCTETS,
     PAD_ADDRESS,
     UAV_ADDRESS,
     Frame,
@@ -81,9 +82,10 @@ class Link:
     the whole link gives up. ``delivery_timeout_ms``: longest time that a message may stay unacknowledged.
     ``max_tag_failures``: forged or corrupted frames for this session and address before it gives up.
     ``retransmit_after_ms``: repeat an unacknowledged segment after that time (two slow rounds and a half).
-    ``address``: which frames are for this end (default: 1 for the pad, 0 for the UAV).
+    ``address``: which frames are for this end (default: 1 for the pad, 0 for the UAV). ``frame_octets``: the largest
+    frame that is sent.
 
-    Use: feed every data unit from a node to ``receive``; each ranging round hand ``frames_to_send(budget)`` to the
+    Use: feed every data unit from a node to ``receive``; each ranging round hand ``frames_to_send(octets)`` to the
     node; read ``events``. The pad may feed what all its nodes heard: copies are dropped.
     """
 
@@ -98,10 +100,12 @@ class Link:
         max_tag_failures: int = 16,
         retransmit_after_ms: int = 250,
         address: int | None = None,
+        frame_octets: int = MAX_FRAME_OCTETS,
     ) -> None:
         peer: Role = "uav" if role == "pad" else "pad"
         own_default, self._peer_address = (PAD_ADDRESS, UAV_ADDRESS) if role == "pad" else (UAV_ADDRESS, PAD_ADDRESS)
         self._address = own_default if address is None else address
+        self._text_octets = frame_octets - MIN_FRAME_OCTETS
         self._session_id = keys.session_id
         self._sealer = FrameCipher(keys, role)
         self._opener = FrameCipher(keys, peer)
@@ -116,6 +120,8 @@ class Link:
         self._next_acknowledgement = 0
         self._heard_acknowledgement = -1
         self._acknowledgement_due = False
+        self._heard_ms = 0
+        """When the first frame came that is not acknowledged yet."""
         self._acknowledged_ms: int | None = None
         self._events: deque[LinkEvent] = deque()
         self._statistics = LinkStatistics()
@@ -149,7 +155,7 @@ class Link:
         if not 0 <= message_type <= 0xFF:
             raise MessageTooLargeError(f"message type {message_type} does not fit in an octet")
         text = bytes((message_type,)) + payload
-        total = -(-len(text) // MAX_TEXT_OCTETS)
+        total = -(-len(text) // self._text_octets)
         if len(self._outgoing) + total > MAX_WAITING_SEGMENTS:
             raise LinkBusyError(f"{len(self._outgoing)} segments wait already; wait for a delivery")
         message_id = self._next_sequence
@@ -158,7 +164,7 @@ class Link:
         self._next_sequence += total
         now_ms = self._clock()
         for index in range(total):
-            part = text[index * MAX_TEXT_OCTETS : (index + 1) * MAX_TEXT_OCTETS]
+            part = text[index * self._text_octets : (index + 1) * self._text_octets]
             sequence = message_id + index
             frame = self._seal(FrameKind.DATA, sequence, index, total, part)
             self._outgoing.add(sequence, frame, message_id, now_ms)
@@ -203,7 +209,8 @@ class Link:
         self._statistics.frames_received += 1
         if frame.kind is FrameKind.DATA:
             self._incoming.add(frame.sequence, frame.index, frame.total, text)
-            self._acknowledgement_due = True
+            if not self._acknowledgement_due:
+                self._acknowledgement_due, self._heard_ms = True, self._clock()
             self._hand_over()
         else:
             self._heard_acknowledgement = frame.sequence
@@ -230,23 +237,26 @@ class Link:
         except ValueError as error:
             self._abort(AbortCause.PEER_BROKE_PROTOCOL, str(error))
 
-    def frames_to_send(self, budget: int) -> list[bytes]:
-        """At most ``budget`` frames (≤ 80 octets each) for this round: an acknowledgement if one is due, then data.
+    def frames_to_send(self, octets: int) -> list[bytes]:
+        """Frames (≤ 80 octets each) for one data unit of so many octets: data, and an acknowledgement if one is due.
 
-        Call it at least every few rounds even with nothing to send: deadlines are checked here.
+        Where both do not fit, data go first as long as nobody repeats anything for want of the acknowledgement. Call it
+        at least every few rounds even with nothing to send: deadlines are checked here.
         """
         now_ms = self._clock()
         self._check_deadlines(now_ms)
-        if self._closed or budget <= 0:
+        if self._closed:
             return []
-        out: list[bytes] = []
-        if self._acknowledgement_due:
+        acknowledgement = self._incoming.acknowledgement().encode() if self._acknowledgement_due else b""
+        needs = MIN_FRAME_OCTETS + len(acknowledgement) if acknowledgement else 0
+        out = self._outgoing.due(octets - needs, now_ms)
+        if acknowledgement and not out and now_ms - self._heard_ms < self._acknowledge_again_ms:
+            out = self._outgoing.due(octets, now_ms)
+        if acknowledgement and needs <= octets - sum(map(len, out)):
             self._acknowledgement_due = False
             self._acknowledged_ms = now_ms
-            text = self._incoming.acknowledgement().encode()
-            out.append(self._seal(FrameKind.ACKNOWLEDGEMENT, self._next_acknowledgement, 0, 0, text))
+            out.insert(0, self._seal(FrameKind.ACKNOWLEDGEMENT, self._next_acknowledgement, 0, 0, acknowledgement))
             self._next_acknowledgement += 1
-        out.extend(self._outgoing.due(budget - len(out), now_ms))
         self._statistics.frames_sent += len(out)
         return out
 

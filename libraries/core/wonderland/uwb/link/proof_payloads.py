@@ -18,9 +18,12 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import MAX_CLAIMS, MAX_ROUNDS, Claim, RangeTable
 from wonderland.proofs.rounds import pack, unpack
 from wonderland.uwb.link.errors import PayloadError
+from wonderland.uwb.link.segments import MAX_TEXT_OCTETS
 
 CLAIMS_PER_FRAME: Final = 2
 ROUNDS_PER_PART: Final = 40
+_TABLE_OCTETS: Final = 8
+"""Of a table before its first round: version, number of anchors, time."""
 _INDEX: Final = struct.Struct(">H")
 _CLAIM: Final = struct.Struct(">iiiIIHI")
 _PART: Final = struct.Struct(">BH")
@@ -67,6 +70,11 @@ class ClaimBatch:
             return cls(first, tuple(_claim(*fields) for fields in _CLAIM.iter_unpack(body)))
         except ProofError as error:
             raise PayloadError(f"claims: {error}") from error
+
+
+def rounds_per_frame(anchors: int) -> int:
+    """How many rounds of so many anchors one frame tells."""
+    return max(1, (MAX_TEXT_OCTETS - 1 - _PART.size - _TABLE_OCTETS) // (2 + 2 * anchors))
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,14 +75,15 @@ class SendWindow:
         limit = next(iter(self._frames)) + WINDOW
         return [waiting for sequence, waiting in self._frames.items() if sequence < limit]
 
-    def due(self, budget: int, now_ms: int) -> list[bytes]:
-        """At most ``budget`` frames that are new or whose acknowledgement is overdue; marks them as sent now."""
+    def due(self, octets: int, now_ms: int) -> list[bytes]:
+        """Frames that are new or whose acknowledgement is overdue, as many as fit; marks them as sent now."""
         out: list[bytes] = []
         for waiting in self._in_window():
-            if len(out) >= budget:
-                break
             if waiting.sent_order and now_ms - waiting.sent_ms < self._retransmit_after_ms:
                 continue
+            octets -= len(waiting.frame)
+            if octets < 0:
+                break
             self._order += 1
             self.retransmissions += 1 if waiting.sent_order else 0
             waiting.sent_ms, waiting.sent_order = now_ms, self._order

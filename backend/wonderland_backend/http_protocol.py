@@ -1,0 +1,212 @@
+"""What a connection may take before any request is whole: bytes of a head, time, and its place among others.
+
+Uvicorn's parser bounds none of it: one header of 60 MiB kept everybody waiting for ten seconds, and a request that was
+begun and never ended stood for ever.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Sequence
+from ipaddress import IPv4Network, IPv6Network, ip_address
+from typing import ClassVar, Final, Literal
+
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+
+from wonderland_backend.clients.certificates import EXTENSION, Peer
+
+MAX_HEAD_BYTES: Final = 64 * 1024
+"""Request line and headers: cookies and tokens take 2 kB, certificates in a proxy's header up to 40 kB."""
+MAX_HEADERS: Final = 100
+HEAD_S: Final = 10.0
+"""From the connection, or from a request's first byte, to the end of its head."""
+BODY_IDLE_S: Final = 20.0
+"""Without a byte of a body that the application waits for."""
+_TOO_LARGE: Final = b"HTTP/1.1 431 Request Header Fields Too Large\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
+_TOO_MANY: Final = (
+    b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 10\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
+)
+_TOO_SLOW: Final = b"HTTP/1.1 408 Request Timeout\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
+
+
+class Gate:
+    """How many connections there are, in all and of each address."""
+
+    def __init__(self, most: int, most_each: int, trusted: Sequence[IPv4Network | IPv6Network]) -> None:
+        """`trusted`: proxies, behind which are many; the limit for each address is theirs to keep."""
+        self._most = most
+        self._most_each = most_each
+        self._trusted = trusted
+        self._counts: Counter[str] = Counter()
+        self._all = 0
+
+    def enter(self, address: str) -> bool:
+        """Count a connection in, or say that there is no room."""
+        if self._all >= self._most:
+            return False
+        if self._counts[address] >= self._most_each and not self._is_trusted(address):
+            return False
+        self._all += 1
+        self._counts[address] += 1
+        return True
+
+    def _is_trusted(self, address: str) -> bool:
+        try:
+            return any(ip_address(address) in network for network in self._trusted)
+        except ValueError:
+            return False
+
+    def leave(self, address: str) -> None:
+        """A connection has ended."""
+        self._all -= 1
+        self._counts[address] -= 1
+        if not self._counts[address]:
+            del self._counts[address]
+
+
+class WebSocketProtocol(WebSocketsSansIOProtocol):
+    """Counted out of the gate when it ends."""
+
+    gate: ClassVar[Gate]
+    _address = ""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """It was counted in as HTTP."""
+        self._address = _address(transport)
+        super().connection_made(transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The transport says so once."""
+        super().connection_lost(exc)
+        self.gate.leave(self._address)
+
+
+class HttpProtocol(HttpToolsProtocol):
+    """Bounded heads and waits; tells the application whom the socket is connected with, and with which certificate."""
+
+    gate: ClassVar[Gate]
+    _peer: Peer
+    _counted = False
+    _upgraded = False
+    _begun = False
+    """Whether there ever was a whole head, so that uvicorn has a cycle."""
+    _head_bytes = 0
+    _phase: Literal["idle", "head", "body"] = "idle"
+    """What the client owes: nothing, the rest of a head, or of a body."""
+    _wait: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Comes after the TLS handshake."""
+        super().connection_made(transport)
+        tls = transport.get_extra_info("ssl_object")
+        certificate = None if tls is None else tls.getpeercert(binary_form=True)
+        self._peer = Peer(_address(transport), certificate)
+        self._counted = self.gate.enter(self._peer.address)
+        if not self._counted:
+            self._refuse(_TOO_MANY)
+            return
+        self._wait_for(HEAD_S)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The transport says so once; not of a connection that has become a WebSocket."""
+        self._wait_no_longer()
+        if self._counted:
+            self._counted = False
+            self.gate.leave(self._peer.address)
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Bytes of one or several requests."""
+        if self.transport.is_closing():
+            return
+        if self._phase != "body" and self._head_bytes + len(data) > MAX_HEAD_BYTES and b"\r\n\r\n" not in data:
+            self._refuse(_TOO_LARGE)
+            return
+        super().data_received(data)
+        if self._upgraded or self.transport.is_closing():
+            return
+        if self._phase == "head":
+            self._head_bytes += len(data)
+        elif self._phase == "body":
+            self._wait_for(BODY_IDLE_S)
+        elif self._wait is None and (not self._begun or self.cycle.response_complete):
+            self._wait_for(HEAD_S)  # bytes that begin no request
+
+    def handle_websocket_upgrade(self) -> None:
+        """From here on the connection is the WebSocket's to count."""
+        self._wait_no_longer()
+        self._upgraded = True
+        self._counted = False
+        super().handle_websocket_upgrade()
+
+    def on_message_begin(self) -> None:
+        """Httptools: the first byte of a request."""
+        super().on_message_begin()
+        self.scope["extensions"] = {EXTENSION: self._peer}  # type: ignore[dict-item]
+        self._phase, self._head_bytes = "head", 0
+        self._wait_for(HEAD_S)
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        """Httptools: a header."""
+        super().on_header(name, value)
+        if len(self.headers) > MAX_HEADERS:
+            self._refuse(_TOO_LARGE)
+
+    def on_headers_complete(self) -> None:
+        """Httptools: the head is whole; a body may come."""
+        self._phase = "body"
+        if sum(len(name) + len(value) for name, value in self.headers) + len(self.url) > MAX_HEAD_BYTES:
+            self._refuse(_TOO_LARGE)
+        if self.transport.is_closing():
+            return
+        self._wait_for(BODY_IDLE_S)
+        self._begun = True
+        super().on_headers_complete()
+
+    def on_body(self, body: bytes) -> None:
+        """Httptools: a part of the body."""
+        if self._begun and not self.transport.is_closing():
+            super().on_body(body)
+
+    def on_message_complete(self) -> None:
+        """Httptools: the request is whole; how long it waits for its answer is ours."""
+        self._phase, self._head_bytes = "idle", 0
+        self._wait_no_longer()
+        if self._begun and not self.transport.is_closing():
+            super().on_message_complete()
+
+    def _refuse(self, answer: bytes) -> None:
+        self._wait_no_longer()
+        if not self.transport.is_closing():
+            self.transport.write(answer)
+            self.transport.close()
+
+    def _wait_for(self, seconds: float) -> None:
+        self._wait_no_longer()
+        self._wait = self.loop.call_later(seconds, self._waited)
+
+    def _wait_no_longer(self) -> None:
+        if self._wait is not None:
+            self._wait.cancel()
+            self._wait = None
+
+    def _waited(self) -> None:
+        self._wait = None
+        if self._phase == "body" and self.flow.read_paused:
+            self._wait_for(BODY_IDLE_S)  # it is the application that takes its time
+            return
+        self._refuse(_TOO_SLOW)
+
+
+def _address(transport: asyncio.BaseTransport) -> str:
+    peer = transport.get_extra_info("peername")
+    return str(peer[0]) if peer else ""
+
+
+def protocols(gate: Gate) -> tuple[type[HttpProtocol], type[WebSocketProtocol]]:
+    """Protocols of one server, which share its gate."""
+    http = type("HttpProtocol", (HttpProtocol,), {"gate": gate})
+    websocket = type("WebSocketProtocol", (WebSocketProtocol,), {"gate": gate})
+    return http, websocket

@@ -1,0 +1,75 @@
+"""The paper's boards turned round: an anchor on the drone, a tag behind each serial port of the pad; still assurance 0."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+
+from wonderland_edge_agent.radios.reported import TagRadios
+from wonderland_fira_uci.dwm1001 import BoardPosition, Timings
+from wonderland_simulator.dwm1001_node import Quirks, VirtualAnchor, VirtualDwm1001
+from wonderland_simulator.uci_node import PtyPort
+from wonderland_uav_agent.radio.tag import TagRadio
+
+ANCHOR_NAMES = ("A1", "A2", "A3", "A4")
+QUICK = Timings(poll_ms=25, listen_ms=50, prompt_ms=300)
+BOARD = 0x1A2B
+
+
+@contextlib.asynccontextmanager
+async def proofs(world, *, board=BOARD):
+    """A pad of four tags, a drone with an anchor; both agents at work. ``board``: what the drone says that it carries."""
+    drone = [VirtualAnchor(BOARD, "uav", BoardPosition(0, 0, 0))]
+    ports = {}
+    for index, name in enumerate((*ANCHOR_NAMES, "uav")):
+        tag = VirtualDwm1001(
+            name, drone if name != "uav" else [], world.measure, rng=random.Random(index), quirks=Quirks(update_ms=100)
+        )
+        ports[name] = PtyPort(tag, world.directory / f"tty-dwm-{name}")
+        ports[name].plug()
+    anchors = [{"anchor_id": name, "port": str(ports[name].path)} for name in ANCHOR_NAMES]
+    try:
+        async with world.pad(anchors=anchors, uwb={"kind": "dwm1001-tags", "listen": "127.0.0.1:0"}) as pad:
+            radios = pad._radios
+            assert isinstance(radios, TagRadios)
+            async with (
+                TagRadio(ports["uav"].path, radios.address, world.clock, timings=QUICK, board=board) as radio,
+                world.uav(radio=radio) as uav,
+            ):
+                yield pad, uav
+    finally:
+        for port in ports.values():
+            port.close()
+
+
+async def test_the_pads_own_ranges_that_nothing_binds_have_assurance_0(world):
+    await world.policy(min_assurance=0)
+    async with proofs(world) as (pad, uav):
+        result = await uav.prove("pad-1", "land")
+        assert {each["state"] for each in pad.status()["anchors"]} == {"up"}
+    assert (result.verdict.outcome, result.verdict.assurance) == ("verified", 0)
+    assert (result.state, result.end) == ("completed", "done")
+
+
+async def test_the_default_policy_refuses_what_any_board_with_that_address_would_pass(world):
+    async with proofs(world) as (_, uav):
+        result = await uav.prove("pad-1", "land")
+    assert result.verdict.permission == "refused"
+    assert "assurance_too_low" in {reason.code for reason in result.verdict.reasons}
+    assert not world.acted
+
+
+async def test_a_lie_of_three_metres_is_refuted_all_the_same(world):
+    await world.policy(min_assurance=0)
+    east, north, up = world.flight.truth
+    world.flight.claimed = (east + 3_000, north, up)
+    async with proofs(world) as (_, uav):
+        result = await uav.prove("pad-1", "land")
+    assert result.verdict.outcome == "refuted"
+
+
+async def test_a_board_that_no_tag_measures_ends_in_a_recorded_state(world):
+    async with proofs(world, board=0x0BAD) as (_, uav):
+        result = await uav.prove("pad-1", "land")
+    assert result.verdict is None or result.verdict.outcome == "inconclusive"
+    assert result.state in {"cancelled", "decided"}
