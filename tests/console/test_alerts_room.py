@@ -127,7 +127,8 @@ def flapping(real, inbox):
         real._run(watch.look_once())
         real._run(report_health(database, real.now_ms()))
         real._run(watch.look_once())
-    expect(inbox.get_by_role("link", name="Pad silent")).to_have_count(3)
+    # A box to tick only where it is over, also on the page: before that, "the first two" are others than a moment later.
+    expect(inbox.get_by_role("checkbox", name="Choose Pad silent")).to_have_count(3)
     return inbox
 
 
@@ -137,7 +138,6 @@ def several(page):
 
 def test_what_a_pad_went_through_is_acknowledged_at_once_and_recorded_one_by_one(flapping):
     # What still goes on has to be looked at by itself.
-    expect(flapping.get_by_role("checkbox", name="Choose Pad silent")).to_have_count(3)
     expect(flapping.get_by_role("checkbox", name="Choose Refuted")).to_have_count(0)
     several(flapping).get_by_role("button", name="All of Aurajoki 2 that are over").click()
     several(flapping).get_by_label("Note").fill("Its cable was loose.")
