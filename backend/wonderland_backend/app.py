@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from wonderland import __version__
 from wonderland_backend.agents.connected import Agents
+from wonderland_backend.agents.listener import EndPoints
 from wonderland_backend.agents.members import Members
 from wonderland_backend.agents.standing import Standing
 from wonderland_backend.alerts.deliver import Delivery
@@ -95,7 +96,7 @@ class Backend:
         epoch = randomness(8).hex()
         status = MirrorStatus(kind=ledger_kind, notice=ledger_notice, channel=channel)
         agents = Agents()
-        members = Members()
+        members = Members(EndPoints.of(settings))
         board = Board(mirror=status, agents=agents, clock=clock, version=__version__, epoch=epoch, demo=settings.demo)
         self._connections = Connections(database, epoch, clock)
         agents.on_change = self._connection_changed

@@ -14,6 +14,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from wonderland_backend.clients.certificates import EXTENSION, Peer
 from wonderland_backend.errors import problem_response
 from wonderland_backend.problem_texts import Said, SaidError, said
 
@@ -96,7 +97,10 @@ class Boundary:
 
     def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str, Said] | None:
         host = headers.get("host", "")
-        if self._hosts and _name(host) not in self._hosts:
+        peer: Peer | None = scope.get("extensions", {}).get(EXTENSION)
+        # Agents' own listener may have a name of its own; no browser has a certificate for it.
+        for_agents = peer is not None and peer.for_agents
+        if self._hosts and not for_agents and _name(host) not in self._hosts:
             return 421, "unknown-host", said("unknown_host")
         origin = headers.get("origin")
         guarded = scope["type"] == "websocket" or scope["method"] not in SAFE

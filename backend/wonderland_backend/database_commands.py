@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import uvloop
 
 from wonderland_backend.auth.store.sign_ins import SignIns
 from wonderland_backend.db import migrate as migrations
@@ -18,6 +17,7 @@ from wonderland_backend.db.engine import Database
 from wonderland_backend.db.roles import confine
 from wonderland_backend.errors import BackendError
 from wonderland_backend.http.times import now_ms
+from wonderland_backend.listening import Loop
 from wonderland_backend.mirror import rebuild as rebuilding
 from wonderland_backend.mirror.rebuild import Digest
 from wonderland_backend.people import links
@@ -147,7 +147,7 @@ def run_work(work: Callable[[Settings], Coroutine[Any, Any, None]], **options: A
     """Run with uvloop; an error that we raise on purpose is one line for people."""
     try:
         settings = load(**options)
-        with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+        with asyncio.Runner(loop_factory=Loop) as runner:
             runner.run(work(settings))
     except (BackendError, LedgerError) as error:
         raise click.ClickException(str(error)) from error

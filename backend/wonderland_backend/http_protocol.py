@@ -10,10 +10,11 @@ import asyncio
 from collections import Counter
 from collections.abc import Sequence
 from ipaddress import IPv4Network, IPv6Network, ip_address
-from typing import ClassVar, Final, Literal
+from typing import Any, ClassVar, Final, Literal
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.http11 import Request
 
 from wonderland_backend.clients.certificates import EXTENSION, Peer
 
@@ -24,6 +25,7 @@ HEAD_S: Final = 10.0
 """From the connection, or from a request's first byte, to the end of its head."""
 BODY_IDLE_S: Final = 20.0
 """Without a byte of a body that the application waits for."""
+SWITCHING_PROTOCOLS: Final = 101
 _TOO_LARGE: Final = b"HTTP/1.1 431 Request Header Fields Too Large\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
 _TOO_MANY: Final = (
     b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 10\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
@@ -70,23 +72,32 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     """Counted out of the gate when it ends."""
 
     gate: ClassVar[Gate]
-    _address = ""
+    for_agents: ClassVar[bool]
+    _peer: Peer
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """It was counted in as HTTP."""
-        self._address = _address(transport)
+        self._peer = _peer_of(transport, for_agents=self.for_agents)
         super().connection_made(transport)
+
+    def handle_connect(self, event: Request) -> None:
+        """Tells the application, which runs after this, whom the socket is connected with."""
+        super().handle_connect(event)
+        if self.response.status_code == SWITCHING_PROTOCOLS:
+            told: dict[Any, Any] = self.scope["extensions"]
+            told[EXTENSION] = self._peer
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The transport says so once."""
         super().connection_lost(exc)
-        self.gate.leave(self._address)
+        self.gate.leave(self._peer.address)
 
 
 class HttpProtocol(HttpToolsProtocol):
     """Bounded heads and waits; tells the application whom the socket is connected with, and with which certificate."""
 
     gate: ClassVar[Gate]
+    for_agents: ClassVar[bool]
     _peer: Peer
     _counted = False
     _upgraded = False
@@ -100,9 +111,7 @@ class HttpProtocol(HttpToolsProtocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Comes after the TLS handshake."""
         super().connection_made(transport)
-        tls = transport.get_extra_info("ssl_object")
-        certificate = None if tls is None else tls.getpeercert(binary_form=True)
-        self._peer = Peer(_address(transport), certificate)
+        self._peer = _peer_of(transport, for_agents=self.for_agents)
         self._counted = self.gate.enter(self._peer.address)
         if not self._counted:
             self._refuse(_TOO_MANY)
@@ -200,13 +209,13 @@ class HttpProtocol(HttpToolsProtocol):
         self._refuse(_TOO_SLOW)
 
 
-def _address(transport: asyncio.BaseTransport) -> str:
-    peer = transport.get_extra_info("peername")
-    return str(peer[0]) if peer else ""
+def _peer_of(transport: asyncio.BaseTransport, *, for_agents: bool) -> Peer:
+    peer, tls = transport.get_extra_info("peername"), transport.get_extra_info("ssl_object")
+    certificate = None if tls is None else tls.getpeercert(binary_form=True)
+    return Peer(str(peer[0]) if peer else "", certificate, encrypted=tls is not None, for_agents=for_agents)
 
 
-def protocols(gate: Gate) -> tuple[type[HttpProtocol], type[WebSocketProtocol]]:
+def protocols(gate: Gate, *, for_agents: bool) -> tuple[type[HttpProtocol], type[WebSocketProtocol]]:
     """Protocols of one server, which share its gate."""
-    http = type("HttpProtocol", (HttpProtocol,), {"gate": gate})
-    websocket = type("WebSocketProtocol", (WebSocketProtocol,), {"gate": gate})
-    return http, websocket
+    ours = {"gate": gate, "for_agents": for_agents}
+    return type("HttpProtocol", (HttpProtocol,), ours), type("WebSocketProtocol", (WebSocketProtocol,), ours)

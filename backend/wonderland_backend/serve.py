@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
-import ipaddress
 import json
 import logging
 import signal
@@ -24,6 +23,7 @@ from starlette.types import ASGIApp
 
 from wonderland.proof_contract import ProofContract
 from wonderland_backend import console
+from wonderland_backend.agents.listener import AgentsTls
 from wonderland_backend.app import Backend
 from wonderland_backend.audit.anchors import Anchors, AuditIdentity
 from wonderland_backend.auth.site import LOCAL
@@ -35,6 +35,7 @@ from wonderland_backend.http_protocol import Gate, protocols
 from wonderland_backend.leader_election.lock import Lock, lock_of
 from wonderland_backend.leader_election.standby import DETAIL, stand_by, stay_leader
 from wonderland_backend.ledger.access import LedgerAccess
+from wonderland_backend.listening import Listen, Sockets, allow_files, hosts_of, only_agents
 from wonderland_backend.mirror.second_opinion import GatewayAsked, SecondOpinion
 from wonderland_backend.mirror.source import BlockSource, GatewaySource
 from wonderland_backend.mirror.store import endorsement_policies
@@ -50,52 +51,8 @@ from wonderland_fabric_gateway.files import write_atomic
 from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_fabric_gateway.gateways import Gateways
 
-LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})
 GRACE_S: Final = 5
-STUCK_PEER_MS: Final = 30_000
 BACKLOG: Final = 2048
-
-
-@dataclass(frozen=True)
-class Listen:
-    """Where to listen."""
-
-    host: str
-    port: int
-
-    @classmethod
-    def parse(cls, text: str) -> Listen:
-        """From ``HOST:PORT``. Raises `SettingsError`."""
-        host, separator, port = text.rpartition(":")
-        if not separator or not host or not port.isdecimal() or int(port) > 65_535:
-            raise SettingsError(f"--listen: {text!r} is not HOST:PORT, for example 127.0.0.1:8080")
-        return cls(host.strip("[]"), int(port))
-
-    @property
-    def is_loopback(self) -> bool:
-        """Whether only this machine can reach it."""
-        if self.host == "localhost":
-            return True
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return False
-
-    def open(self) -> socket.socket:
-        """A bound socket. Raises `SettingsError`."""
-        family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
-        # With the protocol named, the event loop switches Nagle's algorithm off: small answers go at once.
-        found = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-        try:
-            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            if hasattr(socket, "TCP_USER_TIMEOUT"):
-                # A peer that reads nothing would hold its connection, and what is queued for it, for a quarter hour.
-                found.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, STUCK_PEER_MS)
-            found.bind((self.host, self.port))
-        except OSError as cause:
-            found.close()
-            raise SettingsError(f"--listen: cannot listen on {self.host}:{self.port} ({cause.strerror})") from None
-        return found
 
 
 @contextlib.asynccontextmanager
@@ -212,9 +169,11 @@ async def serve(settings: Settings, listen: Listen, *, token_file: Path | None, 
         raise SettingsError("demo_registrar: only a demo gives roles to whoever asks; leave it out, or add --demo")
     if settings.console is not None and console.find_console(settings.console) is None:
         raise SettingsError(f"--console: {settings.console} has no index.html; build the console first")
-    hosts = _hosts(settings, listen)
-    with contextlib.closing(listen.open()) as bound:
-        url = (settings.public_url or f"http://{_shown(listen.host)}:{bound.getsockname()[1]}").rstrip("/")
+    hosts = hosts_of(settings, listen)
+    allow_files(settings.max_connections * (1 if settings.agents.listen is None else 2))
+    with Sockets.opened(settings, listen) as sockets:
+        bound = sockets.everybody
+        url = (settings.public_url or f"http://{listen.shown}:{bound.getsockname()[1]}").rstrip("/")
         lock = lock_of(settings.database)
         try:
             if not (await lock.take_lock() or await _stood_by(lock, bound, url, settings, as_json=as_json)):
@@ -223,7 +182,7 @@ async def serve(settings: Settings, listen: Listen, *, token_file: Path | None, 
                 token = await links.at_start(backend.database, backend.parts.sign_ins, demo=settings.demo)
                 if token_file is not None and token is not None:
                     write_atomic(token_file, token.encode() + b"\n")
-                await _serve_until_told(backend, bound, lock, Ready(url, token, settings, as_json=as_json))
+                await _serve_until_told(backend, sockets, lock, Ready(url, token, settings, as_json=as_json))
         finally:
             await lock.release()
 
@@ -290,10 +249,21 @@ class Ready:
         return f"{url}/#token={self.token}"
 
 
-def new_server(app: ASGIApp, settings: Settings) -> uvicorn.Server:
+def new_agents_server(app: ASGIApp, settings: Settings, tls: AgentsTls) -> uvicorn.Server:
+    """The agents' own listener: what strangers do at the other one shuts no agent out. Raises `SettingsError`."""
+    server = new_server(app, settings, for_agents=True)
+    assert server.config.ssl is not None
+    tls.serve(server.config.ssl)
+    return server
+
+
+def new_server(app: ASGIApp, settings: Settings, *, for_agents: bool = False) -> uvicorn.Server:
     """A server with the settings that were measured to be best for many live clients. Raises `SettingsError`."""
     gate = Gate(settings.max_connections, settings.max_connections_each, settings.trusted_proxies)
-    http, websocket = protocols(gate)
+    http, websocket = protocols(gate, for_agents=for_agents)
+    certificate, key = settings.tls_certificate, settings.tls_key
+    if for_agents and settings.agents.tls_certificate is not None:
+        certificate, key = settings.agents.tls_certificate, settings.agents.tls_key
     config = uvicorn.Config(
         app,
         loop="none",  # the loop runs already
@@ -311,8 +281,8 @@ def new_server(app: ASGIApp, settings: Settings) -> uvicorn.Server:
         server_header=False,
         timeout_graceful_shutdown=GRACE_S,
         backlog=BACKLOG,
-        ssl_certfile=settings.tls_certificate,
-        ssl_keyfile=settings.tls_key,
+        ssl_certfile=certificate,
+        ssl_keyfile=key,
         ssl_ca_certs=None if settings.tls_client_ca is None else str(settings.tls_client_ca),
         # Machines may show a certificate; people's browsers need none.
         ssl_cert_reqs=ssl.CERT_NONE if settings.tls_client_ca is None else ssl.CERT_OPTIONAL,
@@ -332,20 +302,25 @@ class _Server(uvicorn.Server):
         yield
 
 
-async def _serve_until_told(backend: Backend, bound: socket.socket, lock: Lock, ready: Ready) -> None:
+async def _serve_until_told(backend: Backend, sockets: Sockets, lock: Lock, ready: Ready) -> None:
     """Until told to stop. Raises `DatabaseError` where another backend may be the leader."""
-    server = new_server(backend.app, ready.settings)
+    servers = [(new_server(backend.app, ready.settings), sockets.everybody)]
+    if sockets.agents is not None:
+        of_agents = new_agents_server(only_agents(backend.app), ready.settings, backend.parts.members.tls)
+        servers.append((of_agents, sockets.agents))
     with _told_to_stop() as told:
-        serving = asyncio.create_task(server.serve([bound]), name="server")
-        while not server.started and not serving.done():  # noqa: ASYNC110 - uvicorn says it by an attribute only
+        serving = asyncio.gather(*(server.serve([bound]) for server, bound in servers))
+        while not all(server.started for server, _ in servers) and not serving.done():  # noqa: ASYNC110 - uvicorn says it by an attribute only
             await asyncio.sleep(0.01)
-        if server.started:
+        if not serving.done():
             leave_to_itself()
             ready.print()
         leading = asyncio.create_task(stay_leader(lock), name="leading")
-        await asyncio.wait({serving, leading, told}, return_when=asyncio.FIRST_COMPLETED)
+        ends: set[asyncio.Future[Any]] = {serving, leading, told}
+        await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
         backend.end_streams()
-        server.should_exit = True
+        for server, _ in servers:
+            server.should_exit = True
         await serving
         if leading.done():
             leading.result()
@@ -360,23 +335,6 @@ def leave_to_itself() -> None:
     """
     gc.collect()
     gc.freeze()
-
-
-def _hosts(settings: Settings, listen: Listen) -> frozenset[str]:
-    """By which names this server may be addressed. Any, where it listens on every address and nobody says more."""
-    hosts = set()
-    if settings.public_url is not None:
-        hosts.add((urlsplit(settings.public_url).hostname or "").lower())
-    if listen.is_loopback:
-        hosts |= LOOPBACK_NAMES
-    elif listen.host in {"0.0.0.0", "::"}:  # noqa: S104 - compared, not bound
-        return frozenset()
-    hosts.add(_shown(listen.host).lower())
-    return frozenset(hosts)
-
-
-def _shown(host: str) -> str:
-    return f"[{host}]" if ":" in host else host
 
 
 def setup_logging(level: str) -> None:

@@ -18,9 +18,10 @@ from wonderland_backend.db.engine import Database
 from wonderland_backend.description import openapi
 from wonderland_backend.http.times import now_ms
 from wonderland_backend.leader_election.lock import held
+from wonderland_backend.listening import Listen
 from wonderland_backend.mirror import rebuild as rebuilding
 from wonderland_backend.routes import new_app
-from wonderland_backend.serve import Listen, audit_anchors, serve, setup_logging, source_of
+from wonderland_backend.serve import audit_anchors, serve, setup_logging, source_of
 from wonderland_backend.settings import Settings
 
 _connection = click.option(

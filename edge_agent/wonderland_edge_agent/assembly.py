@@ -9,6 +9,7 @@ import ssl
 from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING
 
+from wonderland import telemetry
 from wonderland.clock import SteadyClock
 from wonderland.proof_contract import ProofContract
 from wonderland_edge_agent.agent import PadAgent
@@ -77,7 +78,7 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
     )
     await receiver.start()
     stack.push_async_callback(receiver.close)
-    uplink = _uplink(settings, identity, signer, spool)
+    uplink = _uplink(settings, connection, identity, signer, spool)
     if uplink is not None:
         await uplink.start()
         stack.push_async_callback(uplink.close)
@@ -140,30 +141,26 @@ def _tell_finding(tracks: SpoolReporter, finding: Finding) -> None:
     tracks.offer(finding.t_ms, finding.body)
 
 
-def _uplink(settings: PadSettings, identity: Identity, signer: Signer, spool: Spool) -> Uplink | None:
+def _uplink(
+    settings: PadSettings, connection: Connection, identity: Identity, signer: Signer, spool: Spool
+) -> Uplink | None:
     if not settings.backend.url:
         return None
     # A pad without a backend need not carry a WebSocket client's memory.
-    from wonderland_edge_agent.uplink import Credentials, Uplink, UplinkError  # noqa: PLC0415
+    from wonderland_edge_agent.uplink import Uplink, UplinkError  # noqa: PLC0415
 
     context: ssl.SSLContext | None = None
+    client = connection.client_files(settings.identity)
     if settings.backend.url.startswith("wss:"):
         try:
-            context = ssl.create_default_context(
-                cafile=str(settings.backend.tls_ca) if settings.backend.tls_ca is not None else None
-            )
-        except (OSError, ssl.SSLError) as cause:
+            context = telemetry.tls_of(settings.backend.tls_ca, client)
+        except OSError as cause:  # ssl.SSLError is one
+            shown = "" if client is None else f", or {client.certificate} with {client.key} cannot be shown"
             raise AgentError(
-                f"backend.tls_ca: {settings.backend.tls_ca} is no certificate authority ({cause})"
+                f"backend.tls_ca: {settings.backend.tls_ca} is no certificate authority{shown} ({cause})"
             ) from cause
     try:
-        credentials = Credentials(
-            agent="pad",
-            id=settings.pad_id,
-            msp_id=identity.msp_id,
-            certificate_pem=identity.certificate_pem.decode("ascii", "replace"),
-            sign=signer,
-        )
+        credentials = telemetry.Credentials.of("pad", settings.pad_id, identity, signer)
         return Uplink(
             settings.backend.url,
             credentials,

@@ -25,7 +25,8 @@ from wonderland_backend.clients.certificates import sha256_of
 from wonderland_backend.clients.commands import client as client_commands
 from wonderland_backend.clients.store import ByCertificate, ClientError, NewClient
 from wonderland_backend.errors import SettingsError
-from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.listening import Listen
+from wonderland_backend.serve import new_server
 from wonderland_backend.settings import Settings, load
 
 NAME = "machine.city.example"

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 
-from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from kit.backend import credentials_of
 
 from wonderland.proofs.records.sessions import Claim
-from wonderland_fabric_gateway.signing import key_signer
 from wonderland_uav_agent.requests import Requests
 
 
@@ -23,10 +22,9 @@ async def test_where_a_drone_is_by_its_own_agent(running, authorities, clock):
         ),
     ]  # fmt: skip
     enrolment = authorities.enrol("uav-1", "FleetMSP", role="uav", id="uav-1")
-    signer = key_signer(load_pem_private_key(enrolment.private_key_pem, None))
     url = running.url.replace("http", "ws", 1) + "/ingest"
     requests = Requests(
-        url, "uav-1", enrolment.identity, signer, decide, lambda: claims[0] if len(claims) == 1 else claims.pop(0)
+        url, credentials_of(enrolment), decide, lambda: claims[0] if len(claims) == 1 else claims.pop(0)
     )
     listening = asyncio.create_task(requests.run())
     try:

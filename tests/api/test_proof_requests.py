@@ -6,12 +6,11 @@ import asyncio
 import json
 
 import pytest
-from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from jsonschema import Draft202012Validator
+from kit.backend import credentials_of
 from kit.description import document
 
 from wonderland.telemetry import PleaseProve
-from wonderland_fabric_gateway.signing import key_signer
 from wonderland_uav_agent.requests import Requests, RequestsError, _said
 from wonderland_uav_agent.willing import Willing
 
@@ -40,9 +39,8 @@ async def until(http, path, **expected):
 
 def drone(running, authorities, decide, uav_id="uav-1"):
     enrolment = authorities.enrol(uav_id, "FleetMSP", role="uav", id=uav_id)
-    signer = key_signer(load_pem_private_key(enrolment.private_key_pem, None))
     url = running.url.replace("http", "ws", 1) + "/ingest"
-    return asyncio.create_task(Requests(url, uav_id, enrolment.identity, signer, decide).run())
+    return asyncio.create_task(Requests(url, credentials_of(enrolment), decide).run())
 
 
 @pytest.fixture(autouse=True)

@@ -15,7 +15,8 @@ from kit.bombs import bomb, peak_kb
 from wonderland_backend import http_protocol
 from wonderland_backend.http import transfer
 from wonderland_backend.http_protocol import MAX_HEADERS, Gate
-from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.listening import Listen
+from wonderland_backend.serve import new_server
 
 
 @pytest.fixture

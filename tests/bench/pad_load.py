@@ -20,13 +20,14 @@ import websockets
 from bench.map_page import beacon
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
+from wonderland.telemetry import Credentials
 from wonderland_edge_agent.assembly import _tell
 from wonderland_edge_agent.receiver import RemoteIdReceiver
 from wonderland_edge_agent.receiver.sources.udp import UdpSource
 from wonderland_edge_agent.reporting import SpoolReporter
 from wonderland_edge_agent.spool import Spool
 from wonderland_edge_agent.spool.store import StoredRecord
-from wonderland_edge_agent.uplink import Credentials, Uplink, UplinkProtocol
+from wonderland_edge_agent.uplink import Uplink, UplinkProtocol
 from wonderland_fabric_gateway.signing import key_signer
 
 LINGER_S = 0.05

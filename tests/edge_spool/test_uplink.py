@@ -18,9 +18,9 @@ from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 
 from wonderland.proofs import encoding
-from wonderland.telemetry import signed_text
+from wonderland.telemetry import Credentials, signed_text
 from wonderland_edge_agent.spool import Spool
-from wonderland_edge_agent.uplink import Credentials, Uplink, UplinkConfigurationError, UplinkTimings
+from wonderland_edge_agent.uplink import Uplink, UplinkConfigurationError, UplinkTimings
 from wonderland_fabric_gateway.ca import Kind
 from wonderland_fabric_gateway.ca.local import LocalCa
 from wonderland_fabric_gateway.signing import key_signer, verify
@@ -66,7 +66,11 @@ class Ingest:
         await connection.send(json.dumps({"type": "challenge", "nonce": NONCE, "server": "wonderland", "t_ms": T0}))
         hello = json.loads(await connection.recv())
         signed = signed_text(
-            nonce=NONCE, server="wonderland", agent=hello["agent"], agent_id=hello["id"], spool=hello["spool"]
+            nonce=NONCE,
+            agent=hello["agent"],
+            agent_id=hello["id"],
+            spool=hello["spool"],
+            end_point=hello["tls_server_end_point"],
         )
         verify(KEY.public_key(), signed, encoding.from_base64url(hello["signature"]))
         if self.refuse:

@@ -16,15 +16,17 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from sqlalchemy import func, select
 
 from wonderland import telemetry
+from wonderland.telemetry import Credentials
 from wonderland_backend.app import Backend
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.migrate import migrate
 from wonderland_backend.db.tables.reported import HealthRow, IrregularRow, SessionEndRow, SpoolRow, StepRow, TrackRow
-from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.listening import Listen
+from wonderland_backend.serve import new_server
 from wonderland_backend.settings import Settings
 from wonderland_edge_agent.receiver import Assembler
 from wonderland_edge_agent.spool import Spool
-from wonderland_edge_agent.uplink import Credentials, Uplink, UplinkTimings
+from wonderland_edge_agent.uplink import Uplink, UplinkTimings
 from wonderland_fabric_gateway.ca.local import LocalCa
 from wonderland_fabric_gateway.signing import key_signer
 from wonderland_remote_id import BasicId, HorizontalAccuracy, Location, OperatorId, Pack, encode

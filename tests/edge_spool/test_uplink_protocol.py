@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wonderland.proofs import encoding
-from wonderland.telemetry import Ack, Refused, Rejected, Welcome, signed_text
+from wonderland.telemetry import Ack, Credentials, Refused, Rejected, Welcome, signed_text
 from wonderland_edge_agent.spool import StoredRecord
-from wonderland_edge_agent.uplink import Credentials, UplinkError, UplinkProtocol, UplinkProtocolError
+from wonderland_edge_agent.uplink import UplinkError, UplinkProtocol, UplinkProtocolError
 from wonderland_edge_agent.uplink.protocol import SendHello, State
 from wonderland_fabric_gateway.signing import key_signer, verify
 
@@ -45,7 +45,7 @@ def record(seq: int, body: bytes = b'{"n":1}') -> StoredRecord:
 
 
 def test_the_hello_is_signed_over_what_it_says() -> None:
-    protocol = UplinkProtocol(CREDENTIALS, SPOOL)
+    protocol = UplinkProtocol(CREDENTIALS, SPOOL, "5a" * 32)
     answer = protocol.receive(CHALLENGE)
     assert isinstance(answer, SendHello)
     hello = json.loads(answer.text)
@@ -58,6 +58,7 @@ def test_the_hello_is_signed_over_what_it_says() -> None:
         "spool": SPOOL,
         "msp_id": "PadMSP",
         "certificate": "-----BEGIN CERTIFICATE-----\n",
+        "tls_server_end_point": "5a" * 32,
     }
     signed = encoding.encode(
         {
@@ -67,10 +68,11 @@ def test_the_hello_is_signed_over_what_it_says() -> None:
             "agent": "pad",
             "id": "pad-1",
             "spool": SPOOL,
+            "tls_server_end_point": "5a" * 32,
         }
     )
     verify(KEY.public_key(), signed, signature)
-    assert signed_text(nonce=NONCE, server="wonderland", agent="pad", agent_id="pad-1", spool=SPOOL) == signed
+    assert signed_text(nonce=NONCE, agent="pad", agent_id="pad-1", spool=SPOOL, end_point="5a" * 32) == signed
 
 
 def test_the_way_through() -> None:

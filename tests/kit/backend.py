@@ -16,9 +16,10 @@ from kit import PLAIN
 from kit.chain import START_MS, Tx
 from kit.facts import Facts
 from kit.stepping_up import ConfirmingAsyncClient
-from wonderland.telemetry import signed_text
+from wonderland.telemetry import Credentials, end_point_seen, signed_text
 from wonderland_backend.app import Backend
-from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.listening import Listen
+from wonderland_backend.serve import new_server
 from wonderland_backend.settings import Settings
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.signing import key_signer
@@ -149,6 +150,13 @@ async def running(new_backend, chain, source_of):
         yield client
 
 
+def credentials_of(enrolment):
+    """What an enrolled agent signs in with."""
+    found = enrolment.identity
+    signer = key_signer(load_pem_private_key(enrolment.private_key_pem, None))
+    return Credentials.of(found.role, found.pol_id, found, signer)
+
+
 class AgentClient:
     """An agent's side of the ingest protocol, for tests to do right and wrong."""
 
@@ -160,6 +168,7 @@ class AgentClient:
         self.spool = spool
         self.msp_id = msp_id
         self.seq = 0
+        self.end_point = end_point_seen(socket.transport.get_extra_info("ssl_object"))
 
     async def receive(self):
         return json.loads(await asyncio.wait_for(self.socket.recv(), 5))
@@ -172,7 +181,7 @@ class AgentClient:
         assert challenge["type"] == "challenge"
         text = signed_text(
             nonce=challenge["nonce"],
-            server=challenge["server"],
+            end_point=self.end_point,
             agent=self.agent,
             agent_id=self.agent_id,
             spool=self.spool,
@@ -186,6 +195,7 @@ class AgentClient:
             "spool": self.spool,
             "msp_id": self.msp_id,
             "certificate": self.enrolment.certificate_pem.decode(),
+            "tls_server_end_point": self.end_point,
             "signature": base64.urlsafe_b64encode(signature).rstrip(b"=").decode(),
         }
         await self.send(message | change)

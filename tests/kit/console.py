@@ -29,7 +29,8 @@ from wonderland.proofs.records.sessions import StepTime
 from wonderland.proofs.verdict import decide
 from wonderland_backend.app import Backend
 from wonderland_backend.db.engine import Database
-from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.listening import Listen
+from wonderland_backend.serve import new_server
 from wonderland_backend.settings import Settings
 
 

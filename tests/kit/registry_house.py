@@ -23,8 +23,9 @@ from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning
 from wonderland_backend.app import Backend
 from wonderland_backend.db.engine import Database
 from wonderland_backend.ledger.access import LedgerAccess
+from wonderland_backend.listening import Listen
 from wonderland_backend.mirror.source import GatewaySource
-from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.serve import new_server
 from wonderland_backend.settings import Settings
 from wonderland_backend.transactions.registrar import registrar_of
 from wonderland_chaincode.contract import CONTRACT

@@ -9,6 +9,7 @@ from typing import Any
 
 from wonderland.proofs import encoding
 from wonderland.proofs.records.sessions import Claim
+from wonderland.telemetry import Credentials
 from wonderland_edge_agent.drift import DriftState
 from wonderland_edge_agent.health import health_record
 from wonderland_edge_agent.radios import AnchorState
@@ -18,7 +19,7 @@ from wonderland_edge_agent.receiver.tracks import DroneTrack
 from wonderland_edge_agent.reporting import SpoolReporter
 from wonderland_edge_agent.session import actions as do
 from wonderland_edge_agent.spool import Spool, SpoolStatus
-from wonderland_edge_agent.uplink import Credentials, UplinkProtocol
+from wonderland_edge_agent.uplink import UplinkProtocol
 from wonderland_remote_id import (
     BasicId,
     CategoryEu,
@@ -192,6 +193,8 @@ class FakeSocket:
     def __aiter__(self):
         return self
 
+    transport = SimpleNamespace(get_extra_info=lambda _name: None)
+
     async def __anext__(self) -> str:
         if not self.says:
             raise StopAsyncIteration
@@ -200,7 +203,9 @@ class FakeSocket:
 
 async def by_the_drone() -> list[str]:
     """A drone's hello, its position, and two answers."""
-    identity = SimpleNamespace(msp_id="FleetMSP", certificate_pem=b"-----BEGIN-----\n")
+    who = Credentials(
+        agent="uav", id="uav-1", msp_id="FleetMSP", certificate_pem="-----BEGIN-----\n", sign=lambda text: text[:70]
+    )
     claim = Claim(
         lat_e7=604_518_000, lon_e7=-222_666_000, height_mm=42_000, accuracy_mm=1_500, height_accuracy_mm=2_500, t_ms=T0
     )
@@ -208,7 +213,7 @@ async def by_the_drone() -> list[str]:
     async def decide(wish: Any) -> str:
         return "" if wish.action == "land" else "the wind is “strong”"
 
-    requests = Requests("ws://x", "uav-1", identity, lambda text: text[:70], decide, lambda: claim)
+    requests = Requests("ws://x", who, decide, lambda: claim)
     requests._spool = "cd" * 16
     wish = {"type": "please_prove", "request_id": "0" * 32, "pad_id": "pad-1", "action": "land", "expires_ms": T0}
     socket = FakeSocket(

@@ -23,7 +23,8 @@ from wonderland_backend.app import Backend
 from wonderland_backend.db.engine import Database
 from wonderland_backend.http.times import now_ms
 from wonderland_backend.ingest.batch import read
-from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.listening import Listen
+from wonderland_backend.serve import new_server
 from wonderland_backend.settings import Settings
 
 START_MS = 1_800_000_000_000

@@ -14,7 +14,8 @@ from kit.console import RealBackend
 from kit.openid_provider import SECRET, command
 from kit.stepping_up import ConfirmingAsyncClient
 
-from wonderland_backend.serve import Listen, new_server
+from wonderland_backend.listening import Listen
+from wonderland_backend.serve import new_server
 from wonderland_backend.settings.oidc import OidcSettings
 
 

@@ -73,8 +73,9 @@ def test_steps_have_the_names_that_records_have() -> None:
 
 def test_a_spool_of_before_is_sent_as_it_is() -> None:
     """Bodies on a pad's disk are canonical JSON already, whoever wrote them: they go out byte for byte."""
+    from wonderland.telemetry import Credentials
     from wonderland_edge_agent.spool import StoredRecord
-    from wonderland_edge_agent.uplink import Credentials, UplinkProtocol
+    from wonderland_edge_agent.uplink import UplinkProtocol
 
     who = Credentials(agent="pad", id="pad-1", msp_id="PadMSP", certificate_pem="x", sign=lambda text: text[:70])
     protocol = UplinkProtocol(who, "ab" * 16)

@@ -21,6 +21,7 @@ from wonderland.proof_contract import ProofContract
 from wonderland.proofs.records.fields import ACTIONS
 from wonderland.proofs.records.sessions import STEP_NAMES
 from wonderland.proofs.records.verdicts import Verdict
+from wonderland.telemetry import Credentials, tls_of
 from wonderland.uwb.layout import WordWays
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
@@ -173,31 +174,49 @@ async def _only_ranged(_: Verdict) -> str:
 @_of_the_drone
 @click.option("--backend", "url", required=True, metavar="WSS_URL", help="wss://host/ingest of the backend.")
 @click.option(
+    "--backend-ca",
+    "tls_ca",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Certificate authority (PEM) of the backend, where it is not a public one.",
+)
+@click.option(
     "--pad", "pads", multiple=True, required=True, help="A pad at which it will prove itself when asked; several times."
 )
 @click.option("--network-id", is_flag=True, help="Tell the backend each second where the drone is (Network Remote ID).")
-def serve(*, url: str, pads: tuple[str, ...], network_id: bool, verbose: bool, **options: Any) -> None:
+def serve(
+    *, url: str, tls_ca: Path | None, pads: tuple[str, ...], network_id: bool, verbose: bool, **options: Any
+) -> None:
     """Stay, and prove where the drone is when the authority or its operator asks (POST /api/v1/proof-requests)."""
     _log_to_stderr(verbose=verbose)
     address = urlsplit(url)
     if address.scheme != "wss" and (address.scheme, address.hostname) not in {("ws", "127.0.0.1"), ("ws", "localhost")}:
         raise click.UsageError("--backend: wss:// (ws:// to this machine alone)")
     try:
-        asyncio.run(_serve(url, frozenset(pads), network_id=network_id, **options, quiet=False))
+        asyncio.run(_serve(url, frozenset(pads), network_id=network_id, tls_ca=tls_ca, **options, quiet=False))
     except (LedgerError, PositionError, BroadcastError) as error:
         raise click.ClickException(str(error)) from error
 
 
-async def _serve(url: str, pads: frozenset[str], *, network_id: bool, **options: Any) -> None:
-
+async def _serve(
+    url: str, pads: frozenset[str], *, network_id: bool, tls_ca: Path | None, identity: str, **options: Any
+) -> None:
+    tls = None
+    if urlsplit(url).scheme == "wss":
+        shown = Connection.load(options["connection"]).client_files(identity)
+        try:
+            tls = tls_of(tls_ca, shown)
+        except OSError as cause:  # ssl.SSLError is one
+            raise click.UsageError(f"--backend-ca {tls_ca}: no certificate authority ({cause})") from cause
     stopping = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopping.set)
-    async with _agent(**options) as (agent, (who, signer)):
+    async with _agent(identity=identity, **options) as (agent, (who, signer)):
         willing = Willing(agent, pads)
         position = agent.position if network_id else None
-        listening = asyncio.create_task(Requests(url, agent.uav_id, who, signer, willing.decide, position).run())
+        credentials = Credentials.of("uav", agent.uav_id, who, signer)
+        requests = Requests(url, credentials, willing.decide, position, tls=tls)
+        listening = asyncio.create_task(requests.run())
         await stopping.wait()
         listening.cancel()
         await asyncio.gather(listening, return_exceptions=True)

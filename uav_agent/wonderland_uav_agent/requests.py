@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
+import ssl
 from collections.abc import Awaitable, Callable
 from typing import Final
 
@@ -17,24 +18,20 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import WebSocketException
 
 from wonderland import telemetry
-from wonderland.proofs import encoding
 from wonderland.proofs.records.sessions import Claim
 from wonderland.telemetry import (
-    PROTOCOL,
-    SERVER,
     Answer,
     Challenge,
-    Hello,
+    Credentials,
     PleaseProve,
     Position,
     Refused,
     TelemetryError,
     Welcome,
-    signed_text,
+    end_point_seen,
+    hello_to,
 )
 from wonderland.telemetry.frames import FromServer
-from wonderland_fabric_gateway.identity import Identity
-from wonderland_fabric_gateway.signing import Signer
 
 _log = logging.getLogger(__name__)
 MAX_FRAME: Final = 64 * 1024
@@ -60,17 +57,19 @@ class Requests:
     def __init__(
         self,
         url: str,
-        uav_id: str,
-        identity: Identity,
-        signer: Signer,
+        who: Credentials,
         decide: Decide,
         position: Callable[[], Claim | None] | None = None,
+        *,
+        tls: ssl.SSLContext | None = None,
     ) -> None:
-        """`url`: ws:// or wss:// of the backend's /ingest. `position`: told each second, for Network Remote ID."""
+        """`url`: ws:// or wss:// of the backend's /ingest. `position`: told each second, for Network Remote ID.
+
+        `tls`: of a wss:// address (`telemetry.tls_of`).
+        """
         self._url = url
-        self._uav_id = uav_id
-        self._identity = identity
-        self._signer = signer
+        self._who = who
+        self._tls = tls
         self._decide = decide
         self._position = position
         self._seq = 0
@@ -82,7 +81,9 @@ class Requests:
         pause_s = FIRST_PAUSE_S
         while True:
             try:
-                async with connect(self._url, max_size=MAX_FRAME, compression=None, proxy=None) as socket:
+                async with connect(
+                    self._url, ssl=self._tls, max_size=MAX_FRAME, compression=None, proxy=None
+                ) as socket:
                     await self._greet(socket)
                     pause_s = FIRST_PAUSE_S
                     telling = asyncio.create_task(self._tell(socket))
@@ -92,7 +93,7 @@ class Requests:
                         telling.cancel()
                         await asyncio.gather(telling, return_exceptions=True)
             except (OSError, TimeoutError, WebSocketException, RequestsError) as error:
-                _log.warning("%s: requests are not heard just now: %s", self._uav_id, error)
+                _log.warning("%s: requests are not heard just now: %s", self._who.id, error)
             await asyncio.sleep(pause_s * (0.5 + secrets.randbelow(1000) / 1000))
             pause_s = min(LONGEST_PAUSE_S, 2 * pause_s)
 
@@ -101,19 +102,11 @@ class Requests:
             challenge = _said(await socket.recv())
             if not isinstance(challenge, Challenge):
                 raise RequestsError("the server does not begin with a challenge")
-            text = signed_text(
-                nonce=challenge.nonce, server=SERVER, agent="uav", agent_id=self._uav_id, spool=self._spool
-            )
-            hello = Hello(
-                protocol=PROTOCOL,
-                agent="uav",
-                id=self._uav_id,
-                spool=self._spool,
-                msp_id=self._identity.msp_id,
-                certificate=self._identity.certificate_pem.decode(),
-                signature=encoding.to_base64url(self._signer(text)),
-                takes=("please_prove",),
-            )
+            try:
+                seen = end_point_seen(socket.transport.get_extra_info("ssl_object"))
+                hello = hello_to(challenge, self._who, spool=self._spool, end_point=seen, takes=("please_prove",))
+            except TelemetryError as cause:
+                raise RequestsError(str(cause)) from cause
             await socket.send(telemetry.encode(hello))
             answer = _said(await socket.recv())
         if isinstance(answer, Refused):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import ssl
 from collections.abc import Iterable
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated, Any, Final
 
 import orjson
 
@@ -12,20 +14,37 @@ from wonderland.proofs import encoding
 from wonderland.proofs.errors import EncodingError
 from wonderland.telemetry import Hello, signed_text
 from wonderland_backend.agents.errors import IngestError
+from wonderland_backend.agents.listener import AgentsTls, EndPoints
 from wonderland_backend.context import part
 from wonderland_fabric_gateway.embedded.errors import AccessDeniedError, RevocationListError
 from wonderland_fabric_gateway.embedded.msp import ChannelMembership, Member, OrganisationTrust
 from wonderland_fabric_gateway.errors import IdentityError
 from wonderland_fabric_gateway.identity import Identity
 
+_ANOTHER_SERVER: Final = (
+    "the agent signed in to another server's certificate: somebody is between, or a proxy's certificate is missing in "
+    "agents.proxy_certificates"
+)
 logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a connection itself shows."""
+
+    end_points: frozenset[str]
+    """Which certificates of this server the agent can have seen (`EndPoints`)."""
+    shown: bytes | None = None
+    """The agent's own certificate (DER), where TLS that ends here demands one."""
 
 
 class Members:
     """The channel's organisations, of which an agent must be a member."""
 
-    def __init__(self) -> None:
+    def __init__(self, end_points: EndPoints) -> None:
         self._organisations: dict[str, ChannelMembership] = {}
+        self.end_points = end_points
+        self.tls = AgentsTls()
 
     def configure(self, organisations: Iterable[tuple[str, str]]) -> None:
         """Replace the organisations: (msp_id, definition as the mirror keeps it) each.
@@ -35,9 +54,12 @@ class Members:
         found: dict[str, ChannelMembership] = {}
         for msp_id, definition in organisations:
             try:
-                found[msp_id] = ChannelMembership([_trust(msp_id, orjson.loads(definition))])
+                trust = _trust(msp_id, orjson.loads(definition))
+                found[msp_id] = ChannelMembership([trust])
             except (IdentityError, RevocationListError) as cause:
                 logger.error("agents of %s are refused, its definition on the ledger cannot be used: %s", msp_id, cause)  # noqa: TRY400 - the text says it all
+                continue
+            self.tls.trust(pem.decode() for pem in (*trust.root_certs, *trust.intermediate_certs))
         self._organisations = found
 
     def is_member(self, msp_id: str, creator: bytes, now_ms: int) -> bool:
@@ -60,16 +82,25 @@ class Members:
         """MSP ids of the organisations in the channel's configuration."""
         return tuple(sorted(self._organisations))
 
-    def authenticate(self, hello: Hello, *, nonce: str, server: str, now_ms: int) -> Identity:
+    def authenticate(self, hello: Hello, *, nonce: str, seen: Seen, now_ms: int) -> Identity:
         """The agent's identity. Raises `IngestError`, with what is wrong."""
         membership = self._organisations.get(hello.msp_id)
         if membership is None:
             raise IngestError("unknown_organisation", f"{hello.msp_id} is no organisation of the channel")
         creator = Identity(hello.msp_id, hello.certificate.encode()).creator
-        text = signed_text(nonce=nonce, server=server, agent=hello.agent, agent_id=hello.id, spool=hello.spool)
+        text = signed_text(
+            nonce=nonce,
+            agent=hello.agent,
+            agent_id=hello.id,
+            spool=hello.spool,
+            end_point=hello.tls_server_end_point,
+        )
         try:
             member = membership.application_member(creator, now_ms)
             member.verify(text, encoding.from_base64url(hello.signature))
+            if seen.shown is not None:
+                shown = Identity(hello.msp_id, ssl.DER_cert_to_PEM_cert(seen.shown).encode())
+                membership.application_member(shown.creator, now_ms)
         except (AccessDeniedError, EncodingError) as cause:
             raise IngestError("not_authenticated", str(cause)[:300]) from None
         if member.creator.role != hello.agent or member.creator.pol_id != hello.id:
@@ -78,6 +109,8 @@ class Members:
                 f"the certificate is of {member.creator.role or 'no role'} {member.creator.pol_id or '(no id)'}, "
                 f"not of {hello.agent} {hello.id}",
             )
+        if hello.tls_server_end_point not in seen.end_points:
+            raise IngestError("another_server", _ANOTHER_SERVER)
         return member.identity
 
 

@@ -45,6 +45,10 @@ class Peer:
     address: str
     certificate: bytes | None
     """DER; one that the TLS handshake has verified, key included."""
+    encrypted: bool = False
+    """Whether TLS ends here."""
+    for_agents: bool = False
+    """Whether it came by the agents' own listener."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,8 @@ from wonderland.telemetry.frames import FromServer
 from wonderland_backend.agents import connected as agents
 from wonderland_backend.agents.connected import Agent, Agents, AgentsDep, DuplicateAgent
 from wonderland_backend.agents.errors import IngestError
-from wonderland_backend.agents.members import Members, MembersDep
+from wonderland_backend.agents.members import Members, MembersDep, Seen
+from wonderland_backend.clients.certificates import EXTENSION, Peer
 from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import DatabaseError
 from wonderland_backend.ingest import batch as batches
@@ -50,6 +51,9 @@ MAX_UNDER_WAY: Final = 32
 """Batches of one agent that wait to be durable; then it is read no further."""
 REPLACED: Final = 4409
 TRY_LATER: Final = 1013
+
+RECORD_BYTES: Final = 512
+"""A frame of fewer, longer records counts as so many of these."""
 
 UnderWay = asyncio.Queue[tuple[batches.Batch, asyncio.Future[None] | None] | TelemetryError]
 """Batches in their order, each with when it is durable (None: it was already); or why the connection ends."""
@@ -78,6 +82,9 @@ async def ingest(
 
 async def _admit(socket: WebSocket, context: Context, members: Members, connected: Agents) -> Agent:
     """Who it is. Raises `TelemetryError`."""
+    peer: Peer | None = socket.scope.get("extensions", {}).get(EXTENSION)
+    if context.settings.agents.listen is not None and not (peer is not None and peer.for_agents):
+        raise IngestError("agents_listener", "agents have an address of their own here: agents.listen in its settings")
     nonce = encoding.to_base64url(context.randomness(NONCE_BYTES))
     await _send(socket, Challenge(nonce=nonce, server=SERVER, t_ms=context.clock()))
     try:
@@ -87,7 +94,7 @@ async def _admit(socket: WebSocket, context: Context, members: Members, connecte
     except TimeoutError:
         raise IngestError("no_hello", "no hello in time, or too many others are silent") from None
     hello = telemetry.decode_hello(text)
-    identity = members.authenticate(hello, nonce=nonce, server=SERVER, now_ms=context.clock())
+    identity = members.authenticate(hello, nonce=nonce, seen=_seen(members, peer), now_ms=context.clock())
     if len(connected) >= context.settings.ingest_max_agents:
         raise IngestError("too_many_agents", "this server has as many agents as it may; try again later")
     agent = Agent(hello.agent, hello.id, hello.spool, hello.msp_id, identity.creator)
@@ -101,6 +108,30 @@ async def _admit(socket: WebSocket, context: Context, members: Members, connecte
             f"another agent of {hello.agent} {hello.id}, with another spool, is connected; stop one of them",
         ) from None
     return agent
+
+
+def _seen(members: Members, peer: Peer | None) -> Seen:
+    """What the connection itself shows."""
+    end_points = members.end_points
+    if peer is None or not peer.encrypted:
+        return Seen(end_points.behind_proxies())
+    if peer.for_agents:
+        return Seen(frozenset({end_points.agents}), peer.certificate)
+    return Seen(frozenset({end_points.everybody}))
+
+
+class Pace:
+    """So many a second, and a second's worth at once; who sends more is read later, and loses nothing."""
+
+    def __init__(self, per_s: int) -> None:
+        self._each_s = 1 / per_s
+        self._due_s = 0.0
+
+    async def spend(self, count: int) -> None:
+        """Wait until there is room for what has come before."""
+        now_s = asyncio.get_running_loop().time()
+        self._due_s = max(self._due_s, now_s - 1.0) + count * self._each_s
+        await asyncio.sleep(max(0.0, self._due_s - now_s))
 
 
 @dataclass
@@ -152,6 +183,7 @@ class _Serving:
     async def _read(self, acknowledged: int, under_way: UnderWay) -> None:
         """Takes in what comes while what came before is still being written; returns at a frame that is none."""
         taken = acknowledged
+        pace = Pace(self.context.settings.agents.records_per_s)
         while True:
             try:
                 text = await _receive(self.socket, self.context)
@@ -159,6 +191,7 @@ class _Serving:
                 if isinstance(message, Answer):
                     await route.answered(self.context, self.agent, message)
                     continue
+                await pace.spend(max(len(message.records), len(text) // RECORD_BYTES))
                 batch = batches.read(self.agent, message.records, acknowledged=taken, now_ms=self.context.clock())
             except TelemetryError as problem:
                 await under_way.put(problem)

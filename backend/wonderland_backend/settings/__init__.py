@@ -13,6 +13,7 @@ from pydantic_settings import SettingsError as UnreadableError
 from wonderland.messages import Language
 from wonderland_backend.errors import SettingsError
 from wonderland_backend.field_texts import field_text
+from wonderland_backend.settings.agents import AgentSettings
 from wonderland_backend.settings.audit import AuditStreamSettings
 from wonderland_backend.settings.maps import MapSettings
 from wonderland_backend.settings.oidc import OidcSettings
@@ -76,6 +77,7 @@ class Settings(BaseSettings):
 
     max_body_bytes: int = Field(default=64 * 1024, ge=1024, description="Largest body of a request")
     max_zone_file_bytes: int = Field(default=32 << 20, ge=1024, description="Largest file of zones")
+    agents: AgentSettings = Field(default=AgentSettings(), description="Where agents sign in; see docs/operate/edge.md")
     ingest_max_bytes: int = Field(default=256 * 1024, ge=1024, description="Largest frame of an agent")
     ingest_max_records: int = Field(default=1_000, ge=1, description="Most records in one frame of an agent")
     ingest_max_agents: int = Field(default=5_000, ge=1, description="Most agents connected at a time")
@@ -161,6 +163,10 @@ class Settings(BaseSettings):
             raise ValueError("tls_certificate needs public_url: the https:// address that the certificate is for")
         if self.tls_certificate is None and self.tls_key is not None:
             raise ValueError("tls_key needs tls_certificate")
+        if self.agents.listen is not None and self.agents.tls_certificate is None and self.tls_certificate is None:
+            raise ValueError("agents.listen needs agents.tls_certificate: agents' own listener is TLS")
+        if self.agents.tls_key is not None and self.agents.tls_certificate is None:
+            raise ValueError("agents.tls_key needs agents.tls_certificate")
         if self.tls_client_ca is not None and self.tls_certificate is None and not self.client_cert_proxies:
             raise ValueError("tls_client_ca needs tls_certificate or client_cert_proxies: who else asks for them?")
         for each in self.client_cert_proxies:

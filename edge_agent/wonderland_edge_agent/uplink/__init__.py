@@ -7,11 +7,10 @@ from wonderland_edge_agent.uplink.errors import (
     UplinkRefusedError,
     UplinkStalledError,
 )
-from wonderland_edge_agent.uplink.protocol import Credentials, UplinkProtocol
+from wonderland_edge_agent.uplink.protocol import UplinkProtocol
 from wonderland_edge_agent.uplink.uplink import Uplink, UplinkStatus, UplinkTimings
 
 __all__ = [
-    "Credentials",
     "Uplink",
     "UplinkConfigurationError",
     "UplinkError",

@@ -7,28 +7,23 @@ acknowledgements. One `UplinkProtocol` is one connection.
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from msgspec import Raw
 
 from wonderland import telemetry
-from wonderland.proofs import encoding
-from wonderland.proofs.errors import EncodingError
 from wonderland.telemetry import (
-    NONCE_BYTES,
-    PROTOCOL,
-    SERVER,
+    NO_END_POINT,
     Ack,
     Challenge,
-    Hello,
+    Credentials,
     Record,
     Refused,
     Rejected,
     TelemetryError,
     Welcome,
-    signed_text,
+    hello_to,
 )
 from wonderland_edge_agent.uplink.errors import UplinkError, UplinkProtocolError
 
@@ -41,17 +36,6 @@ if TYPE_CHECKING:
 MAX_FRAME_BYTES: Final = 256 * 1024
 MAX_SERVER_FRAME_BYTES: Final = 64 * 1024
 MAX_TEXT_CHARS: Final = 500
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Credentials:
-    """Who this agent is. ``sign`` maps a message to a DER low-S ECDSA P-256/SHA-256 signature with the ledger key."""
-
-    agent: Literal["pad", "uav"]
-    id: str
-    msp_id: str
-    certificate_pem: str
-    sign: Callable[[bytes], bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +60,10 @@ class State(enum.Enum):
 class UplinkProtocol:
     """The order of messages on one connection, and what is under way on it."""
 
-    def __init__(self, credentials: Credentials, spool: str) -> None:
+    def __init__(self, credentials: Credentials, spool: str, end_point: str = NO_END_POINT) -> None:
+        """`end_point`: of the server's certificate (`telemetry.end_point_seen`)."""
         self._credentials = credentials
+        self._end_point = end_point
         self._spool = spool
         self.state = State.CHALLENGE
         self.sent_seq = 0
@@ -123,30 +109,12 @@ class UplinkProtocol:
         return frame.decode()
 
     def _challenged(self, challenge: Challenge) -> SendHello:
-        nonce, server = challenge.nonce, challenge.server
         try:
-            size = len(encoding.from_base64url(nonce))
-        except EncodingError as cause:
-            raise UplinkProtocolError(f"the server's nonce: {cause}") from cause
-        if size != NONCE_BYTES:
-            raise UplinkProtocolError(f"the server's nonce has {size} bytes, not {NONCE_BYTES}")
-        if server != SERVER:
-            raise UplinkProtocolError(f"the server calls itself {server[:40]!r}, not {SERVER!r}: is the address right?")
-        who = self._credentials
-        signed = signed_text(nonce=nonce, server=server, agent=who.agent, agent_id=who.id, spool=self._spool)
-        try:
-            signature = who.sign(signed)
+            hello = hello_to(challenge, self._credentials, spool=self._spool, end_point=self._end_point)
+        except TelemetryError as cause:
+            raise UplinkProtocolError(str(cause)) from cause
         except Exception as cause:
             raise UplinkError(f"the ledger key cannot sign ({cause})") from cause  # a signer is anybody's function
-        hello = Hello(
-            protocol=PROTOCOL,
-            agent=who.agent,
-            id=who.id,
-            spool=self._spool,
-            msp_id=who.msp_id,
-            certificate=who.certificate_pem,
-            signature=encoding.to_base64url(signature),
-        )
         self.state = State.WELCOME
         return SendHello(telemetry.canonical(hello).decode())
 

@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 
-from wonderland.telemetry import Ack, Refused, Rejected, Welcome
+from wonderland.telemetry import Ack, Credentials, Refused, Rejected, Welcome, end_point_seen, tls_of
 from wonderland_edge_agent.spool import SpoolClosedError, SpoolError
 from wonderland_edge_agent.uplink.errors import (
     UplinkConfigurationError,
@@ -31,7 +31,6 @@ from wonderland_edge_agent.uplink.errors import (
 )
 from wonderland_edge_agent.uplink.protocol import (
     MAX_SERVER_FRAME_BYTES,
-    Credentials,
     SendHello,
     UplinkProtocol,
 )
@@ -102,7 +101,7 @@ class Uplink:
         self._credentials = credentials
         self._spool = spool
         # Without a context of the caller's, the machine's trusted authorities decide.
-        self._ssl = (ssl_context or ssl.create_default_context()) if urlsplit(url).scheme == "wss" else None
+        self._ssl = (ssl_context or tls_of(None, None)) if urlsplit(url).scheme == "wss" else None
         self._timings = timings
         self._random = randomness or random.SystemRandom()
         self._on_status = on_status
@@ -180,7 +179,8 @@ class Uplink:
             max_size=MAX_SERVER_FRAME_BYTES,
             max_queue=16,
         ) as socket:
-            protocol = UplinkProtocol(self._credentials, self._spool.id)
+            seen = end_point_seen(socket.transport.get_extra_info("ssl_object"))
+            protocol = UplinkProtocol(self._credentials, self._spool.id, seen)
             if not await self._greet(socket, protocol):
                 return
             acknowledgements = _Latest(protocol.acknowledged_seq)

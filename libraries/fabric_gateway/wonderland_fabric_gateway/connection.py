@@ -32,7 +32,7 @@ from wonderland_fabric_gateway.errors import ConnectionFileError, LedgerError
 from wonderland_fabric_gateway.files import read_bounded, write_atomic
 from wonderland_fabric_gateway.gateways import Gateways
 from wonderland_fabric_gateway.identity import Identity
-from wonderland_fabric_gateway.signing import Signer, key_file_signer
+from wonderland_fabric_gateway.signing import Signer, is_in_hardware, key_file_signer
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -208,6 +208,18 @@ class Connection:
             return key_file_signer(files.key)
         except LedgerError as cause:
             raise ConnectionFileError(f"identities.{name}.key: {cause}") from cause
+
+    def client_files(self, name: str) -> ClientTls | None:
+        """What the named identity can show other servers that demand a certificate: `client_tls`, or its own.
+
+        None where its key is in hardware, which TLS cannot use here. Raises `ConnectionFileError`.
+        """
+        if self.client_tls is not None:
+            return self.client_tls
+        files = self.files(name)
+        if is_in_hardware(read_bounded(files.key, ConnectionFileError, f"identities.{name}.key")):
+            return None
+        return ClientTls(files.certificate, files.key)
 
     def open_channel(self, *options: tuple[str, int | str]) -> Gateways:
         """TLS channels to the Gateways; the caller closes them. `options` override ours. Raises `ConnectionFileError`.

@@ -52,7 +52,7 @@ def key_file_signer(path: Path) -> Signer:
     Raises `SignatureError`.
     """
     data = read_bounded(path, SignatureError, "private key")
-    if data.startswith(_IN_HARDWARE):
+    if is_in_hardware(data):
         return _hardware_signer(path, data)
     try:
         key = load_pem_private_key(data, password=None)
@@ -62,6 +62,11 @@ def key_file_signer(path: Path) -> Signer:
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise SignatureError(f"{path}: not an elliptic-curve key; Fabric identities are P-256")
     return key_signer(key)
+
+
+def is_in_hardware(key_file: bytes) -> bool:
+    """Whether a key's file names a hardware module (PKCS#11) instead of holding the key."""
+    return key_file.startswith(_IN_HARDWARE)
 
 
 def _hardware_signer(path: Path, data: bytes) -> Signer:

@@ -58,11 +58,20 @@ from wonderland.telemetry.frames import (
     Welcome,
     signed_text,
 )
+from wonderland.telemetry.greeting import (
+    NO_END_POINT,
+    Credentials,
+    end_point_of,
+    end_point_seen,
+    hello_to,
+    tls_of,
+)
 
 __all__ = [
     "BODIES",
     "FOR_USPACE",
     "NONCE_BYTES",
+    "NO_END_POINT",
     "PROTOCOL",
     "SERVER",
     "Ack",
@@ -71,6 +80,7 @@ __all__ = [
     "Answer",
     "Body",
     "Challenge",
+    "Credentials",
     "Drift",
     "Drip",
     "Dropped",
@@ -104,9 +114,13 @@ __all__ = [
     "decode_record",
     "decode_server",
     "encode",
+    "end_point_of",
+    "end_point_seen",
+    "hello_to",
     "number_of",
     "plain",
     "record_of",
     "records_of",
     "signed_text",
+    "tls_of",
 ]

@@ -16,6 +16,7 @@ from wonderland.telemetry.fields import (
     Action,
     AgentId,
     Base64url,
+    EndPoint,
     Hex32,
     Message,
     MspId,
@@ -93,6 +94,10 @@ class Hello(Message, frozen=True, kw_only=True, tag_field="type", tag="hello"):
     spool: Hex32
     msp_id: MspId
     certificate: Annotated[str, Meta(min_length=1, max_length=16_384, description="PEM")]
+    tls_server_end_point: Annotated[
+        EndPoint,
+        Meta(description="Hexadecimal SHA-256 of the certificate (DER) that the server showed; empty without TLS"),
+    ]
     signature: Annotated[Base64url, Meta(description="Base64url of the DER of a low-S ECDSA P-256 signature, SHA-256")]
     takes: Annotated[
         tuple[Literal["please_prove"], ...],
@@ -127,8 +132,16 @@ FromAgent = Hello | Records | Answer
 FromServer = Challenge | Welcome | Refused | Ack | Rejected | PleaseProve
 
 
-def signed_text(*, nonce: str, server: str, agent: str, agent_id: str, spool: str) -> bytes:
-    """What an agent signs: bound to this server's nonce, so that it serves once and nowhere else."""
+def signed_text(*, nonce: str, agent: str, agent_id: str, spool: str, end_point: str) -> bytes:
+    """What an agent signs: bound to this server's nonce and certificate, so that it serves once and nowhere else."""
     return encoding.encode(
-        {"purpose": PURPOSE, "nonce": nonce, "server": server, "agent": agent, "id": agent_id, "spool": spool}
+        {
+            "purpose": PURPOSE,
+            "nonce": nonce,
+            "server": SERVER,
+            "agent": agent,
+            "id": agent_id,
+            "spool": spool,
+            "tls_server_end_point": end_point,
+        }
     )

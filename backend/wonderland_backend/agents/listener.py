@@ -1,0 +1,79 @@
+"""Which certificates agents can have seen of this server, and which it accepts of them."""
+
+from __future__ import annotations
+
+import ssl
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from cryptography.hazmat.primitives.serialization import Encoding
+
+from wonderland.telemetry import NO_END_POINT, end_point_of
+from wonderland_backend.errors import SettingsError
+from wonderland_backend.settings import Settings
+from wonderland_fabric_gateway.certificates import certificates_of
+
+
+@dataclass(frozen=True)
+class EndPoints:
+    """What an agent may sign as the server's certificate (`telemetry.end_point_of`), by how it is connected."""
+
+    everybody: str
+    """Of TLS that ends here; `NO_END_POINT` without."""
+    agents: str
+    """Of the agents' own listener."""
+    proxies: tuple[Path, ...]
+    """Certificates that proxies show, read at each hello: they are renewed every few weeks."""
+
+    @classmethod
+    def of(cls, settings: Settings) -> EndPoints:
+        """Raises `SettingsError` for a file that holds no certificate."""
+        everybody, own = settings.tls_certificate, settings.agents.tls_certificate
+        shown = NO_END_POINT if everybody is None else _end_point(everybody, "tls_certificate")
+        found = cls(
+            shown,
+            shown if own is None else _end_point(own, "agents.tls_certificate"),
+            settings.agents.proxy_certificates,
+        )
+        found.behind_proxies()
+        return found
+
+    def behind_proxies(self) -> frozenset[str]:
+        """What agents see where TLS does not end here. Raises `SettingsError` for a file without a certificate."""
+        return frozenset({NO_END_POINT, *(_end_point(path, "agents.proxy_certificates") for path in self.proxies)})
+
+
+def _end_point(path: Path, setting: str) -> str:
+    try:
+        leaf = certificates_of(path.read_bytes())[0]
+    except (OSError, ValueError, IndexError) as cause:
+        raise SettingsError(f"{setting}: {path} holds no certificate in PEM ({cause})") from None
+    return end_point_of(leaf.public_bytes(Encoding.DER))
+
+
+class AgentsTls:
+    """TLS of the agents' listener: certificates of the channel's organisations only.
+
+    It learns authorities as the ledger names them and forgets none; whether a certificate is still good is seen at
+    sign-in, and again whenever the channel's configuration changes.
+    """
+
+    def __init__(self) -> None:
+        self.context: ssl.SSLContext | None = None
+        self._known: dict[str, None] = {}
+
+    def serve(self, context: ssl.SSLContext) -> None:
+        """The listener's context; it demands a certificate."""
+        context.verify_mode = ssl.CERT_REQUIRED
+        self.context = context
+        for pem in self._known:
+            context.load_verify_locations(cadata=pem)
+
+    def trust(self, authorities: Iterable[str]) -> None:
+        """Roots and intermediates (PEM) of organisations, all of which could be read."""
+        for pem in authorities:
+            if pem not in self._known:
+                self._known[pem] = None
+                if self.context is not None:
+                    self.context.load_verify_locations(cadata=pem)
