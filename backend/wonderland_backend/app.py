@@ -52,6 +52,7 @@ from wonderland_backend.registry.queries.organisations import definitions
 from wonderland_backend.replay.store import Arrivals, Connections, note_unknown
 from wonderland_backend.routes import new_app
 from wonderland_backend.settings import Settings
+from wonderland_backend.statements.signed import Statements
 from wonderland_backend.tracks import queries as track_queries
 from wonderland_backend.transactions.enrolment import DemoRegistrar, Registrar
 from wonderland_backend.transactions.keys import SigningKeys
@@ -130,6 +131,9 @@ class Backend:
             metrics=Metrics(status, hub, agents, intake, uspace, clock),
             signing_keys=SigningKeys(database, members, clock),
             audit_identity=audit_identity,
+            statements=None
+            if audit_identity is None
+            else Statements(audit_identity.identity, audit_identity.signer, channel, members.authorities),
             source=source,
             ledger=ledger,
             signing=Signing(database, ledger, clock, per_minute=settings.signed_per_minute, alone=settings.demo)

@@ -98,6 +98,13 @@ class SwitchedOff(Problem):
     example = said("live_geojson_off")
 
 
+class NotAcceptable(Problem):
+    """It is not to be had in the form that was asked for."""
+
+    status, code = HTTPStatus.NOT_ACCEPTABLE, "not-acceptable"
+    example = said("statements_off")
+
+
 class BadRequest(Problem):
     """A cursor or a combination of parameters that means nothing."""
 

@@ -25,6 +25,7 @@ from wonderland_backend.maps.service import Maps
 from wonderland_backend.metrics import Metrics
 from wonderland_backend.mirror.source import BlockSource
 from wonderland_backend.mirror.status import MirrorStatus
+from wonderland_backend.statements.signed import Statements
 from wonderland_backend.transactions.enrolment import DemoRegistrar
 from wonderland_backend.transactions.keys import SigningKeys
 from wonderland_backend.transactions.service import Signing
@@ -56,6 +57,8 @@ class Parts:
     metrics: Metrics
     signing_keys: SigningKeys
     audit_identity: AuditIdentity | None
+    statements: Statements | None
+    """Answers that are signed; None where no identity of this backend may anchor the audit log."""
     source: BlockSource | None
     """The ledger itself, for what the mirror does not keep."""
     ledger: LedgerAccess | None

@@ -102,9 +102,10 @@ def _audit_identity(settings: Settings, connection: Connection, channel: Gateway
     if name is None:
         return None
     identity = connection.identity(name)
-    gateway = Gateway(channel, identity, connection.signer(name))
+    signer = connection.signer(name)
+    gateway = Gateway(channel, identity, signer)
     contract = ProofContract(gateway.network(connection.channel), connection.chaincode)
-    return AuditIdentity(contract, identity.common_name)
+    return AuditIdentity(contract, identity, signer)
 
 
 @contextlib.asynccontextmanager

@@ -20,6 +20,7 @@ from wonderland_backend.registry.queries import organisations
 from wonderland_backend.serve import new_agents_server, new_server
 from wonderland_edge_agent.spool import Spool
 from wonderland_edge_agent.uplink import Uplink
+from wonderland_fabric_gateway.ca import Kind
 from wonderland_fabric_gateway.connection import ClientTls
 
 START_MS = 1_800_000_000_000
@@ -97,9 +98,10 @@ async def with_listener(new_backend, source, web, **options):
         backend.end_streams()
 
 
-def files_of(enrolment, directory):
+def files_of(enrolment, directory, name=None):
     """What an agent keeps on its disk."""
-    files = ClientTls(directory / f"{enrolment.identity.pol_id}.pem", directory / f"{enrolment.identity.pol_id}.key")
+    name = name or enrolment.identity.pol_id
+    files = ClientTls(directory / f"{name}.pem", directory / f"{name}.key")
     files.certificate.write_bytes(enrolment.certificate_pem)
     files.key.write_bytes(enrolment.private_key_pem)
     return files
@@ -216,6 +218,10 @@ async def test_the_certificate_that_is_shown_is_of_the_organisation_that_signs_a
     async with with_listener(new_backend, source_of(chain), web) as (backend, _, agents):
         async with dial(agents, tls_of(web.file, files_of(fleets, tmp_path))) as socket:
             assert (await AgentClient(socket, good).hello())["code"] == "not_authenticated"
+        # An agent whose key is in hardware shows the TLS certificate that its CA gave it.
+        for_tls = authorities.cas["PadMSP"].enrol("pad-1", kind=Kind.TLS, hosts=("pad-1",))
+        async with dial(agents, tls_of(web.file, files_of(for_tls, tmp_path, "tls"))) as socket:
+            assert (await AgentClient(socket, good).hello())["type"] == "welcome"
         async with backend.database.read() as session:
             definitions = dict(await organisations.definitions(session))
         ca = authorities.cas["PadMSP"]

@@ -20,6 +20,7 @@ from fabric_protos.peer import (
 
 from wonderland.proofs import encoding
 from wonderland_fabric_gateway.blocks import BlockHeader, data_hash, parse_block
+from wonderland_fabric_gateway.ca import Kind
 from wonderland_fabric_gateway.ca.local import LocalCa
 from wonderland_fabric_gateway.embedded.genesis import ChannelDescription, OrganisationDescription, genesis_block
 
@@ -53,7 +54,8 @@ class Authorities:
 
     def genesis(self, channel="wonderland"):
         def described(msp_id):
-            return OrganisationDescription(msp_id, self.cas[msp_id].root_pem(), self.cas[msp_id].root_pem())
+            ca = self.cas[msp_id]
+            return OrganisationDescription(msp_id, ca.root_pem(), ca.root_pem(Kind.TLS))
 
         description = ChannelDescription(
             channel, tuple(described(msp) for msp in MSPS), described("OrdererMSP"), ("AuthorityMSP", "PadMSP"), 10, 500

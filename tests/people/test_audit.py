@@ -6,6 +6,7 @@ import ast
 import json
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import get_args
 
 import pytest
@@ -112,7 +113,7 @@ class AnchoredLog:
 
     def __init__(self, database, contract):
         self.database = database
-        self.anchors = AuditIdentity(contract, "mirror").anchors("i" * 32)
+        self.anchors = AuditIdentity(contract, SimpleNamespace(common_name="mirror"), None).anchors("i" * 32)
         self.anchoring = Anchoring(database, self.anchors, every_s=1, clock=now_ms)
         self.kept = []
 
@@ -186,7 +187,7 @@ async def test_a_forged_log_of_the_last_hour_is_not_anchored_in_good_faith(ancho
     """The table and the installation's name are rewritten, all rows dated within the hour; the server anchors on."""
     await anchored.rewrite([row for row in anchored.kept if row["act"] != "audit_anchored"])
     await anchored.write(5)
-    anchored.anchors = AuditIdentity(contract, "mirror").anchors(instance)
+    anchored.anchors = AuditIdentity(contract, SimpleNamespace(common_name="mirror"), None).anchors(instance)
     anchoring = Anchoring(anchored.database, anchored.anchors, every_s=1, clock=now_ms)
     if instance == "another":
         with pytest.raises(RefusedError, match="AUDIT_LOG_OTHER"):
@@ -198,7 +199,7 @@ async def test_a_forged_log_of_the_last_hour_is_not_anchored_in_good_faith(ancho
 
 
 async def test_a_log_that_nobody_anchors_is_a_failure_before_long(anchored, contract):
-    anchored.anchors = AuditIdentity(contract, "nobody").anchors("i" * 32)
+    anchored.anchors = AuditIdentity(contract, SimpleNamespace(common_name="nobody"), None).anchors("i" * 32)
     found = await anchored.check(after_ms=2 * 3_600_000)
     assert (found.ok, found.anchors, found.late_seq) == (False, 0, 1)
     assert found.lost_tx == anchored.kept[3]["tx_id"], "the log names heads that are another's"

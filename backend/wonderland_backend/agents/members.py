@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
-import ssl
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any, Final
 
 import orjson
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
 
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import EncodingError
@@ -16,8 +17,9 @@ from wonderland.telemetry import Hello, signed_text
 from wonderland_backend.agents.errors import IngestError
 from wonderland_backend.agents.listener import AgentsTls, EndPoints
 from wonderland_backend.context import part
+from wonderland_fabric_gateway.certificates import certificate_of, certificate_of_der
 from wonderland_fabric_gateway.embedded.errors import AccessDeniedError, RevocationListError
-from wonderland_fabric_gateway.embedded.msp import ChannelMembership, Member, OrganisationTrust
+from wonderland_fabric_gateway.embedded.msp import ChannelMembership, Member, OrganisationTrust, is_issued
 from wonderland_fabric_gateway.errors import IdentityError
 from wonderland_fabric_gateway.identity import Identity
 
@@ -43,6 +45,7 @@ class Members:
 
     def __init__(self, end_points: EndPoints) -> None:
         self._organisations: dict[str, ChannelMembership] = {}
+        self._tls_roots: dict[str, list[x509.Certificate]] = {}
         self.end_points = end_points
         self.tls = AgentsTls()
 
@@ -52,15 +55,18 @@ class Members:
         One whose certificates or revocation lists cannot be read is left out: none of its agents gets in.
         """
         found: dict[str, ChannelMembership] = {}
+        tls_roots: dict[str, list[x509.Certificate]] = {}
         for msp_id, definition in organisations:
             try:
-                trust = _trust(msp_id, orjson.loads(definition))
+                read = orjson.loads(definition)
+                trust, shown = _trust(msp_id, read), read.get("tls_root_certs", [])
+                tls_roots[msp_id] = [certificate_of(pem.encode()) for pem in shown]
                 found[msp_id] = ChannelMembership([trust])
-            except (IdentityError, RevocationListError) as cause:
+            except (IdentityError, RevocationListError, ValueError) as cause:
                 logger.error("agents of %s are refused, its definition on the ledger cannot be used: %s", msp_id, cause)  # noqa: TRY400 - the text says it all
                 continue
-            self.tls.trust(pem.decode() for pem in (*trust.root_certs, *trust.intermediate_certs))
-        self._organisations = found
+            self.tls.trust([*(pem.decode() for pem in (*trust.root_certs, *trust.intermediate_certs)), *shown])
+        self._organisations, self._tls_roots = found, tls_roots
 
     def is_member(self, msp_id: str, creator: bytes, now_ms: int) -> bool:
         """Whether an identity that was authenticated earlier would still be."""
@@ -82,6 +88,14 @@ class Members:
         """MSP ids of the organisations in the channel's configuration."""
         return tuple(sorted(self._organisations))
 
+    def authorities(self, msp_id: str) -> tuple[bytes, ...]:
+        """An organisation's intermediate and root certificates (PEM); none of one that there is not."""
+        membership = self._organisations.get(msp_id)
+        if membership is None:
+            return ()
+        (trust,) = membership.organisations
+        return (*trust.intermediate_certs, *trust.root_certs)
+
     def authenticate(self, hello: Hello, *, nonce: str, seen: Seen, now_ms: int) -> Identity:
         """The agent's identity. Raises `IngestError`, with what is wrong."""
         membership = self._organisations.get(hello.msp_id)
@@ -99,8 +113,7 @@ class Members:
             member = membership.application_member(creator, now_ms)
             member.verify(text, encoding.from_base64url(hello.signature))
             if seen.shown is not None:
-                shown = Identity(hello.msp_id, ssl.DER_cert_to_PEM_cert(seen.shown).encode())
-                membership.application_member(shown.creator, now_ms)
+                self._require_shown(hello.msp_id, membership, seen.shown, now_ms)
         except (AccessDeniedError, EncodingError) as cause:
             raise IngestError("not_authenticated", str(cause)[:300]) from None
         if member.creator.role != hello.agent or member.creator.pol_id != hello.id:
@@ -112,6 +125,13 @@ class Members:
         if hello.tls_server_end_point not in seen.end_points:
             raise IngestError("another_server", _ANOTHER_SERVER)
         return member.identity
+
+    def _require_shown(self, msp_id: str, membership: ChannelMembership, shown: bytes, now_ms: int) -> None:
+        """Raise `AccessDeniedError` unless what the handshake verified is of the organisation that signs, too."""
+        certificate = certificate_of_der(shown)
+        if not any(is_issued(root, certificate) for root in self._tls_roots[msp_id]):
+            pem = certificate.public_bytes(Encoding.PEM)
+            membership.application_member(Identity(msp_id, pem).creator, now_ms)
 
 
 MembersDep = Annotated[Members, part(Members)]

@@ -17,6 +17,8 @@ from wonderland_backend.audit.store import record
 from wonderland_backend.context import ContextDep, part_of
 from wonderland_backend.db.engine import Database
 from wonderland_fabric_gateway.errors import LedgerError
+from wonderland_fabric_gateway.identity import Identity
+from wonderland_fabric_gateway.signing import Signer
 
 logger = logging.getLogger(__name__)
 
@@ -60,13 +62,14 @@ class Anchors:
 class AuditIdentity:
     """The contract as the identity that anchors the audit log."""
 
-    def __init__(self, contract: Heads, name: str) -> None:
+    def __init__(self, contract: Heads, identity: Identity, signer: Signer) -> None:
         self._contract = contract
-        self._name = name
+        self.identity: Final = identity
+        self.signer: Final = signer
 
     def anchors(self, instance: str) -> Anchors:
         """Those of an installation's log."""
-        return Anchors(self._contract, self._name, instance)
+        return Anchors(self._contract, self.identity.common_name, instance)
 
 
 async def anchors_of(connection: HTTPConnection, context: ContextDep) -> Anchors | None:

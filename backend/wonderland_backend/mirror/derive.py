@@ -307,6 +307,7 @@ def _organisation_rows(config: ChannelConfig, number: int, tx_index: int) -> lis
             "sections": list(each.sections),
             "root_certs": [_text(pem) for pem in each.root_certs],
             "intermediate_certs": [_text(pem) for pem in each.intermediate_certs],
+            "tls_root_certs": [_text(pem) for pem in each.tls_root_certs],
             "revocation_lists": [_text(pem) for pem in each.revocation_lists],
             "node_ous": dict(sorted(each.node_ous.items())),
         }

@@ -16,25 +16,33 @@ from wonderland_backend.conformance.rules import Broadcast, Finding, Question, j
 from wonderland_backend.conformance.schemas import Conformance, ConformanceFor, ConformanceQuery
 from wonderland_backend.context import ContextDep
 from wonderland_backend.drones import queries as drones
-from wonderland_backend.errors import documented
+from wonderland_backend.errors import NotAcceptable, documented
 from wonderland_backend.languages import HEADER, language_of
 from wonderland_backend.proofs.queries import proof_json
 from wonderland_backend.responses import resource
 from wonderland_backend.sessions import queries as sessions
+from wonderland_backend.statements import signed
 
 router = APIRouter(tags=["conformance"])
 
 
 @router.get(
-    "/conformance", response_model=Conformance, responses=documented(etag=True), openapi_extra={"parameters": [HEADER]}
+    "/conformance",
+    response_model=Conformance,
+    responses=documented(NotAcceptable, etag=True) | signed.documented({}),
+    openapi_extra={"parameters": [HEADER]},
 )
 async def read_conformance(
-    request: Request, context: ContextDep, asked: ConformanceFor, person: SignedInPerson
+    request: Request,
+    context: ContextDep,
+    asked: ConformanceFor,
+    person: SignedInPerson,
+    statements: signed.WantedStatements,
 ) -> Response:
     """Whether a drone's broadcast is supported by a proof, how fresh that proof is, and how strong.
 
     A proof bounds where the drone can be later: it flies no faster than `max_speed_mm_s`. The rules are in
-    docs/api/conformance.md.
+    docs/api/conformance.md. As `application/jose` this server signs the answer (docs/api/statements.md).
     """
     now = context.clock()
     language = language_of(request)
@@ -69,6 +77,8 @@ async def read_conformance(
         }
     if signature is not None:
         content["signature"] = signature
+    if statements is not None:
+        return await statements.answer("conformance", content, now)
     headers = {"Cache-Control": "private, no-store", "Content-Language": language}
     return resource(request, content, headers=headers)
 

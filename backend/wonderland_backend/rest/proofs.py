@@ -10,11 +10,12 @@ from fastapi.responses import Response
 from wonderland_backend import geojson
 from wonderland_backend.access import SignedInPerson
 from wonderland_backend.context import ContextDep
-from wonderland_backend.errors import BadRequest, NotFound, documented
+from wonderland_backend.errors import BadRequest, NotAcceptable, NotFound, documented
 from wonderland_backend.languages import HEADER, language_of
 from wonderland_backend.problem_texts import said
 from wonderland_backend.proofs import queries
 from wonderland_backend.proofs.schemas import Proof, ProofFilters, ProofPage
+from wonderland_backend.statements import signed
 
 router = APIRouter(tags=["proofs"])
 _NOT_FOUND: Final = NotFound(said("no_such_proof"))
@@ -50,16 +51,27 @@ async def list_proofs(request: Request, context: ContextDep, filters: ProofFilte
 @router.get(
     "/proofs/{proof_id}",
     response_model=Proof,
-    responses=documented(_NOT_FOUND) | geojson.documented(Proof),
+    responses=documented(_NOT_FOUND, NotAcceptable) | signed.documented(geojson.documented(Proof)),
     openapi_extra=_LANGUAGES,
 )
-async def read_proof(request: Request, context: ContextDep, proof_id: ProofId, person: SignedInPerson) -> Response:
-    """One proof. Its evidence, step by step, is `/sessions/{session_id}` with the same id."""
+async def read_proof(
+    request: Request,
+    context: ContextDep,
+    proof_id: ProofId,
+    person: SignedInPerson,
+    statements: signed.WantedStatements,
+) -> Response:
+    """One proof. Its evidence, step by step, is `/sessions/{session_id}` with the same id.
+
+    As `application/jose` this server signs the answer, so that it can be shown to others (docs/api/statements.md).
+    """
     async with context.database.read() as database:
         row = await queries.find_proof(database, proof_id, person.scope)
     if row is None:
         raise NotFound(said("no_such_proof"))
     language = language_of(request)
+    if statements is not None:
+        return await statements.answer("proof", queries.proof_json(row, language), context.clock())
     return geojson.one(
         request,
         queries.proof_json(row, language),

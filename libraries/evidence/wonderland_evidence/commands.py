@@ -12,6 +12,10 @@ from wonderland.lazy_commands import LazyGroup
     lazy={
         "export": ("wonderland_evidence.export_commands:export", "Write a session's evidence; needs the ledger."),
         "trust": ("wonderland_evidence.export_commands:trust", "Write what a verifier pins; needs the ledger."),
+        "statement": (
+            "wonderland_evidence.statement_command:statement_command",
+            "Check an answer that was signed.",
+        ),
         "verify": ("wonderland_evidence.verify_command:verify_command", "Check a file, without a connection."),
     },
 )

@@ -26,6 +26,10 @@ class NotCheckedError(EvidenceError):
     """A step cannot be made with this file and this verifier; the text says why. It never counts as one that holds."""
 
 
+class StatementError(EvidenceError):
+    """A signed statement that does not hold; the text says why."""
+
+
 class MissingBlockError(StepError):
     """The bundle lacks a block that something in it rests on."""
 

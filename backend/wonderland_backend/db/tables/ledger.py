@@ -90,7 +90,7 @@ class OrganisationRow(LedgerRow):
 
     msp_id: Mapped[str] = mapped_column(Identifier, primary_key=True)
     definition: Mapped[str]
-    """JSON: sections, root_certs, intermediate_certs, revocation_lists (PEM), node_ous."""
+    """JSON: sections, root_certs, intermediate_certs, tls_root_certs, revocation_lists (PEM), node_ous."""
     block: Mapped[int]
     tx_index: Mapped[int]
 

@@ -74,6 +74,11 @@ class Wonderland:
         """One proof."""
         return cast("types.Proof", self._get(f"/proofs/{proof_id}"))
 
+    def proof_statement(self, proof_id: str) -> str:
+        """One proof as its server signed it (JWS), to be shown to others: `wonderland evidence statement` checks it."""
+        accept = {"Accept": "application/jose"}
+        return cast("str", self._transport.request("GET", f"/proofs/{proof_id}", headers=accept))
+
     def sessions(self, **filters: Any) -> Iterator[types.SessionState]:
         """Sessions, newest first, page by page as they are read."""
         return self._pages("/sessions", filters, types.SessionState)

@@ -42,10 +42,15 @@ class Transport:
         self._good_until_s = 0.0
 
     def request(self, method: str, path: str, **options: Any) -> Any:
-        """The JSON of an answer; None where it has no body. Raises `ApiError`, `TokenError`, `Unreachable`."""
+        """The JSON of an answer, or the text of a signed one; None where it has no body.
+
+        Raises `ApiError`, `TokenError`, `Unreachable`.
+        """
         for attempt in range(1, ATTEMPTS + 1):
             answer = self._send(method, path, options, renew=attempt > 1)
             if answer.is_success:
+                if answer.headers.get("content-type", "").startswith("application/jose"):
+                    return answer.text
                 return answer.json() if answer.content else None
             if attempt == ATTEMPTS or not self._may_try_again(method, answer, options):
                 raise _refused(answer)

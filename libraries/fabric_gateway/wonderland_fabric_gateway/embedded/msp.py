@@ -187,7 +187,7 @@ def _chain(organisation: _Organisation, certificate: x509.Certificate) -> list[x
     chain = [certificate]
     while len(chain) < MAX_CHAIN:
         for issuer in (*organisation.roots, *organisation.intermediates):
-            if issuer.subject == chain[-1].issuer and _is_ca(issuer) and _issued(issuer, chain[-1]):
+            if issuer.subject == chain[-1].issuer and _is_ca(issuer) and is_issued(issuer, chain[-1]):
                 chain.append(issuer)
                 break
         else:
@@ -197,7 +197,8 @@ def _chain(organisation: _Organisation, certificate: x509.Certificate) -> list[x
     raise AccessDeniedError(f"{organisation.trust.msp_id}: the certificate was not issued by a CA of that organisation")
 
 
-def _issued(issuer: x509.Certificate, certificate: x509.Certificate) -> bool:
+def is_issued(issuer: x509.Certificate, certificate: x509.Certificate) -> bool:
+    """Whether the issuer signed the certificate, and its name says so."""
     try:
         certificate.verify_directly_issued_by(issuer)
     except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm):

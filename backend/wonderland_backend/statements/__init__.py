@@ -1,0 +1,1 @@
+"""Answers that this server signs, for whoever asks for `application/jose`."""
