@@ -60,6 +60,7 @@ from wonderland_backend.transactions.service import Signing
 from wonderland_backend.uspace.service import USpace
 from wonderland_backend.webhooks.deliver import Webhooks
 from wonderland_backend.webhooks.post import poster_of
+from wonderland_backend.webhooks.sealing import Sealing
 
 logger = logging.getLogger(__name__)
 
@@ -126,6 +127,7 @@ class Backend:
             machines=machines_of(settings, clients, uspace.verifier, uspace.host, clock, randomness),
             commits=Commits(),
             streams=Streams(settings.max_event_streams, settings.max_event_streams_each),
+            sealing=Sealing.load(settings.webhook_key_file, settings.database, randomness),
             poster=poster_of(settings),
             maps=Maps(settings.map, http),
             metrics=Metrics(status, hub, agents, intake, uspace, clock),
@@ -183,6 +185,7 @@ class Backend:
         """Fill the board from the (migrated) database and start the parts that run by themselves."""
         self.context.instance = await _instance(self.database, self.context)
         await asyncio.to_thread(self.parts.maps.check)
+        await self.parts.sealing.seal_all(self.database)
         async with self.database.read() as session:
             await self.parts.board.load(session)
             organisations = await definitions(session)
@@ -207,7 +210,7 @@ class Backend:
         if (stream := self.settings.audit_stream) is not None:
             destination = destination_of(stream, self.context.instance)
             self._run(AuditStream(self.database, destination, stream.to, self.context.clock).run(), "audit stream")
-        told = Webhooks(self.database, self.parts.poster, self.parts.commits, self.context.clock)
+        told = Webhooks(self.database, self.parts.poster, self.parts.sealing, self.parts.commits, self.context.clock)
         self._run(told.run(), "webhooks")
         if self.parts.signing is not None:
             await self.parts.signing.resume()

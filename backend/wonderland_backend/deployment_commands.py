@@ -28,15 +28,19 @@ HEALTH_TIMEOUT_S = 5
 @click.option("--owner", default="wonderland", show_default=True, help="The role that owns the tables.")
 @click.option("--server", default="wonderland_server", show_default=True, help="The role as which the server connects.")
 def new_password_command(directory: Path, owner: str, server: str) -> None:
-    """Make random passwords for the database's two roles, and a token for /metrics.
+    """Make random passwords for the database's two roles, a token for /metrics, and a key for webhooks' secrets.
 
     DIR/owner/password is for PostgreSQL (its image takes it by POSTGRES_PASSWORD_FILE), DIR/owner/pgpass for
     `wonderland backend migrate` (--database 'postgresql://ROLE@HOST/NAME?passfile=DIR/owner/pgpass'). The same two in
     DIR/server are for the server's role; DIR/server/metrics-token is for Prometheus and, by
-    WONDERLAND_BACKEND_METRICS_TOKEN_FILE, for this backend.
+    WONDERLAND_BACKEND_METRICS_TOKEN_FILE, for this backend; DIR/server/webhook.key encrypts webhooks' secrets
+    (WONDERLAND_BACKEND_WEBHOOK_KEY_FILE).
     """
     try:
-        passwords.ensure_token(directory / "server", secrets.token_urlsafe(passwords.BYTES))
+        server_files = directory / "server"
+        token = secrets.token_urlsafe(passwords.BYTES).encode() + b"\n"
+        passwords.ensure_file(server_files / passwords.METRICS_TOKEN, token)
+        passwords.ensure_file(server_files / passwords.WEBHOOK_KEY, passwords.new_key(secrets.token_bytes))
         made = [
             passwords.ensure(directory / name, role, secrets.token_urlsafe(passwords.BYTES))
             for name, role in (("owner", owner), ("server", server))

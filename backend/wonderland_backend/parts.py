@@ -31,6 +31,7 @@ from wonderland_backend.transactions.keys import SigningKeys
 from wonderland_backend.transactions.service import Signing
 from wonderland_backend.uspace.service import USpace
 from wonderland_backend.webhooks.post import Poster
+from wonderland_backend.webhooks.sealing import Sealing
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,8 @@ class Parts:
     streams: Streams
     """Event streams (SSE) that are open."""
     poster: Poster
+    sealing: Sealing
+    """Keys of webhooks' secrets."""
     maps: Maps
     metrics: Metrics
     signing_keys: SigningKeys

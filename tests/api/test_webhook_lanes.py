@@ -35,7 +35,9 @@ async def test_a_receiver_that_hangs_delays_no_other(running, machine, poster, c
         for port in (bad, good):
             body = {"url": f"https://hooks.example:{port}/", "types": ["ProofDecided"], "after": "0.0"}
             assert (await http.post("/api/v1/subscriptions", json=body)).status_code == 201
-        work = asyncio.create_task(Webhooks(running.context.database, poster, running.parts.commits, clock).run())
+        work = asyncio.create_task(
+            Webhooks(running.context.database, poster, running.parts.sealing, running.parts.commits, clock).run()
+        )
         try:
             await arrived(healthy, 2 + 2 * AT_ONCE, 8)
             # What happens later comes at once, too, although the other receiver has not answered anything yet.

@@ -128,7 +128,7 @@ async def test_a_replica_leaves_alone_what_another_has_begun(running, machine, w
         await http.post("/api/v1/subscriptions", json=body)
         busy = asyncio.create_task(work(webhooks))
         await asyncio.wait_for(receiver.arrived.wait(), 5)
-        other = Webhooks(running.context.database, poster, running.parts.commits, clock)
+        other = Webhooks(running.context.database, poster, running.parts.sealing, running.parts.commits, clock)
         await work(other)
         assert len(receiver.requests) == 1
         clock.now_ms += LEASE_MS

@@ -116,9 +116,10 @@ def _serving():
 
 
 @pytest.fixture(name="new_backend")
-def _new_backend(database, clock):
+def _new_backend(database, clock, tmp_path):
     def make(source=None, *, database=database, clock=clock, allowed_hosts=frozenset({"127.0.0.1"}), **options):
-        settings = Settings(**{"tick_ms": 20, **options})
+        key = tmp_path / "webhook.key"
+        settings = Settings(**{"tick_ms": 20, "webhook_key_file": key, **options})
         return Backend(
             settings,
             database=database,

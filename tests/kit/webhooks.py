@@ -87,4 +87,4 @@ async def poster(ca, running, monkeypatch):
 
 @pytest.fixture
 async def webhooks(running, poster, clock):
-    return Webhooks(running.context.database, poster, running.parts.commits, clock)
+    return Webhooks(running.context.database, poster, running.parts.sealing, running.parts.commits, clock)

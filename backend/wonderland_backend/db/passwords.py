@@ -1,7 +1,9 @@
-"""Secrets of an installation that nobody has to think of: the database's password, the token that opens /metrics."""
+"""Secrets of an installation that nobody has to think of: the database's passwords, the token that opens /metrics."""
 
 from __future__ import annotations
 
+from base64 import urlsafe_b64encode
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -11,15 +13,20 @@ BYTES: Final = 32
 FOR_SERVER: Final = "password"
 FOR_CLIENT: Final = "pgpass"
 METRICS_TOKEN: Final = "metrics-token"  # noqa: S105 - a file name
+WEBHOOK_KEY: Final = "webhook.key"
 _GROUP: Final = 0o640
 
 
-def ensure_token(directory: Path, fresh: str) -> None:
-    """Write `fresh` as the token of /metrics where there is none. Raises `FileWriteError`, OSError."""
-    directory.mkdir(parents=True, exist_ok=True, mode=0o750)
-    path = directory / METRICS_TOKEN
+def ensure_file(path: Path, fresh: bytes) -> None:
+    """Write a secret of the server where there is none. Raises `FileWriteError`, OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o750)
     if not path.exists():
-        write_atomic(path, f"{fresh}\n".encode(), _GROUP)
+        write_atomic(path, fresh, _GROUP)
+
+
+def new_key(randomness: Callable[[int], bytes]) -> bytes:
+    """A line of a file of keys that encrypt: base64 of 32 bytes."""
+    return urlsafe_b64encode(randomness(BYTES)) + b"\n"
 
 
 def ensure(directory: Path, user: str, fresh: str) -> bool:

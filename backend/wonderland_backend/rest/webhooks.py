@@ -20,6 +20,7 @@ from wonderland_backend.errors import (
     Forbidden,
     NotFound,
     PreconditionFailed,
+    SwitchedOff,
     Unprocessable,
     documented,
 )
@@ -42,6 +43,7 @@ from wonderland_backend.webhooks.schemas import (
     SubscriptionPage,
     WebhookDelivery,
 )
+from wonderland_backend.webhooks.sealing import Sealing, SealingDep
 
 router = APIRouter(tags=["subscriptions"])
 _NOT_FOUND: Final = NotFound(said("no_such_subscription"))
@@ -74,11 +76,22 @@ async def list_subscriptions(request: Request, context: ContextDep, paging: Pagi
     "/subscriptions",
     status_code=201,
     response_model=SubscriptionCreated,
-    responses=documented(idempotency.BAD_KEY, Forbidden, Conflict(said("subscriptions_full", most=MAX_EACH)), _BAD_URL),
+    responses=documented(
+        idempotency.BAD_KEY,
+        Forbidden,
+        Conflict(said("subscriptions_full", most=MAX_EACH)),
+        SwitchedOff(said("webhooks_need_a_key")),
+        _BAD_URL,
+    ),
     openapi_extra=_ONCE,
 )
 async def add_subscription(
-    request: Request, context: ContextDep, poster: PosterDep, body: NewSubscription, person: SignedInPerson
+    request: Request,
+    context: ContextDep,
+    poster: PosterDep,
+    sealing: SealingDep,
+    body: NewSubscription,
+    person: SignedInPerson,
 ) -> Response:
     """Have events sent to a URL, signed with the secret in the answer.
 
@@ -87,27 +100,30 @@ async def add_subscription(
     """
     if person.method != METHOD:
         require(person, "admin", "inspector", "pad_operator", "fleet_operator")
+    if not sealing.is_possible:
+        raise SwitchedOff(said("webhooks_need_a_key"))
 
     async def write() -> Response:
         try:
             await resolved(body.url, poster.allowed)
         except TargetRefused as refused:
             raise Unprocessable(said("bad_url", why=refused), ("body.url", refused.said)) from None
-        return await _add(context, body, person)
+        return await _add(context, sealing, body, person)
 
     return await idempotency.once(request, person, write)
 
 
-async def _add(context: Context, body: NewSubscription, person: Person) -> Response:
+async def _add(context: Context, sealing: Sealing, body: NewSubscription, person: Person) -> Response:
     async with context.database.read() as database:
         after = Place.parse(body.after) if body.after is not None else await feed.tip(database)
     secret = signing.new_secret(context.randomness)
+    subscription_id = context.randomness(16).hex()
     row = {
-        "subscription_id": context.randomness(16).hex(),
+        "subscription_id": subscription_id,
         "owner": person.person_id,
         "name": body.name,
         "url": body.url,
-        "secret": secret,
+        "secret": sealing.seal(secret, subscription_id),
         "filter": store.filter_text(body.filter()),
         "state": store.ACTIVE,
         "block": after.block,
@@ -118,10 +134,10 @@ async def _add(context: Context, body: NewSubscription, person: Person) -> Respo
         if await store.count_of(connection, person.person_id) >= MAX_EACH:
             raise Conflict(said("subscriptions_full", most=MAX_EACH))
         await store.add(connection, row)
-        subject = f"subscription/{row['subscription_id']}"
+        subject = f"subscription/{subscription_id}"
         await audit.record(connection, person, "add_subscription", subject, {"url": body.url}, t_ms=context.clock())
     content = {"subscription": store.subscription_json(SubscriptionRow(**row)), "secret": secret}
-    return Json(content, 201, NO_STORE | {"Location": f"/api/v1/subscriptions/{row['subscription_id']}"})
+    return Json(content, 201, NO_STORE | {"Location": f"/api/v1/subscriptions/{subscription_id}"})
 
 
 @router.get(

@@ -107,6 +107,10 @@ class Settings(BaseSettings):
     webhook_allowed_hosts: tuple[str, ...] = Field(
         default=(), description="Hosts at private addresses, or by http, that webhooks may go to all the same"
     )
+    webhook_key_file: Path | None = Field(
+        default=None,
+        description="Key that encrypts webhooks' secrets, made where it is missing; by itself beside a SQLite database",
+    )
     webhook_ca_file: Path | None = Field(default=None, description="Further CAs (PEM) of receivers' certificates")
     max_event_streams: int = Field(default=1_000, ge=1, description="Most event streams (SSE) at a time")
     max_event_streams_each: int = Field(default=10, ge=1, description="Most of one person or machine")

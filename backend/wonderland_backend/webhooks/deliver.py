@@ -20,6 +20,7 @@ from wonderland_backend.events.queries import Commits, Place
 from wonderland_backend.person import Person, roles_of
 from wonderland_backend.webhooks import store
 from wonderland_backend.webhooks.post import Poster, Undelivered, retry_ms
+from wonderland_backend.webhooks.sealing import SealError, Sealing
 
 logger = logging.getLogger(__name__)
 
@@ -41,9 +42,12 @@ TIDY_EVERY_MS: Final = 3_600_000
 class Webhooks:
     """Runs beside the server. `make` and `send_due` once by themselves for tests."""
 
-    def __init__(self, database: Database, poster: Poster, commits: Commits, clock: Callable[[], int]) -> None:
+    def __init__(
+        self, database: Database, poster: Poster, sealing: Sealing, commits: Commits, clock: Callable[[], int]
+    ) -> None:
         self._database = database
         self._poster = poster
+        self._sealing = sealing
         self._commits = commits
         self._clock = clock
         self._tidied_ms = 0
@@ -136,14 +140,15 @@ class Webhooks:
         attempts = delivery.attempts + 1
         values: dict[str, Any] = {"attempts": attempts, "next_ms": None, "delivered_ms": now, "problem": None}
         try:
+            secret = self._sealing.open(subscription.secret, subscription.subscription_id)
             values["status"] = await self._poster.post(
-                subscription.url, subscription.secret, delivery.delivery_id, now // 1000, delivery.body.encode()
+                subscription.url, secret, delivery.delivery_id, now // 1000, delivery.body.encode()
             )
-        except Undelivered as error:
+        except (Undelivered, SealError) as error:
             over = now - delivery.created_ms > GIVE_UP_MS
             values |= {
                 "delivered_ms": None,
-                "status": error.status,
+                "status": error.status if isinstance(error, Undelivered) else None,
                 "problem": str(error)[:500],
                 "next_ms": None if over else now + retry_ms(attempts),
             }

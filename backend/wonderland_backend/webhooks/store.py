@@ -99,6 +99,19 @@ async def set_state(connection: AsyncConnection, subscription_id: str, state: st
     await connection.execute(update(SubscriptionRow).where(one).values(state=state))
 
 
+async def plain_secrets(connection: AsyncConnection) -> Sequence[tuple[str, str]]:
+    """(subscription, secret) of those that are kept as they are, from before they were sealed."""
+    query = select(SubscriptionRow.subscription_id, SubscriptionRow.secret)
+    found = await connection.execute(query.where(SubscriptionRow.secret.not_like("sealed:%")).with_for_update())
+    return [(row.subscription_id, row.secret) for row in found]
+
+
+async def set_secret(connection: AsyncConnection, subscription_id: str, sealed: str) -> None:
+    """Keep a secret sealed."""
+    one = SubscriptionRow.subscription_id == subscription_id
+    await connection.execute(update(SubscriptionRow).where(one).values(secret=sealed))
+
+
 async def remove(connection: AsyncConnection, subscription_id: str) -> None:
     """The subscription and all of its deliveries."""
     await connection.execute(delete(DeliveryRow).where(DeliveryRow.subscription_id == subscription_id))

@@ -259,6 +259,7 @@ def _project() -> dict[str, Any]:
                 "WONDERLAND_BACKEND_DATABASE": _literal(url),
                 "WONDERLAND_BACKEND_AUDIT_IDENTITY": "mirror",
                 "WONDERLAND_BACKEND_METRICS_TOKEN_FILE": f"{_SECRETS}/server/metrics-token",
+                "WONDERLAND_BACKEND_WEBHOOK_KEY_FILE": f"{_SECRETS}/server/webhook.key",
             },
             "ports": [
                 {
