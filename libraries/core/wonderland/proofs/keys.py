@@ -85,7 +85,7 @@ def shared_secret(private_key: ec.EllipticCurvePrivateKey, peer_public: bytes) -
 
 def derive(secret: bytes, transcript_digest: bytes) -> SessionKeys:
     """All keys of a session from the shared secret, salted with the transcript's digest."""
-    root = hmac.new(transcript_digest, secret, hashlib.sha256).digest()
+    root = _extract(transcript_digest, secret)
     names = _expand(root, b"names", 14)
     return SessionKeys(
         code_pad=_expand(root, b"code pad", 16),
@@ -107,6 +107,11 @@ def derive(secret: bytes, transcript_digest: bytes) -> SessionKeys:
         # 0xB000–0xBFFF: apart from the addresses that pads give their own nodes (0xA000 and up).
         uav_mac=0xB000 | int.from_bytes(names[12:14], "big") & 0x0FFF,
     )
+
+
+def _extract(salt: bytes, secret: bytes) -> bytes:
+    """HKDF-Extract."""
+    return hmac.new(salt, secret, hashlib.sha256).digest()
 
 
 def _expand(root: bytes, label: bytes, size: int) -> bytes:
