@@ -1,7 +1,7 @@
 # Everything that one does with this checkout. `make demo` and `make test` need nothing but python3 (3.11 or later,
 # with venv), make and git: they make .venv and the built console first, and again whenever these have become stale.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-python test-console lint types bench fuzz evidence-bytes fmt docs figures screenshots film threat-model house vectors evidence-vectors lock compose clean
+.PHONY: help setup demo test test-python test-console lint types bench fuzz evidence-bytes fmt docs figures screenshots film threat-model protocol house vectors evidence-vectors lock compose clean
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
@@ -81,11 +81,14 @@ film: setup ## Film twenty seconds of a running demo for the README (needs Chrom
 threat-model: setup ## Play the attack lab anew for docs/threat-model.md (an hour or two)
 	@$(BIN)/python scripts/threat_model.py
 
+protocol: setup ## Prove the protocol with ProVerif (PROVERIF_BIN) and compare with docs/protocol.md (ten minutes)
+	@$(BIN)/wonderland protocol --page docs/protocol.md
+
 house: $(VENV)/.ready ## The house by numbers (lines, long modules, Any, duplicates, wheels), and the drawing of its parts
 	@$(BIN)/python scripts/house.py drawing && $(BIN)/python scripts/house.py table && $(BIN)/python scripts/house.py wheels
 
-vectors: $(VENV)/.ready ## Regenerate the golden vectors of the verdict (read the diff!)
-	@PYTHONPATH=tests $(BIN)/python -m vectors.make_verdicts
+vectors: $(VENV)/.ready ## Regenerate the golden vectors of verdict and exchange (read the diff!)
+	@PYTHONPATH=tests $(BIN)/python -m vectors.make_verdicts && PYTHONPATH=tests $(BIN)/python -m vectors.make_exchange
 
 evidence-vectors: $(VENV)/.ready ## Regenerate the vectors of evidence: new keys, new bytes; only when the format changes
 	@PYTHONPATH=tests $(BIN)/python -m vectors.make_evidence
