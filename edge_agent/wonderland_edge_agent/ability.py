@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from wonderland.proofs.admission import CHECKED_ANCHORS
+from wonderland.uwb.reach import INITIATOR, reach
 from wonderland_edge_agent.radios import AnchorState
+from wonderland_edge_agent.radios.between import channel_of
 from wonderland_edge_agent.radios.nodes import MIN_ANCHORS
 
 if TYPE_CHECKING:
@@ -52,6 +54,21 @@ def why_not(now: Now) -> list[str]:
     return reasons
 
 
+def not_known(now: Now) -> list[str]:
+    """What nobody can know at this moment, where nothing that is known keeps the pad from proving."""
+    if now.anchors is None:
+        return []
+    wanted, missing = _missing(now.anchors, now.pad)
+    unproven = [state.anchor_id for state in now.anchors if state.unproven and state.anchor_id not in missing]
+    needed = _needed(len(wanted))
+    if len(wanted) - len(missing) < needed or len(wanted) - len(missing) - len(unproven) >= needed:
+        return []
+    who = ", ".join(unproven)
+    return [
+        f"the anchors do not hear one another: whether they range is not known until a drone has been ranged ({who})"
+    ]
+
+
 def goes_on_without(now: Now) -> list[str]:
     """Anchors that are missing and that the pad does not need; empty where so many are that it can prove nothing."""
     if now.anchors is None:
@@ -75,11 +92,24 @@ def _needed(commissioned: int) -> int:
     return max(MIN_ANCHORS, min(commissioned, CHECKED_ANCHORS))
 
 
+def _lacks(states: Sequence[AnchorState], pad: Pad | None) -> dict[str, list[str]]:
+    """By anchor, what its node says that it cannot do and without which it ranges nobody."""
+    channel = channel_of(None if pad is None else pad.commissioning)
+    able = {state.anchor_id: state.capabilities for state in states if state.capabilities is not None}
+    out: dict[str, list[str]] = {}
+    for missing in reach(able, channel=channel).missing:
+        # Any other node may speak in place of the first, so that none of them has to be an initiator.
+        if missing.told and missing.level == 1 and missing.capability != INITIATOR:
+            out.setdefault(missing.node, []).append(missing.capability)
+    return out
+
+
 def _missing(states: Sequence[AnchorState], pad: Pad | None) -> tuple[list[str], dict[str, str]]:
     """The anchors of the pad, and why some of them measure nothing.
 
-    One that is silent like all others counts as there: a drone out of reach makes all of them so.
+    One that is silent like all others in a session counts as there: a drone out of reach makes all of them so.
     """
+    lacks = _lacks(states, pad)
     commissioning = None if pad is None else pad.commissioning
     known = {state.anchor_id: state for state in states}
     wanted = list(known) if commissioning is None else [anchor.anchor_id for anchor in commissioning.anchors]
@@ -90,4 +120,6 @@ def _missing(states: Sequence[AnchorState], pad: Pad | None) -> tuple[list[str],
             missing[anchor_id] = "no port configured"
         elif not state.ranges:
             missing[anchor_id] = state.detail or state.state
+        elif anchor_id in lacks:
+            missing[anchor_id] = f"cannot do {', '.join(lacks[anchor_id])}"
     return wanted, missing

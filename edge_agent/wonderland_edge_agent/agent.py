@@ -24,7 +24,7 @@ from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of
 from wonderland.telemetry import Health
 from wonderland.uwb.agreed import no_plan, out_of_reach
-from wonderland_edge_agent.ability import Now, goes_on_without, why_not
+from wonderland_edge_agent.ability import Now, goes_on_without, not_known, why_not
 from wonderland_edge_agent.drift.idle import watch_when_idle
 from wonderland_edge_agent.event_subscription import EventSubscription
 from wonderland_edge_agent.health import health_record, reach_of, tell_health, write_status
@@ -97,6 +97,7 @@ class PadAgent:
         drift: DriftKeeper | None = None,
         metrics_file: Path | None = None,
         roll_call_every_s: float = 0,
+        hear_each_other: Callable[[str], bool] = lambda _: False,
         random_octets: Callable[[int], bytes] = os.urandom,
     ) -> None:
         self.pad_id: Final = pad_id
@@ -113,6 +114,7 @@ class PadAgent:
         self._drift = drift
         self._metrics_file = metrics_file
         self._roll_call_every_s = roll_call_every_s
+        self._hear_each_other = hear_each_other
         self._random_octets = random_octets
         self._reporter = SpoolReporter(spool, receiver.signature)
         self._prekeys = PrekeyKeeper(pad_id, spool, ledger, clock, prekeys)
@@ -146,7 +148,8 @@ class PadAgent:
         if self._drift is not None:
             parts.append(watch_when_idle(self._drift, self._own, self._idle))
         if self._roll_call_every_s:
-            parts.append(call_when_idle(self._radios, self._own, self._idle, self._roll_call_every_s))
+            every_s, known = self._roll_call_every_s, self._hear_each_other
+            parts.append(call_when_idle(self._radios, self._own, self._idle, every_s, known))
         tasks = [asyncio.create_task(part) for part in parts]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -167,13 +170,14 @@ class PadAgent:
             "t_ms": self._clock(),
             "accepts_sessions": not reasons,
             "cannot_prove": reasons,
+            "not_known": [] if reasons else not_known(now),
             "goes_on_without": goes_on_without(now),
             "spool_reason": spool.reason,
             "session": runner.session.session_id if runner is not None else "",
             "sessions_run": self._sessions,
             "requests_waiting": self._requests.qsize(),
             "sessions_to_end": self._reconciler.waiting,
-            "reach": reach_of(self._radios.states()),
+            "reach": reach_of(self._radios.states(), None if self._pad is None else self._pad.commissioning),
             **telemetry.plain(self._health()),
         }
 

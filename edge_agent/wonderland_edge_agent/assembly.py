@@ -7,12 +7,14 @@ import contextlib
 import logging
 import ssl
 from collections.abc import AsyncIterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 from wonderland import telemetry
 from wonderland.clock import SteadyClock
 from wonderland.proof_contract import ProofContract
 from wonderland_edge_agent.agent import PadAgent
+from wonderland_edge_agent.drift.baseline import hear_each_other
 from wonderland_edge_agent.drift.keeper import DriftKeeper
 from wonderland_edge_agent.permission import CommandPermission, LogPermission, Permissions
 from wonderland_edge_agent.ports import AgentError, PadRadiosPort
@@ -104,6 +106,7 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
         drift=drift,
         metrics_file=settings.metrics_file,
         roll_call_every_s=settings.drift.roll_call_every_s if settings.anchors else 0,
+        hear_each_other=partial(hear_each_other, settings.baseline_file),
     )
 
 

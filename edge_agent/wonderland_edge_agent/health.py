@@ -7,18 +7,22 @@ import json
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from wonderland import __version__
 from wonderland.telemetry import AnchorHealth, Health, clean
 from wonderland.uwb.reach import reach
 from wonderland_edge_agent.drift import DriftState
 from wonderland_edge_agent.radios import AnchorState
+from wonderland_edge_agent.radios.between import channel_of
 from wonderland_edge_agent.receiver import ReceiverCounts
 from wonderland_edge_agent.reporting import SpoolReporter
 from wonderland_edge_agent.spool import SpoolStatus
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.files import read_bounded, write_atomic
+
+if TYPE_CHECKING:
+    from wonderland.proofs.records.pads import Commissioning
 
 _log = logging.getLogger(__name__)
 
@@ -60,7 +64,7 @@ def health_record(
     )
 
 
-def reach_of(anchors: Sequence[AnchorState]) -> dict[str, Any] | None:
+def reach_of(anchors: Sequence[AnchorState], commissioning: Commissioning | None) -> dict[str, Any] | None:
     """Highest assurance that the nodes can bear and what they lack for more; None while none has said what it can.
 
     ``unknown``: anchors whose nodes have not said it; they are left out.
@@ -68,7 +72,7 @@ def reach_of(anchors: Sequence[AnchorState]) -> dict[str, Any] | None:
     pad = {f"anchor {each.anchor_id}": each.capabilities for each in anchors if each.capabilities is not None}
     if not pad:
         return None
-    found = reach(pad)
+    found = reach(pad, channel=channel_of(commissioning))
     unknown = [each.anchor_id for each in anchors if each.capabilities is None]
     return {"assurance": found.level, "missing": [str(each) for each in found.missing], "unknown": unknown}
 
@@ -95,8 +99,12 @@ async def tell_health(
                     _log.warning("%s", error)
         for _ in range(round(HEALTH_S / LOOK_S)):
             await asyncio.sleep(LOOK_S)
-            if _states(health()) != _states(told) or status().get("cannot_prove") != now.get("cannot_prove"):
+            if _states(health()) != _states(told) or _reasons(status()) != _reasons(now):
                 break
+
+
+def _reasons(status: dict[str, Any]) -> tuple[object, ...]:
+    return status.get("cannot_prove"), status.get("not_known")
 
 
 def _states(health: Health) -> tuple[object, ...]:

@@ -45,6 +45,8 @@ def _families(status: Mapping[str, Any]) -> Iterator[tuple[str, str, str, list[_
     yield "info", "gauge", "Version of the agent", [({"version": str(status["version"])}, 1)]
     yield one("status_timestamp_seconds", "gauge", "When this was written", status["t_ms"] / 1000)
     yield one("accepts_sessions", "gauge", "1 while the pad can prove", int(bool(status["accepts_sessions"])))
+    unknown = int(bool(status.get("not_known")))
+    yield one("not_known", "gauge", "1 while nothing has shown whether the anchors range", unknown)
     yield one("session_under_way", "gauge", "1 while a drone is being ranged", int(bool(status["session"])))
     yield one("sessions_total", "counter", "Sessions run since the start", status["sessions_run"])
     yield one("requests_waiting", "gauge", "Drones that wait for the pad", status["requests_waiting"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import sys
 import time
 from pathlib import Path
@@ -17,11 +18,16 @@ from rich.table import Table
 from wonderland_edge_agent.config_option import config_option
 from wonderland_edge_agent.health import read_status
 from wonderland_edge_agent.settings import SettingsError, load
+from wonderland_edge_agent.spool.errors import SpoolError
+from wonderland_edge_agent.spool.lock import LOCK_NAME, holder_of
 from wonderland_fabric_gateway.errors import LedgerError
 
 STALE_S = 30
 CANNOT_PROVE = 3
 """Exit code of ``pad status``; 2 is click's, for wrong options."""
+NOT_KNOWN = 4
+"""Nothing speaks against it, and nothing has shown that the anchors range."""
+_STATES = {0: "can prove", CANNOT_PROVE: "cannot prove", NOT_KNOWN: "not known whether it can prove"}
 LEVEL_ALONE = 3
 """Highest assurance that a pad reaches by itself."""
 
@@ -30,30 +36,56 @@ LEVEL_ALONE = 3
 @config_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON document.")
 def status(*, path: Path, as_json: bool) -> None:
-    """Say how the pad is. Exit code 0: it can prove; 1: its agent does not run; 3: it runs and cannot prove.
+    """Say how the pad is.
 
-    An agent that has said nothing for half a minute does not run, or hangs.
+    Exit code 0: it can prove; 1: its agent does not run; 3: it runs and cannot prove; 4: nothing speaks against it, but
+    its anchors do not hear one another, so that only a drone will show whether they range.
+
+    One that has said nothing for half a minute hangs, and counts as not running, too.
     """
     try:
         settings = load(path)
         said = read_status(settings.status_file)
-    except (SettingsError, LedgerError) as error:
+        running = _runs(settings.status_file, said)
+    except (SettingsError, LedgerError, SpoolError) as error:
         raise click.ClickException(str(error)) from error
     age_s = _age_s(said)
-    alive = age_s <= STALE_S
+    alive = running and age_s <= STALE_S
     if as_json:
-        click.echo(json.dumps({**said, "alive": alive, "age_s": round(min(age_s, 1e9), 1)}))
+        click.echo(json.dumps({**said, "alive": alive, "running": running, "age_s": round(min(age_s, 1e9), 1)}))
     else:
-        _show(said, alive=alive, age_s=age_s)
-    sys.exit((0 if said.get("accepts_sessions") is True else CANNOT_PROVE) if alive else 1)
+        _show(said, _STATES[_exit_code(said)] if alive else _dead(age_s, running=running))
+    sys.exit(_exit_code(said) if alive else 1)
+
+
+def _exit_code(said: dict[str, Any]) -> int:
+    if said.get("accepts_sessions") is not True:
+        return CANNOT_PROVE
+    return NOT_KNOWN if said.get("not_known") else 0
 
 
 def is_alive(status_file: Path) -> bool:
-    """Whether the agent that writes this status file has done so lately."""
+    """Whether the agent that writes this status file runs, and has written it lately."""
     try:
-        return _age_s(read_status(status_file)) <= STALE_S
-    except LedgerError:
+        said = read_status(status_file)
+        return _runs(status_file, said) and _age_s(said) <= STALE_S
+    except (LedgerError, SpoolError):
         return False
+
+
+def _runs(status_file: Path, said: dict[str, Any]) -> bool:
+    """Whether the process that wrote this still holds the spool: a lock that the kernel takes back from the dead.
+
+    Raises SpoolError.
+    """
+    holder = holder_of(status_file.with_name(LOCK_NAME))
+    return holder is not None and holder in {"", str(said.get("process"))}
+
+
+def _dead(age_s: float, *, running: bool) -> str:
+    if running:
+        return f"its agent hangs: silent for {age_s:.0f} s"
+    return f"not running (what follows it said {age_s:.0f} s ago)" if math.isfinite(age_s) else "not running"
 
 
 def _age_s(said: dict[str, Any]) -> float:
@@ -61,18 +93,14 @@ def _age_s(said: dict[str, Any]) -> float:
     return time.time() - t_ms / 1000 if isinstance(t_ms, int) else float("inf")
 
 
-def _show(said: dict[str, Any], *, alive: bool, age_s: float) -> None:
-
+def _show(said: dict[str, Any], state: str) -> None:
     console = Console()
-    state = "can prove" if said.get("accepts_sessions") is True else "cannot prove"
-    state = state if alive else f"silent for {age_s:.0f} s: it is not running, or hangs"
     console.print(f"Pad {said.get('pad_id', '?')}: {state}", soft_wrap=True)
-    reasons = said.get("cannot_prove")
-    for reason in reasons if isinstance(reasons, list) else ():
+    for reason in (*_listed(said, "cannot_prove"), *_listed(said, "not_known")):
         console.print(f"  {reason}", soft_wrap=True, markup=False, highlight=False)
-    without = said.get("goes_on_without")
-    if isinstance(without, list) and without:
-        words = ", ".join(map(str, without))
+    without = _listed(said, "goes_on_without")
+    if without:
+        words = ", ".join(without)
         console.print(f"  goes on without {words}", soft_wrap=True, markup=False, highlight=False)
     table = Table(box=None, show_header=False)
     with contextlib.suppress(KeyError, TypeError):
@@ -91,6 +119,11 @@ def _show(said: dict[str, Any], *, alive: bool, age_s: float) -> None:
             words = f"{anchor['state']} {anchor.get('detail') or anchor.get('firmware', '')}"
             table.add_row(f"anchor {anchor['anchor_id']}", escape(words))
     console.print(table)
+
+
+def _listed(said: dict[str, Any], name: str) -> list[str]:
+    found = said.get(name)
+    return [str(each) for each in found] if isinstance(found, list) else []
 
 
 def _reach(found: dict[str, Any] | None) -> list[tuple[str, str]]:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 from kit.agents import open_ledger
 
 from wonderland.proof_contract import RefusedError
-from wonderland_edge_agent.ability import Now, goes_on_without, why_not
+from wonderland.uwb.agreed import ASSUMED
+from wonderland_edge_agent.ability import Now, goes_on_without, not_known, why_not
 from wonderland_edge_agent.metrics import exposition
 from wonderland_edge_agent.radios import AnchorState
+from wonderland_fira_uci.uci.capabilities import ScheduleModes
+from wonderland_simulator.uci_node import DWM3001CDK
 
 UP = tuple(AnchorState(name, "up", "", None) for name in ("A1", "A2", "A3", "A4"))
 
@@ -27,6 +31,18 @@ def faulty(*names):
     )
 
 
+def unproven(*names):
+    """No other anchor hears these, and no drone has come."""
+    return tuple(AnchorState(s.anchor_id, "up", "", None, unproven=s.anchor_id in names) for s in UP)
+
+
+def able(*names, **changes):
+    """These nodes say what a DWM3001CDK does, but for the changes."""
+    found = replace(DWM3001CDK.said(), **changes)
+    return tuple(AnchorState(s.anchor_id, "up", "", None, found if s.anchor_id in names else None) for s in UP)
+
+
+ALL = ("A1", "A2", "A3", "A4")
 FIFTH = AnchorState("A5", "up", "", None)
 
 
@@ -38,12 +54,13 @@ class Record:
             self.anchor_id = anchor_id
 
     class Commissioning:
-        def __init__(self, names):
+        def __init__(self, names, channels):
             self.anchors = [Record.Anchor(name) for name in names]
+            self.nodes = replace(ASSUMED, channels=channels)
 
-    def __init__(self, status="commissioned", names=("A1", "A2", "A3", "A4")):
+    def __init__(self, status="commissioned", names=("A1", "A2", "A3", "A4"), channels=(5, 9)):
         self.status = status
-        self.commissioning = Record.Commissioning(names) if names else None
+        self.commissioning = Record.Commissioning(names, channels) if names else None
 
 
 WELL = {"ledger_trouble": "", "pad": Record(), "anchors": UP, "moved": False, "spool_trouble": "", "prekeys": 20}
@@ -70,6 +87,14 @@ WELL = {"ledger_trouble": "", "pad": Record(), "anchors": UP, "moved": False, "s
             {"pad": Record(names=("A4", "A3", "A2", "A1", "A5")), "anchors": down("A1")},
             "3 of 5 anchors can range, 4 are needed: A1 (unplugged), A5 (no port configured)",
         ),
+        ({"anchors": unproven(*ALL)}, None),
+        ({"anchors": able(*ALL)}, None),
+        (
+            {"anchors": able(*ALL, schedule_modes=ScheduleModes.CONTENTION)},
+            "0 of 4 anchors can range, 4 are needed: A1 (cannot do time-scheduled ranging), A2 (cannot do time-",
+        ),
+        ({"anchors": able("A2", channels=(5,))}, "3 of 4 anchors can range, 4 are needed: A2 (cannot do channel 9)"),
+        ({"anchors": able(*ALL, channels=(5,)), "pad": Record(channels=(5,))}, None),
         ({"pad": None}, "has not said yet"),
         ({"pad": Record("registered", ())}, "not commissioned"),
         ({"pad": Record("retired")}, "retired"),
@@ -95,6 +120,14 @@ def test_a_pad_of_five_goes_on_with_four_and_says_so(why):
     assert word.startswith("A3 (")
     assert goes_on_without(Now(**(WELL | {"pad": record, "anchors": (*UP, FIFTH)}))) == []
     assert goes_on_without(Now(**(WELL | {"pad": record, "anchors": why("A3")}))) == []
+
+
+def test_whether_anchors_range_that_nothing_has_shown_is_not_known():
+    (word,) = not_known(Now(**(WELL | {"anchors": unproven(*ALL)})))
+    assert word.endswith("not known until a drone has been ranged (A1, A2, A3, A4)")
+    assert not_known(Now(**WELL)) == []
+    assert not_known(Now(**(WELL | {"anchors": None}))) == []
+    assert not_known(Now(**(WELL | {"anchors": (*unproven("A3"), FIFTH), "pad": Record(names=(*ALL, "A5"))}))) == []
 
 
 def test_several_reasons_are_all_said():

@@ -11,10 +11,13 @@ import time
 import pytest
 from kit.agents import cured, decided, hang
 
+from wonderland.uwb.agreed import ASSUMED
 from wonderland.uwb.layout import RangingPlan
+from wonderland_edge_agent.drift.baseline import Baseline, PairBaseline
 from wonderland_edge_agent.health import HEALTH_S
 from wonderland_edge_agent.metrics import exposition
 from wonderland_edge_agent.spool import Spool
+from wonderland_fira_uci.uci.config import ParameterId
 from wonderland_simulator.uci_node import Measurement
 
 NOTICED_S = 5.0
@@ -84,21 +87,83 @@ async def test_the_first_one_that_never_ranges_is_named_and_not_the_others(world
         await until(lambda: named(pad, "3 of 4", "A1 (no other anchor hears it"))
 
 
-async def test_anchors_that_hear_each_other_by_no_means_are_not_called_broken(world):
-    world.mute = set(world.anchors)
-    async with world.pad() as pad:
-        await asyncio.sleep(3.5)
-        assert pad.status()["accepts_sessions"]
-
-
-async def test_hidden_from_all_others_it_is_forgiven_for_good_once_it_ranges_a_drone(world, monkeypatch):
+def not_heard(world, *names):
+    """No other anchor hears these; a drone does."""
     measure = world.measure
 
     def hidden(one, other, t_s):
-        alone = "A2" in {one, other} and "uav" not in {one, other}
+        alone = {*names} & {one, other} and "uav" not in {one, other}
         return Measurement(None, status=0x21) if alone else measure(one, other, t_s)
 
-    monkeypatch.setattr(world.air, "measure", hidden)
+    return hidden
+
+
+@pytest.mark.parametrize("names", [("A1", "A2", "A3", "A4"), ("A2", "A3", "A4")])
+async def test_of_anchors_that_hear_nobody_it_is_not_known_whether_they_range_until_a_drone_is(
+    world, monkeypatch, names
+):
+    monkeypatch.setattr(world.air, "measure", not_heard(world, *names))
+    async with world.pad(drift={"roll_call_every_s": 1}) as pad, world.uav() as uav:
+        await until(lambda: pad.status()["not_known"], 15)
+        assert "(A1, A2, A3, A4)" in pad.status()["not_known"][0]
+        assert b'wonderland_pad_not_known{pad_id="pad-1"} 1' in exposition(pad.status())
+        assert pad.status()["accepts_sessions"]
+        assert (await decided(uav)).verdict.outcome == "verified"
+        await until(lambda: not pad.status()["not_known"])
+        await asyncio.sleep(2.5)
+        assert not pad.status()["not_known"]
+        assert pad.status()["accepts_sessions"]
+
+
+@pytest.mark.parametrize("names", [("A1", "A2", "A3", "A4"), ("A2", "A3", "A4")])
+async def test_anchors_that_heard_each_other_when_they_were_commissioned_and_do_no_more_are_at_fault(world, names):
+    pad = await world.contract("pad").read_pad("pad-1")
+    Baseline({("A1", "A2"): PairBaseline(4_000.0, 4.0)}, 0, "commissioning").save(
+        world.directory / "spool" / "anchors.json", pad.commissioning_sha256
+    )
+    world.mute = {*names}
+    async with world.pad(drift={"roll_call_every_s": 1}) as pad:
+        words = [f"{name} (no other anchor hears it" for name in names]
+        await until(lambda: named(pad, "0 of 4 anchors can range", *words), 15)
+        world.mute = set()
+        await until(lambda: pad.status()["accepts_sessions"], 15)
+
+
+async def test_anchors_that_have_heard_each_other_since_the_start_and_do_no_more_are_at_fault(world):
+    async with world.pad(drift={"roll_call_every_s": 1}) as pad:
+        await until(lambda: pad._radios._attendance._shown, 15)
+        world.mute = set(world.anchors)
+        await until(lambda: named(pad, "0 of 4 anchors can range", "A1 (no other", "A4 (no other"), 15)
+
+
+def refuse_sessions(world):
+    """Every node takes sessions on channel 5 only, whatever it says of itself."""
+    for port in world.ports.values():
+        accepts = {**port.node.profile.accepts, ParameterId.CHANNEL_NUMBER: frozenset((5,))}
+        port.node.become(dataclasses.replace(port.node.profile, accepts=accepts))
+
+
+async def test_nodes_that_all_refuse_ranging_sessions_are_named_once_and_with_what_they_lack(world, caplog):
+    refuse_sessions(world)
+    async with world.pad(drift={"roll_call_every_s": 1}) as pad:
+        await until(lambda: named(pad, "0 of 4 anchors can range", "A1 (takes no ranging session", "A4 (takes no"), 15)
+        await asyncio.sleep(2.5)
+    assert len([each for each in caplog.records if "anchor A1: takes no ranging session" in each.getMessage()]) == 1
+
+
+async def test_nodes_of_channel_5_on_a_pad_that_was_commissioned_so_are_well(world):
+    record = dataclasses.replace(world.commissioning(), nodes=dataclasses.replace(ASSUMED, channels=(5,)))
+    await world.call("pad_operator", "CommissionPad", pad_id="pad-1", commissioning=record.to_json())
+    refuse_sessions(world)
+    async with world.pad(drift={"roll_call_every_s": 1}) as pad, world.uav() as uav:
+        await until(lambda: pad._radios._attendance._shown, 15)
+        assert pad.status()["accepts_sessions"]
+        assert not pad.status()["not_known"]
+        assert (await decided(uav)).verdict.outcome == "verified"
+
+
+async def test_hidden_from_all_others_it_is_forgiven_for_good_once_it_ranges_a_drone(world, monkeypatch):
+    monkeypatch.setattr(world.air, "measure", not_heard(world, "A2"))
     async with world.pad(drift={"roll_call_every_s": 1}) as pad, world.uav() as uav:
         await until(lambda: named(pad, "A2 (no other anchor hears it"))
         assert (await decided(uav)).verdict.outcome == "verified"

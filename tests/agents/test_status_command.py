@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import os
 
 import pytest
 from click.testing import CliRunner
 from kit.agents import cured, hang
 
 from wonderland.cli import main
+from wonderland_edge_agent.commissioning.alone import alone
+from wonderland_edge_agent.spool.lock import LOCK_NAME, ProcessLock, holder_of
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.embedded.administration import DirectoryAdministration
 
-CAN, DOES_NOT_RUN, CANNOT = 0, 1, 3
+CAN, DOES_NOT_RUN, CANNOT, NOT_KNOWN = 0, 1, 3, 4
 NOTICED_S = 8.0
 
 
@@ -54,6 +58,49 @@ async def test_a_pad_that_can_prove_one_whose_anchors_are_gone_and_one_that_does
         for name in world.own:
             world.ports[name].unplug()
         await said(path, CANNOT, "cannot prove", "0 of 4 anchors can range", "A1 (", "A4 (")
+
+
+async def test_an_agent_that_was_stopped_does_not_run_any_more_that_very_moment(world):
+    path = settings_file(world)
+    async with world.pad():
+        await said(path, CAN, "can prove")
+    result = await asyncio.to_thread(CliRunner().invoke, main, ["pad", "status", "--config", str(path)])
+    assert result.exit_code == DOES_NOT_RUN
+    assert "not running" in result.output
+    assert "can prove" not in result.output
+
+
+async def test_somebody_else_who_holds_the_spool_is_no_agent(world):
+    path = settings_file(world)
+    async with world.pad():
+        await said(path, CAN, "can prove")
+    status = world.directory / "spool" / "status.json"
+    status.write_text(json.dumps(json.loads(status.read_text()) | {"process": 1}))
+    with alone(world.directory / "spool"):
+        await said(path, DOES_NOT_RUN, "not running")
+
+
+async def test_one_that_holds_the_spool_and_says_nothing_hangs(world, monkeypatch):
+    path = settings_file(world)
+    async with world.pad():
+        await said(path, CAN, "can prove")
+        monkeypatch.setattr("wonderland_edge_agent.status_command.STALE_S", -1)
+        await said(path, DOES_NOT_RUN, "hangs: silent for")
+
+
+def test_who_asks_for_a_lock_keeps_nobody_from_it(tmp_path):
+    assert holder_of(tmp_path / LOCK_NAME) is None
+    lock = ProcessLock(tmp_path / LOCK_NAME)
+    assert holder_of(tmp_path / LOCK_NAME) == str(os.getpid())
+    lock.release()
+    assert holder_of(tmp_path / LOCK_NAME) is None
+
+
+async def test_anchors_that_hear_nobody_have_an_exit_code_of_their_own(world):
+    path = settings_file(world)
+    world.mute = set(world.own)
+    async with world.pad():
+        await said(path, NOT_KNOWN, "not known whether it can prove", "(A1, A2, A3, A4)", limit_s=3 * NOTICED_S)
 
 
 async def test_a_missing_anchor_of_four_is_named_with_why(world):

@@ -87,7 +87,7 @@ def test_a_pads_metrics(tmp_path):
         f"wonderland_pad_remote_id_bad_total{{{label}}} 2",
     ):
         assert f"\n{line}\n" in text
-    assert text.count("# TYPE ") == text.count("# HELP ") == 14
+    assert text.count("# TYPE ") == text.count("# HELP ") == 15
 
 
 def test_a_networks_metrics():

@@ -93,6 +93,15 @@ class Baseline:
             raise BaselineError(f"{path}: {cause}; remove it, and it is measured anew") from cause
 
 
+def hear_each_other(path: Path, commissioning_sha256: str) -> bool:
+    """Whether this commissioning's anchors have ranged each other, then or since; False where nobody can tell."""
+    try:
+        kept = Baseline.load(path, commissioning_sha256)
+    except BaselineError:
+        return False
+    return kept is not None and bool(kept.pairs)
+
+
 def median(values: Iterable[float]) -> float:
     """As ``statistics.median``, which a running pad would load for this alone."""
     ordered = sorted(values)

@@ -6,11 +6,14 @@ do is. Pure; time is handed in.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from wonderland_fira_uci.uci.status import Status, status_name
+
+if TYPE_CHECKING:
+    from wonderland_edge_agent.radios.between import RollCall
 
 SILENT_MS: Final = 1_000
 """An anchor without a range for so long is silent."""
@@ -44,6 +47,10 @@ class Attendance:
         """At fault in a way that a roll call, which has a key and a plan of its own, cannot see."""
         self._hidden: set[str] = set()
         """No other anchor hears these, and they range drones all the same."""
+        self._shown: set[str] = set()
+        """These have ranged a drone, or another anchor has ranged them."""
+        self._called = False
+        """Whether a roll was called."""
 
     def begin(self, anchor_ids: Iterable[str], now_ms: int) -> None:
         """These take part in a session from now on."""
@@ -58,6 +65,7 @@ class Attendance:
         if ranged:
             here.ranged_ms, here.failing_ms = t_ms, None
             here.ranges += 1
+            self._shown.add(anchor_id)
             if self._faults.pop(anchor_id, None) is not None and anchor_id not in self._elsewhere:
                 self._hidden.add(anchor_id)
             self._elsewhere.discard(anchor_id)
@@ -82,15 +90,33 @@ class Attendance:
                         self._elsewhere.add(anchor_id)
         self._here = {}
 
-    def called(self, heard: Iterable[str], unheard: Mapping[str, str]) -> None:
-        """A roll call: whom another anchor ranged, and whom none did, with the reason."""
-        for anchor_id in heard:
+    def called(self, call: RollCall, *, expected: bool = False) -> dict[str, str]:
+        """A roll call; what it changed, by anchor: its fault, or that it has none any more (empty).
+
+        Anchors that all hear nobody need not be broken: they may stand so. They are where it is ``expected`` of them to
+        hear each other.
+        """
+        before = dict(self._faults)
+        self._called = self._called or bool(call.heard or call.unheard)
+        self._shown |= call.heard
+        for anchor_id in call.heard:
             self._hidden.discard(anchor_id)
             if anchor_id not in self._elsewhere:
                 self._faults.pop(anchor_id, None)
-        for anchor_id, why in unheard.items():
-            if anchor_id not in self._hidden:
-                self._faults.setdefault(anchor_id, why)
+        for anchor_id, why in call.unheard.items():
+            if anchor_id in self._hidden or anchor_id in self._elsewhere:
+                continue
+            if call.heard or expected or anchor_id in call.refused:
+                self._faults[anchor_id] = why
+        return {
+            anchor_id: self._faults.get(anchor_id, "")
+            for anchor_id in (*call.heard, *call.unheard)
+            if (anchor_id in before) != (anchor_id in self._faults)
+        }
+
+    def is_unproven(self, anchor_id: str) -> bool:
+        """Whether it was looked for, and nothing has shown yet whether this anchor ranges."""
+        return self._called and anchor_id not in self._shown and anchor_id not in self._faults
 
     def fault(self, anchor_id: str, now_ms: int) -> str:
         """Why this anchor, which answers, would measure nothing of a drone; empty where nothing says so."""

@@ -8,13 +8,17 @@ import logging
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
+from wonderland.uwb.agreed import ASSUMED, PREFERRED_CHANNEL
 from wonderland_fira_uci.errors import UwbError
 from wonderland_fira_uci.events import RangeMeasurement, SessionFailed
 from wonderland_fira_uci.node import UwbNode, UwbSession
 from wonderland_fira_uci.uci.config import AppConfig, DeviceRole, DeviceType, MultiNodeMode, SessionConfig
 from wonderland_fira_uci.uci.status import SessionType, Status, status_name
+
+if TYPE_CHECKING:
+    from wonderland.proofs.records.pads import Commissioning
 
 _log = logging.getLogger(__name__)
 
@@ -33,6 +37,12 @@ PairRanges = dict[tuple[str, str], list[int]]
 """Ranges in mm by (leader, follower)."""
 
 
+def channel_of(commissioning: Commissioning | None) -> int:
+    """The channel on which this pad's nodes range each other: that of its sessions."""
+    nodes = ASSUMED if commissioning is None or commissioning.nodes is None else commissioning.nodes
+    return PREFERRED_CHANNEL if PREFERRED_CHANNEL in nodes.channels else nodes.channels[0]
+
+
 def ranging_config(
     mac: int,
     peers: Sequence[int],
@@ -42,6 +52,7 @@ def ranging_config(
     key: bytes,
     interval_ms: int = INTERVAL_MS,
     slots: int = SLOTS,
+    channel: int = PREFERRED_CHANNEL,
 ) -> SessionConfig:
     """One node's part in a session of one controller and several controlees. Raises UciEncodeError."""
     app = AppConfig(
@@ -54,6 +65,7 @@ def ranging_config(
         slots_per_round=slots,
         rssi_reporting=1,
         session_key=key,
+        channel=channel,
     )
     return SessionConfig(session_id=session_id, app=app, session_type=SessionType.RANGING)
 
@@ -63,6 +75,7 @@ async def measure_between(
     macs: Mapping[str, int],
     *,
     rounds: int = 20,
+    channel: int = PREFERRED_CHANNEL,
     random_octets: Callable[[int], bytes] = secrets.token_bytes,
     told: Callable[[str], None] = lambda _: None,
 ) -> PairRanges:
@@ -71,6 +84,7 @@ async def measure_between(
     Never raises for a node that is away or refuses: what it would have measured is missing then.
     """
     out: PairRanges = {}
+    troubles: dict[str, str] = {}
     present = [name for name, node in nodes.items() if node.is_ready and name in macs]
     if len(present) < 2:
         return out
@@ -78,43 +92,52 @@ async def measure_between(
         told(leader)
         others = [name for name in present if name != leader]
         limit_s = max(PATIENCE * rounds * INTERVAL_MS / 1000, LEAST_S)
-        out |= (await _lead(nodes, macs, leader, others, rounds, limit_s, random_octets)).ranges
+        led = await _lead(nodes, macs, leader, others, rounds, limit_s, channel, random_octets)
+        out |= led.ranges
+        troubles |= led.refusals
+    for name, trouble in troubles.items():
+        _log.warning("anchor %s: no ranges between anchors: %s", name, trouble)
     return out
 
 
 @dataclass(frozen=True, slots=True)
 class RollCall:
-    """Which nodes another one ranged; which none did, though others were, and why. Both empty: nothing was learnt."""
+    """Which nodes another one ranged, and which none did, with the reason. Both empty: there was nobody to ask."""
 
     heard: frozenset[str] = frozenset()
     unheard: Mapping[str, str] = field(default_factory=dict)
+    refused: frozenset[str] = frozenset()
+    """Of the unheard: nodes that take no ranging session, wherever the others stand."""
 
 
 async def roll_call(
     nodes: Mapping[str, UwbNode],
     macs: Mapping[str, int],
     *,
+    channel: int = PREFERRED_CHANNEL,
     random_octets: Callable[[int], bytes] = secrets.token_bytes,
 ) -> RollCall:
     """A short look whether all nodes that answer also range: one leads, and others where it does not hear all."""
     present = [name for name, node in nodes.items() if node.is_ready and name in macs]
     heard: set[str] = set()
     why: dict[str, str] = {}
+    refused: dict[str, str] = {}
     leaders: list[str] = []
     while len(leaders) < min(ROLL_CALL_LEADERS, len(present)) and len(heard) < len(present) and len(present) > 2:
         # Whoever was heard is fit to lead; a leader that hears nobody may be the one that is at fault.
         leader = min((name for name in present if name not in leaders), key=lambda name: name not in heard)
         leaders.append(leader)
         followers = [name for name in present if name != leader]
-        led = await _lead(nodes, macs, leader, followers, ROLL_CALL_ROUNDS, ROLL_CALL_S, random_octets)
+        led = await _lead(nodes, macs, leader, followers, ROLL_CALL_ROUNDS, ROLL_CALL_S, channel, random_octets)
         heard |= {name for pair in led.ranges for name in pair} | led.negative
-        for name, trouble in led.troubles.items():
+        refused |= led.refusals
+        for name, trouble in led.unmeasured.items():
             why.setdefault(name, trouble)
-    if not heard:
+    if not leaders:
         return RollCall()
-    return RollCall(
-        frozenset(heard), {name: why.get(name, "no other anchor hears it") for name in present if name not in heard}
-    )
+    why |= refused
+    unheard = {name: why.get(name, "no other anchor hears it") for name in present if name not in heard}
+    return RollCall(frozenset(heard), unheard, frozenset(unheard) & frozenset(refused))
 
 
 @dataclass(slots=True)
@@ -122,7 +145,10 @@ class _Led:
     """What one leader measured, and what was wrong with the others."""
 
     ranges: PairRanges = field(default_factory=dict)
-    troubles: dict[str, str] = field(default_factory=dict)
+    refusals: dict[str, str] = field(default_factory=dict)
+    """Nodes that did not take the session, or fell out of it."""
+    unmeasured: dict[str, str] = field(default_factory=dict)
+    """Followers to which a measurement failed."""
     negative: set[str] = field(default_factory=set)
     """Ranges below zero, of nodes close to each other whose antenna delay nobody has set: they range all the same."""
 
@@ -134,6 +160,7 @@ async def _lead(
     followers: Sequence[str],
     rounds: int,
     limit_s: float,
+    channel: int,
     random_octets: Callable[[int], bytes],
 ) -> _Led:
     session_id = int.from_bytes(random_octets(4), "little") | 1
@@ -145,11 +172,10 @@ async def _lead(
 
     async def opened(name: str, peers: Sequence[int], *, leads: bool) -> UwbSession | None:
         try:
-            config = ranging_config(macs[name], peers, leads=leads, session_id=session_id, key=key)
+            config = ranging_config(macs[name], peers, leads=leads, session_id=session_id, key=key, channel=channel)
             session = await nodes[name].open_session(config)
         except UwbError as error:
-            _log.warning("anchor %s takes no part in ranging between anchors: %s", name, error)
-            led.troubles[name] = f"takes no ranging session: {error}"
+            led.refusals[name] = f"takes no ranging session: {error}"
             return None
         sessions.append(session)
         return session
@@ -186,7 +212,7 @@ async def _collect(
             elif event.status == Status.NEGATIVE_DISTANCE:
                 led.negative |= {leader, name}
             elif event.status != Status.OK:
-                led.troubles.setdefault(name, f"no other anchor hears it: {status_name(event.status)}")
+                led.unmeasured.setdefault(name, f"no other anchor hears it: {status_name(event.status)}")
         elif isinstance(event, SessionFailed):
-            _log.warning("anchor %s: ranging between anchors failed: %s", leader, event.error)
+            led.refusals[leader] = f"falls out of a ranging session: {event.error}"
             return

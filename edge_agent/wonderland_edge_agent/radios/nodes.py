@@ -87,6 +87,8 @@ class AnchorState:
     """What the node says that it can do; None where it has not said."""
     faulty: bool = False
     """It is silent while others range: no drone out of reach explains that."""
+    unproven: bool = False
+    """Nothing has shown yet whether it ranges: no other anchor hears it, and no drone has come."""
 
     @property
     def ranges(self) -> bool:
@@ -139,7 +141,8 @@ class PadRadios:
                 fault = self._attendance.fault(anchor_id, now_ms)
                 if fault or self._attendance.is_silent(anchor_id, now_ms):
                     state, detail = "silent", fault or self._attendance.status(anchor_id)
-            out.append(AnchorState(anchor_id, state, detail, _firmware(node), node.capabilities, bool(fault)))
+            unproven = node.is_ready and self._attendance.is_unproven(anchor_id)
+            out.append(AnchorState(anchor_id, state, detail, _firmware(node), node.capabilities, bool(fault), unproven))
         return out
 
     async def open_session(self, plan: RangingPlan, anchor_ids: Sequence[str], sink: Sink) -> str | None:
@@ -185,11 +188,11 @@ class PadRadios:
             await self.close_session()
             raise RadiosError("no node can time-stamp blinks")
 
-    async def measure_between(self, macs: Mapping[str, int], rounds: int) -> PairRanges:
+    async def measure_between(self, macs: Mapping[str, int], rounds: int, channel: int) -> PairRanges:
         """Let the nodes range each other; a session that is opened ends it at once, and there is nothing then."""
         if self._sessions or self._between is not None:
             return {}
-        task = asyncio.create_task(measure_between(self._nodes, macs, rounds=rounds))
+        task = asyncio.create_task(measure_between(self._nodes, macs, rounds=rounds, channel=channel))
         self._between = task
         try:
             await asyncio.wait({task})
@@ -197,17 +200,23 @@ class PadRadios:
         finally:
             await self._stop_between()
 
-    async def call_roll(self, macs: Mapping[str, int]) -> None:
-        """Look whether all nodes that answer also range; ``states`` says it. A session that is opened ends it."""
+    async def call_roll(self, macs: Mapping[str, int], channel: int, *, expected: bool = False) -> bool | None:
+        """Look whether all nodes that answer also range; ``states`` says it. A session that is opened ends it.
+
+        ``expected``: these anchors hear each other where all is well. Returns whether any was heard; None: no look.
+        """
         if self._sessions or self._between is not None:
-            return
-        task = asyncio.create_task(roll_call(self._nodes, macs))
+            return None
+        task = asyncio.create_task(roll_call(self._nodes, macs, channel=channel))
         self._between = task
         try:
             await asyncio.wait({task})
-            if not task.cancelled():
-                found = task.result()
-                self._attendance.called(found.heard, found.unheard)
+            if task.cancelled():
+                return None
+            found = task.result()
+            for anchor_id, fault in self._attendance.called(found, expected=expected).items():
+                _log.warning("anchor %s: %s", anchor_id, fault or "ranges again")
+            return bool(found.heard) if found.heard or found.unheard else None
         finally:
             await self._stop_between()
 

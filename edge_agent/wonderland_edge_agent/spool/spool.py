@@ -17,7 +17,7 @@ from wonderland.proofs import encoding
 from wonderland.proofs.errors import EncodingError
 from wonderland.proofs.records.fields import MAX_TIME_MS
 from wonderland_edge_agent.spool.errors import RecordRefusedError, SpoolClosedError, SpoolError, SpoolFull
-from wonderland_edge_agent.spool.lock import ProcessLock
+from wonderland_edge_agent.spool.lock import LOCK_NAME, ProcessLock
 from wonderland_edge_agent.spool.store import Entry, SpoolStatus, SpoolStore, StoredRecord
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class Spool:
                 directory.mkdir(mode=0o700, parents=True, exist_ok=True)
             except OSError as cause:
                 raise SpoolError(f"spool {directory}: cannot be made ({cause.strerror or cause})") from cause
-            lock = ProcessLock(directory / "spool.lock")
+            lock = ProcessLock(directory / LOCK_NAME)
             try:
                 store = SpoolStore(
                     directory / "spool.db", owner=owner, quota_bytes=quota_bytes, reserve_bytes=reserve_bytes

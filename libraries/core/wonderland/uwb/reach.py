@@ -78,7 +78,8 @@ def _two_way(channel: int) -> tuple[Need, ...]:
 
 
 _RESPONDS: Final = _role(DeviceRoles.RESPONDER, "the role of a responder")
-_INITIATES: Final = _role(DeviceRoles.INITIATOR, "the role of an initiator")
+INITIATOR: Final = "the role of an initiator"
+_INITIATES: Final = _role(DeviceRoles.INITIATOR, INITIATOR)
 _KEYED: Final = _among("sts_configs", StsConfigs.PROVISIONED, "provisioned STS")
 _STAMPS: Final = _among("ranging_methods", RangingMethods.UL_TDOA, "UL-TDoA")
 _LOCKS: Final = _role(DeviceRoles.UT_ANCHOR, "the role of an UL-TDoA anchor")
