@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from wonderland.proofs.admission import CHECKED_ANCHORS
+from wonderland.proofs.records.fields import ACTIONS
 from wonderland.uwb.reach import INITIATOR, reach
 from wonderland_edge_agent.radios import AnchorState
 from wonderland_edge_agent.radios.between import channel_of
@@ -30,6 +31,8 @@ class Now:
     moved: bool
     spool_trouble: str
     prekeys: int | None
+    beyond: Mapping[str, str] = field(default_factory=dict)
+    """By action, why no proof has the assurance that its policy demands."""
 
 
 def why_not(now: Now) -> list[str]:
@@ -47,11 +50,31 @@ def why_not(now: Now) -> list[str]:
         reasons.append("an anchor was moved: commission the pad again")
     if now.anchors is not None:
         reasons += _of_anchors(now.anchors, now.pad)
+    if {*now.beyond} >= {*ACTIONS}:
+        reasons += [f"{text} (to {_listed(actions)})" for text, actions in _by_text(now.beyond).items()]
     if now.spool_trouble:
         reasons.append(now.spool_trouble)
     if now.prekeys == 0:
         reasons.append("no prekey is offered, so that no drone can ask")
     return reasons
+
+
+def not_for(now: Now) -> list[str]:
+    """Actions whose policy demands more assurance than the pad can reach, where others do not."""
+    if {*now.beyond} >= {*ACTIONS}:
+        return []
+    return [f"cannot prove to {_listed(actions)}: {text}" for text, actions in _by_text(now.beyond).items()]
+
+
+def _by_text(beyond: Mapping[str, str]) -> dict[str, list[str]]:
+    out: dict[str, list[str]] = {}
+    for action, text in beyond.items():
+        out.setdefault(text, []).append(action)
+    return out
+
+
+def _listed(actions: Sequence[str]) -> str:
+    return ", ".join("take off" if action == "takeoff" else action for action in actions)
 
 
 def not_known(now: Now) -> list[str]:

@@ -23,8 +23,9 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of
 from wonderland.telemetry import Health
-from wonderland.uwb.agreed import no_plan, out_of_reach
-from wonderland_edge_agent.ability import Now, goes_on_without, not_known, why_not
+from wonderland.uwb.agreed import no_plan
+from wonderland_edge_agent.ability import Now, goes_on_without, not_for, not_known, why_not
+from wonderland_edge_agent.assurance import beyond, beyond_here
 from wonderland_edge_agent.drift.idle import watch_when_idle
 from wonderland_edge_agent.event_subscription import EventSubscription
 from wonderland_edge_agent.health import health_record, reach_of, tell_health, write_status
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from wonderland.proofs.records.pads import Pad
+    from wonderland.proofs.records.policies import Policy
     from wonderland_edge_agent.drift.keeper import DriftKeeper
     from wonderland_edge_agent.permission import Permission
     from wonderland_edge_agent.receiver import RemoteIdReceiver
@@ -124,6 +126,7 @@ class PadAgent:
         self._witness = WitnessDuty(pad_id, ledger=ledger, radios=radios, prekeys=self._prekeys, clock=clock)
         self._own = OwnPad(pad_id, ledger)
         self._pad: Pad | None = None
+        self._policies: dict[str, Policy] = {}
         self._ledger_trouble = ""
         self._care = asyncio.Event()
         self._subscription = EventSubscription(ledger, checkpointer, self._take)
@@ -171,13 +174,16 @@ class PadAgent:
             "accepts_sessions": not reasons,
             "cannot_prove": reasons,
             "not_known": [] if reasons else not_known(now),
+            "not_for": [] if reasons else not_for(now),
             "goes_on_without": goes_on_without(now),
             "spool_reason": spool.reason,
             "session": runner.session.session_id if runner is not None else "",
             "sessions_run": self._sessions,
             "requests_waiting": self._requests.qsize(),
             "sessions_to_end": self._reconciler.waiting,
-            "reach": reach_of(self._radios.states(), None if self._pad is None else self._pad.commissioning),
+            "reach": reach_of(
+                self._radios.states(), None if self._pad is None else self._pad.commissioning, self._radios.highest
+            ),
             **telemetry.plain(self._health()),
         }
 
@@ -185,13 +191,16 @@ class PadAgent:
         """What decides whether a drone can be proved now."""
         pad, spool = self._pad, self._spool
         digest = None if pad is None else pad.commissioning_sha256
+        states, surveyed = self._radios.states(), None if pad is None else pad.commissioning
+        highest = self._radios.highest
         return Now(
             ledger_trouble=self._ledger_trouble,
             pad=pad,
-            anchors=self._radios.states() if self._radios.measured_by == "pad" else None,
+            anchors=states if self._radios.measured_by == "pad" else None,
             moved=self._drift is not None and digest is not None and self._drift.moved(digest),
             spool_trouble="" if spool.accepts_sessions else spool.status.reason or "the spool is full",
             prekeys=self._prekeys.available,
+            beyond={} if surveyed is None else beyond_here(surveyed, self._policies, states, highest),
         )
 
     # --- what the ledger says ----------------------------------------------------------------------------------
@@ -328,11 +337,14 @@ class PadAgent:
             return
         for end, problem in (
             ("no_radio_plan", no_plan(commissioning, current.node)),
-            ("assurance_out_of_reach", out_of_reach(commissioning, current.node, current.policy)),
+            (
+                "assurance_out_of_reach",
+                beyond(commissioning, current.node, current.policy, self._radios.highest),
+            ),
         ):
             if problem:
                 _log.error("session %.12s refused: %s", session.session_id, problem)
-                self._reconciler.add(session.session_id, end)
+                self._reconciler.add(session.session_id, end, problem)
                 return
         private_key = await self._prekeys.take_key(session.prekey_id)
         if private_key is None:
@@ -406,6 +418,7 @@ class PadAgent:
                 if not self._started.is_set() or self._prekeys.low:
                     await self._prekeys.ensure()
                 self._pad = await self._own.refresh()
+                self._policies = await self._own.policies()
                 self._ledger_trouble = ""
                 self._started.set()
                 await self._reconciler.look_at_sessions()

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from wonderland import __version__
 from wonderland.telemetry import AnchorHealth, Health, clean
 from wonderland.uwb.reach import reach
+from wonderland_edge_agent.assurance import UNBOUND
 from wonderland_edge_agent.drift import DriftState
 from wonderland_edge_agent.radios import AnchorState
 from wonderland_edge_agent.radios.between import channel_of
@@ -64,11 +65,15 @@ def health_record(
     )
 
 
-def reach_of(anchors: Sequence[AnchorState], commissioning: Commissioning | None) -> dict[str, Any] | None:
+def reach_of(
+    anchors: Sequence[AnchorState], commissioning: Commissioning | None, highest: int | None
+) -> dict[str, Any] | None:
     """Highest assurance that the nodes can bear and what they lack for more; None while none has said what it can.
 
     ``unknown``: anchors whose nodes have not said it; they are left out.
     """
+    if highest is not None:
+        return {"assurance": highest, "missing": [UNBOUND], "unknown": []}
     pad = {f"anchor {each.anchor_id}": each.capabilities for each in anchors if each.capabilities is not None}
     if not pad:
         return None
@@ -104,7 +109,7 @@ async def tell_health(
 
 
 def _reasons(status: dict[str, Any]) -> tuple[object, ...]:
-    return status.get("cannot_prove"), status.get("not_known")
+    return status.get("cannot_prove"), status.get("not_known"), status.get("not_for")
 
 
 def _states(health: Health) -> tuple[object, ...]:

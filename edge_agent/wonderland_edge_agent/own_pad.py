@@ -6,9 +6,11 @@ import asyncio
 from typing import TYPE_CHECKING, Final
 
 from wonderland.proofs import encoding
+from wonderland.proofs.records.fields import ACTIONS
 
 if TYPE_CHECKING:
     from wonderland.proofs.records.pads import Commissioning, Pad
+    from wonderland.proofs.records.policies import Policy
     from wonderland.proofs.records.sessions import Session
     from wonderland_edge_agent.ports import PadLedger
 
@@ -39,6 +41,11 @@ class OwnPad:
         """As it is now. Raises as ``read``."""
         self._pad = await self._ledger.read_pad(self._pad_id)
         return self._pad
+
+    async def policies(self) -> dict[str, Policy]:
+        """What holds now for each action. Raises as ``read``."""
+        found = await asyncio.gather(*(self._ledger.read_policy(self._pad_id, action) for action in ACTIONS))
+        return dict(zip(ACTIONS, found, strict=True))
 
     async def commissioning_of(self, session: Session) -> Commissioning | None:
         """The survey that the session rests on; None where it is no longer the pad's. Raises as ``read``."""

@@ -13,6 +13,7 @@ from wonderland_edge_agent.witness import WitnessLedger, WitnessRadios
 if TYPE_CHECKING:
     from wonderland.proof_contract import ContractEvent
     from wonderland.proofs.records.pads import Pad
+    from wonderland.proofs.records.policies import Policy
     from wonderland_edge_agent.radios import AnchorState
     from wonderland_fabric_gateway.checkpoints import Checkpointer
 
@@ -33,6 +34,10 @@ class PadLedger(SessionLedger, PrekeyLedger, ReconcileLedger, WitnessLedger, Pro
         """This pad, with its commissioning."""
         ...
 
+    async def read_policy(self, pad_id: str, action: str) -> Policy:
+        """The policy that holds for an action at a pad."""
+        ...
+
     async def height(self) -> int:
         """How many blocks the channel has."""
         ...
@@ -46,6 +51,11 @@ class PadLedger(SessionLedger, PrekeyLedger, ReconcileLedger, WitnessLedger, Pro
 
 class PadRadiosPort(Radios, WitnessRadios, Protocol):
     """The nodes, and how they are."""
+
+    @property
+    def highest(self) -> int | None:
+        """The assurance that this kind of nodes bears at most; None: what they say of themselves counts."""
+        ...
 
     def states(self) -> list[AnchorState]:
         """Every anchor's node as it is now."""

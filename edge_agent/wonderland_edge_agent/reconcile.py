@@ -65,7 +65,7 @@ class Reconciler:
         self._ledger = ledger
         self._ends = ends
         self._clock = clock
-        self._open: dict[str, str] = {}
+        self._open: dict[str, tuple[str, str]] = {}
         self._unknown_ms: dict[str, int] = {}
 
     @property
@@ -73,9 +73,9 @@ class Reconciler:
         """How many sessions have not ended yet."""
         return len(self._open)
 
-    def add(self, session_id: str, reason: str) -> None:
-        """Take on a session; ``reason`` is what it will be cancelled with, should it still be open."""
-        self._open.setdefault(session_id, reason)
+    def add(self, session_id: str, reason: str, note: str = "") -> None:
+        """Take on a session; ``reason`` is what it will be cancelled with, ``note`` for people, should it be open."""
+        self._open.setdefault(session_id, (reason, note))
 
     def add_interrupted(self, sessions: Mapping[str, Mapping[str, Any]]) -> None:
         """Take on what the spool remembers from before a restart."""
@@ -85,9 +85,9 @@ class Reconciler:
 
     async def look_at_sessions(self) -> None:
         """Look at each once. Never raises for a ledger that is away: the next look comes."""
-        for session_id, reason in list(self._open.items()):
+        for session_id, (reason, note) in list(self._open.items()):
             try:
-                done = await self._end(session_id, reason)
+                done = await self._end(session_id, reason, note)
             except AwayError as error:
                 _log.info("session %.12s: cannot be ended yet, the ledger is away: %s", session_id, error)
                 return
@@ -107,11 +107,11 @@ class Reconciler:
         now_ms = self._clock()
         return now_ms - self._unknown_ms.setdefault(session_id, now_ms) >= UNKNOWN_MS
 
-    async def _end(self, session_id: str, reason: str) -> bool:
+    async def _end(self, session_id: str, reason: str, note: str) -> bool:
         session = await self._ledger.read_session(session_id)
         tx_id = ""
         if session.state == "requested":
-            session, done = await self._ledger.cancel(session_id, reason)
+            session, done = await self._ledger.cancel(session_id, reason, note)
             tx_id = done.tx_id
         elif session.state == "decided":
             verdict = await self._ledger.read_verdict(session_id)

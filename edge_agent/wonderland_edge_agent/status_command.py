@@ -96,7 +96,7 @@ def _age_s(said: dict[str, Any]) -> float:
 def _show(said: dict[str, Any], state: str) -> None:
     console = Console()
     console.print(f"Pad {said.get('pad_id', '?')}: {state}", soft_wrap=True)
-    for reason in (*_listed(said, "cannot_prove"), *_listed(said, "not_known")):
+    for reason in (*_listed(said, "cannot_prove"), *_listed(said, "not_known"), *_listed(said, "not_for")):
         console.print(f"  {reason}", soft_wrap=True, markup=False, highlight=False)
     without = _listed(said, "goes_on_without")
     if without:

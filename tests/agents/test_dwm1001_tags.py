@@ -52,11 +52,22 @@ async def test_the_pads_own_ranges_that_nothing_binds_have_assurance_0(world):
 
 
 async def test_the_default_policy_refuses_what_any_board_with_that_address_would_pass(world):
-    async with proofs(world) as (_, uav):
+    """Before anything is ranged, and in the pad's status before anybody asks."""
+    async with proofs(world) as (pad, uav):
+        status = pad.status()
+        assert "the policy demands assurance 1, and nothing binds" in status["cannot_prove"][0]
+        assert status["reach"]["assurance"] == 0
         result = await uav.prove("pad-1", "land")
-    assert result.verdict.permission == "refused"
-    assert "assurance_too_low" in {reason.code for reason in result.verdict.reasons}
+    assert (result.state, result.end) == ("cancelled", "assurance_out_of_reach")
+    assert "nothing binds these boards' ranges to a session" in result.detail
     assert not world.acted
+
+
+async def test_a_policy_that_takes_it_leaves_the_pad_able(world):
+    await world.policy(min_assurance=0)
+    async with proofs(world) as (pad, _):
+        assert pad.status()["accepts_sessions"]
+        assert pad.status()["reach"]["assurance"] == 0
 
 
 async def test_a_lie_of_three_metres_is_refuted_all_the_same(world):

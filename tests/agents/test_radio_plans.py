@@ -15,6 +15,7 @@ from wonderland.uwb.agreed import ASSUMED, PREAMBLE_CODES_OF_ALL, ability_of, ag
 from wonderland.uwb.layout import STEPS_MS
 from wonderland_fira_uci.uci.capabilities import decode_capabilities
 from wonderland_uav_agent.agent import UavAgentError
+from wonderland_uav_agent.agent_commands import _show
 
 NOW_MS = 1_700_000_000_000
 DWM3001CDK = bytes.fromhex(
@@ -79,12 +80,22 @@ async def test_the_drone_that_names_another_node_has_another_transcript(world):
     assert transcript_of(other, "wonderland").digest() != said
 
 
-async def test_a_policy_above_what_the_nodes_reach_is_refused_at_the_pad(world):
+async def test_a_policy_above_what_the_nodes_reach_is_refused_at_the_pad_and_said_beforehand(world, capsys):
     await commissioned(world, replace(ASSUMED, blinks="none"))
     await world.policy(min_assurance=3)
-    async with world.pad(), world.uav() as uav:
+    async with world.pad() as pad, world.uav() as uav:
+        (reason,) = pad.status()["cannot_prove"]
+        assert "the policy demands assurance 3, and the pad's nodes cannot do blinks" in reason
+        assert "(to land, take off, dock)" in reason
         result = await uav.prove("pad-1", "land")
     assert (result.state, result.end) == ("cancelled", "assurance_out_of_reach")
+    said = "the policy demands assurance 3, and the pad's nodes cannot do blinks (UL-TDoA)"
+    assert (await world.contract("uav").read_session(result.session_id)).note == said
+    _show(result)
+    assert capsys.readouterr().out == (
+        "No verdict: the policy demands more assurance than the nodes of pad and drone can reach. "
+        f"{said[:1].upper()}{said[1:]}.\n"
+    )
 
 
 async def test_nodes_without_a_common_channel_ask_for_nothing(world):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import time
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from wonderland_edge_agent.commands import pad
 from wonderland_edge_agent.settings import SettingsError, load, parse
+from wonderland_edge_agent.spool.lock import LOCK_NAME, ProcessLock
 from wonderland_uav_agent.commands import uav
 
 GOOD = """
@@ -183,7 +185,7 @@ def test_pad_status_before_the_first_run_and_after(file):
     (file.parent / "spool" / "status.json").write_text(json.dumps(status))
     result = CliRunner().invoke(pad, ["status", "--config", str(file)])
     assert result.exit_code == 1
-    assert "silent for" in result.output
+    assert "not running" in result.output
     assert "the disk is full" in result.output
     document = json.loads(CliRunner().invoke(pad, ["status", "--config", str(file), "--json"]).output)
     assert document["alive"] is False
@@ -193,7 +195,8 @@ def test_pad_status_before_the_first_run_and_after(file):
     assert "2 at most" in said
     assert "anchor A1 cannot do UL-TDoA" in said
     assert "not known of A2" in said
-    status["t_ms"] = time.time_ns() // 1_000_000
+    status |= {"t_ms": time.time_ns() // 1_000_000, "process": os.getpid()}
+    lock = ProcessLock(file.parent / "spool" / LOCK_NAME)
     (file.parent / "spool" / "status.json").write_text(json.dumps(status))
     result = CliRunner().invoke(pad, ["status", "--config", str(file)])
     assert result.exit_code == 3
@@ -207,6 +210,7 @@ def test_pad_status_before_the_first_run_and_after(file):
     del able["accepts_sessions"]  # a file of another version: what it does not say is not believed
     (file.parent / "spool" / "status.json").write_text(json.dumps(able))
     assert CliRunner().invoke(pad, ["status", "--config", str(file)]).exit_code == 3
+    lock.release()
     (file.parent / "spool" / "status.json").write_text("[]")
     assert "no status file" in CliRunner().invoke(pad, ["status", "--config", str(file)]).output
 

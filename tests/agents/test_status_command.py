@@ -137,6 +137,29 @@ async def test_a_node_that_answers_and_never_ranges(world):
         await said(path, CANNOT, "3 of 4 anchors can range, 4 are needed", "A2 (", limit_s=3 * NOTICED_S)
 
 
+async def test_a_policy_that_demands_more_than_the_nodes_bear(world):
+    path = settings_file(world)
+    async with world.pad():
+        await said(path, CAN)
+        await world.policy(min_assurance=3)
+        await said(
+            path,
+            CANNOT,
+            "the policy demands assurance 3",
+            "(A1, A2, A3, A4 cannot do UL-TDoA)",
+            limit_s=3 * NOTICED_S,
+        )
+        await world.policy(min_assurance=2)
+        await said(path, CAN, limit_s=3 * NOTICED_S)
+
+
+async def test_a_policy_of_one_action_that_demands_too_much_keeps_the_others_going(world):
+    path = settings_file(world)
+    async with world.pad():
+        await world.policy(action="dock", min_assurance=3)
+        await said(path, CAN, "cannot prove to dock: the policy demands assurance 3", limit_s=3 * NOTICED_S)
+
+
 async def test_a_lost_ledger(world):
     path = settings_file(world)
     async with world.pad():

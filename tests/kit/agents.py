@@ -325,9 +325,9 @@ class World:
             valid_until_ms=now_ms + 10**9,
         )
 
-    async def policy(self, **fields) -> None:
+    async def policy(self, action="*", **fields) -> None:
         policy = Policy.parse(fields).to_json()
-        proposed = await self.call("admin", "ProposePolicy", pad_id="pad-1", action="*", policy=policy)
+        proposed = await self.call("admin", "ProposePolicy", pad_id="pad-1", action=action, policy=policy)
         await self.call("inspector", "ApproveChange", **Scene.approval(proposed))
 
     def settings(self, **more):

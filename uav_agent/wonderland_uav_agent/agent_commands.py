@@ -10,18 +10,18 @@ import signal
 import sys
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 from urllib.parse import urlsplit
 
 import click
 
 from wonderland import messages
 from wonderland.clock import Clock, SteadyClock
-from wonderland.proof_contract import ProofContract
+from wonderland.proof_contract import MAX_NOTE, ProofContract
 from wonderland.proofs.records.fields import ACTIONS
 from wonderland.proofs.records.sessions import STEP_NAMES
 from wonderland.proofs.records.verdicts import Verdict
-from wonderland.telemetry import Credentials, tls_of
+from wonderland.telemetry import Credentials, clean, tls_of
 from wonderland.uwb.layout import WordWays
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
@@ -39,6 +39,7 @@ from wonderland_uav_agent.session.ports import Act
 from wonderland_uav_agent.willing import Willing
 
 POSITION_PATIENCE_S = 10.0
+_ENDS: Final = "console/end"
 LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
 
 
@@ -371,8 +372,16 @@ def _document(result: ProofResult) -> dict[str, Any]:
 def _show(result: ProofResult) -> None:
     verdict = result.verdict
     if verdict is None:
-        click.echo(f"No verdict: {result.end.replace('_', ' ')}. {result.detail}".rstrip())
+        click.echo(_no_verdict(result))
         return
     click.echo(f"{verdict.outcome.capitalize()}, permission {verdict.permission} (session {result.session_id[:12]}…)")
     for reason in verdict.reasons:
         click.echo(f"  {messages.text('reasons', reason.code, reason.facts)}")
+
+
+def _no_verdict(result: ProofResult) -> str:
+    """Why there is none: the catalogue's words for the end, and what whoever ended it wrote beside it."""
+    known = result.end in messages.keys_of(_ENDS)
+    words = messages.text(_ENDS, result.end, {}) if known else result.end.replace("_", " ")
+    detail = clean(result.detail, MAX_NOTE).rstrip(".")
+    return f"No verdict: {words}." + (f" {detail[:1].upper()}{detail[1:]}." if detail else "")

@@ -107,7 +107,7 @@ class LedgerEvents:
         try:
             if event.name == "ProofCancelled":
                 session = Session.parse(event.record)
-                listener(on.SessionCancelled(session.ended_by or "", session.end or "cancelled"))
+                listener(on.SessionCancelled(session.ended_by or "", session.end or "cancelled", session.note or ""))
                 return
             verdict = Verdict.parse(event.record)
         except ProofError as error:

@@ -102,6 +102,7 @@ class PadRadios:
     measured_by: Final = "pad"
     sts: Final = "provisioned"
     interval_ms: Final = None
+    highest: Final = None
 
     def __init__(self, ports: Sequence[AnchorPort], clock: Clock) -> None:
         self._nodes = {entry.anchor_id: entry.node(clock) for entry in ports}

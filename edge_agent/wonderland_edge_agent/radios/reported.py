@@ -42,6 +42,8 @@ class WordsByUdp(asyncio.DatagramProtocol):
 
     interval_ms: Final = 100
     """Such boards range ten times a second at most."""
+    highest: Final = 0
+    """Nothing binds their ranges to a session."""
 
     def __init__(self, listen: Address, clock: Clock) -> None:
         self._listen = listen

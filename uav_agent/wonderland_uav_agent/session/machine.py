@@ -339,7 +339,7 @@ class UavSession:
     def _cancelled(self, event: on.SessionCancelled, now_ms: int, actions: list[do.UavAction]) -> None:
         if self.phase is Phase.ACTING:
             actions.append(do.StopActing(event.reason))
-        self._end("cancelled", event.reason, now_ms, actions, detail=f"by {event.by}")
+        self._end("cancelled", event.reason, now_ms, actions, detail=event.note or f"ended by the {event.by}")
 
     def _interrupted(self, event: on.Interrupted, now_ms: int, actions: list[do.UavAction]) -> None:
         if self.phase is Phase.ACTING:

@@ -47,6 +47,8 @@ class SessionCancelled:
 
     by: str
     reason: str
+    note: str = ""
+    """What whoever did it wrote beside it."""
 
 
 @dataclass(frozen=True, slots=True)
