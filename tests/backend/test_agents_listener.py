@@ -251,7 +251,7 @@ async def test_who_sends_more_than_its_share_is_read_later_and_loses_nothing(
             began = asyncio.get_running_loop().time()
             flood = asyncio.create_task(_flood(first, 50))
             assert (await second.report(HEALTH))["seq"] == 1
-            assert asyncio.get_running_loop().time() - began < 1.0, "nobody else waits"
+            assert not flood.done(), "nobody else waits"
             assert await flood == 50
             assert asyncio.get_running_loop().time() - began > 1.0, "50 records at 20 a second, 20 of them at once"
 
