@@ -93,19 +93,29 @@ def not_known(now: Now) -> list[str]:
 
 
 def goes_on_without(now: Now) -> list[str]:
-    """Anchors that are missing and that the pad does not need; empty where so many are that it can prove nothing."""
+    """Anchors that are missing, or cannot speak, and that the pad does not need; empty where it can prove nothing."""
     if now.anchors is None:
         return []
     wanted, missing = _missing(now.anchors, now.pad)
     enough = len(wanted) - len(missing) >= _needed(len(wanted))
-    return [f"{anchor_id} ({why})" for anchor_id, why in missing.items()] if enough else []
+    if not enough:
+        return []
+    mute = [f"the voice of {each.anchor_id} ({each.detail})" for each in _mute(now.anchors)]
+    return [f"{anchor_id} ({why})" for anchor_id, why in missing.items()] + mute
+
+
+def _mute(states: Sequence[AnchorState]) -> list[AnchorState]:
+    return [state for state in states if state.ranges and not state.speaks]
 
 
 def _of_anchors(states: Sequence[AnchorState], pad: Pad | None) -> list[str]:
     wanted, missing = _missing(states, pad)
     there, needed = len(wanted) - len(missing), _needed(len(wanted))
     if there >= needed:
-        return []
+        mute = _mute(states)
+        if not mute or any(state.ranges and state.speaks for state in states):
+            return []
+        return [f"no anchor can speak to the drone: {', '.join(f'{each.anchor_id} ({each.detail})' for each in mute)}"]
     said = ", ".join(f"{anchor_id} ({why})" for anchor_id, why in missing.items())
     return [f"{there} of {len(wanted)} anchors can range, {needed} are needed: {said}"]
 

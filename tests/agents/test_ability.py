@@ -31,6 +31,14 @@ def faulty(*names):
     )
 
 
+def mute(*names):
+    """These range, and accept no data."""
+    return tuple(
+        AnchorState(s.anchor_id, "silent", "accepts no data", None, speaks=False) if s.anchor_id in names else s
+        for s in UP
+    )
+
+
 def unproven(*names):
     """No other anchor hears these, and no drone has come."""
     return tuple(AnchorState(s.anchor_id, "up", "", None, unproven=s.anchor_id in names) for s in UP)
@@ -88,6 +96,8 @@ WELL = {"ledger_trouble": "", "pad": Record(), "anchors": UP, "moved": False, "s
             "3 of 5 anchors can range, 4 are needed: A1 (unplugged), A5 (no port configured)",
         ),
         ({"anchors": unproven(*ALL)}, None),
+        ({"anchors": mute("A1", "A2", "A3")}, None),
+        ({"anchors": mute(*ALL)}, "no anchor can speak to the drone: A1 (accepts no data), A2 (accepts no data), A3"),
         ({"anchors": able(*ALL)}, None),
         (
             {"anchors": able(*ALL, schedule_modes=ScheduleModes.CONTENTION)},
@@ -120,6 +130,10 @@ def test_a_pad_of_five_goes_on_with_four_and_says_so(why):
     assert word.startswith("A3 (")
     assert goes_on_without(Now(**(WELL | {"pad": record, "anchors": (*UP, FIFTH)}))) == []
     assert goes_on_without(Now(**(WELL | {"pad": record, "anchors": why("A3")}))) == []
+
+
+def test_who_cannot_speak_is_named_where_others_do():
+    assert goes_on_without(Now(**(WELL | {"anchors": mute("A2")}))) == ["the voice of A2 (accepts no data)"]
 
 
 def test_whether_anchors_range_that_nothing_has_shown_is_not_known():

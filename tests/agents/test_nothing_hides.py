@@ -9,7 +9,7 @@ import json
 import time
 
 import pytest
-from kit.agents import cured, decided, hang
+from kit.agents import FAST_UAV, cured, decided, hang
 
 from wonderland.uwb.agreed import ASSUMED
 from wonderland.uwb.layout import RangingPlan
@@ -255,6 +255,35 @@ async def test_the_node_that_speaks_hangs_in_mid_session_and_another_goes_on(wor
         verdict = (await asking).verdict
         assert verdict.outcome == "verified", verdict.reasons
         assert pad.status()["goes_on_without"]
+
+
+async def test_a_node_that_gives_no_credit_is_named_and_another_speaks_in_its_place(world, caplog):
+    node = world.ports["A1"].node
+    node.notify_credit = lambda _session: None
+    slow = dataclasses.replace(world.fast_pad, reply_ms=8_000, silence_ms=4_000, identity_ms=8_000, echo_ms=8_000)
+    slow = dataclasses.replace(slow, confirm_ms=8_000)
+    async with (
+        world.pad(timing=slow) as pad,
+        world.uav(timing=dataclasses.replace(FAST_UAV, pad_silence_ms=8_000)) as uav,
+    ):
+        result = await decided(uav)
+        assert result.verdict.outcome == "verified", result
+        assert state(pad, "A1") | {"firmware": ""} == {
+            "anchor_id": "A1",
+            "state": "silent",
+            "detail": "accepts no data (no credit)",
+            "firmware": "",
+        }
+        assert "the voice of A1 (accepts no data (no credit))" in pad.status()["goes_on_without"]
+        assert pad.status()["accepts_sessions"]
+        del node.notify_credit
+        world.ports["A1"].unplug()
+        await until(lambda: state(pad, "A1")["state"] == "down")
+        world.ports["A1"].plug()
+        await until(lambda: state(pad, "A1")["state"] == "up")
+    assert [each for each in caplog.records if "anchor A1: accepts no data (no credit)" in each.getMessage()]
+    heard = [anchor for anchors in await told(world) for anchor in anchors if anchor["anchor_id"] == "A1"]
+    assert any(anchor.get("detail") == "accepts no data (no credit)" for anchor in heard)
 
 
 @pytest.mark.parametrize("anchors", [6, 8])

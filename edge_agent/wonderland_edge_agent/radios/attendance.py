@@ -49,6 +49,8 @@ class Attendance:
         """No other anchor hears these, and they range drones all the same."""
         self._shown: set[str] = set()
         """These have ranged a drone, or another anchor has ranged them."""
+        self._mute: dict[str, str] = {}
+        """These range and cannot speak for the pad, and why."""
         self._called = False
         """Whether a roll was called."""
 
@@ -79,6 +81,18 @@ class Attendance:
         self._here.pop(anchor_id, None)
         self._faults[anchor_id] = why
         self._elsewhere.add(anchor_id)
+
+    def takes_no_words(self, anchor_id: str, why: str) -> None:
+        """Its node accepts no data. It may range all the same; what cures it is a restart of the node."""
+        self._mute[anchor_id] = why
+
+    def restarted(self, anchor_id: str) -> None:
+        """The node was away."""
+        self._mute.pop(anchor_id, None)
+
+    def mute(self, anchor_id: str) -> str:
+        """Why it cannot speak for the pad; empty where it can."""
+        return self._mute.get(anchor_id, "")
 
     def end(self) -> None:
         """The session is over; what it showed is remembered."""

@@ -43,6 +43,8 @@ READY_GRACE_S: Final = 0.5
 ECHO_MS: Final = 30
 """All nodes hear the same data; copies within this time are one."""
 _REMEMBERED: Final = 64
+NO_CREDIT: Final = 2
+"""After so many data units running without a credit it was no lost notification."""
 _VOICE_S: Final = 0.25
 """Between two looks whether the node that speaks still does."""
 
@@ -89,6 +91,8 @@ class AnchorState:
     """It is silent while others range: no drone out of reach explains that."""
     unproven: bool = False
     """Nothing has shown yet whether it ranges: no other anchor hears it, and no drone has come."""
+    speaks: bool = True
+    """Whether its node accepts data, as far as anybody knows."""
 
     @property
     def ranges(self) -> bool:
@@ -137,13 +141,19 @@ class PadRadios:
         out: list[AnchorState] = []
         for anchor_id, node in self._nodes.items():
             state: AnchorCondition = "up" if node.is_ready else "down"
-            detail, fault = node.detail, ""
+            detail, fault, mute = node.detail, "", self._attendance.mute(anchor_id)
             if node.is_ready:
                 fault = self._attendance.fault(anchor_id, now_ms)
-                if fault or self._attendance.is_silent(anchor_id, now_ms):
-                    state, detail = "silent", fault or self._attendance.status(anchor_id)
+                if fault or mute or self._attendance.is_silent(anchor_id, now_ms):
+                    state, detail = "silent", fault or mute or self._attendance.status(anchor_id)
+            else:
+                self._attendance.restarted(anchor_id)
             unproven = node.is_ready and self._attendance.is_unproven(anchor_id)
-            out.append(AnchorState(anchor_id, state, detail, _firmware(node), node.capabilities, bool(fault), unproven))
+            out.append(
+                AnchorState(
+                    anchor_id, state, detail, _firmware(node), node.capabilities, bool(fault), unproven, not mute
+                )
+            )
         return out
 
     async def open_session(self, plan: RangingPlan, anchor_ids: Sequence[str], sink: Sink) -> str | None:
@@ -314,6 +324,10 @@ class PadRadios:
             if problem:
                 sink(RadiosFailed(problem))
                 return
+            if self._words is not None and self._words.credit_timeouts >= NO_CREDIT:
+                self._attendance.takes_no_words(self._voice, "accepts no data (no credit)")
+                _log.warning("anchor %s: accepts no data (no credit)", self._voice)
+                self._voice_lost.set()
             if not (self._voice_lost.is_set() or self._attendance.fault(self._voice, now_ms)):
                 continue
             lost, words, self._words = self._voice, self._words, None

@@ -98,6 +98,11 @@ class UwbSession:
         """Whether ``send`` would go through at once."""
         return self._node.device.has_credit(self.session_id)
 
+    @property
+    def credit_timeouts(self) -> int:
+        """How many data units running the node has given no credit back for, each within a second."""
+        return self._node.device.credit_timeouts(self.session_id)
+
     async def events(self) -> AsyncIterator[SessionEvent]:
         """Every event in order; one reader. Ends after ``close`` or ``SessionFailed``."""
         while True:

@@ -193,6 +193,11 @@ class UciDevice:
         session = self._sessions.get(session_id)
         return session is not None and not session.wanted
 
+    def credit_timeouts(self, session_id: int) -> int:
+        """How many data packets running the node has given no credit back for."""
+        session = self._sessions.get(session_id)
+        return 0 if session is None else session.credit_timeouts
+
     def has_credit(self, session_id: int) -> bool:
         """Whether ``send_data`` would be taken."""
         session = self._sessions.get(session_id)

@@ -69,6 +69,8 @@ class SessionMachine:
         self.ended = False
         self.error: UciError | None = None
         self.credit = True
+        self.credit_timeouts = 0
+        """Data packets running for which the node gave no credit back."""
         self.data_sequence = 0
         self.heard_ms = 0
         self._configured = False
@@ -166,7 +168,8 @@ class SessionMachine:
     def advance(self, now_ms: int) -> bool:
         """Lets time pass; True when the credit came back by timeout (its notification was lost)."""
         if self._credit_deadline_ms is not None and now_ms >= self._credit_deadline_ms:
-            self.set_credit(granted=True)
+            self.credit, self._credit_deadline_ms = True, None
+            self.credit_timeouts += 1
             return True
         return False
 
@@ -174,7 +177,7 @@ class SessionMachine:
         """The node's word on credit."""
         self.credit = granted
         if granted:
-            self._credit_deadline_ms = None
+            self._credit_deadline_ms, self.credit_timeouts = None, 0
 
     def spend_credit(self, now_ms: int) -> int:
         """Takes the credit for one data packet and returns its sequence number."""
