@@ -5,8 +5,11 @@ from __future__ import annotations
 import contextlib
 import random
 
+import pytest
+
 from wonderland_edge_agent.radios.reported import TagRadios
 from wonderland_fira_uci.dwm1001 import BoardPosition, Timings
+from wonderland_fira_uci.errors import NodeError
 from wonderland_simulator.dwm1001_node import Quirks, VirtualAnchor, VirtualDwm1001
 from wonderland_simulator.uci_node import PtyPort
 from wonderland_uav_agent.radio.tag import TagRadio
@@ -84,3 +87,12 @@ async def test_a_board_that_no_tag_measures_ends_in_a_recorded_state(world):
         result = await uav.prove("pad-1", "land")
     assert result.verdict is None or result.verdict.outcome == "inconclusive"
     assert result.state in {"cancelled", "decided"}
+
+
+async def test_the_drones_anchor_is_called_by_that_name(world, monkeypatch):
+    monkeypatch.setattr("wonderland_uav_agent.radio.tag.READY_GRACE_S", 0.1)
+    for board, name in ((BOARD, "drone's anchor"), (None, "drone's tag")):
+        radio = TagRadio(world.directory / "tty-none", ("127.0.0.1", 9), world.clock, board=board)
+        async with radio:
+            with pytest.raises(NodeError, match=name):
+                await radio.open_session(None, lambda _: None)

@@ -222,6 +222,14 @@ def test_uav_prove_says_what_is_wrong_in_one_line(tmp_path):
     assert "connection file: cannot read" in result.output
 
 
+@pytest.mark.parametrize("port", ["socket://127.0.0.1", "loop://", ""])
+def test_a_drones_port_that_can_never_be_one_is_refused_at_once(tmp_path, port):
+    arguments = ["prove", "--connection", str(tmp_path), "--port", port, "--position", "x", "--pad", "pad-1"]
+    result = CliRunner().invoke(uav, arguments)
+    assert result.exit_code == 2
+    assert "socket://" in result.output
+
+
 def test_a_receiver_listens_on_this_machine_unless_told_otherwise(file):
     file.write_text(GOOD.replace('listen = "[::]:5480"', 'listen = ":5480"'))
     assert load(file).remote_id.listen == ("127.0.0.1", 5480)

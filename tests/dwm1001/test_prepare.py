@@ -47,6 +47,44 @@ async def call(*arguments):
     return await asyncio.to_thread(CliRunner().invoke, uwb, [str(each) for each in arguments])
 
 
+@pytest.mark.parametrize("port", ["socket://127.0.0.1", "loop://", ""])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("capabilities",),
+        ("listen", "--kind", "dwm1001"),
+        ("prepare", "--role", "pad", "--network", "3caf"),
+        ("record", "--kind", "dwm1001", "--anchor", "A1=a001", "--out", "ranges.csv"),
+    ],
+)
+async def test_a_port_that_can_never_be_one_is_refused_at_once_with_what_to_write(port, words):
+    result = await call(*words, "--port", port)
+    assert result.exit_code == 2
+    assert "socket://" in result.output
+    assert "HOST:PORT" in result.output or "needs host and port, for example" in result.output
+
+
+async def test_a_board_of_a_recording_on_such_a_port_is_refused_too():
+    boards = ("--board", "A1=loop://", "--peer", "1a2b", "--out", "ranges.csv")
+    result = await call("record", "--kind", "dwm1001", *boards)
+    assert result.exit_code == 2
+    assert "--board A1=loop://" in result.output
+
+
+async def test_boards_are_prepared_at_the_rate_of_their_line(monkeypatch):
+    opened = []
+
+    def opener(port, baud_rate, *, rtscts):
+        opened.append((port, baud_rate, rtscts))
+        raise NodeError("enough")
+
+    monkeypatch.setattr("wonderland.uwb.prepare_command.serial_opener", opener)
+    await call(
+        *("prepare", "--port", "/dev/ttyX", "--role", "pad", "--network", "3caf", "--baud-rate", 921_600, "--rtscts")
+    )
+    assert opened == [("/dev/ttyX", 921_600, True)]
+
+
 @dataclass
 class Done:
     exit_code: int

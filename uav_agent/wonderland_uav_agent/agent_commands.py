@@ -23,6 +23,7 @@ from wonderland.proofs.records.sessions import STEP_NAMES
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.telemetry import Credentials, clean, tls_of
 from wonderland.uwb.layout import WordWays
+from wonderland.uwb.port_options import PORT
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway import Gateway
@@ -50,7 +51,12 @@ def _of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
             "--connection", required=True, type=click.Path(path_type=Path), help="connection.json of the ledger."
         ),
         click.option("--identity", default="uav", show_default=True, help="A name in connection.json."),
-        click.option("--port", required=True, help="Serial port of the drone's UWB node."),
+        click.option(
+            "--port",
+            required=True,
+            type=PORT,
+            help="Port of the drone's UWB node: a device, socket://HOST:PORT or rfc2217://HOST:PORT.",
+        ),
         click.option(
             "--node",
             type=click.Choice(("uci", "dwm1001", "dwm1001-anchor")),

@@ -49,10 +49,11 @@ class TagRadio(asyncio.DatagramProtocol):
         clock: Clock,
         *,
         mode: Mode = Mode.TLV,
-        name: str = "drone's tag",
+        name: str = "",
         timings: Timings | None = None,
         board: int | None = None,
     ) -> None:
+        name = name or ("drone's tag" if board is None else "drone's anchor")
         self._node = Dwm1001Node(port, mode=mode, name=name, clock=clock, timings=timings)
         self._pad = pad
         self._board = board
@@ -80,7 +81,7 @@ class TagRadio(asyncio.DatagramProtocol):
         return None
 
     async def open_session(self, plan: RangingPlan, sink: Sink) -> None:
-        """Report to the pad from now on. Raises UwbError where the tag is away or the pad's address is none."""
+        """Report to the pad from now on. Raises UwbError where the board is away or the pad's address is none."""
         await self.close_session()
         await self._node.wait_ready(READY_GRACE_S)
         try:

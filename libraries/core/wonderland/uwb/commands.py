@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from wonderland.lazy_commands import LazyGroup
+from wonderland.uwb.port_options import PORT, baud_rate, rtscts
 
 if TYPE_CHECKING:
     from wonderland.uwb.listen import Document, Summary, UciBench
@@ -28,12 +29,6 @@ KINDS: Final = ("dwm1001", "uci")
 ADDRESSES: Final = range(0x0001, 0xFFFE)
 """0 is nobody's, fffe and ffff are everybody's."""
 MODES: Final = ("tlv", "les", "lec", "lep")
-
-
-_baud_rate = click.option(
-    "--baud-rate", type=click.IntRange(1_200, 12_000_000), default=115_200, show_default=True, help="Of the port."
-)
-_rtscts = click.option("--rtscts", is_flag=True, help="Flow control by RTS and CTS.")
 
 
 @click.group(
@@ -74,10 +69,13 @@ def sixteen_bits(text: str, what: str) -> int:
 
 @uwb.command()
 @click.option(
-    "--port", required=True, help="Port of the board, which speaks FiRa UCI: a device or socket://, rfc2217://."
+    "--port",
+    required=True,
+    type=PORT,
+    help="Port of the board, which speaks FiRa UCI: a device or socket://, rfc2217://.",
 )
-@_baud_rate
-@_rtscts
+@baud_rate
+@rtscts
 @click.option("--json", "as_json", is_flag=True, help="One JSON document.")
 def capabilities(*, port: str, baud_rate: int, rtscts: bool, as_json: bool) -> None:
     """Say what a board can do by its own word, and which assurance that bears on a pad and on a drone.
@@ -108,9 +106,14 @@ def capabilities(*, port: str, baud_rate: int, rtscts: bool, as_json: bool) -> N
 
 
 @uwb.command()
-@click.option("--port", required=True, help="Port of the board: a device, socket://HOST:PORT or rfc2217://HOST:PORT.")
-@_baud_rate
-@_rtscts
+@click.option(
+    "--port",
+    required=True,
+    type=PORT,
+    help="Port of the board: a device, socket://HOST:PORT or rfc2217://HOST:PORT.",
+)
+@baud_rate
+@rtscts
 @click.option("--kind", required=True, type=click.Choice(KINDS), help="What the board speaks.")
 @click.option(
     "--mode",

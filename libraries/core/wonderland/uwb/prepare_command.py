@@ -9,6 +9,9 @@ from typing import Final
 import click
 
 from wonderland.uwb.commands import sixteen_bits
+from wonderland.uwb.port_options import PORT
+from wonderland.uwb.port_options import baud_rate as with_baud_rate
+from wonderland.uwb.port_options import rtscts as with_rtscts
 from wonderland_fira_uci.dwm1001.roles import TENTHS, Role
 from wonderland_fira_uci.dwm1001.roles import prepare as put_into_role
 from wonderland_fira_uci.errors import UwbError
@@ -32,7 +35,14 @@ def _tenths(_: click.Context, __: click.Parameter, every_ms: int) -> int:
 
 
 @click.command()
-@click.option("--port", required=True, help="Port of the board: a device, socket://HOST:PORT or rfc2217://HOST:PORT.")
+@click.option(
+    "--port",
+    required=True,
+    type=PORT,
+    help="Port of the board: a device, socket://HOST:PORT or rfc2217://HOST:PORT.",
+)
+@with_baud_rate
+@with_rtscts
 @click.option(
     "--role",
     required=True,
@@ -52,7 +62,7 @@ def _tenths(_: click.Context, __: click.Parameter, every_ms: int) -> int:
     help="pad: between two rounds, in steps of 100 ms.",
 )
 @click.option("--json", "as_json", is_flag=True, help="One JSON document.")
-def prepare(*, port: str, role: str, network: int, tenths: int, as_json: bool) -> None:
+def prepare(*, port: str, baud_rate: int, rtscts: bool, role: str, network: int, tenths: int, as_json: bool) -> None:
     """Put a DWM1001 with its factory firmware (PANS) into its role, and check that it took it.
 
     \b
@@ -65,7 +75,8 @@ def prepare(*, port: str, role: str, network: int, tenths: int, as_json: bool) -
     What is so already is left alone. Exit code 1 when the board does not answer or did not take its role.
     """  # noqa: D301 - \b is click's mark for "do not wrap"
     try:
-        info = asyncio.run(put_into_role(serial_opener(port), ROLES[role], network, name=port, tenths=tenths))
+        opener = serial_opener(port, baud_rate, rtscts=rtscts)
+        info = asyncio.run(put_into_role(opener, ROLES[role], network, name=port, tenths=tenths))
     except UwbError as error:
         raise click.ClickException(str(error)) from error
     if as_json:

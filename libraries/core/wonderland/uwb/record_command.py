@@ -15,11 +15,14 @@ import click
 from wonderland.clock import SteadyClock
 from wonderland.uwb import listen as bench
 from wonderland.uwb.commands import key_of, short_address
+from wonderland.uwb.port_options import PORT
+from wonderland.uwb.port_options import baud_rate as with_baud_rate
+from wonderland.uwb.port_options import rtscts as with_rtscts
 from wonderland.uwb.record import Recorder, Reports
 from wonderland.uwb.record import record as write
 from wonderland_fira_uci.dwm1001 import Mode
 from wonderland_fira_uci.errors import UwbError
-from wonderland_fira_uci.serial_port import serial_opener
+from wonderland_fira_uci.serial_port import serial_opener, url_problem
 
 INTERVAL_MS: Final = 100
 
@@ -34,13 +37,15 @@ INTERVAL_MS: Final = 100
     help="A board of the pad that measures its own range to --peer; once for each anchor (DWM1001 tags).",
 )
 @click.option("--peer", metavar="HEX", help="With --board: short address of the drone's board.")
-@click.option("--port", help="In place of --board: the drone's board, which measures its range to each anchor.")
+@click.option(
+    "--port", type=PORT, help="In place of --board: the drone's board, which measures its range to each anchor."
+)
 @click.option(
     "--anchor", "anchors", multiple=True, metavar="ANCHOR=HEX", help="With --port: an anchor's short address."
 )
 @click.option("--mac", metavar="HEX", help="With --port, UCI: the drone's board's own address.")
-@click.option("--baud-rate", type=click.IntRange(1_200, 12_000_000), default=115_200, show_default=True)
-@click.option("--rtscts", is_flag=True, help="Flow control by RTS and CTS.")
+@with_baud_rate
+@with_rtscts
 @click.option("--key-file", type=click.Path(dir_okay=False, path_type=Path), help="UCI: the session's key.")
 @click.option("--interval-ms", type=click.IntRange(20, 60_000), default=INTERVAL_MS, show_default=True, help="UCI.")
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), metavar="CSV")
@@ -81,6 +86,9 @@ def record(
             )
         drone = f"{short_address(peer):04x}"
         for name, where in _pairs("--board", boards).items():
+            problem = url_problem(where)
+            if problem:
+                raise click.UsageError(f"--board {name}={where}: {problem}")
             opener = serial_opener(where, baud_rate, rtscts=rtscts)
             sources[name] = (bench.dwm1001(where, opener, Mode.TLV, clock), {drone: name})
     else:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import select
 import socket
 import stat
 import termios
@@ -55,7 +56,9 @@ Opener = Callable[[], ByteDevice]
 
 
 def url_problem(port: str) -> str:
-    """What is wrong with a port that is written as a URL; empty where nothing is, and for every path."""
+    """What is wrong with a port that is written as a URL, or not at all; empty where nothing is, and for every path."""
+    if not port:
+        return "is empty; a path such as /dev/ttyACM0, socket://HOST:PORT or rfc2217://HOST:PORT is wanted"
     scheme, separator, _ = port.partition("://")
     if not separator:
         return ""
@@ -139,11 +142,26 @@ def _character_device(name: str) -> ByteDevice | None:
     try:
         if os.isatty(fd):
             raise BlockingIOError
+        _check_waitable(name, fd)
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         os.close(fd)
         return None
+    except PortError:
+        os.close(fd)
+        raise
     return _CharacterDevice(fd)
+
+
+def _check_waitable(name: str, fd: int) -> None:
+    """Epoll refuses what can never be waited for, such as /dev/null. Raises PortError."""
+    with select.epoll() as waiting:
+        try:
+            waiting.register(fd, select.EPOLLIN)
+        except PermissionError as error:
+            raise PortError(
+                f"{name} is no serial port, and no device that a node could be on: nothing ever comes from it"
+            ) from error
 
 
 class _Connection:

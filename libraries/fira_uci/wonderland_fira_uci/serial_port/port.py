@@ -175,7 +175,7 @@ class ReconnectingPort:
         fd = device.fileno()
         try:
             self._loop.add_reader(fd, self._readable)
-        except OSError as error:  # epoll refuses what can never be waited for, such as /dev/null
+        except OSError as error:  # epoll refuses what can never be waited for, such as a file
             device.close()
             self._not_opened(f"the device cannot be waited for: {error}")
             return
