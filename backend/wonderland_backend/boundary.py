@@ -19,7 +19,7 @@ from wonderland_backend.errors import problem_response
 from wonderland_backend.problem_texts import Said, SaidError, said
 
 POLICY: Final = (
-    "default-src 'none'; script-src 'self'; "
+    "default-src 'none'; script-src 'self'; object-src 'none'; "
     # MapLibre positions its markers and popups by style attributes.
     "style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; font-src 'self'; connect-src 'self'; worker-src 'self' blob:; child-src blob:; "
@@ -56,7 +56,7 @@ class Boundary:
         self._larger = larger
         self._headers = dict(HEADERS)
         if https:
-            self._headers["Strict-Transport-Security"] = "max-age=31536000"
+            self._headers["Strict-Transport-Security"] = "max-age=31536000; includeSubDomains"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """ASGI."""

@@ -132,7 +132,6 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
     for path in (*remote_id_tests.PATHS, *geo_awareness.PATHS):
         app.add_api_route(path, _unknown, methods=["GET", "HEAD", "PUT", "POST", "DELETE"], include_in_schema=False)
     console.install(app, console.find_console(console_directory))
-    app.add_middleware(RefusalLog)
     app.add_middleware(AnswerHeaders)
     app.add_middleware(SetUpGate)
     app.add_middleware(
@@ -146,6 +145,7 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
             f"{API}/site-plans/": MAX_BYTES,
         },
     )
+    app.add_middleware(RefusalLog)  # the outermost: what the boundary refuses is written down, too
     app.openapi = lambda: openapi(app)  # type: ignore[method-assign]
     return app
 

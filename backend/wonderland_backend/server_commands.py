@@ -10,6 +10,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from wonderland.log_lines import set_up_log
 from wonderland_backend.audit.anchors import instance_of
 from wonderland_backend.audit.verify import verify
 from wonderland_backend.database_commands import database_option, json_option, print_digest, require_tables, run_work
@@ -21,7 +22,7 @@ from wonderland_backend.leader_election.lock import held
 from wonderland_backend.listening import Listen
 from wonderland_backend.mirror import rebuild as rebuilding
 from wonderland_backend.routes import new_app
-from wonderland_backend.serve import audit_anchors, serve, setup_logging, source_of
+from wonderland_backend.serve import audit_anchors, serve, source_of
 from wonderland_backend.settings import Settings
 
 _connection = click.option(
@@ -78,7 +79,7 @@ def serve_command(
     """
 
     async def run(settings: Settings) -> None:
-        setup_logging(settings.log_level)
+        set_up_log(settings.log_level.upper())
         await serve(settings, Listen.parse(listen), token_file=token_file, as_json=as_json)
 
     uspace = {"test_harness": True} if test_harness else None

@@ -6,11 +6,11 @@ import asyncio
 import json
 import logging
 import signal
-import sys
 from pathlib import Path
 
 import click
 
+from wonderland.log_lines import set_up_log
 from wonderland_edge_agent.assembly import open_pad
 from wonderland_edge_agent.config_option import config_option
 from wonderland_edge_agent.ports import AgentError
@@ -28,11 +28,7 @@ def run(*, path: Path, as_json: bool, check: bool, verbose: bool) -> None:
     if check:
         _check(path)
         return
-    logging.basicConfig(
-        level=logging.DEBUG if verbose else logging.INFO,
-        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
-        stream=sys.stderr,
-    )
+    set_up_log(logging.DEBUG if verbose else logging.INFO)
     logging.getLogger("websockets").setLevel(logging.WARNING)
     try:
         asyncio.run(_run(path, as_json=as_json))

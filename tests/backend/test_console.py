@@ -79,6 +79,9 @@ async def test_other_methods_are_told_what_is_allowed(built):
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://localhost") as http:
         assert (await http.put("/api/v1/pads")).headers["allow"] == "GET"
         assert (await http.put("/sessions")).status_code == 405
+        for path in ("/", "/api/v1/health", "/oauth/token"):
+            traced = await http.request("TRACE", path, headers={"Cookie": "secret"})
+            assert (traced.status_code, "secret" in traced.text) == (405, False)
 
 
 async def test_without_a_console_it_says_so(tmp_path):

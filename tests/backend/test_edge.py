@@ -87,6 +87,37 @@ async def test_a_head_of_usual_size_in_small_pieces_is_served(at):
 
 
 @pytest.mark.parametrize(
+    "headers",
+    [
+        b"Content-Length: 4\r\nTransfer-Encoding: chunked\r\n",
+        b"Content-Length: 4\r\nContent-Length: 5\r\n",
+        b"Transfer-Encoding: chunked, identity\r\n",
+        b"Content-Length: +4\r\n",
+        b"Content-Length : 4\r\n",
+    ],
+    ids=["both", "two lengths", "not chunked at last", "a sign", "a space"],
+)
+async def test_a_request_whose_end_could_be_read_in_two_ways_is_refused(at, headers):
+    reader, writer = await at()
+    head = b"POST /api/v1/session HTTP/1.1\r\nHost: 127.0.0.1\r\n" + headers + b"\r\n"
+    writer.write(head + b"0\r\n\r\nGET /api/v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+    answer = await answer_of(reader)
+    assert answer.startswith(b"HTTP/1.1 400 ")
+    assert answer.count(b"HTTP/1.1 ") == 1, "what was hidden behind it is not answered"
+
+
+@pytest.mark.parametrize(("trusted", "address"), [(("127.0.0.1",), "192.0.2.7"), (("10.0.0.0/8",), "127.0.0.1")])
+async def test_what_a_proxy_says_of_addresses_is_believed_of_trusted_ones_only(new_backend, serving, trusted, address):
+    async with serving(new_backend(trusted_proxies=trusted)) as running:
+        told = {"X-Forwarded-For": "203.0.113.9, 192.0.2.7", "X-Real-IP": "192.0.2.8", "Forwarded": "for=192.0.2.9"}
+        assert (await running.http.post("/api/v1/session", json={"token": "x"}, headers=told)).status_code == 401
+        token = await running.parts.sign_ins.new_token("Admin", ("admin",))
+        await running.http.post("/api/v1/session", json={"token": token})
+        failed = (await running.json("/audit", act="sign_in_failed"))["items"]
+        assert {each["detail"]["address"] for each in failed} == {address}
+
+
+@pytest.mark.parametrize(
     "begin",
     [
         b"",

@@ -190,6 +190,8 @@ async def test_every_answer_has_the_security_headers(running):
     for path in ("/api/v1/health", "/api/v1/nothing", "/", "/api/v1/pads"):
         headers = (await running.http.get(path)).headers
         assert "default-src 'none'" in headers["content-security-policy"]
+        for directive in ("object-src 'none'", "base-uri 'none'", "frame-ancestors 'none'", "script-src 'self';"):
+            assert directive in headers["content-security-policy"]
         assert headers["x-content-type-options"] == "nosniff"
         assert headers["referrer-policy"] == "no-referrer"
         assert "server" not in headers
@@ -205,5 +207,5 @@ async def test_behind_https_cookies_are_secure(new_backend, serving, database):
             answer = await http.post("/api/v1/session", json={"token": token})
             assert answer.headers["set-cookie"].startswith("__Host-")
             assert "secure" in answer.headers["set-cookie"].lower()
-            assert "max-age" in answer.headers["strict-transport-security"]
+            assert answer.headers["strict-transport-security"] == "max-age=31536000; includeSubDomains"
             assert (await http.get("/api/v1/session")).status_code == 200

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import get_args
 
 import pytest
+import websockets
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError
 
@@ -271,6 +272,27 @@ async def test_what_is_done_and_refused_is_in_the_log(fresh):
         assert (found["ok"], found["rows"], found["ledger"]) == (True, 6, "off")
         for method in ("PUT", "PATCH", "DELETE", "POST"):
             await ada.call(method, "/audit", status=405)
+
+
+async def test_what_is_refused_before_any_endpoint_is_in_the_log(fresh, clock):
+    """Requests from other sites' pages, and attempts beyond the minute's allowance."""
+    async with fresh.administrator() as ada, fresh.visitor() as eve:
+        foreign = {"Origin": "https://evil.example"}
+        assert (await eve.http.post("/api/v1/session", json={"token": "x"}, headers=foreign)).status_code == 403
+        with pytest.raises(websockets.InvalidStatus):
+            async with websockets.connect(
+                f"{fresh.address.replace('http', 'ws')}/api/v1/live", proxy=None, origin=foreign["Origin"]
+            ):
+                pass
+        for _ in range(61):
+            last = await eve.http.post("/api/v1/sign-in/passkey/challenge")
+        assert last.status_code == 429
+        items = (await ada.call("GET", "/audit?act=refused"))["items"]
+        assert [(each["subject"], each["detail"]["status"]) for each in items] == [
+            ("POST/api/v1/sign-in/passkey/challenge", 429),
+            ("WebSocket/api/v1/live", 403),
+            ("POST/api/v1/session", 403),
+        ]
 
 
 def written():

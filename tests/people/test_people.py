@@ -167,6 +167,17 @@ async def test_sign_ins_are_listed_and_ended(fresh, clock):
         await other.call("GET", "/me", status=401)
 
 
+async def test_signing_in_anew_ends_what_the_browser_had(fresh):
+    async with fresh.administrator() as ada, fresh.visitor(ada.authenticator) as other:
+        (name, former) = next((each.name, each.value) for each in ada.http.cookies.jar)
+        await other.sign_in()
+        await ada.sign_in()
+        assert ada.http.cookies[name] != former
+        other.http.headers["Cookie"] = f"{name}={former}"
+        await other.call("GET", "/me", status=401)
+        assert len((await ada.call("GET", "/me"))["sign_ins"]) == 2, "another browser's stays"
+
+
 async def test_a_passkey_that_was_copied_is_noticed(fresh):
     async with fresh.administrator() as ada:
         ada.authenticator.count = 100

@@ -17,6 +17,7 @@ import click
 
 from wonderland import messages
 from wonderland.clock import Clock, SteadyClock
+from wonderland.log_lines import set_up_log
 from wonderland.proof_contract import MAX_NOTE, ProofContract
 from wonderland.proofs.records.fields import ACTIONS
 from wonderland.proofs.records.sessions import STEP_NAMES
@@ -122,11 +123,7 @@ def prove(*, as_json: bool, verbose: bool, **options: Any) -> None:
 
 
 def _log_to_stderr(*, verbose: bool) -> None:
-    logging.basicConfig(
-        level=logging.DEBUG if verbose else logging.WARNING,
-        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
-        stream=sys.stderr,
-    )
+    set_up_log(logging.DEBUG if verbose else logging.WARNING)
 
 
 async def _prove(*, pad_id: str, action: str, **options: Any) -> ProofResult:

@@ -70,7 +70,7 @@ Act = Literal[
     "ProposeReinstatement",
     "ApproveChange",
     "WithdrawChange",
-    # What was refused (401, 403).
+    # What was refused (401, 403, 429).
     "refused",
     # The log itself.
     "audit_verified",

@@ -1,4 +1,4 @@
-"""What was refused to whom (401, 403), in the audit log: with limits, so that nobody fills it by asking."""
+"""What was refused to whom (401, 403, 429), in the audit log: with limits, so that nobody fills it by asking."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EACH_HOUR: Final = 60
 """Rows of one person, machine or address in an hour."""
 STRANGERS_HOUR: Final = 3_000
 """Rows of all addresses in an hour: many of them hide no refusal of somebody who is signed in."""
-_STATUSES: Final = frozenset({401, 403})
+_STATUSES: Final = frozenset({401, 403, 429})
 _QUESTION: Final = ("GET", "/api/v1/session")
 """Every page asks whether somebody is signed in; no is an answer."""
 
@@ -55,7 +55,7 @@ class Quota:
 
 
 class RefusalLog:
-    """ASGI: writes down answers 401 and 403, before they are given, and WebSockets that were not let in."""
+    """ASGI: writes down answers 401, 403 and 429, before they are given, and WebSockets that were not let in."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

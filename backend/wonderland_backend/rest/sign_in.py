@@ -25,7 +25,8 @@ NO_STORE = {"Cache-Control": "no-store"}
 async def sign_in(request: Request, context: ContextDep, sign_ins: SignInsDep, body: SignIn) -> Response:
     """Spend a one-time token for a cookie (HttpOnly, SameSite=Strict)."""
     async with failures_audited(request, "link"):
-        cookie, person = await sign_ins.redeem(body.token, request.headers.get("user-agent", ""))
+        browser, former = request.headers.get("user-agent", ""), request.cookies.get(context.cookie_name)
+        cookie, person = await sign_ins.redeem(body.token, browser, former)
     return signed_in(context, cookie, person)
 
 

@@ -124,8 +124,8 @@ async def sign_in_by_passkey(
             person_id = await passkeys.verify(
                 context, connection, asked, body.credential, host=request.headers.get("host", "")
             )
-            browser = request.headers.get("user-agent", "")
-            cookie, person = await sign_ins.begin(connection, person_id, "passkey", browser)
+            browser, former = request.headers.get("user-agent", ""), request.cookies.get(context.cookie_name)
+            cookie, person = await sign_ins.begin(connection, person_id, "passkey", browser, former)
     return signed_in(context, cookie, person)
 
 
@@ -180,6 +180,7 @@ async def accept_link_by_passkey(
 ) -> Response:
     """Spend the link: from now on the new passkey signs its person in, and does so at once."""
     host, browser = request.headers.get("host", ""), request.headers.get("user-agent", "")
+    former = request.cookies.get(context.cookie_name)
     async with failures_audited(request, "link"):
         asked = await passkeys.asked_for(context, passkeys.REGISTER, body.ceremony)
         if "token_sha256" not in asked:
@@ -190,5 +191,5 @@ async def accept_link_by_passkey(
             detail = {"name": body.passkey_name}
             subject = store.subject(account.person_id)
             await audit.record(connection, account, "passkey_added", subject, detail, t_ms=context.clock())
-            cookie, person = await sign_ins.begin(connection, account.person_id, "passkey", browser)
+            cookie, person = await sign_ins.begin(connection, account.person_id, "passkey", browser, former)
     return signed_in(context, cookie, person)

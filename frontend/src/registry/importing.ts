@@ -1,6 +1,7 @@
 /** A list on its way to the ledger, line by line. It survives a reload: what was sent is not sent again. */
 import { ApiError, answered, type Api } from "../shared/api/api";
 import type { components } from "../shared/api/schema";
+import { keepDraft, readDraft } from "../shared/drafts";
 import type { JsonObject } from "../shared/signing/canonical";
 import { Signing, type SignedTransaction } from "../shared/signing/flow";
 import type { StoredKey } from "../shared/signing/keys";
@@ -12,7 +13,8 @@ export type LineState = "open" | "valid" | "refused" | "failed";
 export type Line = { line: number; id: string; argument: JsonObject; state: LineState; tx_id?: string; text?: string };
 export type Run = { name: string; kind: ImportKind; transaction: string; lines: Line[] };
 
-const KEY = "wonderland.import";
+/** A draft as others are: it may hold operators' numbers, and goes when its person signs out. */
+const KEY = "import";
 const SEPARATOR = /[",\n\r;]/;
 /** A spreadsheet would take a cell that begins so for a formula. */
 const FORMULA = /^[=+\-@\t\r]/;
@@ -37,21 +39,12 @@ export function newRun(name: string, kind: ImportKind, check: ImportCheck): Run 
 }
 
 export function keptRun(): Run | undefined {
-  try {
-    const kept: unknown = JSON.parse(sessionStorage.getItem(KEY) ?? "null");
-    return typeof kept === "object" && kept !== null ? (kept as Run) : undefined;
-  } catch {
-    return undefined;
-  }
+  const kept = readDraft(KEY);
+  return typeof kept === "object" && kept !== null ? (kept as Run) : undefined;
 }
 
 export function keepRun(run: Run | undefined): void {
-  try {
-    if (run === undefined) sessionStorage.removeItem(KEY);
-    else sessionStorage.setItem(KEY, JSON.stringify(run));
-  } catch {
-    // Too long for this browser: it holds until the page is closed.
-  }
+  keepDraft(KEY, run);
 }
 
 function ended(line: Line, transaction: SignedTransaction): Line {

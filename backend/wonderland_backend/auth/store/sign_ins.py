@@ -110,19 +110,25 @@ class SignIns:
             raise SignInRequired(_LINK_REFUSED)
         return row
 
-    async def redeem(self, token: str, browser: str = "") -> tuple[str, Person]:
+    async def redeem(self, token: str, browser: str = "", former: str | None = None) -> tuple[str, Person]:
         """The cookie for a link that signs in at once. Raises `SignInRequired` for any other text."""
         async with self._database.write() as connection:
             link = await self.spend(connection, sha256(token), SIGN_IN, DISPLAY)
             method = DISPLAY if link.kind == DISPLAY else "link"
-            return await self.begin(connection, link.person_id, method, browser)
+            return await self.begin(connection, link.person_id, method, browser, former)
 
     async def begin(
-        self, connection: AsyncConnection, person_id: str, method: str, browser: str = ""
+        self,
+        connection: AsyncConnection,
+        person_id: str,
+        method: str,
+        browser: str = "",
+        former: str | None = None,
     ) -> tuple[str, Person]:
         """Start a sign-in of somebody whose identity is established: the cookie's value, and who it is.
 
-        Raises `SignInRequired` for somebody who is not active.
+        `former`: the cookie that this browser had; it is worth nothing from now on. Raises `SignInRequired` for
+        somebody who is not active.
         """
         cookie = new_secret(self._randomness)
         now = self._clock()
@@ -138,7 +144,10 @@ class SignIns:
             "last_seen_ms": now,
             "verified_ms": now if method == PASSKEY else 0,
         }
-        await connection.execute(delete(SignInRow).where(SignInRow.expires_ms < now))
+        over = SignInRow.expires_ms < now
+        if former:
+            over |= SignInRow.cookie_sha256 == sha256(former)
+        await connection.execute(delete(SignInRow).where(over))
         await connection.execute(insert(SignInRow), [row])
         found = (await connection.execute(_of_cookie(sha256(cookie)))).one()
         if found.state != ACTIVE:
