@@ -30,6 +30,8 @@ from wonderland_backend.problem_texts import Said, said
 logger = logging.getLogger(__name__)
 
 ALGORITHMS: Final = ("RS256", "ES256")
+TYPES: Final = (None, "jwt", "at+jwt", "application/at+jwt")
+"""Of access tokens (RFC 9068, and those from before it); what is something else says so, as ``logout+jwt``."""
 MAX_TOKEN: Final = 8_192
 MAX_LIFETIME_S: Final = 3_600
 MAX_SUBJECT: Final = 256
@@ -328,6 +330,9 @@ def _unverified(token: str) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
         raise TokenRefused(said("no_jwt"))
     if header.get("alg") not in ALGORITHMS:
         raise TokenRefused(said("token_algorithm"))
+    kind = header.get("typ")
+    if (kind.lower() if isinstance(kind, str) else kind) not in TYPES:
+        raise TokenRefused(said("token_type"))
     return header, claims
 
 

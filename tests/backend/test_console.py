@@ -23,7 +23,7 @@ async def get(app, path, **headers):
         return await http.get(path, headers=headers)
 
 
-@pytest.mark.parametrize("path", ["/", "/sessions", "/pads/pad-1"])
+@pytest.mark.parametrize("path", ["/", "/sessions", "/pads/pad-1", "/assets/", "/assets"])
 async def test_the_page_stands_at_every_address_of_its_own(built, path):
     app = new_app(Settings(), frozenset(), built)
     answer = await get(app, path)

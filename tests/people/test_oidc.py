@@ -236,13 +236,14 @@ class Liar:
 NOW_S = 1_800_000_000
 
 
-async def answered(liar, change=None, query=None):
+async def answered(liar, change=None, query=None, **options):
     """What becomes of a sign-in at this provider."""
-    settings = OidcSettings(issuer="https://liar.example", client_id="wonderland")
+    settings = OidcSettings(issuer="https://liar.example", client_id="wonderland", **options)
     transport = httpx.MockTransport(liar.answer)
     async with httpx.AsyncClient(transport=transport) as client:
         asking = Provider(settings, client, clock=lambda: NOW_S * 1000, randomness=lambda size: b"r" * size)
-        _, kept = await asking.ask("https://here.example/callback")
+        url, kept = await asking.ask("https://here.example/callback")
+        assert parse_qs(urlsplit(url).query).get("acr_values", []) == ([" ".join(settings.acr)] if settings.acr else [])
         liar.claims = {
             "iss": "https://liar.example",
             "sub": "1",
@@ -288,6 +289,15 @@ async def test_an_honest_answer_of_a_provider():
 async def test_tokens_that_are_not_for_this_sign_in(change, said):
     with pytest.raises(OidcError, match=f"sign-in: .*{said}"):
         await answered(Liar(), change)
+
+
+@pytest.mark.parametrize("said", [None, "", "pwd", "phr ", ["phr"], 7, True])
+async def test_who_did_not_sign_in_as_strongly_as_is_asked_for(said):
+    strong = {"acr": ("phr", "phrh")}
+    assert (await answered(Liar(), {"acr": "phrh"}, **strong)).subject == "1"
+    assert (await answered(Liar(), {"acr": said})).subject == "1", "nothing is asked for"
+    with pytest.raises(OidcError, match="acr"):
+        await answered(Liar(), {} if said is None else {"acr": said}, **strong)
 
 
 async def test_signatures_that_are_not_the_providers():

@@ -53,6 +53,11 @@ async def test_a_good_token_says_who_it_is(authority, new_verifier, key):
     assert 'error="insufficient_scope", scope="rid.service_provider"' in refused.value.headers["WWW-Authenticate"]
 
 
+@pytest.mark.parametrize("kind", ["JWT", "at+jwt", "application/at+jwt"])
+async def test_a_token_may_say_that_it_is_one(authority, new_verifier, kind):
+    assert await new_verifier().verify(bearer(authority.token(header={"kid": "first", "typ": kind})), None)
+
+
 async def test_an_audience_may_be_one_of_several(authority, new_verifier):
     assert await new_verifier().verify(bearer(authority.token(aud=["elsewhere", "127.0.0.1"])), None)
 
@@ -80,6 +85,7 @@ async def test_an_audience_may_be_one_of_several(authority, new_verifier):
         ({"key": "stranger"}, "signature"),
         ({"header": {"kid": "x"}}, "none of its issuer’s"),
         ({"header": {"kid": None}}, "none of its issuer’s"),
+        ({"header": {"typ": "logout+jwt"}}, "no access token"),
     ],
 )
 async def test_a_token_that_must_not_be_believed(authority, new_verifier, change, words):

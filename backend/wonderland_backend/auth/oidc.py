@@ -79,6 +79,8 @@ class Provider:
             "code_challenge": to_base64url(hashlib.sha256(kept["verifier"].encode()).digest()),
             "code_challenge_method": "S256",
         }
+        if self.settings.acr:
+            question["acr_values"] = " ".join(self.settings.acr)
         endpoint = _address(metadata, "authorization_endpoint")
         return f"{endpoint}{'&' if urlsplit(endpoint).query else '?'}{urlencode(question)}", kept
 
@@ -177,6 +179,8 @@ class Provider:
             wanted.validate(claims)
         except JoseError as error:
             raise OidcError(f"the ID token is not for this sign-in: {error.description or error}") from None
+        if settings.acr and claims.get("acr") not in settings.acr:
+            raise OidcError("the ID token does not say that somebody signed in as strongly as is asked for (acr)")
         if claims["iat"] < now_s - MAX_AGE_S:
             raise OidcError("the ID token is not for this sign-in: its iat is long ago")
         if len(claims["sub"]) > MAX_SUBJECT:

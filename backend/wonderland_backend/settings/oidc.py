@@ -23,6 +23,9 @@ class OidcSettings(BaseModel):
     client_secret_file: Path | None = Field(default=None, description="A file with it, read when it is needed")
     name: str = Field(default="single sign-on", min_length=1, max_length=60, description="What the button calls it")
     scopes: str = Field(default="openid email profile", pattern=r"^openid( [!-~]+)*$", max_length=300)
+    acr: tuple[str, ...] = Field(
+        default=(), max_length=16, description="How strongly somebody must have signed in there: one of these `acr`"
+    )
     groups_claim: str = Field(default="groups", min_length=1, max_length=100)
     roles: dict[str, Role] = Field(
         default={}, description="Roles by group; then the provider's groups say at each sign-in which roles one has"
