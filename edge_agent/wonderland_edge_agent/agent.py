@@ -11,6 +11,7 @@ import contextlib
 import logging
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -23,7 +24,7 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.transcript import transcript_of
 from wonderland.telemetry import Health
-from wonderland.uwb.agreed import no_plan
+from wonderland.uwb.agreed import no_plan, pad_ability
 from wonderland_edge_agent.ability import Now, goes_on_without, not_for, not_known, why_not
 from wonderland_edge_agent.assurance import beyond, beyond_here
 from wonderland_edge_agent.drift.idle import watch_when_idle
@@ -41,11 +42,12 @@ from wonderland_edge_agent.session.machine import PadSession
 from wonderland_edge_agent.session.runner import PadRunner
 from wonderland_edge_agent.spool import SpoolError
 from wonderland_edge_agent.witness import WitnessDuty
+from wonderland_fira_uci.errors import RangingPlanError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from wonderland.proofs.records.pads import Pad
+    from wonderland.proofs.records.pads import Commissioning, Pad
     from wonderland.proofs.records.policies import Policy
     from wonderland_edge_agent.drift.keeper import DriftKeeper
     from wonderland_edge_agent.permission import Permission
@@ -100,6 +102,7 @@ class PadAgent:
         metrics_file: Path | None = None,
         roll_call_every_s: float = 0,
         hear_each_other: Callable[[str], bool] = lambda _: False,
+        region: str | None = None,
         random_octets: Callable[[int], bytes] = os.urandom,
     ) -> None:
         self.pad_id: Final = pad_id
@@ -117,6 +120,7 @@ class PadAgent:
         self._metrics_file = metrics_file
         self._roll_call_every_s = roll_call_every_s
         self._hear_each_other = hear_each_other
+        self._region = region
         self._random_octets = random_octets
         self._reporter = SpoolReporter(spool, receiver.signature)
         self._prekeys = PrekeyKeeper(pad_id, spool, ledger, clock, prekeys)
@@ -181,9 +185,7 @@ class PadAgent:
             "sessions_run": self._sessions,
             "requests_waiting": self._requests.qsize(),
             "sessions_to_end": self._reconciler.waiting,
-            "reach": reach_of(
-                self._radios.states(), None if self._pad is None else self._pad.commissioning, self._radios.highest
-            ),
+            "reach": reach_of(self._radios.states(), self._radios.highest),
             **telemetry.plain(self._health()),
         }
 
@@ -336,10 +338,10 @@ class PadAgent:
             self._reconciler.add(session.session_id, "transcript_mismatch")
             return
         for end, problem in (
-            ("no_radio_plan", no_plan(commissioning, current.node)),
+            ("no_radio_plan", no_plan(commissioning, current.node, self._region)),
             (
                 "assurance_out_of_reach",
-                beyond(commissioning, current.node, current.policy, self._radios.highest),
+                beyond(self._known(commissioning), current.node, current.policy, self._radios.highest),
             ),
         ):
             if problem:
@@ -395,6 +397,19 @@ class PadAgent:
         _log.info("session %.12s: %s (%s)", session.session_id, finish.state, finish.end)
         if not runner.settled:
             self._reconciler.add(session.session_id, finish.end)
+
+    def _known(self, commissioning: Commissioning) -> Commissioning:
+        """With what the nodes say now where the record does not tell it, as for a pad commissioned from a recording.
+
+        For reasons only: the plan follows from what is on the ledger, which the drone has as well.
+        """
+        if commissioning.nodes is not None:
+            return commissioning
+        said = {state.anchor_id: state.capabilities for state in self._radios.states()}
+        try:
+            return replace(commissioning, nodes=pad_ability(said))
+        except RangingPlanError:
+            return commissioning
 
     def _refusal(self, session: Session) -> str:
         """Why the pad does not begin this session; empty where it does."""

@@ -44,6 +44,12 @@ def _check(path: Path) -> None:
         raise click.ClickException(str(error)) from error
     sources = trust(settings.remote_id)
     click.echo(f"Pad {settings.pad_id}: the settings can be read.")
+    channels = ", ".join(map(str, settings.uwb.channels))
+    click.echo(
+        f"UWB channels: {channels} (region {settings.uwb.region}); a plan of any other is refused."
+        if settings.uwb.region
+        else f"UWB channels: {channels}; no region is set (uwb.region), so that no plan is refused for its channel."
+    )
     click.echo("Remote ID is heard from:" if sources else "No Remote ID is heard: no receiver is set.")
     for source in sources:
         click.echo(f"  {source}")

@@ -107,13 +107,14 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
         metrics_file=settings.metrics_file,
         roll_call_every_s=settings.drift.roll_call_every_s if settings.anchors else 0,
         hear_each_other=partial(hear_each_other, settings.baseline_file),
+        region=settings.uwb.region if isinstance(radios, PadRadios) else None,
     )
 
 
 async def _radios(settings: PadSettings, stack: contextlib.AsyncExitStack, clock: SteadyClock) -> PadRadiosPort:
     if settings.uwb.listen is None:
         ports = [AnchorPort.of(anchor) for anchor in settings.anchors]
-        own = await stack.enter_async_context(PadRadios(ports, clock))
+        own = await stack.enter_async_context(PadRadios(ports, clock, region=settings.uwb.region))
         commands = {anchor.anchor_id: anchor.power_cycle for anchor in settings.anchors if anchor.power_cycle}
         if commands:
             cycling = asyncio.create_task(cycle_power(own.states, commands, clock))

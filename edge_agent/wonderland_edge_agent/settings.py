@@ -46,6 +46,9 @@ from urllib.parse import urlsplit
 
 from msgspec import Meta, ValidationError, convert
 
+from wonderland.uwb.layout import CHANNELS
+from wonderland.uwb.needs import in_region
+from wonderland.uwb.regions import BY_CODE
 from wonderland_edge_agent.metrics import SUFFIX
 from wonderland_edge_agent.receiver.settings import ReceiverSettings
 from wonderland_edge_agent.settings_fields import Address, FieldError, Identifier, Table, Text, read_field
@@ -54,6 +57,8 @@ from wonderland_fira_uci.serial_port import BAUD_RATE, Opener, serial_opener, ur
 MAX_FILE_BYTES: Final = 256 * 1024
 MAX_ANCHORS: Final = 8
 MIN_ANCHORS: Final = 3
+DWM1001_CHANNEL: Final = 5
+"""These boards have no other."""
 _MIB: Final = 1 << 20
 _PATH: Final = re.compile(r"\.(\w+)|\[(\d+)\]")
 _WORDS: Final = {
@@ -121,6 +126,16 @@ class UwbSettings(Table, frozen=True):
             raise FieldError('listen is for kind = "dwm1001"; nodes that speak UCI hang on serial ports')
         if self.kind != "uci" and self.listen is None:
             raise FieldError("listen is missing; drones have to report somewhere, for example 0.0.0.0:5481")
+        if self.kind != "uci" and not in_region((DWM1001_CHANNEL,), self.region):
+            channels = ", ".join(map(str, BY_CODE[self.region or ""].channels))
+            raise FieldError(
+                f"region {self.region} has channels {channels} alone, and DWM1001 boards use channel {DWM1001_CHANNEL}"
+            )
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Those that may be used."""
+        return in_region(CHANNELS, self.region)
 
 
 class DriftSettings(Table, frozen=True):

@@ -22,7 +22,7 @@ from wonderland.proofs.keys import SessionKeys
 from wonderland.proofs.records.pads import Commissioning, Pad
 from wonderland.proofs.records.sessions import Radio, Session, Testimony, TimeStamps
 from wonderland.proofs.transcript import transcript_of
-from wonderland.uwb.blinks import BlinkPlan, blink_plan
+from wonderland.uwb.agreed import witness_plan
 from wonderland_edge_agent.radios import RadiosError
 from wonderland_edge_agent.session import events as on
 from wonderland_edge_agent.session.frames import FrameGatherer
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric import ec
 
     from wonderland.clock import Clock
+    from wonderland.uwb.blinks import BlinkPlan
     from wonderland_edge_agent.session.ports import Sink
 
 _log = logging.getLogger(__name__)
@@ -118,7 +119,8 @@ class WitnessRun:
     ) -> None:
         self.session: Final = session
         self._answer = keys.answer(b"")
-        self._plan = blink_plan(keys, commissioning)
+        self._plan = witness_plan(keys, commissioning, session.node)
+        self._commissioning = commissioning
         self._wanted = frames_wanted(session, commissioning)
         self._anchor_ids = [anchor.anchor_id for anchor in commissioning.anchors]
         self._frames = FrameGatherer(self._anchor_ids, "key")
@@ -137,7 +139,7 @@ class WitnessRun:
     async def run(self) -> str:
         """Listen, then testify. Raises what ``listen`` raises."""
         if self._plan is None:
-            return "no_common_clock"
+            return "no_common_clock" if self._commissioning.timestamp_sigma_mm is None else "no_common_channel"
         await self._radios.listen(self._plan, self._anchor_ids, self._take)
         try:
             reason = await self._gather()

@@ -24,11 +24,13 @@ from wonderland_edge_agent.commissioning.live.publish import Operator
 from wonderland_edge_agent.commissioning.live.radios import TagPlan
 from wonderland_edge_agent.commissioning.live.wizard import LiveSettings, Wizard
 from wonderland_edge_agent.commissioning.survey_files import Origin
+from wonderland_edge_agent.radios.between import Common
 from wonderland_edge_agent.settings import parse
 from wonderland_edge_agent.spool.lock import ProcessLock
 from wonderland_fabric_gateway.embedded.node import EmbeddedLedger, LedgerSettings
 from wonderland_fabric_gateway.embedded.orderer import BatchLimits
 from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_fira_uci.uci.config import ParameterId
 from wonderland_simulator.uci_node import SR150, Air, Measurement, PtyPort, VirtualNode
 
 SPEED = 8
@@ -235,6 +237,25 @@ async def test_a_pad_is_commissioned_from_survey_to_ledger_and_can_go_on_at_any_
     baseline = json.loads((site.directory / "spool" / "anchors.json").read_text())
     assert baseline["commissioning_sha256"] == done["commissioning_sha256"]
     assert len(baseline["pairs"]) == 6
+
+
+async def test_nodes_of_channel_five_are_calibrated_there(site):
+    for port in site.ports.values():
+        profile = port.node.profile
+        said = dict(profile.capabilities) | {0x0E: b"\x01"}
+        five = {**profile.accepts, ParameterId.CHANNEL_NUMBER: frozenset((5,))}
+        port.node.profile = replace(profile, capabilities=tuple(said.items()), accepts=five)
+    _, operator = await site.commission(dry_run=True)
+    record = Commissioning.decode((site.directory / "state" / "commissioning.json").read_bytes())
+    assert record.nodes.channels == (5,)
+    assert len(operator.checks[0].anchors) == len(PLACES)
+
+
+def test_a_tag_on_another_computer_is_told_channel_and_slots():
+    plan = TagPlan(macs={"A1": 1, "A2": 2, "A3": 3}, tag_mac=9, session_id=7, key=bytes(16)).among(Common(5, 10_000))
+    assert plan.interval_ms >= 13 * 10
+    assert "--channel 5 --slot-ms 10 " in plan.command(Path("run.key"))
+    assert (plan.blinks().channel, plan.blinks().slot_duration_rstu) == (5, 12_000)
 
 
 async def test_time_stamps_of_the_same_run_calibrate_the_clocks(site):

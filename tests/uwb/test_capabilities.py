@@ -196,8 +196,10 @@ def test_one_node_of_several_is_named() -> None:
 
 def test_only_the_node_that_speaks_has_to_initiate() -> None:
     responder = replace(IDEAL, device_roles=IDEAL.device_roles & ~DeviceRoles.INITIATOR)
-    assert reach({"A1": IDEAL, "A2": responder}).level == 4
-    assert reach({"A1": responder, "A2": IDEAL}).level == 0
+    assert reach({"A1": IDEAL, "A2": responder}, words="initiator").level == 4
+    assert reach({"A1": responder, "A2": IDEAL}, words="initiator").level == 0
+    assert reach({"A1": responder, "A2": responder}).level == 4  # its words ride in responses
+    assert reach({}, responder).level == 0
 
 
 @pytest.mark.parametrize(
@@ -206,14 +208,31 @@ def test_only_the_node_that_speaks_has_to_initiate() -> None:
         ({"ranging_methods": RangingMethods.UL_TDOA}, "deferred DS-TWR"),
         ({"multi_node_modes": MultiNodeModes.UNICAST}, "one-to-many"),
         ({"schedule_modes": ScheduleModes.CONTENTION}, "time-scheduled"),
-        ({"rframe_configs": RframeConfigs.SP0}, "SP1 or SP3"),
-        ({"channels": (5,)}, "channel 9"),
+        ({"rframe_configs": RframeConfigs.SP0}, "frames SP1"),
+        ({"rframe_configs": RframeConfigs.SP3}, "frames SP1"),
+        ({"channels": ()}, "channel"),
+        ({"bprf_sets": ()}, "base pulse rate"),
+        ({"device_roles": DeviceRoles.INITIATOR}, "the role of a responder"),
+        ({"device_types": DeviceTypes.CONTROLLER}, "the part of a controlee"),
+        ({"min_slot_rstu": 25_000}, "slots of 20 ms"),
+        ({"max_data_payload_octets": 20}, "data of 48 octets"),
+        ({"max_message_octets": 60}, "data of 48 octets"),
     ],
 )
 def test_what_two_way_ranging_needs(change: dict[str, object], word: str) -> None:
     found = reach({"A1": replace(IDEAL, **change)})  # type: ignore[arg-type]
     assert found.level == 0
     assert word in str(found.missing[0])
+
+
+def test_nodes_range_on_whatever_channel_all_of_them_have() -> None:
+    five = replace(IDEAL, channels=(5,))
+    assert reach({"A1": five, "A2": IDEAL}, five).level == 4
+    found = reach({"A1": five, "A2": IDEAL}, replace(IDEAL, channels=(9,)))
+    assert found.level == 0
+    assert "a channel that all have" in str(found.missing[0])
+    assert reach({"A1": five}, region="EU").level == 4
+    assert "region JP" in str(reach({"A1": five}, region="JP").missing[0])
 
 
 def test_a_node_that_says_nothing_is_not_taken_for_able() -> None:

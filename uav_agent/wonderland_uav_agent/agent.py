@@ -26,10 +26,11 @@ from wonderland.proofs.records.sessions import Claim, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.transcript import transcript_of
 from wonderland.telemetry import StepName
-from wonderland.uwb.agreed import no_plan
-from wonderland.uwb.blinks import BlinkPlan, blink_plan
+from wonderland.uwb.agreed import no_plan, witness_plan
+from wonderland.uwb.blinks import BlinkPlan
 from wonderland_fabric_gateway.identity import Identity
 from wonderland_fabric_gateway.signing import Signer
+from wonderland_fira_uci.errors import RangingPlanError
 from wonderland_uav_agent.broadcasts import BroadcastSource, NoBroadcasts
 from wonderland_uav_agent.ledger_events import LedgerEvents
 from wonderland_uav_agent.position import PositionSource
@@ -147,7 +148,7 @@ class UavAgent:
         AwayError where the ledger is away.
         """
         commissioning = await self._commissioning(pad_id)
-        node = await self._radio.ability()
+        node = await self._ability(pad_id)
         problem = no_plan(commissioning, node)
         if problem:
             raise UavAgentError("no_radio_plan", f"pad {pad_id}: {problem}")
@@ -204,6 +205,13 @@ class UavAgent:
             closing_tx=runner.completed_tx,
         )
 
+    async def _ability(self, pad_id: str) -> NodeAbility | None:
+        """What the drone's node can do, by what it says; nothing is asked for with one that no plan can use."""
+        try:
+            return await self._radio.ability()
+        except RangingPlanError as error:
+            raise UavAgentError("no_radio_plan", f"pad {pad_id}: {error}") from error
+
     async def _commissioning(self, pad_id: str, sha256: str = "") -> Commissioning:
         """The pad's survey; the one with that digest, if it is found in a while."""
         look = 0
@@ -224,7 +232,7 @@ class UavAgent:
         if witness is None or witness_keys is None:
             return None
         commissioning = await self._commissioning(witness.pad_id, witness.commissioning_sha256)
-        return blink_plan(witness_keys, commissioning, payload=witness_keys.answer(b""))
+        return witness_plan(witness_keys, commissioning, asked.session.node, payload=witness_keys.answer(b""))
 
     async def _witness_prekey(self, pad_id: str, action: str) -> Prekey | None:
         """A prekey of the witness that the policy names; None where it names none, or can do without."""

@@ -7,6 +7,7 @@ import json
 import signal
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +16,7 @@ from rich.console import Console
 
 from wonderland_edge_agent.commissioning.errors import CommissioningError, SurveyError
 from wonderland_edge_agent.commissioning.fit import FitSettings
+from wonderland_edge_agent.commissioning.live.ask import ask_nodes
 from wonderland_edge_agent.commissioning.live.publish import Operator, publish
 from wonderland_edge_agent.commissioning.live.terminal import Terminal
 from wonderland_edge_agent.commissioning.live.wizard import PUBLISH_QUESTION, UNTIED, LiveSettings, Wizard
@@ -55,6 +57,8 @@ def _from_recordings(
     settings = _offline(anchors=anchors, **options)
     pad = None if config is None else _recorded_pad(config, settings)
     found = calibrate(settings, time.time_ns() // 1_000_000)
+    if pad is not None:
+        found = _with_nodes(pad, found)
     if out is not None:
         write_record(out, found.record)
     where = None if report is None else _report(report, found, anchors.stem)
@@ -81,6 +85,14 @@ def _recorded_pad(config: Path, settings: OfflineSettings) -> PadSettings:
     if survey.frame is None:
         raise SurveyError(UNTIED)
     return pad
+
+
+def _with_nodes(pad: PadSettings, found: Calibrated) -> Calibrated:
+    """With what the pad's nodes can do on the record: a session's plan follows from it, and no recording tells it."""
+    told = asyncio.run(ask_nodes(pad, [anchor.anchor_id for anchor in found.record.anchors]))
+    if told.note:
+        click.echo(told.note, err=True)
+    return replace(found, record=replace(found.record, nodes=told.nodes))
 
 
 def _publish(

@@ -42,6 +42,7 @@ class Attendance:
 
     def __init__(self) -> None:
         self._here: dict[str, _Here] = {}
+        self._pace = 1.0
         self._faults: dict[str, str] = {}
         self._elsewhere: set[str] = set()
         """At fault in a way that a roll call, which has a key and a plan of its own, cannot see."""
@@ -54,8 +55,9 @@ class Attendance:
         self._called = False
         """Whether a roll was called."""
 
-    def begin(self, anchor_ids: Iterable[str], now_ms: int) -> None:
-        """These take part in a session from now on."""
+    def begin(self, anchor_ids: Iterable[str], now_ms: int, pace: float = 1.0) -> None:
+        """These take part in a session from now on, whose rounds take ``pace`` times as long as usual."""
+        self._pace = pace
         self._here = {anchor_id: _Here(now_ms) for anchor_id in anchor_ids}
 
     def measured(self, anchor_id: str, t_ms: int, *, status: int, ranged: bool) -> None:
@@ -143,7 +145,7 @@ class Attendance:
     def is_silent(self, anchor_id: str, now_ms: int) -> bool:
         """Whether a session is open and this anchor has not ranged for a while."""
         here = self._here.get(anchor_id)
-        return here is not None and now_ms - here.ranged_ms > SILENT_MS
+        return here is not None and now_ms - here.ranged_ms > SILENT_MS * self._pace
 
     def status(self, anchor_id: str) -> str:
         """What its last measurement failed with; empty where it did not."""
@@ -154,7 +156,7 @@ class Attendance:
         """Whether the drone's key must be another one: no range at all, and all who hear it hear a wrong sequence."""
         here = self._here.values()
         since = [each.failing_ms for each in here if each.failing_ms is not None]
-        if not since or any(each.ranges for each in here) or now_ms - min(since) < OTHER_KEY_MS:
+        if not since or any(each.ranges for each in here) or now_ms - min(since) < OTHER_KEY_MS * self._pace:
             return ""
         who = ", ".join(anchor_id for anchor_id, each in self._here.items() if each.failing_ms is not None)
         return f"{who}: the drone's frames are scrambled with another key, or somebody else sends in this session"

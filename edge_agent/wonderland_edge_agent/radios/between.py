@@ -8,17 +8,16 @@ import logging
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from wonderland.uwb.agreed import ASSUMED, PREFERRED_CHANNEL
+from wonderland.uwb.needs import MAX_SLOT_US, PREFERRED_CHANNEL, channel_among, slot_us
 from wonderland_fira_uci.errors import UwbError
 from wonderland_fira_uci.events import RangeMeasurement, SessionFailed
 from wonderland_fira_uci.node import UwbNode, UwbSession
+from wonderland_fira_uci.uci.airtime import RSTU_PER_MS
+from wonderland_fira_uci.uci.capabilities import Capabilities
 from wonderland_fira_uci.uci.config import AppConfig, DeviceRole, DeviceType, MultiNodeMode, SessionConfig
 from wonderland_fira_uci.uci.status import SessionType, Status, status_name
-
-if TYPE_CHECKING:
-    from wonderland.proofs.records.pads import Commissioning
 
 _log = logging.getLogger(__name__)
 
@@ -33,14 +32,24 @@ ROLL_CALL_S: Final = 0.6
 ROLL_CALL_LEADERS: Final = 3
 """So many lead at most until everybody was heard: two may fail, and one is still contradicted."""
 
+
+@dataclass(frozen=True, slots=True)
+class Common:
+    """What nodes share that range each other without a session's plan: a channel, and slots that all keep up with."""
+
+    channel: int = PREFERRED_CHANNEL
+    slot_us: int = 2_000
+
+    def ms(self, slots: int) -> int:
+        """How long so many slots take."""
+        return -(-slots * self.slot_us // 1_000)
+
+
+COMMON: Final = Common()
+"""Of nodes that say nothing."""
+
 PairRanges = dict[tuple[str, str], list[int]]
 """Ranges in mm by (leader, follower)."""
-
-
-def channel_of(commissioning: Commissioning | None) -> int:
-    """The channel on which this pad's nodes range each other: that of its sessions."""
-    nodes = ASSUMED if commissioning is None or commissioning.nodes is None else commissioning.nodes
-    return PREFERRED_CHANNEL if PREFERRED_CHANNEL in nodes.channels else nodes.channels[0]
 
 
 def ranging_config(
@@ -52,7 +61,7 @@ def ranging_config(
     key: bytes,
     interval_ms: int = INTERVAL_MS,
     slots: int = SLOTS,
-    channel: int = PREFERRED_CHANNEL,
+    common: Common = COMMON,
 ) -> SessionConfig:
     """One node's part in a session of one controller and several controlees. Raises UciEncodeError."""
     app = AppConfig(
@@ -61,11 +70,12 @@ def ranging_config(
         multi_node_mode=MultiNodeMode.ONE_TO_MANY,
         mac_address=mac,
         destination_macs=tuple(peers),
-        interval_ms=interval_ms,
+        interval_ms=max(interval_ms, common.ms(slots)),
         slots_per_round=slots,
+        slot_duration_rstu=common.slot_us * RSTU_PER_MS // 1_000,
+        channel=common.channel,
         rssi_reporting=1,
         session_key=key,
-        channel=channel,
     )
     return SessionConfig(session_id=session_id, app=app, session_type=SessionType.RANGING)
 
@@ -75,9 +85,9 @@ async def measure_between(
     macs: Mapping[str, int],
     *,
     rounds: int = 20,
-    channel: int = PREFERRED_CHANNEL,
     random_octets: Callable[[int], bytes] = secrets.token_bytes,
     told: Callable[[str], None] = lambda _: None,
+    region: str | None = None,
 ) -> PairRanges:
     """Let every node that is ready lead ``rounds`` rounds. ``told`` hears which anchor leads. Pairs may be missing.
 
@@ -88,11 +98,14 @@ async def measure_between(
     present = [name for name, node in nodes.items() if node.is_ready and name in macs]
     if len(present) < 2:
         return out
+    common = common_of([nodes[name].capabilities for name in present], region)
+    if common is None:
+        return out
     for leader in present:
         told(leader)
         others = [name for name in present if name != leader]
-        limit_s = max(PATIENCE * rounds * INTERVAL_MS / 1000, LEAST_S)
-        led = await _lead(nodes, macs, leader, others, rounds, limit_s, channel, random_octets)
+        limit_s = max(PATIENCE * rounds * max(INTERVAL_MS, common.ms(SLOTS)) / 1000, LEAST_S)
+        led = await _lead(nodes, macs, leader, others, rounds, limit_s, random_octets, common)
         out |= led.ranges
         troubles |= led.refusals
     for name, trouble in troubles.items():
@@ -114,11 +127,15 @@ async def roll_call(
     nodes: Mapping[str, UwbNode],
     macs: Mapping[str, int],
     *,
-    channel: int = PREFERRED_CHANNEL,
     random_octets: Callable[[int], bytes] = secrets.token_bytes,
+    region: str | None = None,
 ) -> RollCall:
     """A short look whether all nodes that answer also range: one leads, and others where it does not hear all."""
     present = [name for name, node in nodes.items() if node.is_ready and name in macs]
+    common = common_of([nodes[name].capabilities for name in present], region)
+    if common is None:
+        return RollCall()
+    limit_s = max(ROLL_CALL_S, ROLL_CALL_S * common.ms(SLOTS) / INTERVAL_MS)
     heard: set[str] = set()
     why: dict[str, str] = {}
     refused: dict[str, str] = {}
@@ -128,7 +145,7 @@ async def roll_call(
         leader = min((name for name in present if name not in leaders), key=lambda name: name not in heard)
         leaders.append(leader)
         followers = [name for name in present if name != leader]
-        led = await _lead(nodes, macs, leader, followers, ROLL_CALL_ROUNDS, ROLL_CALL_S, channel, random_octets)
+        led = await _lead(nodes, macs, leader, followers, ROLL_CALL_ROUNDS, limit_s, random_octets, common)
         heard |= {name for pair in led.ranges for name in pair} | led.negative
         refused |= led.refusals
         for name, trouble in led.unmeasured.items():
@@ -138,6 +155,17 @@ async def roll_call(
     why |= refused
     unheard = {name: why.get(name, "no other anchor hears it") for name in present if name not in heard}
     return RollCall(frozenset(heard), unheard, frozenset(unheard) & frozenset(refused))
+
+
+def common_of(said: Sequence[Capabilities | None], region: str | None = None) -> Common | None:
+    """What these nodes share, by what they say; None, and a line in the log, where no channel that may be used."""
+    told = [each for each in said if each is not None]
+    channel = channel_among(*(each.channels for each in told), region=region)
+    if channel is None:
+        place = f" that region {region} has" if region else ""
+        _log.warning("no ranging of these nodes: they share no channel%s", place)
+        return None
+    return Common(channel, min(max(COMMON.slot_us, *(slot_us(each) for each in told), 0), MAX_SLOT_US))
 
 
 @dataclass(slots=True)
@@ -160,8 +188,8 @@ async def _lead(
     followers: Sequence[str],
     rounds: int,
     limit_s: float,
-    channel: int,
     random_octets: Callable[[int], bytes],
+    common: Common,
 ) -> _Led:
     session_id = int.from_bytes(random_octets(4), "little") | 1
     key = random_octets(16)
@@ -172,7 +200,7 @@ async def _lead(
 
     async def opened(name: str, peers: Sequence[int], *, leads: bool) -> UwbSession | None:
         try:
-            config = ranging_config(macs[name], peers, leads=leads, session_id=session_id, key=key, channel=channel)
+            config = ranging_config(macs[name], peers, leads=leads, session_id=session_id, key=key, common=common)
             session = await nodes[name].open_session(config)
         except UwbError as error:
             led.refusals[name] = f"takes no ranging session: {error}"

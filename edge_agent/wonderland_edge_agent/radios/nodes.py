@@ -12,7 +12,9 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Final, Self
 
 from wonderland.clock import Clock
+from wonderland.session.pace import pace_of
 from wonderland.telemetry.fields import AnchorCondition
+from wonderland.uwb.agreed import outside
 from wonderland.uwb.blinks import BlinkPlan
 from wonderland.uwb.layout import RangingPlan
 from wonderland_edge_agent.radios.attendance import Attendance
@@ -108,7 +110,9 @@ class PadRadios:
     interval_ms: Final = None
     highest: Final = None
 
-    def __init__(self, ports: Sequence[AnchorPort], clock: Clock) -> None:
+    def __init__(self, ports: Sequence[AnchorPort], clock: Clock, *, region: str | None = None) -> None:
+        """``region``: whose channels alone are used, even by a plan of others; None: any."""
+        self._region = region
         self._nodes = {entry.anchor_id: entry.node(clock) for entry in ports}
         self._clock = clock
         self._words: UwbSession | None = None
@@ -163,8 +167,9 @@ class PadRadios:
         RadiosError when fewer than three nodes take part, or none of them can speak.
         """
         await self.close_session()
+        self._permit(plan.channel)
         self._heard.clear()
-        self._attendance.begin(anchor_ids, self._clock())
+        self._attendance.begin(anchor_ids, self._clock(), pace_of(plan))
         voice = self._voices(anchor_ids)[:1]
         outcomes = await asyncio.gather(
             *(
@@ -195,15 +200,16 @@ class PadRadios:
     async def listen(self, plan: BlinkPlan, anchor_ids: Sequence[str], sink: Sink) -> None:
         """Only time-stamp blinks, as a witness does, until ``close_session``. Raises RadiosError where no node can."""
         await self.close_session()
+        self._permit(plan.channel)
         if not await self._open_blinks(plan, anchor_ids, sink):
             await self.close_session()
             raise RadiosError("no node can time-stamp blinks")
 
-    async def measure_between(self, macs: Mapping[str, int], rounds: int, channel: int) -> PairRanges:
+    async def measure_between(self, macs: Mapping[str, int], rounds: int) -> PairRanges:
         """Let the nodes range each other; a session that is opened ends it at once, and there is nothing then."""
         if self._sessions or self._between is not None:
             return {}
-        task = asyncio.create_task(measure_between(self._nodes, macs, rounds=rounds, channel=channel))
+        task = asyncio.create_task(measure_between(self._nodes, macs, rounds=rounds, region=self._region))
         self._between = task
         try:
             await asyncio.wait({task})
@@ -211,14 +217,14 @@ class PadRadios:
         finally:
             await self._stop_between()
 
-    async def call_roll(self, macs: Mapping[str, int], channel: int, *, expected: bool = False) -> bool | None:
+    async def call_roll(self, macs: Mapping[str, int], *, expected: bool = False) -> bool | None:
         """Look whether all nodes that answer also range; ``states`` says it. A session that is opened ends it.
 
         ``expected``: these anchors hear each other where all is well. Returns whether any was heard; None: no look.
         """
         if self._sessions or self._between is not None:
             return None
-        task = asyncio.create_task(roll_call(self._nodes, macs, channel=channel))
+        task = asyncio.create_task(roll_call(self._nodes, macs, region=self._region))
         self._between = task
         try:
             await asyncio.wait({task})
@@ -230,6 +236,11 @@ class PadRadios:
             return bool(found.heard) if found.heard or found.unheard else None
         finally:
             await self._stop_between()
+
+    def _permit(self, channel: int) -> None:
+        problem = outside(channel, self._region)
+        if problem:
+            raise RadiosError(problem)
 
     async def _stop_between(self) -> None:
         task, self._between = self._between, None

@@ -32,6 +32,7 @@ from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.rounds import MIN_ANCHORS
 from wonderland.proofs.stopping import LOOKS
 from wonderland.proofs.verdict import preview
+from wonderland.session.pace import pace_of
 from wonderland.session.words import Word
 from wonderland.telemetry import StepName
 from wonderland.uwb.agreed import agreed_plan
@@ -99,6 +100,8 @@ class PadSession:
         self._timing = timing or PadTiming()
         anchor_ids = [anchor.anchor_id for anchor in commissioning.anchors]
         self._plan = agreed_plan(keys, commissioning, session.node)
+        pace = 1.0 if interval_ms else pace_of(self._plan)
+        self._timing = self._timing.paced(pace)
         self._gathered = GatheredEvidence(anchor_ids)
         self._broadcasts = HeardBroadcasts(
             session, commissioning.frame, broadcasts, unsure, lambda: (self._gathered.claims, self._gathered.clock)
@@ -121,6 +124,7 @@ class PadSession:
             whole_certificate=whole_certificate,
             now_ms=now_ms,
             word_octets=self._plan.word_octets,
+            pace=pace,
         )
         self._code_uav = keys.code_uav
         self._challenge = random_octets(8)

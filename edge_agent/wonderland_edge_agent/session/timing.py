@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,3 +38,18 @@ class PadTiming:
     """Added to the session's expiry before a lapse is put on the ledger, whose clock is the transactions'."""
     estimate_every_rounds: int = 5
     """How often a running, unverified estimate is told."""
+
+    def paced(self, pace: float) -> PadTiming:
+        """The same where rounds take ``pace`` times as long: what waits for rounds waits so much longer."""
+        return self if pace == 1 else replace(self, **{name: round(getattr(self, name) * pace) for name in _OF_ROUNDS})
+
+
+_OF_ROUNDS: Final = (
+    "reply_ms",
+    "silence_ms",
+    "echo_ms",
+    "identity_ms",
+    "confirm_ms",
+    "fresh_claim_ms",
+    "look_patience_ms",
+)

@@ -37,6 +37,7 @@ class PadWords(Words):
         whole_certificate: bool,
         now_ms: int,
         word_octets: int,
+        pace: float = 1.0,
     ) -> None:
         super().__init__(
             "pad",
@@ -46,6 +47,7 @@ class PadWords(Words):
             other_sha256=session.uav.certificate_sha256,
             now_ms=now_ms,
             word_octets=word_octets,
+            pace=pace,
         )
         self._session = session
         self._code = keys.code_pad

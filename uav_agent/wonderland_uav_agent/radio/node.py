@@ -60,7 +60,10 @@ class UavRadio:
         await self._node.close()
 
     async def ability(self) -> NodeAbility | None:
-        """What the node says that it can do; None where it is away or does not say."""
+        """What the node says that it can do; None where it is away or does not say.
+
+        Raises RangingPlanError where it lacks what no plan can do without.
+        """
         with contextlib.suppress(UwbError):  # a session with a node that is away ends with its reason
             await self._node.wait_ready(READY_GRACE_S)
         return ability_of(self._node.capabilities, self._carries)

@@ -25,6 +25,7 @@ from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import MAX_ATTESTED, MAX_CLAIMS, AnchorRanges, Claim, RangeTable, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.proofs.statement import statement
+from wonderland.session.pace import pace_of
 from wonderland.session.words import Word
 from wonderland.telemetry import StepName
 from wonderland.uwb.agreed import agreed_plan
@@ -101,6 +102,8 @@ class UavSession:
         self._code_pad = keys.code_pad
         self._macs = {anchor.anchor_id: anchor.mac for anchor in commissioning.anchors}
         self._plan = agreed_plan(keys, commissioning, session.node, witness_blinks)
+        pace = pace_of(self._plan)
+        self._timing = self._timing.paced(pace)
         self._answer = keys.answer
         self._words = UavWords(
             session,
@@ -110,6 +113,7 @@ class UavSession:
             whole_certificate=whole_certificate,
             now_ms=now_ms,
             word_octets=self._plan.word_octets,
+            pace=pace,
         )
         self._own, self._measures = OwnRanges(), measures
         self._claims: list[Claim] = []

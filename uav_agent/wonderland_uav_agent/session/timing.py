@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,3 +26,10 @@ class UavTiming:
     """Beyond the session's expiry a verdict may still be on its way through a block."""
     act_ms: int = 300_000
     """Longest that the permitted action may take before it is recorded as aborted."""
+
+    def paced(self, pace: float) -> UavTiming:
+        """The same where rounds take ``pace`` times as long: what waits for rounds waits so much longer."""
+        return self if pace == 1 else replace(self, **{name: round(getattr(self, name) * pace) for name in _OF_ROUNDS})
+
+
+_OF_ROUNDS: Final = ("ranging_ms", "pad_silence_ms", "claim_interval_ms", "slow_claim_interval_ms")

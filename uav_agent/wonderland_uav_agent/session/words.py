@@ -33,6 +33,7 @@ class UavWords(Words):
         whole_certificate: bool,
         now_ms: int,
         word_octets: int,
+        pace: float = 1.0,
     ) -> None:
         super().__init__(
             "uav",
@@ -42,6 +43,7 @@ class UavWords(Words):
             other_sha256=session.pad.certificate_sha256,
             now_ms=now_ms,
             word_octets=word_octets,
+            pace=pace,
         )
         self._code = keys.code_uav
         self._anchor_ids = tuple(anchor_ids)

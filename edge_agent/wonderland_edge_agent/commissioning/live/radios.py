@@ -4,29 +4,33 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from wonderland.clock import Clock
 from wonderland.proofs.records.pads import Frame
+from wonderland.uwb.agreed import pad_ability
 from wonderland.uwb.blinks import BLINK_SLOTS, BlinkPlan, blinks_beside
 from wonderland_edge_agent.commissioning.errors import RadioError, TruthError
 from wonderland_edge_agent.commissioning.live.recorder import RunRecorder
 from wonderland_edge_agent.commissioning.reference import datagram
 from wonderland_edge_agent.radios import AnchorPort
-from wonderland_edge_agent.radios.between import ranging_config
-from wonderland_fira_uci.errors import UwbError
+from wonderland_edge_agent.radios.between import COMMON, Common, common_of, ranging_config
+from wonderland_fira_uci.errors import RangingPlanError, UwbError
 from wonderland_fira_uci.events import FrameStamped, RangeMeasurement, SessionFailed
 from wonderland_fira_uci.node import UwbNode, UwbSession
 from wonderland_fira_uci.uci.airtime import RSTU_PER_MS, measured_ago_ms
 from wonderland_fira_uci.uci.config import SessionConfig, least_slots
 
+if TYPE_CHECKING:
+    from wonderland.proofs.records.radios import NodeAbility
+    from wonderland_edge_agent.settings import PadSettings
+    from wonderland_fira_uci.uci.capabilities import Capabilities
+
 READY_S: Final = 10.0
 RUN_INTERVAL_MS: Final = 100
-SLOT_MS: Final = 2
-"""As ``wonderland uwb listen`` has it, so that the tag may hang on another computer."""
 MIN_NODES: Final = 3
 
 
@@ -39,31 +43,48 @@ class TagPlan:
     session_id: int
     key: bytes
     interval_ms: int = RUN_INTERVAL_MS
+    common: Common = COMMON
+    region: str | None = None
+    """Whose channels may be used."""
 
     def __post_init__(self) -> None:
         """Raises RadioError where a round of all nodes takes longer than the interval."""
-        round_ms = (least_slots(len(self.macs)) + BLINK_SLOTS) * SLOT_MS
+        round_ms = self.common.ms(least_slots(len(self.macs)) + BLINK_SLOTS)
         if self.interval_ms < round_ms:
             raise RadioError(
                 f"a round of {len(self.macs)} nodes and a blink take {round_ms} ms, and the interval is "
                 f"{self.interval_ms} ms: lengthen it"
             )
 
+    def among(self, common: Common) -> TagPlan:
+        """The same for nodes that share this, with an interval that their round fits into."""
+        round_ms = common.ms(least_slots(len(self.macs)) + BLINK_SLOTS)
+        return replace(self, common=common, interval_ms=max(self.interval_ms, round_ms))
+
     @property
     def measured_ago_ms(self) -> int:
         """How long nodes have measured when they report."""
-        return measured_ago_ms(len(self.macs), SLOT_MS * RSTU_PER_MS)
+        return measured_ago_ms(len(self.macs), self.common.slot_us * RSTU_PER_MS // 1_000)
 
     def blinks(self) -> BlinkPlan:
         """The tag's blinks, which the pad's nodes time-stamp; as ``wonderland uwb listen --blink`` has them."""
-        return blinks_beside(self.session_id, tuple(self.macs.values()), self.tag_mac, self.key, self.interval_ms)
+        return blinks_beside(
+            self.session_id,
+            tuple(self.macs.values()),
+            self.tag_mac,
+            self.key,
+            self.interval_ms,
+            channel=self.common.channel,
+            slot_us=self.common.slot_us,
+        )
 
     def command(self, key_file: Path) -> str:
         """What to run where the tag hangs, if that is another computer."""
         peers = " ".join(f"--peer {mac:04x}" for mac in self.macs.values())
         return (
             f"wonderland uwb listen --port PORT --kind uci --mac {self.tag_mac:04x} {peers} --lead "
-            f"--session {self.session_id} --interval-ms {self.interval_ms} --key-file {key_file.name} --blink"
+            f"--session {self.session_id} --interval-ms {self.interval_ms} --channel {self.common.channel} "
+            f"--slot-ms {self.common.slot_us / 1_000:g} --key-file {key_file.name} --blink"
         )
 
 
@@ -88,6 +109,17 @@ async def open_nodes(ports: Sequence[AnchorPort], clock: Clock) -> AsyncIterator
         yield nodes
 
 
+def recorded_ability(pad: PadSettings, said: Mapping[str, Capabilities | None]) -> NodeAbility | None:
+    """What the weakest of the pad's nodes can do, for the record, by what each says; None where none of them does.
+
+    Raises RadioError naming the anchor whose node cannot take part in a session at all.
+    """
+    try:
+        return pad_ability(said, pad.uwb.words, pad.uwb.region)
+    except RangingPlanError as error:
+        raise RadioError(f"these nodes cannot range together: {error}") from error
+
+
 async def run(
     nodes: Mapping[str, UwbNode], tag: UwbNode | None, plan: TagPlan, recorder: RunRecorder, stop: asyncio.Event
 ) -> None:
@@ -99,6 +131,8 @@ async def run(
     readers: list[asyncio.Task[None]] = []
     stampers: list[asyncio.Task[None]] = []
     try:
+        if tag is not None:
+            plan = await _together(plan, nodes, tag)
         for name, node in nodes.items():
             try:
                 session = await node.open_session(_config(plan, plan.macs[name], (plan.tag_mac,), leads=False))
@@ -108,7 +142,6 @@ async def run(
             readers.append(asyncio.create_task(_read(session, name, plan.tag_mac, recorder)))
         if tag is not None:
             try:
-                await tag.wait_ready(READY_S)
                 sessions.append(
                     await tag.open_session(_config(plan, plan.tag_mac, tuple(plan.macs.values()), leads=True))
                 )
@@ -126,6 +159,24 @@ async def run(
             reader.cancel()
         await asyncio.gather(*readers, *stampers, return_exceptions=True)
         await asyncio.gather(*(session.close() for session in sessions))
+
+
+async def _together(plan: TagPlan, nodes: Mapping[str, UwbNode], tag: UwbNode) -> TagPlan:
+    """The plan with what the tag shares with the pad's nodes. Raises RadioError where it is away, or shares nothing."""
+    try:
+        await tag.wait_ready(READY_S)
+    except UwbError as error:
+        raise RadioError(f"the tag does not range: {error}") from error
+    return plan.among(common_to([*nodes.values(), tag], plan.region))
+
+
+def common_to(nodes: Iterable[UwbNode], region: str | None) -> Common:
+    """What all these share. Raises RadioError where no channel that may be used."""
+    common = common_of([node.capabilities for node in nodes], region)
+    if common is None:
+        place = f" that region {region} has (pad.toml, uwb.region)" if region else ""
+        raise RadioError(f"these nodes share no channel{place}")
+    return common
 
 
 async def _listen_to_blinks(
@@ -221,5 +272,12 @@ async def _read_stamps(session: UwbSession, name: str, tag_mac: int, recorder: R
 def _config(plan: TagPlan, mac: int, peers: tuple[int, ...], *, leads: bool) -> SessionConfig:
     slots = least_slots(len(plan.macs))
     return ranging_config(
-        mac, peers, leads=leads, session_id=plan.session_id, key=plan.key, interval_ms=plan.interval_ms, slots=slots
+        mac,
+        peers,
+        leads=leads,
+        session_id=plan.session_id,
+        key=plan.key,
+        interval_ms=plan.interval_ms,
+        slots=slots,
+        common=plan.common,
     )

@@ -13,7 +13,6 @@ from typing import Any, Final
 from wonderland.clock import Clock, SteadyClock
 from wonderland.proofs.records.pads import Commissioning, Frame
 from wonderland.proofs.records.radios import NodeAbility
-from wonderland.uwb.agreed import ability_of, weakest
 from wonderland_edge_agent.commissioning.alone import alone
 from wonderland_edge_agent.commissioning.errors import (
     ClockError,
@@ -25,7 +24,15 @@ from wonderland_edge_agent.commissioning.errors import (
 from wonderland_edge_agent.commissioning.fit import FitSettings
 from wonderland_edge_agent.commissioning.live.dialogue import Dialogue
 from wonderland_edge_agent.commissioning.live.publish import Operator, publish
-from wonderland_edge_agent.commissioning.live.radios import LiveReference, TagPlan, listen, open_nodes, run
+from wonderland_edge_agent.commissioning.live.radios import (
+    LiveReference,
+    TagPlan,
+    common_to,
+    listen,
+    open_nodes,
+    recorded_ability,
+    run,
+)
 from wonderland_edge_agent.commissioning.live.recorder import RunRecorder, middle_of
 from wonderland_edge_agent.commissioning.live.state import STEPS, StateDirectory, fingerprint, time_stamps_of
 from wonderland_edge_agent.commissioning.offline import Calibrated, Files, calibrate_runs, write_json, write_record
@@ -36,7 +43,6 @@ from wonderland_edge_agent.radios.between import measure_between
 from wonderland_edge_agent.self_survey import Priors, SelfSurvey, self_survey
 from wonderland_edge_agent.settings import PadSettings
 from wonderland_fabric_gateway.files import PRIVATE, write_atomic
-from wonderland_fira_uci.errors import RangingPlanError
 from wonderland_fira_uci.node import UwbNode
 from wonderland_fira_uci.serial_port import Opener
 
@@ -151,7 +157,9 @@ class Wizard:
             self._dialogue.say("Done before (--redo check does it again).")
             return
         macs = {anchor.anchor_id: anchor.mac for anchor in survey.anchors}
-        ranges = await measure_between(nodes, macs, rounds=self._settings.check_rounds)
+        ranges = await measure_between(
+            nodes, macs, rounds=self._settings.check_rounds, region=self._settings.pad.uwb.region
+        )
         baseline = Baseline.of(ranges, t_ms=self._clock(), source="commissioning")
         if not baseline.pairs:
             raise RadioError("no anchor hears another; are their macs those of the survey, and nothing between them?")
@@ -186,14 +194,16 @@ class Wizard:
         self._dialogue.step(3, "Calibration run", "the drone is moved about while a reference says where it is")
         settings = self._settings
         macs = {anchor.anchor_id: anchor.mac for anchor in survey.anchors}
-        self._state.write("nodes", self._ability(nodes))
+        ability = recorded_ability(settings.pad, {name: nodes[name].capabilities for name in macs})
+        self._state.write("nodes", {} if ability is None else ability.to_json())
         plan = TagPlan(
             macs=macs,
             tag_mac=settings.tag_mac,
             session_id=int.from_bytes(secrets.token_bytes(4), "little") | 1,
             key=secrets.token_bytes(16),
             interval_ms=settings.run_interval_ms,
-        )
+            region=settings.pad.uwb.region,
+        ).among(common_to(nodes.values(), settings.pad.uwb.region))
         if not settings.tag_port:
             key_file = settings.state / KEY_FILE
             write_atomic(key_file, plan.key.hex().encode() + b"\n", PRIVATE)
@@ -205,7 +215,7 @@ class Wizard:
         started_ms = self._clock()
         stamps = time_stamps_of(ranges)
         with RunRecorder(
-            *(ranges, reference, stamps, tuple(macs), middle_of(survey.places_m), settings.run_interval_ms),
+            *(ranges, reference, stamps, tuple(macs), middle_of(survey.places_m), plan.interval_ms),
             measured_ago_ms=plan.measured_ago_ms,
         ) as recorder:
             async with self._tag() as tag, self._reference(survey.frame, recorder) as live:
@@ -238,16 +248,6 @@ class Wizard:
         if recorder.positions == 0:
             reference.unlink()
         self._state.write("run", {"runs": [path.name for path in self._state.runs()], "live": recorder.positions > 0})
-
-    def _ability(self, nodes: dict[str, UwbNode]) -> dict[str, Any]:
-        """What the weakest of the nodes can do, for the record; nothing where none of them says it."""
-        uwb = self._settings.pad.uwb
-        try:
-            said = [ability_of(node.capabilities, uwb.words, uwb.region) for node in nodes.values()]
-            told = [each for each in said if each is not None]
-            return weakest(told).to_json() if told else {}
-        except RangingPlanError as error:
-            raise RadioError(f"these nodes cannot range together: {error}") from error
 
     @contextlib.asynccontextmanager
     async def _tag(self) -> AsyncIterator[UwbNode | None]:

@@ -6,7 +6,7 @@ import hashlib
 import hmac
 from dataclasses import dataclass
 from enum import Enum
-from typing import Literal
+from typing import Final, Literal
 
 from wonderland.proofs.keys import SessionKeys
 from wonderland.uwb.link.cipher import LinkKeys
@@ -15,6 +15,11 @@ from wonderland.uwb.link.link import Link, LinkAborted, MessageDelivered, Messag
 from wonderland.uwb.link.messages import Abort, AbortReason, Identity, MessageType
 from wonderland.uwb.link.proof_payloads import ClaimBatch, RangesPart
 from wonderland.uwb.link.segments import MAX_FRAME_OCTETS
+
+DELIVERY_MS: Final = 10_000
+"""Longest that a message stays unacknowledged in rounds of the usual length."""
+REPEAT_MS: Final = 250
+"""After which a segment is repeated in such rounds: two slow ones and a half."""
 
 
 class Word(Enum):
@@ -66,10 +71,11 @@ class Words:
         other_sha256: str,
         now_ms: int,
         word_octets: int,
+        pace: float = 1.0,
     ) -> None:
         """``certificate`` (DER) is this side's; ``other_sha256`` that of the one which the session names (hex).
 
-        ``word_octets``: data that one radio frame takes.
+        ``word_octets``: data that one radio frame takes. ``pace``: how many times longer than usual rounds take.
         """
         self._side = side
         self._certificate = certificate
@@ -84,6 +90,8 @@ class Words:
             ),
             lambda: self._now_ms,
             frame_octets=min(MAX_FRAME_OCTETS, word_octets),
+            delivery_timeout_ms=round(pace * DELIVERY_MS),
+            retransmit_after_ms=round(pace * REPEAT_MS),
         )
         self._awaited: dict[int, Word] = {}
         self._heard: list[Heard] = []

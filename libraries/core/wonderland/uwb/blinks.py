@@ -16,7 +16,7 @@ from typing import Final
 from wonderland.proofs.keys import SessionKeys
 from wonderland.proofs.records.pads import Commissioning
 from wonderland_fira_uci.errors import RangingPlanError
-from wonderland_fira_uci.uci.airtime import slot_us
+from wonderland_fira_uci.uci.airtime import RSTU_PER_MS, slot_us
 from wonderland_fira_uci.uci.config import (
     MAX_CONTROLEES,
     SESSION_KEY_SIZES,
@@ -124,8 +124,17 @@ class BlinkPlan:
         )
 
 
-def blinks_beside(session_id: int, pad_macs: tuple[int, ...], tag_mac: int, key: bytes, interval_ms: int) -> BlinkPlan:
-    """The blinks of a calibration run after each round of its ranging session: the next id, the same key.
+def blinks_beside(
+    session_id: int,
+    pad_macs: tuple[int, ...],
+    tag_mac: int,
+    key: bytes,
+    interval_ms: int,
+    *,
+    channel: int = 9,
+    slot_us: int = 2_000,
+) -> BlinkPlan:
+    """The blinks of a calibration run after each round of its ranging session: the next id, the same key and channel.
 
     Raises RangingPlanError.
     """
@@ -135,8 +144,10 @@ def blinks_beside(session_id: int, pad_macs: tuple[int, ...], tag_mac: int, key:
         uav_mac=tag_mac,
         sts_key=key,
         interval_ms=interval_ms,
+        channel=channel,
+        slot_duration_rstu=slot_us * RSTU_PER_MS // 1_000,
     )
-    round_us = int(least_slots(len(pad_macs)) * slot_us(plan.slot_duration_rstu))
+    round_us = least_slots(len(pad_macs)) * slot_us
     return replace(plan, time_base=TimeBase(session_id, round_us))
 
 

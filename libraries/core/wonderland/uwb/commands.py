@@ -127,6 +127,9 @@ def capabilities(*, port: str, baud_rate: int, rtscts: bool, as_json: bool) -> N
 @click.option("--lead/--follow", default=True, show_default=True, help="UCI: controller and initiator, or the other.")
 @click.option("--session", type=click.IntRange(1, 0xFFFFFFFF), default=1, show_default=True, help="UCI: session id.")
 @click.option("--channel", type=int, default=9, show_default=True, help="UCI: channel.")
+@click.option(
+    "--slot-ms", type=click.FloatRange(0.3, 20.0), default=2.0, show_default=True, help="UCI: length of a slot."
+)
 @click.option("--interval-ms", type=click.IntRange(20, 60_000), default=200, show_default=True, help="UCI: interval.")
 @click.option(
     "--key-file",
@@ -173,6 +176,7 @@ def _reports(
     lead: bool,
     session: int,
     channel: int,
+    slot_ms: float,
     interval_ms: int,
     key_file: Path | None,
     blink: bool,
@@ -202,6 +206,7 @@ def _reports(
         leads=lead,
         session_id=session,
         channel=channel,
+        slot_us=round(slot_ms * 1_000),
         interval_ms=interval_ms,
         key=key_of(key_file),
         blink=blink,

@@ -15,6 +15,7 @@ from wonderland_fira_uci.errors import NodeError, UwbError
 from wonderland_fira_uci.events import RangeMeasurement, RangingSilent, SessionFailed, SessionInterrupted
 from wonderland_fira_uci.node import UwbNode
 from wonderland_fira_uci.serial_port import Opener
+from wonderland_fira_uci.uci.airtime import RSTU_PER_MS
 from wonderland_fira_uci.uci.config import (
     AppConfig,
     DeviceRole,
@@ -28,7 +29,7 @@ from wonderland_fira_uci.uci.config import (
 from wonderland_fira_uci.uci.status import SessionType, Status, status_name
 
 READY_S: Final = 10.0
-SLOT_MS: Final = 2
+SLOT_US: Final = 2_000
 _PUBLIC_STS: Final = ((ParameterId.VENDOR_ID, b"\x08\x07"), (ParameterId.STATIC_STS_IV, bytes(range(1, 7))))
 """The static sequence that every evaluation kit comes with. Good for a bench, worthless as evidence."""
 
@@ -46,6 +47,7 @@ class UciBench:
     channel: int = 9
     interval_ms: int = 200
     key: bytes | None = field(default=None, repr=False)
+    slot_us: int = SLOT_US
     blink: bool = False
     """Blink as well, for nodes that time-stamp (a calibration run)."""
     responders: int = 0
@@ -55,9 +57,10 @@ class UciBench:
         """The session that the node is told. Raises NodeError where a round takes too long, UciEncodeError."""
         responders = self.responders or len(self.peers)
         slots = least_slots(responders)
-        if slots * SLOT_MS > self.interval_ms:
+        round_ms = -(-slots * self.slot_us // 1_000)
+        if round_ms > self.interval_ms:
             raise NodeError(
-                f"a round of {responders} nodes takes {slots * SLOT_MS} ms, and the interval is {self.interval_ms} ms: "
+                f"a round of {responders} nodes takes {round_ms} ms, and the interval is {self.interval_ms} ms: "
                 "lengthen it"
             )
         app = AppConfig(
@@ -68,6 +71,7 @@ class UciBench:
             destination_macs=self.peers,
             interval_ms=self.interval_ms,
             slots_per_round=slots,
+            slot_duration_rstu=self.slot_us * RSTU_PER_MS // 1_000,
             channel=self.channel,
             rssi_reporting=1,
             sts_config=StsConfig.STATIC if self.key is None else StsConfig.PROVISIONED,
@@ -100,7 +104,15 @@ async def uci(port: str, opener: Opener, bench: UciBench, clock: Callable[[], in
         session = await node.open_session(bench.config())
         if bench.blink and bench.key is not None:
             try:
-                plan = blinks_beside(bench.session_id, bench.peers, bench.mac, bench.key, bench.interval_ms)
+                plan = blinks_beside(
+                    bench.session_id,
+                    bench.peers,
+                    bench.mac,
+                    bench.key,
+                    bench.interval_ms,
+                    channel=bench.channel,
+                    slot_us=bench.slot_us,
+                )
                 await node.open_session(plan.uav_tag())
             except UwbError as error:
                 text = f"{port}: the board refuses to blink ({error})"

@@ -21,7 +21,7 @@ from wonderland_fira_uci.uci.data import (
     encode_data_send,
 )
 from wonderland_fira_uci.uci.errors import UciDecodeError
-from wonderland_fira_uci.uci.packets import DataFormat, Group, MessageType, PacketReader, encode_data
+from wonderland_fira_uci.uci.packets import MAX_DATA_PAYLOAD, DataFormat, Group, MessageType, PacketReader, encode_data
 from wonderland_fira_uci.uci.ranging import RangeData, decode_range_data
 from wonderland_fira_uci.uci.session import (
     Command,
@@ -113,9 +113,9 @@ class HostCodec:
         """Queues a command; the caller waits for its response before the next."""
         self._out += command.encode()
 
-    def send_data(self, message: DataSend) -> None:
-        """Queues a data packet."""
-        self._out += encode_data(DataFormat.SEND, encode_data_send(message))
+    def send_data(self, message: DataSend, limit: int | None = None) -> None:
+        """Queues a data message, in packets of ``limit`` octets at most where the node says how much it takes."""
+        self._out += encode_data(DataFormat.SEND, encode_data_send(message), limit or MAX_DATA_PAYLOAD)
 
     def data_to_send(self) -> bytes:
         """Octets for the node since the last call."""

@@ -8,6 +8,8 @@ from typing import Final, NamedTuple
 from wonderland_fira_uci.uci.errors import UciDecodeError, UciEncodeError
 
 _SEND: Final = struct.Struct("<IQHH")
+SEND_HEADER_OCTETS: Final = _SEND.size
+"""Of a DATA_MESSAGE_SND, before its data."""
 _RECEIVE: Final = struct.Struct("<IBQHH")
 _CREDIT: Final = struct.Struct("<IB")
 _TRANSFER: Final = struct.Struct("<IBBB")

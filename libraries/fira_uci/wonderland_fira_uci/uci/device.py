@@ -211,7 +211,8 @@ class UciDevice:
         if session is None or not self.has_credit(session_id):
             raise UciStateError(f"session {session_id:#010x} is not active or has no credit; wait for CreditGranted")
         sequence = session.spend_credit(now_ms)
-        self._codec.send_data(DataSend(session.handle, destination, sequence, data))
+        limit = None if self.capabilities is None else self.capabilities.max_data_payload_octets
+        self._codec.send_data(DataSend(session.handle, destination, sequence, data), limit)
 
     # Outputs
 

@@ -69,11 +69,19 @@ def encode_control(message_type: MessageType, group: int, opcode: int, payload: 
     return bytes(out)
 
 
-def encode_data(data_format: DataFormat, payload: bytes) -> bytes:
-    """One data packet; raises ``UciEncodeError`` above 4096 octets."""
+def encode_data(data_format: DataFormat, payload: bytes, limit: int = MAX_DATA_PAYLOAD) -> bytes:
+    """One data message as one packet, or several with boundary flags where the node takes ``limit`` octets in each.
+
+    Raises ``UciEncodeError`` above 4096 octets.
+    """
     if len(payload) > MAX_DATA_PAYLOAD:
         raise UciEncodeError(f"a data packet of {len(payload)} octets; at most {MAX_DATA_PAYLOAD} are allowed")
-    return bytes((data_format, 0, *len(payload).to_bytes(2, "little"))) + payload
+    out = bytearray()
+    for at in range(0, len(payload), max(limit, 1)) or range(1):
+        part = payload[at : at + max(limit, 1)]
+        more = BOUNDARY if at + len(part) < len(payload) else 0
+        out += bytes((data_format | more, 0, *len(part).to_bytes(2, "little"))) + part
+    return bytes(out)
 
 
 class PacketReader:
