@@ -51,6 +51,10 @@ async def test_the_pads_own_ranges_that_nothing_binds_have_assurance_0(world):
         result = await uav.prove("pad-1", "land")
         assert {each["state"] for each in pad.status()["anchors"]} == {"up"}
     assert (result.verdict.outcome, result.verdict.assurance) == ("verified", 0)
+    said = {reason.code: reason.facts for reason in result.verdict.reasons}
+    assert said["ranges_unbound"] == {"measured_by": "pad"}
+    assert "upper_bound" not in said
+    assert result.verdict.within_mm is None
     assert (result.state, result.end) == ("completed", "done")
 
 

@@ -135,7 +135,7 @@ async def test_the_drones_command_proves_and_says_how(world, start_pad):
 
     code, output, errors = await prove("--then", "false")
     assert code == 2
-    assert "Verified, permission granted" in output
+    assert "Verified with assurance 2, permission granted" in output
     assert "✓ match" in errors
 
     code, output, errors = await prove("--sessions", "1", command="calibrate")
@@ -151,7 +151,7 @@ async def test_the_drones_command_proves_and_says_how(world, start_pad):
     world.flight.truth = (20_000.0, 3_000.0, 6_000.0)
     code, output, _ = await prove()
     assert code == 2
-    assert "Refuted, permission refused" in output
+    assert "Refuted with assurance" in output
 
     code, _, errors = await prove("--action", "land", "--pad", "pad-9")
     assert code == 1

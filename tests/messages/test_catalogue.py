@@ -25,7 +25,7 @@ NAMES = {
 }
 
 
-WORDS = ("_id", "_ids", "action", "failure", "stamps_of", "lacking", "geometry")
+WORDS = ("_id", "_ids", "action", "failure", "stamps_of", "lacking", "geometry", "measured_by")
 """Facts that are texts."""
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from wonderland.messages import text
 from wonderland.proofs.reasons import reason
 from wonderland.proofs.records.sessions import AnchorRanges, Evidence, Radio, RangeTable
 from wonderland.proofs.records.verdicts import Verdict
@@ -328,6 +329,16 @@ def test_what_forbids_to_verify(world, now_ms, more, code):
     else:
         assert verdict.outcome == "inconclusive"
         assert verdict.permission == "refused"
+
+
+@pytest.mark.parametrize("radio", [Radio(measured_by="uav", sts="static"), Radio(measured_by="pad", sts="unbound")])
+def test_ranges_that_nothing_binds_say_so_and_bound_nothing(world, now_ms, radio):
+    verdict = judge(world, now_ms, at(*HERE), at(*HERE), radio=radio, policy={"min_assurance": 0})
+    assert (verdict.outcome, verdict.assurance, verdict.within_mm) == ("verified", 0, None)
+    said = {reason.code: dict(reason.facts) for reason in verdict.reasons}
+    assert said["ranges_unbound"] == {"measured_by": radio.measured_by}
+    assert "upper_bound" not in said
+    assert text("reasons", "ranges_unbound", said["ranges_unbound"]).startswith("Assurance 0: ")
 
 
 def test_a_liar_without_confirmations_is_still_refuted(world, now_ms):

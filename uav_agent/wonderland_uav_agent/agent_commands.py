@@ -377,7 +377,8 @@ def _show(result: ProofResult) -> None:
     if verdict is None:
         click.echo(_no_verdict(result))
         return
-    click.echo(f"{verdict.outcome.capitalize()}, permission {verdict.permission} (session {result.session_id[:12]}…)")
+    outcome = f"{verdict.outcome.capitalize()} with assurance {verdict.assurance}"
+    click.echo(f"{outcome}, permission {verdict.permission} (session {result.session_id[:12]}…)")
     for reason in verdict.reasons:
         click.echo(f"  {messages.text('reasons', reason.code, reason.facts)}")
 

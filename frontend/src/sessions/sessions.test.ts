@@ -95,6 +95,12 @@ describe("the verdict in words", () => {
     expect(say(bounded)).not.toContain("measured it there");
   });
 
+  it("says neither a place nor a distance where nothing binds the ranges", () => {
+    const unbound = { ...verdict("OH-DRN-0512"), assurance: 0, reasons: [{ code: "ranges_unbound", facts: { measured_by: "pad" } }] };
+    expect(say(unbound)).toContain("Nothing binds them to it: that is assurance 0");
+    expect(say(unbound)).not.toMatch(/measured it there|What they prove/);
+  });
+
   it("says what would settle an open case, or that nothing would, or what stood in the way", () => {
     const open = verdict("OH-DRN-0871");
     expect(say(open)).toContain("160 rounds of ranging neither confirm nor refute it. About 38 more would settle it.");

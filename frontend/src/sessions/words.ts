@@ -122,6 +122,7 @@ export function refutedAt(verdict: VerdictSummary | undefined, pad: Pad | undefi
 function fits(verdict: VerdictSummary, signed: Judgement, pad: Pad | undefined): Phrase[] {
   const place = claimed(signed.claim, pad?.name ?? verdict.pad_id);
   const values = { who: verdict.uav_id, place, error: length(signed.error_mm) };
+  if (verdict.assurance === 0) return t.rich("unbound", values);
   // Two-way ranges about a place that the anchors do not surround prove a distance, not the place (docs/method.md).
   const bounded = verdict.within_mm !== undefined && (verdict.outcome !== "verified" || verdict.reasons.some(({ code }) => code === "upper_bound"));
   return bounded

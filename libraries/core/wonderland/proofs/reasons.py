@@ -71,6 +71,7 @@ REASONS: Final[Mapping[str, tuple[str, ...]]] = {
     "time_differences_contradict": ("significance_milli",),
     "witness_contradicts": ("frames", "significance_milli"),
     "measurements_contradict": (),
+    "ranges_unbound": ("measured_by",),
     "assurance_too_low": ("assurance", "min_assurance"),
     # The claim against the measurement (steps 8 to 10).
     "within_buffer": ("error_mm", "buffer_mm"),

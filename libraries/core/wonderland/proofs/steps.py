@@ -236,6 +236,8 @@ def time_stamps(case: Case, found: Findings) -> None:
         if timed.proved_inside:
             assurance += int(seen.proved_inside)
     found.block(unless=not (timed.say(demanded, found.reasons) or seen.say(demanded, found.reasons)))
+    if assurance == 0:
+        found.reasons.add("ranges_unbound", measured_by=evidence.radio.measured_by)
     if assurance < demanded:
         found.more_frames = 0 if found.blocked else max(timed.wanted, seen.wanted)
         found.reasons.add("assurance_too_low", assurance=assurance, min_assurance=demanded)
@@ -372,7 +374,7 @@ def _limits(case: Case, outcome: str, assurance: int, measured: Measured, more: 
         reasons.add("cannot_settle")
     if outcome != "verified":
         return
-    if assurance < TIME_DIFFERENCES:
+    if 0 < assurance < TIME_DIFFERENCES:  # what nothing binds to the drone bounds nothing
         # Nor do anchors all around it help: with another height, one delay of all answers fits another place.
         reasons.add("upper_bound", within_mm=bound_mm(case, measured))
 

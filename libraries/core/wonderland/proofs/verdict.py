@@ -95,7 +95,7 @@ def decide(
         height=height_record(found.height, measured),
         chi2_milli=chi2_milli,
         chi2_claim_milli=milli(measured.offset.chi2_claim) if measured is not None else None,
-        within_mm=bound_mm(case, measured) if measured is not None else None,
+        within_mm=bound_mm(case, measured) if measured is not None and found.assurance else None,
         time_differences=found.timed.record if found.timed is not None else None,
         witness=found.seen.record if found.seen is not None else None,
         clock=_clock_record(case.clock),
