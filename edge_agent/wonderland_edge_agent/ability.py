@@ -10,6 +10,7 @@ from wonderland.proofs.admission import CHECKED_ANCHORS
 from wonderland.proofs.records.fields import ACTIONS
 from wonderland.uwb.reach import reach
 from wonderland_edge_agent.radios import AnchorState
+from wonderland_edge_agent.radios.between import channel_of
 from wonderland_edge_agent.radios.nodes import MIN_ANCHORS
 
 if TYPE_CHECKING:
@@ -124,11 +125,12 @@ def _needed(commissioned: int) -> int:
     return max(MIN_ANCHORS, min(commissioned, CHECKED_ANCHORS))
 
 
-def _lacks(states: Sequence[AnchorState]) -> dict[str, list[str]]:
+def _lacks(states: Sequence[AnchorState], pad: Pad | None) -> dict[str, list[str]]:
     """By anchor, what its node says that it cannot do and without which it ranges nobody."""
+    channel = channel_of(None if pad is None else pad.commissioning)
     able = {state.anchor_id: state.capabilities for state in states if state.capabilities is not None}
     out: dict[str, list[str]] = {}
-    for missing in reach(able).missing:
+    for missing in reach(able, channel=channel).missing:
         if missing.told and missing.level == 1:
             out.setdefault(missing.node, []).append(missing.capability)
     return out
@@ -139,7 +141,7 @@ def _missing(states: Sequence[AnchorState], pad: Pad | None) -> tuple[list[str],
 
     One that is silent like all others in a session counts as there: a drone out of reach makes all of them so.
     """
-    lacks = _lacks(states)
+    lacks = _lacks(states, pad)
     commissioning = None if pad is None else pad.commissioning
     known = {state.anchor_id: state for state in states}
     wanted = list(known) if commissioning is None else [anchor.anchor_id for anchor in commissioning.anchors]

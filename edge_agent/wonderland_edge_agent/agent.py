@@ -185,7 +185,9 @@ class PadAgent:
             "sessions_run": self._sessions,
             "requests_waiting": self._requests.qsize(),
             "sessions_to_end": self._reconciler.waiting,
-            "reach": reach_of(self._radios.states(), self._radios.highest),
+            "reach": reach_of(
+                self._radios.states(), None if self._pad is None else self._pad.commissioning, self._radios.highest
+            ),
             **telemetry.plain(self._health()),
         }
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from wonderland.uwb.agreed import out_of_reach
 from wonderland.uwb.reach import reach
+from wonderland_edge_agent.radios.between import channel_of
 
 if TYPE_CHECKING:
     from wonderland.proofs.records.pads import Commissioning
@@ -35,15 +36,15 @@ def beyond_here(
     for action, policy in policies.items():
         problem = beyond(commissioning, None, policy, highest)
         if problem:
-            named = _named(states, policy.min_assurance)
+            named = _named(commissioning, states, policy.min_assurance)
             out[action] = f"{problem} ({named})" if named else problem
     return out
 
 
-def _named(states: Sequence[AnchorState], level: int) -> str:
+def _named(commissioning: Commissioning, states: Sequence[AnchorState], level: int) -> str:
     able = {state.anchor_id: state.capabilities for state in states if state.capabilities is not None}
     first: dict[str, str] = {}
-    for missing in reach(able).missing:
+    for missing in reach(able, channel=channel_of(commissioning)).missing:
         if missing.told and missing.level <= level:
             first.setdefault(missing.node, missing.capability)  # who knows no UL-TDoA has none of its roles either
     who: dict[str, list[str]] = {}

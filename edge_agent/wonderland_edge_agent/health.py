@@ -7,7 +7,7 @@ import json
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from wonderland import __version__
 from wonderland.telemetry import AnchorHealth, Health, clean
@@ -15,11 +15,15 @@ from wonderland.uwb.reach import reach
 from wonderland_edge_agent.assurance import UNBOUND
 from wonderland_edge_agent.drift import DriftState
 from wonderland_edge_agent.radios import AnchorState
+from wonderland_edge_agent.radios.between import channel_of
 from wonderland_edge_agent.receiver import ReceiverCounts
 from wonderland_edge_agent.reporting import SpoolReporter
 from wonderland_edge_agent.spool import SpoolStatus
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.files import read_bounded, write_atomic
+
+if TYPE_CHECKING:
+    from wonderland.proofs.records.pads import Commissioning
 
 _log = logging.getLogger(__name__)
 
@@ -61,7 +65,9 @@ def health_record(
     )
 
 
-def reach_of(anchors: Sequence[AnchorState], highest: int | None) -> dict[str, Any] | None:
+def reach_of(
+    anchors: Sequence[AnchorState], commissioning: Commissioning | None, highest: int | None
+) -> dict[str, Any] | None:
     """Highest assurance that the nodes can bear and what they lack for more; None while none has said what it can.
 
     ``unknown``: anchors whose nodes have not said it; they are left out.
@@ -71,7 +77,7 @@ def reach_of(anchors: Sequence[AnchorState], highest: int | None) -> dict[str, A
     pad = {f"anchor {each.anchor_id}": each.capabilities for each in anchors if each.capabilities is not None}
     if not pad:
         return None
-    found = reach(pad)
+    found = reach(pad, channel=channel_of(commissioning))
     unknown = [each.anchor_id for each in anchors if each.capabilities is None]
     return {"assurance": found.level, "missing": [str(each) for each in found.missing], "unknown": unknown}
 

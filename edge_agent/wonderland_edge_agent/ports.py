@@ -61,5 +61,5 @@ class PadRadiosPort(Radios, WitnessRadios, Protocol):
         """Every anchor's node as it is now."""
         ...
 
-    async def call_roll(self, macs: Mapping[str, int], *, expected: bool = False) -> bool | None:
+    async def call_roll(self, macs: Mapping[str, int], channel: int, *, expected: bool = False) -> bool | None:
         """Look whether all nodes that answer also range: whether any was heard, or None where nobody looked."""

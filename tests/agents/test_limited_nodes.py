@@ -133,6 +133,8 @@ def only_channel_five(world) -> None:
 
 async def test_nodes_that_have_channel_five_alone_range_a_drone(world):
     only_channel_five(world)
+    record = replace(commissioning(world.clock()), nodes=replace(ASSUMED, channels=(5,)))
+    await world.call("pad_operator", "CommissionPad", pad_id="pad-1", commissioning=record.to_json())
     async with world.pad() as pad, world.uav() as uav:
         result = await uav.prove("pad-1", "land")
         assert pad.status()["reach"]["assurance"] >= 2
@@ -143,16 +145,16 @@ async def test_nodes_that_have_channel_five_alone_answer_the_roll(world):
     only_channel_five(world)
     macs = {name: 0xA000 + index for index, name in enumerate(ANCHORS)}
     async with ready_radios(world) as radios:
-        await radios.call_roll(macs)
+        await radios.call_roll(macs, 9)
         assert [state.state for state in radios.states()] == ["up"] * len(ANCHORS)
-        assert len(await radios.measure_between(macs, rounds=1)) == len(ANCHORS) * (len(ANCHORS) - 1)
+        assert len(await radios.measure_between(macs, rounds=1, channel=9)) == len(ANCHORS) * (len(ANCHORS) - 1)
 
 
 async def test_the_roll_is_not_called_on_a_channel_that_the_region_lacks(world):
     only_channel_five(world)
     macs = {name: 0xA000 + index for index, name in enumerate(ANCHORS)}
     async with ready_radios(world, region="JP") as radios:
-        assert await radios.measure_between(macs, rounds=1) == {}
+        assert await radios.measure_between(macs, rounds=1, channel=9) == {}
 
 
 async def test_nodes_with_long_slots_answer_the_roll(world):
@@ -161,7 +163,7 @@ async def test_nodes_with_long_slots_answer_the_roll(world):
         port.node.profile = replace(port.node.profile, least_slot_rstu=12_000)
     macs = {name: 0xA000 + index for index, name in enumerate(ANCHORS)}
     async with ready_radios(world) as radios:
-        await radios.call_roll(macs)
+        await radios.call_roll(macs, 9)
         assert [state.state for state in radios.states()] == ["up"] * len(ANCHORS)
 
 

@@ -89,7 +89,7 @@ async def test_a_policy_above_what_the_nodes_reach_is_refused_at_the_pad_and_sai
         assert "(to land, take off, dock)" in reason
         result = await uav.prove("pad-1", "land")
     assert (result.state, result.end) == ("cancelled", "assurance_out_of_reach")
-    said = "the policy demands assurance 3, and the pad's nodes cannot do blinks (UL-TDoA)"
+    said = "the policy demands assurance 3, and the pad's nodes and the drone's node cannot do blinks (UL-TDoA)"
     assert (await world.contract("uav").read_session(result.session_id)).note == said
     _show(result)
     assert capsys.readouterr().out == (

@@ -30,7 +30,7 @@ async def keep_baseline(world):
     ports = [AnchorPort(name, world.ports[name].path) for name in world.own]
     async with PadRadios(ports, world.clock) as radios:
         await asyncio.sleep(0.5)
-        ranges = await radios.measure_between({a.anchor_id: a.mac for a in pad.commissioning.anchors}, 20)
+        ranges = await radios.measure_between({a.anchor_id: a.mac for a in pad.commissioning.anchors}, 20, 9)
     baseline = Baseline(summary(ranges), world.clock(), "commissioning")
     baseline.save(world.directory / "spool" / "anchors.json", pad.commissioning_sha256)
 

@@ -194,7 +194,7 @@ class Radios:
         self.hidden = set()
         self.bad_looks = []
 
-    async def measure_between(self, macs, rounds):
+    async def measure_between(self, macs, rounds, channel):
         assert macs["A1"] == 0xA001
         if self.away:
             return {}

@@ -116,7 +116,7 @@ def test_files_that_are_none_are_refused(tmp_path, text):
 
 
 class NoRadios:
-    async def measure_between(self, macs, rounds):
+    async def measure_between(self, macs, rounds, channel):
         return {}
 
 

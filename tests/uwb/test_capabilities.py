@@ -231,6 +231,7 @@ def test_nodes_range_on_whatever_channel_all_of_them_have() -> None:
     found = reach({"A1": five, "A2": IDEAL}, replace(IDEAL, channels=(9,)))
     assert found.level == 0
     assert "a channel that all have" in str(found.missing[0])
+    assert "channel 9" in str(reach({"A1": five}, channel=9).missing[0])
     assert reach({"A1": five}, region="EU").level == 4
     assert "region JP" in str(reach({"A1": five}, region="JP").missing[0])
 

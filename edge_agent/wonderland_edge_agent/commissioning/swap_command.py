@@ -20,7 +20,7 @@ from wonderland_edge_agent.commissioning.swap import Swapped, swap
 from wonderland_edge_agent.config_option import config_option
 from wonderland_edge_agent.drift.baseline import Baseline, BaselineError, summary
 from wonderland_edge_agent.radios import AnchorPort
-from wonderland_edge_agent.radios.between import measure_between
+from wonderland_edge_agent.radios.between import channel_of, measure_between
 from wonderland_edge_agent.settings import PadSettings, SettingsError, load
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
@@ -136,7 +136,7 @@ async def _ranges(
         away = {name: str(each) for name, each in zip(nodes, outcomes, strict=True) if isinstance(each, UwbError)}
         if anchor_id in away:
             raise RadioError(f"the new node does not answer: {away[anchor_id]}")
-        return await measure_between(nodes, macs, rounds=ROUNDS)
+        return await measure_between(nodes, macs, rounds=ROUNDS, channel=channel_of(commissioning))
 
 
 def _show(found: Swapped, anchor_id: str) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 from wonderland_edge_agent.drift.baseline import Baseline, BaselineError, summary
 from wonderland_edge_agent.drift.residuals import ResidualWatch
 from wonderland_edge_agent.drift.watch import DriftState, DriftWatch
+from wonderland_edge_agent.radios.between import channel_of
 from wonderland_edge_agent.self_survey import Priors, self_survey
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.files import read_bounded, write_atomic
@@ -35,7 +36,7 @@ CONTRADICTED_MM: Final = 50.0
 class AnchorRadios(Protocol):
     """Nodes that can range each other."""
 
-    async def measure_between(self, macs: Mapping[str, int], rounds: int) -> PairRanges:
+    async def measure_between(self, macs: Mapping[str, int], rounds: int, channel: int) -> PairRanges:
         """Ranges by (leader, follower), mm; empty where a session has come between."""
         ...
 
@@ -121,8 +122,9 @@ class DriftKeeper:
         """Measure and judge once; the state after it."""
         self.load(commissioning_sha256, commissioning)
         macs = {anchor.anchor_id: anchor.mac for anchor in commissioning.anchors}
+        channel = channel_of(commissioning)
         rounds = ROUNDS if self._watch is not None else FIRST_ROUNDS
-        ranges = await self._radios.measure_between(macs, rounds)
+        ranges = await self._radios.measure_between(macs, rounds, channel)
         measured = summary(ranges)
         if not measured:
             return self.state
@@ -131,7 +133,7 @@ class DriftKeeper:
             self._anchors = self._watch.judge_pairs(self._clock(), measured)
         elif not self._learn(ranges, commissioning):
             # It closes the pad, so that one look is not enough: a bad moment of the air names an anchor, too.
-            again = await self._radios.measure_between(macs, FIRST_ROUNDS)
+            again = await self._radios.measure_between(macs, FIRST_ROUNDS, channel)
             if summary(again):
                 self._learn(again, commissioning)
         if self._anchors is not None and (before is None or before.state != self._anchors.state):

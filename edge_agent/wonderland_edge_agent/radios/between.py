@@ -8,8 +8,9 @@ import logging
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
+from wonderland.uwb.agreed import ASSUMED
 from wonderland.uwb.needs import MAX_SLOT_US, PREFERRED_CHANNEL, channel_among, slot_us
 from wonderland_fira_uci.errors import UwbError
 from wonderland_fira_uci.events import RangeMeasurement, SessionFailed
@@ -18,6 +19,9 @@ from wonderland_fira_uci.uci.airtime import RSTU_PER_MS
 from wonderland_fira_uci.uci.capabilities import Capabilities
 from wonderland_fira_uci.uci.config import AppConfig, DeviceRole, DeviceType, MultiNodeMode, SessionConfig
 from wonderland_fira_uci.uci.status import SessionType, Status, status_name
+
+if TYPE_CHECKING:
+    from wonderland.proofs.records.pads import Commissioning
 
 _log = logging.getLogger(__name__)
 
@@ -50,6 +54,12 @@ COMMON: Final = Common()
 
 PairRanges = dict[tuple[str, str], list[int]]
 """Ranges in mm by (leader, follower)."""
+
+
+def channel_of(commissioning: Commissioning | None) -> int:
+    """The channel of this pad's sessions, by its record, with a drone that has all."""
+    nodes = ASSUMED if commissioning is None or commissioning.nodes is None else commissioning.nodes
+    return channel_among(nodes.channels) or PREFERRED_CHANNEL
 
 
 def ranging_config(
@@ -87,6 +97,7 @@ async def measure_between(
     rounds: int = 20,
     random_octets: Callable[[int], bytes] = secrets.token_bytes,
     told: Callable[[str], None] = lambda _: None,
+    channel: int = PREFERRED_CHANNEL,
     region: str | None = None,
 ) -> PairRanges:
     """Let every node that is ready lead ``rounds`` rounds. ``told`` hears which anchor leads. Pairs may be missing.
@@ -98,7 +109,7 @@ async def measure_between(
     present = [name for name, node in nodes.items() if node.is_ready and name in macs]
     if len(present) < 2:
         return out
-    common = common_of([nodes[name].capabilities for name in present], region)
+    common = common_of([nodes[name].capabilities for name in present], region, channel)
     if common is None:
         return out
     for leader in present:
@@ -128,11 +139,12 @@ async def roll_call(
     macs: Mapping[str, int],
     *,
     random_octets: Callable[[int], bytes] = secrets.token_bytes,
+    channel: int = PREFERRED_CHANNEL,
     region: str | None = None,
 ) -> RollCall:
     """A short look whether all nodes that answer also range: one leads, and others where it does not hear all."""
     present = [name for name, node in nodes.items() if node.is_ready and name in macs]
-    common = common_of([nodes[name].capabilities for name in present], region)
+    common = common_of([nodes[name].capabilities for name in present], region, channel)
     if common is None:
         return RollCall()
     limit_s = max(ROLL_CALL_S, ROLL_CALL_S * common.ms(SLOTS) / INTERVAL_MS)
@@ -157,15 +169,21 @@ async def roll_call(
     return RollCall(frozenset(heard), unheard, frozenset(unheard) & frozenset(refused))
 
 
-def common_of(said: Sequence[Capabilities | None], region: str | None = None) -> Common | None:
-    """What these nodes share, by what they say; None, and a line in the log, where no channel that may be used."""
+def common_of(
+    said: Sequence[Capabilities | None], region: str | None = None, channel: int = PREFERRED_CHANNEL
+) -> Common | None:
+    """What these nodes share, by what they say: ``channel`` where all have it, another one where not.
+
+    None, and a line in the log, where they have none together that may be used in ``region``.
+    """
     told = [each for each in said if each is not None]
-    channel = channel_among(*(each.channels for each in told), region=region)
-    if channel is None:
+    channels = [each.channels for each in told]
+    found = channel_among((channel,), *channels, region=region) or channel_among(*channels, region=region)
+    if found is None:
         place = f" that region {region} has" if region else ""
         _log.warning("no ranging of these nodes: they share no channel%s", place)
         return None
-    return Common(channel, min(max(COMMON.slot_us, *(slot_us(each) for each in told), 0), MAX_SLOT_US))
+    return Common(found, min(max(COMMON.slot_us, *(slot_us(each) for each in told), 0), MAX_SLOT_US))
 
 
 @dataclass(slots=True)

@@ -205,11 +205,13 @@ class PadRadios:
             await self.close_session()
             raise RadiosError("no node can time-stamp blinks")
 
-    async def measure_between(self, macs: Mapping[str, int], rounds: int) -> PairRanges:
+    async def measure_between(self, macs: Mapping[str, int], rounds: int, channel: int) -> PairRanges:
         """Let the nodes range each other; a session that is opened ends it at once, and there is nothing then."""
         if self._sessions or self._between is not None:
             return {}
-        task = asyncio.create_task(measure_between(self._nodes, macs, rounds=rounds, region=self._region))
+        task = asyncio.create_task(
+            measure_between(self._nodes, macs, rounds=rounds, channel=channel, region=self._region)
+        )
         self._between = task
         try:
             await asyncio.wait({task})
@@ -217,14 +219,14 @@ class PadRadios:
         finally:
             await self._stop_between()
 
-    async def call_roll(self, macs: Mapping[str, int], *, expected: bool = False) -> bool | None:
+    async def call_roll(self, macs: Mapping[str, int], channel: int, *, expected: bool = False) -> bool | None:
         """Look whether all nodes that answer also range; ``states`` says it. A session that is opened ends it.
 
         ``expected``: these anchors hear each other where all is well. Returns whether any was heard; None: no look.
         """
         if self._sessions or self._between is not None:
             return None
-        task = asyncio.create_task(roll_call(self._nodes, macs, region=self._region))
+        task = asyncio.create_task(roll_call(self._nodes, macs, channel=channel, region=self._region))
         self._between = task
         try:
             await asyncio.wait({task})

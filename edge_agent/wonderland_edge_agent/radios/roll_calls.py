@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Final, Protocol
 
 from wonderland.proof_contract import AwayError, RefusedError
+from wonderland_edge_agent.radios.between import channel_of
 
 if TYPE_CHECKING:
     from wonderland_edge_agent.own_pad import OwnPad
@@ -23,7 +24,7 @@ AGAIN_S: Final = 1.0
 class RollRadios(Protocol):
     """Nodes that can range each other."""
 
-    async def call_roll(self, macs: Mapping[str, int], *, expected: bool = False) -> bool | None:
+    async def call_roll(self, macs: Mapping[str, int], channel: int, *, expected: bool = False) -> bool | None:
         """Look who ranges; ends at once where a session is opened. Whether any was heard; None where nobody looked."""
 
 
@@ -46,7 +47,7 @@ async def call_when_idle(
                 sha256 = pad.commissioning_sha256
                 macs = {anchor.anchor_id: anchor.mac for anchor in pad.commissioning.anchors}
                 expected = silent and (heard_of == sha256 or await asyncio.to_thread(hear_each_other, sha256))
-                heard = await radios.call_roll(macs, expected=expected)
+                heard = await radios.call_roll(macs, channel_of(pad.commissioning), expected=expected)
                 if heard:
                     heard_of = sha256
                 elif heard is not None and not silent:

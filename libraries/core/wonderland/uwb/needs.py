@@ -55,8 +55,8 @@ class Need:
     has: Callable[[Capabilities], bool | None]
 
 
-def needs_of(part: Part, words: WordWays = "both_ways") -> tuple[Need, ...]:
-    """What a node needs for its part in a session's plan, where data goes these ways."""
+def needs_of(part: Part, words: WordWays = "both_ways", channel: int | None = None) -> tuple[Need, ...]:
+    """What a node needs for its part in a session's plan, where data goes these ways; ``channel``: None for any."""
     leads, follows = part == "drone", part != "drone"
     if words == "initiator":  # the pad's words go in a session that its own node leads
         leads, follows = leads or part == "speaks", True
@@ -66,7 +66,7 @@ def needs_of(part: Part, words: WordWays = "both_ways") -> tuple[Need, ...]:
         _bits(RANGES, "schedule_modes", ScheduleModes.TIME_SCHEDULED, "time-scheduled ranging"),
         _bits(RANGES, "rframe_configs", RframeConfigs.SP1, "frames SP1"),
         Need(RANGES, "preamble codes of the base pulse rate", _base_rate),
-        Need(RANGES, "a channel of high-rate UWB", _any_channel),
+        Need(RANGES, "a channel of high-rate UWB", _any_channel) if channel is None else _on(channel),
         Need(RANGES, f"slots of {MAX_SLOT_US / 1_000:.0f} ms", _keeps_slots),
         Need(RANGES, f"data of {MIN_WORD_OCTETS} octets in a frame", _carries_words),
         *((_role(RANGES, DeviceRoles.INITIATOR), _type(DeviceTypes.CONTROLLER, "a controller")) if leads else ()),
@@ -135,6 +135,10 @@ def _type(wanted: DeviceTypes, words: str) -> Need:
 def _base_rate(node: Capabilities) -> bool | None:
     """A parameter set at the base pulse rate; without a word about any it has what all have to have."""
     return node.bprf_sets is None or bool(node.bprf_sets)
+
+
+def _on(channel: int) -> Need:
+    return Need(RANGES, f"channel {channel}", lambda node: None if node.channels is None else channel in node.channels)
 
 
 def _any_channel(node: Capabilities) -> bool | None:

@@ -43,6 +43,7 @@ def reach(
     drone: Capabilities | None = None,
     witness: Mapping[str, Capabilities] | None = None,
     *,
+    channel: int | None = None,
     words: WordWays = "both_ways",
     region: str | None = None,
 ) -> Reach:
@@ -50,15 +51,20 @@ def reach(
 
     Without ``drone`` or ``witness`` nothing is said of these: they are taken for able. ``level`` 4 without ``witness``
     means: with a witness pad whose nodes can do the same. Without nodes of a pad it is about the drone alone. ``words``
-    as in ``RangingPlan``; ``region``: whose channels may be used, None for any.
+    as in ``RangingPlan``; ``channel``: that of the plan, None for any that all have, of ``region`` where it is given.
     """
     missing: list[Missing] = []
     taking_part = dict(pad) | ({} if drone is None else {"the drone's node": drone})
     for index, (name, node) in enumerate(taking_part.items()):
         part: Part = "drone" if node is drone and name not in pad else "answers" if index else "speaks"
-        missing += _lacks(name, node, needs_of(part, words))
+        missing += _lacks(name, node, needs_of(part, words, channel))
     channels = {name: node.channels for name, node in taking_part.items()}
-    if all(channels.values()) and taking_part and channel_among(*channels.values(), region=region) is None:
+    if (
+        channel is None
+        and all(channels.values())
+        and taking_part
+        and channel_among(*channels.values(), region=region) is None
+    ):
         said = ", ".join(f"{name} has {' '.join(map(str, each or ()))}" for name, each in channels.items())
         shared = f"a channel of region {region}" if len(channels) == 1 else "a channel that all have"
         place = f" and that region {region} has" if region and len(channels) > 1 else ""
