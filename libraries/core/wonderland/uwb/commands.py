@@ -31,9 +31,17 @@ ADDRESSES: Final = range(0x0001, 0xFFFE)
 MODES: Final = ("tlv", "les", "lec", "lep")
 
 
+_VIRTUAL: Final = (
+    {"virtual": ("wonderland_simulator.virtual_command:virtual", "Ports with virtual boards, to try things without.")}
+    if importlib.util.find_spec("wonderland_simulator") is not None  # only where the simulator is installed
+    else {}
+)
+
+
 @click.group(
     cls=LazyGroup,
     lazy={
+        **_VIRTUAL,
         "prepare": ("wonderland.uwb.prepare_command:prepare", "Put a DWM1001 into its role, and check it."),
         "law": ("wonderland.uwb.law_command:law", "What radio law says about UWB at a landing pad."),
         "udev": ("wonderland.uwb.udev_command:udev", "Print the udev rule that gives a board a name."),
