@@ -127,7 +127,7 @@ class Backend:
             machines=machines_of(settings, clients, uspace.verifier, uspace.host, clock, randomness),
             commits=Commits(),
             streams=Streams(settings.max_event_streams, settings.max_event_streams_each),
-            sealing=Sealing.load(settings.webhook_key_file, settings.database, randomness),
+            sealing=Sealing.load(settings.webhook_key_file, database, randomness),
             poster=poster_of(settings),
             maps=Maps(settings.map, http),
             metrics=Metrics(status, hub, agents, intake, uspace, clock),

@@ -9,6 +9,7 @@ import pytest
 from kit.webhooks import ca, loopback, poster, webhooks
 from sqlalchemy import select, update
 
+from wonderland_backend.db.engine import Database
 from wonderland_backend.db.passwords import new_key
 from wonderland_backend.db.tables.webhooks import DeliveryRow, SubscriptionRow
 from wonderland_backend.errors import SettingsError
@@ -17,6 +18,7 @@ from wonderland_backend.webhooks.signing import new_secret
 
 __all__ = ["ca", "loopback", "poster", "webhooks"]
 
+LITE = Database("sqlite:///x.db")  # a name: nothing is opened
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
 both = pytest.mark.parametrize("database_url", BOTH, indirect=True)
 
@@ -88,14 +90,14 @@ async def test_secrets_of_before_are_sealed_at_the_next_start(running, poster):
 
 def test_a_key_can_be_changed(tmp_path):
     path = tmp_path / "webhook.key"
-    before = Sealing.load(path, "sqlite:///x.db", os.urandom)
+    before = Sealing.load(path, LITE, os.urandom)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     secret = new_secret(os.urandom)
     sealed = before.seal(secret, "one")
     assert len(sealed) <= 128, "as long as the column"
-    assert Sealing.load(path, "sqlite:///x.db", os.urandom).open(sealed, "one") == secret
+    assert Sealing.load(path, LITE, os.urandom).open(sealed, "one") == secret
     path.write_bytes(new_key(os.urandom) + path.read_bytes())
-    after = Sealing.load(path, "sqlite:///x.db", os.urandom)
+    after = Sealing.load(path, LITE, os.urandom)
     assert after.open(sealed, "one") == secret
     assert after.seal(secret, "one") != sealed
 
@@ -105,15 +107,15 @@ def test_a_file_that_has_no_keys_is_named(tmp_path, text):
     path = tmp_path / "webhook.key"
     path.write_text(text)
     with pytest.raises(SettingsError, match=r"webhook_key_file: .*webhook\.key"):
-        Sealing.load(path, "sqlite:///x.db", os.urandom)
+        Sealing.load(path, LITE, os.urandom)
     with pytest.raises(SettingsError, match="webhook_key_file"):
-        Sealing.load(tmp_path / "absent" / "webhook.key", "sqlite:///x.db", os.urandom)
+        Sealing.load(tmp_path / "absent" / "webhook.key", LITE, os.urandom)
 
 
 def test_without_a_path_the_key_is_beside_a_sqlite_database(tmp_path):
-    assert Sealing.load(None, f"sqlite:///{tmp_path}/w.db", os.urandom).is_possible
+    assert Sealing.load(None, Database(f"sqlite:///{tmp_path}/w.db"), os.urandom).is_possible
     assert (tmp_path / "w.db.webhooks.key").exists()
-    assert not Sealing.load(None, "postgresql://host/w", os.urandom).is_possible
+    assert not Sealing.load(None, Database("postgresql://host/w"), os.urandom).is_possible
 
 
 @pytest.mark.parametrize("length", range(0, 56, 7))

@@ -16,7 +16,7 @@ from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
 from wonderland_backend.context import part
-from wonderland_backend.db.engine import Database, parse_url
+from wonderland_backend.db.engine import Database
 from wonderland_backend.db.passwords import BYTES, new_key
 from wonderland_backend.errors import BackendError, SettingsError
 from wonderland_backend.webhooks import store
@@ -39,17 +39,16 @@ class Sealing:
         self._randomness = randomness
 
     @classmethod
-    def load(cls, path: Path | None, database: str, randomness: Callable[[int], bytes]) -> Sealing:
+    def load(cls, path: Path | None, database: Database, randomness: Callable[[int], bytes]) -> Sealing:
         """From a file with a key a line (base64 of 32 bytes), which is made where there is none.
 
         Without a path: beside a SQLite database; with another database there is no key, and no webhook. Raises
         `SettingsError`.
         """
         if path is None:
-            url = parse_url(database)
-            if url.get_backend_name() != "sqlite" or url.database is None:
+            if not database.is_sqlite:
                 return cls([], randomness)
-            path = Path(f"{url.database}.webhooks.key")
+            path = Path(f"{database.url.database}.webhooks.key")
         try:
             if not path.exists():
                 write_atomic(path, new_key(randomness))
