@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ipaddress
 import logging
+import os
 import resource
 import socket
 from collections.abc import Iterator
@@ -84,6 +85,16 @@ class Loop(uvloop.Loop):
         if options.get("ssl") is not None:
             options.setdefault("ssl_handshake_timeout", HEAD_S)
         return await super().create_server(*args, **options)
+
+
+@contextlib.contextmanager
+def private_files() -> Iterator[None]:
+    """What is made meanwhile (a database on this disk, its key, exports) is its owner's alone."""
+    before = os.umask(0o077)
+    try:
+        yield
+    finally:
+        os.umask(before)
 
 
 def allow_files(connections: int) -> None:

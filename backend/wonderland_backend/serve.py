@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import gc
 import json
-import os
 import signal
 import socket
 import ssl
@@ -35,7 +34,7 @@ from wonderland_backend.http_protocol import Gate, protocols
 from wonderland_backend.leader_election.lock import Lock, lock_of
 from wonderland_backend.leader_election.standby import DETAIL, stand_by, stay_leader
 from wonderland_backend.ledger.access import LedgerAccess
-from wonderland_backend.listening import Listen, Sockets, allow_files, hosts_of, only_agents
+from wonderland_backend.listening import Listen, Sockets, allow_files, hosts_of, only_agents, private_files
 from wonderland_backend.mirror.second_opinion import GatewayAsked, SecondOpinion
 from wonderland_backend.mirror.source import BlockSource, GatewaySource
 from wonderland_backend.mirror.store import endorsement_policies
@@ -172,10 +171,9 @@ async def serve(settings: Settings, listen: Listen, *, token_file: Path | None, 
         raise SettingsError("demo_registrar: only a demo gives roles to whoever asks; leave it out, or add --demo")
     if settings.console is not None and console.find_console(settings.console) is None:
         raise SettingsError(f"--console: {settings.console} has no index.html; build the console first")
-    os.umask(0o077)  # a database on this disk, its key, exports: nobody else reads them
     hosts = hosts_of(settings, listen)
     allow_files(settings.max_connections * (1 if settings.agents.listen is None else 2))
-    with Sockets.opened(settings, listen) as sockets:
+    with private_files(), Sockets.opened(settings, listen) as sockets:
         bound = sockets.everybody
         url = (settings.public_url or f"http://{listen.shown}:{bound.getsockname()[1]}").rstrip("/")
         lock = lock_of(settings.database)
