@@ -38,10 +38,7 @@ def feature(item: Item, geometry: Geometry, identifier: str) -> Item:
 
 def wanted(request: Request) -> bool:
     """Whether the request accepts GeoJSON, and names it before plain JSON."""
-    accepted = [part.partition(";")[0].strip().lower() for part in request.headers.get("accept", "").split(",")]
-    if MEDIA_TYPE not in accepted:
-        return False
-    return "application/json" not in accepted or accepted.index(MEDIA_TYPE) < accepted.index("application/json")
+    return responses.prefers(request, MEDIA_TYPE)
 
 
 def one(

@@ -36,6 +36,14 @@ def resource(
     return Response(body, headers=every, media_type=media_type)
 
 
+def prefers(request: Request, media_type: str) -> bool:
+    """Whether the request accepts this type, and names it before plain JSON."""
+    accepted = [part.partition(";")[0].strip().lower() for part in request.headers.get("accept", "").split(",")]
+    if media_type not in accepted:
+        return False
+    return "application/json" not in accepted or accepted.index(media_type) < accepted.index("application/json")
+
+
 def page(
     request: Request,
     items: Iterable[Any],

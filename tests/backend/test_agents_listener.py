@@ -6,6 +6,8 @@ import asyncio
 import contextlib
 import json
 import ssl
+import subprocess
+import sys
 
 import pytest
 import trustme
@@ -14,6 +16,7 @@ from kit.backend import AgentClient, credentials_of
 from pydantic import ValidationError
 
 from wonderland.telemetry import end_point_of, tls_of
+from wonderland_backend import listening
 from wonderland_backend.errors import SettingsError
 from wonderland_backend.listening import Listen, Sockets, only_agents
 from wonderland_backend.registry.queries import organisations
@@ -136,6 +139,88 @@ async def test_a_sign_in_that_was_made_for_another_server_is_not_taken(new_backe
             assert (await altered.hello(tls_server_end_point=truth))["code"] == "not_authenticated"
         async with dial(port, tls) as socket:
             assert (await AgentClient(socket, enrolment).hello())["type"] == "welcome"
+
+
+async def test_an_agent_that_was_led_to_a_relay_is_not_let_in(
+    new_backend, source_of, chain, web, authorities, tmp_path
+):
+    """A server with a certificate that the agent trusts passes every frame on, both ways, to ours."""
+    own, _ = web.server("ours")
+    backend = new_backend(
+        source_of(chain), allowed_hosts=frozenset({"localhost"}), public_url="https://localhost", tls_certificate=own
+    )
+    relays = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    relays.load_cert_chain(web.server("relay")[0])
+    enrolment = authorities.enrol("pad-1", "PadMSP", role="pad", id="pad-1")
+    bound = Listen("127.0.0.1", 0).open()
+    async with begun(backend), serving((new_server(backend.app, backend.settings), bound)) as (port,):
+
+        async def pass_on(agent):
+            async def pump(one, other):
+                async for frame in one:
+                    await other.send(frame)
+
+            async with dial(port, tls_of(web.file, None)) as ours:
+                await asyncio.gather(pump(ours, agent), pump(agent, ours), return_exceptions=True)
+
+        async with (
+            websockets.serve(pass_on, "127.0.0.1", 0, ssl=relays, compression=None) as relay,
+            await Spool.open(tmp_path / "spool", owner="pad-1") as spool,
+        ):
+            url = f"wss://localhost:{relay.sockets[0].getsockname()[1]}/ingest"
+            uplink = Uplink(url, credentials_of(enrolment), spool, ssl_context=tls_of(web.file, None))
+            await uplink.start()
+            try:
+                async with asyncio.timeout(10):
+                    while not (uplink.status.refusal or uplink.status.connected):
+                        await asyncio.sleep(0.02)
+                assert uplink.status.refusal == "another_server"
+                assert not backend.parts.agents.is_connected("pad-1")
+            finally:
+                await uplink.close()
+
+
+async def test_an_organisations_odd_certificate_stops_nobody(new_backend, source_of, chain, web, authorities, tmp_path):
+    """Text before a PEM block is text that whoever writes the channel's configuration chooses."""
+    good = authorities.enrol("pad-1", "PadMSP", role="pad", id="pad-1")
+    async with with_listener(new_backend, source_of(chain), web) as (backend, _, agents):
+        async with backend.database.read() as session:
+            definitions = dict(await organisations.definitions(session))
+        odd = json.loads(definitions["FleetMSP"])
+        for name in ("root_certs", "tls_root_certs"):
+            odd[name] = ["näin\n" + authorities.cas["OrdererMSP"].root_pem().decode()]
+        backend.parts.members.configure((definitions | {"FleetMSP": json.dumps(odd)}).items())
+        async with dial(agents, tls_of(web.file, files_of(good, tmp_path))) as socket:
+            assert (await AgentClient(socket, good).hello())["type"] == "welcome"
+
+
+def test_a_handshake_that_is_never_finished_is_ended(web, monkeypatch):
+    monkeypatch.setattr(listening, "HEAD_S", 0.3)
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.load_cert_chain(web.server("ours")[0])
+
+    async def waited():
+        server = await asyncio.get_running_loop().create_server(asyncio.Protocol, "127.0.0.1", 0, ssl=context)
+        async with server:
+            reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
+            try:
+                with contextlib.suppress(ConnectionError):
+                    await asyncio.wait_for(reader.read(), 20)  # by itself it would be a minute
+            finally:
+                writer.transport.abort()
+
+    with asyncio.Runner(loop_factory=listening.Loop) as runner:
+        runner.run(waited())
+
+
+def test_a_server_may_open_as_many_files_as_it_promises_connections():
+    script = (
+        "import resource; from wonderland_backend.listening import OTHER_FILES, allow_files;"
+        "hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]; resource.setrlimit(resource.RLIMIT_NOFILE, (256, hard));"
+        "allow_files(700); print(resource.getrlimit(resource.RLIMIT_NOFILE)[0] >= min(700 + OTHER_FILES, hard))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout == "True\n"
 
 
 async def test_behind_a_proxy_agents_sign_in_to_its_certificate(

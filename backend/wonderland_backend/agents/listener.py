@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from wonderland.telemetry import NO_END_POINT, end_point_of
@@ -61,19 +62,21 @@ class AgentsTls:
 
     def __init__(self) -> None:
         self.context: ssl.SSLContext | None = None
-        self._known: dict[str, None] = {}
+        self._known: dict[bytes, None] = {}
 
     def serve(self, context: ssl.SSLContext) -> None:
         """The listener's context; it demands a certificate."""
         context.verify_mode = ssl.CERT_REQUIRED
         self.context = context
-        for pem in self._known:
-            context.load_verify_locations(cadata=pem)
+        for der in self._known:
+            context.load_verify_locations(cadata=der)
 
-    def trust(self, authorities: Iterable[str]) -> None:
-        """Roots and intermediates (PEM) of organisations, all of which could be read."""
-        for pem in authorities:
-            if pem not in self._known:
-                self._known[pem] = None
+    def trust(self, authorities: Iterable[x509.Certificate]) -> None:
+        """Roots and intermediates of organisations."""
+        for certificate in authorities:
+            # Not the PEM: text before it, which others can write into a configuration, is more than OpenSSL takes.
+            der = certificate.public_bytes(Encoding.DER)
+            if der not in self._known:
+                self._known[der] = None
                 if self.context is not None:
-                    self.context.load_verify_locations(cadata=pem)
+                    self.context.load_verify_locations(cadata=der)

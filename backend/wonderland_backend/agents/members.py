@@ -59,13 +59,14 @@ class Members:
         for msp_id, definition in organisations:
             try:
                 read = orjson.loads(definition)
-                trust, shown = _trust(msp_id, read), read.get("tls_root_certs", [])
-                tls_roots[msp_id] = [certificate_of(pem.encode()) for pem in shown]
+                trust = _trust(msp_id, read)
+                tls_roots[msp_id] = [certificate_of(pem.encode()) for pem in read.get("tls_root_certs", [])]
                 found[msp_id] = ChannelMembership([trust])
             except (IdentityError, RevocationListError, ValueError) as cause:
                 logger.error("agents of %s are refused, its definition on the ledger cannot be used: %s", msp_id, cause)  # noqa: TRY400 - the text says it all
                 continue
-            self.tls.trust([*(pem.decode() for pem in (*trust.root_certs, *trust.intermediate_certs)), *shown])
+            authorities = [certificate_of(pem) for pem in (*trust.root_certs, *trust.intermediate_certs)]
+            self.tls.trust([*authorities, *tls_roots[msp_id]])
         self._organisations, self._tls_roots = found, tls_roots
 
     def is_member(self, msp_id: str, creator: bytes, now_ms: int) -> bool:

@@ -13,6 +13,7 @@ from fastapi.responses import Response
 from wonderland_backend.context import maybe
 from wonderland_backend.errors import NotAcceptable
 from wonderland_backend.problem_texts import said
+from wonderland_backend.responses import prefers
 from wonderland_evidence.statements import MEDIA_TYPE, compose
 from wonderland_fabric_gateway.identity import Identity
 from wonderland_fabric_gateway.signing import Signer
@@ -50,15 +51,9 @@ class Statements:
         return Response(text, media_type=MEDIA_TYPE, headers=headers)
 
 
-def wanted(request: Request) -> bool:
-    """Whether a signed answer is asked for."""
-    accepted = request.headers.get("accept", "").split(",")
-    return any(part.partition(";")[0].strip().lower() == MEDIA_TYPE for part in accepted)
-
-
 async def _wanted(request: Request, statements: Annotated[Statements | None, maybe(Statements)]) -> Statements | None:
     """Raises `NotAcceptable` where this server signs nothing."""
-    if not wanted(request):
+    if not prefers(request, MEDIA_TYPE):
         return None
     if statements is None:
         raise NotAcceptable(said("statements_off"))
