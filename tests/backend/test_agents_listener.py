@@ -161,7 +161,11 @@ async def test_an_agent_that_was_led_to_a_relay_is_not_let_in(
                     await other.send(frame)
 
             async with dial(port, tls_of(web.file, None)) as ours:
-                await asyncio.gather(pump(ours, agent), pump(agent, ours), return_exceptions=True)
+                pumps = [asyncio.create_task(pump(*ends)) for ends in ((ours, agent), (agent, ours))]
+                await asyncio.wait(pumps, return_when=asyncio.FIRST_COMPLETED)
+                for each in pumps:
+                    each.cancel()
+                await asyncio.gather(*pumps, return_exceptions=True)
 
         async with (
             websockets.serve(pass_on, "127.0.0.1", 0, ssl=relays, compression=None) as relay,
