@@ -59,6 +59,19 @@ class Listen:
         """The host as an address has it."""
         return f"[{self.host}]" if ":" in self.host else self.host
 
+    def check_encrypted(self, settings: Settings) -> None:
+        """Raise `SettingsError` where others would reach it by http and nobody has said that this is meant.
+
+        An https ``public_url`` without a certificate of our own means a proxy that ends TLS.
+        """
+        if self.is_loopback or settings.is_https or settings.plaintext:
+            return
+        raise SettingsError(
+            f"{self.setting}: other machines can reach {self.shown}:{self.port} by http: whoever stands between reads "
+            "and changes what people and agents are told. Give --public-url https://… (with tls_certificate, or a "
+            "proxy that ends TLS), or --plaintext inside a network that is protected"
+        )
+
     def open(self) -> socket.socket:
         """A bound socket. Raises `SettingsError`."""
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET

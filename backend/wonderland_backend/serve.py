@@ -167,6 +167,7 @@ async def serve(settings: Settings, listen: Listen, *, token_file: Path | None, 
     """Serve until SIGTERM or SIGINT. Raises `LedgerError`, `BackendError`."""
     if settings.demo and not listen.is_loopback:
         raise SettingsError("--demo: a demo listens on loopback only, for example --listen 127.0.0.1:8080")
+    listen.check_encrypted(settings)
     if settings.demo_registrar is not None and not settings.demo:
         raise SettingsError("demo_registrar: only a demo gives roles to whoever asks; leave it out, or add --demo")
     if settings.console is not None and console.find_console(settings.console) is None:

@@ -50,6 +50,9 @@ _identity = click.option("--identity", metavar="NAME", help="Which of its identi
 )
 @click.option("--public-url", metavar="URL", help="The address that people use, when a proxy stands before this.")
 @click.option(
+    "--plaintext", is_flag=True, help="Let other machines reach it by http, in a network that is protected otherwise."
+)
+@click.option(
     "--token-file", type=click.Path(path_type=Path), metavar="FILE", help="Write the one-time token there, too."
 )
 @click.option("--test-harness", is_flag=True, help="Open the interfaces by which InterUSS tests a system.")
@@ -66,6 +69,7 @@ def serve_command(
     token_file: Path | None,
     map_archive: Path | None,
     *,
+    plaintext: bool,
     test_harness: bool,
     demo: bool,
     as_json: bool,
@@ -83,7 +87,8 @@ def serve_command(
         await serve(settings, Listen.parse(listen), token_file=token_file, as_json=as_json)
 
     uspace = {"test_harness": True} if test_harness else None
-    run_work(run, demo=demo or None, uspace=uspace, map=map_archive and {"archive": map_archive}, **options)
+    flags = {"demo": demo or None, "plaintext": plaintext or None}
+    run_work(run, uspace=uspace, map=map_archive and {"archive": map_archive}, **flags, **options)
 
 
 @click.command("rebuild")

@@ -50,6 +50,9 @@ class Settings(BaseSettings):
     client_cert_proxies: tuple[str, ...] = Field(
         default=(), description="Addresses or networks of proxies whose Client-Cert header (RFC 9440) is believed"
     )
+    plaintext: bool = Field(
+        default=False, description="Other machines may reach it by http: inside a network that is protected otherwise"
+    )
     demo: bool = Field(default=False, description="Says so in the console; only on loopback")
 
     token_ttl_s: int = Field(default=900, ge=10, le=86_400, description="How long a one-time token is good")

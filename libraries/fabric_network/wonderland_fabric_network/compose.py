@@ -251,7 +251,7 @@ def _project() -> dict[str, Any]:
             **_base("wonderland", "512M"),
             "build": ".",
             "command": [
-                *("wonderland", "backend", "serve", "--listen", f"0.0.0.0:{_CONSOLE_PORT}"),
+                *("wonderland", "backend", "serve", "--listen", f"0.0.0.0:{_CONSOLE_PORT}", "--plaintext"),
                 *("--connection", f"{_LEDGER}/connection.json"),
                 *("--public-url", f"http://127.0.0.1:${{CONSOLE_PORT:-{_CONSOLE_PORT}}}"),
             ],
