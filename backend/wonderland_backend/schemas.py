@@ -53,21 +53,21 @@ class ApiModel(BaseModel):
     model_config = ConfigDict(json_schema_extra=_without_null)
 
 
-def model_of(record: type[Record]) -> type[ApiModel]:
-    """The documented shape of a record, nested records included."""
+def model_of(record: type[Record], name: str = "") -> type[ApiModel]:
+    """The documented shape of a record, nested records included; `name` where its own is that of an `extended` one."""
     # Seen as Any: mypy holds a class whose instances compare by value for unhashable.
     key: Any = record
-    return _model_of(key)
+    return _model_of(key, name)
 
 
 @cache
-def _model_of(record: Any) -> type[ApiModel]:
+def _model_of(record: Any, name: str) -> type[ApiModel]:
     hints = typing.get_type_hints(record, include_extras=True)
     definitions: dict[str, Any] = {
         field.name: _field_of(hints[field.name], optional=field.default is None) for field in fields(record)
     }
     doc = (record.__doc__ or "").strip().split("\n\n", maxsplit=1)[0]
-    return create_model(record.RECORD or record.__name__, __base__=ApiModel, __doc__=doc, **definitions)
+    return create_model(name or record.RECORD or record.__name__, __base__=ApiModel, __doc__=doc, **definitions)
 
 
 def extended(

@@ -140,6 +140,13 @@ def test_every_operation_says_what_it_is_and_who_may():
     assert {"400", "401", "403", "422", "429"} <= set(proofs["responses"])
 
 
+def test_schemas_have_names_that_generators_can_use():
+    """Two models of one name would be called by their Python paths, and differ from version to version."""
+    names = DOCUMENT["components"]["schemas"]
+    assert "Pad" in names
+    assert [name for name in names if not re.fullmatch(r"(?:[A-Z][a-z0-9]*)+", name)] == []
+
+
 def test_it_is_openapi_3_1():
     assert DOCUMENT["openapi"].startswith("3.1")
 

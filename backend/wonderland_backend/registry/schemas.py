@@ -13,7 +13,7 @@ from wonderland_backend.filters import PageQuery
 from wonderland_backend.schemas import ApiModel, model_of, page_of
 
 Uav = model_of(uavs.Uav)
-PadRecord = model_of(pads.Pad)
+PadRecord = model_of(pads.Pad, "PadRecord")
 Policy = model_of(policies.Policy)
 Calibration = model_of(calibrations.Calibration)
 ProposedChange = model_of(changes.ProposedChange)

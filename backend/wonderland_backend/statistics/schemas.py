@@ -69,7 +69,7 @@ class StepTotal(ApiModel):
     count: int
 
 
-class StepTime(StepTotal):
+class StepBin(StepTotal):
     """The same, in a bin."""
 
     start_ms: int
@@ -92,7 +92,7 @@ class Statistics(ApiModel):
     actions: list[Group]
     likelihood: list[int] = Field(description="Counts in 20 bins from 0 to 1; only verdicts with a signed claim")
     error: list[ErrorBin]
-    steps: list[StepTime]
+    steps: list[StepBin]
     step_totals: list[StepTotal] = Field(description="Of all the span, which no average of its bins would give")
     proofs_per_hour: float
     busiest_hour: int = Field(description="Most proofs within one hour of the clock")
