@@ -34,6 +34,8 @@ from wonderland_uav_agent.agent import ProofResult, UavAgent, UavAgentError
 from wonderland_uav_agent.broadcasts import BroadcastError, RemoteIdModule
 from wonderland_uav_agent.ledger_events import LedgerEvents
 from wonderland_uav_agent.position import AutopilotPosition, PositionError, PositionSource, TrackPosition
+from wonderland_uav_agent.position.mavlink import MavlinkPosition, UdpAddress, parse_address
+from wonderland_uav_agent.position.mavlink.address import FORMS
 from wonderland_uav_agent.radio import UavRadio
 from wonderland_uav_agent.radio.tag import TagRadio
 from wonderland_uav_agent.requests import Requests
@@ -80,8 +82,9 @@ def _of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
         click.option(
             "--position",
             required=True,
-            metavar="udp:HOST:PORT|track:FILE",
-            help="Where the drone's position comes from: datagrams of the autopilot, or a recorded track (CSV).",
+            metavar="mavlink:…|udp:HOST:PORT|track:FILE",
+            help="Where the drone's position comes from: an autopilot that speaks MAVLink (mavlink:udp:HOST:PORT, "
+            "mavlink:tcp:HOST:PORT, mavlink:serial:DEVICE[:BAUD]), JSON datagrams, or a recorded track (CSV).",
         ),
         click.option(
             "--remote-id",
@@ -294,15 +297,31 @@ def _tag(port: str, report_to: str | None, board: str | None, clock: Clock) -> T
 async def _position(text: str, clock: Clock) -> AsyncIterator[PositionSource]:
 
     kind, _, rest = text.partition(":")
+    if kind == "mavlink":
+        async with _autopilot(rest, clock) as autopilot:
+            await autopilot.wait(POSITION_PATIENCE_S)
+            yield autopilot
+        return
     if kind == "track" and rest:
         yield TrackPosition.load(Path(rest), clock())
         return
     listen = _udp(text)
     if listen is None:
-        raise PositionError(f"--position {text}: give udp:HOST:PORT or track:FILE")
+        raise PositionError(f"--position {text}: give {FORMS}, udp:HOST:PORT or track:FILE")
     async with AutopilotPosition(listen, clock) as source:
         await source.wait(POSITION_PATIENCE_S)
         yield source
+
+
+def _autopilot(text: str, clock: Clock) -> MavlinkPosition:
+    where = parse_address(text)
+    if isinstance(where, UdpAddress) and where.host not in LOOPBACK:
+        click.echo(
+            f"--position {where}: whoever reaches this address can say where the drone is; use 127.0.0.1, or a network "
+            "that nobody else is in",
+            err=True,
+        )
+    return MavlinkPosition(where, clock)
 
 
 def _udp(text: str) -> tuple[str, int] | None:

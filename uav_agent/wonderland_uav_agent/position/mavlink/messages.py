@@ -1,0 +1,96 @@
+"""What is read of an autopilot and asked of it, in the units of MAVLink; nothing of a library or of a socket."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+SYSTEM_TIME: Final = 2
+GPS_RAW_INT: Final = 24
+GLOBAL_POSITION_INT: Final = 33
+
+NAMES: Final = {
+    SYSTEM_TIME: "SYSTEM_TIME",
+    GPS_RAW_INT: "GPS_RAW_INT",
+    GLOBAL_POSITION_INT: "GLOBAL_POSITION_INT",
+}
+
+
+Peer = tuple[Any, ...] | None
+"""A socket's address; None on links that have one end alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sender:
+    """Whose message it is; ``peer`` is the address that it came from, where a link has several (UDP)."""
+
+    system: int
+    component: int
+    peer: Peer = None
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """HEARTBEAT (0)."""
+
+    vehicle_type: int
+    autopilot: int
+
+
+@dataclass(frozen=True, slots=True)
+class SystemTime:
+    """SYSTEM_TIME (2)."""
+
+    unix_us: int
+    boot_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class GpsRaw:
+    """GPS_RAW_INT (24): heights in mm; accuracies in mm at 1 σ, 0 where they are not stated."""
+
+    fix_type: int
+    alt_mm: int
+    alt_ellipsoid_mm: int
+    h_acc_mm: int
+    v_acc_mm: int
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalPosition:
+    """GLOBAL_POSITION_INT (33): what the autopilot's filter makes of all its sensors; height above mean sea level."""
+
+    boot_ms: int
+    lat_e7: int
+    lon_e7: int
+    alt_mm: int
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledged:
+    """COMMAND_ACK (77)."""
+
+    command: int
+    result: int
+
+
+Message = Heartbeat | SystemTime | GpsRaw | GlobalPosition | Acknowledged
+
+
+@dataclass(frozen=True, slots=True)
+class SayAlive:
+    """To send: a heartbeat of ours, as a computer on board of ``system``."""
+
+    system: int
+
+
+@dataclass(frozen=True, slots=True)
+class AskFor:
+    """To send: SET_MESSAGE_INTERVAL (511) for a message, to the autopilot of ``system``."""
+
+    system: int
+    message_id: int
+    interval_us: int
+
+
+Outgoing = SayAlive | AskFor

@@ -1,0 +1,97 @@
+"""Bytes to messages and back, by pymavlink's parser of the common dialect (ArduPilot's is a superset of it)."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any, Final
+
+from wonderland_uav_agent.position.mavlink.messages import (
+    Acknowledged,
+    GlobalPosition,
+    GpsRaw,
+    Heartbeat,
+    Message,
+    Outgoing,
+    Peer,
+    SayAlive,
+    Sender,
+    SystemTime,
+)
+from wonderland_uav_agent.position.source import PositionError
+
+COMPONENT: Final = 191
+"""MAV_COMP_ID_ONBOARD_COMPUTER."""
+
+
+def dialect() -> ModuleType:
+    """The messages of pymavlink. Raises PositionError where it is not installed."""
+    try:
+        from pymavlink.dialects.v20 import common  # noqa: PLC0415 - an extra, and half a second on a small computer
+    except ImportError:
+        raise PositionError('mavlink: needs pymavlink; pip install "wonderland-uav-agent[mavlink]"') from None
+    return common  # type: ignore[no-any-return]
+
+
+class Wire:
+    """Of one link, or of one sender of datagrams."""
+
+    def __init__(self) -> None:
+        self._dialect = dialect()
+        self._ours = self._dialect.MAVLink(None, srcSystem=1, srcComponent=COMPONENT)
+        self.restart()
+        self.bad = 0
+        """How often something came that is no MAVLink, or is damaged."""
+
+    def restart(self) -> None:
+        """Forget the begun message of a link that was cut."""
+        self._parser = self._dialect.MAVLink(None)
+        self._parser.robust_parsing = True
+
+    def read(self, data: bytes, peer: Peer = None) -> list[tuple[Message, Sender]]:
+        """The messages of interest that are complete now. Whatever comes, it raises nothing."""
+        messages = []
+        received = self._parser.parse_char(data)
+        while received is not None:
+            if received.get_type() == "BAD_DATA":
+                self.bad += 1
+            else:
+                message = _message(received)
+                if message is not None:
+                    messages.append((message, Sender(received.get_srcSystem(), received.get_srcComponent(), peer)))
+            received = self._parser.parse_char(b"")
+        # pymavlink keeps what it has read for as long as something follows it.
+        del self._parser.buf[: self._parser.buf_index]
+        self._parser.buf_index = 0
+        return messages
+
+    def write(self, what: Outgoing) -> bytes:
+        """What to send, as bytes."""
+        dialect = self._dialect
+        self._ours.srcSystem = what.system
+        if isinstance(what, SayAlive):
+            message = dialect.MAVLink_heartbeat_message(
+                dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+            )
+        else:
+            values = (what.message_id, what.interval_us, 0, 0, 0, 0, 0)
+            message = dialect.MAVLink_command_long_message(
+                what.system, 1, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, *values
+            )
+        data = bytes(message.pack(self._ours))
+        self._ours.seq = (self._ours.seq + 1) % 256
+        return data
+
+
+def _message(received: Any) -> Message | None:
+    kind = received.get_type()
+    if kind == "HEARTBEAT":
+        return Heartbeat(received.type, received.autopilot)
+    if kind == "SYSTEM_TIME":
+        return SystemTime(received.time_unix_usec, received.time_boot_ms)
+    if kind == "GPS_RAW_INT":
+        return GpsRaw(received.fix_type, received.alt, received.alt_ellipsoid, received.h_acc, received.v_acc)
+    if kind == "GLOBAL_POSITION_INT":
+        return GlobalPosition(received.time_boot_ms, received.lat, received.lon, received.alt)
+    if kind == "COMMAND_ACK":
+        return Acknowledged(received.command, received.result)
+    return None
