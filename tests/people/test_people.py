@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import json
 
 import pytest
+
+from wonderland_fabric_gateway.ca.local import LocalCa
 
 
 async def invite(ada, **more):
@@ -59,6 +62,21 @@ async def test_invitations_that_make_no_sense(fresh, body):
         full = {"name": "Grace", "roles": ["inspector"]} | body
         refused = await ada.call("POST", "/people", full, status=422)
         assert refused["errors"]
+
+
+async def test_an_organisation_is_one_of_the_channel(fresh, tmp_path):
+    root = LocalCa.create(tmp_path / "pad", "PadMSP").root_pem().decode()
+    definition = {"root_certs": [root], "intermediate_certs": [], "revocation_lists": [], "sections": ["Application"]}
+    fresh.parts.members.configure([("PadMSP", json.dumps(definition))])
+    async with fresh.administrator() as ada:
+        body = {"name": "Pat", "roles": ["pad_operator"], "msp_id": "PdaMSP"}
+        refused = await ada.call("POST", "/people", body, status=409)
+        assert "PdaMSP" in refused["detail"]
+        assert "PadMSP" in refused["detail"]
+        made = await ada.call("POST", "/people", body | {"msp_id": "PadMSP"}, status=201)
+        path = f"/people/{made['person']['person_id']}"
+        await ada.call("PATCH", path, {"revision": 0, "msp_id": "FleetMSP"}, status=409)
+        await ada.call("PATCH", path, {"revision": 0, "name": "Patricia"})
 
 
 async def test_an_address_is_one_persons(fresh):

@@ -9,6 +9,7 @@ from fastapi.responses import Response
 
 from wonderland_backend import audit
 from wonderland_backend.access import Administrator
+from wonderland_backend.agents.members import Members, MembersDep
 from wonderland_backend.auth import step_up
 from wonderland_backend.auth.secret import new_id
 from wonderland_backend.auth.step_up import StepUpRequired
@@ -56,9 +57,16 @@ async def list_people(context: ContextDep, who: Administrator) -> Response:
     openapi_extra={"parameters": [idempotency.PARAMETER, step_up.PARAMETER]},
 )
 async def invite_person(
-    request: Request, context: ContextDep, sign_ins: SignInsDep, who: Administrator, _proved: Fresh, body: Invitation
+    request: Request,
+    context: ContextDep,
+    sign_ins: SignInsDep,
+    members: MembersDep,
+    who: Administrator,
+    _proved: Fresh,
+    body: Invitation,
 ) -> Response:
     """Make an account, and the link by which its owner takes it."""
+    _require_organisation(members, body.msp_id)
     return await idempotency.once(request, who, lambda: _invite(context, sign_ins, who, body))
 
 
@@ -70,6 +78,16 @@ async def _invite(context: Context, sign_ins: SignIns, who: Person, body: Invita
         token = await sign_ins.new_link(connection, INVITATION, person_id, ttl_s=ttl_s)
         person = await store.find_person(connection, person_id)
     return _made(context, person, token, 201)
+
+
+def _require_organisation(members: Members, msp_id: str) -> None:
+    """Raise `Conflict` for one that the channel does not have: it has no pads and drones that anybody could see.
+
+    Not while the mirror has yet to read the channel's configuration.
+    """
+    known = members.msp_ids
+    if msp_id and known and msp_id not in known:
+        raise Conflict(said("organisation_unknown", msp_id=msp_id, known=", ".join(known)))
 
 
 @router.get("/people/{person_id}", response_model=PersonDetail, responses=documented(Forbidden, _NOT_FOUND, etag=True))
@@ -92,6 +110,7 @@ async def change_person(
     request: Request,
     context: ContextDep,
     hub: HubDep,
+    members: MembersDep,
     who: Administrator,
     _proved: Fresh,
     person_id: PersonIdPath,
@@ -99,6 +118,7 @@ async def change_person(
 ) -> Response:
     """Change name, address, roles or organisation; suspend and restore. Takes effect at once."""
     require_match(request, await detail_of(context, who, person_id))
+    _require_organisation(members, body.msp_id or "")
     async with context.database.write() as connection:
         person, touched = await store.change(connection, who, person_id, body, context.clock())
     for cookie in touched:
