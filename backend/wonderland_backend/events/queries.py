@@ -150,7 +150,7 @@ async def visible(database: AsyncSession, events: Sequence[Event], person: Perso
 
 
 def _masked(event: Event, person: Person) -> Event:
-    if "registration" not in event.record and "operator_id" not in event.record:
+    if "registration" not in event.record:  # no drone: a pad's operator is shown to whoever sees the pad
         return event
     record = orjson.loads(shown_uav(orjson.dumps(event.record).decode(), person))
     return Event(event.place, event.type, event.t_ms, event.tx_id, record)

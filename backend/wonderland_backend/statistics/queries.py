@@ -14,7 +14,7 @@ from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.visitors import InternalTraversal
 
 from wonderland_backend.db.tables.ledger import DroneRow, EvidenceRow, SessionRow, VerdictRow
-from wonderland_backend.person import Person, Scope
+from wonderland_backend.person import AUTHORITY, Person, Scope
 from wonderland_backend.statistics.schemas import ERROR_EDGES_MM, LIKELIHOOD_BINS, StatisticsQuery
 
 MAX_SESSIONS: Final = 20_000
@@ -33,6 +33,7 @@ async def statistics(database: AsyncSession, wanted: StatisticsQuery, person: Pe
     bins = await _grouped(database, wanted, scope, _bin(wanted.bin_ms))
     hours = await _grouped(database, wanted, scope, _bin(HOUR_MS))
     operator = _field(DroneRow.record, "operator_id").as_string()
+    theirs = case((DroneRow.msp_id == (person.msp_id if person.has("fleet_operator") else ""), operator))
     counts = total[0] if total else _none()
     count = sum(counts[name] for name in _OUTCOMES)
     span_h = (wanted.until_ms - wanted.since_ms) / HOUR_MS
@@ -40,8 +41,8 @@ async def statistics(database: AsyncSession, wanted: StatisticsQuery, person: Pe
         "total": {name: counts[name] for name in (*_OUTCOMES, "granted")},
         "bins": _filled(bins, wanted),
         "pads": await _groups(database, wanted, scope, VerdictRow.pad_id),
-        # Who only looks does not learn who flies how much.
-        "operators": [] if person.roles == ("viewer",) else await _groups(database, wanted, scope, operator),
+        # Whoever does not learn whose a drone is does not learn it from counts either.
+        "operators": await _groups(database, wanted, scope, operator if person.has(*AUTHORITY) else theirs),
         "actions": await _groups(database, wanted, scope, VerdictRow.action),
         "likelihood": await _likelihood(database, wanted, scope),
         "error": await _error(database, wanted, scope),
