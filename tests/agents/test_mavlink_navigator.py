@@ -87,6 +87,7 @@ def test_before_the_autopilot_knows_the_time_the_arrival_stands_in():
         ([], "no heartbeat"),
         ([STATION, GPS, HERE], "no heartbeat"),
         ([Heartbeat(2, 8), GPS, HERE], "no heartbeat"),
+        ([Heartbeat(6, 3), GPS, HERE], "no heartbeat"),
         ([COPTER], "no GLOBAL_POSITION_INT from the autopilot"),
         ([COPTER, HERE], "no GPS_RAW_INT from the autopilot"),
         ([COPTER, replace(GPS, fix_type=2), HERE], "no 3-D fix .fix type 2"),
@@ -195,6 +196,16 @@ def test_a_boot_time_that_creeps_is_found():
         told.take(GPS, NOW + 100 * step)
         told.take(replace(HERE, boot_ms=30_000 + 50 * step), NOW + 100 * step)
     assert "jumped" in told.warned[0]
+
+
+def test_crystals_that_drift_apart_are_no_other_boot_while_the_autopilot_says_the_time():
+    told = Told(COPTER, GPS, UTC, HERE)
+    for second in range(1, 61):
+        boot_ms, now = 30_000 + 950 * second, NOW + 1_000 * second
+        told.take(GPS, now)
+        told.take(SystemTime((now + 40) * 1_000, boot_ms), now)
+        told.take(replace(HERE, boot_ms=boot_ms), now)
+        assert told.claim(now).t_ms == now + 40
 
 
 def test_an_autopilot_whose_time_is_wrong_is_told_of_once():
