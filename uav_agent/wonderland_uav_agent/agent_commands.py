@@ -33,6 +33,7 @@ from wonderland_fabric_gateway.signing import Signer
 from wonderland_uav_agent.agent import ProofResult, UavAgent, UavAgentError
 from wonderland_uav_agent.broadcasts import BroadcastError, RemoteIdModule
 from wonderland_uav_agent.ledger_events import LedgerEvents
+from wonderland_uav_agent.missing import Missing
 from wonderland_uav_agent.position import AutopilotPosition, PositionError, PositionSource, TrackPosition
 from wonderland_uav_agent.position.mavlink import MavlinkPosition, UdpAddress, parse_address
 from wonderland_uav_agent.position.mavlink.address import FORMS
@@ -130,7 +131,7 @@ def _log_to_stderr(*, verbose: bool) -> None:
 
 
 async def _prove(*, pad_id: str, action: str, **options: Any) -> ProofResult:
-    async with _agent(**options) as (agent, _):
+    async with _agent(**options) as (agent, *_):
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, agent.stop)
@@ -166,7 +167,7 @@ def calibrate(*, pad_id: str, sessions: int, verbose: bool, command: str | None,
 
 
 async def _ranged(pad_id: str, sessions: int, **options: Any) -> list[ProofResult]:
-    async with _agent(command=None, act=_only_ranged, quiet=False, **options) as (agent, _):
+    async with _agent(command=None, act=_only_ranged, quiet=False, **options) as (agent, *_):
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, agent.stop)
@@ -218,16 +219,21 @@ async def _serve(
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopping.set)
-    async with _agent(identity=identity, **options) as (agent, (who, signer)):
-        willing = Willing(agent, pads)
+    async with _agent(identity=identity, stays=True, **options) as (agent, (who, signer), missing):
+        willing = Willing(agent, pads, missing.why_not)
         position = agent.position if network_id else None
         credentials = Credentials.of("uav", agent.uav_id, who, signer)
         requests = Requests(url, credentials, willing.decide, position, tls=tls)
-        listening = asyncio.create_task(requests.run())
-        await stopping.wait()
-        listening.cancel()
-        await asyncio.gather(listening, return_exceptions=True)
+        working = [asyncio.create_task(requests.run()), asyncio.create_task(missing.run())]
+        told = asyncio.create_task(stopping.wait())
+        await asyncio.wait({*working, told}, return_when=asyncio.FIRST_COMPLETED)
+        failed = [each for each in working if each.done()]
+        for task in (*working, told):
+            task.cancel()
+        await asyncio.gather(*working, told, return_exceptions=True)
         await willing.stop()
+        for task in failed:
+            task.result()
 
 
 @contextlib.asynccontextmanager
@@ -246,8 +252,9 @@ async def _agent(
     whole_certificate: bool,
     quiet: bool,
     act: Act | None = None,
-) -> AsyncIterator[tuple[UavAgent, tuple[Identity, Signer]]]:
-    """The drone's agent with all that it needs, and who it is."""
+    stays: bool = False,
+) -> AsyncIterator[tuple[UavAgent, tuple[Identity, Signer], Missing]]:
+    """The drone's agent with all that it needs, who it is, and what it lacks. `stays`: does not wait for any of it."""
     if (node != "uci") != (report_to is not None):
         raise click.UsageError("--node dwm1001 or dwm1001-anchor and --report-to HOST:PORT go together")
     if (node == "dwm1001-anchor") != (board is not None):
@@ -259,10 +266,10 @@ async def _agent(
     async with contextlib.AsyncExitStack() as stack:
         channel = await stack.enter_async_context(where.open_channel())
         ledger = ProofContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
-        source = await stack.enter_async_context(_position(position, clock))
+        source = await stack.enter_async_context(_position(position, clock, wait=not stays))
         broadcasts = await stack.enter_async_context(_broadcasts(remote_id, who.pol_id, clock)) if remote_id else None
         await stack.enter_async_context(radio)
-        events = await stack.enter_async_context(LedgerEvents(ledger))
+        events = await stack.enter_async_context(LedgerEvents(ledger, at_once=not stays))
         agent = UavAgent(
             uav_id=who.pol_id,
             ledger=ledger,
@@ -277,7 +284,14 @@ async def _agent(
             whole_certificate=whole_certificate,
             on_step=None if quiet else _progress,
         )
-        yield agent, (who, signer)
+        missing = Missing(
+            position=agent.position,
+            position_from=f"--position {position}",
+            ledger=events.look,
+            node=lambda: radio.trouble,
+            clock=clock,
+        )
+        yield agent, (who, signer), missing
 
 
 def _tag(port: str, report_to: str | None, board: str | None, clock: Clock) -> TagRadio:
@@ -294,7 +308,7 @@ def _tag(port: str, report_to: str | None, board: str | None, clock: Clock) -> T
 
 
 @contextlib.asynccontextmanager
-async def _position(text: str, clock: Clock) -> AsyncIterator[PositionSource]:
+async def _position(text: str, clock: Clock, *, wait: bool) -> AsyncIterator[PositionSource]:
 
     kind, _, rest = text.partition(":")
     if kind == "mavlink":
@@ -309,7 +323,8 @@ async def _position(text: str, clock: Clock) -> AsyncIterator[PositionSource]:
     if listen is None:
         raise PositionError(f"--position {text}: give {FORMS}, udp:HOST:PORT or track:FILE")
     async with AutopilotPosition(listen, clock) as source:
-        await source.wait(POSITION_PATIENCE_S)
+        if wait:
+            await source.wait(POSITION_PATIENCE_S)
         yield source
 
 

@@ -51,8 +51,10 @@ class EventSource(Protocol):
 class LedgerEvents:
     """Verdicts and cancellations by session. Open it before a request is sent: nothing committed after is missed."""
 
-    def __init__(self, source: EventSource, *, patience_s: float = PATIENCE_S) -> None:
+    def __init__(self, source: EventSource, *, patience_s: float = PATIENCE_S, at_once: bool = True) -> None:
+        """`at_once`: listen when it is opened, or fail; otherwise from the first `look` that succeeds."""
         self._source = source
+        self._at_once = at_once
         self._patience_s = patience_s
         self._listeners: dict[str, Callable[[on.UavEvent], None]] = {}
         self._early: OrderedDict[str, ContractEvent] = OrderedDict()
@@ -61,8 +63,8 @@ class LedgerEvents:
         self._next_block = 0
 
     async def __aenter__(self) -> Self:
-        self._next_block = await self._source.height()
-        self._task = asyncio.create_task(self._run())
+        if self._at_once:
+            await self.look()
         return self
 
     async def __aexit__(
@@ -72,6 +74,13 @@ class LedgerEvents:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def look(self) -> None:
+        """Ask the ledger whether it is there, and listen from the first answer on. Raises `LedgerError`."""
+        height = await self._source.height()
+        if self._task is None:
+            self._next_block = height
+            self._task = asyncio.create_task(self._run())
 
     def listen(self, session_id: str, listener: Callable[[on.UavEvent], None]) -> None:
         """Hand this session's events to ``listener``, also those that came before."""

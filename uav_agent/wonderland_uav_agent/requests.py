@@ -75,6 +75,7 @@ class Requests:
         self._seq = 0
         self._spool = secrets.token_hex(16)
         self._answers: dict[str, str] = {}
+        self._away = False
 
     async def run(self) -> None:
         """Keep a connection to the backend, with growing pauses where it fails, until cancelled."""
@@ -86,6 +87,9 @@ class Requests:
                 ) as socket:
                     await self._greet(socket)
                     pause_s = FIRST_PAUSE_S
+                    if self._away:
+                        _log.warning("%s: the backend is there; requests are heard", self._who.id)
+                    self._away = False
                     telling = asyncio.create_task(self._tell(socket))
                     try:
                         await self._listen(socket)
@@ -93,7 +97,9 @@ class Requests:
                         telling.cancel()
                         await asyncio.gather(telling, return_exceptions=True)
             except (OSError, TimeoutError, WebSocketException, RequestsError) as error:
-                _log.warning("%s: requests are not heard just now: %s", self._who.id, error)
+                if not self._away:
+                    _log.warning("%s: requests are not heard just now, trying on: %s", self._who.id, error)
+                self._away = True
             await asyncio.sleep(pause_s * (0.5 + secrets.randbelow(1000) / 1000))
             pause_s = min(LONGEST_PAUSE_S, 2 * pause_s)
 

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from typing import Protocol
+from collections.abc import Callable
+from typing import Final, Protocol
 
 from wonderland.telemetry import PleaseProve
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_uav_agent.agent import ProofResult, UavAgentError
 
 _log = logging.getLogger(__name__)
+
+END_S: Final = 1.5
+"""So long a proof has to end in a recorded state; with a ledger that is away it cannot."""
+
+
+def _nothing() -> str:
+    return ""
 
 
 class Prover(Protocol):
@@ -27,7 +35,9 @@ class Prover(Protocol):
 class Willing:
     """Says yes to requests for known pads while no other proof is under way, and sets about them."""
 
-    def __init__(self, agent: Prover, pads: frozenset[str]) -> None:
+    def __init__(self, agent: Prover, pads: frozenset[str], missing: Callable[[], str] = _nothing) -> None:
+        """`missing`: what a proof would lack just now, for the answer; empty where it lacks nothing."""
+        self._missing = missing
         self._agent = agent
         self._pads = pads
         self._work: asyncio.Task[None] | None = None
@@ -40,6 +50,9 @@ class Willing:
             )
         if self._work is not None and not self._work.done():
             return "another proof is under way"
+        lacking = self._missing()
+        if lacking:
+            return lacking
         self._work = asyncio.create_task(self._prove(wish), name=f"request-{wish.request_id}")
         return ""
 
@@ -47,6 +60,8 @@ class Willing:
         """End what is under way in a recorded state."""
         if self._work is not None:
             self._agent.stop()
+            await asyncio.wait({self._work}, timeout=END_S)
+            self._work.cancel()
             await asyncio.gather(self._work, return_exceptions=True)
 
     async def _prove(self, wish: PleaseProve) -> None:

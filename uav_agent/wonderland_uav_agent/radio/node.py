@@ -59,6 +59,11 @@ class UavRadio:
         await self.close_session()
         await self._node.close()
 
+    @property
+    def trouble(self) -> str:
+        """Why the node is not ready; empty where it is."""
+        return self._node.detail
+
     async def ability(self) -> NodeAbility | None:
         """What the node says that it can do; None where it is away or does not say.
 

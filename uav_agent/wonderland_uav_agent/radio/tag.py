@@ -76,6 +76,11 @@ class TagRadio(asyncio.DatagramProtocol):
         self._node.close()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
+    @property
+    def trouble(self) -> str:
+        """Why the board is not ready; empty where it is."""
+        return self._node.detail
+
     async def ability(self) -> NodeAbility | None:
         """This board says nothing about itself; its words go by UDP."""
         return None

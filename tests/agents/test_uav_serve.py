@@ -1,0 +1,55 @@
+"""``wonderland uav serve`` as a process, while what it needs is not there yet."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import socket
+import sys
+import time
+
+from kit.agents import open_ledger
+
+
+async def said(process, words):
+    async with asyncio.timeout(30):
+        while words not in (line := (await process.stderr.readline()).decode()):
+            assert line, f"it ended before it said {words!r}"
+    return line
+
+
+async def test_it_stays_says_what_is_missing_and_ends_when_told(tmp_path):
+    ledger = open_ledger(tmp_path)
+    await ledger.start()
+    address = ledger.connection.gateway.address
+    await ledger.stop()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "wonderland.cli", "uav", "serve", "--pad", "pad-1"]
+    command += ["--connection", tmp_path / "ledger" / "connection.json", "--port", tmp_path / "tty-uav"]
+    command += ["--position", f"udp:127.0.0.1:{port}", "--backend", "ws://127.0.0.1:9/ingest"]
+    process = await asyncio.create_subprocess_exec(*map(str, command), stderr=asyncio.subprocess.PIPE)
+    ledger = open_ledger(tmp_path, listen=address)
+    try:
+        await said(process, "the ledger is away since")
+        await ledger.start()
+        await said(process, "the ledger is there now")
+        fix = {"lat_e7": 1, "lon_e7": 1, "height_mm": 1, "accuracy_mm": 1, "height_accuracy_mm": 1}
+        fix["t_ms"] = time.time_ns() // 1_000_000
+        heard = asyncio.create_task(said(process, "the position is there now"))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
+            while not heard.done():
+                autopilot.sendto(json.dumps(fix).encode(), ("127.0.0.1", port))
+                await asyncio.wait({heard}, timeout=0.2)
+        await heard
+        await ledger.stop()
+        await said(process, "the ledger is away since")
+        process.send_signal(signal.SIGTERM)
+        assert await asyncio.wait_for(process.wait(), 5) == 0
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+        await ledger.stop()
