@@ -9,7 +9,38 @@ import socket
 import sys
 import time
 
+import pytest
 from kit.agents import open_ledger
+
+from wonderland.telemetry import PleaseProve
+from wonderland_uav_agent.willing import Willing
+
+
+class Proving:
+    def __init__(self):
+        self.asked = []
+        self.ends = asyncio.Event()
+
+    async def prove(self, pad_id, action):
+        self.asked.append((pad_id, action))
+        await self.ends.wait()
+
+    def stop(self, reason="agent_stopped"):
+        self.ends.set()
+
+
+async def test_a_request_is_answered_with_what_is_missing_and_no_proof_begins():
+    lacking = ["no position yet: none"]
+    agent = Proving()
+    willing = Willing(agent, frozenset({"pad-1"}), lambda: lacking[0])
+    wish = PleaseProve(request_id="a" * 32, pad_id="pad-1", action="land", expires_ms=2_000_000_000_000)
+    assert await willing.decide(wish) == lacking[0]
+    lacking[0] = ""
+    assert await willing.decide(wish) == ""
+    assert await willing.decide(wish) == "another proof is under way"
+    await asyncio.sleep(0)
+    await willing.stop()
+    assert agent.asked == [("pad-1", "land")]
 
 
 async def said(process, words):
@@ -17,6 +48,25 @@ async def said(process, words):
         while words not in (line := (await process.stderr.readline()).decode()):
             assert line, f"it ended before it said {words!r}"
     return line
+
+
+@pytest.mark.parametrize("form", ["udp", "mavlink:udp"])
+async def test_it_waits_for_no_position(tmp_path, form):
+    ledger = open_ledger(tmp_path)
+    await ledger.start()
+    command = [sys.executable, "-m", "wonderland.cli", "uav", "serve", "--pad", "pad-1"]
+    command += ["--connection", tmp_path / "ledger" / "connection.json", "--port", tmp_path / "tty-uav"]
+    command += ["--position", f"{form}:127.0.0.1:0", "--backend", "ws://127.0.0.1:9/ingest"]
+    process = await asyncio.create_subprocess_exec(*map(str, command), stderr=asyncio.subprocess.PIPE)
+    try:
+        await said(process, "no position yet: --position")
+        process.send_signal(signal.SIGTERM)
+        assert await asyncio.wait_for(process.wait(), 5) == 0
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+        await ledger.stop()
 
 
 async def test_it_stays_says_what_is_missing_and_ends_when_told(tmp_path):

@@ -313,7 +313,8 @@ async def _position(text: str, clock: Clock, *, wait: bool) -> AsyncIterator[Pos
     kind, _, rest = text.partition(":")
     if kind == "mavlink":
         async with _autopilot(rest, clock) as autopilot:
-            await autopilot.wait(POSITION_PATIENCE_S)
+            if wait:
+                await autopilot.wait(POSITION_PATIENCE_S)
             yield autopilot
         return
     if kind == "track" and rest:

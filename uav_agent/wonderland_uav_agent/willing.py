@@ -13,7 +13,7 @@ from wonderland_uav_agent.agent import ProofResult, UavAgentError
 
 _log = logging.getLogger(__name__)
 
-END_S: Final = 1.5
+END_S: Final = 5.0
 """So long a proof has to end in a recorded state; with a ledger that is away it cannot."""
 
 
