@@ -38,12 +38,12 @@ async def until(condition, what):
 async def test_by_udp_it_asks_and_gets_a_position():
     drone = FakeAutopilot(deaf=2)
     async with by_udp(drone) as (source, clock, _):
-        assert source.status == "no heartbeat of an autopilot"
+        assert source.why_not(clock()) == "no heartbeat of an autopilot"
         await source.wait(LONG_S)
         claim = source.claim(clock())
         assert (claim.lat_e7, claim.height_mm, claim.accuracy_mm) == (LAT, 12_000 + 19_400, 490)
         assert abs(claim.t_ms - time.time() * 1_000) < 1_000
-        assert source.status == ""
+        assert source.why_not(clock()) == ""
         await until(lambda: set(drone.rates) == {33, 24, 2}, "all three are asked for, until they come")
         assert drone.asked[0] == (33, 100_000)
         await until(lambda: len(drone.heartbeats_heard) >= 2, "once a second")
@@ -150,18 +150,18 @@ async def test_the_option_of_the_commands(capsys, monkeypatch):
     drone, clock = FakeAutopilot(), SteadyClock()
     async with (
         OverTcp(drone) as server,
-        agent_commands._position(f"mavlink:tcp:127.0.0.1:{server.port}", clock) as source,
+        agent_commands._position(f"mavlink:tcp:127.0.0.1:{server.port}", clock, wait=True) as source,
     ):
         assert source.claim(clock()).lat_e7 == LAT
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(agent_commands, "POSITION_PATIENCE_S", 0.1)
     with pytest.raises(PositionError, match="no heartbeat"):
-        async with agent_commands._position("mavlink:udp:0.0.0.0:0", clock):
+        async with agent_commands._position("mavlink:udp:0.0.0.0:0", clock, wait=True):
             pass
     assert "whoever reaches this address can say where the drone is" in capsys.readouterr().err
     for wrong in ("mavlink:", "mavlink:udp:x", "nonsense"):
         with pytest.raises(PositionError, match="give mavlink:udp:HOST:PORT"):
-            async with agent_commands._position(wrong, clock):
+            async with agent_commands._position(wrong, clock, wait=True):
                 pass
 
 

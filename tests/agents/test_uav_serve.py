@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import signal
 import socket
@@ -50,16 +51,20 @@ async def said(process, words):
     return line
 
 
-@pytest.mark.parametrize("form", ["udp", "mavlink:udp"])
-async def test_it_waits_for_no_position(tmp_path, form):
-    ledger = open_ledger(tmp_path)
+@contextlib.asynccontextmanager
+async def serve(directory, position):
+    """The process, beside a ledger that is not there at first and no node or backend; told to end, it does."""
+    ledger = open_ledger(directory)
     await ledger.start()
+    address = ledger.connection.gateway.address
+    await ledger.stop()
     command = [sys.executable, "-m", "wonderland.cli", "uav", "serve", "--pad", "pad-1"]
-    command += ["--connection", tmp_path / "ledger" / "connection.json", "--port", tmp_path / "tty-uav"]
-    command += ["--position", f"{form}:127.0.0.1:0", "--backend", "ws://127.0.0.1:9/ingest"]
+    command += ["--connection", directory / "ledger" / "connection.json", "--port", directory / "tty-uav"]
+    command += ["--position", position, "--backend", "ws://127.0.0.1:9/ingest"]
     process = await asyncio.create_subprocess_exec(*map(str, command), stderr=asyncio.subprocess.PIPE)
+    ledger = open_ledger(directory, listen=address)
     try:
-        await said(process, "no position yet: --position")
+        yield process, ledger
         process.send_signal(signal.SIGTERM)
         assert await asyncio.wait_for(process.wait(), 5) == 0
     finally:
@@ -69,20 +74,23 @@ async def test_it_waits_for_no_position(tmp_path, form):
         await ledger.stop()
 
 
+@pytest.mark.parametrize(
+    ("position", "why"),
+    [
+        ("udp:127.0.0.1:0", "no datagram with a position has come"),
+        ("mavlink:udp:127.0.0.1:0", "no heartbeat of an autopilot"),
+    ],
+)
+async def test_it_waits_for_no_position_and_says_why_there_is_none(tmp_path, position, why):
+    async with serve(tmp_path, position) as (process, _):
+        assert f"no position yet: {why}. See that" in await said(process, "no position yet")
+
+
 async def test_it_stays_says_what_is_missing_and_ends_when_told(tmp_path):
-    ledger = open_ledger(tmp_path)
-    await ledger.start()
-    address = ledger.connection.gateway.address
-    await ledger.stop()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = [sys.executable, "-m", "wonderland.cli", "uav", "serve", "--pad", "pad-1"]
-    command += ["--connection", tmp_path / "ledger" / "connection.json", "--port", tmp_path / "tty-uav"]
-    command += ["--position", f"udp:127.0.0.1:{port}", "--backend", "ws://127.0.0.1:9/ingest"]
-    process = await asyncio.create_subprocess_exec(*map(str, command), stderr=asyncio.subprocess.PIPE)
-    ledger = open_ledger(tmp_path, listen=address)
-    try:
+    async with serve(tmp_path, f"udp:127.0.0.1:{port}") as (process, ledger):
         await said(process, "the ledger is away since")
         await ledger.start()
         await said(process, "the ledger is there now")
@@ -96,10 +104,3 @@ async def test_it_stays_says_what_is_missing_and_ends_when_told(tmp_path):
         await heard
         await ledger.stop()
         await said(process, "the ledger is away since")
-        process.send_signal(signal.SIGTERM)
-        assert await asyncio.wait_for(process.wait(), 5) == 0
-    finally:
-        if process.returncode is None:
-            process.kill()
-            await process.wait()
-        await ledger.stop()

@@ -34,7 +34,7 @@ from wonderland_uav_agent.agent import ProofResult, UavAgent, UavAgentError
 from wonderland_uav_agent.broadcasts import BroadcastError, RemoteIdModule
 from wonderland_uav_agent.ledger_events import LedgerEvents
 from wonderland_uav_agent.missing import Missing
-from wonderland_uav_agent.position import AutopilotPosition, PositionError, PositionSource, TrackPosition
+from wonderland_uav_agent.position import AutopilotPosition, PositionError, TellingPosition, TrackPosition
 from wonderland_uav_agent.position.mavlink import MavlinkPosition, UdpAddress, parse_address
 from wonderland_uav_agent.position.mavlink.address import FORMS
 from wonderland_uav_agent.radio import UavRadio
@@ -285,8 +285,7 @@ async def _agent(
             on_step=None if quiet else _progress,
         )
         missing = Missing(
-            position=agent.position,
-            position_from=f"--position {position}",
+            position=lambda: source.why_not(clock()),
             ledger=events.look,
             node=lambda: radio.trouble,
             clock=clock,
@@ -308,7 +307,7 @@ def _tag(port: str, report_to: str | None, board: str | None, clock: Clock) -> T
 
 
 @contextlib.asynccontextmanager
-async def _position(text: str, clock: Clock, *, wait: bool) -> AsyncIterator[PositionSource]:
+async def _position(text: str, clock: Clock, *, wait: bool) -> AsyncIterator[TellingPosition]:
 
     kind, _, rest = text.partition(":")
     if kind == "mavlink":

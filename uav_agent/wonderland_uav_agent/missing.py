@@ -32,15 +32,13 @@ class Missing:
     def __init__(
         self,
         *,
-        position: Callable[[], object | None],
-        position_from: str,
+        position: Callable[[], str],
         ledger: Callable[[], Awaitable[None]],
         node: Callable[[], str],
         clock: Clock,
     ) -> None:
-        """`position`: None while there is none. `ledger`: raises `LedgerError`. `node`: its trouble, or empty."""
+        """`position` and `node`: why it is not there, or empty. `ledger`: raises `LedgerError`."""
         self._position = position
-        self._position_from = position_from
         self._ask_ledger = ledger
         self._node = node
         self._clock = clock
@@ -59,9 +57,8 @@ class Missing:
             looks.create_task(self._look_here())
 
     def _no_position(self) -> str:
-        if self._position() is not None:
-            return ""
-        return f"no position yet: {self._position_from} gives no fresh one"
+        why = self._position()
+        return f"no position yet: {why}" if why else ""
 
     def _no_node(self) -> str:
         trouble = self._node()
@@ -69,7 +66,11 @@ class Missing:
 
     async def _look_here(self) -> None:
         while True:
-            self._tell("position", self._no_position(), "Start the autopilot's bridge, or wait for its fix.")
+            self._tell(
+                "position",
+                self._no_position(),
+                "See that the autopilot runs and --position is where it is heard, or wait for its fix.",
+            )
             self._tell("UWB node", self._no_node(), "Plug it in, or see that --port is its port.")
             await asyncio.sleep(LOOK_EVERY_S)
 

@@ -68,6 +68,14 @@ class AutopilotPosition:
         """The last fix; None when it came longer than a second ago."""
         return self._last if self._last is not None and now_ms - self._heard_ms <= self._max_age_ms else None
 
+    def why_not(self, now_ms: int) -> str:
+        """Why there is no position now; empty where there is one."""
+        if self.claim(now_ms) is not None:
+            return ""
+        if self._last is None:
+            return "no datagram with a position has come"
+        return f"the last datagram came {(now_ms - self._heard_ms) / 1_000:.1f} s ago"
+
     async def wait(self, timeout_s: float) -> None:
         """Until there is a fix. Raises PositionError."""
         try:

@@ -16,3 +16,10 @@ class PositionSource(Protocol):
 
     def claim(self, now_ms: int) -> Claim | None:
         """The position now, by the source's own word; None while it has none that is fresh."""
+
+
+class TellingPosition(PositionSource, Protocol):
+    """A source that knows what it lacks."""
+
+    def why_not(self, now_ms: int) -> str:
+        """Why there is no position now; empty where there is one."""

@@ -50,6 +50,10 @@ class TrackPosition:
         except (UnicodeDecodeError, csv.Error) as cause:
             raise PositionError(f"{path}: no CSV: {cause}") from cause
 
+    def why_not(self, now_ms: int) -> str:
+        """Why there is no position now; empty where there is one."""
+        return "" if self.claim(now_ms) is not None else "the recorded track has not begun"
+
     def claim(self, now_ms: int) -> Claim | None:
         """The position at this moment; None before the start."""
         at = now_ms - self._start_ms

@@ -60,10 +60,9 @@ class MavlinkPosition:
             raise PositionError("the position source does not listen")
         return self._link.address
 
-    @property
-    def status(self) -> str:
+    def why_not(self, now_ms: int) -> str:
         """Why there is no position now; empty where there is one."""
-        reason = self.navigator.why_not(self._clock())
+        reason = self.navigator.why_not(now_ms)
         problem = self._link.problem if self._link is not None else "it is not open"
         return f"{reason} ({problem})" if reason and problem else reason
 
@@ -77,7 +76,9 @@ class MavlinkPosition:
             async with asyncio.timeout(timeout_s):
                 await self._fresh.wait()
         except TimeoutError:
-            raise PositionError(f"no position from {self._where} within {timeout_s:g} s: {self.status}") from None
+            raise PositionError(
+                f"no position from {self._where} within {timeout_s:g} s: {self.why_not(self._clock())}"
+            ) from None
 
     def take(self, messages: list[tuple[Message, Sender]]) -> None:
         """What the link has read."""
