@@ -11,11 +11,12 @@ from pathlib import Path
 import click
 
 from wonderland.log_lines import set_up_log
+from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.assembly import open_pad
 from wonderland_edge_agent.config_option import config_option
 from wonderland_edge_agent.ports import AgentError
 from wonderland_edge_agent.receiver.settings import trust
-from wonderland_edge_agent.settings import SettingsError, load
+from wonderland_edge_agent.settings import load
 
 
 @click.command()

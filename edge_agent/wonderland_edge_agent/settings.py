@@ -38,41 +38,33 @@ tls_ca = "console-ca.pem"               # optional: its certificate authority, w
 
 from __future__ import annotations
 
-import re
-import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, cast
+from typing import Annotated, Any, Final, Literal
 from urllib.parse import urlsplit
 
-from msgspec import Meta, ValidationError, convert
+from msgspec import Meta
 
+from wonderland.toml_settings import (
+    Address,
+    FieldError,
+    Identifier,
+    Table,
+    Text,
+    load_toml,
+    parse_toml,
+)
 from wonderland.uwb.layout import CHANNELS
 from wonderland.uwb.needs import in_region
 from wonderland.uwb.regions import BY_CODE
 from wonderland_edge_agent.metrics import SUFFIX
 from wonderland_edge_agent.receiver.settings import ReceiverSettings
-from wonderland_edge_agent.settings_fields import Address, FieldError, Identifier, Table, Text, read_field
 from wonderland_fira_uci.serial_port import BAUD_RATE, Opener, serial_opener, url_problem
 
-MAX_FILE_BYTES: Final = 256 * 1024
 MAX_ANCHORS: Final = 8
 MIN_ANCHORS: Final = 3
 DWM1001_CHANNEL: Final = 5
 """These boards have no other."""
 _MIB: Final = 1 << 20
-_PATH: Final = re.compile(r"\.(\w+)|\[(\d+)\]")
-_WORDS: Final = {
-    "`int`": "a whole number",
-    "`str`": "a text in quotes",
-    "`bool`": "true or false",
-    "`array`": "a list",
-    "`object`": "a table",
-    "Expected": "expected",
-}
-
-
-class SettingsError(Exception):
-    """pad.toml is missing, is no TOML, or holds something that a pad cannot work with; the text names the field."""
 
 
 class AnchorSetting(Table, frozen=True):
@@ -220,47 +212,9 @@ class PadSettings(Table, frozen=True):
 
 def load(path: Path) -> PadSettings:
     """Read a file. Raises SettingsError."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_BYTES + 1)
-    except OSError as cause:
-        raise SettingsError(f"{path}: cannot be read ({cause.strerror or cause})") from cause
-    if len(data) > MAX_FILE_BYTES:
-        raise SettingsError(f"{path}: larger than {MAX_FILE_BYTES} bytes; is it the right file?")
-    try:
-        document = tomllib.loads(data.decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as cause:
-        raise SettingsError(f"{path}: no TOML: {cause}") from cause
-    return parse(document, path)
+    return load_toml(path, PadSettings)
 
 
 def parse(document: dict[str, Any], path: Path) -> PadSettings:
     """Settings from a decoded document; ``path`` is the file's, for relative paths and for error texts."""
-    directory = path.resolve().parent
-    try:
-        return convert(document, PadSettings, dec_hook=lambda kind, value: read_field(kind, value, directory))
-    except ValidationError as error:
-        raise SettingsError(f"{path}: {_complaint(error, document)}") from error
-
-
-def _complaint(error: ValidationError, document: object) -> str:
-    """Msgspec's words with the field's name before them, as it stands in the file, and what it holds."""
-    text, _, where = str(error).partition(" - at `$")
-    value = document
-    for name, index in _PATH.findall(where):
-        value = cast("Any", value)[name or int(index)]
-    place = where.rstrip("`").lstrip(".")
-    inside = f"{place}." if place else ""
-    if isinstance(error.__cause__, FieldError):
-        return f"{inside}{text}"
-    if text.startswith(("Object contains unknown field", "Object missing required field")):
-        return f"{inside}{text.split('`')[1]} is {'unknown' if 'unknown' in text else 'missing'}"
-    if error.__cause__ is None:
-        for theirs, ours in _WORDS.items():
-            text = text.replace(theirs, ours)
-        if "matching regex" in text:
-            text = "of which a character is not allowed (names have letters, digits and . _ : -)"
-        elif text.startswith("Invalid enum"):
-            text = "which is not known"
-        text = f"is {value!r}, {text}"
-    return f"{place} {text}"
+    return parse_toml(document, path, PadSettings)

@@ -15,9 +15,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.config_option import config_option
 from wonderland_edge_agent.health import read_status
-from wonderland_edge_agent.settings import SettingsError, load
+from wonderland_edge_agent.settings import load
 from wonderland_edge_agent.spool.errors import SpoolError
 from wonderland_edge_agent.spool.lock import LOCK_NAME, holder_of
 from wonderland_fabric_gateway.errors import LedgerError

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import click
 
-from wonderland_edge_agent.settings import SettingsError, load
+from wonderland.toml_settings import SettingsError
+from wonderland_edge_agent.settings import load
 from wonderland_edge_agent.status_command import is_alive
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_simulator import identities

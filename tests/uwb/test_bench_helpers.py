@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import pytest
 from click.testing import CliRunner
 
+from wonderland.toml_settings import FieldError
 from wonderland.uwb.agreed import ability_of
 from wonderland.uwb.commands import uwb
 from wonderland.uwb.regions import REGIONS
 from wonderland_edge_agent.radios import AnchorPort
 from wonderland_edge_agent.settings import AnchorSetting
-from wonderland_edge_agent.settings_fields import FieldError
 from wonderland_fira_uci.errors import NodeUnavailableError, RangingPlanError
 from wonderland_fira_uci.node import monotonic_ms
 from wonderland_fira_uci.uci.capabilities import Capabilities

@@ -10,6 +10,7 @@ from typing import Final, Protocol
 from wonderland.telemetry import PleaseProve
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_uav_agent.agent import ProofResult, UavAgentError
+from wonderland_uav_agent.results import why_not
 
 _log = logging.getLogger(__name__)
 
@@ -44,16 +45,18 @@ class Willing:
 
     async def decide(self, wish: PleaseProve) -> str:
         """Why not; empty where the drone sets about it."""
-        if wish.pad_id not in self._pads:
-            return (
-                f"this drone does not prove itself at {wish.pad_id}; its operator named {', '.join(sorted(self._pads))}"
-            )
+        return self.begin(wish.pad_id, wish.action)
+
+    def begin(self, pad_id: str, action: str, ended: Callable[[str], None] | None = None) -> str:
+        """Set about a proof; why not, or empty. ``ended`` hears why nothing was permitted (or empty)."""
+        if pad_id not in self._pads:
+            return f"this drone does not prove itself at {pad_id}; its operator named {', '.join(sorted(self._pads))}"
         if self._work is not None and not self._work.done():
             return "another proof is under way"
         lacking = self._missing()
         if lacking:
             return lacking
-        self._work = asyncio.create_task(self._prove(wish), name=f"request-{wish.request_id}")
+        self._work = asyncio.create_task(self._prove(pad_id, action, ended), name=f"proof-{pad_id}-{action}")
         return ""
 
     async def stop(self) -> None:
@@ -64,10 +67,16 @@ class Willing:
             self._work.cancel()
             await asyncio.gather(self._work, return_exceptions=True)
 
-    async def _prove(self, wish: PleaseProve) -> None:
+    async def _prove(self, pad_id: str, action: str, ended: Callable[[str], None] | None) -> None:
+        reason = "the proof was ended"
         try:
-            result = await self._agent.prove(wish.pad_id, wish.action)
+            result = await self._agent.prove(pad_id, action)
         except (UavAgentError, LedgerError) as error:
-            _log.warning("the proof that was asked for at %s did not come about: %s", wish.pad_id, error)
+            reason = str(error)
+            _log.warning("the proof at %s (%s) did not come about: %s", pad_id, action, error)
         else:
-            _log.info("the proof that was asked for at %s: %s, %s", wish.pad_id, result.state, result.end)
+            reason = why_not(result)
+            _log.info("the proof at %s (%s): %s, %s", pad_id, action, result.state, result.end)
+        finally:
+            if ended is not None:
+                ended(reason)

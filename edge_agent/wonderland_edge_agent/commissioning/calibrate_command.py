@@ -19,10 +19,11 @@ from wonderland.clock import SteadyClock
 from wonderland.proof_contract import AwayError, Committed, ProofContract, RefusedError
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.calibrations import MAX_SESSIONS, RangedAt
+from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.commissioning.errors import CommissioningError, PublishError, RadioError, TruthError
 from wonderland_edge_agent.commissioning.reference import load_track
 from wonderland_edge_agent.config_option import config_option
-from wonderland_edge_agent.settings import PadSettings, SettingsError, load
+from wonderland_edge_agent.settings import PadSettings, load
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway import Gateway

@@ -14,6 +14,7 @@ from typing import Any, Final
 import click
 from rich.console import Console
 
+from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.commissioning.errors import CommissioningError, SurveyError
 from wonderland_edge_agent.commissioning.fit import FitSettings
 from wonderland_edge_agent.commissioning.live.ask import ask_nodes
@@ -23,7 +24,7 @@ from wonderland_edge_agent.commissioning.live.wizard import PUBLISH_QUESTION, UN
 from wonderland_edge_agent.commissioning.offline import Calibrated, OfflineSettings, calibrate, write_record
 from wonderland_edge_agent.commissioning.show import show
 from wonderland_edge_agent.commissioning.survey_files import load_survey, parse_origin
-from wonderland_edge_agent.settings import PadSettings, SettingsError, load
+from wonderland_edge_agent.settings import PadSettings, load
 
 NO_GO: Final = 3
 """Exit code of a pad that verifies the buffer asked for nowhere."""

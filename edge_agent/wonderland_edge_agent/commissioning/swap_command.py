@@ -13,6 +13,7 @@ import click
 
 from wonderland.clock import SteadyClock
 from wonderland.proof_contract import AwayError, ProofContract, RefusedError
+from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.commissioning.alone import alone
 from wonderland_edge_agent.commissioning.errors import CommissioningError, PublishError, RadioError, SurveyError
 from wonderland_edge_agent.commissioning.live.publish import Operator, publish
@@ -21,7 +22,7 @@ from wonderland_edge_agent.config_option import config_option
 from wonderland_edge_agent.drift.baseline import Baseline, BaselineError, summary
 from wonderland_edge_agent.radios import AnchorPort
 from wonderland_edge_agent.radios.between import channel_of, measure_between
-from wonderland_edge_agent.settings import PadSettings, SettingsError, load
+from wonderland_edge_agent.settings import PadSettings, load
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway import Gateway

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from msgspec import Meta
 
+from wonderland.toml_settings import Address, FieldError, Table, Text
 from wonderland_edge_agent.receiver.errors import ReceiverError
-from wonderland_edge_agent.settings_fields import Address, FieldError, Table, Text
 
 if TYPE_CHECKING:
     from wonderland_remote_id.drip.registry import Registry

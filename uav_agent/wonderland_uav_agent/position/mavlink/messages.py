@@ -8,11 +8,13 @@ from typing import Any, Final
 SYSTEM_TIME: Final = 2
 GPS_RAW_INT: Final = 24
 GLOBAL_POSITION_INT: Final = 33
+EXTENDED_SYS_STATE: Final = 245
 
 NAMES: Final = {
     SYSTEM_TIME: "SYSTEM_TIME",
     GPS_RAW_INT: "GPS_RAW_INT",
     GLOBAL_POSITION_INT: "GLOBAL_POSITION_INT",
+    EXTENDED_SYS_STATE: "EXTENDED_SYS_STATE",
 }
 
 
@@ -35,6 +37,9 @@ class Heartbeat:
 
     vehicle_type: int
     autopilot: int
+    base_mode: int = 0
+    custom_mode: int = 0
+    system_status: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +69,17 @@ class GlobalPosition:
     lat_e7: int
     lon_e7: int
     alt_mm: int
+    vx_cm_s: int = 0
+    vy_cm_s: int = 0
+    vz_cm_s: int = 0
+    """North, east, down."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExtendedState:
+    """EXTENDED_SYS_STATE (245): MAV_LANDED_STATE."""
+
+    landed_state: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +90,22 @@ class Acknowledged:
     result: int
 
 
-Message = Heartbeat | SystemTime | GpsRaw | GlobalPosition | Acknowledged
+@dataclass(frozen=True, slots=True)
+class ArmingAsked:
+    """COMMAND_LONG with MAV_CMD_ARM_AUTHORIZATION_REQUEST (3001): whether it may be armed."""
+
+    system: int
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """PARAM_VALUE (22)."""
+
+    name: str
+    value: float
+
+
+Message = Heartbeat | SystemTime | GpsRaw | GlobalPosition | ExtendedState | Acknowledged | ArmingAsked | Parameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,4 +124,42 @@ class AskFor:
     interval_us: int
 
 
-Outgoing = SayAlive | AskFor
+@dataclass(frozen=True, slots=True)
+class Command:
+    """To send: COMMAND_LONG (76)."""
+
+    system: int
+    command: int
+    values: tuple[float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Reposition:
+    """To send: DO_REPOSITION (192) in COMMAND_INT: go there, whatever the flight mode; height above mean sea level."""
+
+    system: int
+    lat_e7: int
+    lon_e7: int
+    alt_mm: int
+
+
+@dataclass(frozen=True, slots=True)
+class ArmingAnswered:
+    """To send: COMMAND_ACK of 3001; ``valid_s``: how long it may be armed."""
+
+    system: int
+    result: int
+    reason: int
+    valid_s: int
+
+
+@dataclass(frozen=True, slots=True)
+class SetParameter:
+    """To send: PARAM_SET (23), a real number."""
+
+    system: int
+    name: str
+    value: float
+
+
+Outgoing = SayAlive | AskFor | Command | Reposition | ArmingAnswered | SetParameter

@@ -10,10 +10,12 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Claim
 from wonderland_uav_agent.position.mavlink.boot_time import REORDERED_MS, BootTime
 from wonderland_uav_agent.position.mavlink.messages import (
+    EXTENDED_SYS_STATE,
     GLOBAL_POSITION_INT,
     GPS_RAW_INT,
     SYSTEM_TIME,
     Acknowledged,
+    ExtendedState,
     GlobalPosition,
     GpsRaw,
     Heartbeat,
@@ -109,8 +111,10 @@ class Navigator:
             self._rates.seen(SYSTEM_TIME, now_ms)
             self._follow(message.boot_ms, now_ms)
             self._time.set(message.unix_us, message.boot_ms, now_ms)
-        else:
+        elif isinstance(message, GlobalPosition):
             self._take_position(message, now_ms)
+        elif isinstance(message, ExtendedState):
+            self._rates.seen(EXTENDED_SYS_STATE, now_ms)
 
     def claim(self, now_ms: int) -> Claim | None:
         """The position now; None while there is none that is fresh and complete."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from wonderland_uav_agent.position.mavlink.messages import (
+    EXTENDED_SYS_STATE,
     GLOBAL_POSITION_INT,
     GPS_RAW_INT,
     NAMES,
@@ -42,6 +43,7 @@ class Rates:
             GLOBAL_POSITION_INT: _Wanted(100, 400),
             GPS_RAW_INT: _Wanted(200, 1_000),
             SYSTEM_TIME: _Wanted(1_000, 3_000),
+            EXTENDED_SYS_STATE: _Wanted(200, 1_000),
         }
         for wanted in self._wanted.values():
             wanted.ask_at_ms = now_ms + GRACE_MS

@@ -6,13 +6,13 @@ import asyncio
 import logging
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final, Protocol, Self
 
 from wonderland.clock import Clock
 from wonderland.proofs.records.sessions import Claim
 from wonderland_fira_uci.serial_port import ReconnectingPort, serial_opener
 from wonderland_uav_agent.position.mavlink.address import SerialAddress, TcpAddress, UdpAddress
-from wonderland_uav_agent.position.mavlink.messages import Message, Sender
+from wonderland_uav_agent.position.mavlink.messages import Message, Outgoing, Sender
 from wonderland_uav_agent.position.mavlink.navigator import Navigator
 from wonderland_uav_agent.position.mavlink.wire import Wire
 from wonderland_uav_agent.position.source import PositionError
@@ -21,6 +21,18 @@ _log = logging.getLogger(__name__)
 
 TICK_S: Final = 0.1
 MAX_DATAGRAM_BYTES: Final = 4_096
+
+
+class Crew(Protocol):
+    """Who else hears the autopilot that is followed, and speaks to it."""
+
+    def take(self, message: Message, now_ms: int) -> None:
+        """A message of the autopilot's."""
+        ...
+
+    def outgoing(self, now_ms: int) -> list[Outgoing]:
+        """What to send to it now; asked ten times a second while there is one."""
+        ...
 
 
 class MavlinkPosition:
@@ -32,7 +44,12 @@ class MavlinkPosition:
         self._fresh = asyncio.Event()
         self._ticking: asyncio.Task[None] | None = None
         self._link: _UdpLink | _PortLink | None = None
+        self._crew: Crew | None = None
         self.navigator = Navigator(_warn)
+
+    def board(self, crew: Crew) -> None:
+        """Let it hear the autopilot and speak to it from now on."""
+        self._crew = crew
 
     async def __aenter__(self) -> Self:
         self._link = (
@@ -85,13 +102,19 @@ class MavlinkPosition:
         now_ms = self._clock()
         for message, sender in messages:
             self.navigator.take(message, sender, now_ms)
+            if self._crew is not None and sender == self.navigator.sender:
+                self._crew.take(message, now_ms)
         if not self._fresh.is_set() and self.navigator.claim(now_ms) is not None:
             self._fresh.set()
 
     async def _tick(self) -> None:
         while True:
+            now_ms = self._clock()
+            out = self.navigator.outgoing(now_ms)
+            if self._crew is not None and self.navigator.sender is not None:
+                out += self._crew.outgoing(now_ms)
             if self._link is not None:
-                for each in self.navigator.outgoing(self._clock()):
+                for each in out:
                     self._link.send(self._link.wire.write(each))
             await asyncio.sleep(TICK_S)
 

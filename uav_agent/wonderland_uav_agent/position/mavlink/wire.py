@@ -7,18 +7,26 @@ from typing import Any, Final
 
 from wonderland_uav_agent.position.mavlink.messages import (
     Acknowledged,
+    ArmingAnswered,
+    ArmingAsked,
+    AskFor,
+    Command,
+    ExtendedState,
     GlobalPosition,
     GpsRaw,
     Heartbeat,
     Message,
     Outgoing,
+    Parameter,
     Peer,
+    Reposition,
     SayAlive,
     Sender,
     SystemTime,
 )
 from wonderland_uav_agent.position.source import PositionError
 
+ARM_AUTHORIZATION_REQUEST: Final = 3001
 COMPONENT: Final = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER."""
 
@@ -66,32 +74,56 @@ class Wire:
 
     def write(self, what: Outgoing) -> bytes:
         """What to send, as bytes."""
-        dialect = self._dialect
         self._ours.srcSystem = what.system
-        if isinstance(what, SayAlive):
-            message = dialect.MAVLink_heartbeat_message(
-                dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
-            )
-        else:
-            values = (what.message_id, what.interval_us, 0, 0, 0, 0, 0)
-            message = dialect.MAVLink_command_long_message(
-                what.system, 1, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, *values
-            )
-        data = bytes(message.pack(self._ours))
+        data = bytes(_packet(self._dialect, what).pack(self._ours))
         self._ours.seq = (self._ours.seq + 1) % 256
         return data
+
+
+def _packet(dialect: ModuleType, what: Outgoing) -> Any:
+    """As a message of the dialect, to the autopilot of its own system."""
+    to = (what.system, 1)
+    match what:
+        case SayAlive():
+            kind, autopilot = dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID
+            return dialect.MAVLink_heartbeat_message(kind, autopilot, 0, 0, dialect.MAV_STATE_ACTIVE, 3)
+        case AskFor():
+            values: tuple[float, ...] = (what.message_id, what.interval_us, 0, 0, 0, 0, 0)
+            return dialect.MAVLink_command_long_message(*to, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, *values)
+        case Command():
+            return dialect.MAVLink_command_long_message(*to, what.command, 0, *what.values)
+        case Reposition():
+            nan, changes_mode = float("nan"), dialect.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
+            where = (what.lat_e7, what.lon_e7, what.alt_mm / 1_000)
+            head = (*to, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_DO_REPOSITION, 0, 0)
+            return dialect.MAVLink_command_int_message(*head, -1, changes_mode, 0, nan, *where)
+        case ArmingAnswered():
+            answer = (dialect.MAV_CMD_ARM_AUTHORIZATION_REQUEST, what.result, what.reason, what.valid_s)
+            return dialect.MAVLink_command_ack_message(*answer, *to)
+        case _:
+            name = what.name.encode("ascii")
+            return dialect.MAVLink_param_set_message(*to, name, what.value, dialect.MAV_PARAM_TYPE_REAL32)
 
 
 def _message(received: Any) -> Message | None:
     kind = received.get_type()
     if kind == "HEARTBEAT":
-        return Heartbeat(received.type, received.autopilot)
+        return Heartbeat(
+            received.type, received.autopilot, received.base_mode, received.custom_mode, received.system_status
+        )
     if kind == "SYSTEM_TIME":
         return SystemTime(received.time_unix_usec, received.time_boot_ms)
     if kind == "GPS_RAW_INT":
         return GpsRaw(received.fix_type, received.alt, received.alt_ellipsoid, received.h_acc, received.v_acc)
     if kind == "GLOBAL_POSITION_INT":
-        return GlobalPosition(received.time_boot_ms, received.lat, received.lon, received.alt)
+        velocity = (received.vx, received.vy, received.vz)
+        return GlobalPosition(received.time_boot_ms, received.lat, received.lon, received.alt, *velocity)
     if kind == "COMMAND_ACK":
         return Acknowledged(received.command, received.result)
+    if kind == "EXTENDED_SYS_STATE":
+        return ExtendedState(received.landed_state)
+    if kind == "COMMAND_LONG" and received.command == ARM_AUTHORIZATION_REQUEST:
+        return ArmingAsked(received.target_system)
+    if kind == "PARAM_VALUE":
+        return Parameter(received.param_id, received.param_value)
     return None

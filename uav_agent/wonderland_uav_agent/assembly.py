@@ -1,0 +1,214 @@
+"""A drone's agent with all that it needs, from what its commands were told."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from wonderland.clock import Clock, SteadyClock
+from wonderland.proof_contract import ProofContract
+from wonderland.proofs.records.verdicts import Verdict
+from wonderland.uwb.layout import WordWays
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_fabric_gateway.identity import Identity
+from wonderland_fabric_gateway.signing import Signer
+from wonderland_uav_agent.agent import UavAgent
+from wonderland_uav_agent.broadcasts import BroadcastError, RemoteIdModule
+from wonderland_uav_agent.flight import FlightSettings, Pilot
+from wonderland_uav_agent.ledger_events import LedgerEvents
+from wonderland_uav_agent.missing import Missing
+from wonderland_uav_agent.position import AutopilotPosition, PositionError, TellingPosition, TrackPosition
+from wonderland_uav_agent.position.mavlink import MavlinkPosition, UdpAddress, parse_address
+from wonderland_uav_agent.position.mavlink.address import FORMS
+from wonderland_uav_agent.radio import UavRadio
+from wonderland_uav_agent.radio.tag import TagRadio
+from wonderland_uav_agent.session.ports import Act
+
+POSITION_PATIENCE_S: Final = 10.0
+LOOPBACK: Final = frozenset({"127.0.0.1", "::1", "localhost"})
+
+
+@dataclass(frozen=True, slots=True)
+class Assembled:
+    """The agent, who it is, and what it lacks; ``pilot`` where it flies by permission."""
+
+    agent: UavAgent
+    ledger: ProofContract
+    identity: Identity
+    signer: Signer
+    missing: Missing
+    pilot: Pilot | None
+
+
+@contextlib.asynccontextmanager
+async def assembled(
+    *,
+    connection: Path,
+    identity: str,
+    port: str,
+    node: str,
+    words: WordWays,
+    report_to: str | None,
+    board: str | None,
+    position: str,
+    remote_id: str | None,
+    command: str | None,
+    whole_certificate: bool,
+    quiet: bool,
+    act: Act | None = None,
+    stays: bool = False,
+    flight: FlightSettings | None = None,
+) -> AsyncIterator[Assembled]:
+    """The drone's agent with all that it needs. `stays`: does not wait for any of it."""
+    if (node != "uci") != (report_to is not None):
+        raise click.UsageError("--node dwm1001 or dwm1001-anchor and --report-to HOST:PORT go together")
+    if (node == "dwm1001-anchor") != (board is not None):
+        raise click.UsageError("--node dwm1001-anchor and --board HEX go together")
+    clock = SteadyClock()
+    radio = UavRadio(port, clock, words=words) if node == "uci" else _tag(port, report_to, board, clock)
+    where = Connection.load(connection)
+    who, signer = where.identity(identity), where.signer(identity)
+    async with contextlib.AsyncExitStack() as stack:
+        channel = await stack.enter_async_context(where.open_channel())
+        ledger = ProofContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
+        source = await stack.enter_async_context(_position(position, clock, wait=not stays))
+        pilot = _pilot(flight, source, clock)
+        broadcasts = await stack.enter_async_context(_broadcasts(remote_id, who.pol_id, clock)) if remote_id else None
+        await stack.enter_async_context(radio)
+        events = await stack.enter_async_context(LedgerEvents(ledger, at_once=not stays))
+        agent = UavAgent(
+            uav_id=who.pol_id,
+            ledger=ledger,
+            events=events,
+            identity=who,
+            signer=signer,
+            radio=radio,
+            position=source,
+            broadcasts=broadcasts,
+            act=act or (_act(command) if pilot is None else pilot.act),
+            clock=clock,
+            whole_certificate=whole_certificate,
+            on_step=None if quiet else _progress,
+        )
+        missing = Missing(
+            position=lambda: source.why_not(clock()),
+            ledger=events.look,
+            node=lambda: radio.trouble,
+            clock=clock,
+        )
+        yield Assembled(agent, ledger, who, signer, missing, pilot)
+
+
+def _pilot(flight: FlightSettings | None, source: TellingPosition, clock: Clock) -> Pilot | None:
+    if flight is None:
+        return None
+    if not isinstance(source, MavlinkPosition):
+        raise click.UsageError("[flight]: an autopilot is held by MAVLink alone; give --position mavlink:…")
+
+    def system() -> int:
+        followed = source.navigator.sender
+        return 0 if followed is None else followed.system
+
+    pilot = Pilot(flight, claim=source.claim, system=system, clock=clock)
+    source.board(pilot)
+    return pilot
+
+
+def _tag(port: str, report_to: str | None, board: str | None, clock: Clock) -> TagRadio:
+    host, _, number = (report_to or "").rpartition(":")
+    if not host or not number.isascii() or not number.isdigit() or not 0 < int(number) < 65_536:
+        raise click.UsageError(f"--report-to {report_to}: give HOST:PORT")
+    try:
+        address = None if board is None else int(board, 16)
+    except ValueError:
+        address = -1
+    if address is not None and not 0 <= address <= 0xFFFF:
+        raise click.UsageError(f"--board {board}: give up to four hexadecimal digits, as its shell says (si)")
+    return TagRadio(port, (host.strip("[]"), int(number)), clock, board=address)
+
+
+@contextlib.asynccontextmanager
+async def _position(text: str, clock: Clock, *, wait: bool) -> AsyncIterator[TellingPosition]:
+    kind, _, rest = text.partition(":")
+    if kind == "mavlink":
+        async with _autopilot(rest, clock) as autopilot:
+            if wait:
+                await autopilot.wait(POSITION_PATIENCE_S)
+            yield autopilot
+        return
+    if kind == "track" and rest:
+        yield TrackPosition.load(Path(rest), clock())
+        return
+    listen = _udp(text)
+    if listen is None:
+        raise PositionError(f"--position {text}: give {FORMS}, udp:HOST:PORT or track:FILE")
+    async with AutopilotPosition(listen, clock) as source:
+        if wait:
+            await source.wait(POSITION_PATIENCE_S)
+        yield source
+
+
+def _autopilot(text: str, clock: Clock) -> MavlinkPosition:
+    where = parse_address(text)
+    if isinstance(where, UdpAddress) and where.host not in LOOPBACK:
+        click.echo(
+            f"--position {where}: whoever reaches this address can say where the drone is; use 127.0.0.1, or a network "
+            "that nobody else is in",
+            err=True,
+        )
+    return MavlinkPosition(where, clock)
+
+
+def _udp(text: str) -> tuple[str, int] | None:
+    """``udp:HOST:PORT``, or None."""
+    kind, _, rest = text.partition(":")
+    host, _, port = rest.rpartition(":")
+    if kind != "udp" or not host or not (port.isascii() and port.isdigit()) or int(port) > 0xFFFF:
+        return None
+    return host, int(port)
+
+
+def _broadcasts(text: str, uav_id: str, clock: Clock) -> RemoteIdModule:
+    listen = _udp(text)
+    if listen is None:
+        raise BroadcastError(f"--remote-id {text}: give udp:HOST:PORT")
+    if listen[0] not in LOOPBACK:
+        click.echo(
+            f"--remote-id {text}: whoever reaches this address has the drone sign for what he sends; use 127.0.0.1",
+            err=True,
+        )
+    return RemoteIdModule(listen, uav_id, clock)
+
+
+def _act(command: str | None) -> Act:
+    """What a permission sets off: the given program, or nothing but the word that it is done."""
+
+    async def act(verdict: Verdict) -> str:
+        if command is None:
+            return "done"
+        try:
+            process = await asyncio.create_subprocess_exec(
+                command, verdict.action, verdict.session_id, stdin=asyncio.subprocess.DEVNULL
+            )
+        except OSError as error:
+            return f"{command} cannot be run: {error.strerror or error}"
+        try:
+            status = await process.wait()
+        except asyncio.CancelledError:
+            process.terminate()
+            raise
+        return "done" if status == 0 else f"{command} ended with status {status}"
+
+    return act
+
+
+def _progress(_session: object, report: Any) -> None:
+    mark = "✓" if report.ok else "✗"
+    click.echo(f"  {mark} {report.step:<11}{report.detail}", err=True)

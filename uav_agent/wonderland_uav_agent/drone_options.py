@@ -1,0 +1,100 @@
+"""The options that say which drone this is and what it has, and the file that can say it instead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from wonderland.toml_settings import SettingsError
+from wonderland.uwb.port_options import PORT
+from wonderland_uav_agent.flight import FlightSettings
+from wonderland_uav_agent.settings import load
+
+_FLIGHT = "wonderland_uav_agent.flight"
+
+
+def flight_settings() -> FlightSettings | None:
+    """The ``[flight]`` of the file that the command was given."""
+    found = click.get_current_context().meta.get(_FLIGHT)
+    assert found is None or isinstance(found, FlightSettings)
+    return found
+
+
+def _defaults(context: click.Context, _: click.Parameter, path: Path | None) -> None:
+    if path is None:
+        return
+    try:
+        settings = load(path)
+    except SettingsError as error:
+        raise click.UsageError(str(error)) from error
+    context.default_map = {**(context.default_map or {}), **settings.defaults()}
+    context.meta[_FLIGHT] = settings.flight
+
+
+def of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
+    """The options that say which drone this is, and what it has."""
+    options = (
+        click.option(
+            "--config",
+            type=click.Path(exists=True, dir_okay=False, path_type=Path),
+            is_eager=True,
+            expose_value=False,
+            callback=_defaults,
+            help="uav.toml: what is not said here is taken from it.",
+        ),
+        click.option(
+            "--connection", required=True, type=click.Path(path_type=Path), help="connection.json of the ledger."
+        ),
+        click.option("--identity", default="uav", show_default=True, help="A name in connection.json."),
+        click.option(
+            "--port",
+            required=True,
+            type=PORT,
+            help="Port of the drone's UWB node: a device, socket://HOST:PORT or rfc2217://HOST:PORT.",
+        ),
+        click.option(
+            "--node",
+            type=click.Choice(("uci", "dwm1001", "dwm1001-anchor")),
+            default="uci",
+            show_default=True,
+            help="What hangs there. With a DWM1001 tag the drone reports its own ranges, with an anchor the pad's tags "
+            "measure it: assurance 0 with either.",
+        ),
+        click.option("--board", metavar="HEX", help="Short address of the anchor on the drone (dwm1001-anchor)."),
+        click.option(
+            "--words",
+            type=click.Choice(("both_ways", "initiator")),
+            default="both_ways",
+            show_default=True,
+            help="UCI: who carries data in a ranging session. No node says whether it does so as a responder, too.",
+        ),
+        click.option(
+            "--report-to", metavar="HOST:PORT", help="Where the pad listens to drones with a DWM1001 (its uwb.listen)."
+        ),
+        click.option(
+            "--position",
+            required=True,
+            metavar="mavlink:…|udp:HOST:PORT|track:FILE",
+            help="Where the drone's position comes from: an autopilot that speaks MAVLink (mavlink:udp:HOST:PORT, "
+            "mavlink:tcp:HOST:PORT, mavlink:serial:DEVICE[:BAUD]), JSON datagrams, or a recorded track (CSV).",
+        ),
+        click.option(
+            "--remote-id",
+            metavar="udp:HOST:PORT",
+            help="Where the drone's Remote ID module says what it broadcasts; the agent signs for that, so that no "
+            "impostor's broadcast is taken for the drone's. Listen on this machine alone (127.0.0.1).",
+        ),
+        click.option(
+            "--then",
+            "command",
+            metavar="PROGRAM",
+            help="Run with the action and the session's id once it is permitted; exit status 0 means done.",
+        ),
+        click.option("--whole-certificate", is_flag=True, help="Say the whole certificate over UWB, not its hash."),
+        click.option("-v", "--verbose", is_flag=True, help="Say more in the log."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command

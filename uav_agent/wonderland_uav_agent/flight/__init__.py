@@ -1,0 +1,11 @@
+"""Flying by permission: the autopilot is held above a pad until a verdict is committed that permits the landing.
+
+``vehicle`` says what the autopilot does, ``gatekeeper`` decides what it should do, ``orders`` turns that into commands
+that are acknowledged; all three are pure. ``pilot`` joins them to a MAVLink link and to the drone's agent.
+"""
+
+from wonderland_uav_agent.flight.gatekeeper import Gate, Gatekeeper
+from wonderland_uav_agent.flight.pilot import Pilot
+from wonderland_uav_agent.flight.settings import FlightSettings
+
+__all__ = ["FlightSettings", "Gate", "Gatekeeper", "Pilot"]

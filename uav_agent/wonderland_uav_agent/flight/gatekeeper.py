@@ -1,0 +1,317 @@
+"""Holds a vehicle above its pad until a committed verdict permits the landing. Pure: looks in, orders out.
+
+* WATCHING: nothing is asked of the vehicle; what begins to land near a pad is held.
+* TO_GATE: it was told to wait above the pad, and is on its way there.
+* PROVING: it waits there, and a proof is under way.
+* TO_PAD: a verdict permits the landing, and it goes above the pad first.
+* LANDING: the ledger holds a verdict that permits it; the autopilot lands.
+* REFUSED: no proof permitted it; it holds, or does what its settings say.
+* OVERRIDDEN: somebody else flies, a pilot or a fail-safe. That always wins: nothing more is ordered in this flight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from wonderland.proofs.frame import to_local, to_wgs84
+from wonderland.proofs.records.pads import Frame
+from wonderland_uav_agent.flight.settings import FlightSettings
+from wonderland_uav_agent.flight.vehicle import Mode, Vehicle
+
+DESCENT_MM_S: Final = 300
+"""Who sinks faster than this below twice the gate's height is about to land, whatever his mode is called."""
+AT_GATE_MM: Final = 2_000
+STILL_MM_S: Final = 500
+GATE_PATIENCE_MS: Final = 30_000
+"""Wind may keep it from coming to rest; then the proof begins where it is."""
+AGAIN_MS: Final = 3_000
+"""Between two proofs, and before an order that showed no effect is given again."""
+OBEYED_MS: Final = 4_000
+"""So long a change of mode may take to be seen; until then the old one is nobody's will."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """A pad at which this drone proves itself."""
+
+    pad_id: str
+    frame: Frame
+
+
+@dataclass(frozen=True, slots=True)
+class GoTo:
+    """Go there and stay: WGS-84, height above the ellipsoid."""
+
+    lat_e7: int
+    lon_e7: int
+    height_mm: int
+
+
+@dataclass(frozen=True, slots=True)
+class Land:
+    """Land here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Return:
+    """Return to launch."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prove:
+    """Begin a proof."""
+
+    pad_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class Tell:
+    """Say this to whoever reads the log; ``grave``: a landing that nothing permitted."""
+
+    text: str
+    grave: bool = False
+
+
+Order = GoTo | Land | Return | Prove | Tell
+
+
+class Phase(StrEnum):
+    """Where one approach stands."""
+
+    WATCHING = "watching"
+    TO_GATE = "to_gate"
+    PROVING = "proving"
+    TO_PAD = "to_pad"
+    LANDING = "landing"
+    REFUSED = "refused"
+    OVERRIDDEN = "overridden"
+
+
+class Gatekeeper:
+    """Of one drone; ``know`` tells it the pads."""
+
+    def __init__(self, settings: FlightSettings) -> None:
+        self._settings = settings
+        self._approach_mm = 1_000 * settings.approach_m
+        self._gate_mm = round(1_000 * settings.gate_m)
+        self._gates: dict[str, Gate] = {}
+        self._gate: Gate | None = None
+        self.phase = Phase.WATCHING
+        self.why = ""
+        """Why it is refused or overridden."""
+        self._standing: GoTo | Land | Return | None = None
+        """What the vehicle was told last; None where somebody else flies it."""
+        self._ordered_ms = self._since_ms = self._proved_ms = 0
+        self._from_mode = 0
+        """The flight mode in which that order found it."""
+        self._obeyed = False
+        self._attempts = 0
+        self._proving = False
+
+    def know(self, gates: Sequence[Gate]) -> None:
+        """The pads at which it proves itself; an approach that is under way keeps its own."""
+        self._gates = {gate.pad_id: gate for gate in gates}
+
+    @property
+    def gates(self) -> tuple[Gate, ...]:
+        """The pads that it knows."""
+        return tuple(self._gates.values())
+
+    def near(self, vehicle: Vehicle) -> Gate | None:
+        """The nearest of its pads whose approach it is in."""
+        within = [gate for gate in self._gates.values() if self._in_approach(gate, vehicle)]
+        return min(within, key=lambda gate: _aside_mm(gate, vehicle)) if within else None
+
+    # --- what happens ------------------------------------------------------------------------------------------
+
+    def look(self, vehicle: Vehicle, now_ms: int) -> list[Order]:
+        """To be called several times a second."""
+        if vehicle.on_ground or not vehicle.armed:
+            return self._on_ground(vehicle)
+        if self.phase is Phase.OVERRIDDEN:
+            return []
+        if self.phase is Phase.WATCHING:
+            return self._watch(vehicle, now_ms)
+        assert self._gate is not None
+        if self._taken_over(vehicle, now_ms):
+            return self._override(_who(vehicle), now_ms)
+        if self._standing is not None and vehicle.mode is not _WANTED[type(self._standing)]:
+            return self._insist(now_ms)
+        match self.phase:
+            case Phase.TO_GATE:
+                return self._to_gate(self._gate, vehicle, now_ms)
+            case Phase.PROVING if not self._proving and now_ms - self._proved_ms >= AGAIN_MS:
+                return self._prove(self._gate)
+            case Phase.TO_PAD if self._at(self._gate, vehicle) or now_ms - self._since_ms > GATE_PATIENCE_MS:
+                return [self._turn(Phase.LANDING, Land(), vehicle, now_ms)]
+            case Phase.REFUSED:
+                return self._returning(self._gate, vehicle, now_ms)
+        return []
+
+    def permit(self, pad_id: str, vehicle: Vehicle | None, now_ms: int) -> tuple[str, list[Order]]:
+        """A committed verdict permits the landing. The text says why it cannot be made use of; empty where it is."""
+        gate = self._gates.get(pad_id)
+        if vehicle is None:
+            return "the autopilot does not say where it is", []
+        if self.phase is Phase.OVERRIDDEN:
+            return f"overridden: {self.why}", []
+        if vehicle.on_ground or not vehicle.armed:
+            return "", []
+        if gate is None or not self._in_approach(gate, vehicle):
+            return f"the drone is not above pad {pad_id}", []
+        if self.phase is not Phase.WATCHING and self._gate != gate:
+            return f"the drone waits above another pad than {pad_id}", []
+        watched = self.phase is Phase.WATCHING
+        self._gate, self._proving = gate, False
+        if watched and vehicle.mode is Mode.OTHER:
+            self.phase, self._standing = Phase.LANDING, None
+            return "", [Tell(f"the ledger permits the landing at {pad_id}; the pilot flies")]
+        told = Tell(f"the ledger permits the landing at {pad_id}: landing")
+        if _aside_mm(gate, vehicle) > AT_GATE_MM:
+            return "", [told, self._turn(Phase.TO_PAD, self._place_of(gate), vehicle, now_ms)]
+        return "", [told, self._turn(Phase.LANDING, Land(), vehicle, now_ms)]
+
+    def revoke(self, reason: str, vehicle: Vehicle | None, now_ms: int) -> list[Order]:
+        """The permission is gone before the drone was down."""
+        if self.phase not in {Phase.LANDING, Phase.TO_PAD} or vehicle is None or vehicle.on_ground:
+            return []
+        assert self._gate is not None
+        self.why = reason
+        if self._standing is None:
+            return self._override("the pilot flies, and the permission is gone", now_ms)
+        back = self._turn(Phase.REFUSED, self._place_of(self._gate), vehicle, now_ms)
+        return [Tell(f"the permission is gone ({reason}): holding"), back]
+
+    def proof_ended(self, why_not: str, vehicle: Vehicle | None, now_ms: int) -> list[Order]:
+        """The proof brought no permission; or one that was made use of, when the phase is another by now."""
+        self._proving = False
+        if self.phase is not Phase.PROVING or vehicle is None or self._gate is None:
+            return []
+        self._proved_ms = now_ms
+        self.why = why_not
+        pad_id, most, refused = self._gate.pad_id, self._settings.attempts, self._settings.refused
+        if self._attempts < most:
+            return [Tell(f"attempt {self._attempts} of {most} at {pad_id}: {why_not}")]
+        told = Tell(f"no permission to land at {pad_id}: {why_not}; {_WHAT[refused]}")
+        alternate = self._settings.alternate
+        order: GoTo | Return = self._place_of(self._gate)
+        if refused == "return":
+            order = Return()
+        elif alternate is not None:
+            order = GoTo(round(alternate.lat * 1e7), round(alternate.lon * 1e7), round(alternate.height_m * 1_000))
+        return [told, self._turn(Phase.REFUSED, order, vehicle, now_ms)]
+
+    # --- phases ------------------------------------------------------------------------------------------------
+
+    def _on_ground(self, vehicle: Vehicle) -> list[Order]:
+        phase, gate = self.phase, self._gate
+        if phase is Phase.WATCHING:
+            return []
+        permitted = phase in {Phase.LANDING, Phase.TO_PAD}
+        said: list[Order] = []
+        if not permitted and gate is not None and self._in_approach(gate, vehicle):
+            said = [Tell(f"on the ground at {gate.pad_id} without a permission: {self.why or phase.value}", grave=True)]
+        self.phase, self._gate, self._standing, self.why = Phase.WATCHING, None, None, ""
+        return said
+
+    def _watch(self, vehicle: Vehicle, now_ms: int) -> list[Order]:
+        gate = self.near(vehicle)
+        if gate is None or not self._lands(gate, vehicle):
+            return []
+        self._gate, self._attempts, self._proving, self.why = gate, 0, False, ""
+        if vehicle.failsafe:
+            return self._override(_who(vehicle), now_ms)
+        told = Tell(f"about to land at {gate.pad_id}: held until a verdict permits it")
+        return [told, self._turn(Phase.TO_GATE, self._place_of(gate), vehicle, now_ms)]
+
+    def _to_gate(self, gate: Gate, vehicle: Vehicle, now_ms: int) -> list[Order]:
+        there = self._at(gate, vehicle) and vehicle.speed_mm_s <= STILL_MM_S
+        if not there and now_ms - self._since_ms < GATE_PATIENCE_MS:
+            return []
+        self.phase = Phase.PROVING
+        return self._prove(gate)
+
+    def _prove(self, gate: Gate) -> list[Order]:
+        self._proving = True
+        self._attempts += 1
+        return [Prove(gate.pad_id)]
+
+    def _returning(self, gate: Gate, vehicle: Vehicle, now_ms: int) -> list[Order]:
+        if not isinstance(self._standing, Return):
+            return []
+        if not self._in_approach(gate, vehicle):
+            self.phase, self._gate, self._standing = Phase.WATCHING, None, None
+            return []
+        if not self._lands(gate, vehicle):
+            return []
+        # Launch is this very pad: what was refused is not landed by another name.
+        told = Tell(f"returning would land at {gate.pad_id}: holding")
+        return [told, self._turn(Phase.REFUSED, self._place_of(gate), vehicle, now_ms)]
+
+    # --- parts -------------------------------------------------------------------------------------------------
+
+    def _in_approach(self, gate: Gate, vehicle: Vehicle) -> bool:
+        return _aside_mm(gate, vehicle) <= self._approach_mm
+
+    def _lands(self, gate: Gate, vehicle: Vehicle) -> bool:
+        if vehicle.mode is Mode.LANDING or vehicle.landing:
+            return True
+        low = _above_mm(gate, vehicle) < 2 * self._gate_mm
+        return vehicle.mode in {Mode.RETURNING, Mode.MISSION} and low and vehicle.down_mm_s > DESCENT_MM_S
+
+    def _place_of(self, gate: Gate) -> GoTo:
+        return GoTo(*to_wgs84(gate.frame, 0, 0, self._gate_mm))
+
+    def _at(self, gate: Gate, vehicle: Vehicle) -> bool:
+        return math.hypot(_aside_mm(gate, vehicle), _above_mm(gate, vehicle) - self._gate_mm) <= AT_GATE_MM
+
+    def _turn(self, phase: Phase, order: GoTo | Land | Return, vehicle: Vehicle, now_ms: int) -> Order:
+        self.phase, self._since_ms = phase, now_ms
+        self._standing, self._ordered_ms = order, now_ms
+        self._from_mode, self._obeyed = vehicle.custom_mode, False
+        return order
+
+    def _insist(self, now_ms: int) -> list[Order]:
+        """The same again where it showed no effect."""
+        if self._standing is None or now_ms - self._ordered_ms < AGAIN_MS:
+            return []
+        self._ordered_ms = now_ms
+        return [self._standing]
+
+    def _taken_over(self, vehicle: Vehicle, now_ms: int) -> bool:
+        """Whether somebody else flies: in a mode that is neither the ordered one nor that in which the order came."""
+        if self._standing is None:
+            return False
+        if vehicle.mode is _WANTED[type(self._standing)]:
+            changed = vehicle.custom_mode != self._from_mode
+            self._obeyed = self._obeyed or changed or now_ms - self._since_ms > OBEYED_MS
+            return False
+        return self._obeyed or vehicle.custom_mode != self._from_mode
+
+    def _override(self, who: str, now_ms: int) -> list[Order]:
+        self.phase, self._since_ms, self._standing, self.why = Phase.OVERRIDDEN, now_ms, None, who
+        pad_id = self._gate.pad_id if self._gate is not None else ""
+        return [Tell(f"{who} at {pad_id}: nothing more is ordered until it is on the ground")]
+
+
+_WANTED: Final = {GoTo: Mode.HELD, Land: Mode.LANDING, Return: Mode.RETURNING}
+_WHAT: Final = {"hold": "holding", "return": "returning to launch", "alternate": "going to the alternate"}
+
+
+def _who(vehicle: Vehicle) -> str:
+    return "a fail-safe of the autopilot flies" if vehicle.failsafe else "the pilot chose another flight mode"
+
+
+def _aside_mm(gate: Gate, vehicle: Vehicle) -> float:
+    claim = vehicle.claim
+    east_mm, north_mm, _ = to_local(gate.frame, claim.lat_e7, claim.lon_e7, claim.height_mm)
+    return math.hypot(east_mm, north_mm)
+
+
+def _above_mm(gate: Gate, vehicle: Vehicle) -> int:
+    claim = vehicle.claim
+    return to_local(gate.frame, claim.lat_e7, claim.lon_e7, claim.height_mm)[2]

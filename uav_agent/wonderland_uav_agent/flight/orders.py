@@ -1,0 +1,70 @@
+"""Orders as MAVLink commands that are acknowledged, given again while they are not, and reported where they fail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from wonderland_uav_agent.flight.gatekeeper import GoTo, Land, Return
+from wonderland_uav_agent.flight.vehicle import Vehicle
+from wonderland_uav_agent.position.mavlink.messages import Acknowledged, Command, Reposition
+
+NAV_RETURN_TO_LAUNCH, NAV_LAND, DO_REPOSITION = 20, 21, 192
+ACCEPTED, IN_PROGRESS = 0, 5
+RESULTS: Final = ("accepted", "temporarily rejected", "denied", "unsupported", "failed", "in progress", "cancelled")
+RETRY_MS: Final = 400
+TRIES: Final = 6
+
+
+@dataclass
+class _Given:
+    command: int
+    sent: Command | Reposition
+    due_ms: int
+    tries: int = 0
+
+
+class Orders:
+    """One order at a time: a newer one takes the older one's place."""
+
+    def __init__(self) -> None:
+        self._given: _Given | None = None
+
+    def give(self, order: GoTo | Land | Return, vehicle: Vehicle, system: int, now_ms: int) -> None:
+        """To the autopilot of ``system``."""
+        number = DO_REPOSITION
+        if isinstance(order, GoTo):
+            # Heights are above the ellipsoid here, above mean sea level there; the vehicle has both.
+            alt_mm = order.height_mm + vehicle.alt_mm - vehicle.claim.height_mm
+            sent: Command | Reposition = Reposition(system, order.lat_e7, order.lon_e7, alt_mm)
+        else:
+            number = NAV_LAND if isinstance(order, Land) else NAV_RETURN_TO_LAUNCH
+            sent = Command(system, number, (0.0,) * 7)
+        self._given = _Given(number, sent, now_ms)
+
+    def forget(self) -> None:
+        """Nothing more is wanted of the autopilot."""
+        self._given = None
+
+    def due(self, now_ms: int) -> tuple[list[Command | Reposition], str]:
+        """What to send now, and what to say where an order was never answered."""
+        given = self._given
+        if given is None or now_ms < given.due_ms:
+            return [], ""
+        if given.tries == TRIES:
+            self._given = None
+            return [], f"the autopilot does not answer command {given.command}"
+        given.tries += 1
+        given.due_ms = now_ms + RETRY_MS
+        return [given.sent], ""
+
+    def answered(self, message: Acknowledged) -> str:
+        """The autopilot's word; the text says why it does not obey."""
+        given = self._given
+        if given is None or message.command != given.command or message.result == IN_PROGRESS:
+            return ""
+        self._given = None
+        if message.result == ACCEPTED:
+            return ""
+        word = RESULTS[message.result] if message.result < len(RESULTS) else str(message.result)
+        return f"the autopilot answers command {given.command} with {word}"

@@ -1,0 +1,167 @@
+"""Joins a gatekeeper to an autopilot's link and to the drone's agent: looks, orders, proofs, arming."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterable
+from typing import Final
+
+from wonderland.clock import Clock
+from wonderland.proofs.records.sessions import Claim
+from wonderland.proofs.records.verdicts import Verdict
+from wonderland_uav_agent.flight.arming import Arming
+from wonderland_uav_agent.flight.gatekeeper import Gatekeeper, GoTo, Land, Order, Phase, Prove, Return, Tell
+from wonderland_uav_agent.flight.orders import Orders
+from wonderland_uav_agent.flight.settings import FlightSettings
+from wonderland_uav_agent.flight.vehicle import Vehicle, VehicleState
+from wonderland_uav_agent.position.mavlink.messages import Acknowledged, ArmingAsked, Message, Outgoing
+
+_log = logging.getLogger(__name__)
+
+TAKE_OFF_S: Final = 120.0
+"""So long a permission to take off waits for somebody who arms."""
+
+Begin = Callable[[str, str, Callable[[str], None]], str]
+"""Begin a proof (pad, action, what is called at its end with why there is no permission); why not, or empty."""
+
+
+class Pilot:
+    """The crew of a MAVLink link, and the ``act`` of the drone's agent.
+
+    ``system``: the autopilot's id on that link. The only ways to a landing or to arming are ``act``, which is called
+    with a committed verdict, and whoever else flies the drone.
+    """
+
+    def __init__(
+        self,
+        settings: FlightSettings,
+        *,
+        claim: Callable[[int], Claim | None],
+        system: Callable[[], int],
+        clock: Clock,
+    ) -> None:
+        self.gatekeeper = Gatekeeper(settings)
+        self.arming = Arming(settings)
+        self._state = VehicleState()
+        self._orders = Orders()
+        self._claim = claim
+        self._system = system
+        self._clock = clock
+        self._begin: Begin | None = None
+        self._looked = asyncio.Event()
+
+    def prove_with(self, begin: Begin) -> None:
+        """What begins a proof."""
+        self._begin = begin
+
+    # --- the link's crew ---------------------------------------------------------------------------------------
+
+    def take(self, message: Message, now_ms: int) -> None:
+        """A message of the autopilot's."""
+        self._state.take(message, now_ms)
+        self.arming.take(message)
+        if isinstance(message, Acknowledged):
+            problem = self._orders.answered(message)
+            if problem:
+                _log.warning("%s", problem)
+        elif isinstance(message, ArmingAsked):
+            self._arming_asked(now_ms)
+
+    def outgoing(self, now_ms: int) -> list[Outgoing]:
+        """Looks at the vehicle, and says what to send."""
+        vehicle = self.vehicle(now_ms)
+        if vehicle is not None:
+            self._do(self.gatekeeper.look(vehicle, now_ms), vehicle, now_ms)
+        self._looked.set()
+        commands, problem = self._orders.due(now_ms)
+        if problem:
+            _log.warning("%s", problem)
+        return [*commands, *self.arming.due(self._system(), now_ms)]
+
+    def vehicle(self, now_ms: int) -> Vehicle | None:
+        """What it does now; None while that is not known."""
+        return self._state.seen(self._claim(now_ms), now_ms)
+
+    # --- the agent's act ---------------------------------------------------------------------------------------
+
+    async def act(self, verdict: Verdict) -> str:
+        """Do what a committed verdict permits; returns ``done``, or why it was not done."""
+        if verdict.action == "take_off":
+            return await self._let_take_off()
+        if verdict.action == "land":
+            return await self._land(verdict.pad_id)
+        return "done"
+
+    async def _land(self, pad_id: str) -> str:
+        now_ms = self._clock()
+        vehicle = self.vehicle(now_ms)
+        why_not, orders = self.gatekeeper.permit(pad_id, vehicle, now_ms)
+        if why_not:
+            _log.warning("a permission to land at %s is not made use of: %s", pad_id, why_not)
+            return why_not
+        if vehicle is not None:
+            self._do(orders, vehicle, now_ms)
+        try:
+            while self.gatekeeper.phase in {Phase.LANDING, Phase.TO_PAD}:
+                await self._next_look()
+        except asyncio.CancelledError:
+            now_ms = self._clock()
+            vehicle = self.vehicle(now_ms)
+            orders = self.gatekeeper.revoke("the session ended", vehicle, now_ms)
+            if vehicle is not None:
+                self._do(orders, vehicle, now_ms)
+            raise
+        return "done" if self.gatekeeper.phase is Phase.WATCHING else self.gatekeeper.why
+
+    async def _let_take_off(self) -> str:
+        """Arming is possible from now on, until it flies or nobody has armed it for a while."""
+        self.arming.permit(self._clock() + round(TAKE_OFF_S * 1_000))
+        try:
+            async with asyncio.timeout(TAKE_OFF_S):
+                while (vehicle := self.vehicle(self._clock())) is None or not vehicle.armed or vehicle.on_ground:
+                    await self._next_look()
+        except TimeoutError:
+            return "nobody took off"
+        finally:
+            self.arming.withdraw()
+        return "done"
+
+    # --- parts -------------------------------------------------------------------------------------------------
+
+    async def _next_look(self) -> None:
+        self._looked.clear()
+        await self._looked.wait()
+
+    def _arming_asked(self, now_ms: int) -> None:
+        vehicle = self.vehicle(now_ms)
+        gate = self.gatekeeper.near(vehicle) if vehicle is not None else None
+        wanted = self.arming.asked(now_ms, at_a_pad=gate is not None, known=vehicle is not None)
+        if wanted and gate is not None and self._begin is not None:
+            why_not = self._begin(gate.pad_id, "take_off", lambda _: None)
+            if why_not:
+                _log.warning("no proof for taking off from %s: %s", gate.pad_id, why_not)
+
+    def _do(self, orders: Iterable[Order], vehicle: Vehicle, now_ms: int) -> None:
+        for order in orders:
+            match order:
+                case Tell():
+                    _log.log(logging.ERROR if order.grave else logging.WARNING, "%s", order.text)
+                    if self.gatekeeper.phase is Phase.OVERRIDDEN:
+                        self._orders.forget()
+                case Prove():
+                    self._prove(order.pad_id)
+                case GoTo() | Land() | Return():
+                    self._orders.give(order, vehicle, self._system(), now_ms)
+
+    def _prove(self, pad_id: str) -> None:
+        why_not = "no agent proves" if self._begin is None else self._begin(pad_id, "land", self._proved)
+        if why_not:
+            self._proved(why_not)
+
+    def _proved(self, why_not: str) -> None:
+        now_ms = self._clock()
+        vehicle = self.vehicle(now_ms)
+        orders = self.gatekeeper.proof_ended(why_not, vehicle, now_ms)
+        if vehicle is not None:
+            self._do(orders, vehicle, now_ms)

@@ -1,0 +1,62 @@
+"""What a drone's agent is told in ``uav.toml``: the same as its options, and how it flies by permission.
+
+connection = "connection.json"          # of the ledger
+identity = "uav"
+port = "/dev/serial/by-id/usb-…"        # of the UWB node
+position = "mavlink:serial:/dev/ttyAMA0"
+pads = ["pad-1"]                        # where it proves itself
+backend = "wss://console.example/ingest"
+backend_ca = "console-ca.pem"
+
+[flight]                                # without it, nothing is asked of the autopilot
+approach_m = 20                         # who begins to land so near to a pad's middle is held
+gate_m = 8                              # how high above the pad it waits for its verdict
+attempts = 3                            # proofs, before the landing counts as refused
+refused = "hold"                        # hold, return or alternate
+# alternate = { lat = 60.4521, lon = 22.2671, height_m = 45.0 }
+take_off_elsewhere = "refuse"           # PX4: whether it may be armed where none of its pads is
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+from msgspec import Meta, structs
+
+from wonderland.toml_settings import Identifier, Table, Text, load_toml
+from wonderland_uav_agent.flight import FlightSettings
+
+_OPTIONS: Final = {"then": "command", "backend": "url", "backend_ca": "tls_ca"}
+"""Where an option has another name inside the command than in the file."""
+
+
+class UavSettings(Table, frozen=True, kw_only=True):
+    """Any of it may be said on the command line instead; what is said there wins."""
+
+    connection: Path | None = None
+    identity: Identifier | None = None
+    port: Text | None = None
+    node: Literal["uci", "dwm1001", "dwm1001-anchor"] | None = None
+    board: Text | None = None
+    words: Literal["both_ways", "initiator"] | None = None
+    report_to: Text | None = None
+    position: Text | None = None
+    remote_id: Text | None = None
+    then: Path | None = None
+    whole_certificate: bool | None = None
+    backend: Text | None = None
+    backend_ca: Path | None = None
+    pads: Annotated[tuple[Identifier, ...], Meta(min_length=1, max_length=64)] | None = None
+    network_id: bool | None = None
+    flight: FlightSettings | None = None
+
+    def defaults(self) -> dict[str, Any]:
+        """By the names that the commands' functions have."""
+        given = {name: value for name, value in structs.asdict(self).items() if value is not None and name != "flight"}
+        return {_OPTIONS.get(name, name): value for name, value in given.items()}
+
+
+def load(path: Path) -> UavSettings:
+    """Read a file. Raises SettingsError."""
+    return load_toml(path, UavSettings)
