@@ -11,11 +11,11 @@ from click.testing import CliRunner
 from kit.agents import FAST_PAD
 from msgspec import structs
 
-from wonderland.toml_settings import Address
+from wonderland.toml_settings import Address, SettingsError
 from wonderland_edge_agent.assembly import open_pad
 from wonderland_edge_agent.ports import AgentError
 from wonderland_edge_agent.radios.reported import ReportedRadios
-from wonderland_edge_agent.settings import SettingsError, UwbSettings, parse
+from wonderland_edge_agent.settings import UwbSettings, parse
 from wonderland_fira_uci.dwm1001 import BoardPosition, Generation, Mode, Timings
 from wonderland_simulator.dwm1001_node import Quirks, VirtualAnchor, VirtualDwm1001
 from wonderland_simulator.uci_node import PtyPort

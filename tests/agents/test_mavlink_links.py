@@ -13,7 +13,7 @@ import pytest
 from kit.fake_autopilot import LAT, FakeAutopilot, OverTcp, OverUdp
 
 from wonderland.clock import SteadyClock
-from wonderland_uav_agent import agent_commands
+from wonderland_uav_agent import sources
 from wonderland_uav_agent.position import PositionError
 from wonderland_uav_agent.position.mavlink import MavlinkPosition, SerialAddress, TcpAddress, UdpAddress
 
@@ -150,18 +150,18 @@ async def test_the_option_of_the_commands(capsys, monkeypatch):
     drone, clock = FakeAutopilot(), SteadyClock()
     async with (
         OverTcp(drone) as server,
-        agent_commands._position(f"mavlink:tcp:127.0.0.1:{server.port}", clock, wait=True) as source,
+        sources.open_position(f"mavlink:tcp:127.0.0.1:{server.port}", clock, wait=True) as source,
     ):
         assert source.claim(clock()).lat_e7 == LAT
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(agent_commands, "POSITION_PATIENCE_S", 0.1)
+    monkeypatch.setattr(sources, "POSITION_PATIENCE_S", 0.1)
     with pytest.raises(PositionError, match="no heartbeat"):
-        async with agent_commands._position("mavlink:udp:0.0.0.0:0", clock, wait=True):
+        async with sources.open_position("mavlink:udp:0.0.0.0:0", clock, wait=True):
             pass
     assert "whoever reaches this address can say where the drone is" in capsys.readouterr().err
     for wrong in ("mavlink:", "mavlink:udp:x", "nonsense"):
         with pytest.raises(PositionError, match="give mavlink:udp:HOST:PORT"):
-            async with agent_commands._position(wrong, clock, wait=True):
+            async with sources.open_position(wrong, clock, wait=True):
                 pass
 
 

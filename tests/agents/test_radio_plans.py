@@ -15,7 +15,7 @@ from wonderland.uwb.agreed import ASSUMED, PREAMBLE_CODES_OF_ALL, ability_of, ag
 from wonderland.uwb.layout import STEPS_MS
 from wonderland_fira_uci.uci.capabilities import decode_capabilities
 from wonderland_uav_agent.agent import UavAgentError
-from wonderland_uav_agent.agent_commands import _show
+from wonderland_uav_agent.results import lines
 
 NOW_MS = 1_700_000_000_000
 DWM3001CDK = bytes.fromhex(
@@ -91,7 +91,7 @@ async def test_a_policy_above_what_the_nodes_reach_is_refused_at_the_pad_and_sai
     assert (result.state, result.end) == ("cancelled", "assurance_out_of_reach")
     said = "the policy demands assurance 3, and the pad's nodes and the drone's node cannot do blinks (UL-TDoA)"
     assert (await world.contract("uav").read_session(result.session_id)).note == said
-    _show(result)
+    print("\n".join(lines(result)))
     assert capsys.readouterr().out == (
         "No verdict: the policy demands more assurance than the nodes of pad and drone can reach. "
         f"{said[:1].upper()}{said[1:]}.\n"

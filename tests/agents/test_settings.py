@@ -13,8 +13,9 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.commands import pad
-from wonderland_edge_agent.settings import SettingsError, load, parse
+from wonderland_edge_agent.settings import load, parse
 from wonderland_edge_agent.spool.lock import LOCK_NAME, ProcessLock
 from wonderland_uav_agent.commands import uav
 

@@ -7,7 +7,7 @@ import contextlib
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import click
 
@@ -20,19 +20,13 @@ from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_fabric_gateway.identity import Identity
 from wonderland_fabric_gateway.signing import Signer
 from wonderland_uav_agent.agent import UavAgent
-from wonderland_uav_agent.broadcasts import BroadcastError, RemoteIdModule
 from wonderland_uav_agent.flight import FlightSettings, Pilot
 from wonderland_uav_agent.ledger_events import LedgerEvents
 from wonderland_uav_agent.missing import Missing
-from wonderland_uav_agent.position import AutopilotPosition, PositionError, TellingPosition, TrackPosition
-from wonderland_uav_agent.position.mavlink import MavlinkPosition, UdpAddress, parse_address
-from wonderland_uav_agent.position.mavlink.address import FORMS
 from wonderland_uav_agent.radio import UavRadio
 from wonderland_uav_agent.radio.tag import TagRadio
 from wonderland_uav_agent.session.ports import Act
-
-POSITION_PATIENCE_S: Final = 10.0
-LOOPBACK: Final = frozenset({"127.0.0.1", "::1", "localhost"})
+from wonderland_uav_agent.sources import open_broadcasts, open_position
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +72,12 @@ async def assembled(
     async with contextlib.AsyncExitStack() as stack:
         channel = await stack.enter_async_context(where.open_channel())
         ledger = ProofContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
-        source = await stack.enter_async_context(_position(position, clock, wait=not stays))
-        pilot = _pilot(flight, source, clock)
-        broadcasts = await stack.enter_async_context(_broadcasts(remote_id, who.pol_id, clock)) if remote_id else None
+        pilot = None if flight is None else Pilot(flight, clock=clock)
+        crew = None if pilot is None else pilot.board
+        source = await stack.enter_async_context(open_position(position, clock, wait=not stays, crew=crew))
+        broadcasts = (
+            await stack.enter_async_context(open_broadcasts(remote_id, who.pol_id, clock)) if remote_id else None
+        )
         await stack.enter_async_context(radio)
         events = await stack.enter_async_context(LedgerEvents(ledger, at_once=not stays))
         agent = UavAgent(
@@ -106,21 +103,6 @@ async def assembled(
         yield Assembled(agent, ledger, who, signer, missing, pilot)
 
 
-def _pilot(flight: FlightSettings | None, source: TellingPosition, clock: Clock) -> Pilot | None:
-    if flight is None:
-        return None
-    if not isinstance(source, MavlinkPosition):
-        raise click.UsageError("[flight]: an autopilot is held by MAVLink alone; give --position mavlink:…")
-
-    def system() -> int:
-        followed = source.navigator.sender
-        return 0 if followed is None else followed.system
-
-    pilot = Pilot(flight, claim=source.claim, system=system, clock=clock)
-    source.board(pilot)
-    return pilot
-
-
 def _tag(port: str, report_to: str | None, board: str | None, clock: Clock) -> TagRadio:
     host, _, number = (report_to or "").rpartition(":")
     if not host or not number.isascii() or not number.isdigit() or not 0 < int(number) < 65_536:
@@ -132,59 +114,6 @@ def _tag(port: str, report_to: str | None, board: str | None, clock: Clock) -> T
     if address is not None and not 0 <= address <= 0xFFFF:
         raise click.UsageError(f"--board {board}: give up to four hexadecimal digits, as its shell says (si)")
     return TagRadio(port, (host.strip("[]"), int(number)), clock, board=address)
-
-
-@contextlib.asynccontextmanager
-async def _position(text: str, clock: Clock, *, wait: bool) -> AsyncIterator[TellingPosition]:
-    kind, _, rest = text.partition(":")
-    if kind == "mavlink":
-        async with _autopilot(rest, clock) as autopilot:
-            if wait:
-                await autopilot.wait(POSITION_PATIENCE_S)
-            yield autopilot
-        return
-    if kind == "track" and rest:
-        yield TrackPosition.load(Path(rest), clock())
-        return
-    listen = _udp(text)
-    if listen is None:
-        raise PositionError(f"--position {text}: give {FORMS}, udp:HOST:PORT or track:FILE")
-    async with AutopilotPosition(listen, clock) as source:
-        if wait:
-            await source.wait(POSITION_PATIENCE_S)
-        yield source
-
-
-def _autopilot(text: str, clock: Clock) -> MavlinkPosition:
-    where = parse_address(text)
-    if isinstance(where, UdpAddress) and where.host not in LOOPBACK:
-        click.echo(
-            f"--position {where}: whoever reaches this address can say where the drone is; use 127.0.0.1, or a network "
-            "that nobody else is in",
-            err=True,
-        )
-    return MavlinkPosition(where, clock)
-
-
-def _udp(text: str) -> tuple[str, int] | None:
-    """``udp:HOST:PORT``, or None."""
-    kind, _, rest = text.partition(":")
-    host, _, port = rest.rpartition(":")
-    if kind != "udp" or not host or not (port.isascii() and port.isdigit()) or int(port) > 0xFFFF:
-        return None
-    return host, int(port)
-
-
-def _broadcasts(text: str, uav_id: str, clock: Clock) -> RemoteIdModule:
-    listen = _udp(text)
-    if listen is None:
-        raise BroadcastError(f"--remote-id {text}: give udp:HOST:PORT")
-    if listen[0] not in LOOPBACK:
-        click.echo(
-            f"--remote-id {text}: whoever reaches this address has the drone sign for what he sends; use 127.0.0.1",
-            err=True,
-        )
-    return RemoteIdModule(listen, uav_id, clock)
 
 
 def _act(command: str | None) -> Act:

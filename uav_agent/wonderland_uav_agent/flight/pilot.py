@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from wonderland.clock import Clock
-from wonderland.proofs.records.sessions import Claim
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland_uav_agent.flight.arming import Arming
 from wonderland_uav_agent.flight.gatekeeper import Gatekeeper, GoTo, Land, Order, Phase, Prove, Return, Tell
 from wonderland_uav_agent.flight.orders import Orders
 from wonderland_uav_agent.flight.settings import FlightSettings
 from wonderland_uav_agent.flight.vehicle import Vehicle, VehicleState
+from wonderland_uav_agent.position.mavlink import MavlinkPosition
 from wonderland_uav_agent.position.mavlink.messages import Acknowledged, ArmingAsked, Message, Outgoing
 
 _log = logging.getLogger(__name__)
@@ -29,27 +29,24 @@ Begin = Callable[[str, str, Callable[[str], None]], str]
 class Pilot:
     """The crew of a MAVLink link, and the ``act`` of the drone's agent.
 
-    ``system``: the autopilot's id on that link. The only ways to a landing or to arming are ``act``, which is called
-    with a committed verdict, and whoever else flies the drone.
+    The only ways to a landing or to arming are ``act``, which is called with a committed verdict, and whoever else
+    flies the drone.
     """
 
-    def __init__(
-        self,
-        settings: FlightSettings,
-        *,
-        claim: Callable[[int], Claim | None],
-        system: Callable[[], int],
-        clock: Clock,
-    ) -> None:
+    def __init__(self, settings: FlightSettings, *, clock: Clock) -> None:
         self.gatekeeper = Gatekeeper(settings)
         self.arming = Arming(settings)
         self._state = VehicleState()
         self._orders = Orders()
-        self._claim = claim
-        self._system = system
+        self._link: MavlinkPosition | None = None
         self._clock = clock
         self._begin: Begin | None = None
         self._looked = asyncio.Event()
+
+    def board(self, link: MavlinkPosition) -> None:
+        """Hear and speak there; before it is opened."""
+        self._link = link
+        link.board(self)
 
     def prove_with(self, begin: Begin) -> None:
         """What begins a proof."""
@@ -77,11 +74,17 @@ class Pilot:
         commands, problem = self._orders.due(now_ms)
         if problem:
             _log.warning("%s", problem)
-        return [*commands, *self.arming.due(self._system(), now_ms)]
+        return [*commands, *self.arming.due(self._system, now_ms)]
 
     def vehicle(self, now_ms: int) -> Vehicle | None:
         """What it does now; None while that is not known."""
-        return self._state.seen(self._claim(now_ms), now_ms)
+        claim = None if self._link is None else self._link.claim(now_ms)
+        return self._state.seen(claim, now_ms)
+
+    @property
+    def _system(self) -> int:
+        followed = None if self._link is None else self._link.navigator.sender
+        return 0 if followed is None else followed.system
 
     # --- the agent's act ---------------------------------------------------------------------------------------
 
@@ -152,7 +155,7 @@ class Pilot:
                 case Prove():
                     self._prove(order.pad_id)
                 case GoTo() | Land() | Return():
-                    self._orders.give(order, vehicle, self._system(), now_ms)
+                    self._orders.give(order, vehicle, self._system, now_ms)
 
     def _prove(self, pad_id: str) -> None:
         why_not = "no agent proves" if self._begin is None else self._begin(pad_id, "land", self._proved)

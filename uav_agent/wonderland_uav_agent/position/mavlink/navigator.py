@@ -59,6 +59,8 @@ class Navigator:
 
     def __init__(self, warn: Callable[[str], None]) -> None:
         self._warn = warn
+        self.flown = False
+        """Whether somebody here flies it; to be set before it is heard."""
         self._sender: Sender | None = None
         self._alive_ms = 0
         self._say_at_ms = 0
@@ -70,7 +72,7 @@ class Navigator:
     def _forget(self, sender: Sender | None, now_ms: int) -> None:
         self._sender = sender
         self._time = BootTime(self._warn)
-        self._rates = Rates(sender.system if sender else 0, now_ms)
+        self._rates = Rates(sender.system if sender else 0, now_ms, flown=self.flown)
         self._forget_position()
 
     def _forget_position(self) -> None:

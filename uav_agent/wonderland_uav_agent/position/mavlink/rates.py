@@ -37,22 +37,26 @@ class _Wanted:
 class Rates:
     """Of one autopilot, from the moment at which it was found."""
 
-    def __init__(self, system: int, now_ms: int) -> None:
+    def __init__(self, system: int, now_ms: int, *, flown: bool = False) -> None:
+        """``flown``: by us, too, so that its state is wanted beside its place."""
         self._system = system
         self._wanted = {
             GLOBAL_POSITION_INT: _Wanted(100, 400),
             GPS_RAW_INT: _Wanted(200, 1_000),
             SYSTEM_TIME: _Wanted(1_000, 3_000),
-            EXTENDED_SYS_STATE: _Wanted(200, 1_000),
         }
+        if flown:
+            self._wanted[EXTENDED_SYS_STATE] = _Wanted(200, 1_000)
         for wanted in self._wanted.values():
             wanted.ask_at_ms = now_ms + GRACE_MS
         self.refused = 0
         self.asked = 0
 
     def seen(self, message_id: int, now_ms: int) -> None:
-        """One of the messages came."""
-        wanted = self._wanted[message_id]
+        """A message came; others than the wanted ones change nothing."""
+        wanted = self._wanted.get(message_id)
+        if wanted is None:
+            return
         wanted.gap_ms = 0 if wanted.seen_ms is None else now_ms - wanted.seen_ms
         wanted.seen_ms = now_ms
         if wanted.comes(now_ms):

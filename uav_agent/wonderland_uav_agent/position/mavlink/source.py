@@ -48,8 +48,9 @@ class MavlinkPosition:
         self.navigator = Navigator(_warn)
 
     def board(self, crew: Crew) -> None:
-        """Let it hear the autopilot and speak to it from now on."""
+        """Let it hear the autopilot and speak to it; before the source is opened."""
         self._crew = crew
+        self.navigator.flown = True
 
     async def __aenter__(self) -> Self:
         self._link = (

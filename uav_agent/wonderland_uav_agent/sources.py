@@ -1,0 +1,81 @@
+"""What ``--position`` and ``--remote-id`` name."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Final
+
+import click
+
+from wonderland.clock import Clock
+from wonderland_uav_agent.broadcasts import BroadcastError, RemoteIdModule
+from wonderland_uav_agent.position import AutopilotPosition, PositionError, TellingPosition, TrackPosition
+from wonderland_uav_agent.position.mavlink import MavlinkPosition, UdpAddress, parse_address
+from wonderland_uav_agent.position.mavlink.address import FORMS
+
+POSITION_PATIENCE_S: Final = 10.0
+LOOPBACK: Final = frozenset({"127.0.0.1", "::1", "localhost"})
+
+
+@contextlib.asynccontextmanager
+async def open_position(
+    text: str, clock: Clock, *, wait: bool, crew: Callable[[MavlinkPosition], None] | None = None
+) -> AsyncIterator[TellingPosition]:
+    """A source as ``--position`` names it; ``crew`` boards an autopilot's link. Raises PositionError."""
+    kind, _, rest = text.partition(":")
+    if kind == "mavlink":
+        source = _autopilot(rest, clock)
+        if crew is not None:
+            crew(source)
+        async with source as autopilot:
+            if wait:
+                await autopilot.wait(POSITION_PATIENCE_S)
+            yield autopilot
+        return
+    if crew is not None:
+        raise PositionError("[flight]: an autopilot is held by MAVLink alone; give --position mavlink:…")
+    if kind == "track" and rest:
+        yield TrackPosition.load(Path(rest), clock())
+        return
+    listen = _udp(text)
+    if listen is None:
+        raise PositionError(f"--position {text}: give {FORMS}, udp:HOST:PORT or track:FILE")
+    async with AutopilotPosition(listen, clock) as told:
+        if wait:
+            await told.wait(POSITION_PATIENCE_S)
+        yield told
+
+
+def _autopilot(text: str, clock: Clock) -> MavlinkPosition:
+    where = parse_address(text)
+    if isinstance(where, UdpAddress) and where.host not in LOOPBACK:
+        click.echo(
+            f"--position {where}: whoever reaches this address can say where the drone is; use 127.0.0.1, or a network "
+            "that nobody else is in",
+            err=True,
+        )
+    return MavlinkPosition(where, clock)
+
+
+def _udp(text: str) -> tuple[str, int] | None:
+    """``udp:HOST:PORT``, or None."""
+    kind, _, rest = text.partition(":")
+    host, _, port = rest.rpartition(":")
+    if kind != "udp" or not host or not (port.isascii() and port.isdigit()) or int(port) > 0xFFFF:
+        return None
+    return host, int(port)
+
+
+def open_broadcasts(text: str, uav_id: str, clock: Clock) -> RemoteIdModule:
+    """What the Remote ID module sends, as ``--remote-id`` names it. Raises BroadcastError."""
+    listen = _udp(text)
+    if listen is None:
+        raise BroadcastError(f"--remote-id {text}: give udp:HOST:PORT")
+    if listen[0] not in LOOPBACK:
+        click.echo(
+            f"--remote-id {text}: whoever reaches this address has the drone sign for what he sends; use 127.0.0.1",
+            err=True,
+        )
+    return RemoteIdModule(listen, uav_id, clock)
