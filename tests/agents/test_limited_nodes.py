@@ -10,12 +10,13 @@ import pytest
 from kit.agents import ANCHORS, commissioning
 
 from wonderland.proofs.records.policies import Policy
+from wonderland.toml_settings import SettingsError
 from wonderland.uwb.agreed import ASSUMED, ability_of, no_plan, out_of_reach, pad_ability
 from wonderland_edge_agent.commissioning.alone import alone
 from wonderland_edge_agent.commissioning.errors import RadioError
 from wonderland_edge_agent.commissioning.live.ask import ask_nodes
 from wonderland_edge_agent.radios import AnchorPort, PadRadios
-from wonderland_edge_agent.settings import SettingsError, parse
+from wonderland_edge_agent.settings import parse
 from wonderland_fira_uci.errors import RangingPlanError
 from wonderland_fira_uci.uci.capabilities import (
     Capabilities,

@@ -279,6 +279,18 @@ def test_a_permission_that_lapses_on_the_way_down_holds_it_again():
     assert down.keeper.revoke("the session ended", down.seen, down.now_ms) == []
 
 
+def test_a_mode_that_the_order_before_asked_for_is_no_pilots_will():
+    drone = Drone().to_proof()
+    drone.obeys = False
+    drone.permit()
+    drone.obey(drone.keeper.revoke("the session ended", drone.seen, drone.now_ms))
+    drone.mode = Mode.LANDING
+    drone.look(10)
+    assert drone.keeper.phase is Phase.REFUSED, "it shows only now that it had begun to land"
+    drone.look(100)
+    assert drone.keeper.phase is Phase.OVERRIDDEN, "so long nothing takes to obey"
+
+
 def test_modes_by_their_numbers():
     px4 = {sub: mode_of(Heartbeat(2, PX4, 0, 4 << 16 | sub << 24)) for sub in range(12)}
     assert {sub: mode for sub, mode in px4.items() if mode is not Mode.OTHER} == {

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.receiver import ReceiverError
 from wonderland_edge_agent.receiver.configured import sources_of
 from wonderland_edge_agent.receiver.settings import ReceiverSettings, registry_of
-from wonderland_edge_agent.settings import SettingsError, parse
+from wonderland_edge_agent.settings import parse
 
 FILE = Path("/pads/pad.toml")
 PAD = {

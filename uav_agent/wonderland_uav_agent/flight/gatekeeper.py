@@ -108,6 +108,8 @@ class Gatekeeper:
         self._ordered_ms = self._since_ms = self._proved_ms = 0
         self._from_mode = 0
         """The flight mode in which that order found it."""
+        self._before: GoTo | Land | Return | None = None
+        """The order that it followed on; the vehicle may have yet to show that it obeyed that one."""
         self._obeyed = False
         self._attempts = 0
         self._proving = False
@@ -271,7 +273,7 @@ class Gatekeeper:
 
     def _turn(self, phase: Phase, order: GoTo | Land | Return, vehicle: Vehicle, now_ms: int) -> Order:
         self.phase, self._since_ms = phase, now_ms
-        self._standing, self._ordered_ms = order, now_ms
+        self._before, self._standing, self._ordered_ms = self._standing, order, now_ms
         self._from_mode, self._obeyed = vehicle.custom_mode, False
         return order
 
@@ -290,7 +292,11 @@ class Gatekeeper:
             changed = vehicle.custom_mode != self._from_mode
             self._obeyed = self._obeyed or changed or now_ms - self._since_ms > OBEYED_MS
             return False
-        return self._obeyed or vehicle.custom_mode != self._from_mode
+        if self._obeyed:
+            return True
+        if self._before is not None and now_ms - self._since_ms <= OBEYED_MS:
+            return vehicle.mode is not _WANTED[type(self._before)] and vehicle.custom_mode != self._from_mode
+        return vehicle.custom_mode != self._from_mode
 
     def _override(self, who: str, now_ms: int) -> list[Order]:
         self.phase, self._since_ms, self._standing, self.why = Phase.OVERRIDDEN, now_ms, None, who

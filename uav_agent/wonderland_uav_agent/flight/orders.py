@@ -6,10 +6,13 @@ from dataclasses import dataclass
 from typing import Final
 
 from wonderland_uav_agent.flight.gatekeeper import GoTo, Land, Return
-from wonderland_uav_agent.flight.vehicle import Vehicle
+from wonderland_uav_agent.flight.vehicle import ARDUPILOT, PX4, Mode, Vehicle
 from wonderland_uav_agent.position.mavlink.messages import Acknowledged, Command, Reposition
 
-NAV_RETURN_TO_LAUNCH, NAV_LAND, DO_REPOSITION = 20, 21, 192
+NAV_RETURN_TO_LAUNCH, NAV_LAND, DO_SET_MODE, DO_REPOSITION = 20, 21, 176, 192
+_CUSTOM_MODE: Final = 1.0
+HELD_MODES: Final = {ARDUPILOT: (4.0, 0.0), PX4: (4.0, 3.0)}
+"""GUIDED; AUTO, and loiter within it."""
 ACCEPTED, IN_PROGRESS = 0, 5
 RESULTS: Final = ("accepted", "temporarily rejected", "denied", "unsupported", "failed", "in progress", "cancelled")
 RETRY_MS: Final = 400
@@ -21,6 +24,8 @@ class _Given:
     command: int
     sent: Command | Reposition
     due_ms: int
+    instead: Command | None = None
+    """Asked for where the autopilot refuses that: at least to stop."""
     tries: int = 0
 
 
@@ -32,15 +37,18 @@ class Orders:
 
     def give(self, order: GoTo | Land | Return, vehicle: Vehicle, system: int, now_ms: int) -> None:
         """To the autopilot of ``system``."""
-        number = DO_REPOSITION
+        number, instead = DO_REPOSITION, None
         if isinstance(order, GoTo):
             # Heights are above the ellipsoid here, above mean sea level there; the vehicle has both.
             alt_mm = order.height_mm + vehicle.alt_mm - vehicle.claim.height_mm
             sent: Command | Reposition = Reposition(system, order.lat_e7, order.lon_e7, alt_mm)
+            if vehicle.mode is not Mode.HELD:
+                mode, sub_mode = HELD_MODES[vehicle.stack]
+                instead = Command(system, DO_SET_MODE, (_CUSTOM_MODE, mode, sub_mode, 0.0, 0.0, 0.0, 0.0))
         else:
             number = NAV_LAND if isinstance(order, Land) else NAV_RETURN_TO_LAUNCH
             sent = Command(system, number, (0.0,) * 7)
-        self._given = _Given(number, sent, now_ms)
+        self._given = _Given(number, sent, now_ms, instead)
 
     def forget(self) -> None:
         """Nothing more is wanted of the autopilot."""
@@ -58,7 +66,7 @@ class Orders:
         given.due_ms = now_ms + RETRY_MS
         return [given.sent], ""
 
-    def answered(self, message: Acknowledged) -> str:
+    def answered(self, message: Acknowledged, now_ms: int) -> str:
         """The autopilot's word; the text says why it does not obey."""
         given = self._given
         if given is None or message.command != given.command or message.result == IN_PROGRESS:
@@ -66,5 +74,7 @@ class Orders:
         self._given = None
         if message.result == ACCEPTED:
             return ""
+        if given.instead is not None:
+            self._given = _Given(DO_SET_MODE, given.instead, now_ms)
         word = RESULTS[message.result] if message.result < len(RESULTS) else str(message.result)
         return f"the autopilot answers command {given.command} with {word}"

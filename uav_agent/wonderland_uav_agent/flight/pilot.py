@@ -59,7 +59,7 @@ class Pilot:
         self._state.take(message, now_ms)
         self.arming.take(message)
         if isinstance(message, Acknowledged):
-            problem = self._orders.answered(message)
+            problem = self._orders.answered(message, now_ms)
             if problem:
                 _log.warning("%s", problem)
         elif isinstance(message, ArmingAsked):
@@ -90,7 +90,7 @@ class Pilot:
 
     async def act(self, verdict: Verdict) -> str:
         """Do what a committed verdict permits; returns ``done``, or why it was not done."""
-        if verdict.action == "take_off":
+        if verdict.action == "takeoff":
             return await self._let_take_off()
         if verdict.action == "land":
             return await self._land(verdict.pad_id)
@@ -141,7 +141,7 @@ class Pilot:
         gate = self.gatekeeper.near(vehicle) if vehicle is not None else None
         wanted = self.arming.asked(now_ms, at_a_pad=gate is not None, known=vehicle is not None)
         if wanted and gate is not None and self._begin is not None:
-            why_not = self._begin(gate.pad_id, "take_off", lambda _: None)
+            why_not = self._begin(gate.pad_id, "takeoff", lambda _: None)
             if why_not:
                 _log.warning("no proof for taking off from %s: %s", gate.pad_id, why_not)
 
