@@ -58,7 +58,7 @@ async def serving(world, drone, attempts):
     said = []
 
     async def listen():
-        async for line in process.stderr:
+        while line := await process.stderr.readline():
             said.append(line.decode())
 
     listening = asyncio.create_task(listen())
