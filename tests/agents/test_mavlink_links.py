@@ -11,6 +11,7 @@ import tty
 
 import pytest
 from kit.fake_autopilot import LAT, FakeAutopilot, OverTcp, OverUdp
+from kit.geoids import write_geoid
 
 from wonderland.clock import SteadyClock
 from wonderland_uav_agent import sources
@@ -162,6 +163,23 @@ async def test_the_option_of_the_commands(capsys, monkeypatch):
     for wrong in ("mavlink:", "mavlink:udp:x", "nonsense"):
         with pytest.raises(PositionError, match="give mavlink:udp:HOST:PORT"):
             async with sources.open_position(wrong, clock, wait=True):
+                pass
+
+
+async def test_a_geoid_is_for_an_autopilot_that_has_none(tmp_path):
+    drone, clock, grid = FakeAutopilot(alt_ellipsoid_mm=12_000), SteadyClock(), write_geoid(tmp_path / "WW15MGH.DAC")
+    async with (
+        OverTcp(drone) as server,
+        sources.open_position(f"mavlink:tcp:127.0.0.1:{server.port}", clock, grid, wait=True) as source,
+    ):
+        assert source.claim(clock()).height_mm == 12_000 + 60_452
+    for text, file, says in (
+        ("mavlink:udp:127.0.0.1:0", tmp_path, "--geoid: .*Is a directory"),
+        ("mavlink:udp:127.0.0.1:0", tmp_path / "none", "--geoid: .*No such file"),
+        ("udp:127.0.0.1:0", grid, "only with --position mavlink"),
+    ):
+        with pytest.raises(PositionError, match=says):
+            async with sources.open_position(text, clock, file, wait=False):
                 pass
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from kit.fake_autopilot import FakeAutopilot
+from kit.fake_autopilot import FakeAutopilot, dialect
+from kit.geoids import write_geoid
 
+from wonderland.geoid import Geoid
 from wonderland.proofs.records.sessions import Claim
 from wonderland_uav_agent.position import PositionError
 from wonderland_uav_agent.position.mavlink import SerialAddress, TcpAddress, UdpAddress, parse_address
@@ -18,6 +20,7 @@ from wonderland_uav_agent.position.mavlink.messages import (
     GlobalPosition,
     GpsRaw,
     Heartbeat,
+    OutOfStep,
     SayAlive,
     Sender,
     SystemTime,
@@ -34,12 +37,17 @@ UTC = SystemTime((NOW + 40) * 1_000, 30_000)
 UINT32_MAX = 0xFFFFFFFF
 
 
+@pytest.fixture(scope="module")
+def geoid(tmp_path_factory):
+    return Geoid(write_geoid(tmp_path_factory.mktemp("geoid") / "WW15MGH.DAC"))
+
+
 class Told:
     """A navigator, and what it warned of."""
 
-    def __init__(self, *messages, now=NOW):
+    def __init__(self, *messages, now=NOW, geoid=None):
         self.warned = []
-        self.navigator = Navigator(self.warned.append)
+        self.navigator = Navigator(self.warned.append, geoid)
         for message in messages:
             self.take(message, now)
 
@@ -113,6 +121,17 @@ def test_what_is_missing_is_said(messages, reason):
     assert re.search(reason, Told(*messages).why())
 
 
+@pytest.mark.parametrize("ellipsoidal_mm", [0, 12_000, 12_000 + 120_001])
+def test_a_geoids_grid_stands_in_for_a_receiver_without_a_geoid(geoid, ellipsoidal_mm):
+    claim = Told(COPTER, replace(GPS, alt_ellipsoid_mm=ellipsoidal_mm), HERE, geoid=geoid).claim()
+    assert (claim.height_mm, claim.height_accuracy_mm) == (13_000 + 60_452, 784 + 1_000)
+
+
+def test_the_receivers_own_geoid_goes_before_the_grid(geoid):
+    claim = Told(COPTER, GPS, HERE, geoid=geoid).claim()
+    assert (claim.height_mm, claim.height_accuracy_mm) == (13_000 + 19_400, 784)
+
+
 def test_the_equator_and_greenwich_are_places():
     assert Told(COPTER, GPS, replace(HERE, lat_e7=0)).claim().lat_e7 == 0
     assert Told(COPTER, GPS, replace(HERE, lon_e7=0)).claim().lon_e7 == 0
@@ -153,6 +172,22 @@ def test_a_second_autopilot_is_left_out_while_the_first_is_alive():
     assert told.navigator.sender == DRONE
     assert told.navigator.strangers == 21
     assert [text for text in told.warned if "another system" in text] == told.warned
+    assert len(told.warned) == 1
+
+
+def test_there_is_no_position_while_two_speak_in_the_autopilots_name():
+    told = Told(COPTER, GPS, HERE)
+    for back in (0, 2_000, 5_001):
+        told.take(OutOfStep(), NOW + back)
+        told.take(OutOfStep(), NOW + back, OTHER)
+    told.take(GPS, NOW + 5_001)
+    told.take(replace(HERE, boot_ms=35_000), NOW + 5_001)
+    assert told.claim(NOW + 5_001), "three, but not within five seconds"
+    told.take(OutOfStep(), NOW + 5_002)
+    assert told.why(NOW + 5_002).startswith("two speak as the autopilot")
+    told.take(GPS, NOW + 10_000)
+    told.take(replace(HERE, boot_ms=40_000), NOW + 10_000)
+    assert told.claim(NOW + 10_000), "and it is over"
     assert len(told.warned) == 1
 
 
@@ -259,13 +294,15 @@ MESSAGES = st.one_of(
     st.builds(GpsRaw, U8, I32, I32, U32, U32),
     st.builds(GlobalPosition, U32, I32, I32, I32),
     st.builds(Acknowledged, st.integers(0, 65_535), U8),
+    st.just(OutOfStep()),
     st.sampled_from([COPTER, GPS, UTC, HERE]),
 )
 
 
+@settings(deadline=None)  # a busy machine is no bug
 @given(st.lists(st.tuples(MESSAGES, st.one_of(SENDERS, st.just(DRONE)), st.integers(-5_000, 5_000)), max_size=30))
-def test_whatever_an_autopilot_says_every_claim_is_a_whole_one(heard):
-    told, now = Told(), NOW
+def test_whatever_an_autopilot_says_every_claim_is_a_whole_one(geoid, heard):
+    told, now = Told(geoid=geoid), NOW
     for message, sender, waited in heard:
         now += waited
         told.take(message, now, sender)
@@ -306,6 +343,32 @@ def test_a_message_may_come_in_pieces_and_after_noise():
         for start in range(0, len(stream), 7):
             heard += wire.read(stream[start : start + 7])
     assert len(heard) == wire.bad == 50
+
+
+def test_messages_numbers_say_when_two_speak_in_one_name():
+    def out_of_step(numbers):
+        drone, wire = FakeAutopilot(), Wire()
+        heard = []
+        for number in numbers:
+            drone._mav.seq = number - 1
+            heard += wire.read(drone.message(33))
+        return sum(isinstance(message, OutOfStep) for message, _ in heard)
+
+    assert out_of_step([*range(1, 256), *range(256)]) == 0
+    assert out_of_step([1, 2, 100, 227, 20]) == 0, "losses"
+    assert out_of_step([1, 2, 4, 3, 20, 5, 21, 21]) == 0, "overtaking, repeating"
+    assert out_of_step([100, 1, 2, 3]) == 1, "a restart"
+    assert out_of_step([1, 90, 2, 91, 3, 92, 4]) == 3, "two"
+
+
+def test_each_component_counts_for_itself():
+    drone, wire = FakeAutopilot(), Wire()
+    heard = []
+    for number in range(100):
+        for component, ahead in ((1, 0), (154, 90)):
+            drone._mav.seq = number + ahead
+            heard += wire.read(drone.pack(dialect.MAVLink_system_time_message(0, 0), component))
+    assert len(heard) == 200
 
 
 def test_whoever_never_ends_a_message_fills_no_memory():

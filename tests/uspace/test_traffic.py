@@ -2,55 +2,27 @@
 
 from __future__ import annotations
 
-import array
 import asyncio
 import json
-import sys
 
 import pytest
+from kit.geoids import write_geoid
 
 from wonderland_backend.errors import SettingsError
-from wonderland_backend.uspace.eu664.geoid import COLUMNS, ROWS, Geoid
+from wonderland_backend.settings import Settings
 from wonderland_backend.uspace.eu664.schemas import Traffic
+from wonderland_backend.uspace.service import USpace
 
 
 @pytest.fixture
 def geoid_file(tmp_path):
-    """A geoid that rises by 1 m for each degree to the north pole, and lies 3 m higher at the Greenwich meridian."""
-    values = array.array(
-        "h",
-        [
-            round((90 - row * 0.25) * 100) + (300 if column == 0 else 0)
-            for row in range(ROWS)
-            for column in range(COLUMNS)
-        ],
-    )
-    if sys.byteorder == "little":
-        values.byteswap()
-    path = tmp_path / "WW15MGH.DAC"
-    path.write_bytes(values.tobytes())
-    return path
+    return write_geoid(tmp_path / "WW15MGH.DAC")
 
 
-def test_the_geoid_between_its_points(geoid_file):
-    geoid = Geoid(geoid_file)
-    assert geoid.undulation_mm(600_000_000, 222_500_000) == 60_000
-    assert geoid.undulation_mm(601_250_000, 222_600_000) == 60_125
-    assert geoid.undulation_mm(600_000_000, 0) == 63_000
-    assert geoid.undulation_mm(600_000_000, -1_250_000) == 61_500
-    assert geoid.undulation_mm(600_000_000, 1_250_000) == 61_500
-    assert geoid.undulation_mm(-900_000_000, 1_800_000_000) == -90_000
-    assert geoid.undulation_mm(900_000_000, -1_800_000_000) == 90_000
-
-
-def test_files_that_are_no_geoid(tmp_path):
-    path = tmp_path / "file"
-    for content in (b"", b"x", b"\x7f\xff" * (ROWS * COLUMNS)):
-        path.write_bytes(content)
-        with pytest.raises(SettingsError, match="geoid_file"):
-            Geoid(path)
-    with pytest.raises(SettingsError):
-        Geoid(tmp_path / "none")
+def test_a_file_that_is_no_geoid_is_named_with_its_setting(tmp_path):
+    settings = Settings(uspace={"geoid_file": str(tmp_path / "none")})
+    with pytest.raises(SettingsError, match=r"uspace\.geoid_file: .*none: No such file"):
+        USpace(settings, lambda: 0)
 
 
 @pytest.fixture

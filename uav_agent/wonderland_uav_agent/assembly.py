@@ -52,6 +52,7 @@ async def assembled(
     report_to: str | None,
     board: str | None,
     position: str,
+    geoid: Path | None,
     remote_id: str | None,
     command: str | None,
     whole_certificate: bool,
@@ -74,7 +75,7 @@ async def assembled(
         ledger = ProofContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
         pilot = None if flight is None else Pilot(flight, clock=clock)
         crew = None if pilot is None else pilot.board
-        source = await stack.enter_async_context(open_position(position, clock, wait=not stays, crew=crew))
+        source = await stack.enter_async_context(open_position(position, clock, geoid, wait=not stays, crew=crew))
         broadcasts = (
             await stack.enter_async_context(open_broadcasts(remote_id, who.pol_id, clock)) if remote_id else None
         )

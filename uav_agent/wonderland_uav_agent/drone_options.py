@@ -81,6 +81,13 @@ def of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
             "mavlink:tcp:HOST:PORT, mavlink:serial:DEVICE[:BAUD]), JSON datagrams, or a recorded track (CSV).",
         ),
         click.option(
+            "--geoid",
+            type=click.Path(path_type=Path),
+            metavar="FILE",
+            help="EGM96 of 15' (WW15MGH.DAC), for an autopilot by MAVLink whose receiver states no height above the "
+            "ellipsoid: those in simulation do not.",
+        ),
+        click.option(
             "--remote-id",
             metavar="udp:HOST:PORT",
             help="Where the drone's Remote ID module says what it broadcasts; the agent signs for that, so that no "

@@ -42,6 +42,7 @@ class UavSettings(Table, frozen=True, kw_only=True):
     words: Literal["both_ways", "initiator"] | None = None
     report_to: Text | None = None
     position: Text | None = None
+    geoid: Path | None = None
     remote_id: Text | None = None
     then: Path | None = None
     whole_certificate: bool | None = None

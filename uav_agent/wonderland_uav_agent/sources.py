@@ -1,4 +1,4 @@
-"""What ``--position`` and ``--remote-id`` name."""
+"""What ``--position``, ``--geoid`` and ``--remote-id`` name."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Final
 import click
 
 from wonderland.clock import Clock
+from wonderland.geoid import Geoid, GeoidError
 from wonderland_uav_agent.broadcasts import BroadcastError, RemoteIdModule
 from wonderland_uav_agent.position import AutopilotPosition, PositionError, TellingPosition, TrackPosition
 from wonderland_uav_agent.position.mavlink import MavlinkPosition, UdpAddress, parse_address
@@ -21,12 +22,19 @@ LOOPBACK: Final = frozenset({"127.0.0.1", "::1", "localhost"})
 
 @contextlib.asynccontextmanager
 async def open_position(
-    text: str, clock: Clock, *, wait: bool, crew: Callable[[MavlinkPosition], None] | None = None
+    text: str,
+    clock: Clock,
+    geoid: Path | None = None,
+    *,
+    wait: bool,
+    crew: Callable[[MavlinkPosition], None] | None = None,
 ) -> AsyncIterator[TellingPosition]:
     """A source as ``--position`` names it; ``crew`` boards an autopilot's link. Raises PositionError."""
     kind, _, rest = text.partition(":")
+    if geoid is not None and kind != "mavlink":
+        raise PositionError("--geoid: only with --position mavlink:…; the others give heights above the ellipsoid")
     if kind == "mavlink":
-        source = _autopilot(rest, clock)
+        source = _autopilot(rest, clock, geoid)
         if crew is not None:
             crew(source)
         async with source as autopilot:
@@ -48,7 +56,7 @@ async def open_position(
         yield told
 
 
-def _autopilot(text: str, clock: Clock) -> MavlinkPosition:
+def _autopilot(text: str, clock: Clock, geoid_file: Path | None) -> MavlinkPosition:
     where = parse_address(text)
     if isinstance(where, UdpAddress) and where.host not in LOOPBACK:
         click.echo(
@@ -56,7 +64,11 @@ def _autopilot(text: str, clock: Clock) -> MavlinkPosition:
             "that nobody else is in",
             err=True,
         )
-    return MavlinkPosition(where, clock)
+    try:
+        geoid = Geoid(geoid_file) if geoid_file is not None else None
+    except GeoidError as error:
+        raise PositionError(f"--geoid: {error}") from None
+    return MavlinkPosition(where, clock, geoid)
 
 
 def _udp(text: str) -> tuple[str, int] | None:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Final
 from urllib.parse import urlsplit
 
+from wonderland.geoid import Geoid, GeoidError
 from wonderland_backend.agents.connected import UAV
 from wonderland_backend.context import part
 from wonderland_backend.errors import SettingsError
@@ -18,7 +19,6 @@ from wonderland_backend.settings import Settings
 from wonderland_backend.tokens import TokenVerifier
 from wonderland_backend.uspace.claims import details_of, state_of
 from wonderland_backend.uspace.dss.client import DssClient
-from wonderland_backend.uspace.eu664.geoid import Geoid
 from wonderland_backend.uspace.eu664.traffic import TrafficInformation
 from wonderland_backend.uspace.flights import Flight, Flights
 from wonderland_backend.uspace.geo import TILES, Box, Cell
@@ -70,7 +70,10 @@ class USpace:
         """Whether a drone's own agent is connected."""
         self.flights = Flights(clock, lambda: str(uuid.uuid4()))
         self.provider = ServiceProvider(self.flights, clock, self.serves)
-        geoid = Geoid(self.settings.geoid_file) if self.settings.geoid_file is not None else None
+        try:
+            geoid = Geoid(self.settings.geoid_file) if self.settings.geoid_file is not None else None
+        except GeoidError as error:
+            raise SettingsError(f"uspace.geoid_file: {error}") from None
         self.traffic = TrafficInformation(self.flights, self.serves, geoid)
         self.tokens = TokenClient(self.settings, clock=clock, client=self._client)
         self._registry: Registry | None = None

@@ -11,8 +11,8 @@ from uas_standards.astm.f3411.v22a.api import (
     RIDOperationalStatus,
 )
 
+from wonderland.geoid import Geoid
 from wonderland_backend.areas import Box
-from wonderland_backend.uspace.eu664.geoid import Geoid
 from wonderland_backend.uspace.eu664.schemas import Recipient
 from wonderland_backend.uspace.flights import Flight, Flights
 

@@ -105,7 +105,22 @@ class Parameter:
     value: float
 
 
-Message = Heartbeat | SystemTime | GpsRaw | GlobalPosition | ExtendedState | Acknowledged | ArmingAsked | Parameter
+@dataclass(frozen=True, slots=True)
+class OutOfStep:
+    """No message: a sender's numbers went back, as those of two do who use one name."""
+
+
+Message = (
+    Heartbeat
+    | SystemTime
+    | GpsRaw
+    | GlobalPosition
+    | ExtendedState
+    | Acknowledged
+    | ArmingAsked
+    | Parameter
+    | OutOfStep
+)
 
 
 @dataclass(frozen=True, slots=True)

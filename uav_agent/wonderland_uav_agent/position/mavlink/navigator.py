@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+from wonderland.geoid import Geoid
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Claim
 from wonderland_uav_agent.position.mavlink.boot_time import REORDERED_MS, BootTime
@@ -21,6 +23,7 @@ from wonderland_uav_agent.position.mavlink.messages import (
     Heartbeat,
     Message,
     Outgoing,
+    OutOfStep,
     SayAlive,
     Sender,
     SystemTime,
@@ -32,6 +35,8 @@ MAX_GPS_AGE_MS: Final = 2_000
 SILENT_MS: Final = 5_000
 """An autopilot from which no heartbeat came for so long is gone, and another may take its place."""
 HEARTBEAT_MS: Final = 1_000
+DOUBLED, DOUBLED_MS = 3, 5_000
+"""So many steps back within this time are no restart and no burst of losses: two speak in one name."""
 
 AUTOPILOT_COMPONENT: Final = 1
 TYPE_GCS, AUTOPILOT_INVALID = 6, 8
@@ -40,6 +45,8 @@ SET_MESSAGE_INTERVAL: Final = 511
 
 MAX_UNDULATION_MM: Final = 120_000
 """No geoid is further from the ellipsoid."""
+GRID_95_MM: Final = 1_000
+"""How well the grid of a geoid, and the one that the autopilot means by mean sea level, are the same."""
 MAX_SIGMA_MM: Final = 4_000_000
 """Larger ones (UINT32_MAX among them) say that nothing is known."""
 
@@ -55,12 +62,16 @@ class _NoClaimError(Exception):
 
 
 class Navigator:
-    """Follows the first autopilot that it hears. ``warn`` is told what its operator should know, once each."""
+    """Follows the first autopilot that it hears. ``warn`` is told what its operator should know, once each.
 
-    def __init__(self, warn: Callable[[str], None]) -> None:
+    ``geoid`` is for receivers that know none.
+    """
+
+    def __init__(self, warn: Callable[[str], None], geoid: Geoid | None = None) -> None:
         self._warn = warn
         self.flown = False
         """Whether somebody here flies it; to be set before it is heard."""
+        self._geoid = geoid
         self._sender: Sender | None = None
         self._alive_ms = 0
         self._say_at_ms = 0
@@ -73,6 +84,7 @@ class Navigator:
         self._sender = sender
         self._time = BootTime(self._warn)
         self._rates = Rates(sender.system if sender else 0, now_ms, flown=self.flown)
+        self._steps_back: deque[int] = deque(maxlen=DOUBLED)
         self._forget_position()
 
     def _forget_position(self) -> None:
@@ -103,6 +115,8 @@ class Navigator:
             return
         if isinstance(message, Heartbeat):
             self._alive_ms = now_ms
+        elif isinstance(message, OutOfStep):
+            self._take_step_back(now_ms)
         elif isinstance(message, Acknowledged):
             if message.command == SET_MESSAGE_INTERVAL:
                 self._rates.answered(message.result)
@@ -126,6 +140,8 @@ class Navigator:
         """Why there is no claim now; empty where there is one."""
         if self._sender is None:
             return "no heartbeat of an autopilot"
+        if self._doubled(now_ms):
+            return "two speak as the autopilot: their messages' numbers do not follow each other"
         if self._position is None:
             return self._rates.missing(GLOBAL_POSITION_INT)
         if not 0 <= now_ms - self._heard_ms <= MAX_AGE_MS:
@@ -172,6 +188,18 @@ class Navigator:
                 f"another system ({sender.system}{where}) speaks on the autopilot’s link; what it says is left out"
             )
 
+    def _take_step_back(self, now_ms: int) -> None:
+        was_doubled = self._doubled(now_ms)
+        self._steps_back.append(now_ms)
+        if self._doubled(now_ms) and not was_doubled:
+            self._warn(
+                "two speak as the autopilot, the second perhaps by another of its links (PX4 passes on what comes "
+                "in its name: MAV_n_FORWARD); there is no position while that lasts"
+            )
+
+    def _doubled(self, now_ms: int) -> bool:
+        return len(self._steps_back) == DOUBLED and now_ms - self._steps_back[0] <= DOUBLED_MS
+
     def _follow(self, boot_ms: int, now_ms: int) -> None:
         if not self._time.follows(boot_ms, now_ms):
             self._warn("the autopilot’s time since boot jumped: it has restarted, or its messages were held up")
@@ -203,12 +231,21 @@ class Navigator:
             raise _NoClaimError(
                 "no accuracy stated (h_acc and v_acc of GPS_RAW_INT: they need MAVLink 2, and a receiver that tells)"
             )
+        undulation_mm, height_95_mm = _undulation_mm(gps), vertical_95_mm(gps.v_acc_mm)
+        if undulation_mm is None and self._geoid is not None:
+            undulation_mm = self._geoid.undulation_mm(position.lat_e7, position.lon_e7)
+            height_95_mm += GRID_95_MM
+        if undulation_mm is None:
+            raise _NoClaimError(
+                "no height above the ellipsoid (alt_ellipsoid of GPS_RAW_INT, from a receiver that knows a geoid; "
+                "where it knows none, name the grid of one: --geoid)"
+            )
         values = {
             "lat_e7": position.lat_e7,
             "lon_e7": position.lon_e7,
-            "height_mm": position.alt_mm + _undulation_mm(gps),
+            "height_mm": position.alt_mm + undulation_mm,
             "accuracy_mm": horizontal_95_mm(gps.h_acc_mm),
-            "height_accuracy_mm": vertical_95_mm(gps.v_acc_mm),
+            "height_accuracy_mm": height_95_mm,
             "t_ms": self._time.utc_ms(position.boot_ms, now_ms),
         }
         try:
@@ -217,15 +254,12 @@ class Navigator:
             raise _NoClaimError(f"no position: {error}") from None
 
 
-def _undulation_mm(gps: GpsRaw) -> int:
-    """How far mean sea level is above the ellipsoid, by the receiver's own geoid."""
+def _undulation_mm(gps: GpsRaw) -> int | None:
+    """How far mean sea level is above the ellipsoid, by the receiver's own geoid; None where it knows none."""
     undulation_mm = gps.alt_ellipsoid_mm - gps.alt_mm
     # Equal to the millimetre: a receiver or simulator without a geoid, which fills in one height twice.
-    if gps.alt_ellipsoid_mm == 0 or undulation_mm == 0 or abs(undulation_mm) > MAX_UNDULATION_MM:
-        raise _NoClaimError(
-            "no height above the ellipsoid (alt_ellipsoid of GPS_RAW_INT, from a receiver that knows a geoid)"
-        )
-    return undulation_mm
+    states_none = gps.alt_ellipsoid_mm == 0 or undulation_mm == 0 or abs(undulation_mm) > MAX_UNDULATION_MM
+    return None if states_none else undulation_mm
 
 
 def horizontal_95_mm(sigma_mm: int) -> int:

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any, Final, Protocol, Self
 
 from wonderland.clock import Clock
+from wonderland.geoid import Geoid
 from wonderland.proofs.records.sessions import Claim
 from wonderland_fira_uci.serial_port import ReconnectingPort, serial_opener
 from wonderland_uav_agent.position.mavlink.address import SerialAddress, TcpAddress, UdpAddress
@@ -38,14 +39,16 @@ class Crew(Protocol):
 class MavlinkPosition:
     """Follows one autopilot. Use as an asynchronous context manager."""
 
-    def __init__(self, where: UdpAddress | TcpAddress | SerialAddress, clock: Clock) -> None:
+    def __init__(
+        self, where: UdpAddress | TcpAddress | SerialAddress, clock: Clock, geoid: Geoid | None = None
+    ) -> None:
         self._where = where
         self._clock = clock
         self._fresh = asyncio.Event()
         self._ticking: asyncio.Task[None] | None = None
         self._link: _UdpLink | _PortLink | None = None
         self._crew: Crew | None = None
-        self.navigator = Navigator(_warn)
+        self.navigator = Navigator(_warn, geoid)
 
     def board(self, crew: Crew) -> None:
         """Let it hear the autopilot and speak to it; before the source is opened."""

@@ -17,6 +17,7 @@ from wonderland_uav_agent.position.mavlink.messages import (
     Heartbeat,
     Message,
     Outgoing,
+    OutOfStep,
     Parameter,
     Peer,
     Reposition,
@@ -29,6 +30,8 @@ from wonderland_uav_agent.position.source import PositionError
 ARM_AUTHORIZATION_REQUEST: Final = 3001
 COMPONENT: Final = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER."""
+REORDERED: Final = 16
+"""Datagrams overtake each other by less than so many messages."""
 
 
 def dialect() -> ModuleType:
@@ -54,23 +57,34 @@ class Wire:
         """Forget the begun message of a link that was cut."""
         self._parser = self._dialect.MAVLink(None)
         self._parser.robust_parsing = True
+        self._numbers: dict[tuple[int, int], int] = {}
 
     def read(self, data: bytes, peer: Peer = None) -> list[tuple[Message, Sender]]:
         """The messages of interest that are complete now. Whatever comes, it raises nothing."""
-        messages = []
+        messages: list[tuple[Message, Sender]] = []
         received = self._parser.parse_char(data)
         while received is not None:
             if received.get_type() == "BAD_DATA":
                 self.bad += 1
             else:
+                sender = Sender(received.get_srcSystem(), received.get_srcComponent(), peer)
+                if not self._in_step(sender, received.get_seq()):
+                    messages.append((OutOfStep(), sender))
                 message = _message(received)
                 if message is not None:
-                    messages.append((message, Sender(received.get_srcSystem(), received.get_srcComponent(), peer)))
+                    messages.append((message, sender))
             received = self._parser.parse_char(b"")
         # pymavlink keeps what it has read for as long as something follows it.
         del self._parser.buf[: self._parser.buf_index]
         self._parser.buf_index = 0
         return messages
+
+    def _in_step(self, sender: Sender, number: int) -> bool:
+        """Whether a sender's number follows its last one: each counts its own on each link, from 0 to 255."""
+        key = (sender.system, sender.component)
+        step = (number - self._numbers.get(key, number)) % 256
+        self._numbers[key] = number
+        return step < 128 or step >= 256 - REORDERED
 
     def write(self, what: Outgoing) -> bytes:
         """What to send, as bytes."""

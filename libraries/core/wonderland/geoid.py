@@ -1,9 +1,9 @@
-"""Heights above mean sea level, as far as they can be known.
+"""Between heights above mean sea level and above the WGS-84 ellipsoid, as far as that can be known.
 
-Remote ID gives heights above the WGS-84 ellipsoid; mean sea level lies up to 107 m off it (the geoid). The difference
-comes from a grid that the operator names, or is not said at all. The grid is the one that NGA publishes for EGM96,
-WW15MGH.DAC: 721 rows from the north pole to the south pole, each of 1,440 values eastwards from Greenwich, in steps of
-15′, big-endian 16-bit integers in centimetres. Between its points it is good to about a metre.
+The two lie up to 107 m apart (the geoid). By how much comes from a grid that an operator names, or is not said at all.
+The grid is the one that NGA publishes for EGM96, WW15MGH.DAC: 721 rows from the north pole to the south pole, each of
+1,440 values eastwards from Greenwich, in steps of 15′, big-endian 16-bit integers in centimetres. Between its points it
+is good to about a metre.
 """
 
 from __future__ import annotations
@@ -13,36 +13,40 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from wonderland_backend.errors import SettingsError
-
 ROWS: Final = 721
 COLUMNS: Final = 1_440
 STEP_E7: Final = 2_500_000
 HIGHEST_CM: Final = 12_000
+POLE_E7: Final = 900_000_000
+
+
+class GeoidError(ValueError):
+    """A file that is not the grid."""
 
 
 class Geoid:
     """How far mean sea level lies above the ellipsoid."""
 
     def __init__(self, path: Path) -> None:
-        """Raises `SettingsError` for a file that is not the grid."""
+        """Raises `GeoidError` for a file that is not the grid."""
         try:
             content = path.read_bytes()
         except OSError as error:
-            raise SettingsError(f"uspace.geoid_file: {path}: {error.strerror}") from None
+            raise GeoidError(f"{path}: {error.strerror}") from None
         values = array.array("h")
         if len(content) != ROWS * COLUMNS * values.itemsize:
-            raise SettingsError(f"uspace.geoid_file: {path} is not the EGM96 grid of 15' (WW15MGH.DAC)")
+            raise GeoidError(f"{path} is not the EGM96 grid of 15' (WW15MGH.DAC)")
         values.frombytes(content)
         if sys.byteorder == "little":
             values.byteswap()
         if max(values) > HIGHEST_CM or min(values) < -HIGHEST_CM:
-            raise SettingsError(f"uspace.geoid_file: {path} holds values that no geoid has")
+            raise GeoidError(f"{path} holds values that no geoid has")
         self._values = values
 
     def undulation_mm(self, lat_e7: int, lon_e7: int) -> int:
-        """Height of mean sea level above the ellipsoid, between the grid's points by proportion."""
-        row, down = divmod(900_000_000 - lat_e7, STEP_E7)
+        """Height of mean sea level above the ellipsoid, between the grid's points by proportion. Never fails."""
+        lat_e7 = max(-POLE_E7, min(lat_e7, POLE_E7))
+        row, down = divmod(POLE_E7 - lat_e7, STEP_E7)
         column, along = divmod(lon_e7 % 3_600_000_000, STEP_E7)
         south, east = min(row + 1, ROWS - 1), (column + 1) % COLUMNS
         north_cm = self._between(row, column, east, along)
