@@ -53,6 +53,7 @@ async def assembled(
     board: str | None,
     position: str,
     geoid: Path | None,
+    mavlink_key: Path | None,
     remote_id: str | None,
     command: str | None,
     whole_certificate: bool,
@@ -75,7 +76,8 @@ async def assembled(
         ledger = ProofContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
         pilot = None if flight is None else Pilot(flight, clock=clock)
         crew = None if pilot is None else pilot.board
-        source = await stack.enter_async_context(open_position(position, clock, geoid, wait=not stays, crew=crew))
+        opened = open_position(position, clock, geoid, wait=not stays, key_file=mavlink_key, crew=crew)
+        source = await stack.enter_async_context(opened)
         broadcasts = (
             await stack.enter_async_context(open_broadcasts(remote_id, who.pol_id, clock)) if remote_id else None
         )

@@ -81,6 +81,13 @@ def of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
             "mavlink:tcp:HOST:PORT, mavlink:serial:DEVICE[:BAUD]), JSON datagrams, or a recorded track (CSV).",
         ),
         click.option(
+            "--mavlink-key",
+            type=click.Path(path_type=Path),
+            metavar="FILE",
+            help="Key of MAVLink 2 signing (64 hexadecimal digits), which the autopilot has, too: nothing unsigned is "
+            "heard then.",
+        ),
+        click.option(
             "--geoid",
             type=click.Path(path_type=Path),
             metavar="FILE",

@@ -43,6 +43,7 @@ class UavSettings(Table, frozen=True, kw_only=True):
     report_to: Text | None = None
     position: Text | None = None
     geoid: Path | None = None
+    mavlink_key: Path | None = None
     remote_id: Text | None = None
     then: Path | None = None
     whole_certificate: bool | None = None

@@ -13,8 +13,9 @@ from wonderland.clock import Clock
 from wonderland.geoid import Geoid, GeoidError
 from wonderland_uav_agent.broadcasts import BroadcastError, RemoteIdModule
 from wonderland_uav_agent.position import AutopilotPosition, PositionError, TellingPosition, TrackPosition
-from wonderland_uav_agent.position.mavlink import MavlinkPosition, UdpAddress, parse_address
+from wonderland_uav_agent.position.mavlink import MavlinkPosition, SerialAddress, UdpAddress, parse_address
 from wonderland_uav_agent.position.mavlink.address import FORMS
+from wonderland_uav_agent.position.mavlink.signing import read_key
 
 POSITION_PATIENCE_S: Final = 10.0
 LOOPBACK: Final = frozenset({"127.0.0.1", "::1", "localhost"})
@@ -27,14 +28,17 @@ async def open_position(
     geoid: Path | None = None,
     *,
     wait: bool,
+    key_file: Path | None = None,
     crew: Callable[[MavlinkPosition], None] | None = None,
 ) -> AsyncIterator[TellingPosition]:
     """A source as ``--position`` names it; ``crew`` boards an autopilot's link. Raises PositionError."""
     kind, _, rest = text.partition(":")
+    if key_file is not None and kind != "mavlink":
+        raise click.UsageError("--mavlink-key: only with --position mavlink:…")
     if geoid is not None and kind != "mavlink":
         raise PositionError("--geoid: only with --position mavlink:…; the others give heights above the ellipsoid")
     if kind == "mavlink":
-        source = _autopilot(rest, clock, geoid)
+        source = _autopilot(rest, clock, geoid, key_file, flown=crew is not None)
         if crew is not None:
             crew(source)
         async with source as autopilot:
@@ -56,9 +60,18 @@ async def open_position(
         yield told
 
 
-def _autopilot(text: str, clock: Clock, geoid_file: Path | None) -> MavlinkPosition:
+def _autopilot(
+    text: str, clock: Clock, geoid_file: Path | None, key_file: Path | None, *, flown: bool
+) -> MavlinkPosition:
     where = parse_address(text)
-    if isinstance(where, UdpAddress) and where.host not in LOOPBACK:
+    key = None if key_file is None else read_key(key_file)
+    reachable = not isinstance(where, SerialAddress) and where.host not in LOOPBACK
+    if reachable and flown and key is None:
+        raise PositionError(
+            f"[flight] with {where}: whoever reaches this network could land and arm the drone; give --mavlink-key (of "
+            "MAVLink signing, which the autopilot has, too), a serial line or 127.0.0.1"
+        )
+    if isinstance(where, UdpAddress) and reachable and key is None:
         click.echo(
             f"--position {where}: whoever reaches this address can say where the drone is; use 127.0.0.1, or a network "
             "that nobody else is in",
@@ -68,7 +81,7 @@ def _autopilot(text: str, clock: Clock, geoid_file: Path | None) -> MavlinkPosit
         geoid = Geoid(geoid_file) if geoid_file is not None else None
     except GeoidError as error:
         raise PositionError(f"--geoid: {error}") from None
-    return MavlinkPosition(where, clock, geoid)
+    return MavlinkPosition(where, clock, geoid, key=key)
 
 
 def _udp(text: str) -> tuple[str, int] | None:

@@ -15,7 +15,8 @@ from wonderland_fira_uci.serial_port import ReconnectingPort, serial_opener
 from wonderland_uav_agent.position.mavlink.address import SerialAddress, TcpAddress, UdpAddress
 from wonderland_uav_agent.position.mavlink.messages import Message, Outgoing, Sender
 from wonderland_uav_agent.position.mavlink.navigator import Navigator
-from wonderland_uav_agent.position.mavlink.wire import Wire
+from wonderland_uav_agent.position.mavlink.signing import Signing
+from wonderland_uav_agent.position.mavlink.wire import Wire, dialect
 from wonderland_uav_agent.position.source import PositionError
 
 _log = logging.getLogger(__name__)
@@ -40,9 +41,16 @@ class MavlinkPosition:
     """Follows one autopilot. Use as an asynchronous context manager."""
 
     def __init__(
-        self, where: UdpAddress | TcpAddress | SerialAddress, clock: Clock, geoid: Geoid | None = None
+        self,
+        where: UdpAddress | TcpAddress | SerialAddress,
+        clock: Clock,
+        geoid: Geoid | None = None,
+        *,
+        key: bytes | None = None,
     ) -> None:
+        """``key``: of MAVLink 2 signing; nothing else is heard then."""
         self._where = where
+        self._signing = None if key is None else Signing(key, clock, dialect())
         self._clock = clock
         self._fresh = asyncio.Event()
         self._ticking: asyncio.Task[None] | None = None
@@ -84,6 +92,8 @@ class MavlinkPosition:
     def why_not(self, now_ms: int) -> str:
         """Why there is no position now; empty where there is one."""
         reason = self.navigator.why_not(now_ms)
+        if reason and self._signing is not None and self._signing.refused:
+            reason += f"; {self._signing.refused} messages were not signed with this key, or long ago"
         problem = self._link.problem if self._link is not None else "it is not open"
         return f"{reason} ({problem})" if reason and problem else reason
 
@@ -100,6 +110,10 @@ class MavlinkPosition:
             raise PositionError(
                 f"no position from {self._where} within {timeout_s:g} s: {self.why_not(self._clock())}"
             ) from None
+
+    def new_wire(self) -> Wire:
+        """For the link, or a sender there."""
+        return Wire(self._signing)
 
     def take(self, messages: list[tuple[Message, Sender]]) -> None:
         """What the link has read."""
@@ -134,7 +148,7 @@ class _UdpLink(asyncio.DatagramProtocol):
         self._source = source
         self._where = where
         self._transport: asyncio.DatagramTransport | None = None
-        self.wire = Wire()
+        self.wire = source.new_wire()
         self.problem = ""
 
     async def open(self) -> None:
@@ -158,7 +172,7 @@ class _UdpLink(asyncio.DatagramProtocol):
             return
         followed = self._source.navigator.sender
         # A stranger's half message must not swallow the beginning of the autopilot's.
-        wire = self.wire if followed is not None and followed.peer == addr else Wire()
+        wire = self.wire if followed is not None and followed.peer == addr else self._source.new_wire()
         self._source.take(wire.read(data, addr))
 
     def error_received(self, exc: Exception) -> None:
@@ -181,7 +195,7 @@ class _PortLink:
 
     def __init__(self, source: MavlinkPosition, where: TcpAddress | SerialAddress) -> None:
         self._source = source
-        self.wire = Wire()
+        self.wire = source.new_wire()
         self.problem = "not connected"
         if isinstance(where, TcpAddress):
             opener = serial_opener(where.url)

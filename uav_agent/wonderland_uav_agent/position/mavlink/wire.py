@@ -25,6 +25,7 @@ from wonderland_uav_agent.position.mavlink.messages import (
     Sender,
     SystemTime,
 )
+from wonderland_uav_agent.position.mavlink.signing import Signing
 from wonderland_uav_agent.position.source import PositionError
 
 ARM_AUTHORIZATION_REQUEST: Final = 3001
@@ -46,26 +47,35 @@ def dialect() -> ModuleType:
 class Wire:
     """Of one link, or of one sender of datagrams."""
 
-    def __init__(self) -> None:
+    def __init__(self, signing: Signing | None = None) -> None:
         self._dialect = dialect()
+        self._signing = signing
         self._ours = self._dialect.MAVLink(None, srcSystem=1, srcComponent=COMPONENT)
+        if signing is not None:
+            signing.sign(self._ours)
         self.restart()
         self.bad = 0
-        """How often something came that is no MAVLink, or is damaged."""
+        """How often something came that is no MAVLink, is damaged, or is not signed where it has to be."""
 
     def restart(self) -> None:
         """Forget the begun message of a link that was cut."""
         self._parser = self._dialect.MAVLink(None)
         self._parser.robust_parsing = True
+        if self._signing is not None:
+            self._signing.check(self._parser)
         self._numbers: dict[tuple[int, int], int] = {}
 
     def read(self, data: bytes, peer: Peer = None) -> list[tuple[Message, Sender]]:
         """The messages of interest that are complete now. Whatever comes, it raises nothing."""
+        if self._signing is not None:
+            self._signing.renew()
         messages: list[tuple[Message, Sender]] = []
         received = self._parser.parse_char(data)
         while received is not None:
             if received.get_type() == "BAD_DATA":
                 self.bad += 1
+                if self._signing is not None:
+                    self._signing.refused += 1
             else:
                 sender = Sender(received.get_srcSystem(), received.get_srcComponent(), peer)
                 if not self._in_step(sender, received.get_seq()):
@@ -88,6 +98,8 @@ class Wire:
 
     def write(self, what: Outgoing) -> bytes:
         """What to send, as bytes."""
+        if self._signing is not None:
+            self._signing.renew()
         self._ours.srcSystem = what.system
         data = bytes(_packet(self._dialect, what).pack(self._ours))
         self._ours.seq = (self._ours.seq + 1) % 256
