@@ -106,6 +106,10 @@ class Vehicle:
         self.stop()
         self.start()
 
+    def ended(self) -> bool:
+        """Whether it ended by itself."""
+        return self._process is not None and self._process.poll() is not None
+
     def log(self) -> str:
         return (self.directory / f"{self.name}.log").read_text(errors="replace")
 
@@ -192,13 +196,10 @@ class Px4(Vehicle):
         build = os.environ.get(PX4)
         if not build:
             pytest.skip(f"{PX4} names no folder: build PX4's px4_sitl, with bin/px4 and etc in it")
-        return [
-            str(Path(build, "bin/px4").resolve()),
-            "-d",
-            "-w",
-            str(self.directory),
-            str(Path(build, "etc").resolve()),
-        ]
+        program, etc = (str(Path(build, part).resolve()) for part in ("bin/px4", "etc"))
+        # Its lock and its socket have fixed names in /tmp, so one PX4 at a time has a /tmp: to this one it is its folder.
+        alone = 'mount --bind . /tmp && cd /tmp && exec "$@"'
+        return ["unshare", "--mount", "sh", "-ec", alone, "px4", program, "-d", "-w", ".", etc]
 
     def environment(self):
         home = self.home
