@@ -286,6 +286,24 @@ async def test_a_node_that_gives_no_credit_is_named_and_another_speaks_in_its_pl
     assert any(anchor.get("detail") == "accepts no data (no credit)" for anchor in heard)
 
 
+async def test_a_drone_that_asks_and_has_no_radio_makes_no_healthy_node_look_mute(world):
+    world.ports["uav"].unplug()
+    slow = dataclasses.replace(world.fast_pad, reply_ms=4_000, silence_ms=4_000)
+    async with (
+        world.pad(timing=slow) as pad,
+        world.uav(timing=dataclasses.replace(FAST_UAV, pad_silence_ms=8_000)) as uav,
+    ):
+        asking = asyncio.create_task(uav.prove("pad-1", "land"))
+        await until(lambda: pad._radios._words is not None)
+        await until(lambda: pad._radios._words is None or pad._radios._words.credit_timeouts >= 3)
+        await until(lambda: not pad.status()["session"], 10)
+        await asyncio.gather(asking, return_exceptions=True)
+        assert pad.status()["goes_on_without"] == []
+        world.ports["uav"].plug()
+        assert (await decided(uav)).verdict.outcome == "verified"
+        assert pad.status()["cannot_prove"] == []
+
+
 @pytest.mark.parametrize("anchors", [6, 8])
 async def test_pads_of_six_and_of_eight_verify(world, anchors):
     await world.extend(anchors)

@@ -147,6 +147,11 @@ class Attendance:
         here = self._here.get(anchor_id)
         return here is not None and now_ms - here.ranged_ms > SILENT_MS * self._pace
 
+    def is_ranging(self, anchor_id: str, now_ms: int) -> bool:
+        """Whether a session is open and this anchor ranges the drone in it."""
+        here = self._here.get(anchor_id)
+        return here is not None and here.ranges > 0 and not self.is_silent(anchor_id, now_ms)
+
     def status(self, anchor_id: str) -> str:
         """What its last measurement failed with; empty where it did not."""
         here = self._here.get(anchor_id)

@@ -328,6 +328,8 @@ class PadRadios:
 
     async def _keep_voice(self, plan: RangingPlan, anchor_ids: Sequence[str], sink: Sink) -> None:
         """Where the node that speaks goes, or is not heard while others are, another takes its part."""
+        unheard = 0
+        """Data that no credit was given for while the node that speaks did not range the drone."""
         while True:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(_VOICE_S):
@@ -337,7 +339,10 @@ class PadRadios:
             if problem:
                 sink(RadiosFailed(problem))
                 return
-            if self._words is not None and self._words.credit_timeouts >= NO_CREDIT:
+            waiting = 0 if self._words is None else self._words.credit_timeouts
+            # A responder sends its data in rounds of the drone's: where there are none it is the drone that is missing.
+            unheard = min(unheard, waiting) if self._attendance.is_ranging(self._voice, now_ms) else waiting
+            if waiting - unheard >= NO_CREDIT:
                 self._attendance.takes_no_words(self._voice, "accepts no data (no credit)")
                 _log.warning("anchor %s: accepts no data (no credit)", self._voice)
                 self._voice_lost.set()
