@@ -22,15 +22,17 @@ class Now:
     """What the agent knows at this moment.
 
     ``ledger_trouble``: why the ledger was last of no help; empty where it was. ``pad``: the pad's record, None before
-    it was read. ``anchors``: None where the pad has no nodes of its own. ``spool_trouble``: why it takes no sessions.
+    it was read. ``anchors``: None where the pad has no nodes of its own. ``moved``: what stands elsewhere than
+    commissioned. ``spool_trouble``: why it takes no sessions. ``looks``: whether the anchors call a roll now and then.
     """
 
     ledger_trouble: str
     pad: Pad | None
     anchors: Sequence[AnchorState] | None
-    moved: bool
+    moved: str
     spool_trouble: str
     prekeys: int | None
+    looks: bool = False
     beyond: Mapping[str, str] = field(default_factory=dict)
     """By action, why no proof has the assurance that its policy demands."""
 
@@ -47,9 +49,9 @@ def why_not(now: Now) -> list[str]:
     elif now.pad is not None and now.pad.commissioning is None:
         reasons.append("the pad is not commissioned (wonderland pad commission)")
     if now.moved:
-        reasons.append("an anchor was moved: commission the pad again")
+        reasons.append(now.moved)
     if now.anchors is not None:
-        reasons += _of_anchors(now.anchors, now.pad)
+        reasons += _of_anchors(now.anchors, now.pad) or (_not_looked_at(now.anchors, now.pad) if now.looks else [])
     if {*now.beyond} >= {*ACTIONS}:
         reasons += [f"{text} (to {_listed(actions)})" for text, actions in _by_text(now.beyond).items()]
     if now.spool_trouble:
@@ -118,6 +120,15 @@ def _of_anchors(states: Sequence[AnchorState], pad: Pad | None) -> list[str]:
         return [f"no anchor can speak to the drone: {', '.join(f'{each.anchor_id} ({each.detail})' for each in mute)}"]
     said = ", ".join(f"{anchor_id} ({why})" for anchor_id, why in missing.items())
     return [f"{there} of {len(wanted)} anchors can range, {needed} are needed: {said}"]
+
+
+def _not_looked_at(states: Sequence[AnchorState], pad: Pad | None) -> list[str]:
+    """Seconds after the start, or after nodes came back, nobody has looked yet whether the anchors range."""
+    wanted, missing = _missing(states, pad)
+    unseen = [state.anchor_id for state in states if state.unseen and state.anchor_id in {*wanted} - {*missing}]
+    if len(wanted) - len(missing) - len(unseen) >= _needed(len(wanted)):
+        return []
+    return [f"not known yet: a roll call has still to show whether the anchors range ({', '.join(unseen)})"]
 
 
 def _needed(commissioned: int) -> int:

@@ -201,9 +201,10 @@ class PadAgent:
             ledger_trouble=self._ledger_trouble,
             pad=pad,
             anchors=states if self._radios.measured_by == "pad" else None,
-            moved=self._drift is not None and digest is not None and self._drift.moved(digest),
+            moved="" if self._drift is None or digest is None else self._drift.why_moved(digest),
             spool_trouble="" if spool.accepts_sessions else spool.status.reason or "the spool is full",
             prekeys=self._prekeys.available,
+            looks=self._roll_call_every_s > 0,
             beyond={} if surveyed is None else beyond_here(surveyed, self._policies, states, highest),
         )
 
@@ -418,7 +419,8 @@ class PadAgent:
         if self._clock() > session.expires_ms - MIN_SESSION_MS:
             return "expired"
         if self._drift is not None and self._drift.moved(session.commissioning_sha256):
-            _log.error("session %.12s refused: an anchor was moved; commission the pad again", session.session_id)
+            why = self._drift.why_moved(session.commissioning_sha256)
+            _log.error("session %.12s refused: %s", session.session_id, why)
             return "pad_moved"
         if not self._spool.accepts_sessions:
             _log.error("session %.12s refused: %s", session.session_id, self._spool.status.reason)
@@ -435,6 +437,9 @@ class PadAgent:
                 if not self._started.is_set() or self._prekeys.low:
                     await self._prekeys.ensure()
                 self._pad = await self._own.refresh()
+                if self._drift is not None and self._pad.commissioning is not None:
+                    # What was found before a restart holds at once, not from the next look on.
+                    self._drift.load(self._pad.commissioning_sha256 or "", self._pad.commissioning)
                 self._policies = await self._own.policies()
                 self._ledger_trouble = ""
                 self._started.set()

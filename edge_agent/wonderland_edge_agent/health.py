@@ -124,6 +124,8 @@ def write_status(path: Path, status: dict[str, Any]) -> None:
 
 def read_status(path: Path) -> dict[str, Any]:
     """What the agent last said of itself. Raises StatusError."""
+    if not path.exists():
+        raise StatusError(f"its agent has not run yet (there is no {path}); wonderland pad run starts it")
     data = read_bounded(path, StatusError, "status", limit=1 << 20)
     try:
         status = json.loads(data.decode())

@@ -61,5 +61,10 @@ class PadRadiosPort(Radios, WitnessRadios, Protocol):
         """Every anchor's node as it is now."""
         ...
 
+    @property
+    def roll_wanted(self) -> bool:
+        """Whether a node has come back since the last roll call."""
+        ...
+
     async def call_roll(self, macs: Mapping[str, int], channel: int, *, expected: bool = False) -> bool | None:
         """Look whether all nodes that answer also range: whether any was heard, or None where nobody looked."""

@@ -109,7 +109,7 @@ def self_survey(
     if suspect is not None and not suspect.significant:
         suspect = None
     exchanged = None
-    if suspect is not None and expected_m is None:
+    if suspect is not None:
         exchanged = _exchanged(model, rest.chi2, rest.chi2 - suspect.gain)
     return SelfSurvey(
         tuple(displaced), rest.chi2, max(len(pairs) - 1, 0), rest.common_m, None if exchanged else suspect, exchanged
@@ -212,12 +212,26 @@ def _exchanged(model: _Model, chi2: float, best_single: float) -> Pair | None:
         for other in names[:index]:
             places = dict(model.places)
             places[one], places[other] = places[other], places[one]
-            found = _Model(places, model.pairs, model.ranges, model.sigmas, model.priors, model.expected).solve(None)
+            expected = _renamed(model.expected, {one: other, other: one})
+            if expected is not None and not all(pair in expected for pair in model.pairs):
+                continue
+            found = _Model(places, model.pairs, model.ranges, model.sigmas, model.priors, expected).solve(None)
             if best is None or found.chi2 < best[0]:
                 best = (found.chi2, (other, one))
     if best is None or chi2 - best[0] < EXCHANGED_CHI2 or best[0] > best_single:
         return None
     return best[1]
+
+
+def _renamed(expected: Mapping[Pair, float] | None, names: Mapping[str, str]) -> dict[Pair, float] | None:
+    """What pairs would measure if these anchors had each other's names; pairs in either order."""
+    if expected is None:
+        return None
+    out: dict[Pair, float] = {}
+    for (one, other), range_m in expected.items():
+        pair = names.get(one, one), names.get(other, other)
+        out[pair] = out[pair[1], pair[0]] = range_m
+    return out
 
 
 def _solved(matrix: Sequence[Sequence[float]], right: Sequence[float]) -> list[float]:

@@ -39,8 +39,9 @@ LEVEL_ALONE = 3
 def status(*, path: Path, as_json: bool) -> None:
     """Say how the pad is.
 
-    Exit code 0: it can prove; 1: its agent does not run; 3: it runs and cannot prove; 4: nothing speaks against it, but
-    its anchors do not hear one another, so that only a drone will show whether they range.
+    Exit code 0: it can prove; 1: its agent does not run; 3: it runs and cannot prove, or has not looked yet whether its
+    anchors range; 4: nothing speaks against it, but its anchors do not hear one another, so that only a drone will show
+    whether they range.
 
     One that has said nothing for half a minute hangs, and counts as not running, too.
     """

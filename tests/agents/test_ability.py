@@ -44,6 +44,11 @@ def unproven(*names):
     return tuple(AnchorState(s.anchor_id, "up", "", None, unproven=s.anchor_id in names) for s in UP)
 
 
+def unseen(*names):
+    """Nobody has looked yet whether these range."""
+    return tuple(AnchorState(s.anchor_id, "up", "", None, unseen=s.anchor_id in names) for s in UP)
+
+
 def able(*names, **changes):
     """These nodes say what a DWM3001CDK does, but for the changes."""
     found = replace(DWM3001CDK.said(), **changes)
@@ -71,7 +76,7 @@ class Record:
         self.commissioning = Record.Commissioning(names, channels) if names else None
 
 
-WELL = {"ledger_trouble": "", "pad": Record(), "anchors": UP, "moved": False, "spool_trouble": "", "prekeys": 20}
+WELL = {"ledger_trouble": "", "pad": Record(), "anchors": UP, "moved": "", "spool_trouble": "", "prekeys": 20}
 
 
 @pytest.mark.parametrize(
@@ -109,7 +114,12 @@ WELL = {"ledger_trouble": "", "pad": Record(), "anchors": UP, "moved": False, "s
         ({"pad": Record("registered", ())}, "not commissioned"),
         ({"pad": Record("retired")}, "retired"),
         ({"ledger_trouble": "the ledger is away: x"}, "the ledger is away"),
-        ({"moved": True}, "moved"),
+        ({"moved": "anchor A1 stands elsewhere"}, "A1 stands elsewhere"),
+        ({"anchors": unseen(*ALL)}, None),
+        ({"anchors": unseen(*ALL), "looks": True}, "not known yet: a roll call has still to show whether the anchors"),
+        ({"anchors": unseen("A3"), "looks": True}, "(A3)"),
+        ({"anchors": (*unseen("A3"), FIFTH), "looks": True, "pad": Record(names=(*ALL, "A5"))}, None),
+        ({"anchors": down("A3"), "looks": True}, "3 of 4 anchors can range, 4 are needed: A3 (unplugged)"),
         ({"spool_trouble": "the disk is full"}, "disk is full"),
         ({"prekeys": 0}, "no prekey"),
     ],

@@ -203,7 +203,7 @@ async def test_a_drone_with_a_wrong_key_ends_the_session_within_seconds_and_by_n
         result = await uav.prove("pad-1", "land")
         assert time.monotonic() - began < 9
         assert result.verdict is None or result.verdict.outcome != "verified"
-        assert not pad.status()["cannot_prove"]  # the pad is well
+        await until(lambda: not pad.status()["cannot_prove"])  # the pad is well
     async with await Spool.open(world.directory / "spool", owner="pad-1") as spool:
         found = await spool.pending(0, max_records=10_000, max_bytes=1 << 24)
     steps = [json.loads(each.body) for each in found if each.kind == "step"]
@@ -218,8 +218,24 @@ async def test_a_pad_of_five_with_one_missing_from_the_start_goes_on_and_says_so
         await until(lambda: pad.status()["goes_on_without"])
         (word,) = pad.status()["goes_on_without"]
         assert word.startswith(f"{lost} (")
-        assert pad.status()["accepts_sessions"]
+        await until(lambda: pad.status()["accepts_sessions"])
         assert (await decided(uav)).verdict.outcome == "verified"
+
+
+async def test_nobody_says_that_a_pad_can_prove_before_its_anchors_were_looked_at(world):
+    said = []
+    async with world.pad() as pad:
+        while not pad.status()["accepts_sessions"]:
+            said += pad.status()["cannot_prove"]
+            await asyncio.sleep(0.01)
+        assert any(each.startswith("not known yet") and "(A1, A2, A3, A4)" in each for each in said)
+        assert all(anchor["state"] == "up" for anchor in pad.status()["anchors"])
+        world.ports["A2"].unplug()
+        await until(lambda: state(pad, "A2")["state"] == "down")
+        world.ports["A2"].plug()
+        # Looked at as soon as it is back, long before the next roll call is due.
+        await until(lambda: named(pad, "not known yet", "(A2)") or pad.status()["accepts_sessions"])
+        await until(lambda: pad.status()["accepts_sessions"], 3)
 
 
 async def test_a_first_node_that_answers_and_never_ranges_leaves_speaking_to_another(world):

@@ -50,6 +50,22 @@ def file(tmp_path):
     return path
 
 
+@pytest.mark.parametrize(
+    ("line", "choices"),
+    [
+        ('[uwb]\nregion = "eu"', "uwb.region is 'eu', which is not known; EU, JP, UK, US are"),
+        ('[uwb]\nwords = "none"', "both_ways, initiator are"),
+        ('[[anchors]]\nanchor_id = "A4"\nport = "/dev/x"\nflow_control = "xonxoff"', "none, rtscts are"),
+    ],
+)
+def test_a_word_that_is_none_of_the_choices_is_answered_with_them(tmp_path, line, choices):
+    path = tmp_path / "pad.toml"
+    path.write_text(GOOD + line)
+    with pytest.raises(SettingsError) as caught:
+        load(path)
+    assert choices in str(caught.value)
+
+
 def test_a_good_file_is_read_with_paths_relative_to_it(file):
     settings_ = load(file)
     assert settings_.connection == file.parent / "ledger" / "connection.json"
@@ -166,7 +182,7 @@ def test_pad_run_says_what_is_wrong_in_one_line(file):
 def test_pad_status_before_the_first_run_and_after(file):
     result = CliRunner().invoke(pad, ["status", "--config", str(file)])
     assert result.exit_code == 1
-    assert "status: cannot read" in result.output
+    assert "its agent has not run yet" in result.output
     (file.parent / "spool").mkdir()
     status = {
         "pad_id": "pad-1",

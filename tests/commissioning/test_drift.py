@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 import json
 import math
 import random
@@ -239,6 +240,31 @@ class TestKeeper:
         keeper = DriftKeeper(radios, tmp_path / "anchors.json", lambda: 1_000, 600)
         state = await keeper.measure_and_judge("a" * 64, commissioning)
         assert (state.state, state.anchor_id) == ("moved", "A4")
+
+    # A2 and A4 mirror each other in the line through A1 and A3: no range between anchors shows their exchange.
+    @pytest.mark.parametrize("pair", [each for each in itertools.combinations(PLACES, 2) if each != ("A2", "A4")])
+    @pytest.mark.parametrize("known", [True, False])
+    async def test_two_nodes_that_were_exchanged_are_both_named(self, tmp_path, commissioning, pair, known):
+        one, other = pair
+        radios = Radios()
+        exchanged = {**PLACES, one: PLACES[other], other: PLACES[one]}
+        keeper = DriftKeeper(radios, tmp_path / "anchors.json", lambda: 1_000, 600)
+        if known:
+            assert (await keeper.measure_and_judge("a" * 64, commissioning)).state == "ok"
+        radios.stand = exchanged
+        state = await keeper.measure_and_judge("a" * 64, commissioning)
+        assert (state.state, {state.anchor_id, state.exchanged_with}) == ("moved", {*pair})
+        assert "exchange their ports" in keeper.why_moved("a" * 64)
+        again = DriftKeeper(radios, tmp_path / "anchors.json", lambda: 2_000, 600)
+        assert again.why_moved("a" * 64) == ""
+        again.load("a" * 64, commissioning)
+        assert again.why_moved("a" * 64) == keeper.why_moved("a" * 64)
+
+    async def test_one_bad_first_look_that_seems_an_exchange_closes_no_pad(self, tmp_path, commissioning):
+        radios = Radios()
+        radios.bad_looks = [{**PLACES, "A1": PLACES["A2"], "A2": PLACES["A1"]}]
+        keeper = DriftKeeper(radios, tmp_path / "anchors.json", lambda: 1_000, 600)
+        assert (await keeper.measure_and_judge("a" * 64, commissioning)).state == "ok"
 
     @pytest.mark.parametrize("named", [("A1",), ("A1", "A2")])
     async def test_one_bad_first_look_closes_no_pad(self, tmp_path, commissioning, named):

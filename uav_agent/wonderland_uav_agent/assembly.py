@@ -19,7 +19,8 @@ from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_fabric_gateway.identity import Identity
 from wonderland_fabric_gateway.signing import Signer
-from wonderland_uav_agent.agent import UavAgent
+from wonderland_fira_uci.errors import UwbError
+from wonderland_uav_agent.agent import UavAgent, UavAgentError
 from wonderland_uav_agent.flight import FlightSettings, Pilot
 from wonderland_uav_agent.ledger_events import LedgerEvents
 from wonderland_uav_agent.missing import Missing
@@ -82,6 +83,11 @@ async def assembled(
             await stack.enter_async_context(open_broadcasts(remote_id, who.pol_id, clock)) if remote_id else None
         )
         await stack.enter_async_context(radio)
+        if not stays:  # a request would take the pad's time and one of its keys, for a drone that cannot be ranged
+            try:
+                await radio.wait_ready()
+            except UwbError as error:
+                raise UavAgentError("node_away", f"nothing was asked: {error}") from error
         events = await stack.enter_async_context(LedgerEvents(ledger, at_once=not stays))
         agent = UavAgent(
             uav_id=who.pol_id,

@@ -58,4 +58,5 @@ def _no_verdict(result: ProofResult) -> str:
     known = result.end in messages.keys_of(_ENDS)
     words = messages.text(_ENDS, result.end, {}) if known else result.end.replace("_", " ")
     detail = clean(result.detail, MAX_NOTE).rstrip(".")
-    return f"No verdict: {words}." + (f" {detail[:1].upper()}{detail[1:]}." if detail else "")
+    stop = "" if detail.endswith(("?", "!")) else "."
+    return f"No verdict: {words}." + (f" {detail[:1].upper()}{detail[1:]}{stop}" if detail else "")

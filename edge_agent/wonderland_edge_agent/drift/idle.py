@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-FIRST_LOOK_S: Final = 60.0
-"""After the start; then the anchors are looked at as often as pad.toml says."""
+FIRST_LOOK_S: Final = 5.0
+"""After the start, once a roll has been called: exchanged ports shall not pass for long. Then as pad.toml says."""
 
 
 async def watch_when_idle(drift: DriftKeeper, own: OwnPad, idle: asyncio.Event) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from wonderland_edge_agent.drift.baseline import Baseline, BaselineError, summary
 from wonderland_edge_agent.drift.residuals import ResidualWatch
-from wonderland_edge_agent.drift.watch import DriftState, DriftWatch
+from wonderland_edge_agent.drift.watch import DriftState, DriftWatch, exchanged_state
 from wonderland_edge_agent.radios.between import channel_of
 from wonderland_edge_agent.self_survey import Priors, self_survey
 from wonderland_fabric_gateway.errors import LedgerError
@@ -92,6 +92,10 @@ class DriftKeeper:
         """Whether an anchor stands elsewhere than this commissioning says: then nothing can be proved with it."""
         return self._of == commissioning_sha256 and self._anchors is not None and self._anchors.state == "moved"
 
+    def why_moved(self, commissioning_sha256: str) -> str:
+        """What stands elsewhere and what to do; empty where nothing does."""
+        return _words(self._anchors) if self._anchors is not None and self.moved(commissioning_sha256) else ""
+
     def extra_sigma_mm(self, commissioning_sha256: str) -> int | None:
         """What the pad has to add to its anchors' uncertainty; None while they are as this commissioning found them."""
         state = self.state
@@ -157,12 +161,17 @@ class DriftKeeper:
                 place_m={anchor.anchor_id: max(anchor.survey_sigma_mm, 1) / 1000 for anchor in commissioning.anchors}
             ),
         )
-        suspect = found.suspect
+        suspect, now_ms = found.suspect, self._clock()
+        if found.exchanged is not None:
+            if self._suspect != str(found.exchanged):
+                self._suspect = str(found.exchanged)
+                return False
+            self._anchors = exchanged_state(found.exchanged, _places(commissioning), now_ms, 1, now_ms)
+            return True
         if suspect is not None and suspect.off_m * 1000 >= CONTRADICTED_MM:
             if suspect.anchor_id != self._suspect:
                 self._suspect = suspect.anchor_id
                 return False
-            now_ms = self._clock()
             self._anchors = DriftState(
                 "moved",
                 now_ms,
@@ -189,12 +198,7 @@ class DriftKeeper:
         if state.state == "ok":
             _log.info("the anchors measure to each other what they did when they were commissioned")
         elif state.state == "moved":
-            _log.error(
-                "anchor %s stands about %d mm from where it was commissioned: nothing is proved until the pad is "
-                "commissioned again (wonderland pad commission)",
-                state.anchor_id,
-                state.off_mm,
-            )
+            _log.error("nothing is proved: %s", _words(state))
         else:
             _log.warning(
                 "the anchors no longer measure to each other what they did when commissioned; %d mm of uncertainty are "
@@ -219,6 +223,16 @@ class DriftKeeper:
             _log.warning("%s is not used: %s", self._state_file, error)
             return None
         return state if state.state in {"ok", "drifting", "moved"} else None
+
+
+def _words(moved: DriftState) -> str:
+    if moved.exchanged_with:
+        one, other = moved.anchor_id, moved.exchanged_with
+        return f"anchors {one} and {other} are exchanged: exchange their ports in pad.toml, or the nodes themselves"
+    return (
+        f"anchor {moved.anchor_id} stands about {moved.off_mm} mm from where it was commissioned: put it back, or "
+        "commission the pad again (wonderland pad commission)"
+    )
 
 
 def _places(commissioning: Commissioning) -> dict[str, tuple[float, float, float]]:

@@ -20,7 +20,7 @@ from typing import Final
 from wonderland.telemetry import Drift
 from wonderland.telemetry.fields import DriftCondition
 from wonderland_edge_agent.drift.baseline import Baseline, PairBaseline, median
-from wonderland_edge_agent.self_survey import Displaced, Priors, self_survey
+from wonderland_edge_agent.self_survey import Priors, SelfSurvey, self_survey
 
 SLACK: Final = 1.0
 FALSE_ALARM_YEARS: Final = 10.0
@@ -58,6 +58,8 @@ class DriftState:
     common_mm: int = 0
     """Change that all pairs share."""
     since_ms: int = 0
+    exchanged_with: str = ""
+    """The anchor that stands where this one should, and the other way round."""
 
     @property
     def extra_sigma_mm(self) -> int:
@@ -166,7 +168,10 @@ class DriftWatch:
 
     def _judged(self, t_ms: int, common: float) -> DriftState:
         since_ms = self._state.since_ms or t_ms
-        worst = self._worst()
+        found = self._survey()
+        if found.exchanged is not None:
+            return exchanged_state(found.exchanged, self.places_m, t_ms, self.looks, since_ms)
+        worst = found.suspect
         if worst is None:
             return DriftState("drifting", t_ms, self.looks, common_mm=round(common), since_ms=since_ms)
         off_mm, sigma_mm = round(worst.off_m * 1000), round(worst.sigma_m * 1000)
@@ -182,10 +187,10 @@ class DriftWatch:
             since_ms=since_ms,
         )
 
-    def _worst(self) -> Displaced | None:
-        """The anchor whose move explains the last ranges best, if that is more than chance."""
+    def _survey(self) -> SelfSurvey:
+        """Which anchor's move, or which two's exchange, explains the last ranges best, if that is more than chance."""
         expected = {pair: self.baseline.pairs[pair].range_mm / 1000 for pair in self._recent}
-        found = self_survey(
+        return self_survey(
             self.places_m,
             {pair: value.range_mm / 1000 for pair, value in self._recent.items()},
             sigma_m={
@@ -195,4 +200,10 @@ class DriftWatch:
             priors=Priors(common_m=COMMON_MM / 1000, unit_m=0.005, place_m=dict.fromkeys(self.places_m, 0.002)),
             expected_m=expected,
         )
-        return found.suspect
+
+
+def exchanged_state(pair: Pair, places_m: Places, t_ms: int, looks: int, since_ms: int) -> DriftState:
+    """Two anchors that stand in each other's place: each is off by as much as they are apart."""
+    one, other = pair
+    off_mm = round(math.dist(places_m[one], places_m[other]) * 1000)
+    return DriftState("moved", t_ms, looks, one, off_mm, since_ms=since_ms, exchanged_with=other)

@@ -54,6 +54,8 @@ class Attendance:
         """These range and cannot speak for the pad, and why."""
         self._called = False
         """Whether a roll was called."""
+        self._returned: set[str] = set()
+        """Nodes that were away since the last roll call: what was known of them is of before."""
 
     def begin(self, anchor_ids: Iterable[str], now_ms: int, pace: float = 1.0) -> None:
         """These take part in a session from now on, whose rounds take ``pace`` times as long as usual."""
@@ -70,6 +72,7 @@ class Attendance:
             here.ranged_ms, here.failing_ms = t_ms, None
             here.ranges += 1
             self._shown.add(anchor_id)
+            self._returned.discard(anchor_id)
             if self._faults.pop(anchor_id, None) is not None and anchor_id not in self._elsewhere:
                 self._hidden.add(anchor_id)
             self._elsewhere.discard(anchor_id)
@@ -89,8 +92,15 @@ class Attendance:
         self._mute[anchor_id] = why
 
     def restarted(self, anchor_id: str) -> None:
-        """The node was away."""
+        """The node was away: whether it ranges has to be seen again, by a roll call or with a drone."""
         self._mute.pop(anchor_id, None)
+        if anchor_id not in self._elsewhere:
+            self._faults.pop(anchor_id, None)
+        self._returned.add(anchor_id)
+
+    def has_returned(self, anchor_id: str) -> bool:
+        """Whether the node was away since the last roll call."""
+        return anchor_id in self._returned
 
     def mute(self, anchor_id: str) -> str:
         """Why it cannot speak for the pad; empty where it can."""
@@ -115,6 +125,7 @@ class Attendance:
         before = dict(self._faults)
         self._called = self._called or bool(call.heard or call.unheard)
         self._shown |= call.heard
+        self._returned -= {*call.heard, *call.unheard}
         for anchor_id in call.heard:
             self._hidden.discard(anchor_id)
             if anchor_id not in self._elsewhere:
@@ -133,6 +144,11 @@ class Attendance:
     def is_unproven(self, anchor_id: str) -> bool:
         """Whether it was looked for, and nothing has shown yet whether this anchor ranges."""
         return self._called and anchor_id not in self._shown and anchor_id not in self._faults
+
+    def is_unseen(self, anchor_id: str) -> bool:
+        """Whether it was not looked for yet, since the start or since its node came back, and ranged no drone."""
+        new = not self._called and anchor_id not in self._shown
+        return (new or anchor_id in self._returned) and anchor_id not in self._faults
 
     def fault(self, anchor_id: str, now_ms: int) -> str:
         """Why this anchor, which answers, would measure nothing of a drone; empty where nothing says so."""

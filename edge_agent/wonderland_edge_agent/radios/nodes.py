@@ -95,6 +95,8 @@ class AnchorState:
     """Nothing has shown yet whether it ranges: no other anchor hears it, and no drone has come."""
     speaks: bool = True
     """Whether its node accepts data, as far as anybody knows."""
+    unseen: bool = False
+    """Nobody has looked yet whether it ranges, since the start or since its node came back."""
 
     @property
     def ranges(self) -> bool:
@@ -152,10 +154,17 @@ class PadRadios:
                     state, detail = "silent", fault or mute or self._attendance.status(anchor_id)
             else:
                 self._attendance.restarted(anchor_id)
-            unproven = node.is_ready and self._attendance.is_unproven(anchor_id)
             out.append(
                 AnchorState(
-                    anchor_id, state, detail, _firmware(node), node.capabilities, bool(fault), unproven, not mute
+                    anchor_id,
+                    state,
+                    detail,
+                    _firmware(node),
+                    node.capabilities,
+                    faulty=bool(fault),
+                    unproven=node.is_ready and self._attendance.is_unproven(anchor_id),
+                    speaks=not mute,
+                    unseen=node.is_ready and self._attendance.is_unseen(anchor_id),
                 )
             )
         return out
@@ -238,6 +247,11 @@ class PadRadios:
             return bool(found.heard) if found.heard or found.unheard else None
         finally:
             await self._stop_between()
+
+    @property
+    def roll_wanted(self) -> bool:
+        """Whether a node has come back since the last roll call."""
+        return any(node.is_ready and self._attendance.has_returned(name) for name, node in self._nodes.items())
 
     def _permit(self, channel: int) -> None:
         problem = outside(channel, self._region)

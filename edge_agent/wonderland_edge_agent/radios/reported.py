@@ -100,6 +100,8 @@ class WordsByUdp(asyncio.DatagramProtocol):
         del plan, anchor_ids, sink
         raise RadiosError("DWM1001 anchors tell the pad no time stamps, so that it cannot be a witness")
 
+    roll_wanted: Final = False
+
     async def call_roll(self, macs: Mapping[str, int], channel: int, *, expected: bool = False) -> None:
         """These anchors say nothing to the pad: nothing to do."""
 

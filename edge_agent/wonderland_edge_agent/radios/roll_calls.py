@@ -18,7 +18,7 @@ _log = logging.getLogger(__name__)
 FIRST_S: Final = 1.0
 """After the start: until nodes that are there have been reset."""
 AGAIN_S: Final = 1.0
-"""After a call that nobody answered: a bad moment of the air is no fault of all nodes."""
+"""After a call that nobody answered (a bad moment of the air is no fault of all nodes), or that a session ended."""
 
 
 class RollRadios(Protocol):
@@ -26,6 +26,20 @@ class RollRadios(Protocol):
 
     async def call_roll(self, macs: Mapping[str, int], channel: int, *, expected: bool = False) -> bool | None:
         """Look who ranges; ends at once where a session is opened. Whether any was heard; None where nobody looked."""
+
+    @property
+    def roll_wanted(self) -> bool:
+        """Whether a node has come back since the last call, so that waiting for the next one hides what is known."""
+        ...
+
+
+async def _pause(radios: RollRadios, seconds: float) -> None:
+    """So long, or until a call is wanted."""
+    until_s = asyncio.get_running_loop().time() + seconds
+    while (left_s := until_s - asyncio.get_running_loop().time()) > 0:
+        await asyncio.sleep(min(AGAIN_S, left_s))
+        if radios.roll_wanted:
+            return
 
 
 async def call_when_idle(
@@ -50,9 +64,9 @@ async def call_when_idle(
                 heard = await radios.call_roll(macs, channel_of(pad.commissioning), expected=expected)
                 if heard:
                     heard_of = sha256
-                elif heard is not None and not silent:
+                elif heard is None or not silent:
                     again_s = min(AGAIN_S, every_s)
                 silent = silent if heard is None else not heard
         except (AwayError, RefusedError) as error:
             _log.debug("no roll was called: %s", error)
-        await asyncio.sleep(again_s)
+        await _pause(radios, again_s)

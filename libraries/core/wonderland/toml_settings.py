@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar, cast
 
 from msgspec import Meta, Struct, ValidationError, convert
+from msgspec.inspect import type_info
 
 from wonderland.proofs.records.fields import ID_PATTERN
 
@@ -71,7 +72,7 @@ def parse_toml(document: dict[str, Any], path: Path, kind: type[_T]) -> _T:
     try:
         return convert(document, kind, dec_hook=lambda field, value: _read_field(field, value, directory))
     except ValidationError as error:
-        raise SettingsError(f"{path}: {_complaint(error, document)}") from error
+        raise SettingsError(f"{path}: {_complaint(error, document, kind)}") from error
 
 
 def _read_field(kind: type, value: object, directory: Path) -> Any:
@@ -90,7 +91,20 @@ def _address(text: str) -> Address:
     return Address((host.strip("[]") or "127.0.0.1", int(port)))
 
 
-def _complaint(error: ValidationError, document: object) -> str:
+def _choices(kind: type, path: list[tuple[str, str]]) -> list[str]:
+    """What a field may be that is one of several words; empty where the path leads to no such field."""
+    found: Any = type_info(kind)
+    for name, _ in path:
+        options = getattr(found, "types", (found,))
+        if name:
+            fields = [each for option in options for each in getattr(option, "fields", ()) if each.encode_name == name]
+            found = fields[0].type if fields else None
+        else:
+            found = next((option.item_type for option in options if hasattr(option, "item_type")), None)
+    return [str(value) for option in getattr(found, "types", (found,)) for value in getattr(option, "values", ())]
+
+
+def _complaint(error: ValidationError, document: object, kind: type) -> str:
     """Msgspec's words with the field's name before them, as it stands in the file, and what it holds."""
     text, _, where = str(error).partition(" - at `$")
     value = document
@@ -108,6 +122,7 @@ def _complaint(error: ValidationError, document: object) -> str:
         if "matching regex" in text:
             text = "of which a character is not allowed (names have letters, digits and . _ : -)"
         elif text.startswith("Invalid enum"):
-            text = "which is not known"
+            known = _choices(kind, _PATH.findall(where))
+            text = f"which is not known; {', '.join(known)} are" if known else "which is not known"
         text = f"is {value!r}, {text}"
     return f"{place} {text}"

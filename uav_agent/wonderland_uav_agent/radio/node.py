@@ -64,6 +64,10 @@ class UavRadio:
         """Why the node is not ready; empty where it is."""
         return self._node.detail
 
+    async def wait_ready(self) -> None:
+        """Until the node answers. Raises NodeError, with the reason, where it does not."""
+        await self._node.wait_ready(READY_GRACE_S)
+
     async def ability(self) -> NodeAbility | None:
         """What the node says that it can do; None where it is away or does not say.
 

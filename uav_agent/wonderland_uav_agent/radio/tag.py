@@ -81,6 +81,10 @@ class TagRadio(asyncio.DatagramProtocol):
         """Why the board is not ready; empty where it is."""
         return self._node.detail
 
+    async def wait_ready(self) -> None:
+        """Until the board answers. Raises NodeError, with the reason, where it does not."""
+        await self._node.wait_ready(READY_GRACE_S)
+
     async def ability(self) -> NodeAbility | None:
         """This board says nothing about itself; its words go by UDP."""
         return None

@@ -7,6 +7,7 @@ computer beside each hands its port on (ser2net). Neither is encrypted: whoever 
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
 import select
@@ -111,10 +112,27 @@ def serial_opener(path: Path | str, baud_rate: int = BAUD_RATE, *, rtscts: bool 
             # Only what failed as a serial line is looked at: opening one twice may reset the board on it.
             device = _character_device(name)
             if device is None:
-                raise PortError(f"{path} cannot be opened: {error}") from error
+                raise PortError(f"{path} cannot be opened: {_why(name, error)}") from error
             return device
 
     return open_serial
+
+
+_WHY: Final = {
+    errno.ENOENT: "there is nothing of that name",
+    errno.EACCES: "this user may not; serial ports often belong to a group such as dialout",
+    errno.EAGAIN: "another program has it open",
+    errno.EBUSY: "another program has it open",
+}
+
+
+def _why(name: str, error: Exception) -> str:
+    """What keeps a path from being opened, in words."""
+    with contextlib.suppress(OSError):
+        mode = Path(name).stat().st_mode
+        if not stat.S_ISCHR(mode):
+            return f"it is a {'directory' if stat.S_ISDIR(mode) else 'file'}, no device"
+    return _WHY.get(getattr(error, "errno", None) or 0, str(error))
 
 
 class _CharacterDevice:
