@@ -58,6 +58,9 @@ async def test_attackers_on_the_air_and_on_the_ledger_win_nothing(tmp_path, capf
     assert said["anchors-turned@4"]["permission"] == "refused"
     assert "witness_contradicts" in said["anchors-turned@4"]["reasons"]  # its own pad is taken in
     assert said["prekey-reuse"]["reasons"] == ["PREKEY_USED"]
+    # Rounds, claims and countersignature are in order: what refuses it is that nothing binds the ranges.
+    assert (said["keyless-board"]["permission"], said["keyless-board"]["outcome"]) == ("refused", "inconclusive")
+    assert said["keyless-board"]["reasons"] == ["ranges_unbound", "assurance_too_low"]
     assert said["wrong-role"]["reasons"] == ["ROLE_NOT_ALLOWED"]
     assert "countersignature_invalid" in said["evidence-replay"]["reasons"]
     assert "not_countersigned" in said["pad-alone"]["reasons"]

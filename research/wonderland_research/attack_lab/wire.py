@@ -45,7 +45,7 @@ MOST_SESSIONS: Final = 4
 NOTHING_HEARD: Final = frozenset({"codes_not_matched", "too_few_rounds", "no_witness", "no_time_stamps"})
 UNANSWERED: Final = frozenset({"session-replay"})
 """Attacks whose codes never match: that is their end."""
-LEDGER_ATTACKS: Final = ("prekey-reuse", "many-sessions", "session-replay", "pad-alone", "wrong-role")
+LEDGER_ATTACKS: Final = ("prekey-reuse", "many-sessions", "session-replay", "pad-alone", "keyless-board", "wrong-role")
 
 
 @dataclass(frozen=True)

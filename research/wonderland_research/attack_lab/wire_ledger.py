@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 from wonderland.proof_contract import ProofContract, RefusedError
 from wonderland.proofs import encoding, keys
 from wonderland.proofs.records import transactions as tx
-from wonderland.proofs.records.sessions import Evidence, Session
+from wonderland.proofs.records.sessions import Evidence, Radio, Session
 from wonderland.proofs.records.verdicts import Verdict
+from wonderland.proofs.statement import statement
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_fabric_gateway.signing import raw_from_der
+
+_LATER_S: Final = 0.05
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,13 @@ class Answer:
     def stopped(self) -> bool:
         """Whether nothing was won."""
         return self.permission != "granted" and self.outcome != "taken"
+
+
+def _moved(evidence: Evidence, by_ms: int) -> Evidence:
+    """The same rounds and claims, later; without what only their own session can have."""
+    table = replace(evidence.ranges, t_ms=tuple(t_ms + by_ms for t_ms in evidence.ranges.t_ms))
+    claims = tuple(replace(claim, t_ms=claim.t_ms + by_ms) for claim in evidence.claims)
+    return replace(evidence, ranges=table, claims=claims, broadcast=(), time_stamps=None, clock=())
 
 
 class LedgerAttacker:
@@ -56,6 +68,7 @@ class LedgerAttacker:
             ("many-sessions", lambda: self._replay(session, evidence, fresh=False)),
             ("evidence-replay", lambda: self._replay(session, evidence, fresh=True)),
             ("pad-alone", lambda: self._invent(session, evidence)),
+            ("keyless-board", lambda: self._keyless(session, evidence)),
             ("wrong-role", lambda: self._decide_for_oneself(session, evidence)),
             ("decided-twice", lambda: self._again(session, evidence)),
         )
@@ -90,16 +103,24 @@ class LedgerAttacker:
     async def _replay(self, session: Session, evidence: Evidence, *, fresh: bool) -> Verdict:
         other = await self._request(session)
         if fresh:
-            by_ms = other.requested_ms - session.requested_ms
-            table = replace(evidence.ranges, t_ms=tuple(t_ms + by_ms for t_ms in evidence.ranges.t_ms))
-            claims = tuple(replace(claim, t_ms=claim.t_ms + by_ms) for claim in evidence.claims)
-            evidence = replace(evidence, ranges=table, claims=claims, broadcast=(), time_stamps=None, clock=())
+            evidence = _moved(evidence, other.requested_ms - session.requested_ms)
         return (await self._as(self._pad_id).submit_proof(other.session_id, evidence))[0]
 
     async def _invent(self, session: Session, evidence: Evidence) -> Verdict:
         unsigned = replace(evidence, uav_signature=None, broadcast=())
         other = await self._request(session)
         return (await self._as(self._pad_id).submit_proof(other.session_id, unsigned))[0]
+
+    async def _keyless(self, session: Session, evidence: Evidence) -> Verdict:
+        """Ranges of whichever board stands there, countersigned by a drone that is elsewhere."""
+        other = await self._request(session)
+        shown = _moved(evidence, other.requested_ms - session.requested_ms)
+        # Rounds that are still to come are not fresh.
+        await asyncio.sleep(max(shown.ranges.t_ms[-1] - time.time_ns() // 1_000_000, 0) / 1_000 + _LATER_S)
+        said = statement(other.session_id, other.transcript_sha256, shown.ranges, shown.claims)
+        signature = encoding.to_base64url(raw_from_der(self._connection.signer(self._drone)(said)))
+        unbound = replace(shown, radio=Radio(measured_by="pad", sts="unbound"), uav_signature=signature)
+        return (await self._as(self._pad_id).submit_proof(other.session_id, unbound))[0]
 
     async def _decide_for_oneself(self, session: Session, evidence: Evidence) -> Verdict:
         other = await self._request(session)

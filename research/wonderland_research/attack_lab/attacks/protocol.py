@@ -376,6 +376,7 @@ ATTACKS: Final = (
         "unbound, and any policy that demands level 1 refuses it.",
         1,
         tuple(Variant((level,), play=partial(played_at, keyless_board, level)) for level in (0, 1, 2)),
+        wire="keyless-board",
     ),
     Attack(
         "wrong-role",
