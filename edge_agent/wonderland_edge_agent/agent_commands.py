@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 
 from wonderland.log_lines import set_up_log
+from wonderland.service_manager import ServiceManager
 from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.assembly import open_pad
 from wonderland_edge_agent.config_option import config_option
@@ -63,10 +64,13 @@ async def _run(path: Path, *, as_json: bool) -> None:
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    async with open_pad(settings) as agent:
+    manager = ServiceManager()
+    async with manager.alive(), open_pad(settings) as agent:
         working = asyncio.create_task(agent.run())
         ready = asyncio.create_task(agent.wait_ready())
         stopping = asyncio.create_task(stop.wait())
+        # It works from here on, whatever its anchors do: one that is missing is no reason to start it again.
+        manager.tell("READY=1")
         try:
             await asyncio.wait({working, ready, stopping}, return_when=asyncio.FIRST_COMPLETED)
             if ready.done():

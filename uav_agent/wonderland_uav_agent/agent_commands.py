@@ -16,12 +16,14 @@ import click
 from wonderland.log_lines import set_up_log
 from wonderland.proofs.records.fields import ACTIONS
 from wonderland.proofs.records.verdicts import Verdict
+from wonderland.service_manager import ServiceManager
 from wonderland.telemetry import Credentials, tls_of
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_uav_agent.agent import ProofResult, UavAgentError
 from wonderland_uav_agent.assembly import assembled
 from wonderland_uav_agent.broadcasts import BroadcastError
+from wonderland_uav_agent.checking import explained
 from wonderland_uav_agent.drone_options import flight_settings, of_the_drone
 from wonderland_uav_agent.flight import FlightSettings
 from wonderland_uav_agent.flight.gates import keep_gates
@@ -115,8 +117,17 @@ async def _only_ranged(_: Verdict) -> str:
     "--pad", "pads", multiple=True, required=True, help="A pad at which it will prove itself when asked; several times."
 )
 @click.option("--network-id", is_flag=True, help="Tell the backend each second where the drone is (Network Remote ID).")
+@click.option("--check", is_flag=True, help="Say what the settings mean, open nothing, and end.")
 def serve(
-    *, url: str, tls_ca: Path | None, pads: tuple[str, ...], network_id: bool, verbose: bool, **options: Any
+    *,
+    url: str,
+    tls_ca: Path | None,
+    pads: tuple[str, ...],
+    network_id: bool,
+    check: bool,
+    verbose: bool,
+    identity: str,
+    **options: Any,
 ) -> None:
     """Stay, and prove where the drone is when the authority or its operator asks (POST /api/v1/proof-requests)."""
     _log_to_stderr(verbose=verbose)
@@ -126,7 +137,11 @@ def serve(
     try:
         flight = flight_settings()
         named = frozenset(pads)
-        asyncio.run(_serve(url, named, network_id=network_id, tls_ca=tls_ca, flight=flight, **options, quiet=False))
+        if check:
+            click.echo("\n".join(explained(url, named, identity, flight, options)))
+            return
+        more = {"identity": identity, "flight": flight, "quiet": False, **options}
+        asyncio.run(_serve(url, named, network_id=network_id, tls_ca=tls_ca, **more))
     except (LedgerError, PositionError, BroadcastError) as error:
         raise click.ClickException(str(error)) from error
 
@@ -163,7 +178,10 @@ async def _serve(
             made.pilot.prove_with(willing.begin)
             working.append(asyncio.create_task(keep_gates(made.pilot.gatekeeper, made.ledger, pads)))
         told = asyncio.create_task(stopping.wait())
-        await asyncio.wait({*working, told}, return_when=asyncio.FIRST_COMPLETED)
+        manager = ServiceManager()
+        manager.tell("READY=1")
+        async with manager.alive():
+            await asyncio.wait({*working, told}, return_when=asyncio.FIRST_COMPLETED)
         failed = [each for each in working if each.done()]
         for task in (*working, told):
             task.cancel()

@@ -13,7 +13,13 @@ from wonderland.clock import Clock
 from wonderland.geoid import Geoid, GeoidError
 from wonderland_uav_agent.broadcasts import BroadcastError, RemoteIdModule
 from wonderland_uav_agent.position import AutopilotPosition, PositionError, TellingPosition, TrackPosition
-from wonderland_uav_agent.position.mavlink import MavlinkPosition, SerialAddress, UdpAddress, parse_address
+from wonderland_uav_agent.position.mavlink import (
+    Address,
+    MavlinkPosition,
+    SerialAddress,
+    UdpAddress,
+    parse_address,
+)
 from wonderland_uav_agent.position.mavlink.address import FORMS
 from wonderland_uav_agent.position.mavlink.signing import read_key
 
@@ -60,18 +66,22 @@ async def open_position(
         yield told
 
 
+def needs_key(where: Address, key_file: Path | None, *, flown: bool) -> None:
+    """Raises PositionError where an autopilot would be flown over a network that others reach, without signatures."""
+    if flown and key_file is None and not isinstance(where, SerialAddress) and where.host not in LOOPBACK:
+        raise PositionError(
+            f"[flight] with {where}: whoever reaches this network could land and arm the drone; give --mavlink-key (of "
+            "MAVLink signing, which the autopilot has, too), a serial line or 127.0.0.1"
+        )
+
+
 def _autopilot(
     text: str, clock: Clock, geoid_file: Path | None, key_file: Path | None, *, flown: bool
 ) -> MavlinkPosition:
     where = parse_address(text)
     key = None if key_file is None else read_key(key_file)
-    reachable = not isinstance(where, SerialAddress) and where.host not in LOOPBACK
-    if reachable and flown and key is None:
-        raise PositionError(
-            f"[flight] with {where}: whoever reaches this network could land and arm the drone; give --mavlink-key (of "
-            "MAVLink signing, which the autopilot has, too), a serial line or 127.0.0.1"
-        )
-    if isinstance(where, UdpAddress) and reachable and key is None:
+    needs_key(where, key_file, flown=flown)
+    if isinstance(where, UdpAddress) and where.host not in LOOPBACK and key is None:
         click.echo(
             f"--position {where}: whoever reaches this address can say where the drone is; use 127.0.0.1, or a network "
             "that nobody else is in",

@@ -1,0 +1,146 @@
+"""Agents as services: what a service manager hears, units that systemd accepts, settings that are explained."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from kit.agents import ANCHORS
+
+from wonderland.service_manager import ServiceManager
+from wonderland_uav_agent.commands import uav
+
+UNITS = sorted((Path(__file__).parents[2] / "deploy" / "systemd").glob("*.service"))
+EXPOSED = 2.0
+"""Of 10, by `systemd-analyze security`."""
+
+
+@contextlib.contextmanager
+def manager(directory):
+    """The socket of a service manager, and the environment that it gives."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as told:
+        path = str(directory / "notify")
+        told.bind(path)
+        told.setblocking(False)
+        yield told, {"NOTIFY_SOCKET": path, "WATCHDOG_USEC": "200000"}
+
+
+async def next_said(told):
+    async with asyncio.timeout(30):
+        return (await asyncio.get_running_loop().sock_recv(told, 4_096)).decode()
+
+
+async def test_it_hears_that_the_loop_turns_and_that_it_stops(tmp_path):
+    with manager(tmp_path) as (told, environment):
+        service = ServiceManager(environment)
+        service.tell("READY=1")
+        async with service.alive():
+            assert [await next_said(told) for _ in range(3)] == ["READY=1", "WATCHDOG=1", "WATCHDOG=1"]
+        while (said := await next_said(told)) == "WATCHDOG=1":
+            pass
+        assert said == "STOPPING=1"
+    service.tell("READY=1")  # it is gone
+
+
+async def test_without_one_nothing_is_said_and_for_another_process_no_watchdog_beats(tmp_path):
+    async with ServiceManager({}).alive():
+        pass
+    with manager(tmp_path) as (told, environment):
+        async with ServiceManager(environment | {"WATCHDOG_PID": "1"}).alive():
+            await asyncio.sleep(0.3)
+        assert await next_said(told) == "STOPPING=1"
+
+
+@pytest.mark.parametrize("which", ["pad", "uav"])
+async def test_agents_tell_it(world, which):
+    directory = world.directory
+    if which == "pad":
+        # One of its anchors is not there: no reason to be started again and again.
+        anchors = "".join(f'[[anchors]]\nanchor_id = "{n}"\nport = "{directory}/tty-{n}"\n' for n in ANCHORS)
+        text = f'pad_id = "pad-1"\nconnection = "ledger/connection.json"\nspool = "spool"\n{anchors}'
+        text = text.replace("tty-A4", "tty-none")
+        command = ("pad", "run")
+    else:
+        text = f'connection = "ledger/connection.json"\nport = "{directory}/tty-uav"\npads = ["pad-1"]\n'
+        text += 'position = "mavlink:udp:127.0.0.1:0"\nbackend = "ws://127.0.0.1:9/ingest"\n[flight]\n'
+        command = ("uav", "serve")
+    settings = directory / f"{which}.toml"
+    settings.write_text(text)
+    with manager(directory) as (told, environment):
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "wonderland.cli", *command, "--config", str(settings)),
+            env={**os.environ, **environment},
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.DEVNULL,
+        )
+        try:
+            said = [await next_said(told) for _ in range(4)]
+            assert {"READY=1", "WATCHDOG=1"} == set(said)
+            process.send_signal(signal.SIGTERM)
+            while (last := await next_said(told)) == "WATCHDOG=1":
+                pass
+            assert last == "STOPPING=1"
+            assert await asyncio.wait_for(process.wait(), 20) == 0
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze (Debian: systemd)")
+@pytest.mark.parametrize("unit", UNITS, ids=lambda path: path.stem)
+def test_units_are_accepted_and_expose_little(unit, tmp_path):
+    text = unit.read_text().replace("/opt/wonderland/bin/wonderland", sys.executable)
+    path = tmp_path / unit.name
+    path.write_text(text)
+    checked = subprocess.run(["systemd-analyze", "verify", str(path)], capture_output=True, text=True, check=False)
+    about_it = [line for line in checked.stderr.splitlines() if unit.name in line]
+    assert (checked.returncode, about_it) == (0, []), checked.stderr
+    judged = subprocess.run(
+        ["systemd-analyze", "security", "--offline=yes", f"--threshold={round(10 * EXPOSED)}", str(path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert judged.returncode == 0, judged.stdout[-400:]
+
+
+def test_there_are_units():
+    assert [unit.name for unit in UNITS] == ["wonderland-pad.service", "wonderland-uav.service"]
+
+
+def explained(directory, *more, text=""):
+    path = directory / "uav.toml"
+    path.write_text(
+        f'connection = "{directory}/ledger/connection.json"\nport = "/dev/ttyUSB0"\npads = ["pad-1"]\n'
+        f'backend = "wss://console.example/ingest"\n{text}'
+    )
+    return CliRunner().invoke(uav, ["serve", "--check", "--config", str(path), *more])
+
+
+def test_settings_are_explained_and_nothing_is_opened(prepared_ledger):
+    directory = prepared_ledger.parent
+    flown = explained(directory, text='position = "mavlink:serial:/dev/ttyAMA0"\n[flight]\nrefused = "return"\n')
+    assert flown.exit_code == 0, flown.output
+    for words in (
+        "This is drone uav-1 ",
+        "at /dev/ttyUSB0.",
+        "the autopilot at mavlink:serial:/dev/ttyAMA0:921600, not signed",
+        "It proves itself at pad-1",
+        "is held 8 m above it until a committed verdict permits the landing; after 3 proofs without one it returns",
+    ):
+        assert words in flown.output, flown.output
+    plain = explained(directory, text='position = "track:x.csv"\n')
+    assert "Nothing is asked of an autopilot" in plain.output
+    open_ = explained(directory, text='position = "mavlink:udp:0.0.0.0:14540"\n[flight]\n')
+    assert open_.exit_code == 1
+    assert "give --mavlink-key" in open_.output

@@ -1,0 +1,66 @@
+"""``wonderland uav serve --check``: what its settings say, without opening anything."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_uav_agent.flight import FlightSettings
+from wonderland_uav_agent.position.mavlink import SerialAddress, parse_address
+from wonderland_uav_agent.position.mavlink.signing import read_key
+from wonderland_uav_agent.sources import LOOPBACK, needs_key
+
+_REFUSED = {
+    "hold": "stays above the pad",
+    "return": "returns to launch",
+    "alternate": "goes to its alternate and stays there",
+}
+
+
+def explained(
+    url: str, pads: frozenset[str], identity: str, flight: FlightSettings | None, options: dict[str, Any]
+) -> list[str]:
+    """A line for each part. Raises LedgerError for a connection, PositionError for a position that cannot be."""
+    where = Connection.load(options["connection"])
+    who = where.identity(identity)
+    said = [
+        f"This is drone {who.pol_id} ({who.msp_id}), on channel {where.channel} by way of {where.gateway.address}.",
+        f"Its UWB node ({options['node']}) is at {options['port']}.",
+        *_position(options["position"], options["mavlink_key"], options["geoid"], flown=flight is not None),
+        f"It proves itself at {', '.join(sorted(pads))} when it is asked over {url}.",
+    ]
+    if options["command"] is not None and flight is not None:
+        said.append("--then is not run: with [flight] the autopilot does what is permitted.")
+    elif options["command"] is not None:
+        said.append(f"What is permitted is done by {options['command']}.")
+    return said + (
+        _flight(flight) if flight is not None else ["Nothing is asked of an autopilot ([flight] is not set)."]
+    )
+
+
+def _position(text: str, key_file: Path | None, geoid: Path | None, *, flown: bool) -> list[str]:
+    kind, _, rest = text.partition(":")
+    if kind != "mavlink":
+        return [f"Its position comes from {text}, and is believed as it comes."]
+    where = parse_address(rest)
+    needs_key(where, key_file, flown=flown)
+    if key_file is not None:
+        read_key(key_file)
+        signed = f"signed with the key of {key_file}"
+    elif isinstance(where, SerialAddress) or where.host in LOOPBACK:
+        signed = "not signed: whoever can write there says where it is"
+    else:
+        signed = "not signed, over a network: whoever reaches it says where it is"
+    heights = "" if geoid is None else f" Heights above the ellipsoid by {geoid} where the receiver has none."
+    return [f"Its position comes from the autopilot at {where}, {signed}.{heights}"]
+
+
+def _flight(flight: FlightSettings) -> list[str]:
+    held = f"Who begins to land within {flight.approach_m:g} m of a pad is held {flight.gate_m:g} m above it"
+    after = f"after {flight.attempts} proofs without one it {_REFUSED[flight.refused]}"
+    return [
+        f"{held} until a committed verdict permits the landing; {after}.",
+        "The pilot and the autopilot's fail-safes always win.",
+        f"PX4 that asks whether it may be armed where none of its pads is: {flight.take_off_elsewhere}.",
+    ]
