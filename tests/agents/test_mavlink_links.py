@@ -155,11 +155,14 @@ async def test_the_option_of_the_commands(capsys, monkeypatch):
     ):
         assert source.claim(clock()).lat_e7 == LAT
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(sources, "POSITION_PATIENCE_S", 0.1)
+    monkeypatch.setattr(sources, "AUTOPILOT_PATIENCE_S", 0.2)
+    monkeypatch.setattr(sources, "SAY_AFTER_S", 0.1)
     with pytest.raises(PositionError, match="no heartbeat"):
         async with sources.open_position("mavlink:udp:0.0.0.0:0", clock, wait=True):
             pass
-    assert "whoever reaches this address can say where the drone is" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "whoever reaches this address can say where the drone is" in said
+    assert "Waiting for a position (up to 0.1 s more): no heartbeat of an autopilot" in said
     for wrong in ("mavlink:", "mavlink:udp:x", "nonsense"):
         with pytest.raises(PositionError, match="give mavlink:udp:HOST:PORT"):
             async with sources.open_position(wrong, clock, wait=True):

@@ -125,3 +125,12 @@ async def test_who_flies_by_permission_over_a_network_signs(position, tmp_path):
     path.chmod(0o600)
     async with sources.open_position(position, SteadyClock(), wait=False, crew=boarded.append, key_file=path):
         assert len(boarded) == 1
+
+
+def test_damaged_messages_are_refused_whatever_the_environment_says():
+    dialect.MAVLINK_IGNORE_CRC = 1
+    packet = bytearray(FakeAutopilot().heartbeat())
+    packet[12] ^= 0xFF
+    ours = Wire()
+    assert ours.read(bytes(packet)) == []
+    assert ours.bad == 1

@@ -24,6 +24,9 @@ from wonderland_uav_agent.position.mavlink.address import FORMS
 from wonderland_uav_agent.position.mavlink.signing import read_key
 
 POSITION_PATIENCE_S: Final = 10.0
+AUTOPILOT_PATIENCE_S: Final = 60.0
+"""ArduPilot takes some 40 s from its start until it uses GPS."""
+SAY_AFTER_S: Final = 3.0
 LOOPBACK: Final = frozenset({"127.0.0.1", "::1", "localhost"})
 
 
@@ -49,7 +52,7 @@ async def open_position(
             crew(source)
         async with source as autopilot:
             if wait:
-                await autopilot.wait(POSITION_PATIENCE_S)
+                await _wait_for(autopilot, clock)
             yield autopilot
         return
     if crew is not None:
@@ -64,6 +67,17 @@ async def open_position(
         if wait:
             await told.wait(POSITION_PATIENCE_S)
         yield told
+
+
+async def _wait_for(autopilot: MavlinkPosition, clock: Clock) -> None:
+    """Says meanwhile what it waits for. Raises PositionError."""
+    with contextlib.suppress(PositionError):
+        await autopilot.wait(min(SAY_AFTER_S, AUTOPILOT_PATIENCE_S))
+        return
+    left_s = AUTOPILOT_PATIENCE_S - SAY_AFTER_S
+    if left_s > 0:
+        click.echo(f"Waiting for a position (up to {left_s:g} s more): {autopilot.why_not(clock())}", err=True)
+    await autopilot.wait(max(left_s, 0.0))
 
 
 def needs_key(where: Address, key_file: Path | None, *, flown: bool) -> None:

@@ -41,6 +41,8 @@ def dialect() -> ModuleType:
         from pymavlink.dialects.v20 import common  # noqa: PLC0415 - an extra, and half a second on a small computer
     except ImportError:
         raise PositionError('mavlink: needs pymavlink; pip install "wonderland-uav-agent[mavlink]"') from None
+    # Else damaged messages were believed wherever somebody has MAV_IGNORE_CRC in the environment.
+    common.MAVLINK_IGNORE_CRC = 0
     return common  # type: ignore[no-any-return]
 
 
