@@ -10,8 +10,8 @@ from wonderland.proofs.admission import CHECKED_ANCHORS
 from wonderland.proofs.records.fields import ACTIONS
 from wonderland.uwb.reach import reach
 from wonderland_edge_agent.radios import AnchorState
+from wonderland_edge_agent.radios.anchors import MIN_ANCHORS
 from wonderland_edge_agent.radios.between import channel_of
-from wonderland_edge_agent.radios.nodes import MIN_ANCHORS
 
 if TYPE_CHECKING:
     from wonderland.proofs.records.pads import Pad

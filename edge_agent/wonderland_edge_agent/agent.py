@@ -11,7 +11,6 @@ import contextlib
 import logging
 import os
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -22,11 +21,10 @@ from wonderland.proofs import keys
 from wonderland.proofs.encoding import from_base64url
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Session
-from wonderland.proofs.transcript import transcript_of
 from wonderland.telemetry import Health
-from wonderland.uwb.agreed import no_plan, pad_ability
 from wonderland_edge_agent.ability import Now, goes_on_without, not_for, not_known, why_not
-from wonderland_edge_agent.assurance import beyond, beyond_here
+from wonderland_edge_agent.admission import Admission, NotAdmitted
+from wonderland_edge_agent.assurance import beyond_here
 from wonderland_edge_agent.drift.idle import watch_when_idle
 from wonderland_edge_agent.event_subscription import EventSubscription
 from wonderland_edge_agent.health import health_record, reach_of, tell_health, write_status
@@ -42,12 +40,11 @@ from wonderland_edge_agent.session.machine import PadSession
 from wonderland_edge_agent.session.runner import PadRunner
 from wonderland_edge_agent.spool import SpoolError
 from wonderland_edge_agent.witness import WitnessDuty
-from wonderland_fira_uci.errors import RangingPlanError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from wonderland.proofs.records.pads import Commissioning, Pad
+    from wonderland.proofs.records.pads import Pad
     from wonderland.proofs.records.policies import Policy
     from wonderland_edge_agent.drift.keeper import DriftKeeper
     from wonderland_edge_agent.permission import Permission
@@ -67,8 +64,6 @@ LAG_S: Final = 0.1
 _NOT_THERE: Final = 404
 STOP_S: Final = 5.0
 """Longest that a session under way keeps the agent from stopping."""
-MIN_SESSION_MS: Final = 3_000
-"""With less time than this before its expiry a session is not begun."""
 MAX_WAITING: Final = 64
 """Requests that wait for the pad; more are cancelled at once, so that a flood costs nobody else's time."""
 
@@ -120,7 +115,6 @@ class PadAgent:
         self._metrics_file = metrics_file
         self._roll_call_every_s = roll_call_every_s
         self._hear_each_other = hear_each_other
-        self._region = region
         self._random_octets = random_octets
         self._reporter = SpoolReporter(spool, receiver.signature)
         self._prekeys = PrekeyKeeper(pad_id, spool, ledger, clock, prekeys)
@@ -129,6 +123,9 @@ class PadAgent:
         self._runner: PadRunner | None = None
         self._witness = WitnessDuty(pad_id, ledger=ledger, radios=radios, prekeys=self._prekeys, clock=clock)
         self._own = OwnPad(pad_id, ledger)
+        self._admission = Admission(
+            ledger=ledger, own=self._own, radios=radios, drift=drift, spool=spool, region=region, clock=clock
+        )
         self._pad: Pad | None = None
         self._policies: dict[str, Policy] = {}
         self._ledger_trouble = ""
@@ -325,32 +322,11 @@ class PadAgent:
     async def _serve_one(self, session: Session) -> None:
         """Steps 2 to 8 of one request, if it is still to be served. Raises AwayError before anything was begun."""
         self._clock.resync()
-        refusal = self._refusal(session)
-        if refusal:
-            self._reconciler.add(session.session_id, refusal)
+        admitted = await self._admission.admit(session)
+        if isinstance(admitted, NotAdmitted):
+            self._reconciler.add(session.session_id, admitted.end, admitted.detail)
             return
-        current, commissioning = await asyncio.gather(
-            self._ledger.read_session(session.session_id), self._own.commissioning_of(session)
-        )
-        if current.state != "requested" or commissioning is None:
-            self._reconciler.add(session.session_id, "commissioning_changed")
-            return
-        digest = transcript_of(current, self._ledger.channel).digest()
-        if digest.hex() != current.transcript_sha256:
-            _log.error("session %.12s: the ledger's transcript is not the one that follows from it", session.session_id)
-            self._reconciler.add(session.session_id, "transcript_mismatch")
-            return
-        for end, problem in (
-            ("no_radio_plan", no_plan(commissioning, current.node, self._region)),
-            (
-                "assurance_out_of_reach",
-                beyond(self._known(commissioning), current.node, current.policy, self._radios.highest),
-            ),
-        ):
-            if problem:
-                _log.error("session %.12s refused: %s", session.session_id, problem)
-                self._reconciler.add(session.session_id, end, problem)
-                return
+        current, commissioning, digest = admitted.session, admitted.commissioning, admitted.digest
         private_key = await self._prekeys.take_key(session.prekey_id)
         if private_key is None:
             self._reconciler.add(session.session_id, "prekey_lost")
@@ -400,32 +376,6 @@ class PadAgent:
         _log.info("session %.12s: %s (%s)", session.session_id, finish.state, finish.end)
         if not runner.settled:
             self._reconciler.add(session.session_id, finish.end)
-
-    def _known(self, commissioning: Commissioning) -> Commissioning:
-        """With what the nodes say now where the record does not tell it, as for a pad commissioned from a recording.
-
-        For reasons only: the plan follows from what is on the ledger, which the drone has as well.
-        """
-        if commissioning.nodes is not None:
-            return commissioning
-        said = {state.anchor_id: state.capabilities for state in self._radios.states()}
-        try:
-            return replace(commissioning, nodes=pad_ability(said))
-        except RangingPlanError:
-            return commissioning
-
-    def _refusal(self, session: Session) -> str:
-        """Why the pad does not begin this session; empty where it does."""
-        if self._clock() > session.expires_ms - MIN_SESSION_MS:
-            return "expired"
-        if self._drift is not None and self._drift.moved(session.commissioning_sha256):
-            why = self._drift.why_moved(session.commissioning_sha256)
-            _log.error("session %.12s refused: %s", session.session_id, why)
-            return "pad_moved"
-        if not self._spool.accepts_sessions:
-            _log.error("session %.12s refused: %s", session.session_id, self._spool.status.reason)
-            return "pad_spool_full"
-        return ""
 
     # --- what goes on beside -----------------------------------------------------------------------------------
 

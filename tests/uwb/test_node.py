@@ -26,8 +26,9 @@ from wonderland_fira_uci.events import (
     SessionInterrupted,
     SessionStateChanged,
 )
-from wonderland_fira_uci.node import UwbNode, UwbSession, monotonic_ms
+from wonderland_fira_uci.node import UwbNode, monotonic_ms
 from wonderland_fira_uci.serial_port import PortTimings
+from wonderland_fira_uci.session import UwbSession
 from wonderland_fira_uci.uci.device import Timings
 from wonderland_fira_uci.uci.errors import UciConfigRejectedError, UciStateError
 from wonderland_fira_uci.uci.status import SessionState, Status

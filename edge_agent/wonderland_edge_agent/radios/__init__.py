@@ -3,6 +3,7 @@
 ``reported`` stands in for them where the anchors are DWM1001 boards, whose ranges only the drone's tag knows.
 """
 
-from wonderland_edge_agent.radios.nodes import AnchorPort, AnchorState, PadRadios, RadiosError
+from wonderland_edge_agent.radios.anchors import AnchorPort, AnchorState, RadiosError
+from wonderland_edge_agent.radios.nodes import PadRadios
 
 __all__ = ["AnchorPort", "AnchorState", "PadRadios", "RadiosError"]

@@ -14,7 +14,8 @@ from wonderland.uwb.agreed import ASSUMED
 from wonderland.uwb.needs import MAX_SLOT_US, PREFERRED_CHANNEL, channel_among, slot_us
 from wonderland_fira_uci.errors import UwbError
 from wonderland_fira_uci.events import RangeMeasurement, SessionFailed
-from wonderland_fira_uci.node import UwbNode, UwbSession
+from wonderland_fira_uci.node import UwbNode
+from wonderland_fira_uci.session import UwbSession
 from wonderland_fira_uci.uci.airtime import RSTU_PER_MS
 from wonderland_fira_uci.uci.capabilities import Capabilities
 from wonderland_fira_uci.uci.config import AppConfig, DeviceRole, DeviceType, MultiNodeMode, SessionConfig

@@ -6,10 +6,9 @@ import asyncio
 import contextlib
 import logging
 from collections import OrderedDict
-from collections.abc import Callable, Coroutine, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Coroutine, Mapping, Sequence
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 from wonderland.clock import Clock
 from wonderland.session.pace import pace_of
@@ -17,31 +16,32 @@ from wonderland.telemetry.fields import AnchorCondition
 from wonderland.uwb.agreed import outside
 from wonderland.uwb.blinks import BlinkPlan
 from wonderland.uwb.layout import RangingPlan
+from wonderland_edge_agent.radios.anchors import (
+    MIN_ANCHORS,
+    READY_GRACE_S,
+    AnchorPort,
+    AnchorState,
+    RadiosError,
+    Sink,
+    firmware_of,
+)
 from wonderland_edge_agent.radios.attendance import Attendance
 from wonderland_edge_agent.radios.between import PairRanges, RollCall, measure_between, roll_call
-from wonderland_edge_agent.session.events import AnchorRange, DataHeard, FrameHeard, PadEvent, RadiosFailed
+from wonderland_edge_agent.radios.stamping import BlinkStamps
+from wonderland_edge_agent.session.events import AnchorRange, DataHeard, RadiosFailed
 from wonderland_fira_uci.errors import NodeError, UwbError
 from wonderland_fira_uci.events import (
     DataReceived,
-    FrameStamped,
     RangeMeasurement,
     SessionFailed,
     SessionInterrupted,
 )
-from wonderland_fira_uci.node import UwbNode, UwbSession
-from wonderland_fira_uci.serial_port import Opener
-from wonderland_fira_uci.uci.capabilities import Capabilities
+from wonderland_fira_uci.node import UwbNode
+from wonderland_fira_uci.session import UwbSession
 from wonderland_fira_uci.uci.config import SessionConfig
-
-if TYPE_CHECKING:
-    from wonderland_edge_agent.settings import AnchorSetting
 
 _log = logging.getLogger(__name__)
 
-MIN_ANCHORS: Final = 3
-"""A horizontal position needs three ranges."""
-READY_GRACE_S: Final = 0.5
-"""A node that is away when a session begins gets this long to come back."""
 ECHO_MS: Final = 30
 """All nodes hear the same data; copies within this time are one."""
 _REMEMBERED: Final = 64
@@ -49,59 +49,6 @@ NO_CREDIT: Final = 2
 """After so many data units running without a credit it was no lost notification."""
 _VOICE_S: Final = 0.25
 """Between two looks whether the node that speaks still does."""
-
-Sink = Callable[[PadEvent], None]
-
-
-class RadiosError(Exception):
-    """The pad's nodes cannot range now; the text says which and why."""
-
-
-@dataclass(frozen=True, slots=True)
-class AnchorPort:
-    """Which anchor hangs on which serial port."""
-
-    anchor_id: str
-    port: str | Opener
-    settings: tuple[tuple[bytes, bytes], ...] = ()
-    """Parameters of the node's maker (antenna delay, power), given after each reset."""
-
-    @classmethod
-    def of(cls, anchor: AnchorSetting) -> Self:
-        """As pad.toml has it."""
-        return cls(anchor.anchor_id, anchor.opener(), anchor.settings())
-
-    def node(self, clock: Clock) -> UwbNode:
-        """The node there, not connected yet."""
-        return UwbNode(self.port, name=f"anchor {self.anchor_id}", clock=clock, settings=self.settings)
-
-
-@dataclass(frozen=True, slots=True)
-class AnchorState:
-    """One anchor's node, for people. ``state``: up, down (port or node away), or silent (answers, and does not range).
-
-    ``detail``: why it is not up.
-    """
-
-    anchor_id: str
-    state: AnchorCondition
-    detail: str
-    firmware: str | None
-    capabilities: Capabilities | None = None
-    """What the node says that it can do; None where it has not said."""
-    faulty: bool = False
-    """It is silent while others range: no drone out of reach explains that."""
-    unproven: bool = False
-    """Nothing has shown yet whether it ranges: no other anchor hears it, and no drone has come."""
-    speaks: bool = True
-    """Whether its node accepts data, as far as anybody knows."""
-    unseen: bool = False
-    """Nobody has looked yet whether it ranges, since the start or since its node came back."""
-
-    @property
-    def ranges(self) -> bool:
-        """Whether it would measure a drone in reach, as far as anybody knows."""
-        return self.state != "down" and not self.faulty
 
 
 class PadRadios:
@@ -128,6 +75,7 @@ class PadRadios:
         self._voice = ""
         """The anchor that speaks to the drone."""
         self._voice_lost = asyncio.Event()
+        self._blinks = BlinkStamps(self._nodes, self._started, self._read)
         self._between: asyncio.Task[PairRanges] | asyncio.Task[RollCall] | None = None
 
     async def __aenter__(self) -> Self:
@@ -159,7 +107,7 @@ class PadRadios:
                     anchor_id,
                     state,
                     detail,
-                    _firmware(node),
+                    firmware_of(node),
                     node.capabilities,
                     faulty=bool(fault),
                     unproven=node.is_ready and self._attendance.is_unproven(anchor_id),
@@ -201,8 +149,8 @@ class PadRadios:
         self._read(self._keep_voice(plan, anchor_ids, sink))
         blinks = plan.timed_blinks()
         if blinks is not None:  # not waited for: ranging begins meanwhile
-            self._read(self._stamp_blinks(blinks, anchor_ids, sink))
-        firmware = {_firmware(self._nodes[anchor_id]) for anchor_id in anchor_ids if anchor_id in self._nodes}
+            self._read(self._stamp(blinks, anchor_ids, sink))
+        firmware = {firmware_of(self._nodes[anchor_id]) for anchor_id in anchor_ids if anchor_id in self._nodes}
         firmware.discard(None)
         return "; ".join(sorted(str(entry) for entry in firmware))[:64] or None
 
@@ -210,7 +158,7 @@ class PadRadios:
         """Only time-stamp blinks, as a witness does, until ``close_session``. Raises RadiosError where no node can."""
         await self.close_session()
         self._permit(plan.channel)
-        if not await self._open_blinks(plan, anchor_ids, sink):
+        if not await self._blinks.open(plan, anchor_ids, sink):
             await self.close_session()
             raise RadiosError("no node can time-stamp blinks")
 
@@ -373,40 +321,8 @@ class PadRadios:
                 return
             _log.warning("session %#010x: anchor %s speaks in place of %s", plan.session_b_id, self._voice, lost)
 
-    async def _stamp_blinks(self, plan: BlinkPlan, anchor_ids: Sequence[str], sink: Sink) -> None:
-        await self._open_blinks(plan, anchor_ids, sink)
-
-    async def _open_blinks(self, plan: BlinkPlan, anchor_ids: Sequence[str], sink: Sink) -> int:
-        """Session C on every node that can; returns how many. Without it the proof has no time differences."""
-        outcomes = await asyncio.gather(
-            *(self._open_anchor_blinks(plan, index, anchor_id, sink) for index, anchor_id in enumerate(anchor_ids))
-        )
-        missing = [f"{anchor_id} ({why})" for anchor_id, why in zip(anchor_ids, outcomes, strict=True) if why]
-        if missing:
-            _log.warning("session %#010x: no time stamps from %s", plan.session_id, ", ".join(missing))
-        return len(anchor_ids) - len(missing)
-
-    async def _open_anchor_blinks(self, plan: BlinkPlan, index: int, anchor_id: str, sink: Sink) -> str:
-        node = self._nodes.get(anchor_id)
-        if node is None:
-            return "no port configured"
-        try:
-            await node.wait_ready(READY_GRACE_S)
-            session = await self._started(node, plan.pad_anchor(index))
-        except UwbError as error:
-            return str(error)
-        self._read(self._stamps(session, anchor_id, plan.uav_mac, sink))
-        return ""
-
-    async def _stamps(self, session: UwbSession, anchor_id: str, uav_mac: int, sink: Sink) -> None:
-        async for event in session.events():
-            match event:
-                case FrameStamped() if event.tag_mac == uav_mac:
-                    sink(FrameHeard(anchor_id, event.t_ms, event.number, event.ticks, event.payload))
-                case SessionFailed():
-                    _log.warning("anchor %s: no time stamps any more: %s", anchor_id, event.error)
-                case _:
-                    pass
+    async def _stamp(self, plan: BlinkPlan, anchor_ids: Sequence[str], sink: Sink) -> None:
+        await self._blinks.open(plan, anchor_ids, sink)
 
     async def _started(self, node: UwbNode, config: SessionConfig) -> UwbSession:
         session = await node.open_session(config)
@@ -450,13 +366,3 @@ class PadRadios:
         if len(self._heard) > _REMEMBERED:
             self._heard.popitem(last=False)
         return True
-
-
-def _firmware(node: UwbNode) -> str | None:
-    info = node.info
-    return None if info is None else f"UCI {_version(info.uci_version)}, PHY {_version(info.phy_version)}"
-
-
-def _version(value: int) -> str:
-    """Major in the low octet, minor in the upper half of the high one, patch in the lower."""
-    return f"{value & 0xFF}.{value >> 12}.{value >> 8 & 0xF}"

@@ -9,7 +9,7 @@ from typing import Final
 
 from wonderland.clock import Clock
 from wonderland_edge_agent.programs import run_program
-from wonderland_edge_agent.radios.nodes import AnchorState
+from wonderland_edge_agent.radios.anchors import AnchorState
 
 _log = logging.getLogger(__name__)
 

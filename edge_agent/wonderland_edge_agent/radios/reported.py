@@ -22,7 +22,7 @@ from typing import Final, Self, cast
 from wonderland.clock import Clock
 from wonderland.uwb.blinks import BlinkPlan
 from wonderland.uwb.layout import RangingPlan
-from wonderland_edge_agent.radios.nodes import MIN_ANCHORS, AnchorPort, AnchorState, RadiosError, Sink
+from wonderland_edge_agent.radios.anchors import MIN_ANCHORS, AnchorPort, AnchorState, RadiosError, Sink
 from wonderland_edge_agent.session.events import AnchorRange, DataHeard
 from wonderland_fira_uci.dwm1001 import Dwm1001Node, LocationReport, Timings
 from wonderland_fira_uci.dwm1001.carrier import Carrier, Content, Hello, Ranges, Words

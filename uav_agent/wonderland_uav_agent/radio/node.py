@@ -21,8 +21,9 @@ from wonderland.uwb.blinks import BlinkPlan
 from wonderland.uwb.layout import RangingPlan, WordWays
 from wonderland_fira_uci.errors import NodeError, UwbError
 from wonderland_fira_uci.events import DataReceived, RangeMeasurement, SessionFailed
-from wonderland_fira_uci.node import UwbNode, UwbSession
+from wonderland_fira_uci.node import UwbNode
 from wonderland_fira_uci.serial_port import Opener
+from wonderland_fira_uci.session import UwbSession
 from wonderland_uav_agent.session.events import DataHeard, OwnRange, RadiosFailed
 from wonderland_uav_agent.session.ports import Sink
 

@@ -20,7 +20,8 @@ from wonderland_edge_agent.radios import AnchorPort
 from wonderland_edge_agent.radios.between import COMMON, Common, common_of, ranging_config
 from wonderland_fira_uci.errors import RangingPlanError, UwbError
 from wonderland_fira_uci.events import FrameStamped, RangeMeasurement, SessionFailed
-from wonderland_fira_uci.node import UwbNode, UwbSession
+from wonderland_fira_uci.node import UwbNode
+from wonderland_fira_uci.session import UwbSession
 from wonderland_fira_uci.uci.airtime import RSTU_PER_MS, measured_ago_ms
 from wonderland_fira_uci.uci.config import SessionConfig, least_slots
 
