@@ -312,3 +312,32 @@ def test_a_pad_that_is_forgotten_meanwhile_keeps_the_drone_that_waits_there():
     assert drone.permit() != "", "whose place is not known any more permits nothing"
     drone.keeper.know([replace(PAD)])
     assert drone.permit() == ""
+
+
+def restarted(mode=Mode.HELD, local=(0, 0, 8_000)):
+    drone = Drone()
+    drone.keeper.know([])
+    drone.mode, drone.local = mode, list(local)
+    drone.keeper.resume("pad-1")
+    drone.look(20)
+    assert drone.orders == [], "where the pad is, is not known yet"
+    drone.keeper.know([PAD])
+    drone.look(2)
+    return drone
+
+
+def test_who_was_held_before_a_restart_is_held_on_and_proves_itself_anew():
+    drone = restarted()
+    assert drone.kinds() == [GoTo, Prove]
+    assert drone.keeper.held_at == "pad-1"
+
+
+@pytest.mark.parametrize(
+    ("mode", "local"), [(Mode.OTHER, (0, 0, 8_000)), (Mode.MISSION, (0, 0, 8_000)), (Mode.HELD, (60_000, 0, 8_000))]
+)
+def test_who_flies_elsewhere_or_otherwise_after_a_restart_is_left_alone(mode, local):
+    drone = restarted(mode, local)
+    drone.mode, drone.local = Mode.HELD, [0, 0, 8_000]
+    drone.look(20)
+    assert drone.kinds() == [], "nor is it taken later"
+    assert drone.keeper.held_at is None

@@ -181,3 +181,29 @@ async def test_ardupilots_script_is_told_and_told_again_when_it_is_over():
         drone.armed, drone.on_ground = True, False
         assert await taking_off == "done"
         await until(lambda: drone.parameters[PERMIT] == -1, "withdrawn")
+
+
+async def test_an_agent_that_starts_again_takes_up_the_drone_that_it_held(tmp_path):
+    settings = FlightSettings(gate_m=6.0, memory=tmp_path / "flight.json")
+    drone = FlyingAutopilot(frame=FRAME)
+    async with flying(drone, settings) as here:
+        drone.mode = "land"
+        await until(lambda: here.proofs.begun, "held, a proof begins")
+    assert (drone.mode, drone.on_ground) == ("guided", False)
+    async with flying(drone, settings) as here:
+        await until(lambda: here.proofs.begun, "held on, a proof begins anew")
+        assert await here.pilot.act(permission()) == "done"
+        await until(lambda: not settings.memory.exists(), "landed: nothing to take up")
+    drone.on_ground, drone.place, drone.mode = False, [0.0, 0.0, 6_000.0], "guided"
+    drone.goes = None
+    async with flying(drone, settings) as here:
+        await asyncio.sleep(1.0)
+        assert here.proofs.begun == [], "who hovers there of his own will is left alone"
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"pad_id": 1, "t_ms": 2}', '{"pad_id": "pad-1", "t_ms": 5}'])
+async def test_a_memory_that_is_damaged_or_old_takes_up_nothing(tmp_path, text):
+    path = tmp_path / "flight.json"
+    path.write_text(text)
+    pilot = Pilot(FlightSettings(memory=path), clock=SteadyClock())
+    assert pilot.gatekeeper.held_at is None

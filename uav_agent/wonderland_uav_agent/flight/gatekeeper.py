@@ -113,6 +113,17 @@ class Gatekeeper:
         self._obeyed = False
         self._attempts = 0
         self._proving = False
+        self._resume: str | None = None
+
+    @property
+    def held_at(self) -> str | None:
+        """The pad at which it is held or lands now."""
+        flown = self.phase not in {Phase.WATCHING, Phase.OVERRIDDEN} and self._standing is not None
+        return self._gate.pad_id if flown and self._gate is not None else self._resume
+
+    def resume(self, pad_id: str) -> None:
+        """It was held at that pad before this agent started: hold it on, if it still waits there."""
+        self._resume = pad_id
 
     def know(self, gates: Sequence[Gate]) -> None:
         """The pads at which it proves itself; an approach that is under way keeps its own."""
@@ -211,6 +222,7 @@ class Gatekeeper:
 
     def _on_ground(self, vehicle: Vehicle) -> list[Order]:
         phase, gate = self.phase, self._gate
+        self._resume = None
         if phase is Phase.WATCHING:
             return []
         permitted = phase in {Phase.LANDING, Phase.TO_PAD}
@@ -222,13 +234,21 @@ class Gatekeeper:
 
     def _watch(self, vehicle: Vehicle, now_ms: int) -> list[Order]:
         gate = self.near(vehicle)
-        if gate is None or not self._lands(gate, vehicle):
+        waits = self._waits(gate, vehicle)
+        if gate is None or not (waits or self._lands(gate, vehicle)):
             return []
         self._gate, self._attempts, self._proving, self.why = gate, 0, False, ""
         if vehicle.failsafe:
             return self._override(_who(vehicle), now_ms)
         told = Tell(f"about to land at {gate.pad_id}: held until a verdict permits it")
         return [told, self._turn(Phase.TO_GATE, self._place_of(gate), vehicle, now_ms)]
+
+    def _waits(self, gate: Gate | None, vehicle: Vehicle) -> bool:
+        """Whether it still waits where it was held before a restart; asked until the pad's place is known."""
+        if self._resume is None or (self._resume not in self._gates and vehicle.mode is Mode.HELD):
+            return False
+        pad_id, self._resume = self._resume, None
+        return gate is not None and gate.pad_id == pad_id and vehicle.mode is Mode.HELD
 
     def _to_gate(self, gate: Gate, vehicle: Vehicle, now_ms: int) -> list[Order]:
         there = self._at(gate, vehicle) and vehicle.speed_mm_s <= STILL_MM_S

@@ -11,6 +11,7 @@ from wonderland.clock import Clock
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland_uav_agent.flight.arming import Arming
 from wonderland_uav_agent.flight.gatekeeper import Gatekeeper, GoTo, Land, Order, Phase, Prove, Return, Tell
+from wonderland_uav_agent.flight.memory import HeldMemory
 from wonderland_uav_agent.flight.orders import Orders
 from wonderland_uav_agent.flight.settings import FlightSettings
 from wonderland_uav_agent.flight.vehicle import Vehicle, VehicleState
@@ -39,6 +40,11 @@ class Pilot:
         self._state = VehicleState()
         self._orders = Orders()
         self._link: MavlinkPosition | None = None
+        self._memory = HeldMemory(settings.memory)
+        held_at = self._memory.held_at(clock())
+        if held_at is not None:
+            _log.warning("it was held at %s when this agent ended; if it still waits there it is held on", held_at)
+            self.gatekeeper.resume(held_at)
         self._clock = clock
         self._begin: Begin | None = None
         self._looked = asyncio.Event()
@@ -70,6 +76,7 @@ class Pilot:
         vehicle = self.vehicle(now_ms)
         if vehicle is not None:
             self._do(self.gatekeeper.look(vehicle, now_ms), vehicle, now_ms)
+            self._memory.note(self.gatekeeper.held_at, now_ms)
         self._looked.set()
         commands, problem = self._orders.due(now_ms)
         if problem:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from msgspec import Meta
@@ -31,6 +32,8 @@ class FlightSettings(Table, frozen=True, kw_only=True):
     refused: Literal["hold", "return", "alternate"] = "hold"
     """Then: stay above the pad, return to launch, or go to the alternate and stay there."""
     alternate: Alternate | None = None
+    memory: Path | None = None
+    """A file that remembers where it is held, so that a restart of the agent takes it up."""
     take_off_elsewhere: Literal["refuse", "allow"] = "refuse"
     """Whether it may be armed where none of its pads is; asked by PX4 alone."""
 
