@@ -24,13 +24,6 @@ def vehicle(request, tmp_path_factory):
         yield vehicle
 
 
-@pytest.fixture(autouse=True)
-def it_runs(vehicle):
-    """A test that waits in vain for a process that has ended shows what that said last."""
-    yield
-    assert not vehicle.ended(), vehicle.log()[-3_000:]
-
-
 @pytest.fixture(scope="session")
 def geoid(tmp_path_factory):
     return Geoid(write_geoid(tmp_path_factory.mktemp("geoid") / "WW15MGH.DAC"))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from kit.agents import ANCHORS, FRAME, Flight, World, open_ledger
 from kit.ground_station import dialect
-from kit.sitl import COMPANION_PORT, ArduCopter, Home, own_network
+from kit.sitl import COMPANION_PORT, ArduCopter, Home, drag_gps, own_network
 
 from wonderland.clock import SteadyClock
 from wonderland.proofs.frame import to_local
@@ -26,7 +26,6 @@ pytestmark = pytest.mark.timeout(420)
 LONG_S = 150.0
 SAMPLE_S = 0.2
 DRAG_M_S = 1.0
-DEGREES_IN_A_METRE = 1 / 111_320
 
 
 class SimulatedTruth(Flight):
@@ -102,11 +101,7 @@ class Scene:
     async def drag(self):
         """The simulated receiver is led north, until cancelled."""
         self.mark("drag")
-        began = self.clock()
-        while True:
-            metres = DRAG_M_S * (self.clock() - began) / 1e3
-            self.station.set_quickly("SIM_GPS1_GLTCH_X", metres * DEGREES_IN_A_METRE)
-            await asyncio.sleep(0.1)
+        await drag_gps(self.station, DRAG_M_S, LONG_S)
 
     def keep(self, name):
         """For the figure in the documentation (WONDERLAND_FLIGHTS=DIR)."""

@@ -6,6 +6,7 @@ it starts, into a network namespace with loopback alone (`own_network`).
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import ctypes
 import fcntl
@@ -26,6 +27,12 @@ from kit.ground_station import GroundStation, dialect
 ARDUCOPTER, PX4 = "ARDUCOPTER_BIN", "PX4_BUILD_DIR"
 COMPANION_PORT = 14_540
 """Where both send to, for a computer on board that listens."""
+
+METRES_PER_DEGREE = 111_320.0
+HASTE = 10
+"""How fast an ArduPilot with a head start runs; on a busy machine it is slower."""
+HEAD_START_S = 47
+"""With so much, one that has caught up is ready to be armed."""
 
 _NEW_NETWORK = 0x40000000
 _SET_FLAGS, _UP = 0x8914, 1
@@ -118,7 +125,9 @@ class Vehicle:
         return self
 
     def __exit__(self, *_):
+        ended = self.ended()
         self.stop()
+        assert not ended, f"{self.name} ended by itself: {self.log()[-3_000:]}"
 
     def ground_station(self, **more) -> GroundStation:
         raise NotImplementedError
@@ -130,7 +139,11 @@ class Vehicle:
 
 class ArduCopter(Vehicle):
     """ArduPilot. Its first serial port is TCP 5760 (for a companion), its third 5763 (for the ground station); its
-    second sends to `COMPANION_PORT`."""
+    second sends to `COMPANION_PORT`.
+
+    It wants 42 s until its filter uses GPS. With `head_start_s` its clock is behind by so much, and its time goes faster
+    until `in_time`: attach a companion after that, and do not restart it (it would begin at that time again).
+    """
 
     name = "arducopter"
     kind = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -153,6 +166,10 @@ class ArduCopter(Vehicle):
         "FS_THR_ENABLE": 0,
     }
 
+    def __init__(self, *of_every_vehicle, head_start_s: int = 0, **more):
+        super().__init__(*of_every_vehicle, **more)
+        self.head_start_s = head_start_s
+
     def command(self):
         program = os.environ.get(ARDUCOPTER)
         if not program:
@@ -162,16 +179,34 @@ class ArduCopter(Vehicle):
             "".join(f"{name} {value}\n" for name, value in {**self.defaults, **self.parameters}.items())
         )
         home = f"{self.home.lat},{self.home.lon},{self.home.alt_m},0"
+        hurried = ["--start-time", str(round(time.time()) - self.head_start_s)] if self.head_start_s else []
+        speed = str(HASTE if hurried else 1)
         return [
-            *(str(Path(program).resolve()), "--model", "+", "--speedup", "1", "--home", home),
+            *(str(Path(program).resolve()), "--model", "+", "--speedup", speed, "--home", home, *hurried),
             *("--defaults", str(parameters), "--serial0", "tcp:0"),
             *("--serial1", f"udpclient:127.0.0.1:{COMPANION_PORT}", "--serial2", "tcp:3"),
         ]
 
     def start(self):
-        # It counts its UTC from the whole second in which it was started.
-        time.sleep(1 - time.time() % 1)
+        time.sleep(1 - time.time() % 1)  # it counts UTC from a whole second
         super().start()
+
+    async def in_time(self, station):
+        """Once it has caught up with the time of day, which goes at its pace from then on."""
+        for behind_s, speed in ((3.0, 2), (0.1, 1)):
+            async with asyncio.timeout(60):
+                while (said := await self._time_of_day(station)) < time.time() - behind_s:
+                    assert not self.ended(), self.log()
+            assert said < time.time() + 2, "it was attached too late"
+            await station.set("SIM_SPEEDUP", speed)
+
+    async def _time_of_day(self, station):
+        """Asked for again where it does not come: what is asked at the very start is forgotten at times."""
+        while True:
+            try:
+                return (await station.next("SYSTEM_TIME", 2)).time_unix_usec / 1e6
+            except TimeoutError:
+                await station.every(dialect.MAVLINK_MSG_ID_SYSTEM_TIME, 100)
 
     async def restart(self, station):
         await station.command(dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1)
@@ -221,8 +256,25 @@ class Px4(Vehicle):
         return state.lat / 1e7, state.lon / 1e7, state.alt / 1e3
 
 
+async def drag_gps(station, metres_per_s, for_s, *, heading_deg=0.0, look=None):
+    """Let ArduPilot's simulated receiver report places that move away, in real time; what it says of itself stays.
+
+    `look(dragged_m)` is called at each step, ten a second. Its offset stays when this ends.
+    """
+    began = time.monotonic()
+    north, east = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
+    east_m = METRES_PER_DEGREE * math.cos(math.radians(HOME.lat))
+    while (elapsed_s := time.monotonic() - began) < for_s:
+        dragged_m = metres_per_s * elapsed_s
+        station.set_quickly("SIM_GPS1_GLTCH_X", dragged_m * north / METRES_PER_DEGREE)
+        station.set_quickly("SIM_GPS1_GLTCH_Y", dragged_m * east / east_m)
+        if look is not None:
+            look(dragged_m)
+        await asyncio.sleep(0.1)
+
+
 def metres_between(place, other):
     """(north, east, up) of `other` from `place`: degrees, degrees, metres."""
-    north = (other[0] - place[0]) * 111_320.0
-    east = (other[1] - place[1]) * 111_320.0 * math.cos(math.radians(place[0]))
+    north = (other[0] - place[0]) * METRES_PER_DEGREE
+    east = (other[1] - place[1]) * METRES_PER_DEGREE * math.cos(math.radians(place[0]))
     return north, east, other[2] - place[2]
