@@ -1,4 +1,4 @@
-"""What an ArduCopter says of itself while its GPS is dragged away, without a pad: nothing, where it goes slowly.
+"""What an autopilot says of itself while its GPS is dragged away, without a pad: nothing, where it goes slowly.
 
 The autopilot stays where its receiver says that it is, so it flies away; nothing that it tells of itself changes, and
 neither does the claim. `WONDERLAND_FLIGHTS=DIR` keeps what was seen, as CSV.
@@ -13,8 +13,10 @@ import time
 from pathlib import Path
 
 import pytest
+from kit import px4_receiver
 from kit.ground_station import dialect
-from kit.sitl import HEAD_START_S, METRES_PER_DEGREE, ArduCopter, drag_gps, metres_between, own_network
+from kit.px4_receiver import Receiver
+from kit.sitl import HEAD_START_S, METRES_PER_DEGREE, ArduCopter, Px4, drag_gps, metres_between, own_network
 
 pytestmark = pytest.mark.timeout(180)
 
@@ -125,4 +127,33 @@ async def test_nothing_that_the_autopilot_says_tells_of_a_slow_drag(vehicle, com
             (flags,) = {row["ekf_flags"] for row in flight.rows}
             assert flags & HEALTHY == HEALTHY
             assert max(row["ekf_pos_variance"] for row in flight.rows) < 1, "of its own limit"
+            assert station.texts == []
+
+
+async def test_px4_goes_along_as_well(tmp_path, companion):
+    parameters = px4_receiver.PARAMETERS
+    with own_network(), Px4(tmp_path, parameters=parameters) as vehicle:
+        async with vehicle.ground_station() as station, Receiver(station) as receiver, companion() as computer:
+            await computer.locked()
+            await station.set("MIS_TAKEOFF_ALT", HEIGHT_M)
+            nan = float("nan")
+            await station.done(dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, vehicle.home.alt_m + HEIGHT_M)
+            async with asyncio.timeout(60):
+                while await station.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1) != dialect.MAV_RESULT_ACCEPTED:
+                    await asyncio.sleep(0.5)
+                while receiver.truth.alt < 1e3 * (vehicle.home.alt_m + HEIGHT_M - 0.5):
+                    await asyncio.sleep(0.1)
+            await station.next("ESTIMATOR_STATUS")
+            calm, claim = station.latest["ESTIMATOR_STATUS"], computer.claim()
+            station.texts.clear()
+            began = time.monotonic()
+            while receiver.north_m < 15:
+                receiver.north_m = time.monotonic() - began
+                assert computer.claim().accuracy_mm == claim.accuracy_mm
+                assert station.latest["ESTIMATOR_STATUS"].flags == calm.flags
+                await asyncio.sleep(0.1)
+            place = (receiver.truth.lat / 1e7, receiver.truth.lon / 1e7, 0)
+            claim = computer.claim()
+            assert metres_between(place, (claim.lat_e7 / 1e7, claim.lon_e7 / 1e7, 0))[0] > 10
+            assert station.latest["ESTIMATOR_STATUS"].pos_horiz_ratio < 1, "of its own limit"
             assert station.texts == []

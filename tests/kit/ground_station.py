@@ -60,7 +60,11 @@ class GroundStation:
 
     def send(self, message):
         self._mav.seq = (self._mav.seq + 1) % 256
-        self._link.write(bytes(message.pack(self._mav)))
+        self.write(bytes(message.pack(self._mav)))
+
+    def write(self, data):
+        """Bytes of another sender on this link."""
+        self._link.write(data)
 
     def take(self, data):
         now = time.monotonic()
