@@ -115,6 +115,22 @@ async def test_a_dragged_gps_does_not_land(world):
         assert (drone.on_ground, drone.mode, 21 in drone.commands) == (False, "guided", False)
 
 
+async def test_a_pilot_who_lands_without_permission_is_on_the_ledger(world):
+    drone = FlyingAutopilot(frame=FRAME, place=[6_000.0, 0.0, 20_000.0])
+    world.flight = Beside(drone, (0.0, 0.0, 0.0))
+    async with serving(world, drone, 1) as said:  # no pad's agent: no proof comes about
+        await until(lambda: 245 in drone.rates and drone.heartbeats_heard, said)
+        drone.mode = "land"
+        await until(lambda: words(said, "no permission to land at pad-1") and drone.commands.count(192) == 2, said)
+        drone.mode = "land"
+        await until(lambda: drone.on_ground, said)
+        events = world.contract("mirror").events(start_block=0, names=frozenset({"LandingReported"}))
+        async with asyncio.timeout(LONG_S):
+            record = (await anext(events)).record
+        assert (record["uav_id"], record["pad_id"], record["cause"]) == ("uav-1", "pad-1", "pilot")
+        await until(lambda: words(said, "the landing at pad-1 without a permission is on the ledger"), said)
+
+
 def test_the_settings_are_the_options_and_complaints_name_the_field(tmp_path):
     path = tmp_path / "uav.toml"
     for text, complaint in (

@@ -16,11 +16,13 @@ from aiosmtpd.controller import Controller
 from aiosmtpd.handlers import Message
 from cryptography import x509
 from jsonschema import Draft202012Validator
+from kit.backend import serving
 from kit.description import document
 from msgspec.structs import asdict
 from sqlalchemy import insert, select, update
 
 from wonderland import messages
+from wonderland.proofs import encoding
 from wonderland_backend.alerts import oddities, queries, store, watch
 from wonderland_backend.alerts.deliver import Delivery
 from wonderland_backend.alerts.derive import alerts_of
@@ -691,3 +693,28 @@ def test_every_kind_has_a_text_and_a_name_in_the_interface():
     one, other = (Alert("refuted", source, 0) for source in "ab")
     assert one.alert_id == Alert("refuted", "a", 99).alert_id != other.alert_id
     assert [retry_ms(each) for each in (1, 2, 3, 30)] == [10_000, 20_000, 40_000, 3_600_000]
+
+
+def landing_event(**more):
+    claim = {"lat_e7": 1, "lon_e7": 1, "height_mm": 1, "accuracy_mm": 1, "height_accuracy_mm": 1, "t_ms": START_MS}
+    record = {"uav_id": "uav-1", "pad_id": "pad-1", "cause": "pilot", "claim": claim, "reported_ms": START_MS}
+    return ("LandingReported", encoding.encode({"kind": "LandingReported", "record": record | more}))
+
+
+async def test_a_landing_without_permission_that_a_drone_reports_is_an_alert(new_backend, chain, source_of, tx, facts):
+    chain.add(facts.put_pad(), facts.put_uav())
+    chain.add(
+        tx("ReportLanding", {}, event=landing_event(), t_ms=START_MS),
+        tx("ReportLanding", {}, event=landing_event(), chaincode="other"),
+        tx("ReportLanding", {}, event=landing_event(cause=7)),
+        tx("ReportLanding", {}, event=("LandingReported", b"\xff")),
+        tx("CreateAsset", {}, event=landing_event()),
+    )
+    async with serving(new_backend(source_of(chain))) as running:
+        await running.mirrored(chain.height)
+        (alert,) = await alerts(running)
+        conforms("AlertPage", await running.json("/alerts"))
+        assert (alert["kind"], alert["severity"], alert["uav_id"]) == ("landed_unpermitted", "critical", "uav-1")
+        assert alert["facts"] == {"cause": "pilot"}
+        said = plain_text(alert["kind"], alert["pad_id"], alert["uav_id"], alert["facts"])
+        assert said == "uav-1 came down at pad-1 without a permission: its pilot flew. It says so itself."

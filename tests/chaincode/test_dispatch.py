@@ -223,6 +223,7 @@ def _examples(scene):
     yield scene.uav, "RequestProof", scene.request_argument("k2")
     yield scene.pad, "SubmitProof", {"session_id": session["session_id"], "evidence": scene.evidence(session)}
     yield scene.inspector, "CalibrateUav", scene.calibration(session["session_id"])
+    yield scene.uav, "ReportLanding", {"pad_id": "pad-1", "cause": "pilot", "claim": scene.claim()}
     yield scene.uav, "CancelProof", {"session_id": session["session_id"], "reason": "x"}
     yield scene.uav, "CreateAsset", {"id": "a", "type": "t", "media_type": "a/b", "value": "v"}
 

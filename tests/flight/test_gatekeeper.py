@@ -10,7 +10,17 @@ from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.records.sessions import Claim
 from wonderland_edge_agent.geodesy import frame_at
 from wonderland_uav_agent.flight import FlightSettings, Gate, Gatekeeper
-from wonderland_uav_agent.flight.gatekeeper import AGAIN_MS, GATE_PATIENCE_MS, GoTo, Land, Phase, Prove, Return, Tell
+from wonderland_uav_agent.flight.gatekeeper import (
+    AGAIN_MS,
+    GATE_PATIENCE_MS,
+    GoTo,
+    Land,
+    Phase,
+    Prove,
+    Report,
+    Return,
+    Tell,
+)
 from wonderland_uav_agent.flight.settings import Alternate
 from wonderland_uav_agent.flight.vehicle import ARDUPILOT, PX4, Mode, Vehicle, mode_of
 from wonderland_uav_agent.position.mavlink.messages import Heartbeat
@@ -116,7 +126,7 @@ def test_who_begins_to_land_near_a_pad_is_held_above_it_until_a_verdict_permits(
     drone.on_ground = True
     drone.look()
     assert drone.keeper.phase is Phase.WATCHING
-    assert not any(isinstance(order, Tell) and order.grave for order in drone.orders)
+    assert not any(isinstance(order, Report) for order in drone.orders)
 
 
 @pytest.mark.parametrize(
@@ -189,10 +199,8 @@ def test_the_pilot_always_wins_and_a_landing_without_permission_is_told(mode):
     assert drone.kinds() == before, "nothing more is ordered"
     drone.on_ground = True
     drone.look(2)
-    grave = [order.text for order in drone.orders if isinstance(order, Tell) and order.grave]
-    assert grave == [
-        "on the ground at pad-1 without a permission: the pilot chose another flight mode",
-    ]
+    (report,) = (order for order in drone.orders if isinstance(order, Report))
+    assert report == Report("pad-1", "pilot", "on the ground at pad-1 without a permission: the pilot flies")
     drone.on_ground, drone.mode = False, Mode.MISSION
     drone.look(10)
     assert drone.keeper.phase is Phase.WATCHING, "the next flight is another one"
@@ -208,6 +216,9 @@ def test_a_failsafe_is_never_held():
     held.look(50)
     assert held.kinds() == [GoTo, Prove]
     assert held.keeper.why == "a fail-safe of the autopilot flies"
+    held.on_ground = True
+    held.look()
+    assert held.orders[-1].cause == "failsafe"
 
 
 def test_the_pilot_takes_over_while_it_lands_and_the_permission_is_not_used_up_by_the_agent():
@@ -225,6 +236,9 @@ def test_an_order_without_effect_is_given_again_and_is_no_pilots_will():
     drone.look(1 + 3 * AGAIN_MS // 100)
     assert drone.kinds() == [GoTo] * 4
     assert drone.keeper.phase is Phase.TO_GATE
+    drone.on_ground = True
+    drone.look()
+    assert drone.orders[-1].cause == "not_held"
 
 
 def test_wind_that_keeps_it_from_the_gate_does_not_keep_it_from_its_proof():

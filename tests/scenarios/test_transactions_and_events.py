@@ -106,6 +106,7 @@ async def test_every_transaction_has_its_event(people, site):
         await tells(fleet, "WithdrawCalibration", here, reason="another antenna")
         session = await tells(uav, "RequestProof", site.scene().request_argument("k1", pad_id=pad_id))
         await tells(uav, "CancelProof", session_id=session["session_id"], reason="operator")
+        await tells(uav, "ReportLanding", pad_id=pad_id, cause="pilot", claim=site.scene().claim())
 
         await tells(inspector, "SetUavStatus", uav_id=uav_id, status="suspended", reason="inspection")
         _, lifted = await happens(inspector, "ProposeReinstatement", uav_id=uav_id, reason="inspected")

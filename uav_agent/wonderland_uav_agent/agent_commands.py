@@ -27,6 +27,7 @@ from wonderland_uav_agent.checking import explained
 from wonderland_uav_agent.drone_options import flight_settings, of_the_drone
 from wonderland_uav_agent.flight import FlightSettings
 from wonderland_uav_agent.flight.gates import keep_gates
+from wonderland_uav_agent.flight.reports import LandingReports
 from wonderland_uav_agent.position import PositionError
 from wonderland_uav_agent.requests import Requests
 from wonderland_uav_agent.results import document, lines
@@ -175,7 +176,10 @@ async def _serve(
         requests = Requests(url, credentials, willing.decide, position, tls=tls)
         working = [asyncio.create_task(requests.run()), asyncio.create_task(made.missing.run())]
         if made.pilot is not None:
+            reports = LandingReports(made.ledger)
             made.pilot.prove_with(willing.begin)
+            made.pilot.report_with(reports.add)
+            working.append(asyncio.create_task(reports.run()))
             working.append(asyncio.create_task(keep_gates(made.pilot.gatekeeper, made.ledger, pads)))
         told = asyncio.create_task(stopping.wait())
         manager = ServiceManager()

@@ -9,6 +9,7 @@ from typing import Any, Final
 import orjson
 
 from wonderland_backend.alerts.kinds import Alert
+from wonderland_backend.mirror.derive import LandingTold
 from wonderland_backend.mirror.rows import VerdictWrite
 
 
@@ -86,3 +87,11 @@ def alerts_of(verdicts: Iterable[VerdictWrite]) -> Iterator[Alert]:
             if others or not closed:
                 facts = {"action": row.action}
                 yield Alert("unauthorised", row.session_id, row.decided_ms, **place, facts=facts)
+
+
+def landings_of(landings: Iterable[LandingTold]) -> Iterator[Alert]:
+    """The alerts of landings without permission that drones reported of themselves."""
+    for told in landings:
+        landing = told.landing
+        place = {"pad_id": landing.pad_id, "uav_id": landing.uav_id, "tx_id": told.tx_id}
+        yield Alert("landed_unpermitted", told.tx_id, landing.reported_ms, **place, facts={"cause": landing.cause})

@@ -20,6 +20,7 @@ SEVERITIES: Final[Mapping[str, Severity]] = {
     "stamps_contradict": "critical",
     "leaving": "critical",
     "permission_unmatched": "critical",
+    "landed_unpermitted": "critical",
     "ledger_halted": "critical",
     "rows_differ": "critical",
     "unauthorised": "warning",

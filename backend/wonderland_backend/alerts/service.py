@@ -9,7 +9,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland_backend.alerts import store
 from wonderland_backend.alerts.deliver import enqueue
-from wonderland_backend.alerts.derive import alerts_of
+from wonderland_backend.alerts.derive import alerts_of, landings_of
 from wonderland_backend.db.tables.alerts import AlertRow
 from wonderland_backend.mirror.derive import Changes
 from wonderland_backend.mirror.subscriber import Subscriber
@@ -31,10 +31,10 @@ class Alerts(Subscriber[list[dict[str, Any]]]):
 
     async def in_transaction(self, connection: AsyncConnection, changes: Changes) -> list[dict[str, Any]]:
         """Raise what these changes call for: the alerts that are new, and news, as they are shown."""
-        if not changes.verdict_writes:
+        alerts = [*alerts_of(changes.verdict_writes), *landings_of(changes.landings)]
+        if not alerts:
             return []
         now = self._clock()
-        alerts = list(alerts_of(changes.verdict_writes))
         raised = await store.raise_all(connection, alerts, now)
         if not raised:
             return []

@@ -14,7 +14,9 @@ from typing import Any, Final, TypeVar, cast
 import msgspec
 import orjson
 
+from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records import keys
+from wonderland.proofs.records.landings import Landing
 from wonderland_backend.mirror.certificates import note_signers
 from wonderland_backend.mirror.rows import (
     RECORDS,
@@ -45,6 +47,7 @@ from wonderland_fabric_gateway.verification.light_client import policy_changes
 R = TypeVar("R", bound=Row)
 
 _SUBMIT_PROOF: Final = "SubmitProof"
+_REPORT_LANDING: Final = "ReportLanding"
 _IDENTIFIER: Final = 128
 _PROBLEM: Final = 300
 
@@ -56,6 +59,14 @@ brought is judged in the verdict, which says so; its transaction is there in ful
 audit logs are asked of the ledger itself: a copy of them beside the log would prove nothing."""
 VERSIONED: Final = frozenset({keys.PAD, keys.UAV, keys.AUTHORISATION, keys.POLICY, keys.CLOSURES})
 """Kinds whose every version is kept."""
+
+
+@dataclass(frozen=True)
+class LandingTold:
+    """A landing without a permission, by the transaction that reported it."""
+
+    tx_id: str
+    landing: Landing
 
 
 @dataclass
@@ -75,6 +86,8 @@ class Changes:
     session_writes: list[SessionWrite] = field(default_factory=list)
     """Every state of every session, in order."""
     verdict_writes: list[VerdictWrite] = field(default_factory=list)
+    landings: list[LandingTold] = field(default_factory=list)
+    """Without a permission, as drones reported them; they have no rows."""
 
     @property
     def last(self) -> BlockWrite:
@@ -159,11 +172,25 @@ def _invocation(number: int, transaction: Transaction, chaincode: str, changes: 
             _unread(changes, place, position, str(problem), namespace=namespace, key=write.key)
     assert transaction.invocation is not None
     _policies(place, transaction.invocation, changes)
-    if transaction.invocation.chaincode == chaincode and transaction.invocation.function == _SUBMIT_PROOF:
+    if transaction.invocation.chaincode != chaincode:
+        return
+    if transaction.invocation.function == _REPORT_LANDING and event is not None:
+        try:
+            changes.landings.append(LandingTold(transaction.tx_id, _landing(event.payload)))
+        except Unreadable as problem:
+            _unread(changes, place, -1, str(problem), namespace=chaincode, key=_REPORT_LANDING)
+    if transaction.invocation.function == _SUBMIT_PROOF:
         try:
             _evidence(place, transaction.invocation.args, changes)
         except Unreadable as problem:
             _unread(changes, place, -1, str(problem), namespace=chaincode, key=_SUBMIT_PROOF)
+
+
+def _landing(payload: bytes) -> Landing:
+    try:
+        return Landing.parse(orjson.loads(payload)["record"])
+    except (ValueError, KeyError, TypeError, ProofError) as problem:
+        raise Unreadable(f"the event of a landing: {problem}") from problem
 
 
 def _policies(place: Place, invocation: Invocation, changes: Changes) -> None:

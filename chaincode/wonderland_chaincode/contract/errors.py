@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-MAX_TEXT: Final = 600
+MAX_TEXT: Final = 800
 BAD_INPUT: Final = 400
 NOT_ALLOWED: Final = 403
 NOT_THERE: Final = 404

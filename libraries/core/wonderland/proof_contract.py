@@ -155,6 +155,11 @@ class ProofContract:
         answer, done = await self._submit("CompleteInteraction", argument, _DECIDED)
         return _parsed(Session, answer), done
 
+    async def report_landing(self, argument: tx.ReportLanding) -> Committed:
+        """Say that this drone came down at a pad without a permission."""
+        _, done = await self._submit("ReportLanding", argument)
+        return done
+
     async def cancel(self, session_id: str, reason: str, note: str = "") -> tuple[Session, Committed]:
         """End a session without a verdict, or one whose permission lapsed."""
         argument = tx.CancelProof(session_id=session_id, reason=reason, note=_note(note))

@@ -70,13 +70,21 @@ class Prove:
 
 @dataclass(frozen=True, slots=True)
 class Tell:
-    """Say this to whoever reads the log; ``grave``: a landing that nothing permitted."""
+    """Say this to whoever reads the log."""
 
     text: str
-    grave: bool = False
 
 
-Order = GoTo | Land | Return | Prove | Tell
+@dataclass(frozen=True, slots=True)
+class Report:
+    """It came down at a pad without a permission: for the ledger, and the log. ``cause`` as the contract has it."""
+
+    pad_id: str
+    cause: str
+    text: str
+
+
+Order = GoTo | Land | Return | Prove | Tell | Report
 
 
 class Phase(StrEnum):
@@ -103,6 +111,7 @@ class Gatekeeper:
         self.phase = Phase.WATCHING
         self.why = ""
         """Why it is refused or overridden."""
+        self._cause = "not_held"
         self._standing: GoTo | Land | Return | None = None
         """What the vehicle was told last; None where somebody else flies it."""
         self._ordered_ms = self._since_ms = self._proved_ms = 0
@@ -151,7 +160,7 @@ class Gatekeeper:
             return self._watch(vehicle, now_ms)
         assert self._gate is not None
         if self._taken_over(vehicle, now_ms):
-            return self._override(_who(vehicle), now_ms)
+            return self._override(vehicle, now_ms)
         if self._standing is not None and vehicle.mode is not _WANTED[type(self._standing)]:
             return self._insist(now_ms)
         match self.phase:
@@ -195,7 +204,7 @@ class Gatekeeper:
         assert self._gate is not None
         self.why = reason
         if self._standing is None:
-            return self._override("the pilot flies, and the permission is gone", now_ms)
+            return self._override(vehicle, now_ms)
         back = self._turn(Phase.REFUSED, self._place_of(self._gate), vehicle, now_ms)
         return [Tell(f"the permission is gone ({reason}): holding"), back]
 
@@ -228,7 +237,9 @@ class Gatekeeper:
         permitted = phase in {Phase.LANDING, Phase.TO_PAD}
         said: list[Order] = []
         if not permitted and gate is not None and self._in_approach(gate, vehicle):
-            said = [Tell(f"on the ground at {gate.pad_id} without a permission: {self.why or phase.value}", grave=True)]
+            cause = self._cause if phase is Phase.OVERRIDDEN else "not_held"
+            text = f"on the ground at {gate.pad_id} without a permission: {self.why or phase.value}"
+            said = [Report(gate.pad_id, cause, text)]
         self.phase, self._gate, self._standing, self.why = Phase.WATCHING, None, None, ""
         return said
 
@@ -239,7 +250,7 @@ class Gatekeeper:
             return []
         self._gate, self._attempts, self._proving, self.why = gate, 0, False, ""
         if vehicle.failsafe:
-            return self._override(_who(vehicle), now_ms)
+            return self._override(vehicle, now_ms)
         told = Tell(f"about to land at {gate.pad_id}: held until a verdict permits it")
         return [told, self._turn(Phase.TO_GATE, self._place_of(gate), vehicle, now_ms)]
 
@@ -318,18 +329,17 @@ class Gatekeeper:
             return vehicle.mode is not _WANTED[type(self._before)] and vehicle.custom_mode != self._from_mode
         return vehicle.custom_mode != self._from_mode
 
-    def _override(self, who: str, now_ms: int) -> list[Order]:
+    def _override(self, vehicle: Vehicle, now_ms: int) -> list[Order]:
+        self._cause = "failsafe" if vehicle.failsafe else "pilot"
+        who = _WHO[self._cause]
         self.phase, self._since_ms, self._standing, self.why = Phase.OVERRIDDEN, now_ms, None, who
         pad_id = self._gate.pad_id if self._gate is not None else ""
         return [Tell(f"{who} at {pad_id}: nothing more is ordered until it is on the ground")]
 
 
 _WANTED: Final = {GoTo: Mode.HELD, Land: Mode.LANDING, Return: Mode.RETURNING}
+_WHO: Final = {"failsafe": "a fail-safe of the autopilot flies", "pilot": "the pilot flies"}
 _WHAT: Final = {"hold": "holding", "return": "returning to launch", "alternate": "going to the alternate"}
-
-
-def _who(vehicle: Vehicle) -> str:
-    return "a fail-safe of the autopilot flies" if vehicle.failsafe else "the pilot chose another flight mode"
 
 
 def _aside_mm(gate: Gate, vehicle: Vehicle) -> float:

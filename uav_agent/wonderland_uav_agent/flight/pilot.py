@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from wonderland.clock import Clock
+from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland_uav_agent.flight.arming import Arming
-from wonderland_uav_agent.flight.gatekeeper import Gatekeeper, GoTo, Land, Order, Phase, Prove, Return, Tell
+from wonderland_uav_agent.flight.gatekeeper import Gatekeeper, GoTo, Land, Order, Phase, Prove, Report, Return, Tell
 from wonderland_uav_agent.flight.memory import HeldMemory
 from wonderland_uav_agent.flight.orders import Orders
 from wonderland_uav_agent.flight.settings import FlightSettings
@@ -47,6 +48,7 @@ class Pilot:
             self.gatekeeper.resume(held_at)
         self._clock = clock
         self._begin: Begin | None = None
+        self._report: Callable[[tx.ReportLanding], None] | None = None
         self._looked = asyncio.Event()
 
     def board(self, link: MavlinkPosition) -> None:
@@ -57,6 +59,10 @@ class Pilot:
     def prove_with(self, begin: Begin) -> None:
         """What begins a proof."""
         self._begin = begin
+
+    def report_with(self, report: Callable[[tx.ReportLanding], None]) -> None:
+        """What says on the ledger that it came down without a permission."""
+        self._report = report
 
     # --- the link's crew ---------------------------------------------------------------------------------------
 
@@ -156,9 +162,13 @@ class Pilot:
         for order in orders:
             match order:
                 case Tell():
-                    _log.log(logging.ERROR if order.grave else logging.WARNING, "%s", order.text)
+                    _log.warning("%s", order.text)
                     if self.gatekeeper.phase is Phase.OVERRIDDEN:
                         self._orders.forget()
+                case Report():
+                    _log.error("%s", order.text)
+                    if self._report is not None:
+                        self._report(tx.ReportLanding(pad_id=order.pad_id, cause=order.cause, claim=vehicle.claim))
                 case Prove():
                     self._prove(order.pad_id)
                 case GoTo() | Land() | Return():

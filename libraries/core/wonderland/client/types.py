@@ -16,6 +16,7 @@ class Alert(TypedDict):
         "stamps_contradict",
         "leaving",
         "permission_unmatched",
+        "landed_unpermitted",
         "ledger_halted",
         "rows_differ",
         "unauthorised",

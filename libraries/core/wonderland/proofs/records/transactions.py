@@ -31,6 +31,7 @@ from wonderland.proofs.records.fields import (
     TimeMs,
     UavId,
 )
+from wonderland.proofs.records.landings import LandingCause
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.radios import NodeAbility
 from wonderland.proofs.records.schema import Choice, Integer, Items, Record, Text
@@ -276,6 +277,15 @@ class CompleteInteraction(Record):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class ReportLanding(Record):
+    """A drone says of itself that it came down at a pad without a permission, and who flew it. It changes nothing."""
+
+    pad_id: PadId
+    cause: LandingCause
+    claim: sessions.Claim
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class CancelProof(Record):
     """Ends a session that will not be decided: a timeout, a loss, a refusal."""
 
@@ -400,6 +410,7 @@ TRANSACTIONS: Final = _all(
     Transaction("WitnessProof", WitnessProof, (PAD,), "ProofWitnessed"),
     Transaction("SubmitProof", SubmitProof, (PAD,), "ProofDecided"),
     Transaction("CompleteInteraction", CompleteInteraction, (PAD, UAV), "InteractionCompleted"),
+    Transaction("ReportLanding", ReportLanding, (UAV,), "LandingReported"),
     Transaction("CancelProof", CancelProof, (PAD, UAV, ADMIN), "ProofCancelled"),
     Transaction("CreateAsset", CreateAsset, ROLES, "AssetCreated"),
     Transaction("UpdateAsset", UpdateAsset, ROLES, "AssetUpdated"),
