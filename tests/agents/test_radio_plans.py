@@ -84,6 +84,9 @@ async def test_a_policy_above_what_the_nodes_reach_is_refused_at_the_pad_and_sai
     await commissioned(world, replace(ASSUMED, blinks="none"))
     await world.policy(min_assurance=3)
     async with world.pad() as pad, world.uav() as uav:
+        async with asyncio.timeout(20):
+            while any("not known yet" in each for each in pad.status()["cannot_prove"]):
+                await asyncio.sleep(0.05)
         (reason,) = pad.status()["cannot_prove"]
         assert "the policy demands assurance 3, and the pad's nodes cannot do blinks" in reason
         assert "(to land, take off, dock)" in reason
