@@ -1,5 +1,6 @@
 """What both sides' nodes can do decides the plan; what cannot work is said before anything goes on the air."""
 
+import asyncio
 from collections import Counter
 from dataclasses import replace
 
