@@ -228,6 +228,40 @@ def test_the_pilot_takes_over_while_it_lands_and_the_permission_is_not_used_up_b
     drone.mode = Mode.OTHER
     drone.look()
     assert drone.keeper.phase is Phase.OVERRIDDEN
+    drone.on_ground = True
+    drone.look()
+    assert not any(isinstance(order, Report) for order in drone.orders), "the ledger permitted that landing"
+
+
+def test_a_pilot_whose_permission_ends_before_he_is_down_had_none():
+    drone = Drone().to_proof()
+    drone.permit()
+    drone.look(20)
+    drone.mode = Mode.OTHER
+    drone.look()
+    before = drone.kinds()
+    drone.obey(drone.keeper.revoke("the session ended", drone.seen, drone.now_ms))
+    assert drone.kinds() == before
+    drone.on_ground = True
+    drone.look()
+    assert drone.orders[-1].cause == "pilot"
+
+
+def test_a_permission_that_ends_while_nobody_knows_where_it_is_holds_it_when_it_is_known():
+    """Who jams the receiver at that moment wins no landing by it."""
+    drone = Drone().to_proof()
+    drone.permit()
+    drone.look(20)
+    assert drone.keeper.revoke("the session ended", None, drone.now_ms) == []
+    drone.look()
+    assert drone.kinds()[-1] is GoTo
+    assert drone.keeper.phase is Phase.REFUSED
+    down = Drone().to_proof()
+    down.permit()
+    down.keeper.revoke("the session ended", None, down.now_ms)
+    down.on_ground = True
+    down.look()
+    assert isinstance(down.orders[-1], Report)
 
 
 def test_an_order_without_effect_is_given_again_and_is_no_pilots_will():

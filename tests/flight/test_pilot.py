@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import logging
 from types import SimpleNamespace
 
@@ -199,6 +200,13 @@ async def test_an_agent_that_starts_again_takes_up_the_drone_that_it_held(tmp_pa
     async with flying(drone, settings) as here:
         await asyncio.sleep(1.0)
         assert here.proofs.begun == [], "who hovers there of his own will is left alone"
+
+
+async def test_a_memory_that_does_not_hold_any_more_is_gone_with_the_first_look(tmp_path):
+    settings = FlightSettings(memory=tmp_path / "flight.json")
+    settings.memory.write_text(json.dumps({"pad_id": "pad-1", "t_ms": SteadyClock()() - 1_000}))
+    async with flying(FlyingAutopilot(frame=FRAME, on_ground=True, place=[0.0, 0.0, 0.0]), settings):
+        await until(lambda: not settings.memory.exists(), "it stands: nothing to take up, now or later")
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"pad_id": 1, "t_ms": 2}', '{"pad_id": "pad-1", "t_ms": 5}'])

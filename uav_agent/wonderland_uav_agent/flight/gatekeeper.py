@@ -112,6 +112,10 @@ class Gatekeeper:
         self.why = ""
         """Why it is refused or overridden."""
         self._cause = "not_held"
+        self._permitted = False
+        """Whether a committed verdict permits this approach its landing, whoever flies it."""
+        self._revoked = ""
+        """Why the permission is gone, where nobody knew then where the vehicle was."""
         self._standing: GoTo | Land | Return | None = None
         """What the vehicle was told last; None where somebody else flies it."""
         self._ordered_ms = self._since_ms = self._proved_ms = 0
@@ -154,6 +158,8 @@ class Gatekeeper:
         """To be called several times a second."""
         if vehicle.on_ground or not vehicle.armed:
             return self._on_ground(vehicle)
+        if self._revoked:
+            return self.revoke(self._revoked, vehicle, now_ms)
         if self.phase is Phase.OVERRIDDEN:
             return []
         if self.phase is Phase.WATCHING:
@@ -188,7 +194,7 @@ class Gatekeeper:
         if self.phase is not Phase.WATCHING and self._gate != gate:
             return f"the drone waits above another pad than {pad_id}", []
         watched = self.phase is Phase.WATCHING
-        self._gate, self._proving = gate, False
+        self._gate, self._proving, self._permitted = gate, False, True
         if watched and vehicle.mode is Mode.OTHER:
             self.phase, self._standing = Phase.LANDING, None
             return "", [Tell(f"the ledger permits the landing at {pad_id}; the pilot flies")]
@@ -199,7 +205,13 @@ class Gatekeeper:
 
     def revoke(self, reason: str, vehicle: Vehicle | None, now_ms: int) -> list[Order]:
         """The permission is gone before the drone was down."""
-        if self.phase not in {Phase.LANDING, Phase.TO_PAD} or vehicle is None or vehicle.on_ground:
+        if not self._permitted or (vehicle is not None and vehicle.on_ground):
+            return []
+        if vehicle is None:
+            self._revoked = reason
+            return []
+        self._permitted, self._revoked = False, ""
+        if self.phase is Phase.OVERRIDDEN:
             return []
         assert self._gate is not None
         self.why = reason
@@ -234,7 +246,7 @@ class Gatekeeper:
         self._resume = None
         if phase is Phase.WATCHING:
             return []
-        permitted = phase in {Phase.LANDING, Phase.TO_PAD}
+        permitted, self._permitted, self._revoked = self._permitted and not self._revoked, False, ""
         said: list[Order] = []
         if not permitted and gate is not None and self._in_approach(gate, vehicle):
             cause = self._cause if phase is Phase.OVERRIDDEN else "not_held"
@@ -248,7 +260,7 @@ class Gatekeeper:
         waits = self._waits(gate, vehicle)
         if gate is None or not (waits or self._lands(gate, vehicle)):
             return []
-        self._gate, self._attempts, self._proving, self.why = gate, 0, False, ""
+        self._gate, self._attempts, self._proving, self._permitted, self.why = gate, 0, False, False, ""
         if vehicle.failsafe:
             return self._override(vehicle, now_ms)
         told = Tell(f"about to land at {gate.pad_id}: held until a verdict permits it")

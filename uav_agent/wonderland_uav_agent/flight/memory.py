@@ -14,6 +14,8 @@ _log = logging.getLogger(__name__)
 LATEST_MS: Final = 3_600_000
 """No battery holds a drone for longer."""
 MAX_BYTES: Final = 4_096
+_UNKNOWN: Final = "?"
+"""What the file says is not what this agent wrote; no pad is called so."""
 
 
 class HeldMemory:
@@ -27,11 +29,13 @@ class HeldMemory:
         """The pad at which it was held when this was written last; None where it was not, or long ago."""
         if self._path is None:
             return None
+        self._written = _UNKNOWN
         try:
             with self._path.open("rb") as file:
                 found = json.loads(file.read(MAX_BYTES))
             pad_id, t_ms = found["pad_id"], found["t_ms"]
         except FileNotFoundError:
+            self._written = None
             return None
         except (OSError, ValueError, TypeError, KeyError) as error:
             _log.warning("%s: not readable, so that no held drone is taken up (%s)", self._path, error)
