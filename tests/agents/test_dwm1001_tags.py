@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import random
 
@@ -20,7 +21,7 @@ BOARD = 0x1A2B
 
 
 @contextlib.asynccontextmanager
-async def proofs(world, *, board=BOARD):
+async def proofs(world, *, board=BOARD, anchors_by_mistake=()):
     """A pad of four tags, a drone with an anchor; both agents at work. ``board``: what the drone says that it carries."""
     drone = [VirtualAnchor(BOARD, "uav", BoardPosition(0, 0, 0))]
     ports = {}
@@ -28,6 +29,8 @@ async def proofs(world, *, board=BOARD):
         tag = VirtualDwm1001(
             name, drone if name != "uav" else [], world.measure, rng=random.Random(index), quirks=Quirks(update_ms=100)
         )
+        if name in anchors_by_mistake or name == "uav":
+            tag.mode = "ain"
         ports[name] = PtyPort(tag, world.directory / f"tty-dwm-{name}")
         ports[name].plug()
     anchors = [{"anchor_id": name, "port": str(ports[name].path)} for name in ANCHOR_NAMES]
@@ -75,6 +78,21 @@ async def test_a_policy_that_takes_it_leaves_the_pad_able(world):
     async with proofs(world) as (pad, _):
         assert pad.status()["accepts_sessions"]
         assert pad.status()["reach"]["assurance"] == 0
+
+
+async def test_boards_in_the_wrong_role_are_named_and_the_pad_cannot_prove(world):
+    await world.policy(min_assurance=0)
+    async with proofs(world, anchors_by_mistake=("A2", "A4")) as (pad, _):
+        async with asyncio.timeout(10):
+            while "an anchor" not in str(pad.status()["anchors"]):
+                await asyncio.sleep(0.05)
+        states = {each["anchor_id"]: (each["state"], each.get("detail", "")) for each in pad.status()["anchors"]}
+        for name in ("A2", "A4"):
+            state, detail = states[name]
+            assert state == "down"
+            assert "configured as an anchor" in detail
+            assert "uwb prepare" in detail
+        assert not pad.status()["accepts_sessions"]
 
 
 async def test_a_lie_of_three_metres_is_refuted_all_the_same(world):

@@ -10,6 +10,7 @@ from wonderland_fira_uci.dwm1001 import (
     AnchorDistance,
     BoardLost,
     BoardReady,
+    Configuration,
     Dwm1001Device,
     Generation,
     LocationReport,
@@ -42,8 +43,50 @@ def tlv_device() -> Dwm1001Device:
     device.port_up(0)
     assert device.data_to_send() == b"\x15\x00"
     device.receive_data(tlv.encode_version(VERSION), 5)
+    assert device.data_to_send() == b"\x08\x00"
+    device.receive_data(b"\x40\x01\x00\x46\x02\xb2\x00", 5)  # a tag, as the API guide has it
     assert device.data_to_send() == b"\x0c\x00"
     return device
+
+
+@pytest.mark.parametrize(
+    ("configuration", "why"),
+    [(b"\xb2\x20", "an anchor"), (b"\xb2\x30", "an anchor"), (b"\xb1\x00", "passive"), (b"\xb0\x00", "switched off")],
+)
+def test_a_board_in_another_role_is_not_ready_until_it_has_the_right_one(configuration, why):
+    device = Dwm1001Device()
+    device.port_up(0)
+    device.receive_data(tlv.encode_version(VERSION), 5)
+    device.receive_data(b"\x40\x01\x00\x46\x02" + configuration, 5)
+    (lost,) = device.events()
+    assert isinstance(lost, BoardLost)
+    assert why in lost.detail
+    assert "uwb prepare" in lost.detail
+    device.data_to_send()
+    due_ms = device.next_timeout_ms()
+    device.advance(due_ms)
+    assert device.data_to_send() == b"\x08\x00"  # it is asked again, and no range of it is believed before
+    device.receive_data(b"\x40\x01\x00\x46\x02\xb2\x00", due_ms + 5)
+    device.receive_data(location(5_000), due_ms + 10)
+    assert device.is_ready
+
+
+def test_a_tag_where_an_anchor_is_wanted_is_not_ready_either():
+    device = Dwm1001Device(as_anchor=True)
+    device.port_up(0)
+    device.receive_data(tlv.encode_version(VERSION), 5)
+    device.receive_data(tlv.encode_configuration(Configuration(is_anchor=False)), 5)
+    (lost,) = device.events()
+    assert "a tag" in lost.detail
+
+
+def test_firmware_that_does_not_tell_its_role_is_asked_for_ranges():
+    device = Dwm1001Device()
+    device.port_up(0)
+    device.receive_data(tlv.encode_version(VERSION), 5)
+    device.receive_data(tlv.encode_status(1), 6)
+    device.receive_data(location(5_000), 10)
+    assert device.is_ready
 
 
 def test_asks_at_a_steady_pace_and_no_round_counts_twice(tlv_device):
@@ -108,6 +151,7 @@ def test_a_lost_answer_is_asked_again_three_and_the_board_is_lost(tlv_device):
     tlv_device.advance(now_ms)
     assert tlv_device.data_to_send() == b"\x15\x00", "begins anew: it may be another board"
     tlv_device.receive_data(tlv.encode_version(VERSION) + b"\xff", now_ms + 1)
+    tlv_device.receive_data(tlv.encode_configuration(Configuration(is_anchor=False)), now_ms + 1)
     tlv_device.receive_data(location(4_000), now_ms + 2)
     assert ranges(tlv_device) == [4_000]
 

@@ -10,7 +10,14 @@ from dataclasses import dataclass
 from typing import Final
 
 from wonderland_fira_uci.dwm1001 import tlv
-from wonderland_fira_uci.dwm1001.reports import AnchorDistance, BoardPosition, Generation, LocationReport, Version
+from wonderland_fira_uci.dwm1001.reports import (
+    AnchorDistance,
+    BoardPosition,
+    Configuration,
+    Generation,
+    LocationReport,
+    Version,
+)
 from wonderland_simulator.dwm1001_node import lines
 from wonderland_simulator.uci_node.air import Measure
 
@@ -189,6 +196,8 @@ class VirtualDwm1001:
     def _answer(self, frame: tlv.Tlv) -> bytes:
         if frame.type == tlv.VER_GET and not frame.value:
             return tlv.encode_version(FIRMWARE)
+        if frame.type == tlv.CFG_GET and not frame.value:
+            return tlv.encode_configuration(Configuration(is_anchor=self.mode != "tn"))
         if frame.type != tlv.LOC_GET:
             return tlv.encode_status(1)
         if frame.value != tlv.location_request(self.generation).value:

@@ -54,7 +54,7 @@ class TagRadio(asyncio.DatagramProtocol):
         board: int | None = None,
     ) -> None:
         name = name or ("drone's tag" if board is None else "drone's anchor")
-        self._node = Dwm1001Node(port, mode=mode, name=name, clock=clock, timings=timings)
+        self._node = Dwm1001Node(port, mode=mode, name=name, clock=clock, timings=timings, as_anchor=board is not None)
         self._pad = pad
         self._board = board
         self._transport: asyncio.DatagramTransport | None = None

@@ -19,6 +19,7 @@ from wonderland_fira_uci.dwm1001.node import Dwm1001Node, TimedReport
 from wonderland_fira_uci.dwm1001.reports import (
     AnchorDistance,
     BoardPosition,
+    Configuration,
     Generation,
     HeardPosition,
     LocationReport,
@@ -33,6 +34,7 @@ __all__ = [
     "BoardLost",
     "BoardPosition",
     "BoardReady",
+    "Configuration",
     "Dwm1001DecodeError",
     "Dwm1001Device",
     "Dwm1001EncodeError",

@@ -26,16 +26,20 @@ class Mode(Enum):
 class Dwm1001Device:
     """One board. Call ``port_up`` when its port is open; then ``receive_data`` and ``advance``.
 
+    ``as_anchor``: whether it must be an anchor; otherwise it must be a tag. In the shell's modes it may be either.
+
     Times are milliseconds of any monotonic clock. After each call take ``data_to_send`` and ``events`` and look at
     ``next_timeout_ms``. Whatever the board sends, no call raises.
     """
 
-    def __init__(self, mode: Mode = Mode.TLV, timings: Timings | None = None) -> None:
+    def __init__(self, mode: Mode = Mode.TLV, timings: Timings | None = None, *, as_anchor: bool = False) -> None:
         self.mode: Final = mode
         self._output = Output()
         timings = timings or Timings()
         self._talk: Talk = (
-            TlvTalk(self._output, timings) if mode is Mode.TLV else ShellTalk(self._output, timings, mode.value)
+            TlvTalk(self._output, timings, as_anchor=as_anchor)
+            if mode is Mode.TLV
+            else ShellTalk(self._output, timings, mode.value)
         )
         self._is_up = False
 

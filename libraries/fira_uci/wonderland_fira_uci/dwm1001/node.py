@@ -35,7 +35,8 @@ class Dwm1001Node:
     """Use as an asynchronous context manager; the board is connected, and connected again, as long as it is open.
 
     ``port``: path of the serial device (a stable link as under /dev/serial/by-id is best), or an ``Opener``. ``clock``:
-    milliseconds for ``t_ms`` of reports. ``name``: for messages and logs (default: the path).
+    milliseconds for ``t_ms`` of reports. ``name``: for messages and logs (default: the path). ``as_anchor``: whether it
+    must be one; otherwise a tag.
     """
 
     def __init__(
@@ -47,9 +48,10 @@ class Dwm1001Node:
         clock: Callable[[], int] = monotonic_ms,
         timings: Timings | None = None,
         port_timings: PortTimings | None = None,
+        as_anchor: bool = False,
     ) -> None:
         self.name = name or (str(port) if isinstance(port, (str, Path)) else "DWM1001")
-        self.device = Dwm1001Device(mode, timings)
+        self.device = Dwm1001Device(mode, timings, as_anchor=as_anchor)
         self.detail = "not started"
         """Why the board does not report; empty while it does."""
         self.version: Version | None = None

@@ -85,4 +85,23 @@ class Version:
         return ".".join(str(part) for part in self.firmware[:3])
 
 
+UWB_ACTIVE: Final = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """``dwm_cfg_get``, of which this host needs the role. ``uwb_mode``: 0 off, 1 passive, 2 active."""
+
+    is_anchor: bool
+    uwb_mode: int = UWB_ACTIVE
+
+    def problem(self, *, as_anchor: bool) -> str:
+        """Why a board so configured cannot do the work of an anchor, or of a tag; empty where it can."""
+        if self.is_anchor != as_anchor:
+            return f"the board is configured as {'an anchor' if self.is_anchor else 'a tag'}, which here it must not be"
+        if self.uwb_mode != UWB_ACTIVE:
+            return f"the board's radio is {'passive' if self.uwb_mode == 1 else 'switched off'}"
+        return ""
+
+
 Report = LocationReport | HeardPosition

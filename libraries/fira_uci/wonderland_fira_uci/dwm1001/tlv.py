@@ -1,7 +1,8 @@
 """The DWM1001's generic mode: type, length, value; little-endian; the host asks, the board answers.
 
-Sources: Decawave, *DWM1001 Firmware API Guide* (PANS R2), sections "dwm_loc_get", "dwm_ver_get"; LEAPS, *Integration
-guide*, ``leaps_loc_get``. An answer is ``40 01 status``, followed, when the status is 0, by what was asked for.
+Sources: Decawave, *DWM1001 Firmware API Guide* (PANS R2), "dwm_loc_get", "dwm_ver_get", "dwm_cfg_get"; LEAPS,
+*Integration guide*, ``leaps_loc_get``. An answer is ``40 01 status``, followed, when the status is 0, by what was asked
+for.
 
 ``loc_get`` of PANS R2 has no options: ``0C 00`` → ``41 0D position``, then ``49 len count {distance position}…`` on a
 tag, or ``48 len count {distance}…`` (with 64-bit addresses on an anchor). LEAPS takes an option, ``0C 01 opt``, leaves
@@ -16,12 +17,21 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from wonderland_fira_uci.dwm1001.errors import Dwm1001DecodeError, Dwm1001EncodeError, Dwm1001StatusError
-from wonderland_fira_uci.dwm1001.reports import AnchorDistance, BoardPosition, Generation, LocationReport, Version
+from wonderland_fira_uci.dwm1001.reports import (
+    AnchorDistance,
+    BoardPosition,
+    Configuration,
+    Generation,
+    LocationReport,
+    Version,
+)
 
 VER_GET: Final = 0x15
+CFG_GET: Final = 0x08
 LOC_GET: Final = 0x0C
 STATUS: Final = 0x40
 POSITION: Final = 0x41
+CONFIGURATION: Final = 0x46
 DISTANCES: Final = 0x48
 ANCHOR_POSITIONS: Final = 0x49
 FIRMWARE_VERSION: Final = 0x50
@@ -41,6 +51,8 @@ _DISTANCE: Final = struct.Struct("<HIB")
 _LONG_DISTANCE: Final = struct.Struct("<QIB")
 _LEAPS_HEAD: Final = struct.Struct("<IBB")
 _MOVING: Final = 0x01
+_UWB_MODE: Final = 0x03
+_ANCHOR: Final = 0x2000
 
 
 class Tlv(NamedTuple):
@@ -57,6 +69,7 @@ class Tlv(NamedTuple):
 
 
 VER_REQUEST: Final = Tlv(VER_GET, b"")
+CFG_REQUEST: Final = Tlv(CFG_GET, b"")
 
 
 def location_request(generation: Generation) -> Tlv:
@@ -108,6 +121,21 @@ def decode_version(frames: Sequence[Tlv]) -> Version:
         int.from_bytes(body[1].value, "little"),
         int.from_bytes(body[2].value, "little"),
     )
+
+
+def decode_configuration(frames: Sequence[Tlv]) -> Configuration:
+    """A whole answer to ``cfg_get``. Raises Dwm1001StatusError, Dwm1001DecodeError."""
+    body = _ok(frames, "cfg_get")
+    if len(body) != 1 or body[0].type != CONFIGURATION or len(body[0].value) != 2:
+        raise Dwm1001DecodeError("cfg_get: a configuration of two octets is expected")
+    bits = int.from_bytes(body[0].value, "little")
+    return Configuration(is_anchor=bool(bits & _ANCHOR), uwb_mode=bits & _UWB_MODE)
+
+
+def encode_configuration(configuration: Configuration) -> bytes:
+    """A whole answer to ``cfg_get`` (the board's side)."""
+    bits = configuration.uwb_mode | (_ANCHOR if configuration.is_anchor else 0)
+    return encode_status(0) + Tlv(CONFIGURATION, bits.to_bytes(2, "little")).encode()
 
 
 def encode_status(status: int) -> bytes:
@@ -316,6 +344,7 @@ _ANSWERS: Final[dict[int, tuple[dict[int, range], frozenset[int]]]] = {
         dict.fromkeys((FIRMWARE_VERSION, CONFIGURATION_VERSION, HARDWARE_VERSION), range(4, 5)),
         frozenset({HARDWARE_VERSION}),
     ),
+    CFG_GET: ({CONFIGURATION: range(2, 3)}, frozenset({CONFIGURATION})),
     LOC_GET: (
         {POSITION: range(13, 14), DISTANCES: range(1, 256), ANCHOR_POSITIONS: range(1, 256)},
         frozenset({DISTANCES, ANCHOR_POSITIONS}),

@@ -18,14 +18,15 @@ _SHELL_TEXT: Final = (shell.PROMPT, b"POS,", b"est[", b"le_us=")
 
 
 class TlvTalk:
-    """Asks for the version, then for the location at a steady pace.
+    """Asks for the version and the role, then, where that is the right one, for the location at a steady pace.
 
     An answer that brings nothing new is left out: boards repeat their last round until they have another, and no round
     may count twice. LEAPS' time stamp tells them apart; of PANS, two equal answers are one.
     """
 
-    def __init__(self, output: Output, timings: Timings) -> None:
+    def __init__(self, output: Output, timings: Timings, *, as_anchor: bool) -> None:
         self._output = output
+        self._as_anchor = as_anchor
         self._timings = timings
         self._reader = tlv.AnswerReader()
         self._request = tlv.VER_REQUEST
@@ -65,8 +66,10 @@ class TlvTalk:
                 self._version = tlv.decode_version(frames)
             except (Dwm1001StatusError, Dwm1001DecodeError):
                 self._version = None  # an answer all the same: firmware that tells its version otherwise
-            self._request = tlv.location_request(self._generation)
+            self._request = tlv.CFG_REQUEST
             self._ask(now_ms)
+        elif self._request.type == tlv.CFG_GET:
+            self._configured(frames, now_ms)
         else:
             self.due_ms = max(now_ms, self._asked_ms + self._timings.poll_ms)
             self._located(frames)
@@ -80,6 +83,18 @@ class TlvTalk:
                 self._give_up(now_ms)
                 return
         self._ask(now_ms)
+
+    def _configured(self, frames: list[tlv.Tlv], now_ms: int) -> None:
+        try:
+            problem = tlv.decode_configuration(frames).problem(as_anchor=self._as_anchor)
+        except (Dwm1001StatusError, Dwm1001DecodeError):
+            problem = ""  # firmware that tells it otherwise: its ranges will show
+        if problem:
+            self._output.lose(f"{problem}; wonderland uwb prepare puts it right")
+            self.due_ms = now_ms + self._timings.retry_ms
+        else:
+            self._request = tlv.location_request(self._generation)
+            self._ask(now_ms)
 
     def _located(self, frames: list[tlv.Tlv]) -> None:
         try:
