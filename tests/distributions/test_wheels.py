@@ -148,6 +148,13 @@ def test_agents_and_contract_need_neither_web_stack_nor_numerics(install, name, 
     alone.run("wonderland", command, says, "--help")
 
 
+def test_the_ros_bridge_needs_no_web_stack(install):
+    alone = install("wonderland-ros-bridge")
+    assert not WEB & alone.needed.others
+    assert "run" in alone.run("wonderland", "ros1", "--help")
+    alone.run("wonderland", "ros1", "run", "--help")
+
+
 def test_the_backend_serves_its_console(install, tmp_path):
     """Ledger and backend from their wheels: tables are made, the console is inside."""
     server, alone = install("wonderland-chaincode"), install("wonderland-backend")

@@ -124,13 +124,13 @@ class ProofContract:
     async def request_proof(self, argument: tx.RequestProof) -> tuple[Session, Committed]:
         """Step 1: opens a session."""
         answer, done = await self._submit("RequestProof", argument)
-        return _parsed(Session, answer), done
+        return parsed_answer(Session, answer), done
 
     async def submit_proof(self, session_id: str, evidence: Evidence) -> tuple[Verdict, Committed]:
         """Step 7: the evidence, for a verdict."""
         argument = tx.SubmitProof(session_id=session_id, evidence=evidence)
         answer, done = await self._submit("SubmitProof", argument, _KNOWN)
-        return _parsed(Verdict, answer), done
+        return parsed_answer(Verdict, answer), done
 
     async def witness_proof(
         self, session_id: str, radio: Radio, time_stamps: TimeStamps
@@ -138,12 +138,14 @@ class ProofContract:
         """Step 7 of the witness: its own time stamps of the drone's frames."""
         argument = tx.WitnessProof(session_id=session_id, radio=radio, time_stamps=time_stamps)
         answer, done = await self._submit("WitnessProof", argument)
-        return _parsed(Testimony, answer), done
+        return parsed_answer(Testimony, answer), done
 
     async def read_testimony(self, session_id: str) -> Testimony | None:
         """What the witness of a session brought; None while there is nothing."""
         try:
-            return _parsed(Testimony, await self._evaluate("ReadTestimony", tx.SessionById(session_id=session_id)))
+            return parsed_answer(
+                Testimony, await self._evaluate("ReadTestimony", tx.SessionById(session_id=session_id))
+            )
         except RefusedError as error:
             if error.status == _NOT_THERE:
                 return None
@@ -153,7 +155,7 @@ class ProofContract:
         """Step 8: how the permitted interaction ended (``done`` or ``aborted``)."""
         argument = tx.CompleteInteraction(session_id=session_id, result=result, note=_note(note))
         answer, done = await self._submit("CompleteInteraction", argument, _DECIDED)
-        return _parsed(Session, answer), done
+        return parsed_answer(Session, answer), done
 
     async def report_landing(self, argument: tx.ReportLanding) -> Committed:
         """Say that this drone came down at a pad without a permission."""
@@ -164,7 +166,7 @@ class ProofContract:
         """End a session without a verdict, or one whose permission lapsed."""
         argument = tx.CancelProof(session_id=session_id, reason=reason, note=_note(note))
         answer, done = await self._submit("CancelProof", argument, _KNOWN)
-        return _parsed(Session, answer), done
+        return parsed_answer(Session, answer), done
 
     async def publish_prekeys(self, pad_id: str, prekeys: tuple[OfferedPrekey, ...]) -> Committed:
         """Offer one-time keys, each of which one session takes. Raises `LedgerError`."""
@@ -177,31 +179,31 @@ class ProofContract:
         listed = answer.get("prekeys", [])
         if not isinstance(listed, list):
             raise RefusedError(0, "BAD_ANSWER", "the contract's list of prekeys is no list")
-        return tuple(_parsed(Prekey, entry) for entry in listed)
+        return tuple(parsed_answer(Prekey, entry) for entry in listed)
 
     async def register_pad(self, argument: tx.RegisterPad) -> tuple[Pad, Committed]:
         """Make a pad known; its operator's organisation owns it."""
         answer, done = await self._submit("RegisterPad", argument)
-        return _parsed(Pad, answer), done
+        return parsed_answer(Pad, answer), done
 
     async def commission_pad(self, pad_id: str, commissioning: Commissioning) -> tuple[Pad, Committed]:
         """Survey and calibration of a pad: from now on the ground of its verdicts."""
         argument = tx.CommissionPad(pad_id=pad_id, commissioning=commissioning)
         answer, done = await self._submit("CommissionPad", argument)
-        return _parsed(Pad, answer), done
+        return parsed_answer(Pad, answer), done
 
     async def read_pad(self, pad_id: str) -> Pad:
         """A pad with its commissioning."""
-        return _parsed(Pad, await self._evaluate("ReadPad", tx.PadById(pad_id=pad_id)))
+        return parsed_answer(Pad, await self._evaluate("ReadPad", tx.PadById(pad_id=pad_id)))
 
     async def read_uav(self, uav_id: str) -> Uav:
         """A drone as the ledger knows it."""
-        return _parsed(Uav, await self._evaluate("ReadUav", tx.UavById(uav_id=uav_id)))
+        return parsed_answer(Uav, await self._evaluate("ReadUav", tx.UavById(uav_id=uav_id)))
 
     async def calibrate_uav(self, argument: tx.CalibrateUav) -> tuple[Uav, Committed]:
         """What a drone's node adds to every range at a pad."""
         answer, done = await self._submit("CalibrateUav", argument, _KNOWN)
-        return _parsed(Uav, answer), done
+        return parsed_answer(Uav, answer), done
 
     async def evidence_of(self, done: Committed) -> Evidence:
         """What the pad brought with a committed SubmitProof, out of its block."""
@@ -209,25 +211,25 @@ class ProofContract:
             async with self._network.blocks(start_block=done.block_number) as blocks:
                 block = await anext(aiter(blocks))
         except GatewayError as error:
-            raise _translated(error) from error
+            raise translated(error) from error
         for transaction in block.transactions:
             invocation = transaction.invocation
             if transaction.tx_id == done.tx_id and invocation is not None and len(invocation.args) == 2:
-                return _parsed(tx.SubmitProof, _object(invocation.args[1])).evidence
+                return parsed_answer(tx.SubmitProof, _object(invocation.args[1])).evidence
         raise RefusedError(0, "NOT_FOUND", f"block {done.block_number} has no proof {done.tx_id[:12]}…")
 
     async def read_policy(self, pad_id: str, action: str) -> Policy:
         """The policy that holds for an action at a pad."""
-        return _parsed(Policy, await self._evaluate("ReadPolicy", tx.PolicyFor(pad_id=pad_id, action=action)))
+        return parsed_answer(Policy, await self._evaluate("ReadPolicy", tx.PolicyFor(pad_id=pad_id, action=action)))
 
     async def read_session(self, session_id: str) -> Session:
         """A session as it stands."""
-        return _parsed(Session, await self._evaluate("ReadSession", tx.SessionById(session_id=session_id)))
+        return parsed_answer(Session, await self._evaluate("ReadSession", tx.SessionById(session_id=session_id)))
 
     async def read_verdict(self, session_id: str) -> Verdict | None:
         """The verdict of a session; None while there is none."""
         try:
-            return _parsed(Verdict, await self._evaluate("ReadVerdict", tx.SessionById(session_id=session_id)))
+            return parsed_answer(Verdict, await self._evaluate("ReadVerdict", tx.SessionById(session_id=session_id)))
         except RefusedError as error:
             if error.status == _NOT_THERE:
                 return None
@@ -256,7 +258,7 @@ class ProofContract:
                 if isinstance(record, dict):
                     yield ContractEvent(event.name, event.tx_id, event.block_number, record, event.checkpoint)
         except GatewayError as error:
-            raise _translated(error) from error
+            raise translated(error) from error
         finally:
             stream.close()
 
@@ -265,19 +267,19 @@ class ProofContract:
         try:
             return await self._network.height()
         except GatewayError as error:
-            raise _translated(error) from error
+            raise translated(error) from error
 
     async def anchor_audit_log(self, argument: AnchorAuditLog) -> tuple[AuditHead, Committed]:
         """Write down where an audit log stands."""
         answer, done = await self._submit("AnchorAuditLog", argument)
-        return _parsed(AuditHead, answer), done
+        return parsed_answer(AuditHead, answer), done
 
     async def audit_heads(self, argument: AuditHeadsOf) -> tuple[AuditHead, ...]:
         """Heads of an audit log, oldest first."""
         listed = (await self._evaluate("ListAuditHeads", argument)).get("heads")
         if not isinstance(listed, list):
             raise RefusedError(0, "BAD_ANSWER", "the contract's list of audit heads is no list")
-        return tuple(_parsed(AuditHead, each) for each in listed)
+        return tuple(parsed_answer(AuditHead, each) for each in listed)
 
     async def _submit(
         self, function: str, argument: Record, behind: frozenset[str] = frozenset()
@@ -289,7 +291,7 @@ class ProofContract:
             try:
                 done = await self._contract.submit_with_retry(function, argument.encode())
             except GatewayError as error:
-                refusal = _translated(error)
+                refusal = translated(error)
                 if not isinstance(refusal, RefusedError) or refusal.code not in behind:
                     raise refusal from error
                 await self._contract.leave_if_behind()
@@ -303,7 +305,7 @@ class ProofContract:
         try:
             return _object(await self._contract.evaluate(function, argument.encode()))
         except GatewayError as error:
-            refusal = _translated(error)
+            refusal = translated(error)
             if isinstance(refusal, RefusedError) and refusal.status == _NOT_THERE:
                 await self._contract.leave_if_behind()  # the caller may know that it is there, and ask again
             raise refusal from error
@@ -314,7 +316,8 @@ def _note(text: str) -> str | None:
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())[:MAX_NOTE] or None
 
 
-def _translated(error: GatewayError) -> LedgerError:
+def translated(error: GatewayError) -> LedgerError:
+    """`RefusedError` or `AwayError` for what the gateway client raised."""
     response = error.chaincode_response
     if response is not None:
         code, separator, text = response.message.partition(": ")
@@ -339,7 +342,8 @@ def _object(payload: bytes) -> dict[str, Any]:
     return value
 
 
-def _parsed(kind: type[AnyRecord], value: Any) -> AnyRecord:
+def parsed_answer(kind: type[AnyRecord], value: Any) -> AnyRecord:
+    """A record of the contract's answer. Raises `RefusedError` for what is none."""
     try:
         return kind.parse(value)
     except ProofError as error:

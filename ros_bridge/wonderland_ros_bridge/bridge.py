@@ -1,0 +1,112 @@
+"""A bridge at work: outbox, ledger and node, put together."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import AsyncIterator, Coroutine
+from typing import Any, Final
+
+from wonderland.asset_contract import AssetContract
+from wonderland.clock import Clock, SteadyClock
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_ros_bridge.intake import Intake
+from wonderland_ros_bridge.ledger.listener import Listener
+from wonderland_ros_bridge.ledger.outbox import Outbox
+from wonderland_ros_bridge.ledger.policy import Rule
+from wonderland_ros_bridge.ledger.sender import Sender
+from wonderland_ros_bridge.ros1.hosts import Hosts
+from wonderland_ros_bridge.ros1.node import Node
+from wonderland_ros_bridge.ros1.publisher import Ros1Publisher
+from wonderland_ros_bridge.settings import PREFIX, Settings
+
+_log = logging.getLogger(__name__)
+
+
+class Ros1Bridge:
+    """Topics to the ledger, the ledger to topics."""
+
+    def __init__(self, settings: Settings, outbox: Outbox, ledger: AssetContract, clock: Clock) -> None:
+        self._settings = settings
+        self.outbox: Final = outbox
+        ros1 = settings.ros1
+        self.node: Final = Node(
+            ros1.node,
+            ros1.master,
+            host=ros1.host,
+            port=ros1.port,
+            hosts=Hosts(ros1.networks),
+            on_topics=self._look_at if any(rule.is_pattern for rule in settings.to_ledger) else None,
+        )
+        self.sender: Final = Sender(outbox, ledger, prefix=PREFIX, rule_of=self._rule_of, clock=clock)
+        self.intake: Final = Intake(outbox, self.sender, clock, max_bytes=settings.max_spool_bytes)
+        self.listener: Final = Listener(
+            ledger,
+            outbox,
+            Ros1Publisher(self.node),
+            settings.from_ledger,
+            prefix=PREFIX,
+            from_start=settings.from_start,
+        )
+        self._appeared: asyncio.Queue[str] = asyncio.Queue()
+
+    async def run(self) -> None:
+        """Work until cancelled. Raises BridgeError."""
+        work: list[Coroutine[Any, Any, None]] = [self.sender.run(), self.intake.run(), self._subscribe()]
+        if self._settings.from_ledger:
+            work.append(self.listener.run())
+        async with self.node:
+            tasks = [asyncio.create_task(each) for each in (self.node.run(), *work)]
+            try:
+                done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+                for each in done:
+                    each.result()
+            finally:
+                for each in tasks:
+                    each.cancel()
+                await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def wait_ready(self) -> None:
+        """Until the master knows this node, and nothing that is committed from now on is missed."""
+        await self.node.known.wait()
+        if self._settings.from_ledger:
+            await self.listener.placed.wait()
+
+    def _rule_of(self, topic: str) -> Rule:
+        for rule in self._settings.to_ledger:
+            if rule.fits(topic):
+                return rule
+        return Rule(topic=topic)  # of a former run, with other settings: what waits still goes
+
+    def _look_at(self, topics: list[tuple[str, str]]) -> None:
+        for topic, _ in topics:
+            if topic not in self.node.subscriptions and any(rule.fits(topic) for rule in self._settings.to_ledger):
+                self._appeared.put_nowait(topic)
+
+    async def _subscribe(self) -> None:
+        for rule in self._settings.to_ledger:
+            if not rule.is_pattern:
+                self._appeared.put_nowait(rule.topic)
+        while True:
+            topic = await self._appeared.get()
+            if topic in self.node.subscriptions or topic in self.node.publications:
+                continue
+            rule = self._rule_of(topic)
+            await self.intake.begin(topic, rule)
+            await self.node.subscribe(topic, self.intake.take, kind=rule.type, max_message_bytes=rule.max_message_bytes)
+
+
+@contextlib.asynccontextmanager
+async def opened(settings: Settings) -> AsyncIterator[Ros1Bridge]:
+    """A bridge, ready to run. Raises BridgeError, LedgerError."""
+    where = Connection.load(settings.ledger.connection)
+    who, signer = where.identity(settings.ledger.identity), where.signer(settings.ledger.identity)
+    outbox = Outbox(settings.spool, bridge=settings.bridge)
+    try:
+        async with where.open_channel() as channel:
+            ledger = AssetContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
+            yield Ros1Bridge(settings, outbox, ledger, SteadyClock())
+    finally:
+        outbox.close()

@@ -1,0 +1,97 @@
+"""From a wire into the outbox: samples, numbers, and no more than there is room for."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Final
+
+from wonderland.clock import Clock
+from wonderland_ros_bridge.errors import DefinitionError
+from wonderland_ros_bridge.ledger.outbox import Outbox, Received
+from wonderland_ros_bridge.ledger.policy import Rule, Sampler
+from wonderland_ros_bridge.ledger.sender import Sender
+from wonderland_ros_bridge.ros1.definitions import codec
+from wonderland_ros_bridge.ros1.subscription import Arrived
+
+_log = logging.getLogger(__name__)
+
+MAX_AT_ONCE: Final = 4 << 20
+"""Bytes of messages that wait for the disk together."""
+
+
+class Intake:
+    """``take`` returns when the message is on the disk's way, and not before there is room."""
+
+    def __init__(self, outbox: Outbox, sender: Sender, clock: Clock, *, max_bytes: int) -> None:
+        self._outbox = outbox
+        self._sender = sender
+        self._clock = clock
+        self._max_bytes = max_bytes
+        self._samplers: dict[str, Sampler] = {}
+        self._counts: dict[str, int] = {}
+        self._queue: list[Received] = []
+        self._definitions: dict[tuple[str, str], str] = {}
+        self._queued_bytes = 0
+        self._change = asyncio.Condition()
+        self.waits = 0
+        """How often a publisher had to wait for room."""
+        self.taken = 0
+        self.refused = 0
+        self._told: set[tuple[str, str]] = set()
+
+    async def begin(self, topic: str, rule: Rule) -> None:
+        """A topic that will be taken."""
+        self._samplers[topic] = Sampler(rule)
+        self._counts[topic] = await self._outbox.run(self._outbox.received, topic)
+
+    async def take(self, arrived: Arrived) -> None:
+        """A message that came; bytes that are none of its type are refused and counted."""
+        sampler = self._samplers[arrived.topic]
+        t_ms = self._clock()
+        self._counts[arrived.topic] += 1
+        seq = self._counts[arrived.topic]
+        if not sampler.takes(t_ms):
+            return
+        message = sampler.message(seq, t_ms, arrived.data)
+        if message.data is not None:
+            try:
+                codec(arrived.definition.type, arrived.definition.text).decode(arrived.data)
+            except DefinitionError as error:
+                self._refuse(arrived, error)
+                return
+        if self._outbox.pending_bytes >= self._max_bytes:
+            self.waits += 1
+            async with self._sender.settled:
+                await self._sender.settled.wait_for(lambda: self._outbox.pending_bytes < self._max_bytes)
+        async with self._change:
+            await self._change.wait_for(lambda: self._queued_bytes < MAX_AT_ONCE)
+            kind = arrived.definition.type, arrived.definition.md5
+            self._definitions[kind] = arrived.definition.text
+            self._queue.append(Received(arrived.topic, "ros1", *kind, message))
+            self._queued_bytes += len(message.data or b"") + 200
+            self._change.notify_all()
+
+    def _refuse(self, arrived: Arrived, error: DefinitionError) -> None:
+        self.refused += 1
+        who = (arrived.topic, arrived.publisher)
+        if who not in self._told:
+            self._told.add(who)
+            _log.warning("%s from %s: %s; such messages are left out", *who, error)
+
+    async def run(self) -> None:
+        """Write what came to the disk, all that is there at once, until cancelled. Raises SpoolError."""
+        while True:
+            async with self._change:
+                await self._change.wait_for(lambda: bool(self._queue))
+                messages, self._queue, self._queued_bytes = self._queue, [], 0
+                definitions = [(*kind, text) for kind, text in self._definitions.items()]
+                self._definitions.clear()
+                self._change.notify_all()
+            topics = {each.topic for each in messages}
+            await self._outbox.run(
+                self._outbox.put, messages, {each: self._counts[each] for each in topics}, definitions
+            )
+            self.taken += len(messages)
+            for topic in topics:
+                self._sender.wake(topic)

@@ -1,0 +1,112 @@
+"""A node of real rospy, told what to do by lines of JSON: /usr/bin/python3 rospy_peer.py NAME.
+
+It runs under the system's Python, which has rospy, and knows nothing of this project. In: ``{"do": "advertise" |
+"publish" | "subscribe" | "fill" | "end", "topic", "type", "hex", "latch"}``; out: one line for each thing that happened.
+"""
+
+import json
+import random
+import sys
+import threading
+
+import genpy
+import roslib.message
+import rospy
+
+_out = threading.Lock()
+
+
+def tell(**what):
+    with _out:
+        print(json.dumps(what), flush=True)
+
+
+def filled(kind, seed):
+    """A message in which every field has some value, covariances and nested arrays too."""
+    dice = random.Random(seed)
+
+    def value_of(field_type):
+        bare, array, length = _parse(field_type)
+        if array:
+            count = length if length is not None else dice.randint(1, 3)
+            if bare in ("uint8", "char"):
+                return bytes(dice.randint(0, 255) for _ in range(count))
+            return [one(bare) for _ in range(count)]
+        return one(bare)
+
+    def one(bare):
+        if bare == "bool":
+            return dice.random() < 0.5
+        if bare == "string":
+            return "".join(dice.choice("abc ä") for _ in range(dice.randint(0, 9)))
+        if bare == "time":
+            return genpy.Time(dice.randint(0, 2**31), dice.randint(0, 999_999_999))
+        if bare == "duration":
+            return genpy.Duration(dice.randint(0, 2**30), dice.randint(0, 999_999_999))
+        if bare in ("float32", "float64"):
+            return dice.choice([0.0, -1.5, 1e300 if bare == "float64" else 1e30, float("nan"), float("inf")])
+        if bare in ("byte", "int8", "int16", "int32", "int64"):
+            return dice.randint(-(2**7), 2**7 - 1)
+        if bare in ("char", "uint8", "uint16", "uint32", "uint64"):
+            return dice.randint(0, 255)
+        return message(roslib.message.get_message_class("std_msgs/Header" if bare == "Header" else bare))
+
+    def message(of):
+        made = of()
+        for name, field_type in zip(of.__slots__, of._slot_types, strict=True):
+            setattr(made, name, value_of(field_type))
+        return made
+
+    return message(kind)
+
+
+def _parse(field_type):
+    if not field_type.endswith("]"):
+        return field_type, False, None
+    bare, _, length = field_type[:-1].partition("[")
+    return bare, True, int(length) if length else None
+
+
+def raw(message):
+    import io
+
+    buffer = io.BytesIO()
+    message.serialize(buffer)
+    return buffer.getvalue().hex()
+
+
+def main():
+    publishers, subscribers = {}, []
+    rospy.init_node(sys.argv[1], anonymous=False, disable_signals=True, disable_rosout=True)
+    tell(did="start")
+    for line in sys.stdin:
+        order = json.loads(line)
+        topic = order.get("topic", "")
+        kind = roslib.message.get_message_class(order["type"]) if "type" in order else None
+        if order["do"] == "advertise":
+            publishers[topic] = rospy.Publisher(topic, kind, queue_size=10_000, latch=order.get("latch", False))
+            tell(did="advertise", topic=topic)
+        elif order["do"] == "wait":
+            rate = rospy.Rate(200)
+            while publishers[topic].get_num_connections() < order.get("count", 1):
+                rate.sleep()
+            tell(did="wait", topic=topic)
+        elif order["do"] == "publish":
+            message = publishers[topic].data_class()
+            message.deserialize(bytes.fromhex(order["hex"]))
+            publishers[topic].publish(message)
+        elif order["do"] == "fill":
+            message = filled(publishers[topic].data_class, order["seed"])
+            publishers[topic].publish(message)
+            tell(did="fill", topic=topic, hex=raw(message))
+        elif order["do"] == "subscribe":
+            took = lambda message, topic=topic: tell(did="message", topic=topic, hex=raw(message))  # noqa: E731
+            subscribers.append(rospy.Subscriber(topic, kind, took, queue_size=10_000, tcp_nodelay=True))
+            tell(did="subscribe", topic=topic)
+        elif order["do"] == "end":
+            break
+    rospy.signal_shutdown("told to end")
+    tell(did="end")
+
+
+main()
