@@ -15,16 +15,9 @@ from wonderland.service_manager import ServiceManager
 from wonderland.toml_settings import SettingsError
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_ros_bridge.bridge import opened
+from wonderland_ros_bridge.config_option import config
 from wonderland_ros_bridge.errors import BridgeError
 from wonderland_ros_bridge.settings import load
-
-config = click.option(
-    "--config",
-    "path",
-    required=True,
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="ros1.toml.",
-)
 
 
 @click.command()

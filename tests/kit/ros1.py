@@ -20,6 +20,7 @@ import pytest
 from wonderland_fabric_gateway.embedded.contracts import load_contract
 from wonderland_fabric_gateway.embedded.node import EmbeddedLedger, LedgerSettings
 from wonderland_fabric_gateway.embedded.orderer import BatchLimits
+from wonderland_ros_bridge.ledger.outbox_view import OutboxView
 
 SYSTEM_PYTHON = "/usr/bin/python3"
 PEER = Path(__file__).with_name("rospy_peer.py")
@@ -179,8 +180,12 @@ class BridgeProcess:
                 env=os.environ | {"NO_COLOR": "1"},
             )
         made = cls(process, log)
-        line = await asyncio.wait_for(process.stdout.readline(), WAIT_S)
-        assert line, log.read_text()
+        try:
+            line = await asyncio.wait_for(process.stdout.readline(), WAIT_S)
+            assert line, log.read_text()
+        except BaseException:
+            await _end(process)
+            raise
         made.told = json.loads(line)
         return made
 
@@ -201,10 +206,11 @@ async def running_ledger(directory, listen="127.0.0.1:0"):
         yield ledger
 
 
-def write_config(path, *, ledger, master, identity, bridge, body):
+def write_config(path, *, ledger, master, identity, bridge, body, more=""):
     path.write_text(
         f"""bridge = "{bridge}"
 spool = "{bridge}.spool"
+{more}
 [ledger]
 connection = "{ledger}"
 identity = "{identity}"
@@ -215,3 +221,64 @@ node = "/{bridge.replace("-", "_")}"
 """
     )
     return path
+
+
+class Route:
+    """Two bridges at one ledger: what ``drone-a`` hears comes out of ``pad-b`` under /ledger/drone_a."""
+
+    def __init__(self, directory, master, *, to_ledger='topic = "/fix"', from_ledger='senders = ["*"]', more=""):
+        self.ledger_directory = directory / "ledger"
+        self.listen = f"127.0.0.1:{free_port()}"
+        common = {"ledger": self.ledger_directory / "connection.json", "master": master.uri}
+        self.outward = write_config(
+            directory / "a.toml",
+            **common,
+            identity="uav",
+            bridge="drone-a",
+            body=f"[[to_ledger]]\n{to_ledger}\n",
+            more=more,
+        )
+        self.inward = write_config(
+            directory / "b.toml", **common, identity="pad", bridge="pad-b", body=f"[[from_ledger]]\n{from_ledger}\n"
+        )
+        self.first = self.second = self.ledger = None
+        self._stack = contextlib.AsyncExitStack()
+
+    async def __aenter__(self):
+        await self.start_ledger()
+        self.first, self.second = await asyncio.gather(
+            BridgeProcess.start(self.outward), BridgeProcess.start(self.inward)
+        )
+        return self
+
+    async def __aexit__(self, *_):
+        for bridge in (self.first, self.second):
+            if bridge is not None:
+                await bridge.stop()
+        await self.stop_ledger()
+
+    async def start_ledger(self):
+        self.ledger = await self._stack.enter_async_context(running_ledger(self.ledger_directory, self.listen))
+
+    async def stop_ledger(self):
+        await self._stack.aclose()
+
+    def status(self, config=None):
+        """What ``wonderland ros1 status`` says of the sending bridge."""
+        with OutboxView((config or self.outward).parent / "drone-a.spool") as view:
+            return view.summary()
+
+    async def waiting(self, count):
+        """Until so many messages wait for the ledger."""
+        async with asyncio.timeout(WAIT_S):
+            while self.status()["waiting"] != count:
+                await asyncio.sleep(0.02)
+
+    async def through(self, count):
+        """Until so many messages were received, and none waits any more."""
+        async with asyncio.timeout(WAIT_S):
+            while True:
+                now = self.status()
+                if now["waiting"] == 0 and sum(each["received"] for each in now["topics"]) == count:
+                    return
+                await asyncio.sleep(0.02)

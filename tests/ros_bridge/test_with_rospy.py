@@ -1,11 +1,55 @@
-"""The bridge between real masters with real rospy nodes: topics of one become assets, and topics of the other."""
+"""The bridge with a real master and real rospy nodes: topics become assets, and topics again, through all restarts."""
 
 from __future__ import annotations
 
-import pytest
-from kit.ros1 import BridgeProcess, Master, Peer, need_ros, running_ledger, write_config
+import asyncio
+import json
+import subprocess
+import sys
 
-pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
+import pytest
+from kit.ros1 import BridgeProcess, Master, Peer, Route, need_ros
+
+from wonderland.asset_contract import AssetContract
+from wonderland.proofs.records import transactions as tx
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.gateway import Gateway
+
+FIX = "sensor_msgs/NavSatFix"
+TYPES = [
+    "std_msgs/String",
+    "std_msgs/Bool",
+    "std_msgs/Byte",
+    "std_msgs/Char",
+    "std_msgs/ColorRGBA",
+    "std_msgs/Duration",
+    "std_msgs/Empty",
+    "std_msgs/Float32MultiArray",
+    "std_msgs/Float64",
+    "std_msgs/Header",
+    "std_msgs/Int64",
+    "std_msgs/Time",
+    "std_msgs/UInt8MultiArray",
+    "geometry_msgs/PoseWithCovarianceStamped",
+    "geometry_msgs/TwistWithCovariance",
+    "geometry_msgs/PolygonStamped",
+    "geometry_msgs/WrenchStamped",
+    "geometry_msgs/PoseArray",
+    "geometry_msgs/TransformStamped",
+    "geometry_msgs/InertiaStamped",
+    "sensor_msgs/NavSatFix",
+    "sensor_msgs/Imu",
+    "sensor_msgs/Image",
+    "sensor_msgs/LaserScan",
+    "sensor_msgs/PointCloud2",
+    "sensor_msgs/JointState",
+    "sensor_msgs/CameraInfo",
+    "sensor_msgs/MagneticField",
+    "sensor_msgs/BatteryState",
+    "sensor_msgs/CompressedImage",
+    "sensor_msgs/MultiDOFJointState",
+    "sensor_msgs/Range",
+]
 
 
 @pytest.fixture
@@ -17,29 +61,157 @@ async def master(tmp_path):
     await made.stop()
 
 
-async def test_a_topic_goes_over_the_ledger_to_another_bridge(tmp_path, master):
-    async with running_ledger(tmp_path / "ledger") as ledger:
-        connection = tmp_path / "ledger" / "connection.json"
-        body = '[[to_ledger]]\ntopic = "/fix"\n'
-        outward = write_config(
-            tmp_path / "a.toml", ledger=connection, master=master.uri, identity="uav", bridge="drone-a", body=body
-        )
-        body = '[[from_ledger]]\nsenders = ["*"]\n'
-        inward = write_config(
-            tmp_path / "b.toml", ledger=connection, master=master.uri, identity="pad", bridge="pad-b", body=body
-        )
-        first, second = await BridgeProcess.start(outward), await BridgeProcess.start(inward)
-        peer = await Peer.start("peer", master)
+@pytest.fixture
+async def peer(master):
+    made = await Peer.start("peer", master)
+    yield made
+    await made.stop()
+
+
+async def joined(peer, topic="/fix", kind=FIX, at="/ledger/drone_a"):
+    """The peer publishes a topic, and hears what comes of it."""
+    await peer.asked("subscribe", topic=f"{at}{topic}", type=kind)
+    await peer.asked("advertise", topic=topic, type=kind)
+    await peer.asked("wait", topic=topic)
+
+
+async def sent(peer, topic, seeds):
+    return [(await peer.asked("fill", topic=topic, seed=seed))["hex"] for seed in seeds]
+
+
+async def heard(peer, count):
+    return [line["hex"] for line in await peer.until("message", count=count)]
+
+
+async def test_any_topic_of_any_type_comes_out_as_it_went_in(tmp_path, master, peer):
+    """32 types in one run, by a pattern: covariances, NaN and nested arrays byte for byte, both bridges knowing none."""
+    topics = {f"/all/{kind.replace('/', '_').lower()}": kind for kind in TYPES}
+    assert len(topics) >= 30
+    async with Route(tmp_path, master, to_ledger='topic = "/all/*"\nkeep = "each"'):
+        for topic, kind in topics.items():
+            await joined(peer, topic, kind)
+        expected = {topic: await sent(peer, topic, range(3)) for topic in topics}
+        found = {topic: [] for topic in topics}
+        for line in await peer.until("message", count=3 * len(topics)):
+            found[line["topic"].removeprefix("/ledger/drone_a")].append(line["hex"])
+        assert found == expected
+
+
+async def test_each_end_can_be_restarted(tmp_path, master, peer):
+    async with Route(tmp_path, master) as route:
+        await joined(peer)
+        assert await sent(peer, "/fix", range(3)) == await heard(peer, 3)
+
+        # The ledger goes while messages come: they wait.
+        await route.stop_ledger()
+        late = await sent(peer, "/fix", range(3, 20))
+        await route.waiting(17)
+        # The sending bridge is killed, with all that waits.
+        await route.first.kill()
+        await route.start_ledger()
+        route.first = await BridgeProcess.start(route.outward)
+        assert await heard(peer, 17) == late
+        await route.through(20)
+
+        # The receiving bridge is killed, and misses what is committed meanwhile.
+        await route.second.kill()
+        await peer.asked("wait", topic="/fix")
+        missed = await sent(peer, "/fix", range(20, 25))
+        await route.through(25)
+        route.second = await BridgeProcess.start(route.inward)
+        assert await heard(peer, 5) == missed
+
+        # The master is another one: bridges make themselves known to it, and so does a new node.
+        await master.stop()
+        await master.start()
+        other = await Peer.start("other", master)
         try:
-            kind = "sensor_msgs/NavSatFix"
-            await peer.asked("subscribe", topic="/ledger/drone_a/fix", type=kind)
-            await peer.asked("advertise", topic="/fix", type=kind)
-            await peer.asked("wait", topic="/fix")
-            sent = [(await peer.asked("fill", topic="/fix", seed=seed))["hex"] for seed in range(5)]
-            heard = [line["hex"] for line in await peer.until("message", count=5)]
-            assert heard == sent
-            assert ledger.chain.height > 1
+            await joined(other)
+            assert await heard(other, 1) == missed[-1:], "the last message waits for who comes later"
+            assert await sent(other, "/fix", range(25, 28)) == await heard(other, 3)
         finally:
-            await peer.stop()
-            assert await first.stop() == 0, first.log.read_text()
-            assert await second.stop() == 0, second.log.read_text()
+            await other.stop()
+
+        # The node is another one at another port.
+        again = await Peer.start("again", master)
+        try:
+            await joined(again)
+            await heard(again, 1)
+            assert await sent(again, "/fix", range(28, 31)) == await heard(again, 3)
+        finally:
+            await again.stop()
+        assert route.status()["rejected"] == 0
+
+
+async def test_an_asset_has_its_history_and_can_be_deleted(tmp_path, master, peer):
+    def wonderland(*arguments):
+        done = subprocess.run(
+            [sys.executable, "-m", "wonderland.cli", "ros1", *arguments], capture_output=True, text=True, check=False
+        )
+        return done.returncode, done.stdout + done.stderr
+
+    async with Route(tmp_path, master) as route:
+        await joined(peer)
+        for seed in range(3):
+            assert await sent(peer, "/fix", [seed]) == await heard(peer, 1)
+        config = ["--config", str(route.outward)]
+        code, told = await asyncio.to_thread(wonderland, "history", *config, "/fix")
+        assert code == 0, told
+        changes = json.loads(told)["changes"]
+        assert [each["messages"][0]["seq"] for each in changes] == [3, 2, 1]
+        assert len(changes[0]["messages"][0]["message"]["position_covariance"]) == 9
+        assert changes[0]["owner"] == "uav"
+        # Another's bridge cannot delete it.
+        code, told = await asyncio.to_thread(wonderland, "delete", "--config", str(route.inward), "ros1/drone-a/fix")
+        assert code == 1
+        assert "ASSET_OF_OTHER_OWNER" in told
+        code, told = await asyncio.to_thread(wonderland, "delete", *config, "/fix")
+        assert code == 0, told
+        code, told = await asyncio.to_thread(wonderland, "read", *config, "/fix")
+        assert (code, "there is no asset ros1/drone-a/fix" in told) == (1, True)
+        # The next message makes it anew; its history goes on.
+        assert await sent(peer, "/fix", [9]) == await heard(peer, 1)
+        code, told = await asyncio.to_thread(wonderland, "history", *config, "/fix")
+        assert [each["deleted"] for each in json.loads(told)["changes"]] == [False, True, False, False, False]
+
+
+async def test_what_the_ledger_refuses_is_kept_and_said(tmp_path, master, peer):
+    """The asset of this topic is somebody else's already."""
+    async with Route(tmp_path, master) as route:
+        where = Connection.load(route.ledger_directory / "connection.json")
+        async with where.open_channel() as channel:
+            gateway = Gateway(channel, where.identity("pad"), where.signer("pad"))
+            squatter = AssetContract(gateway.network(where.channel), where.chaincode)
+            await squatter.create_asset(
+                tx.CreateAsset(id="ros1/drone-a/fix", type="a/B", media_type="text/plain", value="mine")
+            )
+            await joined(peer)
+            messages = await sent(peer, "/fix", range(2))
+            await route.through(2)
+            assert route.status()["rejected"] >= 1
+            command = [sys.executable, "-m", "wonderland.cli", "ros1", "rejected", "--config", str(route.outward)]
+            told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+            assert "ASSET_OF_OTHER_OWNER" in told
+            assert "they are kept" in route.first.log.read_text()
+            # Once its owner has deleted it, they can go.
+            await squatter.delete_asset("ros1/drone-a/fix")
+            await route.first.stop()
+            told = subprocess.run([*command, "--again"], capture_output=True, text=True, check=True).stdout
+            assert "2 messages wait again" in told
+            route.first = await BridgeProcess.start(route.outward)
+            assert await heard(peer, 2) == messages
+
+
+async def test_events_of_the_whole_contract_are_heard_without_knowing_anything(tmp_path, master, peer):
+    chosen = 'senders = ["*"]\nevents = ["*"]\ngive = "events"\ntopic = "/wonderland/{event}"'
+    async with Route(tmp_path, master, from_ledger=chosen) as route:
+        await peer.asked("subscribe", topic="/wonderland/AssetCreated", type="std_msgs/String")
+        await peer.asked("advertise", topic="/fix", type=FIX)
+        await peer.asked("wait", topic="/fix")
+        await sent(peer, "/fix", range(1))
+        events = [json.loads(bytes.fromhex(each)[4:]) for each in await heard(peer, 2)]
+        assert [each["record"]["id"].rpartition("/")[2] == "fix" for each in events] == [False, True]
+        assert events[1]["record"]["type"] == FIX
+        assert "value_sha256" in events[1]["record"]
+        assert "value" not in events[1]["record"]
+        assert route.ledger is not None

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 _NOT_THERE = 404
 MAX_EVENT_BYTES = 4 << 20
+MAX_ANSWER_BYTES = 4 << 20
+"""Of a history, which the contract bounds at 2 MiB of values."""
 
 __all__ = ["AssetContract", "AwayError", "Committed", "CommittedBlock", "CommittedEvent", "RefusedError"]
 
@@ -79,7 +81,8 @@ class AssetContract(ProofContract):
     async def asset_history(self, asset_id: str, limit: int = 100) -> tuple[tuple[AssetChange, ...], bool]:
         """An asset's changes, newest first, and whether there are more; nothing where there never was one."""
         try:
-            answer = await self._evaluate("AssetHistory", tx.AssetHistoryOf(id=asset_id, limit=limit))
+            argument = tx.AssetHistoryOf(id=asset_id, limit=limit)
+            answer = await self._evaluate("AssetHistory", argument, max_bytes=MAX_ANSWER_BYTES)
         except RefusedError as error:
             if error.status == _NOT_THERE:
                 return (), False

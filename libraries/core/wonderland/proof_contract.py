@@ -301,9 +301,11 @@ class ProofContract:
                 return _object(done.payload), Committed(done.tx_id, done.block_number)
             await asyncio.sleep(_LAG_PAUSE_S)
 
-    async def _evaluate(self, function: str, argument: Record) -> dict[str, Any]:
+    async def _evaluate(
+        self, function: str, argument: Record, *, max_bytes: int = encoding.MAX_BYTES
+    ) -> dict[str, Any]:
         try:
-            return _object(await self._contract.evaluate(function, argument.encode()))
+            return _object(await self._contract.evaluate(function, argument.encode()), max_bytes)
         except GatewayError as error:
             refusal = translated(error)
             if isinstance(refusal, RefusedError) and refusal.status == _NOT_THERE:
@@ -332,9 +334,9 @@ def translated(error: GatewayError) -> LedgerError:
     return RefusedError(0, error.status_code.name, str(error))
 
 
-def _object(payload: bytes) -> dict[str, Any]:
+def _object(payload: bytes, max_bytes: int = encoding.MAX_BYTES) -> dict[str, Any]:
     try:
-        value = encoding.decode(payload)
+        value = encoding.decode(payload, max_bytes=max_bytes)
     except ProofError as error:
         raise RefusedError(0, "BAD_ANSWER", f"the contract's answer cannot be read: {error}") from error
     if not isinstance(value, dict):

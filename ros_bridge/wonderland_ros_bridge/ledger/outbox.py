@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
 from wonderland_ros_bridge.errors import SpoolError
+from wonderland_ros_bridge.ledger import envelope
 from wonderland_ros_bridge.ledger.envelope import Batch, Encoding, Message, characters
 
 _Given = ParamSpec("_Given")
@@ -55,19 +56,6 @@ class Received:
     type: str
     type_hash: str
     message: Message
-
-
-@dataclass(frozen=True, slots=True)
-class Rejected:
-    """A batch that the ledger refused for good, and why."""
-
-    id: int
-    topic: str
-    asset_id: str
-    t_ms: int
-    code: str
-    reason: str
-    value: str
 
 
 class Outbox:
@@ -117,13 +105,8 @@ class Outbox:
         """Keep messages, what was received of each topic, and definitions (type, hash, text): all or nothing."""
         with self._transaction() as database:
             database.executemany(
-                "INSERT INTO messages (topic, encoding, type, type_hash, seq, t_ms, data, sha256, size) "
-                "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                [
-                    (each.topic, each.encoding, each.type, each.type_hash, m.seq, m.t_ms, m.data, m.sha256, m.size)
-                    for each in messages
-                    for m in (each.message,)
-                ],
+                _INSERT,
+                [_row(each, each.message) for each in messages],
             )
             database.executemany("INSERT OR REPLACE INTO topics VALUES (?, ?)", list(counts.items()))
             database.executemany("INSERT OR IGNORE INTO definitions VALUES (?, ?, ?, 0)", list(definitions))
@@ -180,16 +163,21 @@ class Outbox:
             database.execute("DELETE FROM messages WHERE topic = ? AND batch = ?", (batch.topic, batch.batch))
         self._less(batch)
 
-    def rejected(self, limit: int = 100) -> list[Rejected]:
-        """What was refused, oldest first."""
-        rows = self._query(
-            "SELECT id, topic, asset_id, t_ms, code, reason, value FROM rejected ORDER BY id LIMIT ?", limit
-        )
-        return [Rejected(*row) for row in rows]
+    def send_again(self) -> int:
+        """Put all that was refused back, behind what waits; returns how many messages that is."""
+        count = 0
+        with self._transaction() as database:
+            for number, value in database.execute("SELECT id, value FROM rejected ORDER BY id").fetchall():
+                batch = envelope.parse(value)
+                database.executemany(_INSERT, [_row(batch, each) for each in batch.messages])
+                database.execute("DELETE FROM rejected WHERE id = ?", (number,))
+                count += len(batch.messages)
+        return count
 
-    def rejections(self) -> int:
-        """How many batches were refused."""
-        return int(self._one("SELECT COUNT(*) FROM rejected")[0])
+    def forget(self, number: int) -> int:
+        """Remove one refused batch for good; returns how many batches that is."""
+        with self._transaction() as database:
+            return database.execute("DELETE FROM rejected WHERE id = ?", (number,)).rowcount
 
     def definition(self, kind: str, type_hash: str) -> tuple[str, bool] | None:
         """A type's definition, and whether the ledger has it."""
@@ -298,9 +286,18 @@ class Outbox:
             raise SpoolError(f"{self._what}: {cause.strerror or cause}") from cause
 
 
+_INSERT: Final = (
+    "INSERT INTO messages (topic, encoding, type, type_hash, seq, t_ms, data, sha256, size) "
+    "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
+)
 _ALL: Final = "SELECT id, encoding, type, type_hash, seq, t_ms, data, sha256, size FROM messages"
 _OLDEST: Final = f"{_ALL} WHERE topic = ? ORDER BY id LIMIT ?"
 _OF_BATCH: Final = f"{_ALL} WHERE topic = ? AND batch = ? ORDER BY id"
+
+
+def _row(of: Received | Batch, message: Message) -> tuple[Any, ...]:
+    kind = of.topic, of.encoding, of.type, of.type_hash
+    return (*kind, message.seq, message.t_ms, message.data, message.sha256, message.size)
 
 
 def _message(row: Any) -> Message:

@@ -26,7 +26,7 @@ class Ros1Publisher:
         """Messages that a bridge stored, in their order. Raises WireError, DefinitionError."""
         if batch.encoding != "ros1":
             raise WireError(f"{topic}: messages in {batch.encoding}, not of ROS 1")
-        parsed = _definition(batch, definition)
+        parsed = definition_of(batch, definition)
         reader = definitions.codec(batch.type, parsed.text)
         messages = [each.data for each in batch.messages if each.data is not None]
         for each in messages:
@@ -48,7 +48,8 @@ class Ros1Publisher:
         publication.publish(len(data).to_bytes(4, "little") + data)
 
 
-def _definition(batch: Batch, text: str | None) -> Definition:
+def definition_of(batch: Batch, text: str | None) -> Definition:
+    """What a batch's type looks like: as the ledger says it, or ROS's standard. Raises DefinitionError."""
     for each in (text, definitions.standard(batch.type)):
         if each is None:
             continue
