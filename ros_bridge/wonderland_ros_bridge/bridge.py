@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import logging
+import time
 from collections.abc import AsyncIterator, Coroutine
 from typing import Any, Final
 
 from wonderland.asset_contract import AssetContract
 from wonderland.clock import Clock, SteadyClock
+from wonderland.proof_contract import RefusedError
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_ros_bridge.intake import Intake
+from wonderland_ros_bridge.ledger.envelope import Batch
 from wonderland_ros_bridge.ledger.listener import Listener
 from wonderland_ros_bridge.ledger.outbox import Outbox
 from wonderland_ros_bridge.ledger.policy import Rule
@@ -28,7 +32,9 @@ _log = logging.getLogger(__name__)
 class Ros1Bridge:
     """Topics to the ledger, the ledger to topics."""
 
-    def __init__(self, settings: Settings, outbox: Outbox, ledger: AssetContract, clock: Clock) -> None:
+    def __init__(
+        self, settings: Settings, outbox: Outbox, ledger: AssetContract, *, clock: Clock, steady: Clock
+    ) -> None:
         self._settings = settings
         self.outbox: Final = outbox
         ros1 = settings.ros1
@@ -40,12 +46,16 @@ class Ros1Bridge:
             hosts=Hosts(ros1.networks),
             on_topics=self._look_at if any(rule.is_pattern for rule in settings.to_ledger) else None,
         )
-        self.sender: Final = Sender(outbox, ledger, prefix=PREFIX, rule_of=self._rule_of, clock=clock)
-        self.intake: Final = Intake(outbox, self.sender, clock, max_bytes=settings.max_spool_bytes)
+        self.sender: Final = Sender(
+            outbox, ledger, prefix=PREFIX, rule_of=self._rule_of, clock=clock, rejected=self._say
+        )
+        self.intake: Final = Intake(outbox, self.sender, clock, steady=steady, max_bytes=settings.max_spool_bytes)
+        self._publisher = Ros1Publisher(self.node)
+        self._saying: set[asyncio.Task[None]] = set()
         self.listener: Final = Listener(
             ledger,
             outbox,
-            Ros1Publisher(self.node),
+            self._publisher,
             settings.from_ledger,
             prefix=PREFIX,
             from_start=settings.from_start,
@@ -74,6 +84,14 @@ class Ros1Bridge:
         if self._settings.from_ledger:
             await self.listener.placed.wait()
 
+    def _say(self, batch: Batch, asset_id: str, error: RefusedError) -> None:
+        """Tell the robot, too, what the ledger refused."""
+        what = {"topic": batch.topic, "asset": asset_id, "messages": len(batch.messages)}
+        text = json.dumps(what | {"code": error.code, "reason": error.text})
+        task = asyncio.create_task(self._publisher.publish_text(f"{self.node.name}/rejected", text, latch=True))
+        self._saying.add(task)
+        task.add_done_callback(self._saying.discard)
+
     def _rule_of(self, topic: str) -> Rule:
         for rule in self._settings.to_ledger:
             if rule.fits(topic):
@@ -98,6 +116,10 @@ class Ros1Bridge:
             await self.node.subscribe(topic, self.intake.take, kind=rule.type, max_message_bytes=rule.max_message_bytes)
 
 
+def _now_ms() -> int:
+    return time.time_ns() // 1_000_000
+
+
 @contextlib.asynccontextmanager
 async def opened(settings: Settings) -> AsyncIterator[Ros1Bridge]:
     """A bridge, ready to run. Raises BridgeError, LedgerError."""
@@ -107,6 +129,6 @@ async def opened(settings: Settings) -> AsyncIterator[Ros1Bridge]:
     try:
         async with where.open_channel() as channel:
             ledger = AssetContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
-            yield Ros1Bridge(settings, outbox, ledger, SteadyClock())
+            yield Ros1Bridge(settings, outbox, ledger, clock=_now_ms, steady=SteadyClock())
     finally:
         outbox.close()

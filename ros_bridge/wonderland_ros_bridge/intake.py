@@ -21,12 +21,16 @@ MAX_AT_ONCE: Final = 4 << 20
 
 
 class Intake:
-    """``take`` returns when the message is on the disk's way, and not before there is room."""
+    """``take`` returns when the message is on the disk's way, and not before there is room.
 
-    def __init__(self, outbox: Outbox, sender: Sender, clock: Clock, *, max_bytes: int) -> None:
+    ``clock`` is the time that people read; samples go by ``steady``, which no step of the system's clock moves.
+    """
+
+    def __init__(self, outbox: Outbox, sender: Sender, clock: Clock, *, steady: Clock, max_bytes: int) -> None:
         self._outbox = outbox
         self._sender = sender
         self._clock = clock
+        self._steady = steady
         self._max_bytes = max_bytes
         self._samplers: dict[str, Sampler] = {}
         self._counts: dict[str, int] = {}
@@ -51,7 +55,7 @@ class Intake:
         t_ms = self._clock()
         self._counts[arrived.topic] += 1
         seq = self._counts[arrived.topic]
-        if not sampler.takes(t_ms):
+        if not sampler.takes(self._steady()):
             return
         message = sampler.message(seq, t_ms, arrived.data)
         if message.data is not None:

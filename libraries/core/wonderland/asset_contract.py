@@ -16,10 +16,12 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records import keys
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.assets import Asset, AssetChange
+from wonderland_fabric_gateway.errors import IdentityError
 from wonderland_fabric_gateway.gateway.errors import GatewayError
 
 if TYPE_CHECKING:
     from wonderland.proofs.records.schema import Record
+    from wonderland_fabric_gateway.identity import Identity
     from wonderland_fabric_gateway.transactions import Transaction
 
 _NOT_THERE = 404
@@ -37,7 +39,8 @@ class CommittedEvent:
     name: str
     tx_id: str
     t_ms: int
-    sender_msp: str
+    sender: str
+    """Who signed it: ``MSP/common name``."""
     record: dict[str, Any]
     asset: Asset | None
 
@@ -123,9 +126,15 @@ class AssetContract(ProofContract):
             return None  # of another version of the contract
         if not isinstance(record, dict):
             return None
-        return CommittedEvent(
-            event.name, transaction.tx_id, transaction.timestamp_ms, transaction.creator.msp_id, record, asset
-        )
+        sender = _sender_of(transaction.creator)
+        return CommittedEvent(event.name, transaction.tx_id, transaction.timestamp_ms, sender, record, asset)
+
+
+def _sender_of(creator: Identity) -> str:
+    try:
+        return f"{creator.msp_id}/{creator.common_name}"
+    except IdentityError:
+        return f"{creator.msp_id}/"
 
 
 def _asset_of(transaction: Transaction, chaincode: str) -> Asset | None:

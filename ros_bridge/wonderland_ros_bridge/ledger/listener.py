@@ -38,7 +38,7 @@ class Choice(Table, frozen=True):
     """``[[from_ledger]]``: which committed events become messages, and of which topic."""
 
     senders: Annotated[tuple[Pattern, ...], Meta(min_length=1)]
-    """``MSP/common name`` of who may speak to this robot, as patterns. Say ``["*"]`` where everybody may."""
+    """``MSP/common name`` of whose transactions this robot hears, as patterns. Say ``["*"]`` where all may speak."""
     topic: Annotated[str, Meta(min_length=2, max_length=255, pattern=r"\A/[A-Za-z0-9_/{}]+\Z")] = (
         "/ledger/{bridge}{topic}"
     )
@@ -56,10 +56,9 @@ class Choice(Table, frozen=True):
     def fits(self, event: CommittedEvent) -> bool:
         """Whether this choice is about an event."""
         record = event.record
-        owner = f"{record.get('owner_msp', event.sender_msp)}/{record.get('owner', '')}"
         return (
             _one_of(self.events, event.name)
-            and _one_of(self.senders, owner)
+            and _one_of(self.senders, event.sender)
             and (not event.name.startswith("Asset") or _one_of(self.types, str(record.get("type", ""))))
             and (not event.name.startswith("Asset") or _one_of(self.assets, str(record.get("id", ""))))
         )

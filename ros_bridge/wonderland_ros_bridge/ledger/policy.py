@@ -11,6 +11,7 @@ from msgspec import Meta
 from wonderland.toml_settings import FieldError, Table
 from wonderland_ros_bridge.ledger.envelope import Message, by_digest
 
+NOT_BY_PATTERN: Final = ("/ledger/", "/rosout")
 MAX_INLINE_BYTES: Final = 256 * 1024
 """In Base64 and with what stands around it, this fits into an asset (512 Ki characters)."""
 
@@ -48,8 +49,13 @@ class Rule(Table, frozen=True):
         return any(letter in self.topic for letter in "*?[")
 
     def fits(self, topic: str) -> bool:
-        """Whether this rule is about a topic."""
-        return fnmatch.fnmatchcase(topic, self.topic)
+        """Whether this rule is about a topic.
+
+        A pattern takes no topic of a bridge, unless it says so: two bridges at one master would feed each other.
+        """
+        return fnmatch.fnmatchcase(topic, self.topic) and (
+            not self.is_pattern or not topic.startswith(NOT_BY_PATTERN) or self.topic.startswith(NOT_BY_PATTERN)
+        )
 
 
 @dataclass(slots=True)

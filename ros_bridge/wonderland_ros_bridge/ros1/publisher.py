@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from typing import Final
 
 from wonderland_ros_bridge.errors import DefinitionError, WireError
@@ -12,6 +13,7 @@ from wonderland_ros_bridge.ros1.definitions import Definition
 from wonderland_ros_bridge.ros1.node import Node
 
 _log = logging.getLogger(__name__)
+_TOPIC: Final = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
 STRING: Final = "std_msgs/String"
 
 
@@ -26,6 +28,8 @@ class Ros1Publisher:
         """Messages that a bridge stored, in their order. Raises WireError, DefinitionError."""
         if batch.encoding != "ros1":
             raise WireError(f"{topic}: messages in {batch.encoding}, not of ROS 1")
+        if not _TOPIC.fullmatch(topic):
+            raise WireError(f"{topic[:100]!r} is no name of a topic of ROS")
         parsed = definition_of(batch, definition)
         reader = definitions.codec(batch.type, parsed.text)
         messages = [each.data for each in batch.messages if each.data is not None]
