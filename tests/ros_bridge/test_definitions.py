@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import struct
 import subprocess
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from kit.ros1 import SYSTEM_PYTHON, need_ros, system_environment
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.msg import denormalize_msgtype
@@ -93,3 +96,25 @@ def test_constants_and_keywords_do_not_reach_the_generated_code():
 def test_bytes_that_are_no_message_are_refused(data):
     with pytest.raises(DefinitionError, match=r"are no std_msgs/String"):
         definitions.codec("std_msgs/String", "string data\n").decode(data)
+
+
+WORDS = st.sampled_from(
+    ["int8", "string", "Header", "a/B", "C", "x", "=", "[", "]", "[3]", "#", "\n", " ", "=" * 80, "MSG: a/C", "\0", "ä"]
+)
+
+
+@given(st.lists(WORDS, max_size=30).map("".join) | st.text(max_size=80))
+def test_any_text_is_a_definition_or_refused(text):
+    with contextlib.suppress(DefinitionError):
+        definitions.Codec(definitions.parse("a/B", text))
+
+
+IMU = definitions.codec("sensor_msgs/Imu", definitions.standard("sensor_msgs/Imu"))
+CLOUD = definitions.codec("sensor_msgs/PointCloud2", definitions.standard("sensor_msgs/PointCloud2"))
+
+
+@given(st.binary(max_size=400))
+def test_any_bytes_are_a_message_or_refused(data):
+    for codec in (IMU, CLOUD):
+        with contextlib.suppress(DefinitionError):
+            codec.to_json(data)

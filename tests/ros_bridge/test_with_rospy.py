@@ -89,7 +89,10 @@ async def test_any_topic_of_any_type_comes_out_as_it_went_in(tmp_path, master, p
     assert len(topics) >= 30
     async with Route(tmp_path, master, to_ledger='topic = "/all/*"\nkeep = "each"'):
         for topic, kind in topics.items():
-            await joined(peer, topic, kind)
+            await peer.asked("subscribe", topic=f"/ledger/drone_a{topic}", type=kind)
+            await peer.asked("advertise", topic=topic, type=kind)
+        for topic in topics:
+            await peer.asked("wait", topic=topic)
         expected = {topic: await sent(peer, topic, range(3)) for topic in topics}
         found = {topic: [] for topic in topics}
         for line in await peer.until("message", count=3 * len(topics)):

@@ -35,7 +35,10 @@ class Hosts:
         self, host: str, port: int, *, limit: int = 65_536
     ) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         """A connection to a name's first address that is allowed. Raises WireError, OSError."""
-        found = await asyncio.get_running_loop().getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        try:
+            found = await asyncio.get_running_loop().getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        except ValueError as cause:  # a name that IDNA cannot encode, or that holds a NUL
+            raise WireError(f"{host[:100]!r} is no name of a host: {cause}") from cause
         addresses = [str(each[4][0]) for each in found]
         allowed = next((each for each in addresses if self.allows(each)), None)
         if allowed is None:

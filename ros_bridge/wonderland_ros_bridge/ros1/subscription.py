@@ -82,6 +82,8 @@ class Subscription:
                 if self.trouble.get(uri) != str(error):
                     _log.warning("%s is not heard from %s: %s", self.topic, uri, error)
                 self.trouble[uri] = str(error)
+            except Exception:  # noqa: BLE001 - nothing that a publisher says may end its hearing for good, unseen
+                _log.exception("%s is not heard from %s for a reason that nobody foresaw", self.topic, uri)
             await asyncio.sleep(pause_s)
             pause_s = min(MAX_PAUSE_S, pause_s * 2)
 

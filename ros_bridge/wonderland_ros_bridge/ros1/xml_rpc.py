@@ -72,8 +72,8 @@ async def call(hosts: Hosts, uri: str, method: str, *parameters: Any, wait_s: fl
 
 
 async def _exchange(hosts: Hosts, uri: str, body: bytes) -> Any:
-    address = urlsplit(uri)
     try:
+        address = urlsplit(uri)
         host, port = address.hostname, address.port
     except ValueError as cause:
         raise WireError(f"no address: {cause}") from cause
