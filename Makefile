@@ -1,7 +1,7 @@
 # Everything that one does with this checkout. `make demo` and `make test` need nothing but python3 (3.11 or later,
 # with venv), make and git: they make .venv and the built console first, and again whenever these have become stale.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-python test-console lint types bench fuzz evidence-bytes fmt docs figures screenshots film threat-model protocol house vectors evidence-vectors lock sbom dependencies compose clean
+.PHONY: help setup demo test test-python test-console lint types bench fuzz evidence-bytes fmt docs figures ros-latency screenshots film threat-model protocol house vectors evidence-vectors lock sbom dependencies compose clean
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
@@ -77,6 +77,9 @@ screenshots: setup ## Take the documentation's pictures from a running demo (nee
 
 film: setup ## Film twenty seconds of a running demo for the README (needs Chromium)
 	@$(BIN)/python scripts/film.py
+
+ros-latency: setup ## Measure and draw how long a ROS message takes over the ledger (needs ros-core; Fabric's servers for Fabric)
+	@out=$$(mktemp) && WONDERLAND_ROS_LATENCY=$$out $(BIN)/python -m pytest tests/bench/test_ros1.py -m bench -q -s -p no:xdist --timeout 900 && $(BIN)/python scripts/ros_latency.py $$out && rm -f $$out
 
 threat-model: setup ## Play the attack lab anew for docs/threat-model.md (an hour or two)
 	@$(BIN)/python scripts/threat_model.py

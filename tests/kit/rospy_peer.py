@@ -4,10 +4,12 @@ It runs under the system's Python, which has rospy, and knows nothing of this pr
 "publish" | "subscribe" | "fill" | "end", "topic", "type", "hex", "latch"}``; out: one line for each thing that happened.
 """
 
+import hashlib
 import json
 import random
 import sys
 import threading
+import time
 
 import genpy
 import roslib.message
@@ -60,6 +62,49 @@ def filled(kind, seed):
     return message(kind)
 
 
+def ping(publisher, order):
+    """One message after the other, each when the last one has come back: (sent, back) in seconds since the epoch."""
+    came = threading.Event()
+    kind = publisher.data_class
+    back = rospy.Subscriber(order["back"], kind, lambda _: came.set(), queue_size=10, tcp_nodelay=True)
+    while order["wait"] and not back.get_num_connections():
+        time.sleep(0.01)
+    message, times = filled(kind, 1), []
+    for _ in range(order["count"]):
+        came.clear()
+        sent_s = time.time()
+        publisher.publish(message)
+        assert came.wait(20), "no answer"
+        times.append((sent_s, time.time()))
+    back.unregister()
+    return times
+
+
+def flood(publisher, order):
+    """All messages at once: seconds until the last one was published, and until the last one came back."""
+    seen, done = [], threading.Event()
+
+    def take(message):
+        seen.append(message.header.frame_id)
+        if len(set(seen)) == order["count"]:
+            done.set()
+
+    back = rospy.Subscriber(order["back"], publisher.data_class, take, queue_size=order["count"], tcp_nodelay=True)
+    messages = [filled(publisher.data_class, 1) for _ in range(order["count"])]
+    for number, message in enumerate(messages):
+        message.header.frame_id = str(number)
+    while order["wait"] and not back.get_num_connections():
+        time.sleep(0.01)
+    begun_s = time.time()
+    for message in messages:
+        publisher.publish(message)
+    published_s = time.time() - begun_s
+    assert done.wait(100), f"{len(set(seen))} of {order['count']} came back"
+    back_s = time.time() - begun_s
+    back.unregister()
+    return {"published_s": published_s, "back_s": back_s, "twice": len(seen) - len(set(seen))}
+
+
 def _parse(field_type):
     if not field_type.endswith("]"):
         return field_type, False, None
@@ -99,10 +144,21 @@ def main():
             message = filled(publishers[topic].data_class, order["seed"])
             publishers[topic].publish(message)
             tell(did="fill", topic=topic, hex=raw(message))
+        elif order["do"] == "image":
+            from sensor_msgs.msg import Image
+
+            message = Image(height=1, width=order["size"], encoding="mono8", step=order["size"])
+            message.data = bytes(order["size"])
+            publishers[topic].publish(message)
+            tell(did="image", sha256=hashlib.sha256(bytes.fromhex(raw(message))).hexdigest())
         elif order["do"] == "subscribe":
             took = lambda message, topic=topic: tell(did="message", topic=topic, hex=raw(message))  # noqa: E731
             subscribers.append(rospy.Subscriber(topic, kind, took, queue_size=10_000, tcp_nodelay=True))
             tell(did="subscribe", topic=topic)
+        elif order["do"] == "ping":
+            tell(did="ping", times=ping(publishers[topic], order))
+        elif order["do"] == "flood":
+            tell(did="flood", **flood(publishers[topic], order))
         elif order["do"] == "end":
             break
     rospy.signal_shutdown("told to end")

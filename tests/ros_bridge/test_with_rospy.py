@@ -83,6 +83,13 @@ async def heard(peer, count):
     return [line["hex"] for line in await peer.until("message", count=count)]
 
 
+def wonderland(*arguments):
+    """``wonderland ros1``: its exit code, and what it says."""
+    command = [sys.executable, "-m", "wonderland.cli", "ros1", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout + done.stderr
+
+
 async def test_any_topic_of_any_type_comes_out_as_it_went_in(tmp_path, master, peer):
     """32 types in one run, by a pattern: covariances, NaN and nested arrays byte for byte, both bridges knowing none."""
     topics = {f"/all/{kind.replace('/', '_').lower()}": kind for kind in TYPES}
@@ -147,12 +154,6 @@ async def test_each_end_can_be_restarted(tmp_path, master, peer):
 
 
 async def test_an_asset_has_its_history_and_can_be_deleted(tmp_path, master, peer):
-    def wonderland(*arguments):
-        done = subprocess.run(
-            [sys.executable, "-m", "wonderland.cli", "ros1", *arguments], capture_output=True, text=True, check=False
-        )
-        return done.returncode, done.stdout + done.stderr
-
     async with Route(tmp_path, master) as route:
         await joined(peer)
         for seed in range(3):
@@ -218,3 +219,42 @@ async def test_events_of_the_whole_contract_are_heard_without_knowing_anything(t
         assert "value_sha256" in events[1]["record"]
         assert "value" not in events[1]["record"]
         assert route.ledger is not None
+
+
+async def test_images_go_by_their_digest_and_too_large_ones_not_at_all(tmp_path, master, peer):
+    rules = 'topic = "/camera"\npayload = "digest"\n[[to_ledger]]\ntopic = "/small"\nmax_message_bytes = 1_000_000'
+    rules += '\n[[to_ledger]]\ntopic = "/fix"'
+    async with Route(tmp_path, master, to_ledger=rules) as route:
+        await joined(peer)
+        for topic in ("/camera", "/small"):
+            await peer.asked("advertise", topic=topic, type="sensor_msgs/Image")
+            await peer.asked("wait", topic=topic)
+        await peer.asked("image", topic="/small", size=100_000_000)
+        digest = (await peer.asked("image", topic="/camera", size=10_000_000))["sha256"]
+        assert await sent(peer, "/fix", range(3)) == await heard(peer, 3), "the others go on"
+        await route.through(4)
+        code, told = await asyncio.to_thread(wonderland, "read", "--config", str(route.outward), "/camera")
+        assert code == 0, told
+        (message,) = json.loads(told)["messages"]
+        assert message["sha256"] == digest
+        assert message["size"] > 10_000_000
+        refused = "/small is not heard"
+        async with asyncio.timeout(20):
+            while refused not in (log := route.first.log.read_text()):
+                await asyncio.sleep(0.05)
+        assert "max_message_bytes allows 1000000" in log
+
+
+async def test_a_full_spool_holds_the_publisher_up_and_loses_nothing(tmp_path, master, peer):
+    """1 MiB of spool and no ledger: rospy keeps the rest, until the ledger is back."""
+    async with Route(tmp_path, master, more="max_spool_bytes = 1_048_576") as route:
+        await joined(peer)
+        await route.stop_ledger()
+        expected = await sent(peer, "/fix", range(4_000))
+        async with asyncio.timeout(30):
+            while (waiting := route.status()["waiting"]) < 2_500:
+                await asyncio.sleep(0.05)
+        assert waiting < 3_700, "a message takes some 300 bytes"
+        await route.start_ledger()
+        assert await heard(peer, 4_000) == expected
+        await route.through(4_000)
