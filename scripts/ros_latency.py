@@ -1,4 +1,4 @@
-"""Draw how long a ROS message takes over the ledger and back: ``scripts/ros_latency.py FILE`` (``make ros-latency``)."""
+"""Draw how long a ROS message takes over the ledger: ``scripts/ros_latency.py FILE`` (``make ros-latency``)."""
 
 from __future__ import annotations
 
