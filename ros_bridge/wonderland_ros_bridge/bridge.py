@@ -18,12 +18,14 @@ from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_ros_bridge.intake import Intake
 from wonderland_ros_bridge.ledger.envelope import Batch
 from wonderland_ros_bridge.ledger.listener import Listener
+from wonderland_ros_bridge.ledger.orders import MAX_ORDER_BYTES, Orders
 from wonderland_ros_bridge.ledger.outbox import Outbox
 from wonderland_ros_bridge.ledger.policy import Rule
 from wonderland_ros_bridge.ledger.sender import Sender
 from wonderland_ros_bridge.ros1.hosts import Hosts
 from wonderland_ros_bridge.ros1.node import Node
-from wonderland_ros_bridge.ros1.publisher import Ros1Publisher
+from wonderland_ros_bridge.ros1.publisher import STRING, Ros1Publisher
+from wonderland_ros_bridge.ros1.subscription import Arrived
 from wonderland_ros_bridge.settings import PREFIX, Settings
 
 _log = logging.getLogger(__name__)
@@ -60,11 +62,16 @@ class Ros1Bridge:
             prefix=PREFIX,
             from_start=settings.from_start,
         )
+        self._orders = Orders(ledger, prefix=PREFIX, bridge=settings.bridge)
         self._appeared: asyncio.Queue[str] = asyncio.Queue()
 
     async def run(self) -> None:
         """Work until cancelled. Raises BridgeError."""
         work: list[Coroutine[Any, Any, None]] = [self.sender.run(), self.intake.run(), self._subscribe()]
+        if self._settings.orders is not None:
+            await self.node.subscribe(
+                self._settings.orders, self._take_order, kind=STRING, max_message_bytes=MAX_ORDER_BYTES
+            )
         if self._settings.from_ledger:
             work.append(self.listener.run())
         async with self.node:
@@ -77,6 +84,7 @@ class Ros1Bridge:
                 for each in tasks:
                     each.cancel()
                 await asyncio.gather(*tasks, return_exceptions=True)
+                await self.intake.flush()
 
     async def wait_ready(self) -> None:
         """Until the master knows this node, and nothing that is committed from now on is missed."""
@@ -91,6 +99,10 @@ class Ros1Bridge:
         task = asyncio.create_task(self._publisher.publish_text(f"{self.node.name}/rejected", text, latch=True))
         self._saying.add(task)
         task.add_done_callback(self._saying.discard)
+
+    async def _take_order(self, arrived: Arrived) -> None:
+        answer = await self._orders.carry_out(arrived.data[4:])
+        await self._publisher.publish_text(f"{self.node.name}/answers", answer, latch=False)
 
     def _rule_of(self, topic: str) -> Rule:
         for rule in self._settings.to_ledger:

@@ -38,6 +38,7 @@ class Intake:
         self._definitions: dict[tuple[str, str], str] = {}
         self._queued_bytes = 0
         self._change = asyncio.Condition()
+        self._writing = asyncio.Lock()
         self.waits = 0
         """How often a publisher had to wait for room."""
         self.taken = 0
@@ -88,14 +89,21 @@ class Intake:
         while True:
             async with self._change:
                 await self._change.wait_for(lambda: bool(self._queue))
+            for topic in await self.flush():
+                self._sender.wake(topic)
+
+    async def flush(self) -> set[str]:
+        """Write what has come to the disk; returns the topics of which something came. Raises SpoolError."""
+        async with self._writing:
+            async with self._change:
                 messages, self._queue, self._queued_bytes = self._queue, [], 0
                 definitions = [(*kind, text) for kind, text in self._definitions.items()]
                 self._definitions.clear()
                 self._change.notify_all()
             topics = {each.topic for each in messages}
-            await self._outbox.run(
-                self._outbox.put, messages, {each: self._counts[each] for each in topics}, definitions
-            )
-            self.taken += len(messages)
-            for topic in topics:
-                self._sender.wake(topic)
+            if messages:
+                counts = {each: self._counts[each] for each in topics}
+                # Who is told to stop meanwhile must not take back what waits for the disk.
+                await asyncio.shield(self._outbox.run(self._outbox.put, messages, counts, definitions))
+                self.taken += len(messages)
+            return topics

@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from wonderland.toml_settings import FieldError, Table, Text, load_toml
 from wonderland_ros_bridge.ledger.listener import Choice
-from wonderland_ros_bridge.ledger.policy import Rule
+from wonderland_ros_bridge.ledger.policy import Rule, Topic
 from wonderland_ros_bridge.ros1.hosts import LOOPBACK
 
 PREFIX = "ros1"
@@ -56,6 +56,8 @@ class Settings(Table, frozen=True):
     ros1: Ros1Settings = Ros1Settings()
     max_spool_bytes: Annotated[int, Meta(ge=1 << 20, le=1 << 40)] = 1 << 30
     """Beyond it nothing more is read from publishers until the ledger has taken some."""
+    orders: Topic | None = None
+    """A topic (``std_msgs/String``) on which the robot's own programs give orders about this bridge's assets."""
     to_ledger: tuple[Rule, ...] = ()
     from_ledger: tuple[Choice, ...] = ()
     from_start: bool = False
@@ -63,9 +65,9 @@ class Settings(Table, frozen=True):
 
     def __post_init__(self) -> None:
         """It has something to do."""
-        if not self.to_ledger and not self.from_ledger:
+        if not self.to_ledger and not self.from_ledger and self.orders is None:
             raise FieldError(
-                "to_ledger: there is neither a [[to_ledger]] nor a [[from_ledger]]; the bridge has nothing to do"
+                "to_ledger: there is no [[to_ledger]], no [[from_ledger]], no orders; the bridge has nothing to do"
             )
 
 

@@ -16,15 +16,19 @@ from hypothesis import strategies as st
 
 from wonderland.asset_contract import CommittedBlock, CommittedEvent
 from wonderland.proof_contract import AwayError, Committed, RefusedError
+from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.assets import Asset
 from wonderland.toml_settings import SettingsError
 from wonderland_ros_bridge.errors import EnvelopeError, SpoolError
+from wonderland_ros_bridge.intake import Intake
 from wonderland_ros_bridge.ledger import envelope, sender
 from wonderland_ros_bridge.ledger.envelope import Batch, Message
 from wonderland_ros_bridge.ledger.listener import Choice, Listener
 from wonderland_ros_bridge.ledger.outbox import Outbox, Received
 from wonderland_ros_bridge.ledger.policy import Rule, Sampler
 from wonderland_ros_bridge.ledger.sender import Sender
+from wonderland_ros_bridge.ros1 import definitions
+from wonderland_ros_bridge.ros1.subscription import Arrived
 from wonderland_ros_bridge.settings import load
 
 MD5 = "0" * 32
@@ -124,8 +128,6 @@ async def test_a_batch_that_was_sent_before_a_kill_is_not_sent_again(tmp_path):
 
 
 def _update(found):
-    from wonderland.proofs.records import transactions as tx
-
     return tx.UpdateAsset(
         id=envelope.topic_asset_id("ros1", "drone-a", found.topic),
         value=found.value(),
@@ -380,3 +382,34 @@ async def test_what_lies_about_itself_or_is_ones_own_is_not_published(outbox):
     own = Batch("drone-a", outbox.epoch, 1, "/fix", "ros1", "a/B", MD5, batch().messages)
     lie = event_of(batch(1, bridge="b"), kind="a/C")
     assert not (await hear(outbox, ALL, [event_of(own), lie])).batches
+
+
+async def test_what_was_taken_is_on_the_disk_when_a_bridge_is_told_to_stop(outbox):
+    working = Sender(outbox, Ledger(), prefix="ros1", rule_of=lambda _: Rule(topic="/t"), clock=lambda: 0)
+    intake = Intake(outbox, working, lambda: 0, steady=lambda: 0, max_bytes=1 << 30)
+    await intake.begin("/t", Rule(topic="/t"))
+    running = asyncio.create_task(intake.run())
+    string = definitions.parse("std_msgs/String", "string data\n")
+    for number in range(50):
+        await intake.take(Arrived("/t", string, b"\x01\x00\x00\x00x", "http://127.0.0.1:1/"))
+        if number % 7 == 0:
+            await asyncio.sleep(0)
+    await intake.take(Arrived("/t", string, b"\x09\x00\x00\x00x", "http://127.0.0.1:1/"))
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    await intake.flush()
+    assert await outbox.run(outbox.pending) == 50
+    assert await outbox.run(outbox.received, "/t") == 51, "bytes that are no message have a number, and are left out"
+    assert intake.refused == 1
+
+
+async def test_a_definition_that_somebody_else_has_put_there_is_said(outbox, caplog):
+    ledger = Ledger()
+    squatted = tx.CreateAsset(
+        id=f"ros1/drone-a/definition/a/B/{MD5}", type="a/B", media_type="text/plain", value="int8 y\n"
+    )
+    await ledger.create_asset(squatted)
+    outbox.put([received(1)], {"/fix": 1}, [("a/B", MD5, "int8 x\n")])
+    await send_all(outbox, ledger)
+    assert [seqs for _, seqs in ledger.writes] == [[1]], "messages go all the same"
+    assert "call this bridge by another name" in caplog.text

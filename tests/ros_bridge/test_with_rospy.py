@@ -179,6 +179,46 @@ async def test_an_asset_has_its_history_and_can_be_deleted(tmp_path, master, pee
         assert [each["deleted"] for each in json.loads(told)["changes"]] == [False, True, False, False, False]
 
 
+async def test_a_program_of_the_robot_gives_orders_and_gets_answers(tmp_path, master, peer):
+    """Create, change, read, delete and history by topics alone, as the paper's contract has them."""
+
+    async def ordered(**order):
+        text = json.dumps({"request": "7", **order}).encode()
+        peer.do("publish", topic="/orders", hex=(len(text).to_bytes(4, "little") + text).hex())
+        (answer,) = await heard(peer, 1)
+        found = json.loads(bytes.fromhex(answer)[4:])
+        assert found.pop("request") in {"7", ""}
+        return found
+
+    async with Route(tmp_path, master, more='orders = "/orders"') as route:
+        await joined(peer)
+        await peer.asked("subscribe", topic="/drone_a/answers", type="std_msgs/String")
+        await peer.asked("advertise", topic="/orders", type="std_msgs/String")
+        await peer.asked("wait", topic="/orders")
+        note = "ros1/drone-a/note"
+        assert (await ordered(do="create", asset=note, type="text/note", value="one"))["ok"]
+        assert (await ordered(do="update", asset=note, value="two"))["ok"]
+        assert (await ordered(do="read", asset=note))["asset"]["value"] == "two"
+        assert (await ordered(do="delete", asset=note))["ok"]
+        changes = (await ordered(do="history", asset=note))["changes"]
+        assert [each["deleted"] for each in changes] == [True, False, False]
+        await sent(peer, "/fix", range(1))
+        assert len(await heard(peer, 1)) == 1
+        assert (await ordered(do="read", asset="/fix"))["asset"]["type"] == FIX
+        for order, code in (
+            ({"do": "read", "asset": note}, "ASSET_UNKNOWN"),
+            ({"do": "create", "asset": "ros1/pad-b/fix", "type": "a/B", "value": ""}, "ASSET_OF_OTHER_BRIDGE"),
+            ({"do": "delete", "asset": "ros1/drone-a/nothing"}, "ASSET_UNKNOWN"),
+            ({"do": "create", "asset": "ros1/drone-a/x"}, "BAD_ORDER"),
+            ({"do": "RetirePad", "asset": "pad-1"}, "BAD_ORDER"),
+            ({"do": "read", "asset": "a" * 200}, "BAD_ARGUMENT"),
+            ({"do": "read", "asset": "a", "more": 1}, "BAD_ORDER"),
+        ):
+            answer = await ordered(**order)
+            assert (answer["ok"], answer["code"]) == (False, code), answer
+        assert route.status()["rejected"] == 0
+
+
 async def test_what_the_ledger_refuses_is_kept_and_said(tmp_path, master, peer):
     """The asset of this topic is somebody else's already."""
     async with Route(tmp_path, master) as route:

@@ -205,4 +205,11 @@ class Sender:
         except RefusedError as error:
             if error.code != "ASSET_EXISTS":
                 raise
+            there = await self._ledger.read_asset(asset_id)
+            if there is not None and there.value != argument.value:
+                _log.error(
+                    "the definition of %s is not on the ledger: asset %s belongs to %s of %s and says something else; "
+                    "call this bridge by another name",
+                    *(batch.type, asset_id, there.owner, there.owner_msp),
+                )
         await self._outbox.run(self._outbox.definition_stored, batch.type, batch.type_hash)
