@@ -15,6 +15,7 @@ from wonderland.service_manager import ServiceManager
 from wonderland.toml_settings import SettingsError
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_ros_bridge.bridge import opened
+from wonderland_ros_bridge.checking import explained
 from wonderland_ros_bridge.config_option import config
 from wonderland_ros_bridge.errors import BridgeError
 from wonderland_ros_bridge.settings import load
@@ -23,9 +24,16 @@ from wonderland_ros_bridge.settings import load
 @click.command()
 @config
 @click.option("--json", "as_json", is_flag=True, help="One JSON line when the bridge is ready, instead of text.")
+@click.option("--check", is_flag=True, help="Say what the settings mean, open nothing, and end.")
 @click.option("-v", "--verbose", is_flag=True, help="Say more in the log.")
-def run(*, path: Path, as_json: bool, verbose: bool) -> None:
+def run(*, path: Path, as_json: bool, check: bool, verbose: bool) -> None:
     """Work until told to stop (Ctrl-C or SIGTERM). What is not on the ledger yet waits in the spool."""
+    if check:
+        try:
+            click.echo("\n".join(explained(load(path))))
+        except SettingsError as error:
+            raise click.ClickException(str(error)) from error
+        return
     set_up_log(logging.DEBUG if verbose else logging.INFO)
     try:
         asyncio.run(_run(path, as_json=as_json))

@@ -128,7 +128,11 @@ def test_units_are_accepted_and_expose_little(unit, tmp_path):
 
 
 def test_there_are_units():
-    assert [unit.name for unit in UNITS] == ["wonderland-pad.service", "wonderland-uav.service"]
+    assert [unit.name for unit in UNITS] == [
+        "wonderland-pad.service",
+        "wonderland-ros1.service",
+        "wonderland-uav.service",
+    ]
 
 
 def explained(directory, *more, text=""):

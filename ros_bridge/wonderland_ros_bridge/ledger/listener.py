@@ -16,10 +16,10 @@ from typing import Annotated, Final, Literal, Protocol
 from msgspec import Meta
 
 from wonderland.asset_contract import CommittedBlock, CommittedEvent
-from wonderland.proof_contract import AwayError, RefusedError
 from wonderland.proofs import encoding
 from wonderland.proofs.records.assets import Asset
 from wonderland.toml_settings import Table
+from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_ros_bridge.errors import BridgeError, EnvelopeError
 from wonderland_ros_bridge.ledger import envelope
 from wonderland_ros_bridge.ledger.envelope import Batch
@@ -116,6 +116,8 @@ class Listener:
         self.placed: Final = asyncio.Event()
         """It is known from which block on nothing is missed."""
         self.handed_out = 0
+        self.trouble = ""
+        """Why no blocks come at present."""
 
     async def run(self) -> None:
         """Listen until cancelled. Raises BridgeError."""
@@ -125,11 +127,20 @@ class Listener:
                 if start is None:
                     start = 0 if self._from_start else await self._ledger.height()
                     await self._outbox.run(self._outbox.keep_place, start, {})
+                elif start > (height := await self._ledger.height()):
+                    _log.warning(
+                        "the ledger has %d blocks, and %d were read before: its peer is behind, or this is another "
+                        "ledger (then give this bridge another spool)",
+                        *(height, start),
+                    )
                 self.placed.set()
                 async for block in self._ledger.committed(start):
+                    self.trouble = ""
                     await self._take(block)
-            except (AwayError, RefusedError) as error:
-                _log.warning("the ledger's blocks stopped, asked again: %s", error)
+            except LedgerError as error:
+                if str(error) != self.trouble:
+                    _log.warning("the ledger's blocks stopped, asked again: %s", error)
+                self.trouble = str(error)
             await asyncio.sleep(AGAIN_S)
 
     async def _take(self, block: CommittedBlock) -> None:
