@@ -5,18 +5,23 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import importlib.resources
+import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from kit.agents import commissioning
 from kit.ground_station import dialect
 from kit.sitl import COMPANION_PORT, HOME, ArduCopter, Px4, own_network
 
 from wonderland.clock import SteadyClock
+from wonderland.proofs.frame import to_local
 from wonderland_edge_agent.geodesy import frame_at
 from wonderland_uav_agent.flight import FlightSettings, Gate, Pilot
 from wonderland_uav_agent.flight.gatekeeper import Phase
 from wonderland_uav_agent.flight.vehicle import Mode
 from wonderland_uav_agent.position.mavlink import MavlinkPosition, UdpAddress
+from wonderland_uav_agent.session.events import OwnRange
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -119,6 +124,41 @@ async def test_a_landing_is_held_until_a_verdict_permits_it(vehicle, geoid):
         assert await here.pilot.act(permission()) == "done"
         assert here.seen.on_ground
         assert here.pilot.gatekeeper.phase is Phase.WATCHING
+
+
+OFF_M = 2.0
+
+
+async def ranges(here, pad):
+    """As the node would measure them, were the drone `OFF_M` further east than its GPS says; until cancelled."""
+    while True:
+        if here.seen:
+            claim = here.seen.claim
+            east, north, up = to_local(pad.frame, claim.lat_e7, claim.lon_e7, claim.height_mm)
+            for anchor in pad.anchors:
+                place = (anchor.east_mm, anchor.north_mm, anchor.up_mm)
+                range_mm = round(math.dist((east + 1e3 * OFF_M, north, up), place))
+                here.pilot.on_range(pad, OwnRange(anchor.mac, here.clock(), range_mm))
+        await asyncio.sleep(0.05)
+
+
+async def test_it_lands_where_the_ranges_see_the_pad(vehicle, geoid):
+    async with vehicle.ground_station() as station, above(geoid) as here:
+        await takes_off(station, vehicle, here, 10)
+        frame = here.pilot.gatekeeper.gates[0].frame
+        pad = replace(commissioning(here.clock()), frame=frame)
+        measuring = asyncio.create_task(ranges(here, pad))
+        await lands(station, vehicle)
+        await here.until(lambda: here.begun, "held, a proof begins")
+        assert await here.pilot.act(permission()) == "done"
+        measuring.cancel()
+        claim = here.seen.claim
+        east_mm, north_mm, _ = to_local(frame, claim.lat_e7, claim.lon_e7, claim.height_mm)
+        print(f"{vehicle.name}: {math.hypot(east_mm / 1e3 + OFF_M, north_mm / 1e3):.2f} m from the pad's middle")
+        assert math.hypot(east_mm / 1e3 + OFF_M, north_mm / 1e3) < 0.5
+
+
+test_it_lands_where_the_ranges_see_the_pad.parameters = {"arducopter": {"PLND_ENABLED": 1, "PLND_TYPE": 1}}
 
 
 async def test_refused_it_stays_and_the_pilot_can_take_it(vehicle, geoid, caplog):

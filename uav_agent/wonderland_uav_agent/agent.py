@@ -37,7 +37,7 @@ from wonderland_uav_agent.position import PositionSource
 from wonderland_uav_agent.session import events as on
 from wonderland_uav_agent.session.machine import UavSession
 from wonderland_uav_agent.session.ports import Act, Radio, UavLedger
-from wonderland_uav_agent.session.runner import StepListener, UavRunner
+from wonderland_uav_agent.session.runner import RangeListener, StepListener, UavRunner
 from wonderland_uav_agent.session.timing import UavTiming
 
 _log = logging.getLogger(__name__)
@@ -96,6 +96,7 @@ class UavAgent:
     """One drone. ``choose`` picks one of several prekeys; by default unpredictably.
 
     ``broadcasts``: what its Remote ID module sends, so that it can sign for it; without, it signs for none of it.
+    ``on_range``: who finds the way down by the ranges; the node then ranges on until the drone has landed.
     """
 
     def __init__(
@@ -115,6 +116,7 @@ class UavAgent:
         whole_certificate: bool = False,
         choose: Callable[[Sequence[Prekey]], Prekey] = secrets.choice,
         on_step: StepListener | None = None,
+        on_range: RangeListener | None = None,
     ) -> None:
         self.uav_id: Final = uav_id
         self._ledger = ledger
@@ -130,6 +132,7 @@ class UavAgent:
         self._whole_certificate = whole_certificate
         self._choose = choose
         self._on_step = on_step
+        self._on_range = on_range
         self._runner: UavRunner | None = None
 
     def stop(self, reason: str = "agent_stopped") -> None:
@@ -175,6 +178,7 @@ class UavAgent:
             witness_blinks=await self._witness_blinks(asked),
             broadcasts=self._broadcasts.sent,
             measures=self._radio.measures,
+            guided=self._on_range is not None and self._radio.measures,
         )
         runner = self._runner = UavRunner(
             machine,
@@ -184,6 +188,7 @@ class UavAgent:
             act=self._act,
             clock=self._clock,
             on_step=self._on_step,
+            on_range=self._on_range,
         )
         self._events.listen(session.session_id, runner.deliver)
         try:

@@ -102,6 +102,7 @@ async def assembled(
             clock=clock,
             whole_certificate=whole_certificate,
             on_step=None if quiet else _progress,
+            on_range=None if pilot is None else pilot.on_range,
         )
         missing = Missing(
             position=lambda: source.why_not(clock()),

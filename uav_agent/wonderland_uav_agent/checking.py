@@ -62,5 +62,6 @@ def _flight(flight: FlightSettings) -> list[str]:
     return [
         f"{held} until a committed verdict permits the landing; {after}.",
         "The pilot and the autopilot's fail-safes always win.",
+        f"It lands by {'the ranges of its node (LANDING_TARGET)' if flight.precision else 'its own position alone'}.",
         f"PX4 that asks whether it may be armed where none of its pads is: {flight.take_off_elsewhere}.",
     ]

@@ -62,6 +62,8 @@ class Phase(Enum):
     ENDED = "ended"
 
 
+GUIDED: Final = frozenset({"land", "dock"})
+"""Actions in which the nodes range on until the drone is down, for as long as it ranges."""
 _SPEAKING: Final = frozenset({Phase.POLLING, Phase.RANGING, Phase.CONFIRMING, Phase.SUBMITTING})
 
 
@@ -174,6 +176,8 @@ class PadSession:
         if self.phase is Phase.ENDED:
             return actions
         match event:
+            case on.AnchorRange() if self.phase is Phase.PERMITTED:
+                self._guided(event, now_ms)
             case on.AnchorRange():
                 self._ranging.take(event.anchor_id, event.t_ms, event.range_mm, nlos=event.nlos, now_ms=now_ms)
             case on.FrameHeard():
@@ -393,7 +397,11 @@ class PadSession:
         self._reach("verdict", now_ms, actions, detail=event.verdict.outcome)
         if granted:
             self.phase = Phase.PERMITTED
-            actions.extend((do.Permit(event.verdict), do.CloseRadios()))
+            actions.append(do.Permit(event.verdict))
+            if self.session.action in GUIDED:
+                self._times["guided"] = now_ms + self._timing.silence_ms
+            else:
+                actions.append(do.CloseRadios())
             self._times["permission"] = max(
                 self.session.expires_ms + self._timing.lapse_margin_ms, now_ms + self._timing.completion_ms
             )
@@ -401,6 +409,11 @@ class PadSession:
             actions.append(do.ReportStep("permission", now_ms, ok=False, detail="refused"))
             actions.append(do.CloseRadios())
             self._end("decided", "refused", now_ms, actions, tx_id=event.tx_id)
+
+    def _guided(self, event: on.AnchorRange, now_ms: int) -> None:
+        """A range while the drone acts: it finds its way down by what it measures itself; nothing is judged here."""
+        if "guided" in self._times and event.range_mm is not None:
+            self._times["guided"] = now_ms + self._timing.silence_ms
 
     def _refused(self, event: on.SubmitRefused, now_ms: int, actions: list[do.PadAction]) -> None:
         if self.phase is not Phase.SUBMITTING:
@@ -411,19 +424,18 @@ class PadSession:
     def _cancelled(self, event: on.SessionCancelled, now_ms: int, actions: list[do.PadAction]) -> None:
         if self.phase is Phase.PERMITTED:
             actions.append(do.Withdraw(event.reason))
-        else:
-            actions.append(do.CloseRadios())
+        actions.append(do.CloseRadios())
         self._end("cancelled", event.reason, now_ms, actions, detail=f"by {event.by}")
 
     def _completed(self, event: on.InteractionCompleted, now_ms: int, actions: list[do.PadAction]) -> None:
         if self.phase is Phase.PERMITTED:
-            actions.append(do.Withdraw("completed"))
+            actions.extend((do.Withdraw("completed"), do.CloseRadios()))
         self._end("completed", event.end, now_ms, actions)
 
     def _interrupted(self, event: on.Interrupted, now_ms: int, actions: list[do.PadAction]) -> None:
         """The agent has to stop. A verdict under way is left to the ledger; a permission is taken back."""
         if self.phase is Phase.PERMITTED:
-            actions.append(do.Withdraw(event.reason))
+            actions.extend((do.Withdraw(event.reason), do.CloseRadios()))
             self._end("decided", event.reason, now_ms, actions, detail=event.detail)
         elif self.phase is Phase.SUBMITTING:
             actions.append(do.CloseRadios())
@@ -444,8 +456,11 @@ class PadSession:
                 self._fail("no_reply", "the drone did not answer over UWB", now_ms, actions)
             case Phase.RANGING | Phase.CONFIRMING:
                 self._ranging_time(due, now_ms, actions)
+            case Phase.PERMITTED if "guided" in due:
+                del self._times["guided"]
+                actions.append(do.CloseRadios())
             case Phase.PERMITTED if "permission" in due:
-                actions.append(do.Withdraw("permission_expired"))
+                actions.extend((do.Withdraw("permission_expired"), do.CloseRadios()))
                 actions.append(do.Cancel("permission_expired", "the drone did not complete in time"))
                 self._end("cancelled", "permission_expired", now_ms, actions)
             case _:

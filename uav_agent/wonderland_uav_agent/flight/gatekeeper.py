@@ -134,6 +134,11 @@ class Gatekeeper:
         flown = self.phase not in {Phase.WATCHING, Phase.OVERRIDDEN} and self._standing is not None
         return self._gate.pad_id if flown and self._gate is not None else self._resume
 
+    @property
+    def landing_at(self) -> Gate | None:
+        """The pad at which it lands now, by a committed verdict, whoever flies it."""
+        return self._gate if self.phase is Phase.LANDING else None
+
     def resume(self, pad_id: str) -> None:
         """It was held at that pad before this agent started: hold it on, if it still waits there."""
         self._resume = pad_id

@@ -9,7 +9,7 @@ from wonderland_uav_agent.flight.gatekeeper import GoTo, Land, Return
 from wonderland_uav_agent.flight.vehicle import ARDUPILOT, PX4, Mode, Vehicle
 from wonderland_uav_agent.position.mavlink.messages import Acknowledged, Command, Reposition
 
-NAV_RETURN_TO_LAUNCH, NAV_LAND, DO_SET_MODE, DO_REPOSITION = 20, 21, 176, 192
+NAV_RETURN_TO_LAUNCH, NAV_LAND, NAV_PRECLAND, DO_SET_MODE, DO_REPOSITION = 20, 21, 23, 176, 192
 _CUSTOM_MODE: Final = 1.0
 HELD_MODES: Final = {ARDUPILOT: (4.0, 0.0), PX4: (4.0, 3.0)}
 """GUIDED; AUTO, and loiter within it."""
@@ -35,8 +35,10 @@ class Orders:
     def __init__(self) -> None:
         self._given: _Given | None = None
 
-    def give(self, order: GoTo | Land | Return, vehicle: Vehicle, system: int, now_ms: int) -> None:
-        """To the autopilot of ``system``."""
+    def give(
+        self, order: GoTo | Land | Return, vehicle: Vehicle, system: int, now_ms: int, *, precise: bool = False
+    ) -> None:
+        """To the autopilot of ``system``. ``precise``: it is being told where the pad is, and shall land by that."""
         number, instead = DO_REPOSITION, None
         if isinstance(order, GoTo):
             # Heights are above the ellipsoid here, above mean sea level there; the vehicle has both.
@@ -47,6 +49,8 @@ class Orders:
                 instead = Command(system, DO_SET_MODE, (_CUSTOM_MODE, mode, sub_mode, 0.0, 0.0, 0.0, 0.0))
         else:
             number = NAV_LAND if isinstance(order, Land) else NAV_RETURN_TO_LAUNCH
+            if number == NAV_LAND and precise and vehicle.stack == PX4:  # ArduPilot's LAND is both
+                number = NAV_PRECLAND
             sent = Command(system, number, (0.0,) * 7)
         self._given = _Given(number, sent, now_ms, instead)
 

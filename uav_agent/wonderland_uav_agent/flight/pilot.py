@@ -9,15 +9,19 @@ from typing import Final
 
 from wonderland.clock import Clock
 from wonderland.proofs.records import transactions as tx
+from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland_uav_agent.flight.arming import Arming
 from wonderland_uav_agent.flight.gatekeeper import Gatekeeper, GoTo, Land, Order, Phase, Prove, Report, Return, Tell
 from wonderland_uav_agent.flight.memory import HeldMemory
 from wonderland_uav_agent.flight.orders import Orders
+from wonderland_uav_agent.flight.precision import PrecisionLanding
 from wonderland_uav_agent.flight.settings import FlightSettings
 from wonderland_uav_agent.flight.vehicle import Vehicle, VehicleState
 from wonderland_uav_agent.position.mavlink import MavlinkPosition
-from wonderland_uav_agent.position.mavlink.messages import Acknowledged, ArmingAsked, Message, Outgoing
+from wonderland_uav_agent.position.mavlink.messages import Acknowledged, ArmingAsked, LandingTarget, Message, Outgoing
+from wonderland_uav_agent.session.events import OwnRange
+from wonderland_uav_agent.session.runner import RangeListener
 
 _log = logging.getLogger(__name__)
 
@@ -38,6 +42,7 @@ class Pilot:
     def __init__(self, settings: FlightSettings, *, clock: Clock) -> None:
         self.gatekeeper = Gatekeeper(settings)
         self.arming = Arming(settings)
+        self._precision = PrecisionLanding(settings.antenna_m) if settings.precision else None
         self._state = VehicleState()
         self._orders = Orders()
         self._link: MavlinkPosition | None = None
@@ -70,6 +75,8 @@ class Pilot:
         """A message of the autopilot's."""
         self._state.take(message, now_ms)
         self.arming.take(message)
+        if self._precision is not None:
+            self._precision.take(message, now_ms)
         if isinstance(message, Acknowledged):
             problem = self._orders.answered(message, now_ms)
             if problem:
@@ -87,7 +94,27 @@ class Pilot:
         commands, problem = self._orders.due(now_ms)
         if problem:
             _log.warning("%s", problem)
-        return [*commands, *self.arming.due(self._system, now_ms)]
+        return [*commands, *self.arming.due(self._system, now_ms), *self._targets(vehicle, now_ms)]
+
+    @property
+    def on_range(self) -> RangeListener | None:
+        """Who wants the ranges of the drone's node; None where the way down is not found by them."""
+        return None if self._precision is None else self._ranged
+
+    def _ranged(self, commissioning: Commissioning, event: OwnRange) -> None:
+        if self._precision is not None:
+            self._precision.range(commissioning, event.mac, event.t_ms, event.range_mm)
+
+    def _targets(self, vehicle: Vehicle | None, now_ms: int) -> list[LandingTarget]:
+        """Where the pad is, by the ranges, while a verdict permits to land there."""
+        if self._precision is None or vehicle is None:
+            return []
+        self._precision.believe(vehicle.claim, now_ms)
+        gate = self.gatekeeper.landing_at
+        if gate is None:
+            return []
+        target = self._precision.target(gate.frame, vehicle.stack, self._system, now_ms)
+        return [] if target is None else [target]
 
     def vehicle(self, now_ms: int) -> Vehicle | None:
         """What it does now; None while that is not known."""
@@ -172,7 +199,13 @@ class Pilot:
                 case Prove():
                     self._prove(order.pad_id)
                 case GoTo() | Land() | Return():
-                    self._orders.give(order, vehicle, self._system, now_ms)
+                    precise = isinstance(order, Land) and self._sees_pad(now_ms)
+                    self._orders.give(order, vehicle, self._system, now_ms, precise=precise)
+
+    def _sees_pad(self, now_ms: int) -> bool:
+        """Whether the ranges say where the pad is."""
+        gate = self.gatekeeper.landing_at
+        return self._precision is not None and gate is not None and self._precision.fix(gate.frame, now_ms) is not None
 
     def _prove(self, pad_id: str) -> None:
         why_not = "no agent proves" if self._begin is None else self._begin(pad_id, "land", self._proved)

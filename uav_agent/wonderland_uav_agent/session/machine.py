@@ -70,8 +70,8 @@ class UavSession:
     """One proof of one drone.
 
     ``session`` and ``commissioning`` come from the ledger, ``keys`` from their transcript. ``certificate`` is the
-    drone's own (DER); it is said whole instead of by its hash where ``whole_certificate`` is set. All times are
-    milliseconds on one steady clock.
+    drone's own (DER); it is said whole instead of by its hash where ``whole_certificate`` is set. ``guided``: the node
+    ranges on while the drone lands by what it measures. All times are milliseconds on one steady clock.
     """
 
     def __init__(
@@ -88,8 +88,10 @@ class UavSession:
         measures: bool = True,
         witness_blinks: BlinkPlan | None = None,
         broadcasts: Broadcasts = lambda _since_ms: (),
+        guided: bool = False,
     ) -> None:
         self.session: Final = session
+        self.commissioning: Final = commissioning
         self.phase = Phase.OPENING
         self.verdict: Verdict | None = None
         self.failure = ""
@@ -120,6 +122,7 @@ class UavSession:
         self._t_ms: list[int] = []
         self._columns: dict[str, list[int]] = {anchor_id: [] for anchor_id in self._macs}
         self._radios_open = False
+        self._guided = guided and session.action in {"land", "dock"}
         self._times: dict[str, int] = {
             "open": now_ms + self._timing.open_ms,
             "expiry": session.expires_ms + self._timing.verdict_grace_ms,
@@ -171,11 +174,15 @@ class UavSession:
 
     def frames_to_send(self, now_ms: int) -> list[bytes]:
         """Frames for one data unit of the node; call it when ``next_frames_ms`` has come."""
-        return self._words.frames_to_send(now_ms) if self._radios_open else []
+        return self._words.frames_to_send(now_ms) if self._speaks else []
 
     def next_frames_ms(self) -> int | None:
         """When ``frames_to_send`` will have something; None while all is quiet."""
-        return self._words.next_wakeup_ms() if self._radios_open else None
+        return self._words.next_wakeup_ms() if self._speaks else None
+
+    @property
+    def _speaks(self) -> bool:
+        return self._radios_open and self.phase is not Phase.ACTING
 
     def next_tick_ms(self) -> int | None:
         """When the machine wants a Tick if nothing else happens; None once it has ended."""
@@ -323,9 +330,11 @@ class UavSession:
         if self.phase is Phase.ACTING:
             return
         self.verdict = event.verdict
-        self._close_radios(actions)
+        granted = event.verdict.permission == "granted"
+        if not (granted and self._guided):
+            self._close_radios(actions)
         self._reach("verdict", now_ms, actions, detail=event.verdict.outcome)
-        if event.verdict.permission == "granted":
+        if granted:
             self._reach("permission", now_ms, actions, detail="granted")
             self.phase = Phase.ACTING
             self._times.clear()

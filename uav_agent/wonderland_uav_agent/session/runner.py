@@ -9,6 +9,7 @@ from typing import Final
 
 from wonderland.clock import Clock
 from wonderland.proof_contract import AwayError, RefusedError
+from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.session.runner import Pauses, SessionRunner
@@ -26,6 +27,8 @@ _log = logging.getLogger(__name__)
 COMPLETE_PATIENCE_S: Final = 60.0
 
 StepListener = Callable[[Session, do.ReportStep], None]
+RangeListener = Callable[[Commissioning, on.OwnRange], None]
+"""Hears each range that the drone's node measures in a session, beside the pad's survey."""
 
 
 class UavRunner(SessionRunner[do.UavAction, on.UavEvent]):
@@ -41,6 +44,7 @@ class UavRunner(SessionRunner[do.UavAction, on.UavEvent]):
         act: Act,
         clock: Clock,
         on_step: StepListener | None = None,
+        on_range: RangeListener | None = None,
     ) -> None:
         super().__init__(machine, speaker=radio, ledger=ledger, clock=clock)
         self._machine = machine
@@ -49,6 +53,7 @@ class UavRunner(SessionRunner[do.UavAction, on.UavEvent]):
         self._signer = signer
         self._act = act
         self._on_step = on_step
+        self._on_range = on_range
         self._acting: asyncio.Task[None] | None = None
         self.completed_tx = ""
         """Transaction that closed the session, if this drone's did."""
@@ -63,6 +68,8 @@ class UavRunner(SessionRunner[do.UavAction, on.UavEvent]):
         """Tell the session something: a report of the node, an event of the ledger."""
         if isinstance(event, on.VerdictCommitted):
             self.verdict_tx = event.tx_id
+        elif isinstance(event, on.OwnRange) and self._on_range is not None:
+            self._on_range(self._machine.commissioning, event)
         super().deliver(event)
 
     async def _perform(self, action: do.UavAction) -> None:

@@ -7,12 +7,16 @@ from typing import Any, Final
 
 SYSTEM_TIME: Final = 2
 GPS_RAW_INT: Final = 24
+ATTITUDE: Final = 30
+LOCAL_POSITION_NED: Final = 32
 GLOBAL_POSITION_INT: Final = 33
 EXTENDED_SYS_STATE: Final = 245
 
 NAMES: Final = {
     SYSTEM_TIME: "SYSTEM_TIME",
     GPS_RAW_INT: "GPS_RAW_INT",
+    ATTITUDE: "ATTITUDE",
+    LOCAL_POSITION_NED: "LOCAL_POSITION_NED",
     GLOBAL_POSITION_INT: "GLOBAL_POSITION_INT",
     EXTENDED_SYS_STATE: "EXTENDED_SYS_STATE",
 }
@@ -83,6 +87,24 @@ class ExtendedState:
 
 
 @dataclass(frozen=True, slots=True)
+class Attitude:
+    """ATTITUDE (30): radians, from north-east-down to forward-right-down."""
+
+    roll: float
+    pitch: float
+    yaw: float
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPosition:
+    """LOCAL_POSITION_NED (32): metres from where the autopilot's filter has its origin."""
+
+    north_m: float
+    east_m: float
+    down_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class Acknowledged:
     """COMMAND_ACK (77)."""
 
@@ -116,6 +138,8 @@ Message = (
     | GpsRaw
     | GlobalPosition
     | ExtendedState
+    | Attitude
+    | LocalPosition
     | Acknowledged
     | ArmingAsked
     | Parameter
@@ -177,4 +201,15 @@ class SetParameter:
     value: float
 
 
-Outgoing = SayAlive | AskFor | Command | Reposition | ArmingAnswered | SetParameter
+@dataclass(frozen=True, slots=True)
+class LandingTarget:
+    """To send: LANDING_TARGET (149); ``place_m`` in ``frame`` (MAV_FRAME), ``distance_m`` from the vehicle."""
+
+    system: int
+    t_us: int
+    frame: int
+    place_m: tuple[float, float, float]
+    distance_m: float
+
+
+Outgoing = SayAlive | AskFor | Command | Reposition | ArmingAnswered | SetParameter | LandingTarget

@@ -12,15 +12,19 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Claim
 from wonderland_uav_agent.position.mavlink.boot_time import REORDERED_MS, BootTime
 from wonderland_uav_agent.position.mavlink.messages import (
+    ATTITUDE,
     EXTENDED_SYS_STATE,
     GLOBAL_POSITION_INT,
     GPS_RAW_INT,
+    LOCAL_POSITION_NED,
     SYSTEM_TIME,
     Acknowledged,
+    Attitude,
     ExtendedState,
     GlobalPosition,
     GpsRaw,
     Heartbeat,
+    LocalPosition,
     Message,
     Outgoing,
     OutOfStep,
@@ -131,6 +135,10 @@ class Navigator:
             self._take_position(message, now_ms)
         elif isinstance(message, ExtendedState):
             self._rates.seen(EXTENDED_SYS_STATE, now_ms)
+        elif isinstance(message, Attitude):
+            self._rates.seen(ATTITUDE, now_ms)
+        elif isinstance(message, LocalPosition):
+            self._rates.seen(LOCAL_POSITION_NED, now_ms)
 
     def claim(self, now_ms: int) -> Claim | None:
         """The position now; None while there is none that is fresh and complete."""

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from wonderland_uav_agent.position.mavlink.messages import (
+    ATTITUDE,
     EXTENDED_SYS_STATE,
     GLOBAL_POSITION_INT,
     GPS_RAW_INT,
+    LOCAL_POSITION_NED,
     NAMES,
     SYSTEM_TIME,
     AskFor,
@@ -47,6 +49,8 @@ class Rates:
         }
         if flown:
             self._wanted[EXTENDED_SYS_STATE] = _Wanted(200, 1_000)
+            self._wanted[ATTITUDE] = _Wanted(50, 150)
+            self._wanted[LOCAL_POSITION_NED] = _Wanted(50, 150)
         for wanted in self._wanted.values():
             wanted.ask_at_ms = now_ms + GRACE_MS
         self.refused = 0

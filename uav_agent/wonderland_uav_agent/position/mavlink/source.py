@@ -21,7 +21,8 @@ from wonderland_uav_agent.position.source import PositionError
 
 _log = logging.getLogger(__name__)
 
-TICK_S: Final = 0.1
+TICK_S: Final = 0.04
+"""25 times a second, as a landing target is wanted."""
 MAX_DATAGRAM_BYTES: Final = 4_096
 
 

@@ -10,11 +10,14 @@ from wonderland_uav_agent.position.mavlink.messages import (
     ArmingAnswered,
     ArmingAsked,
     AskFor,
+    Attitude,
     Command,
     ExtendedState,
     GlobalPosition,
     GpsRaw,
     Heartbeat,
+    LandingTarget,
+    LocalPosition,
     Message,
     Outgoing,
     OutOfStep,
@@ -128,6 +131,10 @@ def _packet(dialect: ModuleType, what: Outgoing) -> Any:
         case ArmingAnswered():
             answer = (dialect.MAV_CMD_ARM_AUTHORIZATION_REQUEST, what.result, what.reason, what.valid_s)
             return dialect.MAVLink_command_ack_message(*answer, *to)
+        case LandingTarget():
+            seen = (what.t_us, 0, what.frame, 0.0, 0.0, what.distance_m, 0.0, 0.0, *what.place_m)
+            kind = dialect.LANDING_TARGET_TYPE_RADIO_BEACON
+            return dialect.MAVLink_landing_target_message(*seen, (1.0, 0.0, 0.0, 0.0), kind, 1)
         case _:
             name = what.name.encode("ascii")
             return dialect.MAVLink_param_set_message(*to, name, what.value, dialect.MAV_PARAM_TYPE_REAL32)
@@ -146,6 +153,10 @@ def _message(received: Any) -> Message | None:
     if kind == "GLOBAL_POSITION_INT":
         velocity = (received.vx, received.vy, received.vz)
         return GlobalPosition(received.time_boot_ms, received.lat, received.lon, received.alt, *velocity)
+    if kind == "ATTITUDE":
+        return Attitude(received.roll, received.pitch, received.yaw)
+    if kind == "LOCAL_POSITION_NED":
+        return LocalPosition(received.x, received.y, received.z)
     if kind == "COMMAND_ACK":
         return Acknowledged(received.command, received.result)
     if kind == "EXTENDED_SYS_STATE":
