@@ -123,6 +123,7 @@ class AttackSpec:
     ``lie_m``: claim minus truth; ``lie_share``: in how many of its fixes. ``spoofed_m``: its GNSS is shifted by that,
     so that it hovers beside its hover. ``drag_m_s``: its GNSS is dragged away from when it sets out. ``ranges``: one of
     ``attackers.ranging.RANGE_ATTACKS``. ``accuracy_m``, ``height_accuracy_m``: what it claims to know.
+    ``mirrored``: it claims the place opposite, seen from the pad's middle.
     ``accomplice``: the radio that answers with its keys is a second drone's, which is where it claims to be.
     """
 
@@ -135,6 +136,7 @@ class AttackSpec:
     accuracy_m: float | None = None
     height_accuracy_m: float | None = None
     accomplice: bool = False
+    mirrored: bool = False
 
 
 @dataclass(frozen=True)

@@ -18,19 +18,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from wonderland.proofs.errors import GeometryError
-from wonderland.proofs.frame import to_local, to_wgs84
-from wonderland.proofs.records.sessions import TICKS_PER_SECOND, Claim
-from wonderland_simulator.attackers.ranging import RANGE_ATTACKS, Situation
-from wonderland_simulator.attackers.replay import ReplayAttack
+from wonderland.proofs.frame import to_wgs84
+from wonderland.proofs.records.sessions import Claim
 from wonderland_simulator.broadcaster import Fix, frame
-from wonderland_simulator.channel import Channel
-from wonderland_simulator.flight import Vector
 from wonderland_simulator.mission import Mission, Mode
-from wonderland_simulator.scenario import STAMP_SIGMA_M, AnchorSite, Behaviour, DroneSpec, PadSite
+from wonderland_simulator.pads_air import PadsAir, node_name
+from wonderland_simulator.scenario import Behaviour, DroneSpec, PadSite
 from wonderland_simulator.uci_node import (
-    Air,
-    Measurement,
     PtyPort,
     VirtualNode,
 )
@@ -40,10 +34,6 @@ POSITION_EVERY: Final = 2
 BROADCAST_EVERY: Final = 10
 IMPOSTOR_REACH_M: Final = 70.0
 """How near to its hover a drone is when its impostor sends."""
-EARSHOT_M: Final = 1_500.0
-BLINK_REACH_M: Final = 90.0
-BLINK_LOSS: Final = 0.01
-LIGHT_M_S: Final = 299_792_458.0
 OPERATOR_ID: Final = "FIN87astrdge12k8"
 
 
@@ -97,37 +87,16 @@ class World:
             drone.uav_id: Mission(drone, self._frames[drone.pad_id], random.Random(f"{seed}/{drone.uav_id}"))
             for drone in drones
         }
-        self._channels = {
-            pad.pad_id: Channel(
-                random.Random(f"{seed}/{pad.pad_id}"), anchor_bias_m={site.mac: site.bias_m for site in pad.anchors}
-            )
-            for pad in pads
-        }
-        self._sites = {f"{pad.pad_id}/{site.anchor_id}": (pad.pad_id, site) for pad in pads for site in pad.anchors}
         replaying = frozenset(drone.uav_id for drone in drones if drone.behaviour is Behaviour.REPLAY)
-        attack = ReplayAttack(replaying, {drone.uav_id: drone.pad_id for drone in drones})
-        self._attacks = {
-            drone.uav_id: (RANGE_ATTACKS[drone.attack.ranges], random.Random(f"{seed}/{drone.uav_id}/attack"))
-            for drone in drones
-            if drone.attack is not None and drone.attack.ranges
-        }
-        self._drawn: dict[tuple[str, str], tuple[float, Measurement]] = {}
-        self._stamp_rng = random.Random(f"{seed}/stamps")
-        self._air = Air(
-            self._measure,
-            rng=random.Random(f"{seed}/air"),
-            data_loss=0.02,
-            intercept=attack.intercept,
-            stamp=self._stamp,
-            reach=self._reach,
-        )
+        self._air = PadsAir(pads, self._missions, seed=seed, replaying=replaying)
         self._impostors = {drone.uav_id: _Impostor(drone) for drone in drones if drone.impostor_m is not None}
         self._serial = []
-        for name, (pad_id, site) in self._sites.items():
-            node = VirtualNode(name, self._air, profile=self._pads[pad_id].board)
-            self._serial.append(PtyPort(node, anchor_path(directory, pad_id, site.anchor_id)))
+        for pad in pads:
+            for site in pad.anchors:
+                node = VirtualNode(node_name(pad.pad_id, site.anchor_id), self._air.air, profile=pad.board)
+                self._serial.append(PtyPort(node, anchor_path(directory, pad.pad_id, site.anchor_id)))
         for drone in drones:
-            node = VirtualNode(drone.uav_id, self._air, profile=self._pads[drone.pad_id].board)
+            node = VirtualNode(drone.uav_id, self._air.air, profile=self._pads[drone.pad_id].board)
             self._serial.append(PtyPort(node, drone_path(directory, drone.uav_id)))
 
     async def run(self, ready: Callable[[], None]) -> None:
@@ -156,7 +125,7 @@ class World:
             out.close()
             for impostor in self._impostors.values():
                 impostor.out.close()
-            self._air.close()
+            self._air.air.close()
             for port in self._serial:
                 port.close()
 
@@ -185,101 +154,13 @@ class World:
         home = self._pads[mission.spec.pad_id]
         data = frame(uav_id, OPERATOR_ID, (home.lat_e7, home.lon_e7), said)
         for pad_id, port in self._ports.rid.items():
-            try:
-                east, north, _ = to_local(self._frames[pad_id], fix.lat_e7, fix.lon_e7, fix.height_mm)
-            except GeometryError:
-                continue
-            if math.hypot(east, north) < EARSHOT_M * 1000:
+            if self._air.hears(pad_id, fix):
                 _send_bytes(out, port, data)
 
     def _command(self, uav_id: str, command: str) -> None:
         mission = self._missions.get(uav_id)
         if mission is not None:
             mission.command(command, time.monotonic() - self._start_s)
-
-    def _measure(self, observer: str, peer: str, t_s: float) -> Measurement:
-        """Both ends of a pair report the same draw of a round."""
-        pair = (observer, peer) if observer in self._sites else (peer, observer)
-        drawn = self._drawn.get(pair)
-        if drawn is not None and drawn[0] == t_s:
-            return drawn[1]
-        pad_id, site = self._sites[pair[0]]
-        if pair[1] in self._sites:
-            return self._between(pad_id, site, *self._sites[pair[1]])
-        mission = self._missions.get(pair[1])
-        if mission is None or mission.spec.pad_id != pad_id:
-            return Measurement(None)
-        here = _radio_at(mission)
-        distance = math.dist(here, (site.east_m, site.north_m, site.up_m))
-        result = self._channels[pad_id].measure(distance, site.mac)
-        range_m = result.range_m
-        if range_m is not None and pair[1] in self._attacks and mission.claimed_m is not None:
-            range_error, rng = self._attacks[pair[1]]
-            anchors = [(each.east_m, each.north_m, each.up_m) for each in self._pads[pad_id].anchors]
-            index = self._pads[pad_id].anchors.index(site)
-            situation = Situation(here, mission.claimed_m, anchors, index, t_s)
-            added = range_error(situation, rng)
-            range_m = None if added is None else max(0.0, range_m + added)
-        measured = Measurement(None if range_m is None else round(range_m * 1000), result.obstructed, result.power_dbm)
-        self._drawn[pair] = (t_s, measured)
-        return measured
-
-    def _between(self, pad_id: str, site: AnchorSite, other_pad_id: str, other: AnchorSite) -> Measurement:
-        """Two anchors of a pad range each other; those of another pad are not in its session."""
-        if pad_id != other_pad_id:
-            return Measurement(None)
-        distance = math.dist((site.east_m, site.north_m, site.up_m), (other.east_m, other.north_m, other.up_m))
-        result = self._channels[pad_id].measure(distance, site.mac)
-        range_m = None if result.range_m is None else result.range_m + other.bias_m
-        return Measurement(None if range_m is None else round(range_m * 1000), result.obstructed, result.power_dbm)
-
-    def _stamp(self, anchor: str, tag: str, t_s: float) -> int | None:
-        """What the pad's clock shows when the anchor hears a blink: where the drone *is*, whatever its radio says."""
-        pad_id, site = self._sites[anchor]
-        mission = self._missions.get(tag)
-        if mission is None or self._pads[pad_id].clock_sigma_mm is None:
-            return None
-        here = self._seen_from(pad_id, mission)
-        if here is None:
-            return None
-        away_m = math.dist(here, (site.east_m, site.north_m, site.up_m))
-        if away_m > BLINK_REACH_M or self._stamp_rng.random() < BLINK_LOSS:
-            return None
-        away_m += site.clock_error_m + self._stamp_rng.gauss(0.0, STAMP_SIGMA_M)
-        return round(t_s * TICKS_PER_SECOND) + round(away_m / LIGHT_M_S * TICKS_PER_SECOND)
-
-    def _reach(self, receiver: str, sender: str) -> int | None:
-        """How far apart two radios are, of whatever pads, as far as they hear each other."""
-        pad_id = self._sites[receiver][0] if receiver in self._sites else self._missions[receiver].spec.pad_id
-        places = self._place(pad_id, receiver), self._place(pad_id, sender)
-        if places[0] is None or places[1] is None:
-            return None
-        away_m = math.dist(places[0], places[1])
-        return None if away_m > BLINK_REACH_M else round(away_m * 1000)
-
-    def _place(self, pad_id: str, name: str) -> Vector | None:
-        """Where a node is, in the frame of any pad; None where that is too far away."""
-        if name not in self._sites:
-            return self._seen_from(pad_id, self._missions[name])
-        home_id, site = self._sites[name]
-        place = (site.east_m, site.north_m, site.up_m)
-        return place if home_id == pad_id else self._moved(home_id, place, pad_id)
-
-    def _seen_from(self, pad_id: str, mission: Mission) -> Vector | None:
-        """Where the drone's radio is, in the frame of any pad."""
-        if mission.spec.pad_id == pad_id:
-            return _radio_at(mission)
-        return self._moved(mission.spec.pad_id, _radio_at(mission), pad_id)
-
-    def _moved(self, from_pad: str, place: Vector, to_pad: str) -> Vector | None:
-        """From one pad's frame into another's."""
-        try:
-            east, north, up = to_local(
-                self._frames[to_pad], *to_wgs84(self._frames[from_pad], *(round(value * 1000) for value in place))
-            )
-        except GeometryError:
-            return None
-        return (east / 1000, north / 1000, up / 1000)
 
 
 class _Impostor:
@@ -301,14 +182,6 @@ class _Impostor:
         """That the drone hovers there, as well known as the drone's own fix."""
         lat_e7, lon_e7, height_mm = to_wgs84(mission.frame, *(round(value * 1000) for value in self._place_m))
         return replace(fix, lat_e7=lat_e7, lon_e7=lon_e7, height_mm=height_mm, speed_mm_s=0, vertical_mm_s=0)
-
-
-def _radio_at(mission: Mission) -> Vector:
-    """Where the radio with the drone's keys is, in the frame of its pad."""
-    attack = mission.spec.attack
-    if attack is not None and attack.accomplice and mission.claimed_m is not None:
-        return mission.claimed_m
-    return mission.flight.position
 
 
 class _Commands(asyncio.DatagramProtocol):

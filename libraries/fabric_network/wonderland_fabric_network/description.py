@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Self
@@ -14,6 +14,7 @@ from wonderland.proofs.records.schema import Choice, Described, Integer, Items, 
 from wonderland_fabric_gateway.files import PUBLIC, read_bounded, write_atomic
 from wonderland_fabric_network.endorsement import EndorsementPolicy, parse_endorsement
 from wonderland_fabric_network.errors import DescriptionError
+from wonderland_fabric_network.strict_yaml import YamlError, read_yaml
 
 MSP_ID: Final = r"[A-Za-z][A-Za-z0-9.-]{0,62}"
 CHANNEL_NAME: Final = r"[a-z][a-z0-9.-]{0,248}"
@@ -192,9 +193,9 @@ class NetworkDescription(Record):
     def from_yaml(cls, data: bytes, source: str = "network.yaml") -> Self:
         """Parse a description. Raises `DescriptionError`."""
         try:
-            document = yaml.load(data, Loader=_Loader)  # noqa: S506 - a SafeLoader, made stricter
-        except (yaml.YAMLError, UnicodeError, RecursionError, ValueError) as cause:
-            raise DescriptionError(f"{source}: no YAML ({' '.join(str(cause).split())[:300]})") from cause
+            document = read_yaml(data).document
+        except YamlError as cause:
+            raise DescriptionError(f"{source}: {cause}") from cause
         try:
             return cls.parse({} if document is None else document)
         except RecordError as cause:
@@ -262,25 +263,6 @@ def standard_endorsement(organisations: Sequence[Organisation]) -> str:
 def json_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of network.yaml."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **NetworkDescription.json_schema()}
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML without its traps: no doubled keys (the last would win silently), no aliases (they can grow without end)."""
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.constructor.ConstructorError(problem="aliases are not allowed", problem_mark=self.get_mark())
-        node: yaml.Node | None = super().compose_node(parent, index)
-        return node
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        keys = [key.value for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise yaml.constructor.ConstructorError(
-                    problem=f"the field {key!r} stands twice", problem_mark=node.start_mark
-                )
-        return super().construct_mapping(node, deep=deep)
 
 
 __all__ = [
