@@ -13,7 +13,7 @@ from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning, Fra
 from wonderland.uwb.agreed import ability_of
 from wonderland_edge_agent.geodesy import frame_at
 from wonderland_simulator.channel import BIAS_M
-from wonderland_simulator.uci_node.profiles import DWM3001CDK, SR150, NodeProfile
+from wonderland_simulator.uci_node.profiles import DWM3001CDK, PROFILES, SR150, NodeProfile
 
 DAY_MS: Final = 86_400_000
 STAMP_SIGMA_M: Final = 0.03
@@ -56,7 +56,7 @@ class PadSite:
 
     ``buffer_mm`` is the buffer of its policy. ``clock_sigma_mm``: how well its nodes' common clock was commissioned;
     None where they have none. ``dock_assurance``: what its policy demands of a drone that docks; ``witness_pad_id``:
-    the pad that it then names as witness.
+    the pad that it then names as witness. ``profile``: its boards' kind, where it is another than its clocks demand.
     """
 
     pad_id: str
@@ -69,10 +69,13 @@ class PadSite:
     clock_sigma_mm: int | None = None
     dock_assurance: int | None = None
     witness_pad_id: str | None = None
+    profile: str = ""
 
     @property
     def board(self) -> NodeProfile:
         """The boards of the pad and of the drones that it serves: they time-stamp one way only where that is needed."""
+        if self.profile:
+            return PROFILES[self.profile]
         return DWM3001CDK if self.clock_sigma_mm is None else SR150
 
     @property

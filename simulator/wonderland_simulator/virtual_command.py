@@ -18,14 +18,14 @@ from wonderland_edge_agent.commissioning.errors import SurveyError
 from wonderland_edge_agent.commissioning.survey_files import load_survey
 from wonderland_fira_uci.dwm1001 import BoardPosition
 from wonderland_simulator.dwm1001_node import VirtualAnchor, VirtualDwm1001
-from wonderland_simulator.uci_node import DWM3001CDK, IDEAL, QM35, SR150, Air, Measurement, PtyPort, VirtualNode
+from wonderland_simulator.uci_node import DWM3001CDK, Air, Measurement, PtyPort, VirtualNode
+from wonderland_simulator.uci_node.profiles import PROFILES
 from wonderland_simulator.uci_node.pty import PortDevice
 
 NOISE_MM: Final = 20.0
 DRONE: Final = "drone"
 _METRES_PER_SECOND: Final = 299_792_458.0
 _TICKS_PER_SECOND: Final = 63_897_600_000
-_PROFILES: Final = {profile.name: profile for profile in (DWM3001CDK, QM35, SR150, IDEAL)}
 DWM1001: Final = "DWM1001"
 DRONE_ADDRESS: Final = 0x1A2B
 _PAD_ADDRESS: Final = 0x2000
@@ -79,7 +79,7 @@ def _place(_: click.Context, __: click.Parameter, value: str) -> Place:
     help="The survey: a board stands at each anchor.",
 )
 @click.option("--drone", default="4,3,6", show_default=True, callback=_place, metavar="E,N,U", help="Where it is, m.")
-@click.option("--profile", type=click.Choice([*_PROFILES, DWM1001]), default=DWM3001CDK.name, show_default=True)
+@click.option("--profile", type=click.Choice([*PROFILES, DWM1001]), default=DWM3001CDK.name, show_default=True)
 @click.option(
     "--directory",
     default="boards",
@@ -146,7 +146,7 @@ async def run_boards(
 
 
 def _uci(name: str, profile: str, between: BoardsAir) -> PortDevice:
-    return VirtualNode(name, between.air, profile=_PROFILES[profile])
+    return VirtualNode(name, between.air, profile=PROFILES[profile])
 
 
 def _dwm1001(name: str, number: int, between: BoardsAir) -> PortDevice:

@@ -8,6 +8,7 @@ says which ports and paths; ``wonderland_simulator.demo`` makes one.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
 import random
@@ -34,6 +35,7 @@ POSITION_EVERY: Final = 2
 BROADCAST_EVERY: Final = 10
 IMPOSTOR_REACH_M: Final = 70.0
 """How near to its hover a drone is when its impostor sends."""
+LOOPBACK: Final = "127.0.0.1"
 OPERATOR_ID: Final = "FIN87astrdge12k8"
 
 
@@ -136,7 +138,7 @@ class World:
             mission.step(t_s, TICK_S)
             if tick % POSITION_EVERY == 0:
                 fix = mission.fix(t_s, t_ms)
-                send_position(out, self._ports.position[uav_id], _claim(fix))
+                send_position(out, self._ports.position[uav_id], claim_of(fix))
                 _send(out, self._ports.modes, {"uav_id": uav_id, "mode": mission.mode.value, "proofs": mission.proofs})
                 if (tick + index * 2) % BROADCAST_EVERY == 0 and mission.mode is not Mode.WAITING:
                     self._broadcast(out, uav_id, mission, mission.broadcast(fix), fix)
@@ -155,7 +157,7 @@ class World:
         data = frame(uav_id, OPERATOR_ID, (home.lat_e7, home.lon_e7), said)
         for pad_id, port in self._ports.rid.items():
             if self._air.hears(pad_id, fix):
-                _send_bytes(out, port, data)
+                send_bytes(out, (LOOPBACK, port), data)
 
     def _command(self, uav_id: str, command: str) -> None:
         mission = self._missions.get(uav_id)
@@ -199,12 +201,14 @@ class _Commands(asyncio.DatagramProtocol):
             return
 
 
-def send_position(out: socket.socket, port: int, claim: Claim) -> None:
-    """A position as an autopilot's bridge would send it to the drone's agent."""
-    _send(out, port, claim.to_json())
+def send_position(out: socket.socket, to: int | tuple[str, int], claim: Claim) -> None:
+    """A position as an autopilot's bridge sends it to the drone's agent; to a port of this machine, or anywhere."""
+    data = json.dumps(claim.to_json(), separators=(",", ":")).encode()
+    send_bytes(out, (LOOPBACK, to) if isinstance(to, int) else to, data)
 
 
-def _claim(fix: Fix) -> Claim:
+def claim_of(fix: Fix) -> Claim:
+    """What a drone signs of what its receiver says."""
     return Claim(
         lat_e7=fix.lat_e7,
         lon_e7=fix.lon_e7,
@@ -216,11 +220,10 @@ def _claim(fix: Fix) -> Claim:
 
 
 def _send(out: socket.socket, port: int, value: dict[str, Any]) -> None:
-    _send_bytes(out, port, json.dumps(value, separators=(",", ":")).encode())
+    send_bytes(out, (LOOPBACK, port), json.dumps(value, separators=(",", ":")).encode())
 
 
-def _send_bytes(out: socket.socket, port: int, data: bytes) -> None:
-    try:
-        out.sendto(data, ("127.0.0.1", port))
-    except (BlockingIOError, ConnectionRefusedError):  # nobody listens yet, or its buffer is full: radio is like that
-        return
+def send_bytes(out: socket.socket, to: tuple[str, int], data: bytes) -> None:
+    """As radio would: nobody may listen yet, a buffer may be full, there may be no way there now."""
+    with contextlib.suppress(OSError):
+        out.sendto(data, to)

@@ -16,8 +16,10 @@ os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "0")
 @click.group(
     cls=LazyGroup,
     lazy={
+        "check": ("wonderland_simulator.world_tasks:check", "Say what is wrong with a scenario file."),
         "enrol": ("wonderland_simulator.world_tasks:enrol", "Enrol the world's pads and drones."),
         "health": ("wonderland_simulator.world_tasks:health", "Say whether every pad's agent works."),
+        "register": ("wonderland_simulator.world_tasks:register", "Put a scenario's pads and vehicles on the ledger."),
         "run": ("wonderland_simulator.world_tasks:run", "Fly, broadcast and prove until told to stop."),
     },
 )
@@ -31,4 +33,9 @@ def world() -> None:
       wonderland world enrol --network DIR --to ./clients
       wonderland backend serve --connection ./clients/backend/connection.json …
       wonderland world run --connection ./clients/world/connection.json --backend http://backend:8080 --dir ./world
+
+    \b
+    Your own pads and vehicles, with your own ledger and agents (docs/practise.md):
+      wonderland world check scenario.yaml
+      wonderland world run --scenario scenario.yaml --write ./practice
     """  # noqa: D301 - \b is click's mark for "do not wrap"

@@ -7,64 +7,169 @@ import contextlib
 import json
 import signal
 import sys
+import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
+from rich.console import Console
 
 from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.settings import load
 from wonderland_edge_agent.status_command import is_alive
+from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_simulator import identities
-from wonderland_simulator.scenario import DRONES, PADS
+from wonderland_simulator.practice.reading import Scenario, ScenarioError, read_scenario
+from wonderland_simulator.practice.run import run_scenario
+from wonderland_simulator.practice.showing import what_to_enter
+from wonderland_simulator.practice.writing import write_files
+from wonderland_simulator.scenario import DRONES, PADS, DroneSpec, PadSite
 from wonderland_simulator.stage import ProcessError, Stage, StageSettings
+from wonderland_simulator.stage.registry import Registry
+from wonderland_simulator.stage.stage import default_policy
 
 _directory = click.Path(file_okay=False, path_type=Path)
 WATCH_S = 0.5
+
+
+_file = click.Path(exists=True, dir_okay=False, path_type=Path)
+_scenario = click.option("--scenario", type=_file, metavar="YAML", help="Your own pads and vehicles, of this file.")
 
 
 @click.command()
 @click.option("--network", "network", type=_directory, help="Directory of a Fabric network (`wonderland network`).")
 @click.option("--ledger", "ledger", type=_directory, help="Directory of an embedded ledger (`wonderland ledger`).")
 @click.option("--to", "to", required=True, type=_directory, help="Where the identities are written.")
-def enrol(*, network: Path | None, ledger: Path | None, to: Path) -> None:
+@_scenario
+def enrol(*, network: Path | None, ledger: Path | None, to: Path, scenario: Path | None) -> None:
     """Enrol the world's pads and drones; write what the world needs to TO/world, what the backend needs to TO/backend.
 
     May be run again: who has an identity keeps it.
     """
     if (network is None) == (ledger is None):
         raise click.UsageError("say one of --network and --ledger")
+    pads, drones = _who(scenario)
     try:
         if network is not None:
-            connection = asyncio.run(identities.enrol_on_fabric(network, PADS, DRONES))
+            connection = asyncio.run(identities.enrol_on_fabric(network, pads, drones))
         else:
             assert ledger is not None
-            connection = identities.enrol_on_embedded(ledger, PADS, DRONES)
+            connection = identities.enrol_on_embedded(ledger, pads, drones)
         to.mkdir(parents=True, exist_ok=True, mode=0o700)
-        identities.hand_out(connection, to, PADS, DRONES)
+        identities.hand_out(connection, to, pads, drones)
     except LedgerError as error:
         raise click.ClickException(str(error)) from error
-    click.echo(f"{len(PADS)} pads and {len(DRONES)} drones have identities in {to / 'world'}.")
+    click.echo(f"{len(pads)} pads and {len(drones)} drones have identities in {to / 'world'}.")
 
 
 @click.command()
+@click.option("--connection", required=True, type=_file, help="connection.json that `enrol` wrote for the world.")
+@click.option("--scenario", required=True, type=_file, metavar="YAML", help="Your own pads and vehicles, of this file.")
+@click.option("--operator-id", default="practice", show_default=True, help="Who operates the pads.")
+def register(*, connection: Path, scenario: Path, operator_id: str) -> None:
+    """Put a scenario's pads and vehicles on the ledger, as the people would who may.
+
+    Pads: registered, commissioned as a good survey and calibration would have found them, with a policy. Vehicles:
+    registered, maintained, authorised for their pad. What is on the ledger already stays. To practise commissioning
+    itself, leave this out and follow docs/commissioning.md.
+    """
+    pads, drones = _who(scenario)
+    try:
+        asyncio.run(_register(connection, pads, drones, operator_id))
+    except LedgerError as error:
+        raise click.ClickException(str(error)) from error
+    click.echo(f"{len(pads)} pads and {len(drones)} drones are on the ledger.")
+
+
+async def _register(connection: Path, pads: Sequence[PadSite], drones: Sequence[DroneSpec], operator_id: str) -> None:
+    known = Connection.load(connection)
+    now_ms = time.time_ns() // 1_000_000
+    async with known.open_channel() as channel:
+        registry = Registry(known, channel, pad_operator=operator_id)
+        await registry.pads(pads, now_ms, policy=default_policy)
+        await registry.drones(drones, now_ms)
+
+
+@click.command()
+@click.argument("file", type=_file)
+def check(*, file: Path) -> None:
+    """Say everything that is wrong with a scenario file: line, field, and what is allowed there."""
+    scenario = _read(file)
+    click.echo(f"{file} is good: {len(scenario.pads)} pads, {len(scenario.vehicles)} vehicles.")
+    for line in what_to_enter(scenario):
+        click.echo(line)
+
+
+def _read(file: Path) -> Scenario:
+    try:
+        return read_scenario(file)
+    except ScenarioError as error:
+        raise click.ClickException(str(error)) from error
+
+
+def _who(file: Path | None) -> tuple[Sequence[PadSite], Sequence[DroneSpec]]:
+    """The demo's pads and drones, or a file's."""
+    if file is None:
+        return PADS, DRONES
+    scenario = _read(file)
+    return [pad.site for pad in scenario.pads], [each.spec for each in scenario.vehicles]
+
+
+@click.command()
+@_scenario
 @click.option(
     "--connection",
-    required=True,
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="connection.json that `enrol` wrote for the world.",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="connection.json that `enrol` wrote for the world. With --scenario: what --write puts into the files.",
 )
-@click.option(
-    "--backend", "backend_url", required=True, metavar="URL", help="The backend, for example http://host:8080"
-)
-@click.option("--dir", "directory", required=True, type=_directory, help="Spools, serial devices and logs.")
-@click.option("--seed", type=int, default=1, show_default=True, help="Same seed, same noise.")
-def run(*, connection: Path, backend_url: str, directory: Path, seed: int) -> None:
-    """Fly, broadcast and prove until told to stop (Ctrl-C or SIGTERM)."""
+@click.option("--backend", "backend_url", metavar="URL", help="The backend, for example http://host:8080")
+@click.option("--dir", "directory", type=_directory, help="Spools, serial devices and logs of the demo's world.")
+@click.option("--seed", type=int, default=1, show_default=True, help="Same seed, same noise; a scenario has its own.")
+@click.option("--write", type=_directory, help="With --scenario: write a pad.toml or uav.toml for each, here.")
+@click.option("--check", "only_check", is_flag=True, help="With --scenario: say what is wrong with the file, and end.")
+@click.option("--json", "as_json", is_flag=True, help="With --scenario: lines of JSON on standard output.")
+def run(
+    *,
+    scenario: Path | None,
+    connection: Path | None,
+    backend_url: str | None,
+    directory: Path | None,
+    seed: int,
+    write: Path | None,
+    only_check: bool,
+    as_json: bool,
+) -> None:
+    """Fly, broadcast and be ranged until told to stop (Ctrl-C or SIGTERM).
+
+    With --scenario: your own pads and vehicles, as ports and datagrams. You start the agents (`wonderland pad run`,
+    `wonderland uav prove` or `serve`), against your own ledger and backend.
+
+    Without: the demo's world with its agents; --connection, --backend and --dir are needed then.
+    """
+    if scenario is None:
+        if connection is None or backend_url is None or directory is None:
+            raise click.UsageError("say --scenario, or --connection, --backend and --dir for the demo's world")
+        if write is not None or only_check or as_json:
+            raise click.UsageError("--write, --check and --json go with --scenario")
+        try:
+            asyncio.run(_run(connection.absolute(), backend_url, directory.absolute(), seed))
+        except (ProcessError, LedgerError) as error:
+            raise click.ClickException(f"{error}\nLogs are in {directory / 'logs'}") from error
+        return
+    found = _read(scenario)
+    if only_check:
+        click.echo(f"{scenario} is good: {len(found.pads)} pads, {len(found.vehicles)} vehicles.")
+        return
     try:
-        asyncio.run(_run(connection.absolute(), backend_url, directory.absolute(), seed))
-    except (ProcessError, LedgerError) as error:
-        raise click.ClickException(f"{error}\nLogs are in {directory / 'logs'}") from error
+        if write is not None:
+            told = (connection or Path("connection.json")).absolute()
+            for path, written in write_files(found, write.absolute(), told, backend_url or ""):
+                text = f"{path} {'is written' if written else 'stays: it says something else than the scenario'}."
+                click.echo(text, err=True)
+        asyncio.run(run_scenario(found, Console(), as_json=as_json))
+    except OSError as error:
+        raise click.ClickException(f"{error.filename or scenario}: {error.strerror or error}") from error
 
 
 async def _run(connection: Path, backend_url: str, directory: Path, seed: int) -> None:

@@ -81,10 +81,11 @@ def _read_field(kind: type, value: object, directory: Path) -> Any:
         raise ValueError(f"is {value!r}, not a text in quotes")  # noqa: TRY004 - msgspec takes ValueErrors for refusals
     if not value or "\0" in value:
         raise ValueError("is empty" if not value else "holds a NUL character")
-    return _address(value) if kind is Address else (directory / Path(value).expanduser()).absolute()
+    return read_address(value) if kind is Address else (directory / Path(value).expanduser()).absolute()
 
 
-def _address(text: str) -> Address:
+def read_address(text: str) -> Address:
+    """``host:port``. Raises ValueError: what is wrong with it."""
     host, separator, port = text.rpartition(":")
     if not (separator and port.isascii() and port.isdigit() and len(port) <= 5 and int(port) < 65_536):
         raise ValueError("is not host:port, for example 127.0.0.1:5480")

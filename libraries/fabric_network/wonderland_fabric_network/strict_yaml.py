@@ -44,6 +44,10 @@ def read_yaml(data: bytes) -> StrictYaml:
         loader = _Loader(data)
         root = loader.get_single_node()
         return StrictYaml(None if root is None else loader.construct_document(root), root)
+    except yaml.MarkedYAMLError as cause:
+        mark = cause.problem_mark or cause.context_mark
+        where = "" if mark is None else f", line {mark.line + 1}, column {mark.column + 1}"
+        raise YamlError(f"no YAML{where}: {cause.problem or cause.context}"[:300]) from cause
     except (yaml.YAMLError, UnicodeError, RecursionError, ValueError) as cause:
         raise YamlError(f"no YAML ({' '.join(str(cause).split())[:300]})") from cause
     finally:

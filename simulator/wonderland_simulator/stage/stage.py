@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
@@ -16,13 +15,14 @@ from wonderland.proofs.records.policies import Policy
 from wonderland_backend.db.engine import Database
 from wonderland_backend.site_plans.store import keep
 from wonderland_fabric_gateway.connection import Connection
+from wonderland_simulator.configs import pad_toml
 from wonderland_simulator.place.plans import site_plan
 from wonderland_simulator.plan import Plan
 from wonderland_simulator.scenario import DroneSpec, PadSite
 from wonderland_simulator.stage.ledgers import EmbeddedStageLedger, FabricStageLedger, RunningStageLedger, StageLedger
 from wonderland_simulator.stage.processes import PortClaims, Process, Processes
 from wonderland_simulator.stage.registry import PAD_OPERATOR, Registry
-from wonderland_simulator.world import Ports, anchor_path
+from wonderland_simulator.world import LOOPBACK, Ports, anchor_path
 
 Progress = Callable[[str], None]
 
@@ -204,18 +204,11 @@ class Stage:
 
     def _pad_config(self, pad: PadSite) -> str:
         """The pad's configuration, as an operator would write it."""
-        quoted = json.dumps  # TOML's basic strings are JSON's
-        lines = [
-            f"pad_id = {quoted(pad.pad_id)}",
-            f"connection = {quoted(str(self.connection_file))}",
-            f"identity = {quoted(pad.pad_id)}",
-            'spool = "spool"',
-            'metrics_file = "pad.prom"',
-        ]
-        for site in pad.anchors:
-            port = anchor_path(self.directory, pad.pad_id, site.anchor_id)
-            lines += ["", "[[anchors]]", f"anchor_id = {quoted(site.anchor_id)}", f"port = {quoted(str(port))}"]
-        lines += ["", "[remote_id]", f"listen = {quoted('127.0.0.1:' + str(self.ports.rid[pad.pad_id]))}"]
-        url = self.backend_url.replace("http", "ws", 1).rstrip("/") + "/ingest"
-        lines += ["", "[backend]", f"url = {quoted(url)}", "plaintext = true"]  # one machine, or containers of one
-        return "\n".join(lines) + "\n"
+        return pad_toml(
+            pad.pad_id,
+            self.connection_file,
+            {site.anchor_id: anchor_path(self.directory, pad.pad_id, site.anchor_id) for site in pad.anchors},
+            (LOOPBACK, self.ports.rid[pad.pad_id]),
+            self.backend_url,
+            extra=['metrics_file = "pad.prom"'],
+        )

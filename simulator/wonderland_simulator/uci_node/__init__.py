@@ -12,7 +12,7 @@ port.close()
 from wonderland_simulator.uci_node.air import Air, Measure, Measurement
 from wonderland_simulator.uci_node.node import VirtualNode
 from wonderland_simulator.uci_node.profiles import DWM3001CDK, IDEAL, PICA, QM35, SR150, NodeProfile, Quirks
-from wonderland_simulator.uci_node.pty import PtyPort
+from wonderland_simulator.uci_node.pty import PtyPort, plugged
 
 __all__ = [
     "DWM3001CDK",
@@ -27,4 +27,5 @@ __all__ = [
     "PtyPort",
     "Quirks",
     "VirtualNode",
+    "plugged",
 ]

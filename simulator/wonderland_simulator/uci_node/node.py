@@ -82,6 +82,11 @@ class VirtualNode:
         self._sessions_made = 0
 
     @property
+    def is_in_use(self) -> bool:
+        """Whether a host has reset it since it was plugged in, as every agent does first."""
+        return self._was_reset
+
+    @property
     def desynchronised(self) -> bool:
         """Whether the host's octets made no sense; ``resynchronise`` after a pause on the line."""
         return self._codec.reader.desynchronised or self._codec.reader.incomplete

@@ -284,3 +284,6 @@ SR150: Final = NodeProfile(
     ),
 )
 """NXP's SR150 (Trimension), as on the MK UWB Shield 2 and Murata's 2BP: the only one here that time-stamps one way."""
+
+PROFILES: Final = {profile.name: profile for profile in (DWM3001CDK, QM35, SR150, IDEAL)}
+"""Those that people can ask for, by name."""

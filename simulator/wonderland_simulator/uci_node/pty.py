@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import os
 import tty
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -47,6 +48,8 @@ class PtyPort:
         self.path = path
         self.octets_dropped = 0
         """Octets that nobody read in time; a serial line without flow control loses them as well."""
+        self.hangs = False
+        """The device is there, and nothing answers any more; until it is plugged in anew."""
         self._master = -1
         self._slave = -1
         self._waiting = bytearray()
@@ -83,12 +86,19 @@ class PtyPort:
         if self._line_timer is not None:
             self._line_timer.cancel()
             self._line_timer = None
+        self.hangs = False
         master, slave, self._master, self._slave = self._master, self._slave, -1, -1
         self._waiting.clear()
         self.node.power_off()
         self.path.unlink(missing_ok=True)
         os.close(slave)
         os.close(master)
+
+    def hang(self) -> None:
+        """The node stops in the middle of whatever it does; who opens its device finds it mute."""
+        if self.is_plugged:
+            self.hangs = True
+            self.node.power_off()
 
     def close(self) -> None:
         """Close both ends; the device's path is gone."""
@@ -102,12 +112,14 @@ class PtyPort:
         if self._line_timer is not None:
             self._line_timer.cancel()
             self._line_timer = None
+        if self.hangs:
+            return
         self.node.receive(data)
         if self.node.desynchronised:
             self._line_timer = asyncio.get_running_loop().call_later(LINE_TIMEOUT_S, self.node.resynchronise)
 
     def _write(self, data: bytes) -> None:
-        if not self.is_plugged:
+        if not self.is_plugged or self.hangs:
             return
         if self._waiting:
             if len(self._waiting) + len(data) > MAX_WAITING_OCTETS:
@@ -127,3 +139,30 @@ class PtyPort:
             del self._waiting[: os.write(self._master, self._waiting)]
         if not self._waiting:
             asyncio.get_running_loop().remove_writer(self._master)
+
+
+@contextlib.contextmanager
+def plugged(ports: Sequence[PtyPort]) -> Iterator[None]:
+    """All of them are there; afterwards they are gone, and so are the directories that were made for them.
+
+    Raises OSError; FileExistsError where a path is somebody else's. A link that leads nowhere is nobody's.
+    """
+    for port in ports:
+        if port.path.exists():
+            raise FileExistsError(
+                errno.EEXIST, "is there already: another run's port, or a file of yours", str(port.path)
+            )
+    made: list[Path] = []
+    try:
+        for port in ports:
+            missing = [each for each in (port.path.parent, *port.path.parent.parents) if not each.exists()]
+            made += reversed(missing)
+            port.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            port.plug()
+        yield
+    finally:
+        for port in ports:
+            port.close()
+        for directory in reversed(made):
+            with contextlib.suppress(OSError):  # somebody put something there
+                directory.rmdir()

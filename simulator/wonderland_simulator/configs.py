@@ -1,0 +1,56 @@
+"""pad.toml and uav.toml, as an operator would write them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+_quoted = json.dumps  # TOML's basic strings are JSON's
+
+
+def pad_toml(
+    pad_id: str,
+    connection: Path,
+    ports: Mapping[str, Path],
+    remote_id: tuple[str, int],
+    backend_url: str = "",
+    *,
+    extra: Sequence[str] = (),
+) -> str:
+    """A pad's settings. ``ports``: its nodes', by anchor. ``backend_url``: http or https. ``extra``: further lines."""
+    lines = [
+        f"pad_id = {_quoted(pad_id)}",
+        f"connection = {_quoted(str(connection))}",
+        f"identity = {_quoted(pad_id)}",
+        'spool = "spool"',
+        *extra,
+    ]
+    for anchor_id, port in ports.items():
+        lines += ["", "[[anchors]]", f"anchor_id = {_quoted(anchor_id)}", f"port = {_quoted(str(port))}"]
+    lines += ["", "[remote_id]", f"listen = {_quoted(f'{remote_id[0]}:{remote_id[1]}')}"]
+    if backend_url:
+        lines += ["", "[backend]", f"url = {_quoted(_ingest(backend_url))}"]
+        if backend_url.startswith("http:"):
+            lines.append("plaintext = true")
+    return "\n".join(lines) + "\n"
+
+
+def uav_toml(
+    uav_id: str, connection: Path, port: Path, position: tuple[str, int], pads: Sequence[str], backend_url: str = ""
+) -> str:
+    """A drone's settings."""
+    lines = [
+        f"connection = {_quoted(str(connection))}",
+        f"identity = {_quoted(uav_id)}",
+        f"port = {_quoted(str(port))}",
+        f"position = {_quoted(f'udp:{position[0]}:{position[1]}')}",
+        f"pads = {_quoted(list(pads))}",
+    ]
+    if backend_url:
+        lines.append(f"backend = {_quoted(_ingest(backend_url))}")
+    return "\n".join(lines) + "\n"
+
+
+def _ingest(url: str) -> str:
+    return url.replace("http", "ws", 1).rstrip("/") + "/ingest"
