@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 import time
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from wonderland.cli import main
+from wonderland_simulator.practice.description import ScenarioFile
 from wonderland_simulator.practice.reading import MAX_FILE_BYTES, ScenarioError, read_scenario
 
+GUIDE = Path(__file__).resolve().parents[2] / "docs" / "practise.md"
 GOOD = """\
 pads:
   - pad_id: quay
@@ -155,3 +158,21 @@ def test_options_that_do_not_go_together(arguments, said):
     done = CliRunner().invoke(main, list(arguments))
     assert done.exit_code == 2
     assert said in done.output
+
+
+def test_the_files_of_the_guide_are_good(file):
+    """As a newcomer copies them."""
+    guide = GUIDE.read_text()
+    (survey,) = re.findall(r"```csv\n(.*?)```", guide, re.DOTALL)
+    (file.parent / "survey.csv").write_text(survey)
+    scenarios = re.findall(r"```yaml\n(.*?)```", guide, re.DOTALL)
+    assert len(scenarios) == 2
+    for text in scenarios:
+        file.write_text(text)
+        assert read_scenario(file).pads[0].told.pad_id == "pad-1"
+
+
+def test_the_guide_names_every_field():
+    guide = GUIDE.read_text()
+    fields = {name for each in ScenarioFile.model_json_schema()["$defs"].values() for name in each["properties"]}
+    assert not {name for name in fields if f"`{name}`" not in guide}
