@@ -23,7 +23,7 @@ from wonderland_ros_bridge.ledger.outbox import Outbox
 from wonderland_ros_bridge.ledger.policy import Rule
 from wonderland_ros_bridge.ledger.sender import Sender
 from wonderland_ros_bridge.ros1.hosts import Hosts
-from wonderland_ros_bridge.ros1.node import Node
+from wonderland_ros_bridge.ros1.node import MAX_TOPICS, Node
 from wonderland_ros_bridge.ros1.publisher import STRING, Ros1Publisher
 from wonderland_ros_bridge.ros1.subscription import Arrived
 from wonderland_ros_bridge.settings import PREFIX, Settings
@@ -63,6 +63,7 @@ class Ros1Bridge:
             from_start=settings.from_start,
         )
         self._orders = Orders(ledger, prefix=PREFIX, bridge=settings.bridge)
+        self._too_many = False
         self._appeared: asyncio.Queue[str] = asyncio.Queue()
 
     async def run(self) -> None:
@@ -112,8 +113,14 @@ class Ros1Bridge:
 
     def _look_at(self, topics: list[tuple[str, str]]) -> None:
         for topic, _ in topics:
-            if topic not in self.node.subscriptions and any(rule.fits(topic) for rule in self._settings.to_ledger):
-                self._appeared.put_nowait(topic)
+            if topic in self.node.subscriptions or not any(rule.fits(topic) for rule in self._settings.to_ledger):
+                continue
+            if len(self.node.subscriptions) + self._appeared.qsize() >= MAX_TOPICS:
+                if not self._too_many:
+                    _log.warning("%d topics are heard; %s and further ones are not", MAX_TOPICS, topic)
+                self._too_many = True
+                return
+            self._appeared.put_nowait(topic)
 
     async def _subscribe(self) -> None:
         for rule in self._settings.to_ledger:

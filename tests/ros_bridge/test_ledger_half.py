@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 
 import pytest
 from hypothesis import given
@@ -24,6 +25,7 @@ from wonderland_ros_bridge.intake import Intake
 from wonderland_ros_bridge.ledger import envelope, sender
 from wonderland_ros_bridge.ledger.envelope import Batch, Message
 from wonderland_ros_bridge.ledger.listener import Choice, Listener
+from wonderland_ros_bridge.ledger.orders import Orders
 from wonderland_ros_bridge.ledger.outbox import Outbox, Received
 from wonderland_ros_bridge.ledger.policy import Rule, Sampler
 from wonderland_ros_bridge.ledger.sender import Sender
@@ -124,6 +126,20 @@ async def test_a_batch_that_was_sent_before_a_kill_is_not_sent_again(tmp_path):
     second.put([received(3)], {"/fix": 3}, [])
     await send_all(second, ledger)
     assert [seqs for _, seqs in ledger.writes] == [[1, 2], [3]]
+    second.close()
+
+
+async def test_a_batch_that_was_not_sent_before_a_kill_is_sent_though_an_earlier_one_is_there(tmp_path):
+    ledger = Ledger()
+    first = Outbox(tmp_path / "spool", bridge="drone-a")
+    first.put([received(1)], {"/fix": 1}, [])
+    await send_all(first, ledger)
+    first.put([received(2)], {"/fix": 2}, [])
+    first.next_batch("/fix", max_messages=10, max_characters=10_000)  # and now the power goes
+    first.close()
+    second = Outbox(tmp_path / "spool", bridge="drone-a")
+    await send_all(second, ledger)
+    assert [seqs for _, seqs in ledger.writes] == [[1], [2]]
     second.close()
 
 
@@ -413,3 +429,48 @@ async def test_a_definition_that_somebody_else_has_put_there_is_said(outbox, cap
     await send_all(outbox, ledger)
     assert [seqs for _, seqs in ledger.writes] == [[1]], "messages go all the same"
     assert "call this bridge by another name" in caplog.text
+
+
+async def test_what_waits_for_a_slow_disk_is_not_taken_back_by_a_stop(outbox):
+    working = Sender(outbox, Ledger(), prefix="ros1", rule_of=lambda _: Rule(topic="/t"), clock=lambda: 0)
+    intake = Intake(outbox, working, lambda: 0, steady=lambda: 0, max_bytes=1 << 30)
+    await intake.begin("/t", Rule(topic="/t"))
+    disk = threading.Event()
+    slow = asyncio.create_task(outbox.run(disk.wait, 20))
+    running = asyncio.create_task(intake.run())
+    string = definitions.parse("std_msgs/String", "string data\n")
+    await intake.take(Arrived("/t", string, b"\x01\x00\x00\x00x", "http://127.0.0.1:1/"))
+    while intake._queue:
+        await asyncio.sleep(0)
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    disk.set()
+    await slow
+    assert await outbox.run(outbox.pending) == 1
+
+
+@pytest.mark.parametrize(
+    ("order", "code"),
+    [
+        ({"do": "create", "asset": "pad-1", "type": "a/B", "value": ""}, "ASSET_OF_OTHER_BRIDGE"),
+        ({"do": "delete", "asset": "ros1/drone-ab/fix"}, "ASSET_OF_OTHER_BRIDGE"),
+        ({"do": "update", "asset": "ros1/drone-a/x", "value": "v"}, "ASSET_UNKNOWN"),
+        ({"do": "create", "asset": "ros1/drone-a/x"}, "BAD_ORDER"),
+        ({"do": "create", "asset": "ros1/drone-a/x", "type": "a b", "value": ""}, "BAD_ORDER"),
+        ({"do": "read", "asset": ""}, "BAD_ORDER"),
+        ({"do": "read", "asset": "/fix"}, "ASSET_UNKNOWN"),
+        ({"do": "history", "asset": "/fix", "limit": 0}, "BAD_ORDER"),
+        ([], "BAD_ORDER"),
+    ],
+)
+async def test_orders_stay_within_the_bridges_own_assets(order, code):
+    ledger = Ledger()
+    answer = json.loads(await Orders(ledger, prefix="ros1", bridge="drone-a").carry_out(json.dumps(order).encode()))
+    assert (answer["ok"], answer["code"]) == (False, code)
+    assert not ledger.assets
+
+
+@pytest.mark.parametrize("text", [b"", b"\xff", b"[" * 100_000, b'{"do":"read"}'])
+async def test_a_text_that_is_no_order_is_answered(text):
+    answer = json.loads(await Orders(Ledger(), prefix="ros1", bridge="drone-a").carry_out(text))
+    assert (answer["ok"], answer["code"], answer["request"]) == (False, "BAD_ORDER", "")

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from wonderland_ros_bridge.errors import WireError
 from wonderland_ros_bridge.ros1 import definitions, tcpros, xml_rpc
+from wonderland_ros_bridge.ros1 import node as node_module
 from wonderland_ros_bridge.ros1.hosts import Hosts
 from wonderland_ros_bridge.ros1.node import Node
 
@@ -61,6 +62,7 @@ OUTSIDE = b"""<?xml version="1.0"?><!DOCTYPE l [<!ENTITY a SYSTEM "file:///etc/p
         (http(b"<not xml"), "no XML-RPC"),
         (http(BOMB), "document type"),
         (http(OUTSIDE), "document type"),
+        (http(b"<!DOCTYPE methodResponse><methodResponse/>"), "document type"),
         (http(b"", length=1 << 30), "a body of 1073741824 bytes"),
         (http(b"", length="12z"), "a body of 12z bytes"),
         (http(b"<a/>", length=400), "read on a total of"),
@@ -71,7 +73,7 @@ OUTSIDE = b"""<?xml version="1.0"?><!DOCTYPE l [<!ENTITY a SYSTEM "file:///etc/p
         (http(xmlrpc.client.dumps(xmlrpc.client.Fault(1, "broken")).encode()), "fault: broken"),
         (http(b"<methodResponse><params>" + b"<param><value><array><data>" * 50_000), "no XML-RPC"),
     ],
-    ids=["hangs", "hangs up", "zeros", "500", "no XML", "bomb", "file", "says 1 GiB", "no number", "half", "chunks",
+    ids=["hangs", "hangs up", "zeros", "500", "no XML", "bomb", "file", "doctype", "says 1 GiB", "no number", "half", "chunks",
          "endless", "no triple", "refusal", "fault", "deep"],
 )  # fmt: skip
 async def test_an_answer_that_is_none_is_one_clear_error(answer, says):
@@ -356,9 +358,7 @@ async def test_a_tool_of_ros_can_end_the_node():
 
 
 async def test_a_master_that_knows_the_node_no_more_is_told_again(monkeypatch):
-    from wonderland_ros_bridge.ros1 import node as module
-
-    monkeypatch.setattr(module, "LOOK_S", 0.02)
+    monkeypatch.setattr(node_module, "LOOK_S", 0.02)
     async with world(says(stay=True)) as made:
         await until(lambda: made.calls.count("registerSubscriber") == 1)
         answer = made.handle
@@ -379,3 +379,10 @@ def test_any_bytes_are_a_header_or_refused(data):
 def test_any_bytes_are_xml_rpc_or_refused(data, before):
     with contextlib.suppress(WireError):
         xml_rpc._unmarshal(before + data)
+
+
+async def test_names_that_ros_does_not_allow_are_not_taken_from_a_master():
+    said = [["/a/b_1", "x/Y"], ["/a\nb", "x/Y"], ["a", "x/Y"], ["/", "x/Y"], ["/a//b", "x/Y"], ["/" + "a" * 300, "x/Y"],
+            ["/1", "x/Y"], "no pair", ["/a", 7], ["/a"]]  # fmt: skip
+    assert node_module._topics(said) == [("/a/b_1", "x/Y")]
+    assert node_module._topics("none") == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from wonderland.asset_contract import AssetContract
 from wonderland.proofs.records import transactions as tx
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_ros_bridge.ledger import envelope
 
 FIX = "sensor_msgs/NavSatFix"
 TYPES = [
@@ -151,6 +153,70 @@ async def test_each_end_can_be_restarted(tmp_path, master, peer):
         finally:
             await again.stop()
         assert route.status()["rejected"] == 0
+
+
+async def test_kills_at_any_moment_lose_nothing_and_write_nothing_twice(tmp_path, master, peer):
+    """What the bridge received is on the ledger once, in order, and comes out of the other bridge."""
+    sent, done = [], asyncio.Event()
+
+    async def stream():
+        for seed in itertools.count():
+            sent.append((await peer.asked("fill", topic="/fix", seed=seed))["hex"])
+            await asyncio.sleep(0.001)
+            if done.is_set():
+                return
+
+    async def more(count):
+        until = len(sent) + count
+        async with asyncio.timeout(20):
+            while len(sent) < until:
+                await asyncio.sleep(0.005)
+
+    async with Route(tmp_path, master, to_ledger='topic = "/fix"\nbatch_messages = 20') as route:
+        await joined(peer)
+        streaming = asyncio.create_task(stream())
+        for each in ("first", "second", "ledger", "first", "ledger", "second", "first"):
+            await more(67)
+            if each == "first":
+                await route.first.kill()
+                route.first = await BridgeProcess.start(route.outward)
+            elif each == "second":
+                await route.second.kill()
+                route.second = await BridgeProcess.start(route.inward)
+            else:
+                await route.stop_ledger()
+                await more(67)
+                await route.start_ledger()
+        await more(67)
+        done.set()
+        await streaming
+        await route.waiting(0)
+        stored = await stored_messages(route.ledger.connection)
+        numbers = [each.seq for each in stored]
+        assert numbers == sorted(set(numbers))
+        places = [sent.index(each.data.hex()) for each in stored]
+        assert places == sorted(set(places))
+        assert len(places) > 300
+        found = []
+        while len(set(found)) < len(stored):
+            found += await heard(peer, 1)
+        assert list(dict.fromkeys(found)) == [each.data.hex() for each in stored], "at least once, in order"
+
+
+async def stored_messages(where):
+    """All messages of all assets, as the blocks have them."""
+    found = []
+    async with where.open_channel() as channel:
+        network = Gateway(channel, where.identity("uav"), where.signer("uav")).network(where.channel)
+        contract = AssetContract(network, where.chaincode)
+        height = await contract.height()
+        async for block in contract.committed(0):
+            for event in block.events:
+                if event.asset is not None and event.asset.media_type == envelope.MEDIA_TYPE:
+                    found += envelope.parse(event.asset.value).messages
+            if block.number == height - 1:
+                break
+    return found
 
 
 async def test_an_asset_has_its_history_and_can_be_deleted(tmp_path, master, peer):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import re
 from collections.abc import Callable
 from typing import Any, Final, Self
 
@@ -17,6 +18,7 @@ from wonderland_ros_bridge.ros1.subscription import Subscription, Take
 
 _log = logging.getLogger(__name__)
 
+_TOPIC: Final = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
 LOOK_S: Final = 1.0
 """How often the master is asked whether it knows this node, and which topics there are."""
 SUBSCRIBERS_S: Final = 1.0
@@ -259,12 +261,17 @@ class Node:
         return xml_rpc.own_name(self._host)
 
 
+def is_topic(name: str) -> bool:
+    """Whether this is the full name of a topic, as ROS allows it."""
+    return len(name) <= 255 and _TOPIC.fullmatch(name) is not None
+
+
 def _topics(answer: Any) -> list[tuple[str, str]]:
-    """(topic, type) of what the master says is published."""
+    """(topic, type) of what the master says is published; names that ROS does not allow are left out."""
     if not isinstance(answer, list):
         return []
     return [
         (each[0], each[1])
         for each in answer
-        if isinstance(each, list) and len(each) == 2 and all(isinstance(one, str) for one in each)
+        if isinstance(each, list) and len(each) == 2 and all(isinstance(one, str) for one in each) and is_topic(each[0])
     ]

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import logging
-import re
 from typing import Final
 
 from wonderland_ros_bridge.errors import DefinitionError, WireError
 from wonderland_ros_bridge.ledger.envelope import Batch
 from wonderland_ros_bridge.ros1 import definitions
 from wonderland_ros_bridge.ros1.definitions import Definition
-from wonderland_ros_bridge.ros1.node import Node
+from wonderland_ros_bridge.ros1.node import Node, is_topic
 
 _log = logging.getLogger(__name__)
-_TOPIC: Final = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
 STRING: Final = "std_msgs/String"
 
 
@@ -28,7 +26,7 @@ class Ros1Publisher:
         """Messages that a bridge stored, in their order. Raises WireError, DefinitionError."""
         if batch.encoding != "ros1":
             raise WireError(f"{topic}: messages in {batch.encoding}, not of ROS 1")
-        if not _TOPIC.fullmatch(topic):
+        if not is_topic(topic):
             raise WireError(f"{topic[:100]!r} is no name of a topic of ROS")
         parsed = definition_of(batch, definition)
         reader = definitions.codec(batch.type, parsed.text)
