@@ -144,15 +144,24 @@ def explained(directory, *more, text=""):
     return CliRunner().invoke(uav, ["serve", "--check", "--config", str(path), *more])
 
 
+TEXT = """position = "mavlink:serial:/dev/ttyAMA0"
+antenna = [0.1, 0, -0.2]
+[flight]
+refused = "return"
+"""
+
+
 def test_settings_are_explained_and_nothing_is_opened(prepared_ledger):
     directory = prepared_ledger.parent
-    flown = explained(directory, text='position = "mavlink:serial:/dev/ttyAMA0"\n[flight]\nrefused = "return"\n')
+    flown = explained(directory, text=TEXT)
     assert flown.exit_code == 0, flown.output
     for words in (
         "This is drone uav-1 ",
         "at /dev/ttyUSB0.",
         "the autopilot at mavlink:serial:/dev/ttyAMA0:921600, not signed",
+        "antenna is 0.1 m forward, 0 m right, -0.2 m down of the place",
         "It proves itself at pad-1",
+        "It lands by the ranges of its node",
         "is held 8 m above it until a committed verdict permits the landing; after 3 proofs without one it returns",
     ):
         assert words in flown.output, flown.output
@@ -161,3 +170,8 @@ def test_settings_are_explained_and_nothing_is_opened(prepared_ledger):
     open_ = explained(directory, text='position = "mavlink:udp:0.0.0.0:14540"\n[flight]\n')
     assert open_.exit_code == 1
     assert "give --mavlink-key" in open_.output
+    far = explained(directory, "--antenna", "9", "0", "0", text=TEXT)
+    assert far.exit_code == 2
+    assert "not in the range" in far.output
+    flat = explained(directory, text=TEXT.replace(", -0.2", ""))
+    assert "antenna is [0.1, 0], expected a list of length 3" in flat.output

@@ -54,6 +54,7 @@ async def assembled(
     board: str | None,
     position: str,
     geoid: Path | None,
+    antenna_m: tuple[float, float, float],
     mavlink_key: Path | None,
     remote_id: str | None,
     command: str | None,
@@ -75,9 +76,11 @@ async def assembled(
     async with contextlib.AsyncExitStack() as stack:
         channel = await stack.enter_async_context(where.open_channel())
         ledger = ProofContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
-        pilot = None if flight is None else Pilot(flight, clock=clock)
+        pilot = None if flight is None else Pilot(flight, clock=clock, antenna_m=antenna_m)
         crew = None if pilot is None else pilot.board
-        opened = open_position(position, clock, geoid, wait=not stays, key_file=mavlink_key, crew=crew)
+        opened = open_position(
+            position, clock, geoid, antenna_m=antenna_m, wait=not stays, key_file=mavlink_key, crew=crew
+        )
         source = await stack.enter_async_context(opened)
         broadcasts = (
             await stack.enter_async_context(open_broadcasts(remote_id, who.pol_id, clock)) if remote_id else None

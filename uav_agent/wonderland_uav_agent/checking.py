@@ -28,6 +28,7 @@ def explained(
         f"This is drone {who.pol_id} ({who.msp_id}), on channel {where.channel} by way of {where.gateway.address}.",
         f"Its UWB node ({options['node']}) is at {options['port']}.",
         *_position(options["position"], options["mavlink_key"], options["geoid"], flown=flight is not None),
+        *_antenna(options["antenna_m"]),
         f"It proves itself at {', '.join(sorted(pads))} when it is asked over {url}.",
     ]
     if options["command"] is not None and flight is not None:
@@ -37,6 +38,12 @@ def explained(
     return said + (
         _flight(flight) if flight is not None else ["Nothing is asked of an autopilot ([flight] is not set)."]
     )
+
+
+def _antenna(antenna_m: tuple[float, float, float]) -> list[str]:
+    forward, right, down = (f"{way:g}" for way in antenna_m)
+    where = f"{forward} m forward, {right} m right, {down} m down of the place that the autopilot tells"
+    return [f"The node's antenna is {where}."] if any(antenna_m) else []
 
 
 def _position(text: str, key_file: Path | None, geoid: Path | None, *, flown: bool) -> list[str]:

@@ -95,6 +95,15 @@ def of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
             "ellipsoid: those in simulation do not.",
         ),
         click.option(
+            "--antenna",
+            "antenna_m",
+            type=click.FloatRange(-5, 5),
+            nargs=3,
+            default=(0.0, 0.0, 0.0),
+            metavar="FORWARD RIGHT DOWN",
+            help="Where the UWB node's antenna is, in metres from the place that the autopilot tells by MAVLink.",
+        ),
+        click.option(
             "--remote-id",
             metavar="udp:HOST:PORT",
             help="Where the drone's Remote ID module says what it broadcasts; the agent signs for that, so that no "

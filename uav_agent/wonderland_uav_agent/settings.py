@@ -4,6 +4,7 @@ connection = "connection.json"          # of the ledger
 identity = "uav"
 port = "/dev/serial/by-id/usb-…"        # of the UWB node
 position = "mavlink:serial:/dev/ttyAMA0"
+antenna = [0.1, 0.0, -0.05]             # of the node, from the autopilot: forward, right, down, in metres
 pads = ["pad-1"]                        # where it proves itself
 backend = "wss://console.example/ingest"
 backend_ca = "console-ca.pem"
@@ -27,7 +28,8 @@ from msgspec import Meta, structs
 from wonderland.toml_settings import Identifier, Table, Text, load_toml
 from wonderland_uav_agent.flight import FlightSettings
 
-_OPTIONS: Final = {"then": "command", "backend": "url", "backend_ca": "tls_ca"}
+_Arm = Annotated[float, Meta(ge=-5, le=5)]
+_OPTIONS: Final = {"antenna": "antenna_m", "then": "command", "backend": "url", "backend_ca": "tls_ca"}
 """Where an option has another name inside the command than in the file."""
 
 
@@ -43,6 +45,7 @@ class UavSettings(Table, frozen=True, kw_only=True):
     report_to: Text | None = None
     position: Text | None = None
     geoid: Path | None = None
+    antenna: tuple[_Arm, _Arm, _Arm] | None = None
     mavlink_key: Path | None = None
     remote_id: Text | None = None
     then: Path | None = None

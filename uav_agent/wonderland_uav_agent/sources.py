@@ -21,6 +21,7 @@ from wonderland_uav_agent.position.mavlink import (
     parse_address,
 )
 from wonderland_uav_agent.position.mavlink.address import FORMS
+from wonderland_uav_agent.position.mavlink.attitude import Vector
 from wonderland_uav_agent.position.mavlink.signing import read_key
 
 POSITION_PATIENCE_S: Final = 10.0
@@ -36,6 +37,7 @@ async def open_position(
     clock: Clock,
     geoid: Path | None = None,
     *,
+    antenna_m: Vector = (0.0, 0.0, 0.0),
     wait: bool,
     key_file: Path | None = None,
     crew: Callable[[MavlinkPosition], None] | None = None,
@@ -44,10 +46,12 @@ async def open_position(
     kind, _, rest = text.partition(":")
     if key_file is not None and kind != "mavlink":
         raise click.UsageError("--mavlink-key: only with --position mavlink:…")
+    if any(antenna_m) and kind != "mavlink":
+        raise PositionError("--antenna: only with --position mavlink:…; what the others tell is the antenna's place")
     if geoid is not None and kind != "mavlink":
         raise PositionError("--geoid: only with --position mavlink:…; the others give heights above the ellipsoid")
     if kind == "mavlink":
-        source = _autopilot(rest, clock, geoid, key_file, flown=crew is not None)
+        source = _autopilot(rest, clock, geoid, key_file, antenna_m, flown=crew is not None)
         if crew is not None:
             crew(source)
         async with source as autopilot:
@@ -90,7 +94,7 @@ def needs_key(where: Address, key_file: Path | None, *, flown: bool) -> None:
 
 
 def _autopilot(
-    text: str, clock: Clock, geoid_file: Path | None, key_file: Path | None, *, flown: bool
+    text: str, clock: Clock, geoid_file: Path | None, key_file: Path | None, antenna_m: Vector, *, flown: bool
 ) -> MavlinkPosition:
     where = parse_address(text)
     key = None if key_file is None else read_key(key_file)
@@ -105,7 +109,7 @@ def _autopilot(
         geoid = Geoid(geoid_file) if geoid_file is not None else None
     except GeoidError as error:
         raise PositionError(f"--geoid: {error}") from None
-    return MavlinkPosition(where, clock, geoid, key=key)
+    return MavlinkPosition(where, clock, geoid, key=key, antenna_m=antenna_m)
 
 
 def _udp(text: str) -> tuple[str, int] | None:

@@ -39,10 +39,12 @@ class Pilot:
     flies the drone.
     """
 
-    def __init__(self, settings: FlightSettings, *, clock: Clock) -> None:
+    def __init__(
+        self, settings: FlightSettings, *, clock: Clock, antenna_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> None:
         self.gatekeeper = Gatekeeper(settings)
         self.arming = Arming(settings)
-        self._precision = PrecisionLanding(settings.antenna_m) if settings.precision else None
+        self._precision = PrecisionLanding(antenna_m) if settings.precision else None
         self._state = VehicleState()
         self._orders = Orders()
         self._link: MavlinkPosition | None = None

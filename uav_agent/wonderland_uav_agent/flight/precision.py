@@ -15,6 +15,7 @@ from wonderland.proofs.records.pads import Commissioning, Frame
 from wonderland.proofs.records.sessions import Claim
 from wonderland_uav_agent.flight.guidance import Fix, Guidance
 from wonderland_uav_agent.flight.vehicle import PX4
+from wonderland_uav_agent.position.mavlink.attitude import Vector, times, transposed, turn
 from wonderland_uav_agent.position.mavlink.messages import Attitude, LandingTarget, LocalPosition, Message
 
 LOCAL_NED: Final = 1
@@ -25,8 +26,6 @@ EVERY_MS: Final = 39
 """25 Hz, as often as a look is taken."""
 LEAST_M: Final = 0.05
 """ArduPilot takes no target at no distance."""
-
-Vector = tuple[float, float, float]
 
 
 class PrecisionLanding:
@@ -51,7 +50,7 @@ class PrecisionLanding:
                 self._local, self._local_ms = message, now_ms
 
     def believe(self, claim: Claim, now_ms: int) -> None:
-        """Where the autopilot believes to be: the filter's beginning, and its height."""
+        """Where the antenna is by the autopilot: the filter's beginning, and its height."""
         if self._guidance is not None and self._surveyed is not None and claim.t_ms != self._believed_ms:
             self._believed_ms = claim.t_ms
             place = to_local(self._surveyed.frame, claim.lat_e7, claim.lon_e7, claim.height_mm)
@@ -76,9 +75,9 @@ class PrecisionLanding:
         fix = self.fix(frame, now_ms)
         if fix is None or self._attitude is None or now_ms - self._attitude_ms > MAX_AGE_MS:
             return None
-        turned = _turn(self._attitude)
+        turned = turn(self._attitude)
         east_m, north_m, up_m = fix.place_m
-        arm_m = _times(turned, self._antenna_m)
+        arm_m = times(turned, self._antenna_m)
         # From the autopilot's reference to the pad: up the arm to the node, and from there.
         way_m = (arm_m[0] - north_m, arm_m[1] - east_m, arm_m[2] + up_m)
         distance_m = max(math.hypot(*way_m), LEAST_M)
@@ -89,32 +88,7 @@ class PrecisionLanding:
             place_m = (here_m[0] + way_m[0], here_m[1] + way_m[1], here_m[2] + way_m[2])
             target = LandingTarget(system, 1_000 * now_ms, LOCAL_NED, place_m, distance_m)
         else:
-            place_m = _times(_transposed(turned), way_m)
+            place_m = times(transposed(turned), way_m)
             target = LandingTarget(system, 1_000 * now_ms, BODY_FRD, place_m, distance_m)
         self._said_ms = now_ms
         return target
-
-
-Matrix = tuple[Vector, Vector, Vector]
-
-
-def _turn(attitude: Attitude) -> Matrix:
-    """From forward, right, down to north, east, down (Tait–Bryan: yaw, pitch, roll)."""
-    cr, sr = math.cos(attitude.roll), math.sin(attitude.roll)
-    cp, sp = math.cos(attitude.pitch), math.sin(attitude.pitch)
-    cy, sy = math.cos(attitude.yaw), math.sin(attitude.yaw)
-    return (
-        (cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy),
-        (cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy),
-        (-sp, sr * cp, cr * cp),
-    )
-
-
-def _times(matrix: Matrix, vector: Vector) -> Vector:
-    north, east, down = (sum(row[k] * vector[k] for k in range(3)) for row in matrix)
-    return north, east, down
-
-
-def _transposed(matrix: Matrix) -> Matrix:
-    first, second, third = ((matrix[0][k], matrix[1][k], matrix[2][k]) for k in range(3))
-    return first, second, third

@@ -10,7 +10,6 @@ from msgspec import Meta
 from wonderland.toml_settings import FieldError, Table
 
 _Metres = Annotated[float, Meta(gt=0, le=200)]
-_Arm = Annotated[float, Meta(ge=-5, le=5)]
 
 
 class Alternate(Table, frozen=True):
@@ -37,8 +36,6 @@ class FlightSettings(Table, frozen=True, kw_only=True):
     """A file that remembers where it is held, so that a restart of the agent takes it up."""
     precision: bool = True
     """Whether the way down is found by the ranges (LANDING_TARGET); else by the autopilot's position alone."""
-    antenna_m: tuple[_Arm, _Arm, _Arm] = (0.0, 0.0, 0.0)
-    """Of the UWB node, from the autopilot's reference: forward, right, down."""
     take_off_elsewhere: Literal["refuse", "allow"] = "refuse"
     """Whether it may be armed where none of its pads is; asked by PX4 alone."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from typing import Final
 from wonderland.geoid import Geoid
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Claim
+from wonderland_uav_agent.position.mavlink.attitude import Vector, moved, times, turn
 from wonderland_uav_agent.position.mavlink.boot_time import REORDERED_MS, BootTime
 from wonderland_uav_agent.position.mavlink.messages import (
     ATTITUDE,
@@ -36,6 +38,7 @@ from wonderland_uav_agent.position.mavlink.rates import Rates
 
 MAX_AGE_MS: Final = 1_000
 MAX_GPS_AGE_MS: Final = 2_000
+MAX_ATTITUDE_AGE_MS: Final = 500
 SILENT_MS: Final = 5_000
 """An autopilot from which no heartbeat came for so long is gone, and another may take its place."""
 HEARTBEAT_MS: Final = 1_000
@@ -68,10 +71,14 @@ class _NoClaimError(Exception):
 class Navigator:
     """Follows the first autopilot that it hears. ``warn`` is told what its operator should know, once each.
 
-    ``geoid`` is for receivers that know none.
+    ``geoid`` is for receivers that know none. ``antenna_m``: of the UWB node, from the place that the autopilot tells,
+    forward, right, down; claims are of the antenna.
     """
 
-    def __init__(self, warn: Callable[[str], None], geoid: Geoid | None = None) -> None:
+    def __init__(
+        self, warn: Callable[[str], None], geoid: Geoid | None = None, antenna_m: Vector = (0.0, 0.0, 0.0)
+    ) -> None:
+        self._antenna_m = antenna_m
         self._warn = warn
         self.flown = False
         """Whether somebody here flies it; to be set before it is heard."""
@@ -87,12 +94,14 @@ class Navigator:
     def _forget(self, sender: Sender | None, now_ms: int) -> None:
         self._sender = sender
         self._time = BootTime(self._warn)
-        self._rates = Rates(sender.system if sender else 0, now_ms, flown=self.flown)
+        self._rates = Rates(sender.system if sender else 0, now_ms, flown=self.flown, turned=any(self._antenna_m))
         self._steps_back: deque[int] = deque(maxlen=DOUBLED)
         self._forget_position()
 
     def _forget_position(self) -> None:
         self._gps: _Gps | None = None
+        self._attitude: Attitude | None = None
+        self._attitude_ms = 0
         self._position: GlobalPosition | None = None
         self._heard_ms = 0
         self._claim: Claim | None = None
@@ -137,6 +146,8 @@ class Navigator:
             self._rates.seen(EXTENDED_SYS_STATE, now_ms)
         elif isinstance(message, Attitude):
             self._rates.seen(ATTITUDE, now_ms)
+            if all(map(math.isfinite, (message.roll, message.pitch, message.yaw))):
+                self._attitude, self._attitude_ms = message, now_ms
         elif isinstance(message, LocalPosition):
             self._rates.seen(LOCAL_POSITION_NED, now_ms)
 
@@ -248,10 +259,12 @@ class Navigator:
                 "no height above the ellipsoid (alt_ellipsoid of GPS_RAW_INT, from a receiver that knows a geoid; "
                 "where it knows none, name the grid of one: --geoid)"
             )
+        north_m, east_m, down_m = self._arm_m(now_ms)
+        lat_e7, lon_e7 = moved(position.lat_e7, position.lon_e7, north_m, east_m)
         values = {
-            "lat_e7": position.lat_e7,
-            "lon_e7": position.lon_e7,
-            "height_mm": position.alt_mm + undulation_mm,
+            "lat_e7": lat_e7,
+            "lon_e7": lon_e7,
+            "height_mm": position.alt_mm + undulation_mm - round(1_000 * down_m),
             "accuracy_mm": horizontal_95_mm(gps.h_acc_mm),
             "height_accuracy_mm": height_95_mm,
             "t_ms": self._time.utc_ms(position.boot_ms, now_ms),
@@ -260,6 +273,14 @@ class Navigator:
             return Claim.parse(values)
         except ProofError as error:
             raise _NoClaimError(f"no position: {error}") from None
+
+    def _arm_m(self, now_ms: int) -> Vector:
+        """From the place that the autopilot tells to the antenna: north, east, down."""
+        if not any(self._antenna_m):
+            return self._antenna_m
+        if self._attitude is None or now_ms - self._attitude_ms > MAX_ATTITUDE_AGE_MS:
+            raise _NoClaimError(f"{self._rates.missing(ATTITUDE)}: --antenna is turned by it")
+        return times(turn(self._attitude), self._antenna_m)
 
 
 def _undulation_mm(gps: GpsRaw) -> int | None:

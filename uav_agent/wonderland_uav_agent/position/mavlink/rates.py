@@ -39,8 +39,8 @@ class _Wanted:
 class Rates:
     """Of one autopilot, from the moment at which it was found."""
 
-    def __init__(self, system: int, now_ms: int, *, flown: bool = False) -> None:
-        """``flown``: by us, too, so that its state is wanted beside its place."""
+    def __init__(self, system: int, now_ms: int, *, flown: bool = False, turned: bool = False) -> None:
+        """``flown``: by us, too, so that its state is wanted beside its place. ``turned``: its attitude is."""
         self._system = system
         self._wanted = {
             GLOBAL_POSITION_INT: _Wanted(100, 400),
@@ -49,8 +49,9 @@ class Rates:
         }
         if flown:
             self._wanted[EXTENDED_SYS_STATE] = _Wanted(200, 1_000)
-            self._wanted[ATTITUDE] = _Wanted(50, 150)
             self._wanted[LOCAL_POSITION_NED] = _Wanted(50, 150)
+        if flown or turned:
+            self._wanted[ATTITUDE] = _Wanted(50, 150)
         for wanted in self._wanted.values():
             wanted.ask_at_ms = now_ms + GRACE_MS
         self.refused = 0

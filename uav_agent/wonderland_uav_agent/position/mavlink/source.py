@@ -13,6 +13,7 @@ from wonderland.geoid import Geoid
 from wonderland.proofs.records.sessions import Claim
 from wonderland_fira_uci.serial_port import ReconnectingPort, serial_opener
 from wonderland_uav_agent.position.mavlink.address import SerialAddress, TcpAddress, UdpAddress
+from wonderland_uav_agent.position.mavlink.attitude import Vector
 from wonderland_uav_agent.position.mavlink.messages import Message, Outgoing, Sender
 from wonderland_uav_agent.position.mavlink.navigator import Navigator
 from wonderland_uav_agent.position.mavlink.signing import Signing
@@ -34,7 +35,7 @@ class Crew(Protocol):
         ...
 
     def outgoing(self, now_ms: int) -> list[Outgoing]:
-        """What to send to it now; asked ten times a second while there is one."""
+        """What to send to it now; asked 25 times a second while there is one."""
         ...
 
 
@@ -48,8 +49,9 @@ class MavlinkPosition:
         geoid: Geoid | None = None,
         *,
         key: bytes | None = None,
+        antenna_m: Vector = (0.0, 0.0, 0.0),
     ) -> None:
-        """``key``: of MAVLink 2 signing; nothing else is heard then."""
+        """``key``: of MAVLink 2 signing; nothing else is heard then. ``antenna_m``: see ``Navigator``."""
         self._where = where
         self._signing = None if key is None else Signing(key, clock, dialect())
         self._clock = clock
@@ -57,7 +59,7 @@ class MavlinkPosition:
         self._ticking: asyncio.Task[None] | None = None
         self._link: _UdpLink | _PortLink | None = None
         self._crew: Crew | None = None
-        self.navigator = Navigator(_warn, geoid)
+        self.navigator = Navigator(_warn, geoid, antenna_m)
 
     def board(self, crew: Crew) -> None:
         """Let it hear the autopilot and speak to it; before the source is opened."""
