@@ -12,10 +12,12 @@ import threading
 import time
 
 import genpy
+import genpy.dynamic
 import roslib.message
 import rospy
 
 _out = threading.Lock()
+_made = {}
 
 
 def tell(**what):
@@ -51,7 +53,7 @@ def filled(kind, seed):
             return dice.randint(-(2**7), 2**7 - 1)
         if bare in ("char", "uint8", "uint16", "uint32", "uint64"):
             return dice.randint(0, 255)
-        return message(roslib.message.get_message_class("std_msgs/Header" if bare == "Header" else bare))
+        return message(named("std_msgs/Header" if bare == "Header" else bare))
 
     def message(of):
         made = of()
@@ -105,6 +107,17 @@ def flood(publisher, order):
     return {"published_s": published_s, "back_s": back_s, "twice": len(seen) - len(set(seen))}
 
 
+def class_of(order):
+    """The class of a type: of an installed package, or made of the definition that the order has."""
+    if "definition" in order:
+        _made.update(genpy.dynamic.generate_dynamic(order["type"], order["definition"]))
+    return named(order["type"])
+
+
+def named(kind):
+    return _made.get(kind) or roslib.message.get_message_class(kind)
+
+
 def _parse(field_type):
     if not field_type.endswith("]"):
         return field_type, False, None
@@ -127,7 +140,7 @@ def main():
     for line in sys.stdin:
         order = json.loads(line)
         topic = order.get("topic", "")
-        kind = roslib.message.get_message_class(order["type"]) if "type" in order else None
+        kind = class_of(order) if "type" in order else None
         if order["do"] == "advertise":
             publishers[topic] = rospy.Publisher(topic, kind, queue_size=10_000, latch=order.get("latch", False))
             tell(did="advertise", topic=topic)

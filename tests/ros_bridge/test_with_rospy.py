@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 import pytest
-from kit.ros1 import BridgeProcess, Master, Peer, Route, need_ros
+from kit.ros1 import BridgeProcess, Master, Peer, Route, need_ros, running_ledger, write_config
 
 from wonderland.asset_contract import AssetContract
 from wonderland.proofs.records import transactions as tx
@@ -364,3 +364,60 @@ async def test_a_full_spool_holds_the_publisher_up_and_loses_nothing(tmp_path, m
         await route.start_ledger()
         assert await heard(peer, 4_000) == expected
         await route.through(4_000)
+
+
+OWN = f"""# A type of nobody's package.
+uint8 LANDED=03
+float32 STEP=1.50
+string WHO=the Hatter # and this belongs to it
+Header header
+Leg[] legs
+float64[36] covariance
+geometry_msgs/Point[2] ends
+{"=" * 80}
+MSG: tea_party/Leg
+time begun
+duration took
+string[] names
+bool[3] flags
+{"=" * 80}
+MSG: std_msgs/Header
+uint32 seq
+time stamp
+string frame_id
+{"=" * 80}
+MSG: geometry_msgs/Point
+float64 x
+float64 y
+float64 z
+"""
+
+
+async def test_two_robots_with_a_master_each_hear_one_another_in_a_type_of_nobodys_package(tmp_path, master, peer):
+    """Both ways at once, under the topics' own names, and nothing goes round in circles."""
+    other = Master(tmp_path)
+    await other.start()
+    async with running_ledger(tmp_path / "ledger") as ledger:
+        running = [other]
+        try:
+            body = '[[to_ledger]]\ntopic = "/party/*"\n[[from_ledger]]\nsenders = ["*"]\ntopic = "{topic}"\n'
+            for bridge, identity, at in (("drone-a", "uav", master), ("pad-b", "pad", other)):
+                file = tmp_path / "ledger" / "connection.json"
+                path = tmp_path / f"{bridge}.toml"
+                write_config(path, ledger=file, master=at.uri, identity=identity, bridge=bridge, body=body)
+                running.append(await BridgeProcess.start(path))
+            there = await Peer.start("there", other)
+            running.append(there)
+            kind = {"type": "tea_party/State", "definition": OWN}
+            for one, another, topic in ((peer, there, "/party/a"), (there, peer, "/party/b")):
+                await another.asked("subscribe", topic=topic, **kind)
+                await one.asked("advertise", topic=topic, **kind)
+            for one, another, topic in ((peer, there, "/party/a"), (there, peer, "/party/b")):
+                await one.asked("wait", topic=topic)
+                for seeds in (range(5), range(5, 10)):
+                    assert await sent(one, topic, seeds) == await heard(another, 5)
+            stored = await stored_messages(ledger.connection)
+            assert len(stored) == 20, "each message once, whoever heard it"
+        finally:
+            for each in reversed(running):
+                await each.stop()
