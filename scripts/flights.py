@@ -9,18 +9,40 @@ from typing import Any, Final
 
 from wonderland_research.reproduction.style import BUFFER, REFUTED, VERIFIED, save, subplots
 
-IMAGE: Final = Path(__file__).parent.parent / "docs" / "images" / "flight-dragged-gps.svg"
+IMAGES: Final = Path(__file__).parent.parent / "docs" / "images"
 BEFORE_S, AFTER_S = 3.0, 20.0
 BUFFER_M: Final = 1.0
 
 
-def load(folder: Path, name: str) -> tuple[dict[str, float], list[dict[str, Any]]]:
-    """Marks, and samples around the landing; seconds since it was ordered."""
+def load(folder: Path, name: str, zero: str = "land") -> tuple[dict[str, float], list[dict[str, Any]]]:
+    """Marks, and samples around the landing; seconds since it was ordered, or since another mark."""
     record = json.loads((folder / f"{name}.json").read_text())
-    zero_ms = record["marks"]["land"]
+    zero_ms = record["marks"][zero]
     marks = {mark: (t_ms - zero_ms) / 1e3 for mark, t_ms in record["marks"].items()}
     samples = [{**sample, "t_s": (sample["t_ms"] - zero_ms) / 1e3} for sample in record["samples"]]
     return marks, [sample for sample in samples if -BEFORE_S <= sample["t_s"] <= AFTER_S]
+
+
+def draw_way_down(folder: Path, path: Path) -> None:
+    """How far from the pad's middle it is on the way down, with its GPS led away from the verdict on."""
+    figure, axis = subplots(1, height_in=3.2)
+    for name, colour, words in (
+        ("precision-none", REFUTED, "by its own position"),
+        ("precision-dragged", VERIFIED, "by the ranges"),
+    ):
+        marks, samples = load(folder, name, "verdict")
+        times = [sample["t_s"] for sample in samples if sample["t_s"] <= marks["down"]]
+        aside = [sample["aside_m"] for sample in samples if sample["t_s"] <= marks["down"]]
+        axis.plot(times, aside, color=colour, lw=1.8)
+        axis.plot(times[-1:], aside[-1:], "o", color=colour, ms=5)
+        axis.annotate(f"{words}: down at {aside[-1]:.1f} m", (times[-1], aside[-1]), (-6, 8), "data", "offset points")
+        axis.texts[-1].set(ha="right", color=colour)
+    axis.set_title("ArduPilot, GPS led away at 1 m/s from the verdict on")
+    axis.set_ylabel("from the pad's middle, m")
+    axis.set_xlabel("seconds since the verdict")
+    axis.set_xlim(-BEFORE_S, AFTER_S)
+    axis.set_ylim(0)
+    save(figure, path)
 
 
 def draw(folder: Path, path: Path) -> None:
@@ -54,8 +76,9 @@ def main() -> int:
     if len(sys.argv) != 2:
         print(__doc__, file=sys.stderr)
         return 2
-    draw(Path(sys.argv[1]), IMAGE)
-    print(IMAGE)
+    folder = Path(sys.argv[1])
+    draw(folder, IMAGES / "flight-dragged-gps.svg")
+    draw_way_down(folder, IMAGES / "flight-way-down.svg")
     return 0
 
 

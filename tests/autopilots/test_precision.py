@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 
 import pytest
 from kit.above_a_pad import above_a_pad
@@ -18,11 +17,6 @@ TOUCH_DOWN_M = 0.3
 PRECISION = {"PLND_ENABLED": 1, "PLND_TYPE": 1}
 
 
-def aside_m(scene):
-    east_mm, north_mm, _ = scene.world.flight.truth
-    return math.hypot(east_mm, north_mm) / 1e3
-
-
 def height_m(scene):
     return scene.world.flight.truth[2] / 1e3
 
@@ -35,10 +29,11 @@ async def landed(scene, *, drag):
     scene.mark("verdict")
     dragging = asyncio.create_task(scene.drag()) if drag else None
     await scene.until(lambda: scene.seen.on_ground or height_m(scene) < TOUCH_DOWN_M, "it lands")
+    scene.mark("down")
     if dragging is not None:
         dragging.cancel()
-    print(f"{aside_m(scene):.2f} m from the middle, the filter {scene.off_m():.1f} m off")
-    return aside_m(scene), scene.off_m()
+    print(f"{scene.aside_m():.2f} m from the middle, the filter {scene.off_m():.1f} m off")
+    return scene.aside_m(), scene.off_m()
 
 
 @pytest.mark.parametrize("drag", [False, True])

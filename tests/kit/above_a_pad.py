@@ -65,6 +65,11 @@ class Scene:
         claimed, truth = self.local_m(), self.world.flight.truth
         return ((claimed[0] - truth[0] / 1e3) ** 2 + (claimed[1] - truth[1] / 1e3) ** 2) ** 0.5
 
+    def aside_m(self):
+        """From the pad's middle, as the simulation has it."""
+        east_mm, north_mm, _ = self.world.flight.truth
+        return (east_mm**2 + north_mm**2) ** 0.5 / 1e3
+
     def mark(self, name):
         self.marks.setdefault(name, self.clock())
 
@@ -77,6 +82,7 @@ class Scene:
                     {
                         "t_ms": self.clock(),
                         "off_m": round(self.off_m(), 3),
+                        "aside_m": round(self.aside_m(), 3),
                         "height_m": round(self.world.flight.truth[2] / 1e3, 2),
                         "ekf_flags": ekf.flags,
                         "fix_type": gps.fix_type,

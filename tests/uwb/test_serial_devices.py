@@ -279,3 +279,25 @@ async def test_a_server_that_says_nothing_does_not_stop_the_loop() -> None:
     assert "RFC2217" in port.last_error
     assert observer.log == []
     assert longest_s < 1.5
+
+
+@pytest.mark.parametrize("kind", [UwbNode, Dwm1001Node])
+@pytest.mark.parametrize("what", ["file", "directory", "/dev/null", "rfc2217://127.0.0.1"])
+async def test_what_can_never_be_a_node_is_not_waited_for(
+    kind: type[UwbNode | Dwm1001Node], what: str, tmp_path: Path
+) -> None:
+    path = what if what.startswith(("/", "rfc2217")) else str(tmp_path / what)
+    if what == "directory":
+        Path(path).mkdir()
+    elif what == "file":
+        Path(path).write_text("no node\n")
+    async with asyncio.timeout(5), kind(path) as node:
+        with pytest.raises(NodeUnavailableError, match=r"no device|no serial port|needs host and port") as said:
+            await node.wait_ready(60)
+    assert "not ready within" not in str(said.value)
+
+
+async def test_a_device_that_may_yet_come_is_waited_for(tmp_path: Path) -> None:
+    async with UwbNode(tmp_path / "ttyACM0") as node:
+        with pytest.raises(NodeUnavailableError, match=r"not ready within 0\.2 s"):
+            await node.wait_ready(0.2)

@@ -115,12 +115,14 @@ class UwbNode:
         return self.device.capabilities
 
     async def wait_ready(self, timeout_s: float = 5.0) -> None:
-        """Until the node answers; raises ``NodeUnavailableError`` with the reason."""
+        """Until the node answers; raises ``NodeUnavailableError``, at once where waiting mends nothing."""
         try:
             async with asyncio.timeout(timeout_s):
                 while not self.is_ready:
                     if self._closed:
                         raise NodeClosedError(f"{self.name} is closed")
+                    if self._port.hopeless:
+                        raise NodeUnavailableError(f"{self.name}: {self._reason()}")
                     self._status_changed.clear()
                     await self._status_changed.wait()
         except TimeoutError as error:

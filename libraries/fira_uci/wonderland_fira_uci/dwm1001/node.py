@@ -95,6 +95,8 @@ class Dwm1001Node:
                 while not self.is_ready:
                     if self._closed:
                         raise NodeClosedError(f"{self.name} is closed")
+                    if self._port.hopeless:
+                        raise NodeUnavailableError(f"{self.name}: {self.detail}")
                     self._changed.clear()
                     await self._changed.wait()
         except TimeoutError as error:

@@ -39,7 +39,14 @@ _KEEPALIVE: Final = (
 
 
 class PortError(UwbError):
-    """The device could not be opened, or is gone; the text says why and names the path."""
+    """The device could not be opened, or is gone; the text says why and names the path.
+
+    ``hopeless``: waiting helps nobody, somebody has to do something.
+    """
+
+    def __init__(self, text: str, *, hopeless: bool = False) -> None:
+        super().__init__(text)
+        self.hopeless = hopeless
 
 
 class ByteDevice(Protocol):
@@ -85,7 +92,7 @@ class NetworkOpener:
         """Connect. Raises PortError."""
         problem = url_problem(self._url)
         if problem:
-            raise PortError(f"{self._url} cannot be opened: {problem}")
+            raise PortError(f"{self._url} cannot be opened: {problem}", hopeless=True)
         try:
             line = serial.serial_for_url(self._url, self._baud_rate, timeout=_LOOK_S, rtscts=self._rtscts)
             return _Connection(line) if self._url.startswith("socket") else _Bridge(line)
@@ -112,7 +119,8 @@ def serial_opener(path: Path | str, baud_rate: int = BAUD_RATE, *, rtscts: bool 
             # Only what failed as a serial line is looked at: opening one twice may reset the board on it.
             device = _character_device(name)
             if device is None:
-                raise PortError(f"{path} cannot be opened: {_why(name, error)}") from error
+                why, hopeless = _why(name, error)
+                raise PortError(f"{path} cannot be opened: {why}", hopeless=hopeless) from error
             return device
 
     return open_serial
@@ -126,13 +134,14 @@ _WHY: Final = {
 }
 
 
-def _why(name: str, error: Exception) -> str:
-    """What keeps a path from being opened, in words."""
+def _why(name: str, error: Exception) -> tuple[str, bool]:
+    """What keeps a path from being opened, in words, and whether that stays so by itself."""
     with contextlib.suppress(OSError):
         mode = Path(name).stat().st_mode
         if not stat.S_ISCHR(mode):
-            return f"it is a {'directory' if stat.S_ISDIR(mode) else 'file'}, no device"
-    return _WHY.get(getattr(error, "errno", None) or 0, str(error))
+            return f"it is a {'directory' if stat.S_ISDIR(mode) else 'file'}, no device", True
+    # Rights may come a moment after the device, when udev gives it to its group.
+    return _WHY.get(getattr(error, "errno", None) or 0, str(error)), False
 
 
 class _CharacterDevice:
@@ -178,7 +187,8 @@ def _check_waitable(name: str, fd: int) -> None:
             waiting.register(fd, select.EPOLLIN)
         except PermissionError as error:
             raise PortError(
-                f"{name} is no serial port, and no device that a node could be on: nothing ever comes from it"
+                f"{name} is no serial port, and no device that a node could be on: nothing ever comes from it",
+                hopeless=True,
             ) from error
 
 

@@ -70,6 +70,8 @@ class ReconnectingPort:
         self._open_timer: asyncio.TimerHandle | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self.last_error = ""
+        self.hopeless = False
+        """Whether the device could not be opened for a reason that waiting does not mend; it is tried all the same."""
 
     @property
     def is_up(self) -> bool:
@@ -143,7 +145,7 @@ class ReconnectingPort:
         try:
             device = self._opener()
         except PortError as error:
-            self._not_opened(str(error))
+            self._not_opened(error)
         else:
             self._use(device)
 
@@ -158,11 +160,12 @@ class ReconnectingPort:
             if error is None:
                 outcome.result().close()
         elif error is not None:
-            self._not_opened(str(error))
+            self._not_opened(error)
         else:
             self._use(outcome.result())
 
-    def _not_opened(self, detail: str) -> None:
+    def _not_opened(self, error: PortError) -> None:
+        detail, self.hopeless = str(error), error.hopeless
         if detail != self.last_error:
             _log.info("%s; trying again", detail)
             if self._tell_not_opened is not None:
@@ -177,11 +180,11 @@ class ReconnectingPort:
             self._loop.add_reader(fd, self._readable)
         except OSError as error:  # epoll refuses what can never be waited for, such as a file
             device.close()
-            self._not_opened(f"the device cannot be waited for: {error}")
+            self._not_opened(PortError(f"the device cannot be waited for: {error}"))
             return
         self._device, self._fd = device, fd
         self._opened_s = self._loop.time()
-        self.last_error = ""
+        self.last_error, self.hopeless = "", False
         self._observer.port_up()
 
     def _open_later(self) -> None:
