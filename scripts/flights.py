@@ -10,17 +10,19 @@ from typing import Any, Final
 from wonderland_research.reproduction.style import BUFFER, REFUTED, VERIFIED, save, subplots
 
 IMAGES: Final = Path(__file__).parent.parent / "docs" / "images"
-BEFORE_S, AFTER_S = 3.0, 20.0
+BEFORE_S, AFTER_S, WAY_DOWN_S = 3.0, 20.0, 27.0
 BUFFER_M: Final = 1.0
 
 
-def load(folder: Path, name: str, zero: str = "land") -> tuple[dict[str, float], list[dict[str, Any]]]:
+def load(
+    folder: Path, name: str, zero: str = "land", after_s: float = AFTER_S
+) -> tuple[dict[str, float], list[dict[str, Any]]]:
     """Marks, and samples around the landing; seconds since it was ordered, or since another mark."""
     record = json.loads((folder / f"{name}.json").read_text())
     zero_ms = record["marks"][zero]
     marks = {mark: (t_ms - zero_ms) / 1e3 for mark, t_ms in record["marks"].items()}
     samples = [{**sample, "t_s": (sample["t_ms"] - zero_ms) / 1e3} for sample in record["samples"]]
-    return marks, [sample for sample in samples if -BEFORE_S <= sample["t_s"] <= AFTER_S]
+    return marks, [sample for sample in samples if -BEFORE_S <= sample["t_s"] <= after_s]
 
 
 def draw_way_down(folder: Path, path: Path) -> None:
@@ -30,7 +32,7 @@ def draw_way_down(folder: Path, path: Path) -> None:
         ("precision-none", REFUTED, "by its own position"),
         ("precision-dragged", VERIFIED, "by the ranges"),
     ):
-        marks, samples = load(folder, name, "verdict")
+        marks, samples = load(folder, name, "verdict", WAY_DOWN_S)
         times = [sample["t_s"] for sample in samples if sample["t_s"] <= marks["down"]]
         aside = [sample["aside_m"] for sample in samples if sample["t_s"] <= marks["down"]]
         axis.plot(times, aside, color=colour, lw=1.8)
@@ -40,8 +42,8 @@ def draw_way_down(folder: Path, path: Path) -> None:
     axis.set_title("ArduPilot, GPS led away at 1 m/s from the verdict on")
     axis.set_ylabel("from the pad's middle, m")
     axis.set_xlabel("seconds since the verdict")
-    axis.set_xlim(-BEFORE_S, AFTER_S)
-    axis.set_ylim(0)
+    axis.set_xlim(-BEFORE_S, WAY_DOWN_S)
+    axis.set_ylim(0, 1.2 * axis.get_ylim()[1])
     save(figure, path)
 
 
