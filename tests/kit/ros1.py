@@ -263,10 +263,16 @@ class Route:
     async def stop_ledger(self):
         await self._stack.aclose()
 
-    def status(self, config=None):
-        """What ``wonderland ros1 status`` says of the sending bridge."""
-        with OutboxView((config or self.outward).parent / "drone-a.spool") as view:
+    def status(self, bridge="drone-a"):
+        """What ``wonderland ros1 status`` says of a bridge."""
+        with OutboxView(self.outward.parent / f"{bridge}.spool") as view:
             return view.summary()
+
+    async def kept(self):
+        """Until the receiving bridge has written down that it has published all that is on the ledger."""
+        async with asyncio.timeout(WAIT_S):
+            while self.status("pad-b")["next_block"] != self.ledger.chain.height:
+                await asyncio.sleep(0.02)
 
     async def waiting(self, count):
         """Until so many messages wait for the ledger."""

@@ -126,6 +126,7 @@ async def test_each_end_can_be_restarted(tmp_path, master, peer):
         await route.through(20)
 
         # The receiving bridge is killed, and misses what is committed meanwhile.
+        await route.kept()
         await route.second.kill()
         await peer.asked("wait", topic="/fix")
         missed = await sent(peer, "/fix", range(20, 25))
