@@ -51,6 +51,11 @@ print(json.dumps(found))
         definitions.Codec(definitions.parse(kind, text))
 
 
+CHAIN = "C[1024] c\n" + "".join(
+    f"{'=' * 80}\nMSG: a/{one}\n{of}[1024] x\n" for one, of in (("C", "D"), ("D", "E"), ("E", "int8"))
+).replace("int8[1024] x", "int8 x")
+
+
 @pytest.mark.parametrize(
     ("kind", "text", "says"),
     [
@@ -67,6 +72,9 @@ print(json.dumps(found))
         ("a/B", "import_os x = 1\n", "no constant"),
         ("a/B", "x" * 200_000, "200000 characters"),
         ("a/B", "\n".join(f"int8 a{i}" for i in range(3_000)), "more than 2000 fields"),
+        ("a/B", f"C[] c\n{'=' * 80}\nMSG: a/C\n", "which has no fields"),
+        ("a/B", f"C[3] c\n{'=' * 80}\nMSG: a/C\nint8 X=1\n", "which has no fields"),
+        ("a/B", CHAIN, "at least 1073741824 bytes"),
         ("a/B\nint32 x", "int32 y\n", "no type of message"),
         ("a/B", f"int8 x\n{'=' * 80}\nint8 y\n", "not MSG"),
     ],

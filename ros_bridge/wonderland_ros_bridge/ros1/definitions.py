@@ -28,27 +28,16 @@ MAX_FIXED: Final = 65_536
 """Elements of an array of fixed length, as a field says it."""
 MAX_FIXED_COMPLEX: Final = 1_024
 """The same of strings and of messages, which cost code each."""
+MAX_LEAST_BYTES: Final = 1 << 24
 SEPARATOR: Final = "=" * 80
-BUILT_IN: Final = frozenset(
-    [
-        "bool",
-        "byte",
-        "char",
-        "int8",
-        "uint8",
-        "int16",
-        "uint16",
-        "int32",
-        "uint32",
-        "int64",
-        "uint64",
-        "float32",
-        "float64",
-        "string",
-        "time",
-        "duration",
-    ]
-)
+_SIZES: Final = {
+    **dict.fromkeys(("bool", "byte", "char", "int8", "uint8"), 1),
+    **dict.fromkeys(("int16", "uint16"), 2),
+    **dict.fromkeys(("int32", "uint32", "float32", "string"), 4),
+    **dict.fromkeys(("int64", "uint64", "float64", "time", "duration"), 8),
+}
+"""Bytes of what is built in; of a text its length alone."""
+BUILT_IN: Final = frozenset(_SIZES)
 _TYPE: Final = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*/[a-zA-Z][a-zA-Z0-9_]*")
 _NAME: Final = re.compile(r"[a-zA-Z][a-zA-Z0-9_]{0,127}")
 _FIELD_TYPE: Final = re.compile(r"([a-zA-Z][a-zA-Z0-9_]*(?:/[a-zA-Z][a-zA-Z0-9_]*)?)(\[(\d{0,9})\])?")
@@ -98,7 +87,29 @@ def parse(kind: str, text: str) -> Definition:
     if sum(len(fields) for fields, _ in parts.values()) > MAX_FIELDS:
         raise DefinitionError(f"{kind}: more than {MAX_FIELDS} fields")
     used: dict[str, tuple[Field, ...]] = {}
-    return Definition(kind, _md5(kind, parts, used, ()), text, used)
+    md5 = _md5(kind, parts, used, ())
+    _least_bytes(kind, used, {})
+    return Definition(kind, md5, text, used)
+
+
+def _least_bytes(kind: str, fields: Mapping[str, tuple[Field, ...]], known: dict[str, int]) -> int:
+    """What a message of a type takes at least. Raises DefinitionError.
+
+    An element of an array takes a byte or more, so that a message has no more elements than bytes: four bytes that
+    announce thousands of millions of nothings, or arrays of arrays of nothing, would fill the memory.
+    """
+    if kind not in known:
+        total = 0
+        for field in fields[kind]:
+            one = _SIZES[field.type] if field.type in _SIZES else _least_bytes(field.type, fields, known)
+            if field.array and not one:
+                raise DefinitionError(f"{kind}: {field.name} is an array of {field.type}, which has no fields")
+            length = field.array.strip("[]")
+            total += int(length) * one if length else 4 if field.array else one
+        if total > MAX_LEAST_BYTES:
+            raise DefinitionError(f"{kind}: a message takes at least {total} bytes; {MAX_LEAST_BYTES} are allowed")
+        known[kind] = total
+    return known[kind]
 
 
 def _lines(kind: str, text: str) -> tuple[tuple[Field, ...], tuple[str, ...]]:
