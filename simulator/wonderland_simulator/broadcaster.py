@@ -19,6 +19,8 @@ from wonderland_remote_id import (
 )
 
 HOUR_MS = 3_600_000
+LOWEST_MM = -999_500
+HIGHEST_MM = 31_767_500
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,11 @@ class Fix:
     t_ms: int
 
 
+def _in_range(height_mm: int) -> int:
+    """The nearest that a message can say."""
+    return max(LOWEST_MM, min(HIGHEST_MM, height_mm))
+
+
 def frame(uav_id: str, operator_id: str, operator: tuple[int, int], fix: Fix) -> bytes:
     """The bytes of one message pack; ``operator`` is the remote pilot's (lat_e7, lon_e7)."""
     location = Location(
@@ -47,8 +54,8 @@ def frame(uav_id: str, operator_id: str, operator: tuple[int, int], fix: Fix) ->
         track_cdeg=fix.track_cdeg // 100 * 100 % 36_000,
         speed_mm_s=min(254_250, fix.speed_mm_s),
         vertical_mm_s=max(-62_000, min(62_000, fix.vertical_mm_s)),
-        altitude_mm=fix.height_mm,
-        height_mm=fix.above_takeoff_mm,
+        altitude_mm=_in_range(fix.height_mm),
+        height_mm=_in_range(fix.above_takeoff_mm),
         height_reference=HeightReference.TAKEOFF,
         horizontal_accuracy=HorizontalAccuracy.of_mm(fix.accuracy_mm),
         vertical_accuracy=VerticalAccuracy.of_mm(fix.height_accuracy_mm),

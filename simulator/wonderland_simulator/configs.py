@@ -17,8 +17,13 @@ def pad_toml(
     backend_url: str = "",
     *,
     extra: Sequence[str] = (),
+    reports: tuple[str, int] | None = None,
 ) -> str:
-    """A pad's settings. ``ports``: its nodes', by anchor. ``backend_url``: http or https. ``extra``: further lines."""
+    """A pad's settings.
+
+    ``ports``: its nodes', by anchor. ``backend_url``: http or https. ``extra``: further lines. ``reports``: its boards
+    are DWM1001 tags, and drones report there.
+    """
     lines = [
         f"pad_id = {_quoted(pad_id)}",
         f"connection = {_quoted(str(connection))}",
@@ -28,7 +33,9 @@ def pad_toml(
     ]
     for anchor_id, port in ports.items():
         lines += ["", "[[anchors]]", f"anchor_id = {_quoted(anchor_id)}", f"port = {_quoted(str(port))}"]
-    lines += ["", "[remote_id]", f"listen = {_quoted(f'{remote_id[0]}:{remote_id[1]}')}"]
+    if reports is not None:
+        lines += ["", "[uwb]", 'kind = "dwm1001-tags"', f"listen = {_quoted(_written(reports))}"]
+    lines += ["", "[remote_id]", f"listen = {_quoted(_written(remote_id))}"]
     if backend_url:
         lines += ["", "[backend]", f"url = {_quoted(_ingest(backend_url))}"]
         if backend_url.startswith("http:"):
@@ -37,19 +44,33 @@ def pad_toml(
 
 
 def uav_toml(
-    uav_id: str, connection: Path, port: Path, position: tuple[str, int], pads: Sequence[str], backend_url: str = ""
+    uav_id: str,
+    connection: Path,
+    port: Path,
+    position: tuple[str, int],
+    pads: Sequence[str],
+    backend_url: str = "",
+    *,
+    board: int | None = None,
+    reports: tuple[str, int] | None = None,
 ) -> str:
-    """A drone's settings."""
+    """A drone's settings. ``board``, ``reports``: it has a DWM1001 of this address, and its pad listens there."""
     lines = [
         f"connection = {_quoted(str(connection))}",
         f"identity = {_quoted(uav_id)}",
         f"port = {_quoted(str(port))}",
-        f"position = {_quoted(f'udp:{position[0]}:{position[1]}')}",
+        f"position = {_quoted(f'udp:{_written(position)}')}",
         f"pads = {_quoted(list(pads))}",
     ]
+    if board is not None and reports is not None:
+        lines += ['node = "dwm1001-anchor"', f'board = "{board:04x}"', f"report_to = {_quoted(_written(reports))}"]
     if backend_url:
         lines.append(f"backend = {_quoted(_ingest(backend_url))}")
     return "\n".join(lines) + "\n"
+
+
+def _written(address: tuple[str, int]) -> str:
+    return f"{address[0]}:{address[1]}"
 
 
 def _ingest(url: str) -> str:

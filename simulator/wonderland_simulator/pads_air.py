@@ -60,7 +60,7 @@ class PadsAir:
         self._stamp_rng = random.Random(f"{seed}/stamps")
         attack = ReplayAttack(replaying, {name: flyer.pad_id for name, flyer in flyers.items()})
         self.air = Air(
-            self._measure,
+            self.measure,
             rng=random.Random(f"{seed}/air"),
             data_loss=DATA_LOSS,
             intercept=attack.intercept,
@@ -76,7 +76,7 @@ class PadsAir:
             return False
         return math.hypot(east, north) < EARSHOT_M * 1000
 
-    def _measure(self, observer: str, peer: str, t_s: float) -> Measurement:
+    def measure(self, observer: str, peer: str, t_s: float) -> Measurement:
         """Both ends of a pair report the same draw of a round."""
         pair = (observer, peer) if observer in self._sites else (peer, observer)
         drawn = self._drawn.get(pair)

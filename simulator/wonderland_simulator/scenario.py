@@ -15,6 +15,8 @@ from wonderland_edge_agent.geodesy import frame_at
 from wonderland_simulator.channel import BIAS_M
 from wonderland_simulator.uci_node.profiles import DWM3001CDK, PROFILES, SR150, NodeProfile
 
+DWM1001: Final = "DWM1001"
+"""The paper's boards, which do not speak UCI."""
 DAY_MS: Final = 86_400_000
 STAMP_SIGMA_M: Final = 0.03
 """White error of one time stamp, as a length: 100 ps."""
@@ -115,7 +117,7 @@ class PadSite:
             valid_until_ms=now_ms + 365 * DAY_MS,
             method="Simulated survey and calibration",
             timestamp_sigma_mm=None if self.clock_sigma_mm is None else round(STAMP_SIGMA_M * 1000),
-            nodes=ability_of(self.board.said()),
+            nodes=None if self.profile == DWM1001 else ability_of(self.board.said()),
         )
 
 

@@ -9,11 +9,13 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
 from rich.console import Console
 
+from wonderland.proofs.records.policies import Policy
 from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.settings import load
 from wonderland_edge_agent.status_command import is_alive
@@ -24,7 +26,7 @@ from wonderland_simulator.practice.reading import Scenario, ScenarioError, read_
 from wonderland_simulator.practice.run import run_scenario
 from wonderland_simulator.practice.showing import what_to_enter
 from wonderland_simulator.practice.writing import write_files
-from wonderland_simulator.scenario import DRONES, PADS, DroneSpec, PadSite
+from wonderland_simulator.scenario import DRONES, DWM1001, PADS, DroneSpec, PadSite
 from wonderland_simulator.stage import ProcessError, Stage, StageSettings
 from wonderland_simulator.stage.registry import Registry
 from wonderland_simulator.stage.stage import default_policy
@@ -60,7 +62,7 @@ def enrol(*, network: Path | None, ledger: Path | None, to: Path, scenario: Path
         identities.hand_out(connection, to, pads, drones)
     except LedgerError as error:
         raise click.ClickException(str(error)) from error
-    click.echo(f"{len(pads)} pads and {len(drones)} drones have identities in {to / 'world'}.")
+    click.echo(f"{_counted(pads, drones)} have identities in {to / 'world'}.")
 
 
 @click.command()
@@ -79,7 +81,12 @@ def register(*, connection: Path, scenario: Path, operator_id: str) -> None:
         asyncio.run(_register(connection, pads, drones, operator_id))
     except LedgerError as error:
         raise click.ClickException(str(error)) from error
-    click.echo(f"{len(pads)} pads and {len(drones)} drones are on the ledger.")
+    click.echo(f"{_counted(pads, drones)} are on the ledger.")
+
+
+def _policy(pad: PadSite) -> Policy:
+    """What its boards can bear: with DWM1001 that is nothing that a radio proves."""
+    return replace(default_policy(pad), min_assurance=0) if pad.profile == DWM1001 else default_policy(pad)
 
 
 async def _register(connection: Path, pads: Sequence[PadSite], drones: Sequence[DroneSpec], operator_id: str) -> None:
@@ -87,7 +94,7 @@ async def _register(connection: Path, pads: Sequence[PadSite], drones: Sequence[
     now_ms = time.time_ns() // 1_000_000
     async with known.open_channel() as channel:
         registry = Registry(known, channel, pad_operator=operator_id)
-        await registry.pads(pads, now_ms, policy=default_policy)
+        await registry.pads(pads, now_ms, policy=_policy)
         await registry.drones(drones, now_ms)
 
 
@@ -96,7 +103,7 @@ async def _register(connection: Path, pads: Sequence[PadSite], drones: Sequence[
 def check(*, file: Path) -> None:
     """Say everything that is wrong with a scenario file: line, field, and what is allowed there."""
     scenario = _read(file)
-    click.echo(f"{file} is good: {len(scenario.pads)} pads, {len(scenario.vehicles)} vehicles.")
+    click.echo(f"{file} is good: {_counted(scenario.pads, scenario.vehicles)}.")
     for line in what_to_enter(scenario):
         click.echo(line)
 
@@ -106,6 +113,11 @@ def _read(file: Path) -> Scenario:
         return read_scenario(file)
     except ScenarioError as error:
         raise click.ClickException(str(error)) from error
+
+
+def _counted(pads: Sequence[object], drones: Sequence[object]) -> str:
+    counts = ((len(pads), "pad"), (len(drones), "drone"))
+    return " and ".join(f"{number} {what}{'' if number == 1 else 's'}" for number, what in counts)
 
 
 def _who(file: Path | None) -> tuple[Sequence[PadSite], Sequence[DroneSpec]]:
@@ -159,7 +171,7 @@ def run(
         return
     found = _read(scenario)
     if only_check:
-        click.echo(f"{scenario} is good: {len(found.pads)} pads, {len(found.vehicles)} vehicles.")
+        click.echo(f"{scenario} is good: {_counted(found.pads, found.vehicles)}.")
         return
     try:
         if write is not None:

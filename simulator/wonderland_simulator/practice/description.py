@@ -5,6 +5,7 @@ Places are in the frame of a pad: east, north, up of its origin, in metres. Time
 
 from __future__ import annotations
 
+import ipaddress
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,7 +21,7 @@ _Seconds = Annotated[float, Field(ge=0, le=86_400, strict=True)]
 _Place = tuple[_Metres, _Metres, _Metres]
 _Spread = Annotated[float, Field(gt=0, le=50, strict=True)]
 _Flag = Annotated[bool, Field(strict=True)]
-NodeKind = Literal["DWM3001CDK", "QM35", "SR150", "ideal"]
+NodeKind = Literal["DWM3001CDK", "QM35", "SR150", "ideal", "DWM1001"]
 RangeLie = Literal[
     "per-anchor",
     "uniform",
@@ -38,7 +39,14 @@ RangeLie = Literal[
 def _address(value: object) -> Address:
     if not isinstance(value, str):
         raise ValueError("should be host:port in quotes")  # noqa: TRY004 - pydantic takes ValueErrors for refusals
-    return read_address(value)
+    address = read_address(value)
+    try:
+        ipaddress.IPv4Address(address[0])
+    except ValueError:
+        raise ValueError("the host should be an IPv4 address, for example 127.0.0.1:5480") from None
+    if not address[1]:
+        raise ValueError("port 0 is nobody's; leave the field out to be given one")
+    return address
 
 
 _Address = Annotated[Address, PlainValidator(_address, json_schema_input_type=str)]
@@ -51,7 +59,7 @@ class _Part(BaseModel):
 class Origin(_Part):
     """Where a pad's frame stands: degrees, and metres above the ellipsoid."""
 
-    lat: Annotated[float, Field(ge=-89, le=89, strict=True)]
+    lat: Annotated[float, Field(ge=-80, le=80, strict=True)]
     lon: Annotated[float, Field(ge=-180, le=180, strict=True)]
     height_m: Annotated[float, Field(ge=-500, le=9_000, strict=True)]
 
@@ -69,6 +77,8 @@ class Pad(_Part):
     """Directory in which its nodes' ports appear; ``ports/PAD_ID`` beside the file unless given."""
     remote_id: _Address | None = None
     """Where its Remote ID receiver listens (``remote_id.listen`` of pad.toml); assigned unless given."""
+    reports: _Address | None = None
+    """With DWM1001: where its drones report (``uwb.listen``); assigned unless given."""
     range_bias_m: dict[str, Annotated[float, Field(ge=-1, le=1, strict=True)]] = {}
     """Anchor → how much too long its ranges are: what commissioning finds."""
     clock_sigma_mm: Annotated[int, Field(ge=1, le=1_000, strict=True)] | None = None
@@ -82,7 +92,7 @@ class Waypoint(_Part):
 
     east_m: _Metres
     north_m: _Metres
-    up_m: _Metres
+    up_m: Annotated[float, Field(ge=-100, le=1_000, strict=True)]
     speed_m_s: Annotated[float, Field(gt=0, le=30, strict=True)] = 5.0
     wait_s: _Seconds = 0.0
 

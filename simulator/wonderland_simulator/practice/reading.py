@@ -15,8 +15,9 @@ from wonderland_edge_agent.commissioning.errors import SurveyError
 from wonderland_edge_agent.commissioning.survey_files import load_survey
 from wonderland_fabric_network.strict_yaml import StrictYaml, YamlError, read_yaml
 from wonderland_simulator.pads_air import node_name
+from wonderland_simulator.practice.boards import DRONE_ADDRESS
 from wonderland_simulator.practice.description import Fault, Pad, ScenarioFile, Vehicle, place_of
-from wonderland_simulator.scenario import AnchorSite, Behaviour, DroneSpec, PadSite
+from wonderland_simulator.scenario import DWM1001, AnchorSite, Behaviour, DroneSpec, PadSite
 
 MAX_FILE_BYTES: Final = 256 * 1024
 FIRST_PORT: Final = 5_480
@@ -45,6 +46,8 @@ class PadPlan:
     ports: dict[str, Path]
     """By anchor."""
     remote_id: Address
+    reports: Address | None
+    """Where drones report, of a pad with DWM1001."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,10 @@ class VehiclePlan:
     told: Vehicle
     node: str
     port: Path
-    position: Address
+    board: int | None
+    """Short address of its DWM1001."""
+    position: Address | None
+    """None: its autopilot is silent."""
     track: Path | None
 
     @property
@@ -94,8 +100,7 @@ def read_scenario(path: Path) -> Scenario:
         file_says = ScenarioFile.model_validate(yaml.document)
     except ValidationError as error:
         raise _error(path, yaml, _problems(error.errors(include_url=False))) from error
-    scenario, problems = _complete(file_says, path.resolve().parent)
-    problems = problems or list(_contradictions(scenario, file_says.faults))
+    scenario, problems = complete(file_says, path.resolve().parent)
     if problems:
         raise _error(path, yaml, problems)
     return scenario
@@ -158,11 +163,13 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from _models(each)
 
 
-def _complete(file: ScenarioFile, directory: Path) -> tuple[Scenario, list[Problem]]:
-    """The file with ports and addresses for everything; and what is wrong with the surveys."""
+def complete(file: ScenarioFile, directory: Path) -> tuple[Scenario, list[Problem]]:
+    """The file with ports and addresses for everything; and what no single field shows to be wrong."""
     problems: list[Problem] = []
     numbers = iter(range(FIRST_PORT, FIRST_PORT + 1_000))
-    taken = {pad.remote_id for pad in file.pads} | {vehicle.position for vehicle in file.vehicles}
+    taken = {address for pad in file.pads for address in (pad.remote_id, pad.reports)} | {
+        vehicle.position for vehicle in file.vehicles
+    }
     free = (each for number in numbers if (each := Address(("127.0.0.1", number))) not in taken)
     pads = []
     for index, pad in enumerate(file.pads):
@@ -183,7 +190,8 @@ def _complete(file: ScenarioFile, directory: Path) -> tuple[Scenario, list[Probl
             profile=pad.node,
         )
         named = {each.anchor_id: ports / f"tty-{each.anchor_id}" for each in sites}
-        pads.append(PadPlan(pad, site, named, pad.remote_id or next(free)))
+        reports = (pad.reports or next(free)) if pad.node == DWM1001 else None
+        pads.append(PadPlan(pad, site, named, pad.remote_id or next(free), reports))
         unknown = sorted(set(pad.range_bias_m) - set(named))
         if unknown and sites:
             problems += [
@@ -191,18 +199,21 @@ def _complete(file: ScenarioFile, directory: Path) -> tuple[Scenario, list[Probl
                 for name in unknown
             ]
     kinds = {pad.pad_id: pad.node for pad in file.pads}
+    nodes = [each.node or kinds.get(each.pad, "DWM3001CDK") for each in file.vehicles]
     vehicles = tuple(
         VehiclePlan(
             each,
-            each.node or kinds.get(each.pad, "DWM3001CDK"),
+            node,
             _plain(directory / (each.port or Path("ports", f"tty-{each.uav_id}"))),
+            DRONE_ADDRESS + index if node == DWM1001 else None,
             each.position or next(free),
             None if each.track is None else _plain(directory / each.track),
         )
-        for each in file.vehicles
+        for index, (each, node) in enumerate(zip(file.vehicles, nodes, strict=True))
     )
     faults = tuple(sorted(file.faults, key=lambda each: each.at_s))
-    return Scenario(tuple(pads), vehicles, faults, file.seed), problems
+    scenario = Scenario(tuple(pads), vehicles, faults, file.seed)
+    return scenario, problems or list(_contradictions(scenario, file.faults))
 
 
 def _plain(path: Path) -> Path:
@@ -228,26 +239,31 @@ def _contradictions(scenario: Scenario, faults: Sequence[Fault]) -> Iterator[Pro
     paths: dict[Path, str] = {}
     addresses: dict[Address, str] = {}
     nodes: set[str] = set()
-    pad_ids = [pad.told.pad_id for pad in scenario.pads]
+    kinds = {pad.told.pad_id: pad.told.node for pad in scenario.pads}
     for index, pad in enumerate(scenario.pads):
         here = ("pads", index)
         yield from _only_once(names, pad.told.pad_id, (*here, "pad_id"))
         yield from _only_once(addresses, pad.remote_id, (*here, "remote_id"))
+        if pad.reports is not None:
+            yield from _only_once(addresses, pad.reports, (*here, "reports"))
+        elif pad.told.reports is not None:
+            yield Problem((*here, "reports"), f"is for node: {DWM1001}")
         for anchor_id, port in pad.ports.items():
             nodes.add(node_name(pad.told.pad_id, anchor_id))
             yield from _only_once(paths, port, (*here, "ports"))
     for index, vehicle in enumerate(scenario.vehicles):
         place = ("vehicles", index)
         yield from (twice := list(_only_once(names, vehicle.told.uav_id, (*place, "uav_id"))))
-        yield from _only_once(addresses, vehicle.position, (*place, "position"))
+        if vehicle.position is not None:
+            yield from _only_once(addresses, vehicle.position, (*place, "position"))
+        if vehicle.told.pad in kinds and (kinds[vehicle.told.pad] == DWM1001) != (vehicle.node == DWM1001):
+            yield Problem((*place, "node"), f"is {vehicle.node} at a pad of {kinds[vehicle.told.pad]}")
         if not twice:  # the port has its name
             yield from _only_once(paths, vehicle.port, (*place, "port"))
         if vehicle.track is not None:
             yield from _only_once(paths, vehicle.track, (*place, "track"))
-        if vehicle.told.pad not in pad_ids:
-            yield Problem(
-                (*place, "pad"), f"is {vehicle.told.pad!r}, and no pad of this file; {', '.join(pad_ids)} are"
-            )
+        if vehicle.told.pad not in kinds:
+            yield Problem((*place, "pad"), f"is {vehicle.told.pad!r}, and no pad of this file; {', '.join(kinds)} are")
         if vehicle.told.lies.gnss_drag is not None and vehicle.told.lies.gnss_jump is not None:
             yield Problem((*place, "lies"), "has gnss_drag and gnss_jump; a receiver is led away in one way")
     flying = {vehicle.told.uav_id for vehicle in scenario.vehicles}

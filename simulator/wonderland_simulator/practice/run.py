@@ -7,7 +7,7 @@ import contextlib
 import json
 import signal
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from rich.console import Console
@@ -21,8 +21,10 @@ REFRESH_S: Final = 0.25
 KEPT_LINES: Final = 8
 
 
-async def run_scenario(scenario: Scenario, console: Console, *, as_json: bool = False) -> None:
-    """Until SIGINT, SIGTERM or cancelled. Raises OSError."""
+async def run_scenario(
+    scenario: Scenario, console: Console, *, as_json: bool = False, greeting: Sequence[str] | None = None
+) -> None:
+    """Until SIGINT, SIGTERM or cancelled. ``greeting``: what is said once every port is there. Raises OSError."""
     said: deque[str] = deque(maxlen=KEPT_LINES)
     live = console.is_terminal and not as_json
 
@@ -41,7 +43,7 @@ async def run_scenario(scenario: Scenario, console: Console, *, as_json: bool = 
         if as_json:
             line(json.dumps({"ready": True, "ports": {name: str(port.path) for name, port in world.ports.items()}}))
         else:
-            line("\n".join((*what_to_enter(scenario), "It flies. Ctrl-C ends it.")))
+            line("\n".join(greeting or (*what_to_enter(scenario), "It flies. Ctrl-C ends it.")))
 
     world = PracticeWorld(scenario, say)
     stop = asyncio.Event()

@@ -22,11 +22,16 @@ def what_to_enter(scenario: Scenario) -> Iterator[str]:
         yield f"Pad {pad.told.pad_id} ({pad.told.node}), for its pad.toml:"
         for anchor_id, port in pad.ports.items():
             yield f"  [[anchors]] anchor_id = {anchor_id}, port = {port}"
+        if pad.reports is not None:
+            yield f"  [uwb] kind = dwm1001-tags, listen = {pad.reports[0]}:{pad.reports[1]}"
         yield f"  [remote_id] listen = {pad.remote_id[0]}:{pad.remote_id[1]}"
     for each in scenario.vehicles:
         yield f"Vehicle {each.told.uav_id} ({each.node}) at {each.told.pad}, for its uav.toml:"
         yield f"  port = {each.port}"
-        yield f"  position = udp:{each.position[0]}:{each.position[1]}"
+        if each.board is not None:
+            yield f"  node = dwm1001-anchor, board = {each.board:04x}, report_to = its pad's uwb.listen"
+        if each.position is not None:
+            yield f"  position = udp:{each.position[0]}:{each.position[1]}"
 
 
 def state_of(port: PtyPort) -> str:
@@ -35,7 +40,8 @@ def state_of(port: PtyPort) -> str:
         return "unplugged"
     if port.hangs:
         return "hangs"
-    assert isinstance(port.node, VirtualNode)
+    if not isinstance(port.node, VirtualNode):
+        return "is there"
     if port.node.sessions:
         return "ranges"
     return "in use" if port.node.is_in_use else "waits"

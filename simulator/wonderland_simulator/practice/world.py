@@ -18,11 +18,11 @@ from wonderland.proofs.frame import to_wgs84
 from wonderland.toml_settings import Address
 from wonderland_simulator.broadcaster import Fix, frame
 from wonderland_simulator.pads_air import PadsAir, node_name
+from wonderland_simulator.practice.boards import Boards
 from wonderland_simulator.practice.description import Fault
 from wonderland_simulator.practice.reading import PadPlan, Scenario, VehiclePlan
 from wonderland_simulator.practice.tour import Tour
-from wonderland_simulator.uci_node import PtyPort, VirtualNode, plugged
-from wonderland_simulator.uci_node.profiles import PROFILES
+from wonderland_simulator.uci_node import PtyPort, plugged
 from wonderland_simulator.world import OPERATOR_ID, TICK_S, claim_of, send_bytes, send_position
 
 POSITION_EVERY: Final = 2
@@ -48,13 +48,15 @@ class PracticeWorld:
         self._air = PadsAir([pad.site for pad in scenario.pads], self.tours, seed=scenario.seed, replaying=replaying)
         self.ports: dict[str, PtyPort] = {}
         """By the names of the nodes behind them."""
+        boards = Boards(
+            self._air, {each.told.uav_id: each.board for each in scenario.vehicles if each.board is not None}
+        )
         for pad in scenario.pads:
             for anchor_id, path in pad.ports.items():
                 name = node_name(pad.told.pad_id, anchor_id)
-                self.ports[name] = PtyPort(VirtualNode(name, self._air.air, profile=pad.site.board), path)
+                self.ports[name] = PtyPort(boards.make(pad.told.node, name), path)
         for each in scenario.vehicles:
-            node = VirtualNode(each.told.uav_id, self._air.air, profile=PROFILES[each.node])
-            self.ports[each.told.uav_id] = PtyPort(node, each.port)
+            self.ports[each.told.uav_id] = PtyPort(boards.make(each.node, each.told.uav_id), each.port)
         self._faults = list(scenario.faults)
         self._start_s = 0.0
         self._tracks: dict[str, TextIO] = {}
@@ -78,7 +80,6 @@ class PracticeWorld:
             impostors.setblocking(False)
             for each in self.scenario.vehicles:
                 if each.track is not None:
-                    each.track.parent.mkdir(parents=True, exist_ok=True)
                     track = stack.enter_context(each.track.open("w", encoding="utf-8"))
                     track.write("t,x,y,z\n")
                     self._tracks[each.told.uav_id] = track
@@ -122,7 +123,8 @@ class PracticeWorld:
                 self._say(t_s, f"{uav_id} sets out to waypoint {tour.leg + 1} of {tour.waypoints}")
             if tick % POSITION_EVERY == 0:
                 fix = tour.fix(t_s, now_ms)
-                send_position(out, each.position, claim_of(fix))
+                if each.position is not None:
+                    send_position(out, each.position, claim_of(fix))
                 if (tick + index * 2) % BROADCAST_EVERY == 0:
                     self._broadcast(out, impostors, each, fix)
             track = self._tracks.get(uav_id)

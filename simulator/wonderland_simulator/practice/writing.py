@@ -15,10 +15,22 @@ def write_files(scenario: Scenario, to: Path, connection: Path, backend_url: str
     Raises OSError.
     """
     for pad in scenario.pads:
-        text = pad_toml(pad.told.pad_id, connection, pad.ports, pad.remote_id, backend_url)
+        text = pad_toml(pad.told.pad_id, connection, pad.ports, pad.remote_id, backend_url, reports=pad.reports)
         yield _write(to / pad.told.pad_id / "pad.toml", text)
+    reports = {pad.told.pad_id: pad.reports for pad in scenario.pads}
     for each in scenario.vehicles:
-        text = uav_toml(each.told.uav_id, connection, each.port, each.position, [each.told.pad], backend_url)
+        if each.position is None:
+            continue
+        text = uav_toml(
+            each.told.uav_id,
+            connection,
+            each.port,
+            each.position,
+            [each.told.pad],
+            backend_url,
+            board=each.board,
+            reports=reports[each.told.pad],
+        )
         yield _write(to / each.told.uav_id / "uav.toml", text)
 
 
