@@ -15,12 +15,14 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from wonderland.proof_contract import ProofContract, RefusedError
 from wonderland.proofs.records.policies import Policy
 from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.settings import load
 from wonderland_edge_agent.status_command import is_alive
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
+from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_simulator import identities
 from wonderland_simulator.practice.reading import Scenario, ScenarioError, read_scenario
 from wonderland_simulator.practice.run import run_scenario
@@ -33,6 +35,7 @@ from wonderland_simulator.stage.stage import default_policy
 
 _directory = click.Path(file_okay=False, path_type=Path)
 WATCH_S = 0.5
+NOT_FOUND = 404
 
 
 _file = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -73,8 +76,8 @@ def register(*, connection: Path, scenario: Path, operator_id: str) -> None:
     """Put a scenario's pads and vehicles on the ledger, as the people would who may.
 
     Pads: registered, commissioned as a good survey and calibration would have found them, with a policy. Vehicles:
-    registered, maintained, authorised for their pad. What is on the ledger already stays. To practise commissioning
-    itself, leave this out and follow docs/commissioning.md.
+    registered, maintained, authorised for their pad. A pad that was commissioned already keeps its record: to practise
+    commissioning itself, do that first (docs/practise.md).
     """
     pads, drones = _who(scenario)
     try:
@@ -93,9 +96,26 @@ async def _register(connection: Path, pads: Sequence[PadSite], drones: Sequence[
     known = Connection.load(connection)
     now_ms = time.time_ns() // 1_000_000
     async with known.open_channel() as channel:
+        gateway = Gateway(channel, known.identity("pad_operator"), known.signer("pad_operator"))
+        contract = ProofContract(gateway.network(known.channel), known.chaincode)
+        kept = {pad.pad_id for pad in pads if await _is_commissioned(contract, pad.pad_id)}
         registry = Registry(known, channel, pad_operator=operator_id)
-        await registry.pads(pads, now_ms, policy=_policy)
+        await registry.pads(
+            pads,
+            now_ms,
+            policy=_policy,
+            commissioning=lambda pad: None if pad.pad_id in kept else pad.commissioning(now_ms),
+        )
         await registry.drones(drones, now_ms)
+
+
+async def _is_commissioned(contract: ProofContract, pad_id: str) -> bool:
+    try:
+        return (await contract.read_pad(pad_id)).commissioning is not None
+    except RefusedError as error:
+        if error.status == NOT_FOUND:
+            return False
+        raise
 
 
 @click.command()

@@ -11,6 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from wonderland.proof_contract import ProofContract
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.gateway import Gateway
+
 pytestmark = pytest.mark.timeout(240)
 SURVEY = "anchor,x,y,z\nA1,2,2,0.2\nA2,-2,2,1.2\nA3,-2,-2,0.2\nA4,2,-2,0.2\n"
 HONEST, LIAR = "PRACTICE-0001", "PRACTICE-0002"
@@ -85,6 +89,15 @@ async def until_status(config, code, *words):
     pytest.fail(f"{found}: {said}")
 
 
+async def commissioned(connection):
+    """The hash of each pad's commissioning."""
+    known = Connection.load(connection)
+    async with known.open_channel() as channel:
+        gateway = Gateway(channel, known.identity("quay"), known.signer("quay"))
+        contract = ProofContract(gateway.network(known.channel), known.chaincode)
+        return [(await contract.read_pad(pad_id)).commissioning_sha256 for pad_id in ("quay", "roof")]
+
+
 @pytest.fixture
 def scenario(tmp_path, unused_udp_port_factory):
     (tmp_path / "four.csv").write_text(SURVEY)
@@ -104,6 +117,9 @@ async def test_an_honest_drone_a_dragged_one_and_an_unplugged_anchor_against_an_
         assert enrolled[0] == 0, enrolled
         registered = await run("world", "register", "--scenario", scenario, "--connection", connection)
         assert registered[0] == 0, registered
+        before = await commissioned(connection)
+        assert (await run("world", "register", "--scenario", scenario, "--connection", connection))[0] == 0
+        assert await commissioned(connection) == before, "a commissioning stays"
         flying = ("world", "run", "--scenario", scenario, "--write", agents, "--connection", connection)
         world = await stack.enter_async_context(running(*flying, until=b"Ctrl-C"))
         for pad in ("quay", "roof"):

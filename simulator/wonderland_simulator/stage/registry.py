@@ -43,10 +43,14 @@ class Registry:
         now_ms: int,
         *,
         policy: Callable[[PadSite], Policy],
-        commissioning: Callable[[PadSite], Commissioning] | None = None,
+        commissioning: Callable[[PadSite], Commissioning | None] | None = None,
         site_plans: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
-        """Register, commission and give a policy to each. ``site_plans``: the SHA-256 of a pad's, by the pad's id."""
+        """Register, commission and give a policy to each.
+
+        ``commissioning``: a pad's record, or None where it keeps the one that it has. ``site_plans``: the SHA-256 of a
+        pad's, by the pad's id.
+        """
 
         async def one(pad: PadSite) -> None:
             await self._submit(
@@ -62,9 +66,9 @@ class Registry:
                 ),
             )
             survey = commissioning(pad) if commissioning is not None else pad.commissioning(now_ms)
-            await self._submit(
-                "pad_operator", "CommissionPad", tx.CommissionPad(pad_id=pad.pad_id, commissioning=survey)
-            )
+            if survey is not None:
+                argument = tx.CommissionPad(pad_id=pad.pad_id, commissioning=survey)
+                await self._submit("pad_operator", "CommissionPad", argument)
             if (sha256 := site_plans.get(pad.pad_id)) is not None:
                 plan = tx.SetSitePlan(pad_id=pad.pad_id, site_plan_sha256=sha256)
                 await self._submit("pad_operator", "SetSitePlan", plan)
