@@ -105,6 +105,12 @@ def test_a_way_is_flown_as_fast_as_it_says_and_waited_on(scenario):
     assert math.dist(places[round((there[0] + 2.9) / 0.05)], (20, 0, 5)) < 0.5, "it waited"
 
 
+def test_who_is_led_away_arrives_by_its_receiver_and_goes_on(scenario):
+    way = "{east_m: 0, north_m: 0, up_m: 5}, {east_m: 10, north_m: 0, up_m: 5}, {east_m: 10, north_m: 10, up_m: 5}"
+    tour = tour_of(scenario(f"    path: [{way}]\n    lies: {{gnss_jump: {{from_s: 0, east_m: 3}}}}\n"))
+    assert math.dist(flown(tour, 20)[-1], (7, 10, 5)) < 0.5
+
+
 def test_a_way_of_one_point_stays_there(scenario):
     tour = tour_of(scenario(STILL + "    repeat: true\n"))
     assert not any(tour.step(number * 0.05, 0.05) for number in range(200))
