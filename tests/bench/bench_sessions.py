@@ -15,11 +15,12 @@ from wonderland.proofs.records.sessions import TICKS_PER_SECOND
 from wonderland.uwb.agreed import ability_of
 from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_simulator.channel import Channel
+from wonderland_simulator.pads_air import LIGHT_M_S
 from wonderland_simulator.playback import Playback
 from wonderland_simulator.recording import RecordedRound, Recording
 from wonderland_simulator.scenario import PADS, STAMP_SIGMA_M, Behaviour, DroneSpec
 from wonderland_simulator.stage import Stage, StageSettings
-from wonderland_simulator.world import LIGHT_M_S, drone_path
+from wonderland_simulator.world import drone_path
 from wonderland_uav_agent.agent import UavAgent
 from wonderland_uav_agent.ledger_events import LedgerEvents
 from wonderland_uav_agent.position.autopilot import AutopilotPosition
