@@ -127,6 +127,7 @@ async def test_a_landing_is_held_until_a_verdict_permits_it(vehicle, geoid):
 
 
 OFF_M = 2.0
+PRECISION = {"arducopter": {"PLND_ENABLED": 1, "PLND_TYPE": 1}}
 
 
 async def ranges(here, pad):
@@ -158,7 +159,27 @@ async def test_it_lands_where_the_ranges_see_the_pad(vehicle, geoid):
         assert math.hypot(east_mm / 1e3 + OFF_M, north_mm / 1e3) < 0.5
 
 
-test_it_lands_where_the_ranges_see_the_pad.parameters = {"arducopter": {"PLND_ENABLED": 1, "PLND_TYPE": 1}}
+test_it_lands_where_the_ranges_see_the_pad.parameters = PRECISION
+
+
+async def test_ranges_that_end_on_the_way_down_leave_it_to_the_autopilot(vehicle, geoid):
+    async with vehicle.ground_station() as station, above(geoid) as here:
+        await takes_off(station, vehicle, here, 10)
+        pad = replace(commissioning(here.clock()), frame=here.pilot.gatekeeper.gates[0].frame)
+        measuring = asyncio.create_task(ranges(here, pad))
+        await lands(station, vehicle)
+        await here.until(lambda: here.begun, "held, a proof begins")
+        landing = asyncio.create_task(here.pilot.act(permission()))
+        await here.until(lambda: here.height_m() < 4, "it sinks")
+        measuring.cancel()
+        began_s = asyncio.get_running_loop().time()
+        async with asyncio.timeout(100):
+            assert await landing == "done"
+        print(f"{vehicle.name}: down {asyncio.get_running_loop().time() - began_s:.0f} s after the last range")
+        assert here.seen.on_ground
+
+
+test_ranges_that_end_on_the_way_down_leave_it_to_the_autopilot.parameters = PRECISION
 
 
 async def test_refused_it_stays_and_the_pilot_can_take_it(vehicle, geoid, caplog):
