@@ -17,7 +17,7 @@ import uvloop
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from wonderland_backend.errors import SettingsError
-from wonderland_backend.http_protocol import HEAD_S
+from wonderland_backend.handshakes import TlsServer
 from wonderland_backend.settings import Settings
 
 logger = logging.getLogger(__name__)
@@ -91,13 +91,13 @@ class Listen:
 
 
 class Loop(uvloop.Loop):
-    """An event loop whose servers wait for a TLS handshake as long as for a request's head; by itself a minute."""
+    """An event loop whose TLS servers bound how many handshakes go on, and for how long; by itself a minute each."""
 
-    async def create_server(self, *args: Any, **options: Any) -> Any:
+    async def create_server(self, protocol_factory: Any, *args: Any, **options: Any) -> Any:
         """As uvicorn calls it, which has no setting for this."""
-        if options.get("ssl") is not None:
-            options.setdefault("ssl_handshake_timeout", HEAD_S)
-        return await super().create_server(*args, **options)
+        if options.get("ssl") is None:
+            return await super().create_server(protocol_factory, *args, **options)
+        return TlsServer(options["sock"], options["backlog"], protocol_factory, options["ssl"])
 
 
 @contextlib.contextmanager

@@ -16,7 +16,7 @@ from kit.backend import AgentClient, credentials_of
 from pydantic import ValidationError
 
 from wonderland.telemetry import end_point_of, tls_of
-from wonderland_backend import listening
+from wonderland_backend import handshakes, listening
 from wonderland_backend.errors import SettingsError
 from wonderland_backend.listening import Listen, Sockets, only_agents
 from wonderland_backend.registry.queries import organisations
@@ -199,19 +199,22 @@ async def test_an_organisations_odd_certificate_stops_nobody(new_backend, source
 
 
 def test_a_handshake_that_is_never_finished_is_ended(web, monkeypatch):
-    monkeypatch.setattr(listening, "HEAD_S", 0.3)
+    monkeypatch.setattr(handshakes, "HEAD_S", 0.3)
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     context.load_cert_chain(web.server("ours")[0])
 
     async def waited():
-        server = await asyncio.get_running_loop().create_server(asyncio.Protocol, "127.0.0.1", 0, ssl=context)
-        async with server:
-            reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
+        loop = asyncio.get_running_loop()
+        with contextlib.closing(Listen("127.0.0.1", 0).open()) as bound:
+            server = await loop.create_server(asyncio.Protocol, sock=bound, backlog=9, ssl=context)
+            reader, writer = await asyncio.open_connection(*bound.getsockname())
             try:
                 with contextlib.suppress(ConnectionError):
                     await asyncio.wait_for(reader.read(), 20)  # by itself it would be a minute
             finally:
                 writer.transport.abort()
+                server.close()
+                await server.wait_closed()
 
     with asyncio.Runner(loop_factory=listening.Loop) as runner:
         runner.run(waited())
