@@ -27,6 +27,9 @@ async def person_of(connection: HTTPConnection) -> Person:
     if person is None:
         raise SignInRequired(said("sign_in_first"))
     connection.state.person = person  # for `audit.refusals`, which stands outside
+    if authorization is None and connection.scope["type"] == "http":
+        quota = required(connection, Context).settings.person_requests_per_min
+        required(connection, Machines).limits.admit(connection.scope, person.person_id, quota)
     return person
 
 

@@ -55,6 +55,20 @@ async def test_a_secret_buys_a_token_and_the_token_opens_what_its_scope_says(run
     assert known.last_token_ms == running.context.clock()
 
 
+async def test_the_first_token_of_an_hour_is_in_the_log(running, register, stranger, clock):
+    row, secret = await register(running, "wonderland.pads.read")
+    token = await running.parts.sign_ins.new_token("Admin", ("admin",))
+    assert (await running.http.post("/api/v1/session", json={"token": token})).status_code == 200
+
+    async def issued():
+        assert (await stranger.post("/oauth/token", data=GRANT, auth=(row.client_id, secret))).status_code == 200
+        return [each["subject"] for each in (await running.json("/audit", act="token_issued"))["items"]]
+
+    assert await issued() == await issued() == [f"client/{row.client_id}"]
+    clock.now_ms += 3_600_000
+    assert await issued() == [f"client/{row.client_id}"] * 2
+
+
 async def test_the_token_is_signed_by_a_published_key(running, register, stranger):
     row, secret = await register(running, "wonderland.pads.read")
     server = (await stranger.get("/.well-known/oauth-authorization-server")).json()

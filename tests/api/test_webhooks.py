@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator
 from kit.description import document
 from kit.webhooks import SCOPES, Receiver, ca, loopback, poster, webhooks
 
-from wonderland_backend.http.targets import TargetRefused, check_url, is_public, resolved
+from wonderland_backend.http.targets import Destinations, TargetRefused, check_url, is_public, resolved
 from wonderland_backend.webhooks import post as posting
 from wonderland_backend.webhooks.deliver import GIVE_UP_MS, LEASE_MS, Webhooks
 from wonderland_backend.webhooks.post import Poster, Undelivered, retry_ms
@@ -151,7 +151,7 @@ async def test_a_receiver_that_hangs_is_left(poster, ca, monkeypatch, how):
 
 async def test_a_receiver_that_never_says_a_word(ca, monkeypatch):
     monkeypatch.setattr(posting, "TIMEOUT_S", 0.5)
-    poster = Poster(allowed=frozenset({"hooks.example"}), ca_file=ca.path, lookup=loopback)
+    poster = Poster(Destinations(frozenset({"hooks.example"})), ca_file=ca.path, lookup=loopback)
 
     gone = asyncio.Event()
 
@@ -273,10 +273,32 @@ async def test_an_idempotency_key_makes_one_of_two(running, machine, webhooks):
 )  # fmt: skip
 async def test_targets_that_are_refused(running, machine, url):
     with pytest.raises(TargetRefused):
-        check_url(url, frozenset())
+        check_url(url, Destinations())
     async with machine(SCOPES) as http:
         answer = await http.post("/api/v1/subscriptions", json={"url": url})
         assert (answer.status_code, answer.json()["errors"][0]["path"]) == (422, "body.url")
+
+
+@pytest.mark.parametrize(
+    ("host", "goes"),
+    [
+        ("hooks.example", True), ("a.partner.example", True), ("inside.local", True),
+        ("partner.example", False), ("evilpartner.example", False), ("hooks.example.evil.example", False),
+        ("93.184.216.34", False),
+    ],
+)  # fmt: skip
+async def test_only_hosts_that_are_listed_where_there_is_a_list(host, goes):
+    listed = Destinations(frozenset({"inside.local"}), ("hooks.example", ".partner.example"))
+
+    async def lookup(host, port):
+        return ["93.184.216.34"]
+
+    for url in (f"https://{host}/", f"https://{host.upper()}./", f"https://{host}:8443/x"):
+        if goes:
+            assert (await resolved(url, listed, lookup)).host == host
+        else:
+            with pytest.raises(TargetRefused, match="outbound_hosts"):
+                await resolved(url, listed, lookup)
 
 
 @pytest.mark.parametrize("addresses", [["127.0.0.1"], ["93.184.216.34", "10.0.0.1"], ["::1"], []])
@@ -285,9 +307,11 @@ async def test_a_name_is_judged_by_all_of_its_addresses(addresses):
         return addresses
 
     with pytest.raises(TargetRefused):
-        await resolved("https://rebinding.example/", frozenset(), lookup)
+        await resolved("https://rebinding.example/", Destinations(), lookup)
     if addresses:
-        assert (await resolved("https://rebinding.example/", frozenset({"rebinding.example"}), lookup)).host
+        assert (
+            await resolved("https://rebinding.example/", Destinations(frozenset({"rebinding.example"})), lookup)
+        ).host
 
 
 async def test_the_address_that_was_checked_is_the_one_that_is_called(ca):
@@ -297,7 +321,7 @@ async def test_the_address_that_was_checked_is_the_one_that_is_called(ca):
         return answers.pop(0)
 
     receiver = Receiver()
-    poster = Poster(allowed=frozenset({"hooks.example"}), ca_file=ca.path, lookup=lookup)
+    poster = Poster(Destinations(frozenset({"hooks.example"})), ca_file=ca.path, lookup=lookup)
     async with receiver.listening(ca) as port:
         assert await poster.post(f"https://hooks.example:{port}/", "s", "id", 1, b"{}") == 204
     assert len(receiver.requests) == 1
@@ -310,7 +334,7 @@ async def test_a_name_that_cannot_be_resolved():
         raise OSError("no such host")
 
     with pytest.raises(TargetRefused, match="no such host"):
-        await resolved("https://nowhere.example/", frozenset(), lookup)
+        await resolved("https://nowhere.example/", Destinations(), lookup)
 
 
 def test_addresses_of_the_internet():

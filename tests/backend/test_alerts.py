@@ -31,6 +31,7 @@ from wonderland_backend.alerts.schemas import KindName
 from wonderland_backend.db.tables.ledger import CertificateRow, OrganisationRow
 from wonderland_backend.db.tables.reported import FindingRow
 from wonderland_backend.errors import SettingsError
+from wonderland_backend.http.targets import Destinations
 from wonderland_backend.mirror.certificates import note_signers
 from wonderland_backend.mirror.rows import VerdictWrite
 from wonderland_backend.settings import load
@@ -374,7 +375,7 @@ async def test_a_webhook_is_signed_tried_again_and_sent_once(new_backend, servin
         async with serving(backend) as client:
             await client.mirrored(chain.height)
             delivery = Delivery(
-                client.context.database, client.context.settings, clock, Poster(allowed=frozenset({"127.0.0.1"}))
+                client.context.database, client.context.settings, clock, Poster(Destinations(frozenset({"127.0.0.1"})))
             )
             async with asyncio.timeout(20):
                 for _ in range(2):

@@ -295,6 +295,37 @@ async def test_what_is_refused_before_any_endpoint_is_in_the_log(fresh, clock):
         ]
 
 
+async def test_input_that_is_refused_is_in_the_log_without_what_it_was(fresh):
+    async with fresh.administrator() as ada:
+        await ada.call("GET", "/audit?limit=-1", status=422)
+        await ada.call("POST", "/session", {"token": "SELECT " + "x" * 70_000}, status=413)
+        items = (await ada.call("GET", "/audit?act=refused"))["items"]
+        assert [(each["subject"], each["detail"]["status"]) for each in items] == [
+            ("POST/api/v1/session", 413),
+            ("GET/api/v1/audit", 422),
+        ]
+        assert "SELECT" not in str(items)
+
+
+async def test_forms_filled_in_wrongly_hide_no_refusal(fresh, clock):
+    async with fresh.administrator() as ada:
+        for _ in range(EACH_HOUR + 9):
+            await ada.call("GET", "/audit?limit=-1", status=422)
+            clock.now_ms += 60_001
+        await ada.http.post("/api/v1/alerts/none/note", json={}, headers={"Origin": "https://evil.example"})
+        newest = (await ada.call("GET", "/audit?act=refused&limit=1"))["items"][0]
+        assert newest["detail"]["status"] == 403
+
+
+async def test_who_asks_without_end_is_told_to_wait(fresh):
+    async with fresh.administrator() as ada:
+        await ada.call("GET", "/alerts")
+        limits = fresh.parts.machines.limits
+        for _ in range(fresh.context.settings.person_requests_per_min):
+            limits.count(next(iter(limits._windows)))
+        await ada.call("GET", "/alerts", status=429)
+
+
 def written():
     """Acts that the backend's source names where it writes to the log, and those that it puts together there."""
     for path in Path(audit.__file__).parents[1].rglob("*.py"):

@@ -7,6 +7,7 @@ import dataclasses
 import httpx
 import pytest
 
+from wonderland_backend.http.targets import Destinations
 from wonderland_backend.http.transfer import TransferError
 from wonderland_backend.settings.uspace import USpaceSettings
 from wonderland_backend.uspace.dss.client import DssClient, extents_of
@@ -36,7 +37,12 @@ class Ours:
         settings = USpaceSettings(
             token_url=f"{authority.url}/token", client_id=client_id, client_secret=authority.secret
         )
-        peers = Peers(http, TokenClient(settings, clock=clock, client=http), known=(), allowed=["127.0.0.1"])
+        peers = Peers(
+            http,
+            TokenClient(settings, clock=clock, client=http),
+            known=(),
+            destinations=Destinations(frozenset({"127.0.0.1"})),
+        )
         self.dss = DssClient(urls, clock=clock, peers=peers)
         self.notifier = Told()
         self.problems = []
@@ -266,7 +272,9 @@ async def test_answers_that_are_none(new_ours, served, answer):
 )
 async def test_tokens_go_to_the_internet_by_https_only(authority, http, clock, url, words):
     settings = USpaceSettings(token_url=f"{authority.url}/token", client_id="us", client_secret=authority.secret)
-    peers = Peers(http, TokenClient(settings, clock=clock, client=http), known=["dss.example"], allowed=())
+    peers = Peers(
+        http, TokenClient(settings, clock=clock, client=http), known=["dss.example"], destinations=Destinations()
+    )
     with pytest.raises(TransferError, match=words):
         await peers.ask("GET", f"{url}/uss/flights", "rid.display_provider")
     assert authority.tokens_asked == []

@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
+from wonderland_backend.http.targets import Destinations
 from wonderland_backend.http.times import now_ms
 from wonderland_backend.settings.uspace import USpaceSettings
 from wonderland_backend.uspace.dss.client import DssClient, extents_of
@@ -46,7 +47,7 @@ async def new_client(deployment):
             settings = USpaceSettings(token_url=tokens, client_id=name, token_request="interuss-dummy")
             token_client = TokenClient(settings, clock=now_ms, client=http)
             url = urls[instance % len(urls)]
-            peers = Peers(http, token_client, known=(), allowed=[urlsplit(url).hostname])
+            peers = Peers(http, token_client, known=(), destinations=Destinations(frozenset({urlsplit(url).hostname})))
             return DssClient([url], clock=now_ms, peers=peers)
 
         yield make

@@ -47,6 +47,7 @@ Act = Literal[
     "end_zones",
     "add_client",
     "revoke_client",
+    "token_issued",
     "add_subscription",
     "active_subscription",
     "paused_subscription",
@@ -70,7 +71,7 @@ Act = Literal[
     "ProposeReinstatement",
     "ApproveChange",
     "WithdrawChange",
-    # What was refused (401, 403, 429).
+    # What was refused (401, 403, 413, 422, 429).
     "refused",
     # The log itself.
     "audit_verified",

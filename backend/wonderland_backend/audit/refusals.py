@@ -1,4 +1,4 @@
-"""What was refused to whom (401, 403, 429), in the audit log: with limits, so that nobody fills it by asking."""
+"""What was refused to whom, in the audit log: with limits, so that nobody fills it by asking."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ EACH_HOUR: Final = 60
 STRANGERS_HOUR: Final = 3_000
 """Rows of all addresses in an hour: many of them hide no refusal of somebody who is signed in."""
 _STATUSES: Final = frozenset({401, 403, 429})
+_INPUT: Final = frozenset({413, 422})
+"""What somebody sent: counted apart, so that a form filled in wrongly hides no refusal."""
 _QUESTION: Final = ("GET", "/api/v1/session")
 """Every page asks whether somebody is signed in; no is an answer."""
 
@@ -55,11 +57,12 @@ class Quota:
 
 
 class RefusalLog:
-    """ASGI: writes down answers 401, 403 and 429, before they are given, and WebSockets that were not let in."""
+    """ASGI: writes down such answers before they are given, and WebSockets that were not let in."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
         self._quota = Quota()
+        self._input = Quota()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """ASGI."""
@@ -72,7 +75,7 @@ class RefusalLog:
             nonlocal accepted
             kind = message["type"]
             accepted = accepted or kind == "websocket.accept"
-            if kind.endswith("http.response.start") and message["status"] in _STATUSES:
+            if kind.endswith("http.response.start") and message["status"] in _STATUSES | _INPUT:
                 await self._write(HTTPConnection(scope), message["status"])
             elif kind == "websocket.close" and not accepted:
                 await self._write(HTTPConnection(scope), 403)
@@ -88,7 +91,9 @@ class RefusalLog:
         address = connection.client.host if connection.client is not None else ""
         subject = f"{connection.scope.get('method', 'WebSocket')}{connection.scope['path']}"
         now_ms = context.clock()
-        left_out = self._quota.take(person.person_id if person else address, subject, now_ms, known=person is not None)
+        who = person.person_id if person else address
+        quota = self._input if status in _INPUT else self._quota
+        left_out = quota.take(who, subject, now_ms, known=person is not None)
         if left_out is None:
             return
         detail = {"status": status, "address": address} | ({"left_out": left_out} if left_out else {})

@@ -34,6 +34,7 @@ CLIENT: Final = "wl-"
 """How the identifiers of clients begin; those of people are hexadecimal."""
 MAX_KEYS: Final = 8
 SHA256: Final = "sha256"
+HOUR_MS: Final = 3_600_000
 ACTIVE: Final = "active"
 """The state of a person who may sign in."""
 _PRIVATE: Final = frozenset({"d", "p", "q", "k"})
@@ -184,12 +185,15 @@ class Clients:
         async with self._database.read() as session:
             return await find_limited(session, client_id, self._clock())
 
-    async def used(self, client_id: str) -> None:
-        """A token was issued to it."""
+    async def used(self, client: ClientRow) -> None:
+        """A token was issued to it, as `client` was before. In the audit log the first one of an hour is written."""
+        now_ms = self._clock()
+        changed = update(ClientRow).where(ClientRow.client_id == client.client_id).values(last_token_ms=now_ms)
         async with self._database.write() as connection:
-            await connection.execute(
-                update(ClientRow).where(ClientRow.client_id == client_id).values(last_token_ms=self._clock())
-            )
+            await connection.execute(changed)
+            if client.last_token_ms is None or now_ms - client.last_token_ms >= HOUR_MS:
+                subject = f"client/{client.client_id}"
+                await audit.record(connection, client.name, "token_issued", subject, t_ms=now_ms)
 
     async def spend(self, client_id: str, jti: str, expires_ms: int) -> bool:
         """Take an assertion in; False where it was spent before."""

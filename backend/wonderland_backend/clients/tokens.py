@@ -93,7 +93,7 @@ class Tokens:
         key = self.keys.signing
         header = {"alg": ALGORITHM, "typ": "at+jwt", "kid": key.kid}
         token = jwt.encode(header, claims, key, algorithms=[ALGORITHM])
-        await self._clients.used(client.client_id)
+        await self._clients.used(client)
         return {"access_token": token, "token_type": "Bearer", "expires_in": TTL_S, "scope": scope}
 
     async def _authenticated(

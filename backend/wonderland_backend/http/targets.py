@@ -43,7 +43,23 @@ async def resolve(host: str, port: int) -> list[str]:
     return [str(each[4][0]).partition("%")[0] for each in found]
 
 
-def check_url(url: str, allowed: frozenset[str]) -> SplitResult:
+@dataclass(frozen=True, slots=True)
+class Destinations:
+    """Where requests to addresses that others named may go."""
+
+    inside: frozenset[str] = frozenset()
+    """Hosts that may be at other than Internet addresses, or be asked by http."""
+    only: tuple[str, ...] = ()
+    """Where there are any: no other hosts than these and those inside. One that begins with a dot: what is below it."""
+
+    def has(self, host: str) -> bool:
+        """Whether it is one of those named; yes where none are."""
+        if not self.only or host in self.inside:
+            return True
+        return any(host.endswith(each) if each.startswith(".") else host == each for each in self.only)
+
+
+def check_url(url: str, destinations: Destinations) -> SplitResult:
     """The parts of a URL that a webhook may have, before its name is resolved. Raises `TargetRefused`."""
     try:
         parts = urlsplit(url)
@@ -55,6 +71,9 @@ def check_url(url: str, allowed: frozenset[str]) -> SplitResult:
         raise TargetRefused(said("target_form", most=MAX_URL))
     if parts.username is not None or parts.fragment:
         raise TargetRefused(said("target_with_user"))
+    if not destinations.has(host):
+        raise TargetRefused(said("target_not_listed", host=host))
+    allowed = destinations.inside
     if parts.scheme != "https" and not (parts.scheme == "http" and host in allowed):
         raise TargetRefused(said("target_no_https"))
     literal = _literal(host)
@@ -63,9 +82,9 @@ def check_url(url: str, allowed: frozenset[str]) -> SplitResult:
     return parts
 
 
-async def resolved(url: str, allowed: frozenset[str], lookup: Resolve = resolve) -> Target:
+async def resolved(url: str, destinations: Destinations, lookup: Resolve = resolve) -> Target:
     """The target with its name resolved. Every address of the name has to be allowed. Raises `TargetRefused`."""
-    parts = check_url(url, allowed)
+    parts = check_url(url, destinations)
     host = (parts.hostname or "").rstrip(".")
     port = parts.port or (443 if parts.scheme == "https" else 80)
     try:
@@ -75,7 +94,7 @@ async def resolved(url: str, allowed: frozenset[str], lookup: Resolve = resolve)
         raise TargetRefused(said("target_unresolved", host=host, why=str(error) or said("no_answer_in_time"))) from None
     if not addresses:
         raise TargetRefused(said("target_no_address", host=host))
-    if host not in allowed:
+    if host not in destinations.inside:
         private = next((each for each in addresses if not is_public(each)), None)
         if private is not None:
             raise TargetRefused(said("target_at_private", host=host, address=str(private)))

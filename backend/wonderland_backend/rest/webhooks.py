@@ -27,7 +27,7 @@ from wonderland_backend.errors import (
 from wonderland_backend.events import queries as feed
 from wonderland_backend.events.queries import Place
 from wonderland_backend.filters import Paging
-from wonderland_backend.http.targets import TargetRefused, resolved
+from wonderland_backend.http.targets import TargetRefused
 from wonderland_backend.person import Person
 from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json, etag_of, page, require_match, resource
@@ -105,7 +105,7 @@ async def add_subscription(
 
     async def write() -> Response:
         try:
-            await resolved(body.url, poster.allowed)
+            await poster.target(body.url)
         except TargetRefused as refused:
             raise Unprocessable(said("bad_url", why=refused), ("body.url", refused.said)) from None
         return await _add(context, sealing, body, person)

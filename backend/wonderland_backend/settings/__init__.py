@@ -110,6 +110,11 @@ class Settings(BaseSettings):
     webhook_allowed_hosts: tuple[str, ...] = Field(
         default=(), description="Hosts at private addresses, or by http, that webhooks may go to all the same"
     )
+    outbound_hosts: tuple[str, ...] = Field(
+        default=(),
+        max_length=256,
+        description="The only hosts that webhooks, and systems that a DSS names, may be at; .example.com: all below it",
+    )
     webhook_key_file: Path | None = Field(
         default=None,
         description="Key that encrypts webhooks' secrets, made where it is missing; by itself beside a SQLite database",
@@ -118,6 +123,9 @@ class Settings(BaseSettings):
     max_event_streams: int = Field(default=1_000, ge=1, description="Most event streams (SSE) at a time")
     max_event_streams_each: int = Field(default=10, ge=1, description="Most of one person or machine")
     client_requests_per_min: int = Field(default=600, ge=1, description="Requests of one machine in a minute")
+    person_requests_per_min: int = Field(
+        default=3_000, ge=1, description="Requests of one signed-in person in a minute"
+    )
     client_exports_per_min: int = Field(default=6, ge=1, description="Exports that one machine may prepare in a minute")
 
     track_retention_h: float = Field(

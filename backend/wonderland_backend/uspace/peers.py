@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 import httpx
 
 from wonderland_backend.errors import Problem
-from wonderland_backend.http.targets import TargetRefused, resolved
+from wonderland_backend.http.targets import Destinations, TargetRefused, resolved
 from wonderland_backend.http.transfer import TransferError, ask
 from wonderland_backend.problem_texts import said
 from wonderland_backend.uspace.token_client import TokenClient
@@ -39,16 +39,16 @@ class Peers:
     """Requests to other systems, each with a token for its host and no other."""
 
     def __init__(
-        self, client: httpx.AsyncClient, tokens: TokenClient, *, known: Iterable[str], allowed: Iterable[str]
+        self, client: httpx.AsyncClient, tokens: TokenClient, *, known: Iterable[str], destinations: Destinations
     ) -> None:
-        """`known`: hosts that the administrator named; `allowed`: hosts that may be reached by http, or anywhere.
+        """`known`: hosts that the administrator named; `destinations`: of the others.
 
         `client` keeps no connections: one that was made for a name must not serve another name at the same address.
         """
         self._client = client
         self._tokens = tokens
         self._known = frozenset(known)
-        self._allowed = frozenset(allowed)
+        self._destinations = destinations
 
     async def ask(self, method: str, url: str, scope: str, **options: Any) -> tuple[int, httpx.Headers, bytes]:
         """Status, headers and body of an answer. Raises `TransferError`."""
@@ -84,7 +84,7 @@ class Peers:
         if host in self._known and url.startswith("https:"):
             return _Where(url, {}, {})
         try:
-            target = await resolved(url, self._allowed)
+            target = await resolved(url, self._destinations)
         except TargetRefused as error:
             raise TransferError(f"{host}: {error}") from None
         return _Where(target.url, {"Host": target.host_header}, {"sni_hostname": target.host})

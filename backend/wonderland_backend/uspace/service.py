@@ -14,6 +14,7 @@ from wonderland_backend.agents.connected import UAV
 from wonderland_backend.context import part
 from wonderland_backend.errors import SettingsError
 from wonderland_backend.http.limits import RateLimits
+from wonderland_backend.http.targets import Destinations
 from wonderland_backend.http.transfer import TransferError, new_client
 from wonderland_backend.settings import Settings
 from wonderland_backend.tokens import TokenVerifier
@@ -82,7 +83,8 @@ class USpace:
         self.harness = Harness(self.flights, clock)
         known = (urlsplit(url).hostname or "" for url in self.settings.dss)
         self._others = new_client(keep=0)
-        self.peers = peers = Peers(self._others, self.tokens, known=known, allowed=self.settings.allowed_hosts)
+        destinations = Destinations(frozenset(self.settings.allowed_hosts), settings.outbound_hosts)
+        self.peers = peers = Peers(self._others, self.tokens, known=known, destinations=destinations)
         base_url = (settings.public_url or "").rstrip("/")
         dss = DssClient(self.settings.dss, clock=clock, peers=peers)
         self._notifier = Notifier(peers)

@@ -12,7 +12,7 @@ import httpx
 
 from wonderland_backend.context import part
 from wonderland_backend.errors import SettingsError
-from wonderland_backend.http.targets import Resolve, TargetRefused, resolve, resolved
+from wonderland_backend.http.targets import Destinations, Resolve, Target, TargetRefused, resolve, resolved
 from wonderland_backend.settings import Settings
 from wonderland_backend.webhooks import signing
 
@@ -36,11 +36,9 @@ def retry_ms(attempts: int) -> int:
 
 
 class Poster:
-    """Sends webhooks. `allowed`: hosts at other than Internet addresses, or by http, that may get them."""
+    """Sends webhooks."""
 
-    def __init__(
-        self, *, allowed: frozenset[str] = frozenset(), ca_file: Path | None = None, lookup: Resolve = resolve
-    ) -> None:
+    def __init__(self, destinations: Destinations, *, ca_file: Path | None = None, lookup: Resolve = resolve) -> None:
         """Raises `SettingsError` for a CA file that is none."""
         context = ssl.create_default_context()
         if ca_file is not None:
@@ -48,7 +46,7 @@ class Poster:
                 context.load_verify_locations(ca_file)
             except OSError as error:
                 raise SettingsError(f"webhook_ca_file: {ca_file} cannot be read as certificates ({error})") from None
-        self.allowed = allowed
+        self._destinations = destinations
         self._lookup = lookup
         # A redirect could lead anywhere; an address that has moved is a problem to be seen. Each message has a
         # connection of its own: one that is kept would go to the address of another day.
@@ -60,11 +58,15 @@ class Poster:
             limits=httpx.Limits(max_keepalive_connections=0),
         )
 
+    async def target(self, url: str) -> Target:
+        """Where that leads, name resolved and checked. Raises `TargetRefused`."""
+        return await resolved(url, self._destinations, self._lookup)
+
     async def post(self, url: str, secret: str, message_id: str, t_s: int, body: bytes) -> int:
         """Send it; returns the status, a 2xx. Raises `Undelivered`."""
         try:
             async with asyncio.timeout(TOTAL_S):
-                target = await resolved(url, self.allowed, self._lookup)
+                target = await self.target(url)
                 headers = {
                     "Host": target.host_header,
                     "Content-Type": "application/json",
@@ -96,5 +98,5 @@ PosterDep = Annotated[Poster, part(Poster)]
 
 def poster_of(settings: Settings, named: Iterable[str] = ()) -> Poster:
     """As the settings say; `named`: hosts that are allowed besides. Raises `SettingsError`."""
-    allowed = frozenset(settings.webhook_allowed_hosts).union(named)
-    return Poster(allowed=allowed, ca_file=settings.webhook_ca_file)
+    inside = frozenset(settings.webhook_allowed_hosts).union(named)
+    return Poster(Destinations(inside, settings.outbound_hosts), ca_file=settings.webhook_ca_file)

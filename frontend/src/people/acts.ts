@@ -43,6 +43,7 @@ const KNOWN: Record<Act, true> = {
   end_zones: true,
   add_client: true,
   revoke_client: true,
+  token_issued: true,
   add_subscription: true,
   active_subscription: true,
   paused_subscription: true,
