@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from wonderland.proofs.records.pads import Pad
     from wonderland.proofs.records.policies import Policy
     from wonderland_edge_agent.drift.keeper import DriftKeeper
+    from wonderland_edge_agent.local_reports import LocalReports
     from wonderland_edge_agent.permission import Permission
     from wonderland_edge_agent.receiver import RemoteIdReceiver
     from wonderland_edge_agent.session.timing import PadTiming
@@ -98,6 +99,7 @@ class PadAgent:
         roll_call_every_s: float = 0,
         hear_each_other: Callable[[str], bool] = lambda _: False,
         region: str | None = None,
+        local: LocalReports | None = None,
         random_octets: Callable[[int], bytes] = os.urandom,
     ) -> None:
         self.pad_id: Final = pad_id
@@ -116,7 +118,7 @@ class PadAgent:
         self._roll_call_every_s = roll_call_every_s
         self._hear_each_other = hear_each_other
         self._random_octets = random_octets
-        self._reporter = SpoolReporter(spool, receiver.signature)
+        self._reporter = SpoolReporter(spool, receiver.signature, local=local)
         self._prekeys = PrekeyKeeper(pad_id, spool, ledger, clock, prekeys)
         self._reconciler = Reconciler(ledger, self._reporter, clock)
         self._requests: asyncio.Queue[Session] = asyncio.Queue(MAX_WAITING)

@@ -16,6 +16,7 @@ from wonderland.proof_contract import ProofContract
 from wonderland_edge_agent.agent import PadAgent
 from wonderland_edge_agent.drift.baseline import hear_each_other
 from wonderland_edge_agent.drift.keeper import DriftKeeper
+from wonderland_edge_agent.local_reports import LocalReports
 from wonderland_edge_agent.permission import CommandPermission, LogPermission, Permissions
 from wonderland_edge_agent.ports import AgentError, PadRadiosPort
 from wonderland_edge_agent.radios import AnchorPort, PadRadios, RadiosError
@@ -65,7 +66,10 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
     )
     channel = await stack.enter_async_context(connection.open_channel())
     ledger = ProofContract(Gateway(channel, identity, signer).network(connection.channel), connection.chaincode)
-    tracks = SpoolReporter(spool)
+    local = None if settings.local_reports is None else LocalReports(settings.local_reports)
+    if local is not None:
+        stack.callback(local.close)
+    tracks = SpoolReporter(spool, local=local)
     for source in trust(settings.remote_id):
         if NOT_TRUSTWORTHY in source:
             _log.warning("%s", source)
@@ -108,6 +112,7 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
         roll_call_every_s=settings.drift.roll_call_every_s if settings.anchors else 0,
         hear_each_other=partial(hear_each_other, settings.baseline_file),
         region=settings.uwb.region if isinstance(radios, PadRadios) else None,
+        local=local,
     )
 
 

@@ -14,6 +14,7 @@ from wonderland_edge_agent.spool import SpoolError
 if TYPE_CHECKING:
     from wonderland.proofs.records.sessions import Session
     from wonderland.telemetry import Body
+    from wonderland_edge_agent.local_reports import LocalReports
     from wonderland_edge_agent.session import actions as do
     from wonderland_edge_agent.spool import Spool
 
@@ -27,11 +28,14 @@ class SpoolReporter:
     """A session's reporter; ``drain`` waits until all that was reported is durable.
 
     ``signature`` tells who signed a drone's broadcasts since a time: with a session's end that binds who said it to
-    what was measured.
+    what was measured. ``local`` hears the same, for other programs of this machine.
     """
 
-    def __init__(self, spool: Spool, signature: SignatureSince | None = None) -> None:
+    def __init__(
+        self, spool: Spool, signature: SignatureSince | None = None, *, local: LocalReports | None = None
+    ) -> None:
         self._spool = spool
+        self._local = local
         self._signature = signature
         self._signatures: dict[str, Signature] = {}
         self._writes: set[asyncio.Task[None]] = set()
@@ -100,6 +104,7 @@ class SpoolReporter:
 
     def offer(self, t_ms: int, body: Body) -> None:
         """Telemetry: soon durable, dropped under pressure."""
+        self._tell_local(t_ms, body)
         try:
             self._spool.offer(body.KIND, t_ms, telemetry.plain(body))
         except SpoolError as error:
@@ -110,7 +115,12 @@ class SpoolReporter:
         while self._writes:
             await asyncio.gather(*self._writes, return_exceptions=True)
 
+    def _tell_local(self, t_ms: int, body: Body) -> None:
+        if self._local is not None:
+            self._local.tell(t_ms, body)
+
     def _evidence(self, t_ms: int, body: Body, *, ends_session: str | None = None) -> None:
+        self._tell_local(t_ms, body)
         task = asyncio.create_task(self._write(t_ms, body, ends_session))
         self._writes.add(task)
         task.add_done_callback(self._writes.discard)

@@ -4,6 +4,7 @@ pad_id = "pad-1"
 connection = "ledger/connection.json"   # paths are relative to this file
 identity = "pad"                        # a name in connection.json
 spool = "spool"                         # a directory of this pad's own
+local_reports = "reports.sock"          # optional: where `wonderland ros2` listens to what this agent reports
 
 [[anchors]]                             # one for each node
 anchor_id = "A1"                        # as commissioned
@@ -174,6 +175,8 @@ class PadSettings(Table, frozen=True):
     drift: DriftSettings = DriftSettings()
     metrics_file: Path | None = None
     """Where the agent writes its metrics for the node exporter's textfile collector; None: nowhere."""
+    local_reports: Path | None = None
+    """Unix socket on which another program of this machine hears what is reported (`wonderland ros2`)."""
 
     def __post_init__(self) -> None:
         if self.uwb.kind == "dwm1001":

@@ -131,6 +131,7 @@ def test_there_are_units():
     assert [unit.name for unit in UNITS] == [
         "wonderland-pad.service",
         "wonderland-ros1.service",
+        "wonderland-ros2.service",
         "wonderland-uav.service",
     ]
 

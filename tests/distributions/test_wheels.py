@@ -78,6 +78,13 @@ def test_fira_uci(install):
     alone.python(program.format(str(ROOT / "libraries" / "fira_uci" / "README.md")))
 
 
+def test_rmw_zenoh(install):
+    alone = install("wonderland-rmw-zenoh")
+    assert alone.needed.ours == {"wonderland-rmw-zenoh"}
+    program = "import doctest, sys; sys.exit(doctest.testfile({!r}, module_relative=False).failed)"
+    alone.python(program.format(str(ROOT / "libraries" / "rmw_zenoh" / "README.md")))
+
+
 def test_the_gateways_readme_runs_against_an_embedded_ledger(install, tmp_path):
     """The program of its README, word for word, from an environment with the client alone."""
     page = (ROOT / "libraries" / "fabric_gateway" / "README.md").read_text()
@@ -148,11 +155,14 @@ def test_agents_and_contract_need_neither_web_stack_nor_numerics(install, name, 
     alone.run("wonderland", command, says, "--help")
 
 
-def test_the_ros_bridge_needs_no_web_stack(install):
+def test_the_ros_bridge_needs_no_web_stack(install, tmp_path):
     alone = install("wonderland-ros-bridge")
     assert not WEB & alone.needed.others
     assert "run" in alone.run("wonderland", "ros1", "--help")
     alone.run("wonderland", "ros1", "run", "--help")
+    alone.run("wonderland", "ros2", "run", "--help")
+    alone.run("wonderland", "ros2", "interfaces", str(tmp_path))
+    assert (tmp_path / "wonderland_msgs" / "action" / "ProveLocation.action").is_file()
 
 
 def test_the_backend_serves_its_console(install, tmp_path):

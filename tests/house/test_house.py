@@ -18,7 +18,9 @@ def test_references_are_fresh(tmp_path, script, page):
     assert (tmp_path / page).read_text() == (ROOT / "docs/reference" / page).read_text(), "run: make docs"
 
 
-@pytest.mark.parametrize("command", ["demo", "simulate", "reproduce", "ledger", "backend", "pad", "uav", "uwb", "ros1"])
+@pytest.mark.parametrize(
+    "command", ["demo", "simulate", "reproduce", "ledger", "backend", "pad", "uav", "uwb", "ros1", "ros2"]
+)
 def test_each_command_explains_itself(command):
     done = subprocess.run(
         [sys.executable, "-m", "wonderland.cli", command, "--help"], capture_output=True, text=True, check=False

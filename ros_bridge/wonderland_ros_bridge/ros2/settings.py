@@ -1,0 +1,78 @@
+"""``ros2.toml``: the ledger, the way to other peers, and the pad."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from msgspec import Meta
+
+from wonderland.toml_settings import FieldError, Identifier, Table, Text, load_toml
+from wonderland_rmw_zenoh import wire
+from wonderland_rmw_zenoh.session import ROUTER, Link, Tls
+from wonderland_ros_bridge.settings import LedgerSettings
+
+FrameName = Annotated[str, Meta(max_length=60, pattern=r"\A[A-Za-z_][A-Za-z0-9_]*\Z")]
+
+
+class TlsSettings(Table, frozen=True):
+    """``[ros2.tls]``: certificates (PEM), without which no other machine is spoken with."""
+
+    ca: Path
+    certificate: Path
+    key: Path
+    peers: tuple[Text, ...] = ()
+    """Common names of the peers that are heard; empty: all whom the authority vouches for."""
+
+
+class Ros2Settings(Table, frozen=True):
+    """``[ros2]``: how this machine's node meets the others."""
+
+    domain: Annotated[int, Meta(ge=0, le=wire.MAX_DOMAIN)] = 0
+    connect: tuple[Text, ...] = (ROUTER,)
+    """Routers (``rmw_zenohd``) or peers."""
+    listen: tuple[Text, ...] = ()
+    tls: TlsSettings | None = None
+
+    def __post_init__(self) -> None:
+        """Addresses are addresses, and other machines' are encrypted."""
+        if problem := self.link().problem():
+            raise FieldError(problem)
+
+    def link(self) -> Link:
+        """For a session."""
+        listen = self.listen or ("tcp/127.0.0.1:0" if self.tls is None else "tls/127.0.0.1:0",)
+        tls = None if self.tls is None else Tls(self.tls.ca, self.tls.certificate, self.tls.key, self.tls.peers)
+        return Link(self.connect, listen, tls)
+
+
+class PadNodeSettings(Table, frozen=True):
+    """``[pad]``: which pad is a node."""
+
+    pad_id: Identifier
+    reports: Path
+    """The socket on which its agent tells (``local_reports`` of ``pad.toml``)."""
+    map_frame: FrameName = "map"
+
+    @property
+    def node(self) -> str:
+        """The node's full name."""
+        return f"/wonderland/{wire.as_name(self.pad_id)}"
+
+    @property
+    def frame(self) -> str:
+        """The pad's frame: east, north and up from the origin of its survey."""
+        return wire.as_name(self.pad_id)
+
+
+class Settings(Table, frozen=True):
+    """The whole file."""
+
+    ledger: LedgerSettings
+    pad: PadNodeSettings
+    ros2: Ros2Settings = Ros2Settings()
+
+
+def load(path: Path) -> Settings:
+    """The settings of a file. Raises SettingsError."""
+    return load_toml(path, Settings)

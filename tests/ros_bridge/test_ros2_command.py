@@ -1,0 +1,96 @@
+"""``wonderland ros2`` as its users run it, and the package of messages as colcon would read it."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from kit.ros2 import TYPES
+
+from wonderland_ros_bridge.ros2.commands import ros2
+from wonderland_ros_bridge.ros2.interfaces_command import DIRECTORY, PACKAGE
+
+LEDGER = '[ledger]\nconnection = "connection.json"\nidentity = "pad"\n'
+PAD = '[pad]\npad_id = "pad-1"\nreports = "reports.sock"\n'
+FILES = sorted((DIRECTORY / PACKAGE).glob("*/*.*"))
+
+
+def run(*arguments):
+    return CliRunner().invoke(ros2, [str(each) for each in arguments])
+
+
+def checked(tmp_path, text):
+    path = tmp_path / "ros2.toml"
+    path.write_text(text)
+    return run("run", "--check", "--config", path)
+
+
+def test_settings_are_explained(tmp_path):
+    found = checked(tmp_path, LEDGER + PAD)
+    assert found.exit_code == 0, found.output
+    assert "node /wonderland/pad_1" in found.output
+    assert "this machine alone" in found.output
+    tls = (
+        '[ros2]\nconnect = ["tls/a.example:7447"]\n[ros2.tls]\nca = "a"\ncertificate = "b"\nkey = "c"\npeers = ["d"]\n'
+    )
+    assert ": d." in checked(tmp_path, LEDGER + PAD + tls).output
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (LEDGER, "pad"),
+        (LEDGER + PAD + '[ros2]\nconnect = ["tcp/10.0.0.1:7447"]\n', "another machine's"),
+        (LEDGER + PAD + '[ros2]\nlisten = ["tcp/0.0.0.0:7447"]\n', "another machine's"),
+        (LEDGER + PAD + "[ros2]\ndomain = 300\n", "domain"),
+        (LEDGER + PAD + 'map_frame = "a b"\n', "map_frame"),
+    ],
+)
+def test_settings_that_cannot_be_worked_with_name_the_field(tmp_path, text, says):
+    found = checked(tmp_path, text)
+    assert found.exit_code == 1
+    assert says in found.output
+
+
+def test_what_is_not_there_is_one_line(tmp_path):
+    path = tmp_path / "ros2.toml"
+    path.write_text(LEDGER + PAD)
+    found = run("run", "--config", path)
+    assert found.exit_code == 1
+    assert found.output.startswith("Error: ")
+    assert "connection.json" in found.output
+
+
+def test_the_package_is_written_once(tmp_path):
+    assert run("interfaces", tmp_path / "src").exit_code == 0
+    written = sorted(
+        each.relative_to(tmp_path / "src" / PACKAGE) for each in (tmp_path / "src").rglob("*") if each.is_file()
+    )
+    there = sorted(each.relative_to(DIRECTORY / PACKAGE) for each in (DIRECTORY / PACKAGE).rglob("*") if each.is_file())
+    assert written == there
+    found = run("interfaces", tmp_path / "src")
+    assert found.exit_code == 1
+    assert "is there already" in found.output
+
+
+def test_the_package_names_all_of_its_files_and_all_that_they_need():
+    """What rosidl's generators would miss; they are not to be had here."""
+    cmake = (DIRECTORY / PACKAGE / "CMakeLists.txt").read_text()
+    assert re.findall(r'"(.*?)"', cmake) == [f"{each.parent.name}/{each.name}" for each in FILES]
+    described = ET.parse(DIRECTORY / PACKAGE / "package.xml").getroot()
+    depends = {each.text for each in described.findall("depend")}
+    used = set(re.findall(r"^([a-z_]+)/", "\n".join(each.read_text() for each in FILES), re.MULTILINE))
+    assert used | {"action_msgs"} == depends
+    assert used == set(re.search(r"DEPENDENCIES (.*)", cmake)[1].split())
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda each: each.stem)
+def test_each_file_is_an_interface(path: Path):
+    kind = f"{PACKAGE}/{path.parent.name}/{path.stem}"
+    made = TYPES.action(kind) if path.suffix == ".action" else TYPES.message(kind)
+    assert made.name == kind
+    constants_and_names = re.findall(r"^\S+ +([A-Za-z_0-9]+)", path.read_text(), re.MULTILINE)
+    assert all(re.fullmatch(r"[a-z][a-z0-9_]*(?<!_)", each) for each in constants_and_names if not each[0].isupper())
