@@ -63,6 +63,10 @@ class Boundary:
         if scope["type"] not in {"http", "websocket"}:
             await self._app(scope, receive, send)
             return
+        if scope.get("method") == "HEAD":
+            # The server sends no body for it, whatever an endpoint gives.
+            scope.setdefault("state", {})["is_head"] = True
+            scope = {**scope, "method": "GET"}
         headers = Headers(scope=scope)
         refusal = self._refusal(scope, headers)
         if scope["type"] == "websocket":

@@ -17,7 +17,8 @@ What Wonderland knows: pads, drones, proofs of location and their verdicts, as t
 marked unverified, what drones broadcast and what pads measure while a proof is under way.
 
 Times are milliseconds since the Unix epoch (`_ms`), positions WGS-84 degrees × 10⁷ (`_e7`), lengths millimetres
-(`_mm`). Lists are paged by cursor. Errors are problem details (RFC 9457). Live changes come over the WebSocket
+(`_mm`). Lists are paged by cursor. Errors are problem details (RFC 9457). Machines hear of changes by
+the event stream `/api/v1/events` or by webhooks. A signed-in browser has the WebSocket
 `/api/v1/live?since=<epoch>:<seq>`, whose frames are the schemas LiveHello, LiveSnapshot and LiveDelta.
 """
 
@@ -30,6 +31,7 @@ def openapi(app: FastAPI) -> dict[str, Any]:
             version=app.version,
             description=app.description,
             routes=app.routes,
+            webhooks=app.webhooks.routes,
             license_info=app.license_info,
             separate_input_output_schemas=False,
         )

@@ -13,6 +13,7 @@ import orjson
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
+from fastapi.routing import iter_route_contexts
 from pydantic import Field
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from starlette.exceptions import HTTPException
@@ -248,6 +249,15 @@ _DETAILS: Final = {
 }
 
 
+def methods_at(request: Request) -> set[str]:
+    """What may be done with a path that is described; the router itself names one route's methods only."""
+    found: set[str] = set()
+    for route in iter_route_contexts(request.app.routes):
+        if route.methods and route.include_in_schema and route.path_regex.match(request.url.path):
+            found |= route.methods
+    return found | ({"HEAD"} if "GET" in found else set())
+
+
 def install(app: FastAPI) -> None:
     """Make every error of the application a problem+json answer."""
 
@@ -261,6 +271,9 @@ def install(app: FastAPI) -> None:
         assert isinstance(error, HTTPException)
         phrase = HTTPStatus(error.status_code).phrase
         told = error.__cause__.said if isinstance(error.__cause__, SaidError) else error.detail
+        headers = dict(error.headers or {})
+        if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+            headers["Allow"] = ", ".join(sorted(methods_at(request)))
         if told == phrase:
             told = _DETAILS.get(error.status_code, phrase)
         return problem_response(
@@ -268,7 +281,7 @@ def install(app: FastAPI) -> None:
             error.status_code,
             _CODES.get(error.status_code, phrase.lower().replace(" ", "-")),
             told,
-            headers=dict(error.headers or {}),
+            headers=headers,
         )
 
     async def on_validation(request: Request, error: Exception) -> Response:

@@ -8,6 +8,7 @@ from typing import Final
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
+from starlette.exceptions import HTTPException
 
 from wonderland import __version__
 from wonderland.site_plans import MAX_BYTES
@@ -60,6 +61,8 @@ from wonderland_backend.settings import Settings
 from wonderland_backend.uspace.endpoints import geo_awareness, networked_flights, remote_id, remote_id_tests, traffic
 
 API: Final = "/api/v1"
+MACHINES: Final = ("/api/", "/oauth/", "/.well-known/", "/uss/", "/metrics", "/health", "/ingest")
+"""Beginnings of paths at which no page of the console is."""
 
 
 def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory: Path | None) -> FastAPI:
@@ -123,14 +126,16 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
     app.include_router(remote_id.router)
     app.include_router(clients.oauth)
     errors.install(app)
+    webhooks.describe(app.webhooks)
 
     app.add_api_route(f"{API}/openapi.json", _description, methods=["GET"], include_in_schema=False)
-    app.add_api_route("/api/{path:path}", _unknown, methods=["GET", "HEAD"], include_in_schema=False)
+    for start in MACHINES:
+        app.add_api_route(start + "{path:path}", _unknown, methods=["GET"], include_in_schema=False)
     if settings.uspace.test_harness:
         app.include_router(remote_id_tests.router)
         app.include_router(geo_awareness.router)
     for path in (*remote_id_tests.PATHS, *geo_awareness.PATHS):
-        app.add_api_route(path, _unknown, methods=["GET", "HEAD", "PUT", "POST", "DELETE"], include_in_schema=False)
+        app.add_api_route(path, _unknown, methods=["GET", "PUT", "POST", "DELETE"], include_in_schema=False)
     console.install(app, console.find_console(console_directory))
     app.add_middleware(AnswerHeaders)
     app.add_middleware(SetUpGate)
@@ -153,7 +158,9 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
 # FastAPI remembers the functions behind routes for ever: none of them may hold the application.
 
 
-async def _unknown() -> None:
+async def _unknown(request: Request) -> None:
+    if errors.methods_at(request):
+        raise HTTPException(405)
     raise errors.NotFound(said("nothing_here"))
 
 

@@ -67,6 +67,10 @@ async def test_every_event_arrives_once_signed(running, machine, webhooks, ca, c
         assert line == "POST /in?x=1 HTTP/1.1"
         assert headers["host"] == f"hooks.example:{port}"
         assert len({headers["webhook-id"] for _, headers, _ in receiver.requests}) == 3
+        told = document()["webhooks"]["event"]["post"]
+        assert {each["name"] for each in told["parameters"]} < set(headers)
+        for each in contents:
+            conforms("LedgerEvent", each)
         path = answer.headers["location"]
         deliveries = (await http.get(f"{path}/deliveries")).json()
         conforms("WebhookDeliveryPage", deliveries)

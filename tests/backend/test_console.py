@@ -77,7 +77,7 @@ async def test_what_is_not_there_is_a_problem(built, path):
 async def test_other_methods_are_told_what_is_allowed(built):
     app = new_app(Settings(), frozenset(), built)
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://localhost") as http:
-        assert (await http.put("/api/v1/pads")).headers["allow"] == "GET"
+        assert (await http.put("/api/v1/pads")).headers["allow"] == "GET, HEAD"
         assert (await http.put("/sessions")).status_code == 405
         for path in ("/", "/api/v1/health", "/oauth/token"):
             traced = await http.request("TRACE", path, headers={"Cookie": "secret"})

@@ -4,6 +4,9 @@ import gc
 import weakref
 from pathlib import Path
 
+import httpx
+import pytest
+
 from wonderland_backend.routes import new_app
 from wonderland_backend.settings import Settings
 
@@ -14,3 +17,42 @@ def test_nothing_holds_an_application_that_is_no_longer_used():
     del app
     gc.collect()
     assert left() is None
+
+
+@pytest.fixture
+async def asked(tmp_path):
+    """An application with a console's page; no server, no database."""
+    (tmp_path / "index.html").write_text("the page")
+    app = new_app(Settings(), frozenset(), tmp_path)
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://localhost") as http:
+        yield http
+
+
+@pytest.mark.parametrize("start", ["/api", "/oauth", "/.well-known", "/uss", "/metrics", "/health", "/ingest"])
+async def test_no_page_of_the_console_is_where_machines_ask(asked, start):
+    assert (await asked.get("/map")).text == "the page"
+    answer = await asked.get(f"{start}/nothing/here")
+    assert (answer.status_code, answer.headers["content-type"]) == (404, "application/problem+json")
+
+
+@pytest.mark.parametrize(
+    ("path", "methods"),
+    [
+        ("/api/v1/people/someone", "DELETE, GET, HEAD, PATCH"),
+        ("/oauth/token", "POST"),
+        ("/api/v1/pads", "GET, HEAD"),
+        ("/api/v1/session", "DELETE, GET, HEAD, POST"),
+    ],
+)
+async def test_what_may_be_done_with_a_path_is_told_whole(asked, path, methods):
+    for method in {"PUT", "OPTIONS", "GET", "TRACE"} - set(methods.split(", ")):
+        answer = await asked.request(method, path)
+        assert (answer.status_code, answer.headers["allow"]) == (405, methods), method
+
+
+async def test_a_head_is_what_a_get_would_begin_with(running):
+    for path in ("/api/v1/pads", "/api/v1/health", "/api/v1/nothing"):
+        got, head = await running.http.get(path), await running.http.head(path)
+        assert (head.status_code, head.content) == (got.status_code, b"")
+        assert head.headers["content-type"] == got.headers["content-type"]
+        assert head.headers["content-length"] == str(len(got.content))

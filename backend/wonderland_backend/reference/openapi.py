@@ -8,7 +8,7 @@ from typing import Any, Final
 from wonderland_backend import errors
 from wonderland_backend.clients import idempotency
 from wonderland_backend.clients.scopes import RID_DISPLAY, RID_SERVICE, SCOPES, scopes_for
-from wonderland_backend.errors import Problem, TooLarge, TooManyRequests, Unprocessable
+from wonderland_backend.errors import Forbidden, Problem, SignInRequired, TooLarge, TooManyRequests, Unprocessable
 from wonderland_backend.reference.examples import example_of
 from wonderland_backend.tokens import ScopeMissing, TokenRefused
 
@@ -53,6 +53,9 @@ def complete(document: Document) -> None:
     components = document["components"]
     components["securitySchemes"] = _security_schemes()
     components["headers"] = {name: {**about, "schema": {"type": "string"}} for name, about in _HEADERS.items()}
+    for told in document.get("webhooks", {}).values():
+        del told["post"]["responses"]["422"]  # the receiver's business
+        _add_examples("", told["post"], components["schemas"])
     for path, method, operation in operations(document):
         tags = [str(tag) for tag in operation.get("tags", ())]
         _describe_access(path, method, tags, operation)
@@ -106,7 +109,9 @@ def _describe_access(path: str, method: str, tags: list[str], operation: dict[st
     refusals: list[type[Problem] | Problem] = []
     if scopes:
         refusals = [TokenRefused, ScopeMissing(scopes)]
-    if scopes or path in LIMITED:
+    elif operation.get("security"):
+        refusals = [SignInRequired, Forbidden]
+    if operation.get("security") or path in LIMITED:
         refusals.append(TooManyRequests)
     for refusal in refusals:
         errors.add_problem(responses, refusal)

@@ -37,19 +37,19 @@ async def read_base_map(request: Request, maps: MapsDep) -> Response:
     return resource(request, await asyncio.to_thread(maps.describe, prefix))
 
 
-@router.api_route("/archive", methods=["GET", "HEAD"], include_in_schema=False)
+@router.get("/archive", include_in_schema=False)
 async def read_archive(request: Request, maps: MapsDep) -> Response:
     """The archive of vector tiles, by byte ranges."""
     return await _part(request, maps.archive)
 
 
-@router.api_route("/terrain", methods=["GET", "HEAD"], include_in_schema=False)
+@router.get("/terrain", include_in_schema=False)
 async def read_terrain(request: Request, maps: MapsDep) -> Response:
     """The archive of heights, by byte ranges."""
     return await _part(request, maps.terrain)
 
 
-@router.api_route("/imagery", methods=["GET", "HEAD"], include_in_schema=False)
+@router.get("/imagery", include_in_schema=False)
 async def read_imagery(request: Request, maps: MapsDep) -> Response:
     """The archive of aerial images, by byte ranges."""
     return await _part(request, maps.images)
@@ -86,9 +86,9 @@ async def _part(request: Request, archive: Archive | None) -> Response:
         if tag in request.headers.get("if-none-match", ""):
             return Response(status_code=304, headers=headers)
         asked = request.headers.get("range")
-        if request.method == "HEAD" or request.headers.get("if-range", tag) != tag:
+        if request.headers.get("if-range", tag) != tag:
             asked = None
-        if request.method == "HEAD":
+        if getattr(request.state, "is_head", False):  # nothing of a large file is read for it
             headers["Content-Length"] = str(description.size_bytes)
             return Response(headers=headers, media_type=BYTES)
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Header, Path, Request
 from fastapi.responses import Response
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
@@ -26,6 +26,7 @@ from wonderland_backend.errors import (
 )
 from wonderland_backend.events import queries as feed
 from wonderland_backend.events.queries import Place
+from wonderland_backend.events.schemas import LedgerEvent
 from wonderland_backend.filters import Paging
 from wonderland_backend.http.targets import TargetRefused
 from wonderland_backend.person import Person
@@ -254,6 +255,24 @@ async def redeliver(
         return Json(store.delivery_json(row), 202, NO_STORE)
 
     return await idempotency.once(request, person, write)
+
+
+def describe(to: APIRouter) -> None:
+    """What a receiver is sent, for the description; nothing is served there."""
+
+    @to.post("event", operation_id="receive_event", status_code=204, openapi_extra={"security": []})
+    async def receive_event(
+        body: LedgerEvent,
+        webhook_id: Annotated[str, Header(description="The same when it is sent again: do nothing a second time")],
+        webhook_timestamp: Annotated[int, Header(description="Seconds; refuse one more than five minutes off")],
+        webhook_signature: Annotated[
+            str, Header(description="`v1,` and base64 of HMAC-SHA256 over `id.timestamp.body`, by the secret")
+        ],
+    ) -> None:
+        """Something was committed to the ledger. Answer 2xx within ten seconds; else it is sent again for three days.
+
+        Signed as the Standard Webhooks specification says (https://www.standardwebhooks.com).
+        """
 
 
 async def _to_change(request: Request, connection: AsyncConnection, subscription_id: str, person: Person) -> None:
