@@ -56,7 +56,8 @@ from wonderland_backend.statements.signed import Statements
 from wonderland_backend.tracks import queries as track_queries
 from wonderland_backend.transactions.enrolment import DemoRegistrar, Registrar
 from wonderland_backend.transactions.keys import SigningKeys
-from wonderland_backend.transactions.service import Signing
+from wonderland_backend.transactions.service import SWEEP_AFTER_MS, Signing
+from wonderland_backend.transactions.store import sweep as sweep_numbers
 from wonderland_backend.uspace.service import USpace
 from wonderland_backend.webhooks.deliver import Webhooks
 from wonderland_backend.webhooks.post import poster_of
@@ -282,6 +283,7 @@ class Backend:
                     keep_ms = int(self.settings.track_retention_h * 3_600_000)
                     await forget_flights(connection, self.context.clock() - keep_ms)
                     await track_queries.forget(connection, track_queries.kept(self.settings, self.context.clock()))
+                    await sweep_numbers(connection, self.context.clock() - SWEEP_AFTER_MS)
             except Exception:
                 logger.exception("old positions could not be deleted; trying again later")
             await asyncio.sleep(TIDY_EVERY_S)

@@ -1,7 +1,8 @@
 """Personal data of operators: shown in part, until somebody who may asks for it with a reason.
 
-A drone's `registration` is its operator's registration number (EU 2019/947, article 14), which may be that of a
-natural person; so is the operator id that a drone broadcasts.
+An operator's registration number (EU 2019/947, article 14) may be that of a natural person; so may the operator id of a
+drone's record, and the number that a drone broadcasts. Of the first the ledger has a commitment only: the number itself
+comes from `wonderland_backend.numbers`.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from typing import Any, Final
 
 import orjson
 
-from wonderland.proofs.records.uavs import without_secret
 from wonderland_backend.person import Person
 
 HIDDEN: Final = "---"
@@ -38,6 +38,11 @@ def shown_uav(record: str, person: Person) -> str:
     return record if document == before else orjson.dumps(document).decode()
 
 
+def is_drone(record: dict[str, Any]) -> bool:
+    """Whether it is a drone's record, or the argument that registers one; a pad's operator is no secret."""
+    return isinstance(record.get("uav_id"), str) and isinstance(record.get("operator_id"), str)
+
+
 def shown_json(text: str, person: Person, owner: str = "") -> str:
     """What stands on the ledger (an argument, a record, an event) as this person sees it.
 
@@ -51,7 +56,7 @@ def shown_json(text: str, person: Person, owner: str = "") -> str:
     while waiting:
         each = waiting.pop()
         if isinstance(each, dict):
-            if isinstance(each.get("registration"), str):
+            if is_drone(each):
                 before = dict(each)
                 _mask(each, person, each.get("msp_id", owner))
                 changed |= each != before
@@ -62,13 +67,9 @@ def shown_json(text: str, person: Person, owner: str = "") -> str:
 
 
 def _mask(uav: dict[str, Any], person: Person, owner: str) -> None:
-    """A drone's record, in place. The secret that an old block may hold is nobody's to see."""
-    if uav.get("registration"):
-        uav["registration"] = without_secret(uav["registration"])
+    """A drone's record, or the argument that registers it, in place."""
     if sees_clearly(person, owner):
         return
-    if uav.get("registration"):
-        uav["registration"] = masked(uav["registration"])
     if not person.has("admin", "inspector") and uav.get("operator_id"):
         uav["operator_id"] = masked(uav["operator_id"])
 

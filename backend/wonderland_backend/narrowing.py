@@ -13,10 +13,12 @@ from sqlalchemy.orm import InstrumentedAttribute
 from wonderland_backend.areas import Box
 from wonderland_backend.db.tables.ledger import DroneRow, PadRow
 from wonderland_backend.db.tables.reported import LatestTrackRow
-from wonderland_backend.errors import BadRequest
+from wonderland_backend.errors import BadRequest, Forbidden
 from wonderland_backend.filters import AboutQuery
+from wonderland_backend.person import EVERYBODY, Scope
 from wonderland_backend.problem_texts import said
 
+OPERATORS_MASKED: Final = Forbidden(said("operators_masked"))
 MAX_PADS: Final = 5_000
 MAX_DRONES: Final = 5_000
 _Column = InstrumentedAttribute[str] | InstrumentedAttribute[str | None]
@@ -41,26 +43,37 @@ async def drones_within(database: AsyncSession, box: Box) -> list[str]:
 
 
 async def narrowed(
-    database: AsyncSession, query: Select[Any], filters: AboutQuery, *, pad: _Column, drone: _Column
+    database: AsyncSession, query: Select[Any], filters: AboutQuery, scope: Scope, *, pad: _Column, drone: _Column
 ) -> Select[Any]:
     """Those that are about the pads and drones that a filter means; `pad` and `drone` are the columns of their names.
 
-    Raises `BadRequest` for a box that is none, or has too many pads.
+    Raises `BadRequest` for a box that is none, or has too many pads; `Forbidden` for an operator they may not know.
     """
     if filters.pad is not None:
         query = query.where(pad == filters.pad)
     if filters.drone is not None:
         query = query.where(drone == filters.drone)
     if filters.operator is not None:
-        query = query.where(drone.in_(drones_of(filters.operator)))
+        query = query.where(drone.in_(drones_of(filters.operator, scope)))
     if filters.bbox is not None:
         query = query.where(pad.in_(await pads_within(database, Box.parse(filters.bbox))))
     return query
 
 
-def drones_of(operator: str) -> Select[Any]:
-    """The drones of an operator, as a subquery."""
-    return select(DroneRow.uav_id).where(DroneRow.record.contains(field("operator_id", operator), autoescape=True))
+def drones_of(operator: str, scope: Scope) -> Select[Any]:
+    """The drones of an operator, as a subquery: of those whose operators are not masked to whoever asks.
+
+    Else whoever sees an operator id in part would find the rest by trying. Raises `Forbidden`.
+    """
+    require_operators(scope)
+    query = select(DroneRow.uav_id).where(DroneRow.record.contains(field("operator_id", operator), autoescape=True))
+    return query if scope.operators_of == EVERYBODY else query.where(DroneRow.msp_id == scope.operators_of)
+
+
+def require_operators(scope: Scope) -> None:
+    """Raises `Forbidden` for somebody who sees no drone's operator whole."""
+    if not scope.operators_of:
+        raise Forbidden(said("operators_masked"))
 
 
 def field(name: str, value: str) -> str:

@@ -12,6 +12,7 @@ from wonderland_backend.db.tables.ledger import DroneRow, PadRow
 Role = Literal["admin", "inspector", "pad_operator", "fleet_operator", "viewer"]
 ROLES: Final[tuple[Role, ...]] = ("admin", "inspector", "pad_operator", "fleet_operator", "viewer")
 AUTHORITY: Final[tuple[Role, ...]] = ("admin", "inspector")
+EVERYBODY: Final = "*"
 _SEE_ALL: Final = frozenset({"admin", "inspector", "viewer"})
 
 
@@ -23,6 +24,8 @@ class Scope:
     pads_of: str = ""
     """MSP id; empty: no pads."""
     drones_of: str = ""
+    operators_of: str = ""
+    """MSP id of the drones whose operator ids they see whole, and may ask for; `EVERYBODY`; empty: of none."""
 
     def narrow(self, query: Any, *, pad: Any = None, drone: Any = None) -> Any:
         """The query, narrowed to rows whose pad or drone is within the scope.
@@ -39,7 +42,7 @@ class Scope:
         return query.where(or_(*theirs) if theirs else false())
 
 
-ALL: Final = Scope(everything=True)
+ALL: Final = Scope(everything=True, operators_of=EVERYBODY)
 
 
 @dataclass(frozen=True)
@@ -74,9 +77,13 @@ class Person:
     @property
     def scope(self) -> Scope:
         """Whose pads and drones they see, by their roles."""
-        if not _SEE_ALL.isdisjoint(self.roles):
+        if self.has(*AUTHORITY):
             return ALL
+        operators_of = self.msp_id if "fleet_operator" in self.roles else ""
+        if not _SEE_ALL.isdisjoint(self.roles):
+            return Scope(everything=True, operators_of=operators_of)
         return Scope(
+            operators_of=operators_of,
             pads_of=self.msp_id if "pad_operator" in self.roles else "",
             drones_of=self.msp_id if "fleet_operator" in self.roles else "",
         )

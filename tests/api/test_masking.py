@@ -15,6 +15,7 @@ import websockets
 from kit import PLAIN
 from kit.chain import START_MS
 from kit.description import document
+from kit.numbers import NUMBER, opening
 from kit.webhooks import SCOPES, Receiver, ca, poster, webhooks
 from sqlalchemy import select
 
@@ -25,7 +26,7 @@ from wonderland_backend.masking import masked
 
 __all__ = ["ca", "poster", "webhooks"]
 
-REGISTRATION = "FIN87astrdge12k8"
+REGISTRATION = NUMBER
 BROADCAST = "SWE00zqbroadcst1"
 OPERATOR = "zq-aviation-of-one-pilot"
 PAD_OPERATOR = "zq-harbour"
@@ -55,7 +56,10 @@ async def running(new_backend, chain, source_of, serving, facts, tx, agent_clien
     for each, name in ((pad, "PadRegistered"), (uav, "UavRegistered")):
         (record,) = each.writes.values()
         each.event = (name, b'{"kind":"%s","record":%s}' % (name.encode(), record))
-    uav.argument = {"uav_id": "uav-1", "operator_id": OPERATOR, "registration": REGISTRATION, "model": "M300"}
+    commitment = opening("uav-1", REGISTRATION).commitment
+    uav.argument = {
+        "uav_id": "uav-1", "operator_id": OPERATOR, "registration_commitment": commitment, "model": "M300",
+    }  # fmt: skip
     chain.add(pad, uav, facts.put_uav("uav-2", msp_id="OtherFleetMSP", registration="", operator_id="another"))
     chain.add(facts.grant(), facts.set_policy(), facts.request("one"))
     chain.add(facts.decide("one", outcome="refuted"))
@@ -119,8 +123,8 @@ async def everything(running, http, number):
         )
         found.append((f"history of {kind}", answer.status_code, answer.text))
     return found + [
-        (f"search {text}", 200, (await http.get("/api/v1/search", params={"q": text})).text)
-        for text in (OPERATOR[:5], PAD_OPERATOR, "FIN", "SWE")
+        ("/api/v1/search", 200, (await http.post("/api/v1/search", json={"q": text})).text)
+        for text in (OPERATOR[:5], PAD_OPERATOR, "FIN", "SWE", "uav")
     ]
 
 
@@ -185,10 +189,10 @@ async def test_no_way_out_shows_what_a_role_may_not_see(running, role, number):
 async def test_whose_they_are_sees_them_everywhere(running, number):
     async with signed_in(running, "fleet_operator", "FleetMSP") as http:
         told = await everything(running, http, number)
-    for each in (REGISTRATION, OPERATOR):
-        assert {where for where, _, text in told if each in text} >= {
-            "/api/v1/drones", "/api/v1/registry/drones", "/api/v1/registry/history", "/api/v1/events"
-        }  # fmt: skip
+    lists = {"/api/v1/drones", "/api/v1/drones/{uav_id}", "/api/v1/registry/drones", "/api/v1/registry/drones/{uav_id}"}
+    for each, more in ((REGISTRATION, set()), (OPERATOR, {"/api/v1/registry/history", "/api/v1/events"})):
+        assert {where for where, _, text in told if each in text} >= lists | more
+    assert not {where for where, _, text in told if opening("uav-1", REGISTRATION).salt in text}
     assert BROADCAST not in "".join(text for *_, text in told)
 
 
@@ -204,7 +208,7 @@ async def test_webhooks_mask_as_events_do(running, machine, webhooks, ca):
     bodies = [json.loads(each) for _, _, each in receiver.requests]
     records = {each["type"]: each["record"] for each in bodies}
     assert records == {each["type"]: each["record"] for each in events}
-    assert records["UavRegistered"]["registration"] == records["UavStatusSet"]["registration"] == masked(REGISTRATION)
+    assert records["UavRegistered"]["operator_id"] == records["UavStatusSet"]["operator_id"] == masked(OPERATOR)
     assert records["PadRegistered"]["operator_id"] == PAD_OPERATOR
     assert not [each for each in HIDDEN["viewer"] if each in json.dumps(bodies)]
 
@@ -218,7 +222,38 @@ async def test_what_is_told_of_alerts_has_no_operators(running):
     assert not [each for each in HIDDEN["viewer"] if each in text]
 
 
+FILTERED = ("drones", "authorisations", "sessions", "verdicts", "proofs", "alerts", "flights", "statistics")
+COUNTED = {"since_ms": START_MS, "until_ms": START_MS + 60_000, "bin_ms": 60_000}
+
+
+@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize("operator", [OPERATOR, "nobody"])
+async def test_nobody_finds_an_operator_out_by_asking_for_one(running, role, operator):
+    """A filter says no more about a masked operator than a list shows."""
+    async with signed_in(running, role, MSP.get(role, "")) as http:
+        for path in FILTERED:
+            more = COUNTED if path == "statistics" else {}
+            answer = await http.get(f"/api/v1/{path}", params={"operator": operator} | more)
+            if role in {"viewer", "pad_operator"}:
+                assert answer.status_code == 403, (path, answer.text)
+                assert "in part" in answer.json()["detail"]
+                continue
+            assert answer.status_code == 200, (path, answer.text)
+            told = '"refuted":1' if path == "statistics" else "uav-1"
+            clear = role in {"inspector", "admin"} and operator == OPERATOR
+            assert (told in answer.text) is clear, (path, answer.text)
+
+
+async def test_a_viewer_who_has_a_fleet_finds_its_own_by_operator(running):
+    token = await running.parts.sign_ins.new_token("Both", ("viewer", "fleet_operator"), msp_id="OtherFleetMSP")
+    async with httpx.AsyncClient(base_url=running.url, trust_env=False, verify=PLAIN, timeout=30) as http:
+        assert (await http.post("/api/v1/session", json={"token": token})).status_code == 200
+        for operator, drones in ((OPERATOR, []), ("another", ["uav-2"])):
+            found = (await http.get("/api/v1/drones", params={"operator": operator})).json()["items"]
+            assert [each["uav_id"] for each in found] == drones
+
+
 def test_the_numbers_here_are_ones_that_a_mask_changes():
     for each in (REGISTRATION, BROADCAST, OPERATOR):
         assert each not in masked(each)
-        assert uavs.without_secret(each) == each
+        assert uavs.normalised_registration(each) == each

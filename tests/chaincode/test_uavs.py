@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import pytest
 
-from wonderland.proofs.records import transactions as tx
 from wonderland_chaincode.contract.uavs import MAX_AUTHORISATIONS
 
 
@@ -37,12 +36,21 @@ def test_drones_are_unique_and_known(empty):
     empty.refuse(404, "UAV_UNKNOWN", empty.admin, "SetUavStatus", uav_id="nobody", status="suspended", reason="x")
 
 
-@pytest.mark.parametrize("ending", ["-xyz", "-x", "-", "xyz"])
-def test_the_operators_secret_is_not_stored(empty, ending):
-    argument = empty.uav_argument(registration="FIN87astrdge12k8" + ending)
-    empty.refuse(400, "REGISTRATION_SECRET", empty.fleet, "RegisterUav", argument)
-    old = tx.RegisterUav.parse(argument)
-    assert old.registration.endswith(ending), "old blocks read as they always did"
+def test_a_number_in_clear_is_refused_and_not_repeated(empty):
+    argument = empty.uav_argument(registration="FIN87astrdge12k8")
+    error = empty.refuse(400, "BAD_ARGUMENT", empty.fleet, "RegisterUav", argument)
+    assert "registration_commitment" in str(error)
+    assert "FIN87" not in str(error)
+
+
+@pytest.mark.parametrize("commitment", ["", "5a" * 31, "5A" * 32, "FIN87astrdge12k8", 7])
+def test_of_the_commitment_the_contract_knows_the_form_alone(empty, commitment):
+    argument = empty.uav_argument(registration_commitment=commitment)
+    empty.refuse(400, "BAD_ARGUMENT", empty.fleet, "RegisterUav", argument)
+    stored = empty.call(empty.fleet, "RegisterUav", empty.uav_argument())
+    assert stored["registration_commitment"] == "5a" * 32
+    without = {name: value for name, value in empty.uav_argument("uav-w").items() if name != "registration_commitment"}
+    assert "registration_commitment" not in empty.call(empty.fleet, "RegisterUav", without)
 
 
 def test_the_authority_suspends_and_two_of_it_reactivate_and_the_operator_only_retires(scene):

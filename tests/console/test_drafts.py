@@ -31,7 +31,6 @@ def begun(page, form):
 
 @pytest.fixture
 def page(real, open_page, request):
-    real.add(real.facts.put_uav(registration="FIN87astrdge12k8-x9q"))
     return open_page(real.link(NAME, role="admin"), room=ROOMS[request.node.callspec.params["form"]][0])
 
 

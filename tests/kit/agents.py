@@ -270,7 +270,6 @@ class World:
             "RegisterUav",
             uav_id="uav-1",
             operator_id="fleet",
-            registration="FIN87astrdge12k8",
             model="Quad",
         )
         await self.call(
@@ -303,7 +302,6 @@ class World:
             "RegisterUav",
             uav_id="uav-2",
             operator_id="fleet",
-            registration="FIN87astrdge12k8",
             model="Quad",
         )
         await self.call(

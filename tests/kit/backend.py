@@ -15,6 +15,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from kit import PLAIN
 from kit.chain import START_MS, Tx
 from kit.facts import Facts
+from kit.numbers import keep_usual
 from kit.stepping_up import ConfirmingAsyncClient
 from wonderland.telemetry import Credentials, end_point_seen, signed_text
 from wonderland_backend.app import Backend
@@ -94,6 +95,7 @@ async def serving(backend):
     server = new_server(backend.app, backend.settings)
     bound = Listen("127.0.0.1", 0).open()
     url = f"http://127.0.0.1:{bound.getsockname()[1]}"
+    await keep_usual(backend.database)
     async with backend.running():
         task = asyncio.create_task(server.serve([bound]))
         while not server.started:

@@ -23,6 +23,7 @@ from kit.browser import FRONTEND
 from kit.chain import ChainBuilder, Source, number
 from kit.databases import copy_migrated
 from kit.facts import Facts
+from kit.numbers import keep_usual
 from kit.once import made_once
 from wonderland.proofs import encoding
 from wonderland.proofs.records.sessions import StepTime
@@ -117,6 +118,7 @@ class RealBackend:
 
     async def _start(self):
         database = Database(f"sqlite:///{copy_migrated(self.directory / 'console.db')}")
+        await keep_usual(database)
         self.backend = Backend(
             Settings(console=self.console, **self.settings),
             database=database,

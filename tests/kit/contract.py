@@ -258,7 +258,7 @@ class Scene(Ledger):
         } | more
 
     def uav_argument(self, uav_id: str = "1AB0000001", **more: Any) -> dict[str, Any]:
-        return {"uav_id": uav_id, "operator_id": "fleet", "registration": "FIN87astrdge12k8", "model": "Quad"} | more
+        return {"uav_id": uav_id, "operator_id": "fleet", "registration_commitment": "5a" * 32, "model": "Quad"} | more
 
     def authorisation(self, **more: Any) -> dict[str, Any]:
         return {

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from kit.chain import START_MS, Tx, number
+from kit.numbers import NUMBER, opening
 from wonderland.proofs import encoding
 from wonderland.proofs.records import assets, keys, pads, policies, sessions, uavs, verdicts
 
@@ -71,17 +72,18 @@ class Facts:
         return pads.Pad.parse(record | more)
 
     @staticmethod
-    def uav(uav_id="uav-1", **more):
+    def uav(uav_id="uav-1", *, registration=NUMBER, **more):
         record = {
             "uav_id": uav_id,
             "operator_id": "fleet",
             "msp_id": "FleetMSP",
-            "registration": "FIN87astrdge12k8",
             "model": "M300",
             "status": "active",
             "registered_ms": START_MS,
             "updated_ms": START_MS,
         }
+        if registration:
+            record["registration_commitment"] = opening(uav_id, registration).commitment
         return uavs.Uav.parse(record | more)
 
     @staticmethod

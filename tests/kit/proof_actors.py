@@ -94,7 +94,7 @@ class Actors:
             await self.submit_known(
                 "fleet_operator",
                 "RegisterUav",
-                tx.RegisterUav(uav_id=uav_id, operator_id="bench", registration="FIN87astrdge12k8", model="Bench"),
+                tx.RegisterUav(uav_id=uav_id, operator_id="bench", model="Bench"),
             )
             await self.submit_known(
                 "fleet_operator",

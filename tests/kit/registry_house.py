@@ -18,6 +18,7 @@ from cryptography.x509.oid import NameOID
 
 from kit import PLAIN
 from kit.databases import copy_migrated
+from kit.numbers import keep_usual, opening, told
 from kit.stepping_up import ConfirmingClient
 from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning
 from wonderland_backend.app import Backend
@@ -102,10 +103,12 @@ class Somebody:
         message = text if isinstance(text, bytes) else decoded(text)
         return base64url(key_signer(self.key)(message))
 
-    def propose(self, function, argument, seen=None):
+    def propose(self, function, argument, seen=None, opening=None):
         body = {"function": function, "argument": argument, "certificate_sha256": self.certificate_sha256}
         if seen is not None:
             body["seen"] = seen
+        if opening is not None:
+            body["opening"] = told(opening)
         return self.post("/transactions/proposals", body)
 
     def endorse(self, proposed):
@@ -126,9 +129,9 @@ class Somebody:
             time.sleep(0.05)
         raise AssertionError(f"no outcome within {within_s} s: {found}")
 
-    def change(self, function, argument, seen=None):
+    def change(self, function, argument, seen=None, opening=None):
         """All of it, to the end."""
-        proposed = self.propose(function, argument, seen)
+        proposed = self.propose(function, argument, seen, opening)
         assert proposed.status_code == 201, proposed.text
         endorsed = self.endorse(proposed.json())
         assert endorsed.status_code == 200, endorsed.text
@@ -219,6 +222,7 @@ class House:
         connection = self.connection
         self._backend_stack = contextlib.AsyncExitStack()
         database = Database(f"sqlite:///{copy_migrated(self.directory / 'registry.db')}")
+        await keep_usual(database, [f"OH-DRN-0{number}" for number in ("417", "640", "871")])
         gateway = Gateway(self.channel, connection.identity("mirror"), connection.signer("mirror"))
         demo = self.settings.get("demo", False)
         self.backend = Backend(
@@ -282,7 +286,7 @@ class House:
             drone = {
                 "uav_id": f"OH-DRN-0{number}",
                 "operator_id": "arctic-air",
-                "registration": "FIN87astrdge12k8",
+                "registration_commitment": opening(f"OH-DRN-0{number}").commitment,
                 "model": model,
             }
             self.send("fleet_operator", "RegisterUav", drone)

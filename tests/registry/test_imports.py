@@ -34,7 +34,7 @@ def test_what_offices_write_is_read(data, encoding):
     assert [row["line"] for row in found.rows] == [2, 3]
     assert found.rows[1]["argument"]["model"] == "Crane Ä"
     for row in found.rows:
-        RegisterUav.parse(row["argument"] | {"registration": row["argument"].get("registration", "")})
+        RegisterUav.parse(row["argument"])
 
 
 def test_every_error_has_its_line_and_column():
@@ -64,7 +64,7 @@ def test_an_operators_secret_checks_the_number_and_goes_no_further():
         b"OH-1,m,o,FIN87astrdge12k8-xyz\nOH-2,m,o,fin87ASTRDGE12K8-XYZ\nOH-3,m,o,FIN87astrdge12k8\n"
         b"OH-4,m,o,FIN87astrdge12k8-xya\nOH-5,m,o,FIN87astrdge12k8-x\n",
     )
-    assert [row["argument"]["registration"] for row in found.rows] == 3 * ["FIN87astrdge12k8"]
+    assert [row["registration"] for row in found.rows] == 3 * ["FIN87astrdge12k8"]
     assert [(each["line"], each["column"]) for each in found.shown_errors("en")] == [
         (5, "registration"),
         (6, "registration"),

@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 
 import pytest
+from kit.numbers import fresh
 from kit.registry_house import House, request_pem
 from playwright.sync_api import expect
 
 from wonderland_backend.transactions.registrar import registrar_of
 from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.gateway import GatewayError
 from wonderland_fabric_network import binaries, bringing_up, enrolment, taking_down
 from wonderland_fabric_network.errors import BinaryError
 from wonderland_fabric_network.layout import NetworkDirectory
@@ -48,7 +50,7 @@ def fabric_house(tmp_path_factory, built_console):
     house = FabricHouse(tmp_path_factory.mktemp("fabric"), console=built_console, demo=True)
     try:
         house.start()
-        drone = {"uav_id": DRONE, "operator_id": "arctic-air", "registration": "FIN87", "model": "Falcon 4"}
+        drone = {"uav_id": DRONE, "operator_id": "arctic-air", "model": "Falcon 4"}
         house.send("fleet_operator", "RegisterUav", drone)
         yield house
     finally:
@@ -84,6 +86,34 @@ def test_the_demos_click_works_here_too_and_roles_hold(fabric_house):
     visitor.certificate_sha256 = answer.json()["certificate_sha256"]
     lifted = visitor.change("SetUavStatus", {"uav_id": DRONE, "status": "active", "reason": "please"})
     assert (lifted["state"], lifted["problem"]["code"]) == ("refused", "OPERATOR_MAY_ONLY_RETIRE")
+
+
+def test_a_registered_drones_number_is_here_and_no_peer_has_it(fabric_house):
+    """By two organisations' peers, in the order of a real orderer; also after all blocks were read anew."""
+    house = fabric_house
+    frida = house.person("Frida", "admin")
+    answer = frida.post("/signing-keys/demo", {"role": "fleet_operator", "request": request_pem("f1", frida.key)})
+    frida.certificate_sha256 = answer.json()["certificate_sha256"]
+    opening = fresh("OH-NUMBER-1", "SWE01abcdefghij2")
+    argument = {
+        "uav_id": opening.uav_id,
+        "operator_id": "arctic-air",
+        "model": "Falcon 4",
+        "registration_commitment": opening.commitment,
+    }
+    in_clear = {name: value for name, value in argument.items() if name != "registration_commitment"}
+    with pytest.raises(GatewayError, match="registration_commitment") as caught:
+        house.send("fleet_operator", "RegisterUav", in_clear | {"registration": opening.registration})
+    assert opening.registration not in str(caught.value)
+    done = frida.change("RegisterUav", argument, opening=opening)
+    assert (done["state"], done["endorsers"]) == ("valid", ["AuthorityMSP", "PadMSP"])
+    house.run(asyncio.sleep(1))
+    wanted = {"uav_id": opening.uav_id, "field": "registration", "reason": "Collision at Aurajoki"}
+    assert frida.post("/unmask", wanted).json()["value"] == opening.registration
+    on_disk = b"".join(path.read_bytes() for path in (house.directory / "network").rglob("*") if path.is_file())
+    assert opening.commitment.encode() in on_disk
+    for secret in (opening.registration.encode(), opening.salt.encode(), bytes.fromhex(opening.salt)):
+        assert secret not in on_disk, "blocks, states and logs of peers, orderers and contract servers"
 
 
 def test_the_browser_signs_what_fabrics_peers_made(fabric_house, open_page):

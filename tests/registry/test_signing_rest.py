@@ -53,12 +53,13 @@ def test_a_change_goes_from_the_form_to_a_valid_block(house, officer):
     assert [each["tx_id"] for each in officer.get("/transactions/proposals").json()["items"]] == [proposed["tx_id"]]
 
 
-def test_an_operators_secret_is_refused_before_anything_is_kept(house, officer):
+def test_a_number_in_the_argument_is_refused_before_anything_is_kept(house, officer):
     argument = {"uav_id": "uav-s", "operator_id": "fleet", "registration": "FIN87astrdge12k8-xyz", "model": "M300"}
     refused = officer.propose("RegisterUav", argument)
     assert refused.status_code == 400
     assert [each["path"] for each in refused.json()["errors"]] == ["body.argument.registration"]
     assert "xyz" not in refused.text
+    assert "FIN87" not in refused.text
     assert "uav-s" not in officer.get("/transactions/proposals").text
 
 

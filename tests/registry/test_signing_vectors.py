@@ -57,7 +57,7 @@ async def transactions(directory):
     ):
         connection = ledger.connection
         fleet = Gateway(channel, connection.identity("fleet_operator"), connection.signer("fleet_operator"))
-        drone = {"uav_id": "OH-DRN-0417", "operator_id": "x", "registration": "FIN1", "model": "m"}
+        drone = {"uav_id": "OH-DRN-0417", "operator_id": "x", "model": "m"}
         await fleet.network(connection.channel).contract("pol").submit("RegisterUav", json.dumps(drone))
         key = ec.generate_private_key(ec.SECP256R1())
         ca = ledger.directory.ca("AuthorityMSP")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import orjson
+from kit.numbers import keep, opening
 from msgspec import Raw
-from sqlalchemy import insert
+from sqlalchemy import insert, update
 
 from wonderland_backend.agents.connected import Agent
 from wonderland_backend.db.tables.ledger import DroneRow
+from wonderland_backend.db.tables.numbers import RegistrationNumberRow
 from wonderland_backend.ingest.batch import read
 
 VIEW = "60.44,22.25,60.46,22.29"
@@ -66,7 +68,9 @@ async def test_nobody_speaks_for_another(new_uss):
 
 async def test_who_operates_a_drone_that_does_not_say_so_is_in_the_registry(new_uss, track, until):
     async with new_uss() as uss:
-        record = {"uav_id": SERIAL, "registration": "FIN87astrdge12k8-xyz"}
+        its = opening(SERIAL)
+        record = {"uav_id": SERIAL, "registration_commitment": its.commitment}
+        await keep(uss.backend.database, its)
         async with uss.backend.database.write() as connection:
             columns = {column.name: "" for column in DroneRow.__table__.columns if not column.nullable}
             numbers = {name: 0 for name, column in DroneRow.__table__.columns.items() if column.type.python_type is int}
@@ -83,3 +87,19 @@ async def test_who_operates_a_drone_that_does_not_say_so_is_in_the_registry(new_
         assert named() == "FIN87astrdge12k8"
         await uss.heard(track(operator_id="FIN87astrdge12k9", lat=604_520_000))
         assert named() == "FIN87astrdge12k9"
+
+
+async def test_a_number_that_does_not_open_what_the_ledger_has_is_told_to_nobody(new_uss, track, until):
+    async with new_uss() as uss:
+        record = {"uav_id": SERIAL, "registration_commitment": opening(SERIAL).commitment}
+        await keep(uss.backend.database, opening(SERIAL))
+        async with uss.backend.database.write() as connection:
+            await connection.execute(update(RegistrationNumberRow).values(number="SWE01abcdefghij2"))
+            columns = {column.name: "" for column in DroneRow.__table__.columns if not column.nullable}
+            numbers = {name: 0 for name, column in DroneRow.__table__.columns.items() if column.type.python_type is int}
+            row = columns | numbers | {"uav_id": SERIAL, "record": orjson.dumps(record).decode()}
+            await connection.execute(insert(DroneRow), [row])
+        await uss.heard(track(operator_id=None))
+        await uss.heard(track(operator_id=None, lat=604_519_000))
+        (flight,) = uss.uspace.flights
+        assert flight.details.operator.registration is None

@@ -230,7 +230,7 @@ async def listing(
     query = scope.narrow(query, pad=AlertRow.pad_id, drone=AlertRow.uav_id)
     if position is not None:
         query = query.where(tuple_(AlertRow.t_ms, AlertRow.alert_id) < position)
-    query = await narrowed(database, query, filters, pad=AlertRow.pad_id, drone=AlertRow.uav_id)
+    query = await narrowed(database, query, filters, scope, pad=AlertRow.pad_id, drone=AlertRow.uav_id)
     asleep = and_(AlertRow.snoozed_until_ms.is_not(None), AlertRow.snoozed_until_ms > now_ms)
     if filters.state == "inbox":
         query = query.where(_in_inbox(now_ms))

@@ -28,7 +28,7 @@ async def listing(
     if filters.drone is not None:
         query = query.where(AuthorisationRow.uav_id == filters.drone)
     if filters.operator is not None:
-        query = query.where(AuthorisationRow.uav_id.in_(drones_of(filters.operator)))
+        query = query.where(AuthorisationRow.uav_id.in_(drones_of(filters.operator, scope)))
     if filters.pad is not None:
         named = (field("pad_id", pad) for pad in (filters.pad, "*"))
         query = query.where(or_(*(AuthorisationRow.record.contains(each, autoescape=True) for each in named)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import sqlite3
 import time
 from collections.abc import AsyncIterator
@@ -18,6 +19,9 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, AsyncSession, c
 from wonderland_backend.errors import SettingsError
 
 DRIVERS: Final = {"sqlite": "sqlite+aiosqlite", "postgresql": "postgresql+psycopg", "postgres": "postgresql+psycopg"}
+# Its debug lines have the values of every statement, operators' numbers and their salts among them.
+logging.getLogger("aiosqlite").setLevel(logging.INFO)
+
 BUSY_TIMEOUT_S: Final = 30
 POOL_TIMEOUT_S: Final = 10
 """Longer nobody waits for a connection: the answer is 503 and when to ask again."""
@@ -51,6 +55,8 @@ class Database:
             "pool_size": pool_size,
             "max_overflow": pool_size,
             "pool_timeout": POOL_TIMEOUT_S,
+            # An error's text ends up in logs; what was to be stored may be somebody's number, or the salt of one.
+            "hide_parameters": True,
         }
         if self.is_sqlite:
             options["connect_args"] = {"timeout": BUSY_TIMEOUT_S}

@@ -15,17 +15,24 @@ from wonderland_backend.db.tables.reported import BroadcastOperatorRow, LatestTr
 from wonderland_backend.filters import DroneQuery
 from wonderland_backend.masking import shown_uav
 from wonderland_backend.narrowing import drones_of, drones_within
+from wonderland_backend.numbers.store import Number, numbers_of
 from wonderland_backend.person import Person, Scope
 from wonderland_backend.responses import record
 from wonderland_backend.verdicts import queries as verdicts
 
 
 def drone_json(
-    row: DroneRow, person: Person, authorisations: list[str], track: str | None, verdict: VerdictRow | None
+    row: DroneRow,
+    person: Person,
+    number: Number,
+    authorisations: list[str],
+    track: str | None,
+    verdict: VerdictRow | None,
 ) -> Any:
     """The Drone of the interfaces, as this person sees it."""
     return record(
         shown_uav(row.record, person),
+        registration=number.shown(person),
         authorisations=[record(text) for text in authorisations],
         track=orjson.Fragment(track) if track is not None else None,
         verdict=verdicts.verdict_json(verdict) if verdict is not None else None,
@@ -41,7 +48,7 @@ async def listing(
     if after is not None:
         query = query.where(DroneRow.uav_id > after)
     if filters.operator is not None:
-        query = query.where(DroneRow.uav_id.in_(drones_of(filters.operator)))
+        query = query.where(DroneRow.uav_id.in_(drones_of(filters.operator, scope)))
     if filters.bbox is not None:
         query = query.where(DroneRow.uav_id.in_(await drones_within(database, Box.parse(filters.bbox))))
     return (await database.scalars(query)).all()
@@ -67,14 +74,22 @@ async def details(database: AsyncSession, person: Person, rows: Sequence[DroneRo
     positions = select(LatestTrackRow.uav_id, LatestTrackRow.body).where(LatestTrackRow.uav_id.in_(names))
     tracks = {row.uav_id: row.body for row in await database.execute(positions)}
     last = await verdicts.latest_of(database, names)
+    numbers = await numbers_of(database, [row.record for row in rows])
     return [
-        drone_json(row, person, allowed.get(row.uav_id, []), tracks.get(row.uav_id), last.get(row.uav_id))
+        drone_json(
+            row,
+            person,
+            numbers[row.uav_id],
+            allowed.get(row.uav_id, []),
+            tracks.get(row.uav_id),
+            last.get(row.uav_id),
+        )
         for row in rows
     ]
 
 
-async def number_of(connection: AsyncConnection, uav_id: str, field: str) -> str | None:
-    """A number of a drone's operator in full: this field of its record, or what it broadcasts."""
+async def operator_of(connection: AsyncConnection, uav_id: str, field: str) -> str | None:
+    """A drone's operator in full: this field of its record, or what it broadcasts."""
     if field == "broadcast_operator_id":
         query = select(BroadcastOperatorRow.operator_id).where(BroadcastOperatorRow.uav_id == uav_id)
         return (await connection.execute(query)).scalar_one_or_none()

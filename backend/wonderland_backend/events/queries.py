@@ -15,7 +15,7 @@ from sqlalchemy.ext.asyncio import AsyncSession
 from wonderland_backend.context import part
 from wonderland_backend.db.tables.ledger import Checkpoint, DroneRow, EventRow, PadRow, TransactionRow
 from wonderland_backend.errors import BadRequest
-from wonderland_backend.masking import shown_uav
+from wonderland_backend.masking import is_drone, shown_uav
 from wonderland_backend.person import Person
 from wonderland_backend.problem_texts import said
 
@@ -150,7 +150,7 @@ async def visible(database: AsyncSession, events: Sequence[Event], person: Perso
 
 
 def _masked(event: Event, person: Person) -> Event:
-    if "registration" not in event.record:  # no drone: a pad's operator is shown to whoever sees the pad
+    if not is_drone(event.record):
         return event
     record = orjson.loads(shown_uav(orjson.dumps(event.record).decode(), person))
     return Event(event.place, event.type, event.t_ms, event.tx_id, record)

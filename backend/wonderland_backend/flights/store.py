@@ -93,7 +93,7 @@ async def listing(
     if filters.drone is not None:
         query = query.where(FlightRow.uav_id == filters.drone)
     if filters.operator is not None:
-        query = query.where(FlightRow.uav_id.in_(drones_of(filters.operator)))
+        query = query.where(FlightRow.uav_id.in_(drones_of(filters.operator, scope)))
     if filters.since_ms is not None:
         query = query.where(FlightRow.end_ms >= filters.since_ms)
     if filters.until_ms is not None:

@@ -13,6 +13,7 @@ from sqlalchemy import Row, String, Text, collate, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland_backend.db.tables.base import LedgerRow
+from wonderland_backend.db.tables.ledger import DroneRow
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,11 @@ async def table_digest(connection: AsyncConnection, model: type[LedgerRow]) -> T
         found.update(b"\n")
         rows += 1
     return TableDigest(rows, found.hexdigest())
+
+
+async def drone_records(connection: AsyncConnection) -> Sequence[str]:
+    """The records of all drones (JSON)."""
+    return (await connection.scalars(select(DroneRow.record))).all()
 
 
 async def differing_rows(

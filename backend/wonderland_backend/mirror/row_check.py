@@ -19,12 +19,14 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.ledger import ledger_tables
+from wonderland_backend.db.tables.numbers import RegistrationNumberRow
 from wonderland_backend.errors import BackendError
 from wonderland_backend.mirror import store
 from wonderland_backend.mirror.follow import Mirror
-from wonderland_backend.mirror.queries import differing_rows, table_digest
+from wonderland_backend.mirror.queries import differing_rows, drone_records, table_digest
 from wonderland_backend.mirror.source import BlockSource
 from wonderland_backend.mirror.status import MirrorStatus
+from wonderland_backend.numbers.store import altered
 from wonderland_fabric_gateway.blocks import Block
 from wonderland_fabric_gateway.errors import LedgerError
 
@@ -33,6 +35,7 @@ _log = logging.getLogger(__name__)
 PAUSE_S: Final = 60.0
 """Before each pass."""
 MOST_NAMED: Final = 20
+_NUMBERS: Final = RegistrationNumberRow.__tablename__
 FEW_BLOCKS: Final = 100
 """So many may be missing when the snapshot is opened: they are derived while it is held, at full pace."""
 
@@ -119,6 +122,8 @@ class RowCheck:
                         found.append(f"{model.__tablename__} {key}")
                         if len(found) >= MOST_NAMED:
                             return found, position.header.number + 1
+                # Numbers do not come from the ledger, but each has to open what the ledger has of it.
+                found += [f"{_NUMBERS} {uav_id}" for uav_id in await altered(theirs, await drone_records(there))]
         return found, position.header.number + 1
 
 

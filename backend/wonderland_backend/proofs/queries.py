@@ -67,7 +67,7 @@ async def listing(
     query = scope.narrow(query, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
     if before is not None:
         query = query.where(tuple_(VerdictRow.block, VerdictRow.tx_index) < before)
-    query = await narrowed(database, query, filters, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
+    query = await narrowed(database, query, filters, scope, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
     if filters.outcome is not None:
         query = query.where(VerdictRow.outcome == filters.outcome)
     if filters.since_ms is not None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -17,15 +18,18 @@ from wonderland.messages import Language
 from wonderland.proofs.errors import RecordError
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.schema import Record
-from wonderland.proofs.records.uavs import without_secret
+from wonderland.proofs.records.uavs import normalised_registration, without_secret
 from wonderland_backend.errors import BadRequest
 from wonderland_backend.problem_texts import Said, SaidError, in_language, said
 from wonderland_remote_id.errors import FieldError
 from wonderland_remote_id.operators import check_operator_id
 
+REGISTRATION: Final = "registration"
+"""The column whose value is not part of the argument: the argument commits to it."""
 MAX_BYTES: Final = 1 << 20
 MAX_ROWS: Final = 5_000
 MAX_ERRORS: Final = 1_000
+_NUMBER: Final = re.compile(r"[A-Za-z0-9-]{1,32}")
 _DELIMITERS: Final = (",", ";", "\t")
 _BOMS: Final = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 
@@ -72,6 +76,11 @@ def _registration(value: str) -> str:
         raise CellError(said("csv_check_character")) from None
 
 
+def _number(value: str) -> str:
+    """As it is committed to."""
+    return normalised_registration(_registration(value))
+
+
 def _actions(value: str) -> list[str]:
     return value.replace("|", " ").replace("/", " ").replace("+", " ").split()
 
@@ -104,7 +113,7 @@ KINDS: Final = {
         "RegisterUav",
         {
             **{name: Column(name) for name in ("uav_id", "model", "operator_id")},
-            "registration": Column("registration", _registration),
+            REGISTRATION: Column(REGISTRATION, _number),
         },
         ("uav_id",),
     ),
@@ -234,8 +243,8 @@ def _row(
     before = len(found.errors)
     for name, cell in zip(header, cells, strict=True):
         column = kind.columns[name]
-        if cell == "" and (column.optional or column.field != "registration"):
-            if not column.optional:
+        if cell == "":
+            if not column.optional and column.field != REGISTRATION:
                 found.wrong(line, name, said("missing"))
             continue
         try:
@@ -244,14 +253,18 @@ def _row(
             found.wrong(line, name, error.said)
         except OverflowError as error:
             found.wrong(line, name, str(error))
+    number = argument.pop(REGISTRATION, None)
     if len(found.errors) == before:
         _check_record(kind, argument, line, found)
+        if number is not None and _NUMBER.fullmatch(number) is None:
+            found.wrong(line, REGISTRATION, said("csv_no_number_of_operator"))
     key = tuple(str(argument.get(name, "")) for name in kind.key)
     earlier = seen.setdefault(key if all(key) else (str(line), ""), line)
     if earlier != line:
         found.wrong(line, kind.key[-1], said("csv_same", line=earlier))
     if len(found.errors) == before:
-        found.rows.append({"line": line, "id": "/".join(key), "argument": argument})
+        row = {"line": line, "id": "/".join(key), "argument": argument}
+        found.rows.append(row if number is None else row | {REGISTRATION: number})
 
 
 def _check_record(kind: Kind, argument: dict[str, Any], line: int, found: Checked) -> None:

@@ -10,6 +10,7 @@ from pydantic import Field
 from wonderland.proofs.records import calibrations, changes, pads, policies, uavs
 from wonderland_backend.drones.schemas import Authorisation
 from wonderland_backend.filters import PageQuery
+from wonderland_backend.numbers.schemas import RegistrationNumber
 from wonderland_backend.schemas import ApiModel, model_of, page_of
 
 Uav = model_of(uavs.Uav)
@@ -80,6 +81,7 @@ class RegistryDrone(ApiModel):
     """A drone's record."""
 
     record: Uav  # type: ignore[valid-type]
+    registration: RegistrationNumber
     version: Version
     in_force: int = Field(description="Authorisations that hold now")
 
@@ -229,6 +231,9 @@ class ImportRow(ApiModel):
     id: str
     exists: bool = Field(description="Already on the ledger: left out")
     argument: dict[str, Any]
+    registration: str | None = Field(
+        default=None, description="The operator's number, normalised: to be committed to in the argument"
+    )
 
 
 class ImportFault(ApiModel):

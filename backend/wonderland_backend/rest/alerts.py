@@ -19,6 +19,7 @@ from wonderland_backend.errors import BadRequest, Conflict, Forbidden, NotFound,
 from wonderland_backend.languages import HEADER, language_of
 from wonderland_backend.live.board import BoardDep
 from wonderland_backend.masking import shown_act, shown_alert
+from wonderland_backend.narrowing import OPERATORS_MASKED
 from wonderland_backend.person import AUTHORITY, Person
 from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json, page, resource
@@ -29,7 +30,12 @@ _LANGUAGE: Final = {"parameters": [HEADER]}
 AlertId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 
 
-@router.get("/alerts", response_model=AlertPage, responses=documented(BadRequest, etag=True), openapi_extra=_LANGUAGE)
+@router.get(
+    "/alerts",
+    response_model=AlertPage,
+    responses=documented(BadRequest, OPERATORS_MASKED, etag=True),
+    openapi_extra=_LANGUAGE,
+)
 async def list_alerts(request: Request, context: ContextDep, person: SignedInPerson, filters: AlertFilters) -> Response:
     """Alerts, newest first."""
     language = language_of(request)

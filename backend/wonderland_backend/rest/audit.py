@@ -7,6 +7,7 @@ from typing import Any, Final
 import orjson
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
+from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland.proofs.records.uavs import without_secret
 from wonderland_backend import audit
@@ -18,12 +19,14 @@ from wonderland_backend.audit.verify import verify
 from wonderland_backend.context import ContextDep
 from wonderland_backend.db.tables.audit import AuditRow
 from wonderland_backend.drones import queries as drones
-from wonderland_backend.errors import BadRequest, Forbidden, NotFound, documented
+from wonderland_backend.errors import BadRequest, Conflict, Forbidden, NotFound, documented
+from wonderland_backend.numbers import store as numbers
 from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json, page
 
 router = APIRouter(tags=["audit"])
 _NOT_FOUND: Final = NotFound(said("no_such_number"))
+_ALTERED: Final = Conflict(said("number_altered"))
 SHOW_MS: Final = 60_000
 
 
@@ -46,18 +49,32 @@ async def verify_audit(context: ContextDep, who: Administrator, anchors: Anchors
     return Json(found.to_json(), headers={"Cache-Control": "no-store"})
 
 
-@router.post("/unmask", response_model=Unmasked, responses=documented(Forbidden, _NOT_FOUND))
+@router.post("/unmask", response_model=Unmasked, responses=documented(Forbidden, _NOT_FOUND, _ALTERED))
 async def unmask(context: ContextDep, who: Officer, body: Unmask) -> Response:
     """Show a number that is masked everywhere else. Recorded with the reason before it is shown."""
     async with context.database.write() as connection:
-        value = await drones.number_of(connection, body.uav_id, body.field)
-        if not value:
-            raise NotFound(said("no_such_number"))
-        if body.field != "operator_id":
-            value = without_secret(value)
+        value = await _number(connection, body)
         detail = {"field": body.field, "reason": body.reason.strip()}
         await audit.record(connection, who, "unmask", f"drone/{body.uav_id}", detail, t_ms=context.clock())
     return Json(Unmasked(value=value, show_ms=SHOW_MS).model_dump(), headers={"Cache-Control": "no-store"})
+
+
+async def _number(connection: AsyncConnection, body: Unmask) -> str:
+    """The number that is asked for. Raises `NotFound`; `Conflict` for one that is not what was registered."""
+    if body.field == "registration":
+        found = await numbers.number_of(connection, body.uav_id)
+        if found is not None and found.state == "altered":
+            raise Conflict(said("number_altered"))
+        if found is not None and found.state == "elsewhere":
+            raise NotFound(said("number_elsewhere", msp_id=found.msp_id))
+        value = "" if found is None else found.value
+    else:
+        value = await drones.operator_of(connection, body.uav_id, body.field) or ""
+        if body.field == "broadcast_operator_id":
+            value = without_secret(value)
+    if not value:
+        raise NotFound(said("no_such_number"))
+    return value
 
 
 def _shown(row: AuditRow) -> dict[str, Any]:

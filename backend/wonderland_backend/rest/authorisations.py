@@ -12,12 +12,15 @@ from wonderland_backend.authorisations import queries
 from wonderland_backend.authorisations.schemas import AuthorisationPage, AuthorisationQuery
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, documented
+from wonderland_backend.narrowing import OPERATORS_MASKED
 from wonderland_backend.responses import page, record
 
 router = APIRouter(tags=["authorisations"])
 
 
-@router.get("/authorisations", response_model=AuthorisationPage, responses=documented(BadRequest, etag=True))
+@router.get(
+    "/authorisations", response_model=AuthorisationPage, responses=documented(BadRequest, OPERATORS_MASKED, etag=True)
+)
 async def list_authorisations(
     request: Request, context: ContextDep, filters: Annotated[AuthorisationQuery, Query()], person: SignedInPerson
 ) -> Response:

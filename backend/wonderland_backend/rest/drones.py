@@ -15,13 +15,18 @@ from wonderland_backend.drones import queries
 from wonderland_backend.drones.schemas import Drone, DronePage
 from wonderland_backend.errors import BadRequest, NotFound, documented
 from wonderland_backend.filters import DroneFilters
+from wonderland_backend.narrowing import OPERATORS_MASKED
 from wonderland_backend.problem_texts import said
 
 router = APIRouter(tags=["drones"], dependencies=SIGNED_IN)
 _NOT_FOUND: Final = NotFound(said("no_such_drone", uav_id="OH-DRN-0417"))
 
 
-@router.get("/drones", response_model=DronePage, responses=documented(BadRequest) | geojson.documented(DronePage))
+@router.get(
+    "/drones",
+    response_model=DronePage,
+    responses=documented(BadRequest, OPERATORS_MASKED) | geojson.documented(DronePage),
+)
 async def list_drones(request: Request, context: ContextDep, person: SignedInPerson, filters: DroneFilters) -> Response:
     """Drones by serial number. As GeoJSON each is where it broadcast last, unverified."""
     after = filters.after_key(str)

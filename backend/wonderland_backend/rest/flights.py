@@ -17,6 +17,7 @@ from wonderland_backend.errors import BadRequest, NotFound, documented
 from wonderland_backend.flights import store
 from wonderland_backend.flights.grouping import GAP_MS
 from wonderland_backend.flights.schemas import Flight, FlightFilters, FlightPage
+from wonderland_backend.narrowing import OPERATORS_MASKED
 from wonderland_backend.problem_texts import said
 
 router = APIRouter(tags=["flights"])
@@ -25,7 +26,11 @@ MAX_PATH: Final = 5_000
 FlightId = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 
 
-@router.get("/flights", response_model=FlightPage, responses=documented(BadRequest) | geojson.documented(FlightPage))
+@router.get(
+    "/flights",
+    response_model=FlightPage,
+    responses=documented(BadRequest, OPERATORS_MASKED) | geojson.documented(FlightPage),
+)
 async def list_flights(
     request: Request, context: ContextDep, filters: FlightFilters, person: SignedInPerson
 ) -> Response:

@@ -12,6 +12,7 @@ from wonderland_backend.access import SignedInPerson
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, NotAcceptable, NotFound, documented
 from wonderland_backend.languages import HEADER, language_of
+from wonderland_backend.narrowing import OPERATORS_MASKED
 from wonderland_backend.problem_texts import said
 from wonderland_backend.proofs import queries
 from wonderland_backend.proofs.schemas import Proof, ProofFilters, ProofPage
@@ -26,7 +27,7 @@ _LANGUAGES: dict[str, Any] = {"parameters": [HEADER]}
 @router.get(
     "/proofs",
     response_model=ProofPage,
-    responses=documented(BadRequest) | geojson.documented(ProofPage),
+    responses=documented(BadRequest, OPERATORS_MASKED) | geojson.documented(ProofPage),
     openapi_extra=_LANGUAGES,
 )
 async def list_proofs(request: Request, context: ContextDep, filters: ProofFilters, person: SignedInPerson) -> Response:

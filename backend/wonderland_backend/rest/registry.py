@@ -13,6 +13,7 @@ from wonderland_backend.access import SIGNED_IN, Officer, SignedInPerson
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, Forbidden, NotFound, documented
 from wonderland_backend.languages import language_of
+from wonderland_backend.numbers.store import numbers_of
 from wonderland_backend.problem_texts import said
 from wonderland_backend.registry import imports
 from wonderland_backend.registry.queries import changes, organisations
@@ -65,7 +66,8 @@ async def list_registry_drones(
     async with context.database.read() as database:
         rows = await queries.drones(database, person, filters, filters.after_place(*kinds))
         counts = await queries.in_force(database, [row.uav_id for row in rows], context.clock())
-    items = [(row, queries.shown_drone(row, person, counts[row.uav_id])) for row in rows]
+        numbers = await numbers_of(database, [row.record for row in rows])
+    items = [(row, queries.shown_drone(row, person, numbers[row.uav_id], counts[row.uav_id])) for row in rows]
     changed = filters.sort == "changed"
     return page(
         request,
@@ -87,11 +89,12 @@ async def read_registry_drone(request: Request, context: ContextDep, uav_id: Uav
         if row is None:
             raise NotFound(said("no_such_drone", uav_id=uav_id))
         counts = await queries.in_force(database, [uav_id], context.clock())
+        numbers = await numbers_of(database, [row.record])
         found = {
             "authorisations": await queries.authorisations(database, uav_id),
             "calibrations": await queries.calibrations(database, row, context.clock()),
         }
-    return resource(request, {"drone": queries.shown_drone(row, person, counts[uav_id]), **found})
+    return resource(request, {"drone": queries.shown_drone(row, person, numbers[uav_id], counts[uav_id]), **found})
 
 
 @router.get("/pads", response_model=RegistryPadPage, responses=documented(BadRequest, etag=True))

@@ -11,16 +11,17 @@ from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import documented
 from wonderland_backend.responses import Json
 from wonderland_backend.search import queries
-from wonderland_backend.search.schemas import Hits, SearchFor
+from wonderland_backend.search.schemas import Hits, SearchQuery
 
 router = APIRouter(tags=["search"], dependencies=SIGNED_IN)
 
 
-@router.get("/search", response_model=Hits, responses=documented())
-async def search(context: ContextDep, person: SignedInPerson, wanted: SearchFor) -> Response:
+@router.post("/search", response_model=Hits, responses=documented())
+async def search(context: ContextDep, person: SignedInPerson, wanted: SearchQuery) -> Response:
     """Pads, drones, broadcasts by any part of a name, sessions and transactions by the beginning of their ids, blocks.
 
-    An operator's number that is masked is found by the whole of it only; that is audited as showing it is.
+    An operator's number that is masked is found by the whole of it only; that is audited as showing it is. What is
+    looked for may be somebody's number, so it is sent in the body: addresses end up in logs.
     """
     async with context.database.read() as database:
         items = await queries.search(database, person, wanted.q, wanted.limit)

@@ -18,6 +18,7 @@ from wonderland_backend.errors import BINARY, BadRequest, Forbidden, LedgerAway,
 from wonderland_backend.filters import SessionFilters
 from wonderland_backend.ledger.access import MaybeLedgerDep
 from wonderland_backend.ledger.queries import with_events
+from wonderland_backend.narrowing import OPERATORS_MASKED
 from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import page, record, resource
 from wonderland_backend.sessions import queries
@@ -32,7 +33,7 @@ _NOT_FOUND: Final = NotFound(said("no_such_session"))
 SessionIdPath = Annotated[str, Path(pattern=r"^[0-9a-f]{64}$", description="Transaction id of its RequestProof")]
 
 
-@router.get("/sessions", response_model=SessionPage, responses=documented(BadRequest, etag=True))
+@router.get("/sessions", response_model=SessionPage, responses=documented(BadRequest, OPERATORS_MASKED, etag=True))
 async def list_sessions(
     request: Request, context: ContextDep, person: SignedInPerson, filters: SessionFilters
 ) -> Response:

@@ -9,6 +9,7 @@ from wonderland_backend.access import SIGNED_IN, SignedInPerson
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, documented
 from wonderland_backend.filters import VerdictFilters
+from wonderland_backend.narrowing import OPERATORS_MASKED
 from wonderland_backend.responses import page
 from wonderland_backend.verdicts import queries
 from wonderland_backend.verdicts.schemas import VerdictPage
@@ -16,7 +17,7 @@ from wonderland_backend.verdicts.schemas import VerdictPage
 router = APIRouter(tags=["verdicts"], dependencies=SIGNED_IN)
 
 
-@router.get("/verdicts", response_model=VerdictPage, responses=documented(BadRequest, etag=True))
+@router.get("/verdicts", response_model=VerdictPage, responses=documented(BadRequest, OPERATORS_MASKED, etag=True))
 async def list_verdicts(
     request: Request, context: ContextDep, person: SignedInPerson, filters: VerdictFilters
 ) -> Response:

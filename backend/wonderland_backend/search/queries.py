@@ -9,11 +9,11 @@ import orjson
 from sqlalchemy import ColumnElement, func, or_, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wonderland.proofs.records.uavs import without_secret
 from wonderland_backend.db.tables.ledger import BlockRow, DroneRow, PadRow, SessionRow, TransactionRow
 from wonderland_backend.db.tables.reported import LatestTrackRow
 from wonderland_backend.ledger.queries import own_transactions
 from wonderland_backend.masking import shown_uav
+from wonderland_backend.numbers.store import drones_with, numbers_of
 from wonderland_backend.person import AUTHORITY, Person
 
 HASH_FROM: Final = 6
@@ -54,17 +54,21 @@ async def _pads(database: AsyncSession, person: Person, text: str, limit: int) -
 
 
 async def _drones(database: AsyncSession, person: Person, text: str, limit: int) -> AsyncIterator[Row]:
-    public = without_secret(text)  # whoever tries secrets finds the drone by each of them, and learns nothing
-    inside = orjson.dumps(public).decode()[1:-1]
-    query = select(DroneRow).where(or_(_contains(DroneRow.uav_id, text), _contains(DroneRow.record, inside)))
+    # Officers find a drone by the whole number that they were told: by a part of it they could guess the rest.
+    told = frozenset(await drones_with(database, text)) if person.has(*AUTHORITY, "fleet_operator") else frozenset()
+    inside = orjson.dumps(text).decode()[1:-1]
+    query = select(DroneRow).where(
+        or_(_contains(DroneRow.uav_id, text), _contains(DroneRow.record, inside), DroneRow.uav_id.in_(told))
+    )
     query = person.scope.narrow(query, drone=DroneRow.uav_id)
-    for row in await database.scalars(query.order_by(DroneRow.uav_id).limit(5 * limit)):
-        # Officers find a drone by the whole number that they were told. By a part of it they could guess the rest.
-        known, record = orjson.loads(row.record), orjson.loads(shown_uav(row.record, person))
-        values = (row.uav_id, record.get("registration", ""), record.get("operator_id", ""), record.get("model", ""))
+    rows = (await database.scalars(query.order_by(DroneRow.uav_id).limit(5 * limit))).all()
+    numbers = await numbers_of(database, [row.record for row in rows])
+    for row in rows:
+        record = orjson.loads(shown_uav(row.record, person))
+        number = numbers[row.uav_id].shown(person).get("number", "")
+        values = (row.uav_id, number, record.get("operator_id", ""), record.get("model", ""))
         shown = any(text.lower() in value.lower() for value in values)
-        told = person.has(*AUTHORITY) and without_secret(known.get("registration", "")).lower() == public.lower()
-        if shown or told:
+        if shown or (row.uav_id in told and person.has(*AUTHORITY)):
             detail = " · ".join(value for value in values[1:3] if value)
             hit = {"kind": "drone", "id": row.uav_id, "name": row.uav_id, "detail": detail}
             yield hit if shown else hit | {REVEALED: True}

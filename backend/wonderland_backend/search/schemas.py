@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field
 
 from wonderland_backend.schemas import ApiModel
@@ -33,6 +32,3 @@ class Hits(ApiModel):
     """What fits, the likeliest first."""
 
     items: list[Hit]
-
-
-SearchFor = Annotated[SearchQuery, Query()]

@@ -35,7 +35,7 @@ async def listing(
     """
     newest_first = (SessionRow.requested_ms.desc(), SessionRow.session_id.desc())
     query: Select[Any] = _theirs(scope).order_by(*newest_first).limit(filters.limit + 1)
-    query = await narrowed(database, query, filters, pad=SessionRow.pad_id, drone=SessionRow.uav_id)
+    query = await narrowed(database, query, filters, scope, pad=SessionRow.pad_id, drone=SessionRow.uav_id)
     if filters.state is not None:
         query = query.where(SessionRow.state == filters.state)
     if filters.action is not None:

@@ -14,6 +14,7 @@ from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.visitors import InternalTraversal
 
 from wonderland_backend.db.tables.ledger import DroneRow, EvidenceRow, SessionRow, VerdictRow
+from wonderland_backend.narrowing import drones_of
 from wonderland_backend.person import AUTHORITY, Person, Scope
 from wonderland_backend.statistics.schemas import ERROR_EDGES_MM, LIKELIHOOD_BINS, StatisticsQuery
 
@@ -93,7 +94,7 @@ def _chosen(query: Any, wanted: StatisticsQuery, scope: Scope) -> Any:
     if wanted.action is not None:
         query = query.where(VerdictRow.action == wanted.action)
     if wanted.operator is not None:
-        query = query.where(_field(DroneRow.record, "operator_id").as_string() == wanted.operator)
+        query = query.where(VerdictRow.uav_id.in_(drones_of(wanted.operator, scope)))
     return query
 
 

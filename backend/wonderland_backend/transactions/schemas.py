@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from wonderland_backend.numbers.schemas import NewNumber
 from wonderland_backend.schemas import ApiModel
 
 TX_ID = r"^[0-9a-f]{64}$"
@@ -35,6 +36,9 @@ class Propose(Strict):
     argument: dict[str, Any] = Field(description="As the record of that name; docs/reference/records.md")
     certificate_sha256: str = Field(pattern=TX_ID, description="Of the key that will sign")
     seen: Seen | None = Field(default=None, description="Where the change is of something that is there")
+    opening: NewNumber | None = Field(
+        default=None, description="Of RegisterUav with a `registration_commitment`: what opens it"
+    )
 
 
 class Signature(Strict):

@@ -17,10 +17,10 @@ from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from wonderland.proofs import encoding
-from wonderland.proofs.errors import ProofError
+from wonderland.proofs.errors import ProofError, RecordError
 from wonderland.proofs.records.schema import Record
 from wonderland.proofs.records.transactions import ApproveChange, RegisterUav
-from wonderland.proofs.records.uavs import without_secret
+from wonderland.proofs.registration import TYPE, Opening
 from wonderland_backend import audit
 from wonderland_backend.context import part_of
 from wonderland_backend.db.engine import Database
@@ -28,6 +28,7 @@ from wonderland_backend.db.tables.signing import SignedTransactionRow, SigningKe
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, LedgerAway, NotFound, TooManyRequests
 from wonderland_backend.ledger.access import LedgerAccess, LedgerDep
 from wonderland_backend.ledger.queries import transaction as transaction_of
+from wonderland_backend.numbers import store as numbers
 from wonderland_backend.person import Person
 from wonderland_backend.problem_texts import said
 from wonderland_backend.transactions import problems, store
@@ -43,6 +44,8 @@ logger = logging.getLogger(__name__)
 
 SIGN_WITHIN_MS: Final = 10 * 60_000
 """A proposal that nobody signs is void then: its time stamp would be of long ago."""
+SWEEP_AFTER_MS: Final = SIGN_WITHIN_MS + 60_000
+"""So late nobody can be signing it any more, not even in a transaction of the database that began in time."""
 _TRY_AGAIN_S: Final = (5.0, 15.0, 60.0)
 """Pauses before the ledger is asked anew for an outcome that nobody could tell; the last one again and again."""
 
@@ -68,7 +71,9 @@ class Signing:
         self._following: dict[str, asyncio.Task[None]] = {}
 
     async def resume(self) -> None:
-        """Go on with what a server that stopped had under way."""
+        """Go on with what a server that stopped had under way; forget the numbers of what came to nothing."""
+        async with self._database.write() as connection:
+            await store.sweep(connection, self._clock() - SWEEP_AFTER_MS)
         async with self._database.read() as database:
             for tx_id in await store.under_way(database):
                 self._follow(tx_id, begun=True)
@@ -86,6 +91,7 @@ class Signing:
         if change is None:
             raise Forbidden(said("function_not_passed", functions=", ".join(sorted(CHANGES))))
         argument, record = _argument(change, asked.argument)
+        opening = _opening(record, asked)
         await self._require_second_person(person, record)
         await self._within_rate(person)
         proposal = self._ledger.contract(identity).propose(change.function, argument)
@@ -112,6 +118,10 @@ class Signing:
         }
         async with self._database.write() as connection:
             await store.add(connection, row)
+            if opening is not None and not await numbers.keep(
+                connection, opening, person.name, now, tx_id=proposal.tx_id
+            ):
+                raise Conflict(said("salt_used"))
         return SignedTransactionRow(**row), proposal.message
 
     async def _require_second_person(self, person: Person, record: Record) -> None:
@@ -306,14 +316,28 @@ def _argument(change: Change, value: dict[str, Any]) -> tuple[bytes, Any]:
             path, message = "argument", path
         text = said("bad_argument", function=change.function, path=path, why=message)
         raise BadRequest(text, (f"body.argument.{path}", message)) from None
-    if isinstance(record, RegisterUav) and without_secret(record.registration) != record.registration:
-        # The contract would refuse it, but by then it would stand in the database.
-        why = said("with_secret")
-        raise BadRequest(
-            said("bad_argument", function=change.function, path="registration", why=why),
-            ("body.argument.registration", why),
-        )
     return encoded, record
+
+
+def _opening(record: Record, asked: Propose) -> Opening | None:
+    """What opens the commitment that is about to be signed; nothing is proposed whose number nobody would have."""
+    commitment = record.registration_commitment if isinstance(record, RegisterUav) else None
+    if commitment is None and asked.opening is None:
+        return None
+    if commitment is None or asked.opening is None or not isinstance(record, RegisterUav):
+        why = said("opening_without_commitment" if commitment is None else "commitment_without_opening")
+        raise BadRequest(why, ("body.opening", why))
+    given = asked.opening
+    try:
+        opening = Opening.parse(
+            {"type": TYPE, "uav_id": record.uav_id, "registration": given.registration, "salt": given.salt}
+        )
+    except RecordError as error:
+        raise BadRequest(said("bad_opening", why=error), (f"body.opening.{error.path}", error.message)) from None
+    if opening.commitment != commitment:
+        why = said("opening_does_not_fit")
+        raise BadRequest(why, ("body.opening", why))
+    return opening
 
 
 def _require_signed(identity: Identity, message: bytes, signature: bytes) -> None:

@@ -13,12 +13,15 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 from wonderland.messages import Language
 from wonderland_backend.db.tables.signing import SignedTransactionRow as Row
 from wonderland_backend.db.tables.signing import SigningKeyRow
+from wonderland_backend.numbers import store as numbers
 from wonderland_backend.transactions import problems
 
 PROPOSED, ENDORSED, SUBMITTED, UNKNOWN = "proposed", "endorsed", "submitted", "unknown"
 VALID, INVALID, REFUSED, EXPIRED = "valid", "invalid", "refused", "expired"
 WAITING: Final = (PROPOSED, ENDORSED)
 """For a signature."""
+ENDED: Final = (INVALID, REFUSED, EXPIRED)
+"""And came to nothing."""
 UNDER_WAY: Final = (SUBMITTED, UNKNOWN)
 """With the ledger."""
 KEEP_MS: Final = 30 * 86_400_000
@@ -76,9 +79,16 @@ async def under_way(database: AsyncSession) -> Sequence[str]:
 
 
 async def move(connection: AsyncConnection, tx_id: str, before: tuple[str, ...], **values: Any) -> bool:
-    """Change a row, if it still is in one of these states; whether it was."""
+    """Change a row, if it still is in one of these states; whether it was. With its end a number stays, or goes."""
     moved = await connection.execute(update(Row).where(Row.tx_id == tx_id, Row.state.in_(before)).values(**values))
+    if moved.rowcount == 1 and values.get("state") in (VALID, *ENDED):
+        await numbers.settle(connection, tx_id, valid=values["state"] == VALID)
     return moved.rowcount == 1
+
+
+async def sweep(connection: AsyncConnection, before_ms: int) -> None:
+    """Delete numbers whose transaction came to nothing: those begun before this and never signed among them."""
+    await numbers.sweep(connection, ended=ENDED, waiting=WAITING, before_ms=before_ms)
 
 
 async def owner_of_key(connection: AsyncConnection, certificate_sha256: str) -> str | None:

@@ -1,4 +1,4 @@
-"""Who operates a drone that does not say so itself: the registration that the ledger has of it."""
+"""Who operates a drone that does not say so itself: the number that is kept here of its registration."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
-import orjson
-
 from wonderland_backend.db.engine import Database
 from wonderland_backend.drones.queries import records_of
+from wonderland_backend.numbers.store import numbers_of
 from wonderland_backend.uspace.flights import Flight
 from wonderland_remote_id.operators import public_operator_id
 
@@ -45,4 +44,5 @@ class Registry:
     async def _registrations(self, drones: list[str]) -> dict[str, str]:
         async with self._database.read() as session:
             rows = await records_of(session, drones)
-        return {uav_id: public_operator_id(orjson.loads(record).get("registration", "")) for uav_id, record in rows}
+            found = await numbers_of(session, [record for _, record in rows])
+        return {uav_id: public_operator_id(each.value) for uav_id, each in found.items()}

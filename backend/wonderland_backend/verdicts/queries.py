@@ -42,7 +42,7 @@ async def listing(
         query = query.order_by(VerdictRow.block, VerdictRow.tx_index).where(VerdictRow.block > filters.after_block)
         if position is not None:
             query = query.where(place > position)
-    query = await narrowed(database, query, filters, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
+    query = await narrowed(database, query, filters, scope, pad=VerdictRow.pad_id, drone=VerdictRow.uav_id)
     if filters.action is not None:
         query = query.where(VerdictRow.action == filters.action)
     if filters.outcome is not None:

@@ -11,7 +11,7 @@ from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.changes import Reinstatement
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Session
-from wonderland.proofs.records.uavs import Authorisation, Maintenance, Uav, without_secret
+from wonderland.proofs.records.uavs import Authorisation, Maintenance, Uav
 from wonderland.proofs.records.verdicts import Reason
 from wonderland_chaincode.contract import access, pads
 from wonderland_chaincode.contract.call import Answer, Call, stored
@@ -40,12 +40,6 @@ def require_not_retired(uav: Uav) -> None:
 
 async def register(call: Call, argument: tx.RegisterUav) -> Answer:
     """RegisterUav."""
-    if without_secret(argument.registration) != argument.registration:
-        raise bad_input(
-            "REGISTRATION_SECRET",
-            "registration: ends with the operator's secret, which no ledger may keep; "
-            "give the first 16 characters alone, without the dash and what follows it",
-        )
     key = keys.composite(keys.UAV, argument.uav_id)
     if await call.stub.get(key) is not None:
         raise conflict("UAV_EXISTS", f"drone {argument.uav_id} is registered already")
@@ -53,7 +47,7 @@ async def register(call: Call, argument: tx.RegisterUav) -> Answer:
         uav_id=argument.uav_id,
         operator_id=argument.operator_id,
         msp_id=call.who.msp_id,
-        registration=argument.registration,
+        registration_commitment=argument.registration_commitment,
         model=argument.model,
         status=ACTIVE,
         registered_ms=call.now_ms,

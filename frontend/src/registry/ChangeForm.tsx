@@ -49,13 +49,15 @@ function present(spec: FieldSpec, record: Readonly<Record<string, unknown>> | un
   return value === undefined ? undefined : typedOf(spec.kind, value);
 }
 
-/** The argument of what was typed, and all that is wrong with it. */
-function argumentOf(name: FormName, about: JsonObject, draft: Draft, schema: Schema): { argument: JsonObject; wrong: FormFault[] } {
+/** The argument of what was typed, the operator's number, which is committed to in it, and all that is wrong. */
+function argumentOf(name: FormName, about: JsonObject, draft: Draft, schema: Schema): { argument: JsonObject; registration: string | undefined; wrong: FormFault[] } {
   let argument = fixedPart(name, about);
+  let registration: string | undefined;
   const wrong: FormFault[] = [];
   for (const { path, kind, optional } of FORMS[name].fields) {
     const found = parsed(kind, draft[path]);
     if (found === "wrong") wrong.push({ path, rule: kind === "registration" ? "registration" : "type" });
+    else if (found !== "nothing" && kind === "registration") registration = found.value as string;
     else if (found !== "nothing") argument = put(argument, path, found.value);
     else if (optional !== true) wrong.push({ path, rule: kind === "actions" ? "few" : "required" });
   }
@@ -69,7 +71,7 @@ function argumentOf(name: FormName, about: JsonObject, draft: Draft, schema: Sch
   if (typeof policy === "object" && "refute_ppm" in policy && "verify_ppm" in policy && (policy["refute_ppm"] as number) >= (policy["verify_ppm"] as number)) {
     wrong.push({ path: "policy.refute_ppm", rule: "room" });
   }
-  return { argument, wrong };
+  return { argument, registration, wrong };
 }
 
 type FieldProperties = { spec: FieldSpec; schema: Schema | undefined; typed: Typed | undefined; fault: FormFault | undefined; onChange: (typed: Typed) => void };
@@ -251,7 +253,7 @@ function Typing({ name, about, before, suggested, onReload, onDone, onCancel, fo
   // What the form was begun on; after a conflict the user moves it on himself.
   const [ground, setGround] = useState(before);
 
-  const { argument: typedArgument, wrong } = argumentOf(name, about, draft, form.argument);
+  const { argument: typedArgument, registration, wrong } = argumentOf(name, about, draft, form.argument);
   const argument = name === "commission" && typeof file === "object" ? { ...typedArgument, commissioning: file } : typedArgument;
   const all: readonly FormFault[] =
     name !== "commission" ? wrong : typeof file === "object" ? faults(form.argument, argument) : [{ path: "commissioning", rule: file === "broken" ? "file" : "required" }];
@@ -267,7 +269,7 @@ function Typing({ name, about, before, suggested, onReload, onDone, onCancel, fo
       <SignPanel
         change={signing}
         roles={form.roles}
-        summary={<Summary argument={signing.argument} about={about} before={ground?.record} />}
+        summary={<Summary argument={signing.registration === undefined ? signing.argument : { ...signing.argument, registration: signing.registration }} about={about} before={ground?.record} />}
         onDone={() => {
           keepDraft(place, undefined);
           onDone();
@@ -301,7 +303,7 @@ function Typing({ name, about, before, suggested, onReload, onDone, onCancel, fo
           requestAnimationFrame(() => target.querySelector<HTMLElement>('[aria-invalid="true"]')?.focus());
           return;
         }
-        setSigning({ name: spec.transaction, argument, ...(ground?.version !== undefined && { seen: ground.version }) });
+        setSigning({ name: spec.transaction, argument, ...(registration !== undefined && { registration }), ...(ground?.version !== undefined && { seen: ground.version }) });
       }}
     >
       <p className="quiet wide">{t("formHint", { form: formKey(name) })}</p>

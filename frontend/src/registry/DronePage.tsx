@@ -6,7 +6,7 @@ import { useApi } from "../shared/api/api";
 import { day, dayAndTime, dotted, length } from "../shared/format";
 import { useServerNow } from "../shared/live/useLive";
 import { sharedTexts } from "../shared/texts";
-import { RECORD_MS, drone as fetchDrone, type RegistryAuthorisation, type RegistryDroneDetail } from "./calls";
+import { RECORD_MS, drone as fetchDrone, type RegistryAuthorisation, type RegistryDrone, type RegistryDroneDetail } from "./calls";
 import { ChangeForm } from "./ChangeForm";
 import { maintenanceWord } from "./DronesPage";
 import { FORMS, formKey, type FormName } from "./forms";
@@ -131,15 +131,20 @@ function Calibrations({ detail, now_ms }: { detail: RegistryDroneDetail; now_ms:
   );
 }
 
+/** The operator's number, as far as this server has it. */
+function Registration({ uav_id, registration }: { uav_id: string; registration: RegistryDrone["registration"] }): ReactElement {
+  const { state, number, held_by } = registration;
+  if (number !== undefined) return <Masked value={number} uav_id={uav_id} field="registration" />;
+  if (state === "altered") return <span className="look-refuted">{t("numberAltered")}</span>;
+  return <>{state === "elsewhere" ? t("numberElsewhere", { msp: held_by ?? "" }) : "–"}</>;
+}
+
 function Record({ detail, now_ms }: { detail: RegistryDroneDetail; now_ms: number }): ReactElement {
   const { record } = detail.drone;
   const facts: [string, ReactNode][] = [
     [t("model"), record.model],
     [t("operator"), `${dotted(record.operator_id)} · ${record.msp_id}`],
-    [
-      t("registration"),
-      record.registration === "" ? "–" : <Masked key={record.uav_id} value={record.registration} uav_id={record.uav_id} field="registration" />,
-    ],
+    [t("registration"), <Registration key={record.uav_id} uav_id={record.uav_id} registration={detail.drone.registration} />],
     [t("maintenance"), maintenanceWord(record, now_ms)],
     [t("registered"), day(record.registered_ms)],
     [t("changed"), dayAndTime(record.updated_ms, now_ms)],

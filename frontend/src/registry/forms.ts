@@ -30,7 +30,7 @@ export const FORMS: Readonly<Record<FormName, FormSpec>> = {
       { path: "uav_id", kind: "text" },
       { path: "model", kind: "text" },
       { path: "operator_id", kind: "text" },
-      { path: "registration", kind: "registration" },
+      { path: "registration", kind: "registration", optional: true },
     ],
   },
   suspend: { transaction: "SetUavStatus", fields: [REASON], danger: true },

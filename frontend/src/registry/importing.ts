@@ -10,7 +10,7 @@ export type ImportCheck = components["schemas"]["ImportCheck"];
 export type ImportKind = "drones" | "authorisations" | "pads";
 /** How a line ended; "open" means that it was not sent yet. */
 export type LineState = "open" | "valid" | "refused" | "failed";
-export type Line = { line: number; id: string; argument: JsonObject; state: LineState; tx_id?: string; text?: string };
+export type Line = { line: number; id: string; argument: JsonObject; registration?: string; state: LineState; tx_id?: string; text?: string };
 export type Run = { name: string; kind: ImportKind; transaction: string; lines: Line[] };
 
 /** A draft as others are: it may hold operators' numbers, and goes when its person signs out. */
@@ -34,7 +34,7 @@ export function checkFile(api: Api, kind: ImportKind, file: Blob): Promise<Impor
 export function newRun(name: string, kind: ImportKind, check: ImportCheck): Run {
   const lines = check.rows
     .filter(({ exists }) => !exists)
-    .map(({ line, id, argument }): Line => ({ line, id, argument: argument as JsonObject, state: "open" }));
+    .map(({ line, id, argument, registration }): Line => ({ line, id, argument: argument as JsonObject, ...(registration !== undefined && { registration }), state: "open" }));
   return { name, kind, transaction: check.function, lines };
 }
 
@@ -61,7 +61,8 @@ export async function send(api: Api, key: StoredKey, run: Run, stopped: () => bo
     if (line.state !== "open" && line.state !== "failed") continue;
     let next: Line;
     try {
-      const signing = new Signing(api, key, { name: run.transaction, argument: line.argument }, () => undefined);
+      const { argument, registration } = line;
+      const signing = new Signing(api, key, { name: run.transaction, argument, ...(registration !== undefined && { registration }) }, () => undefined);
       next = ended(line, await signing.go());
     } catch (problem) {
       if (!(problem instanceof Error)) throw problem;

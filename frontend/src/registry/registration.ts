@@ -1,6 +1,8 @@
 /** An operator's registration number (EN 4709-002): three characters after the dash are the operator's secret. */
 
 const WITH_SECRET = /^([A-Za-z]{3}[A-Za-z0-9]{13})(?:-[A-Za-z0-9-]*|[A-Za-z0-9]{1,3})$/;
+const PUBLIC = /^[A-Za-z]{3}[A-Za-z0-9]{13}$/;
+const NUMBER = /^[A-Za-z0-9-]{1,32}$/;
 const WHOLE = /^([A-Z]{3})([0-9a-z]{12})([0-9a-z])-([0-9a-z]{3})$/;
 
 /** The number without what only the operator may know. */
@@ -18,9 +20,9 @@ function checkCharacter(text: string): string {
   return ((36 - (total % 36)) % 36).toString(36);
 }
 
-/** What may go to the ledger of what was typed; undefined for a whole number whose check character does not fit. */
+/** The number of what was typed, as it is committed to; undefined for a whole number whose check character does not fit. */
 export function readRegistration(text: string): string | undefined {
-  if (publicPart(text) === text) return text;
+  if (publicPart(text) === text) return PUBLIC.test(text) ? text.slice(0, 3).toUpperCase() + text.slice(3).toLowerCase() : NUMBER.test(text) ? text : undefined;
   const [, country = "", number = "", check = "", secret = ""] = WHOLE.exec(text.slice(0, 3).toUpperCase() + text.slice(3).toLowerCase()) ?? [];
   return country !== "" && checkCharacter(number + secret) === check ? country + number + check : undefined;
 }

@@ -285,7 +285,7 @@ def _pad(pad_id: str) -> tx.RegisterPad:
 
 
 def _uav(uav_id: str) -> tx.RegisterUav:
-    return tx.RegisterUav(uav_id=uav_id, operator_id="lab", registration="FIN87astrdge12k8", model="Lab")
+    return tx.RegisterUav(uav_id=uav_id, operator_id="lab", model="Lab")
 
 
 def _maintenance(uav_id: str) -> tx.RecordMaintenance:

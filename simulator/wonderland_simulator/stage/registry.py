@@ -79,15 +79,23 @@ class Registry:
 
         await asyncio.gather(*(one(pad) for pad in pads))
 
-    async def drones(self, drones: Sequence[DroneSpec], now_ms: int) -> None:
-        """Register each, record its maintenance, authorise it for its pad."""
+    async def drones(
+        self, drones: Sequence[DroneSpec], now_ms: int, *, commitments: Mapping[str, str] = MappingProxyType({})
+    ) -> None:
+        """Register each, record its maintenance, authorise it for its pad.
+
+        ``commitments``: to their operator's number, by the drone's id; a drone that has none is registered without one.
+        """
 
         async def one(drone: DroneSpec) -> None:
             await self._submit(
                 "fleet_operator",
                 "RegisterUav",
                 tx.RegisterUav(
-                    uav_id=drone.uav_id, operator_id=FLEET_OPERATOR, registration=REGISTRATION, model=drone.model
+                    uav_id=drone.uav_id,
+                    operator_id=FLEET_OPERATOR,
+                    model=drone.model,
+                    registration_commitment=commitments.get(drone.uav_id),
                 ),
             )
             lapsed = drone.behaviour is Behaviour.MAINTENANCE_LAPSED

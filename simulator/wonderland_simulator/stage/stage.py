@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import secrets
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
@@ -12,7 +13,9 @@ from typing import Self
 
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.registration import SALT_BYTES, Opening
 from wonderland_backend.db.engine import Database
+from wonderland_backend.numbers import store as numbers
 from wonderland_backend.site_plans.store import keep
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_simulator.configs import pad_toml
@@ -21,7 +24,7 @@ from wonderland_simulator.plan import Plan
 from wonderland_simulator.scenario import DroneSpec, PadSite
 from wonderland_simulator.stage.ledgers import EmbeddedStageLedger, FabricStageLedger, RunningStageLedger, StageLedger
 from wonderland_simulator.stage.processes import PortClaims, Process, Processes
-from wonderland_simulator.stage.registry import PAD_OPERATOR, Registry
+from wonderland_simulator.stage.registry import PAD_OPERATOR, REGISTRATION, Registry
 from wonderland_simulator.world import LOOPBACK, Ports, anchor_path
 
 Progress = Callable[[str], None]
@@ -106,7 +109,7 @@ class Stage:
             commissioning=self.settings.commissioning,
             site_plans=await self._keep_site_plans(now_ms),
         )
-        await registry.drones(self.settings.drones, now_ms)
+        await registry.drones(self.settings.drones, now_ms, commitments=await self._keep_numbers(now_ms))
         self._choose_ports()
 
     async def _keep_site_plans(self, now_ms: int) -> dict[str, str]:
@@ -118,6 +121,24 @@ class Stage:
         try:
             async with database.write() as connection:
                 return {pad_id: (await keep(connection, pad_id, plan, now_ms))[0] for pad_id, plan in plans.items()}
+        finally:
+            await database.close()
+
+    async def _keep_numbers(self, now_ms: int) -> dict[str, str]:
+        """Put the operator's number into the database of the stage's own backend; what the ledger gets, by drone."""
+        if self.settings.backend_url:
+            return {}
+        database = Database(self._database_url)
+        try:
+            async with database.write() as connection:
+                # A stage that goes on has registered them already.
+                found = await numbers.openings_of(connection, [drone.uav_id for drone in self.settings.drones])
+                for drone in self.settings.drones:
+                    if drone.uav_id not in found:
+                        opening = Opening.of(drone.uav_id, REGISTRATION, secrets.token_bytes(SALT_BYTES))
+                        found[drone.uav_id] = opening
+                        await numbers.keep(connection, opening, "the simulator", now_ms)
+                return {uav_id: opening.commitment for uav_id, opening in found.items()}
         finally:
             await database.close()
 

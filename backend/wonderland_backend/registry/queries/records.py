@@ -20,6 +20,7 @@ from wonderland_backend.db.tables.ledger import (
     TransactionRow,
 )
 from wonderland_backend.masking import shown_uav
+from wonderland_backend.numbers.store import Number
 from wonderland_backend.person import Person
 from wonderland_backend.registry.schemas import DroneQuery, PadQuery
 from wonderland_backend.responses import record
@@ -73,9 +74,14 @@ async def in_force(database: AsyncSession, uav_ids: Sequence[str], now_ms: int) 
     return counts
 
 
-def shown_drone(row: DroneRow, person: Person, in_force_now: int) -> dict[str, Any]:
+def shown_drone(row: DroneRow, person: Person, number: Number, in_force_now: int) -> dict[str, Any]:
     """The RegistryDrone of a row."""
-    return {"record": record(shown_uav(row.record, person)), "version": version(row), "in_force": in_force_now}
+    return {
+        "record": record(shown_uav(row.record, person)),
+        "registration": number.shown(person),
+        "version": version(row),
+        "in_force": in_force_now,
+    }
 
 
 async def drone(database: AsyncSession, person: Person, uav_id: str) -> DroneRow | None:

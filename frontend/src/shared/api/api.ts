@@ -136,7 +136,7 @@ export class Api {
   }
 
   search(q: string): Promise<{ items: Hit[] }> {
-    return answered((signal) => this.client.GET("/api/v1/search", { params: { query: { q } }, signal }));
+    return answered((signal) => this.client.POST("/api/v1/search", { body: { q, limit: 12 }, signal }));
   }
 
   alerts(query: AlertFilters): Promise<Page<Alert>> {

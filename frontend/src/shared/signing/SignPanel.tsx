@@ -125,14 +125,18 @@ export function SignPanel(properties: Properties): ReactElement {
 function WithKey({ change, summary, roles, onDone, onBack, conflict, signer, current }: Properties & { signer: Signer; current: StoredKey }): ReactElement {
   const api = useApi();
   const [transaction, setTransaction] = useState<SignedTransaction>();
+  const [argument, setArgument] = useState(change.argument);
   const running = useRef<Signing>(undefined);
   const button = useRef<HTMLButtonElement>(null);
   useEffect(() => () => running.current?.stop(), []);
   useEffect(() => button.current?.focus(), []);
   const go = useMutation({
     mutationFn: () => {
-      running.current ??= new Signing(api, current, change, () => setTransaction(running.current?.transaction));
-      return running.current.go();
+      const signing = (running.current ??= new Signing(api, current, change, () => {
+        setTransaction(running.current?.transaction);
+        setArgument(running.current?.argument ?? change.argument);
+      }));
+      return signing.go();
     },
     onSuccess: (outcome) => {
       if (outcome.state === "valid") onDone(outcome);
@@ -154,8 +158,9 @@ function WithKey({ change, summary, roles, onDone, onBack, conflict, signer, cur
         {/* A region that scrolls must be reachable by keyboard. */}
         {/* eslint-disable-next-line jsx-a11y/no-noninteractive-tabindex */}
         <pre className="mono value" tabIndex={0}>
-          {`${change.name} ${laidOut(change.argument)}`}
+          {`${change.name} ${laidOut(argument)}`}
         </pre>
+        {change.registration !== undefined && <p className="quiet">{t("committed")}</p>}
       </details>
       {begun && (
         <div aria-live="polite">

@@ -5,6 +5,7 @@ import { base64url, fromBase64url } from "./bytes";
 import { canonical, type JsonObject } from "./canonical";
 import { checkProposal, checkTransaction, type Intent, type Outcome } from "./inspect";
 import { sign, type StoredKey } from "./keys";
+import { commitment, newSalt } from "./registration";
 
 export type SignedTransaction = components["schemas"]["SignedTransaction"];
 export type SigningPlace = components["schemas"]["SigningPlace"];
@@ -15,6 +16,8 @@ export type Version = components["schemas"]["Version"];
 export type Change = {
   name: string;
   argument: JsonObject;
+  /** RegisterUav: the operator's number. The ledger gets a commitment to it, the server what opens that. */
+  registration?: string;
   seen?: Version | "nothing";
 };
 
@@ -70,6 +73,8 @@ function submit(api: Api, tx_id: string, signature: string): Promise<SignedTrans
 export class Signing {
   transaction: SignedTransaction | undefined;
   outcome: Outcome | undefined;
+  /** What is signed: the change's, and the commitment to its number. */
+  argument: JsonObject;
   private proposal: Uint8Array | undefined;
   private stopped = false;
 
@@ -79,7 +84,9 @@ export class Signing {
     private readonly change: Change,
     private readonly onChange: () => void,
     private readonly wait: (ms: number) => Promise<void> = (ms) => new Promise((done) => setTimeout(done, ms)),
-  ) {}
+  ) {
+    this.argument = change.argument;
+  }
 
   /** Nobody looks any more; what was submitted goes on by itself. */
   stop(): void {
@@ -105,11 +112,19 @@ export class Signing {
   }
 
   private async proposed(): Promise<SignedTransaction> {
-    const { seen } = this.change;
+    const { seen, registration } = this.change;
+    const { uav_id } = this.change.argument;
+    let opening: { registration: string; salt: string } | undefined;
+    if (registration !== undefined && typeof uav_id === "string") {
+      // A fresh salt for each attempt: one whose answer was lost may be under way.
+      opening = { registration, salt: newSalt() };
+      this.argument = { ...this.change.argument, registration_commitment: await commitment(uav_id, opening) };
+    }
     return this.note(
       await propose(this.api, {
         function: this.change.name,
-        argument: this.change.argument,
+        argument: this.argument,
+        ...(opening !== undefined && { opening }),
         certificate_sha256: this.key.certificate_sha256,
         ...(seen !== undefined && { seen: seen === "nothing" ? { block: -1, tx_index: 0 } : { block: seen.block, tx_index: seen.tx_index } }),
       }),
@@ -118,7 +133,7 @@ export class Signing {
 
   private intent(tx_id: string): Intent {
     const { channel, chaincode, msp_id, certificate } = this.key;
-    return { tx_id, channel, chaincode, msp_id, certificate, name: this.change.name, argument: canonical(this.change.argument) };
+    return { tx_id, channel, chaincode, msp_id, certificate, name: this.change.name, argument: canonical(this.argument) };
   }
 
   private async endorsed(transaction: SignedTransaction): Promise<SignedTransaction> {

@@ -256,19 +256,20 @@ class Drip(TypedDict):
 
 
 class Drone(TypedDict):
-    """A drone: the ledger's record, its authorisations, its last verdict, and where it says that it is."""
+    """A drone: the ledger's record, its operator's number, its authorisations, its last verdict, and its and so on."""
 
     uav_id: str
     operator_id: str
     msp_id: str
-    registration: str
     model: str
     status: Literal["active", "suspended", "retired"]
     registered_ms: int
     updated_ms: int
+    registration_commitment: NotRequired[str]
     status_reason: NotRequired[str]
     maintenance: NotRequired[Maintenance]
     calibrations: NotRequired[list[Calibration]]
+    registration: RegistrationNumber
     authorisations: list[Authorisation]
     track: NotRequired[Track]
     verdict: NotRequired[VerdictSummary]
@@ -541,6 +542,14 @@ class ReceiverHealth(TypedDict):
 
     frames: int
     bad: int
+
+
+class RegistrationNumber(TypedDict):
+    """The operator's registration number, as far as this server has it and this person may see it."""
+
+    state: Literal["none", "here", "elsewhere", "altered"]
+    number: NotRequired[str]
+    held_by: NotRequired[str]
 
 
 class SessionSignature(TypedDict):

@@ -16,9 +16,10 @@ from __future__ import annotations
 import re
 import types
 import typing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from functools import cache
+from types import MappingProxyType
 from typing import Any, ClassVar, Final, Self
 
 from wonderland.proofs import encoding
@@ -224,6 +225,8 @@ class Record:
     __slots__ = ()
     RECORD: ClassVar[str] = ""
     """Name in the reference and in ``$id``; the class name where empty."""
+    REFUSED: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    """Names that look like fields and must never be, and why; the value is not repeated."""
 
     @classmethod
     def parse(cls, value: Any, path: str = "") -> Self:
@@ -236,7 +239,8 @@ class Record:
         for name, item in value.items():
             check = checks.get(name)
             if check is None:
-                raise RecordError(prefix + str(name)[:60], f"unknown field; known are {', '.join(sorted(checks))}")
+                why = cls.REFUSED.get(name) or f"unknown field; known are {', '.join(sorted(checks))}"
+                raise RecordError(prefix + str(name)[:60], why)
             arguments[name] = check(item, prefix + name)
         for name in required:
             if name not in arguments:

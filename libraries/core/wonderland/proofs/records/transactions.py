@@ -8,7 +8,7 @@ a listener needs to know nothing in advance.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 from wonderland.proofs.errors import RecordError
 from wonderland.proofs.records import assets, calibrations, pads, sessions, uavs
@@ -107,10 +107,12 @@ class PublishPrekeys(Record):
 class RegisterUav(Record):
     """Makes a drone known; its operator's organisation owns it."""
 
+    REFUSED: ClassVar = uavs.NO_NUMBER
+
     uav_id: UavId
     operator_id: OperatorId
-    registration: uavs.Registration
     model: Name
+    registration_commitment: uavs.RegistrationCommitment | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -1,0 +1,1 @@
+"""Operators' registration numbers: the ledger has commitments, this database what opens them (decision 0039)."""
