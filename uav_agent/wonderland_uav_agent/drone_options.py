@@ -76,9 +76,10 @@ def of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
         click.option(
             "--position",
             required=True,
-            metavar="mavlink:…|udp:HOST:PORT|track:FILE",
+            metavar="mavlink:…|ros2:/TOPIC|udp:HOST:PORT|track:FILE",
             help="Where the drone's position comes from: an autopilot that speaks MAVLink (mavlink:udp:HOST:PORT, "
-            "mavlink:tcp:HOST:PORT, mavlink:serial:DEVICE[:BAUD]), JSON datagrams, or a recorded track (CSV).",
+            "mavlink:tcp:HOST:PORT, mavlink:serial:DEVICE[:BAUD]), a topic of ROS 2 (NavSatFix), JSON "
+            "datagrams, or a recorded track (CSV).",
         ),
         click.option(
             "--mavlink-key",

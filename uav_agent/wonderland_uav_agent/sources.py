@@ -23,6 +23,8 @@ from wonderland_uav_agent.position.mavlink import (
 from wonderland_uav_agent.position.mavlink.address import FORMS
 from wonderland_uav_agent.position.mavlink.attitude import Vector
 from wonderland_uav_agent.position.mavlink.signing import read_key
+from wonderland_uav_agent.position.ros2 import FORM as ROS2_FORM
+from wonderland_uav_agent.position.ros2 import Ros2Position
 
 POSITION_PATIENCE_S: Final = 10.0
 AUTOPILOT_PATIENCE_S: Final = 60.0
@@ -61,12 +63,18 @@ async def open_position(
         return
     if crew is not None:
         raise PositionError("[flight]: an autopilot is held by MAVLink alone; give --position mavlink:…")
+    if kind == "ros2":
+        async with Ros2Position(rest, clock) as heard:
+            if wait:
+                await heard.wait(POSITION_PATIENCE_S)
+            yield heard
+        return
     if kind == "track" and rest:
         yield TrackPosition.load(Path(rest), clock())
         return
     listen = _udp(text)
     if listen is None:
-        raise PositionError(f"--position {text}: give {FORMS}, udp:HOST:PORT or track:FILE")
+        raise PositionError(f"--position {text}: give {FORMS}, {ROS2_FORM}, udp:HOST:PORT or track:FILE")
     async with AutopilotPosition(listen, clock) as told:
         if wait:
             await told.wait(POSITION_PATIENCE_S)
