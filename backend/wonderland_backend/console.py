@@ -9,7 +9,6 @@ from typing import Final
 from fastapi import FastAPI
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
-from starlette.middleware.gzip import GZipMiddleware
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.staticfiles import StaticFiles
@@ -80,7 +79,7 @@ def find_console(directory: Path | None) -> Path | None:
 def install(app: FastAPI, directory: Path | None) -> None:
     """Serve the console at /; without one, a text that says so."""
     if directory is not None:
-        files = GZipMiddleware(_Console(directory=directory, html=True), minimum_size=1024)
+        files = _Console(directory=directory, html=True)
         # A route and no mount: a mount would take what other routes have with another method.
         app.router.routes.append(Route("/{path:path}", files, methods=["GET"], include_in_schema=False))
         return

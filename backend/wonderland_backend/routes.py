@@ -9,6 +9,7 @@ from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
 from starlette.exceptions import HTTPException
+from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 
 from wonderland import __version__
 from wonderland.site_plans import MAX_BYTES
@@ -61,6 +62,8 @@ from wonderland_backend.settings import Settings
 from wonderland_backend.uspace.endpoints import geo_awareness, networked_flights, remote_id, remote_id_tests, traffic
 
 API: Final = "/api/v1"
+AS_THEY_ARE: Final = (*DEFAULT_EXCLUDED_CONTENT_TYPES, maps.BYTES)
+"""Kinds of content that are not compressed: those that are already, streams, and parts of files."""
 MACHINES: Final = ("/api/", "/oauth/", "/.well-known/", "/uss/", "/metrics", "/health", "/ingest")
 """Beginnings of paths at which no page of the console is."""
 
@@ -137,6 +140,8 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
     for path in (*remote_id_tests.PATHS, *geo_awareness.PATHS):
         app.add_api_route(path, _unknown, methods=["GET", "PUT", "POST", "DELETE"], include_in_schema=False)
     console.install(app, console.find_console(console_directory))
+    # No answer has a secret beside words of whoever asks, from whose length one could be guessed (BREACH).
+    app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5, exclude_content_types=AS_THEY_ARE)
     app.add_middleware(AnswerHeaders)
     app.add_middleware(SetUpGate)
     app.add_middleware(

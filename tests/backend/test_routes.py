@@ -55,4 +55,15 @@ async def test_a_head_is_what_a_get_would_begin_with(running):
         got, head = await running.http.get(path), await running.http.head(path)
         assert (head.status_code, head.content) == (got.status_code, b"")
         assert head.headers["content-type"] == got.headers["content-type"]
-        assert head.headers["content-length"] == str(len(got.content))
+        assert head.headers["content-length"] == got.headers["content-length"]
+
+
+async def test_long_answers_are_compressed_for_who_takes_them(running):
+    plain = await running.http.get("/api/v1/openapi.json", headers={"Accept-Encoding": "identity"})
+    small = await running.http.get("/api/v1/openapi.json", headers={"Accept-Encoding": "gzip"})
+    assert "content-encoding" not in plain.headers
+    assert (small.headers["content-encoding"], small.headers["vary"]) == ("gzip", "Accept-Encoding")
+    assert small.content == plain.content
+    assert int(small.headers["content-length"]) * 8 < len(plain.content)
+    short = await running.http.get("/api/v1/health", headers={"Accept-Encoding": "gzip"})
+    assert "content-encoding" not in short.headers

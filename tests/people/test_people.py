@@ -67,12 +67,15 @@ async def test_invitations_that_make_no_sense(fresh, body):
 async def test_an_organisation_is_one_of_the_channel(fresh, tmp_path):
     root = LocalCa.create(tmp_path / "pad", "PadMSP").root_pem().decode()
     definition = {"root_certs": [root], "intermediate_certs": [], "revocation_lists": [], "sections": ["Application"]}
-    fresh.parts.members.configure([("PadMSP", json.dumps(definition))])
+    orders = definition | {"sections": ["Orderer"]}
+    fresh.parts.members.configure([("PadMSP", json.dumps(definition)), ("OrdererMSP", json.dumps(orders))])
     async with fresh.administrator() as ada:
         body = {"name": "Pat", "roles": ["pad_operator"], "msp_id": "PdaMSP"}
         refused = await ada.call("POST", "/people", body, status=409)
         assert "PdaMSP" in refused["detail"]
         assert "PadMSP" in refused["detail"]
+        refused = await ada.call("POST", "/people", body | {"msp_id": "OrdererMSP"}, status=409)
+        assert refused["detail"].endswith("organisations: PadMSP."), "one that only orders has no pads"
         made = await ada.call("POST", "/people", body | {"msp_id": "PadMSP"}, status=201)
         path = f"/people/{made['person']['person_id']}"
         await ada.call("PATCH", path, {"revision": 0, "msp_id": "FleetMSP"}, status=409)

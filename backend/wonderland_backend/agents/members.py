@@ -17,6 +17,7 @@ from wonderland.telemetry import Hello, signed_text
 from wonderland_backend.agents.errors import IngestError
 from wonderland_backend.agents.listener import AgentsTls, EndPoints
 from wonderland_backend.context import part
+from wonderland_backend.mirror.rows import APPLICATION
 from wonderland_fabric_gateway.certificates import certificate_of, certificate_of_der
 from wonderland_fabric_gateway.embedded.errors import AccessDeniedError, RevocationListError
 from wonderland_fabric_gateway.embedded.msp import ChannelMembership, Member, OrganisationTrust, is_issued
@@ -46,6 +47,7 @@ class Members:
     def __init__(self, end_points: EndPoints) -> None:
         self._organisations: dict[str, ChannelMembership] = {}
         self._tls_roots: dict[str, list[x509.Certificate]] = {}
+        self._participants: tuple[str, ...] = ()
         self.end_points = end_points
         self.tls = AgentsTls()
 
@@ -56,6 +58,7 @@ class Members:
         """
         found: dict[str, ChannelMembership] = {}
         tls_roots: dict[str, list[x509.Certificate]] = {}
+        participants = set()
         for msp_id, definition in organisations:
             try:
                 read = orjson.loads(definition)
@@ -65,9 +68,12 @@ class Members:
             except (IdentityError, RevocationListError, ValueError) as cause:
                 logger.error("agents of %s are refused, its definition on the ledger cannot be used: %s", msp_id, cause)  # noqa: TRY400 - the text says it all
                 continue
+            if APPLICATION in read["sections"]:
+                participants.add(msp_id)
             authorities = [certificate_of(pem) for pem in (*trust.root_certs, *trust.intermediate_certs)]
             self.tls.trust([*authorities, *tls_roots[msp_id]])
         self._organisations, self._tls_roots = found, tls_roots
+        self._participants = tuple(sorted(participants))
 
     def is_member(self, msp_id: str, creator: bytes, now_ms: int) -> bool:
         """Whether an identity that was authenticated earlier would still be."""
@@ -86,8 +92,8 @@ class Members:
 
     @property
     def msp_ids(self) -> tuple[str, ...]:
-        """MSP ids of the organisations in the channel's configuration."""
-        return tuple(sorted(self._organisations))
+        """MSP ids of the organisations that take part in transactions: not of those that only order them."""
+        return self._participants
 
     def authorities(self, msp_id: str) -> tuple[bytes, ...]:
         """An organisation's intermediate and root certificates (PEM); none of one that there is not."""
