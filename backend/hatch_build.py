@@ -1,11 +1,14 @@
-"""Puts into the wheel what stands beside this folder: alembic's migrations and the built console."""
+"""Puts into wheel and sdist what stands beside this folder: alembic's migrations and the built console."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+BESIDE: Final = {"alembic": "wonderland_backend/db/migrations", "frontend/dist": "wonderland_backend/static"}
+"""Where each of them is in a wheel. In an sdist they are beside the package, as they are here."""
 
 
 class BesideHook(BuildHookInterface):  # type: ignore[type-arg]
@@ -15,12 +18,14 @@ class BesideHook(BuildHookInterface):  # type: ignore[type-arg]
         """Refuses to build where one of them is missing; an editable install finds both where they are."""
         if version == "editable":
             return
-        project = Path(self.root).parent
-        beside = {
-            project / "alembic": "wonderland_backend/db/migrations",
-            project / "frontend" / "dist": "wonderland_backend/static",
-        }
-        for path in (*beside, project / "frontend" / "dist" / "index.html"):
-            if not path.exists():
-                raise FileNotFoundError(f"{path} is missing; `make setup` in {project} builds it")
-        build_data["force_include"].update({str(path): where for path, where in beside.items()})
+        for name, where in BESIDE.items():
+            path = self._found(name)
+            build_data["force_include"][str(path)] = name if self.target_name == "sdist" else where
+
+    def _found(self, name: str) -> Path:
+        project = Path(self.root)
+        for directory in (project, project.parent):
+            path = directory / name
+            if path.exists() and (path.name != "dist" or (path / "index.html").exists()):
+                return path
+        raise FileNotFoundError(f"{project.parent / name} is missing; `make setup` in {project.parent} builds it")

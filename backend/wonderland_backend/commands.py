@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import click
 
 from wonderland.lazy_commands import LazyGroup
+
+_CONFIG = "WONDERLAND_BACKEND_CONFIG"
 
 
 @click.group(
@@ -37,9 +42,17 @@ from wonderland.lazy_commands import LazyGroup
         "serve": ("wonderland_backend.server_commands:serve_command", "Serve until told to stop (SIGTERM, Ctrl-C)."),
     },
 )
-def backend() -> None:
+@click.option(
+    "--config",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help=f"Settings (TOML); the environment and options win.  [{_CONFIG}]",
+)
+def backend(config: Path | None) -> None:
     """Mirror the ledger, take in what agents report, show both.
 
     The mirror reads the ledger's blocks into a database and checks their hash chain; nothing else writes verdicts.
     The console and machines read it by REST and a live WebSocket under /api/v1.
     """
+    if config is not None:
+        # Settings are read from the environment; that of this process says which file, too.
+        os.environ[_CONFIG] = str(config)

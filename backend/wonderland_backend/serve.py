@@ -21,6 +21,7 @@ import uvicorn
 from starlette.types import ASGIApp
 
 from wonderland.proof_contract import ProofContract
+from wonderland.service_manager import ServiceManager
 from wonderland_backend import console
 from wonderland_backend.agents.listener import AgentsTls
 from wonderland_backend.app import Backend
@@ -174,20 +175,23 @@ async def serve(settings: Settings, listen: Listen, *, token_file: Path | None, 
         raise SettingsError(f"--console: {settings.console} has no index.html; build the console first")
     hosts = hosts_of(settings, listen)
     allow_files(settings.max_connections * (1 if settings.agents.listen is None else 2))
+    service = ServiceManager()
     with private_files(), Sockets.opened(settings, listen) as sockets:
         bound = sockets.everybody
         url = (settings.public_url or f"http://{listen.shown}:{bound.getsockname()[1]}").rstrip("/")
         lock = lock_of(settings.database)
-        try:
-            if not (await lock.take_lock() or await _stood_by(lock, bound, url, settings, as_json=as_json)):
-                return
+        async with service.alive(), contextlib.AsyncExitStack() as stack:
+            stack.push_async_callback(lock.release)
+            if not await lock.take_lock():
+                service.tell("READY=1")
+                if not await _stood_by(lock, bound, url, settings, as_json=as_json):
+                    return
             async with backend_of(settings, hosts) as backend:
                 token = await links.at_start(backend.database, backend.parts.sign_ins, demo=settings.demo)
                 if token_file is not None and token is not None:
                     write_atomic(token_file, token.encode() + b"\n")
-                await _serve_until_told(backend, sockets, lock, Ready(url, token, settings, as_json=as_json))
-        finally:
-            await lock.release()
+                ready = Ready(url, token, settings, as_json=as_json)
+                await _serve_until_told(backend, sockets, lock, ready, service)
 
 
 async def _stood_by(lock: Lock, bound: socket.socket, url: str, settings: Settings, *, as_json: bool) -> bool:
@@ -306,7 +310,9 @@ class _Server(uvicorn.Server):
         yield
 
 
-async def _serve_until_told(backend: Backend, sockets: Sockets, lock: Lock, ready: Ready) -> None:
+async def _serve_until_told(
+    backend: Backend, sockets: Sockets, lock: Lock, ready: Ready, service: ServiceManager
+) -> None:
     """Until told to stop. Raises `DatabaseError` where another backend may be the leader."""
     servers = [(new_server(backend.app, ready.settings), sockets.everybody)]
     if sockets.agents is not None:
@@ -319,6 +325,7 @@ async def _serve_until_told(backend: Backend, sockets: Sockets, lock: Lock, read
         if not serving.done():
             leave_to_itself()
             ready.print()
+            service.tell("READY=1")
         leading = asyncio.create_task(stay_leader(lock), name="leading")
         ends: set[asyncio.Future[Any]] = {serving, leading, told}
         await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)

@@ -35,9 +35,7 @@ _identity = click.option("--identity", metavar="NAME", help="Which of its identi
 @_connection
 @_identity
 @database_option
-@click.option(
-    "--listen", default="127.0.0.1:8080", show_default=True, metavar="HOST:PORT", help="Port 0: any free one."
-)
+@click.option("--listen", metavar="HOST:PORT", help="Port 0: any free one. [127.0.0.1:8080]")
 @click.option(
     "--console", type=click.Path(path_type=Path), metavar="DIR", help="The built console, if not the usual one."
 )
@@ -65,7 +63,6 @@ _identity = click.option("--identity", metavar="NAME", help="Which of its identi
 )
 @json_option
 def serve_command(
-    listen: str,
     token_file: Path | None,
     map_archive: Path | None,
     *,
@@ -84,7 +81,7 @@ def serve_command(
 
     async def run(settings: Settings) -> None:
         set_up_log(settings.log_level.upper())
-        await serve(settings, Listen.parse(listen), token_file=token_file, as_json=as_json)
+        await serve(settings, Listen.parse(settings.listen), token_file=token_file, as_json=as_json)
 
     uspace = {"test_harness": True} if test_harness else None
     flags = {"demo": demo or None, "plaintext": plaintext or None}

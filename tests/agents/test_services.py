@@ -112,7 +112,7 @@ async def test_agents_tell_it(world, which):
 )
 @pytest.mark.parametrize("unit", UNITS, ids=lambda path: path.stem)
 def test_units_are_accepted_and_expose_little(unit, tmp_path):
-    text = unit.read_text().replace("/opt/wonderland/bin/wonderland", sys.executable)
+    text = unit.read_text().replace("/usr/bin/wonderland", sys.executable)
     path = tmp_path / unit.name
     path.write_text(text)
     checked = subprocess.run(["systemd-analyze", "verify", str(path)], capture_output=True, text=True, check=False)
@@ -129,6 +129,7 @@ def test_units_are_accepted_and_expose_little(unit, tmp_path):
 
 def test_there_are_units():
     assert [unit.name for unit in UNITS] == [
+        "wonderland-backend.service",
         "wonderland-pad.service",
         "wonderland-ros1.service",
         "wonderland-ros2.service",

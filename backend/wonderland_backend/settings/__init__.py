@@ -1,13 +1,15 @@
-"""Settings: defaults here, overridden by the environment (``WONDERLAND_BACKEND_…``), then by options."""
+"""Settings: defaults here, then a TOML file, the environment (``WONDERLAND_BACKEND_…``) and options; the last wins."""
 
 from __future__ import annotations
 
+import os
 from ipaddress import ip_network
 from pathlib import Path
+from tomllib import TOMLDecodeError
 from typing import Final, Literal, Self
 
 from pydantic import Field, IPvAnyNetwork, ValidationError, model_validator
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict, TomlConfigSettingsSource
 from pydantic_settings import SettingsError as UnreadableError
 
 from wonderland.messages import Language
@@ -21,6 +23,8 @@ from wonderland_backend.settings.outputs import OutputSettings
 from wonderland_backend.settings.uspace import USpaceSettings
 
 PREFIX: Final = "WONDERLAND_BACKEND_"
+CONFIG: Final = PREFIX + "CONFIG"
+"""Names the TOML file; `wonderland backend --config` sets it."""
 MIN_TOKEN: Final = 16
 
 
@@ -29,6 +33,16 @@ class Settings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix=PREFIX, env_nested_delimiter="__", extra="forbid", frozen=True)
 
+    @classmethod
+    def settings_customise_sources(
+        cls, settings_cls: type[BaseSettings], *sources: PydanticBaseSettingsSource, **named: PydanticBaseSettingsSource
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Options, then the environment, then the file."""
+        file = os.environ.get(CONFIG)
+        first = (named["init_settings"], named["env_settings"])
+        return (*sources, *first, TomlConfigSettingsSource(settings_cls, Path(file))) if file else (*sources, *first)
+
+    listen: str = Field(default="127.0.0.1:8080", description="HOST:PORT; port 0: any free one")
     database: str = Field(default="sqlite:///wonderland.db", description="sqlite:///file or postgresql://…")
     connection: Path | None = Field(default=None, description="connection.json of the ledger")
     identity: str = Field(default="mirror", description="Which identity of connection.json reads the blocks")
@@ -210,11 +224,16 @@ class Settings(BaseSettings):
 
 
 def load(**options: object) -> Settings:
-    """Settings from the environment and these options; those that are None do not count. Raises `SettingsError`."""
+    """From the file, the environment and these options; those that are None do not count. Raises `SettingsError`."""
+    file = os.environ.get(CONFIG)
+    if file and not Path(file).is_file():
+        raise SettingsError(f"--config: there is no file {file}, or {CONFIG} should not be set")
     try:
         return Settings(**{name: value for name, value in options.items() if value is not None})  # type: ignore[arg-type]
     except UnreadableError as cause:
         raise SettingsError(f"{cause}: lists and objects are written as JSON") from None
+    except (OSError, TOMLDecodeError, UnicodeDecodeError) as cause:
+        raise SettingsError(f"--config: {file} cannot be read ({cause})") from None
     except ValidationError as cause:
         first = cause.errors()[0]
         name = ".".join(str(part) for part in first["loc"])
