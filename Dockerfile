@@ -1,7 +1,11 @@
 # The one image of this project: bootstrap of a Fabric network, contract servers, embedded ledger, backend with its
 # console, simulated pads and drones. compose.yaml runs it; Python and Node packages come from the locks, by hash.
 
-FROM python:3.11.14-slim-bookworm AS sources
+# Bases: `make pin` writes their digests here where a registry answers. Others by --build-arg.
+ARG PYTHON_IMAGE=python:3.11.14-slim-bookworm
+ARG NODE_IMAGE=node:24.19.0-bookworm-slim
+
+FROM ${PYTHON_IMAGE} AS sources
 ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1
 COPY requirements/run.txt requirements/build.txt /build/requirements/
 RUN python -m venv /opt/wonderland \
@@ -21,7 +25,7 @@ COPY uav_agent uav_agent
 RUN PYTHONPATH=$(echo /build/backend /build/libraries/* | tr ' ' ':') \
     /opt/wonderland/bin/python -c "from wonderland_backend.commands import backend; backend()" openapi > openapi.json
 
-FROM node:24.19.0-bookworm-slim AS console
+FROM ${NODE_IMAGE} AS console
 WORKDIR /build/frontend
 COPY frontend/package.json frontend/package-lock.json frontend/.npmrc ./
 RUN npm ci --no-audit --no-fund --loglevel=error
@@ -37,7 +41,7 @@ RUN /build/tools/bin/pip wheel --no-deps --no-build-isolation --wheel-dir /build
  && /opt/wonderland/bin/pip install --no-deps /build/wheel/*.whl \
  && /opt/wonderland/bin/pip uninstall --yes --quiet pip setuptools
 
-FROM python:3.11.14-slim-bookworm
+FROM ${PYTHON_IMAGE}
 # A volume that is mounted for the first time takes owner and mode of these.
 RUN groupadd --gid 10001 wonderland \
  && useradd --uid 10001 --gid 10001 --no-create-home --home-dir /nonexistent --shell /usr/sbin/nologin wonderland \

@@ -1,7 +1,7 @@
 # Everything that one does with this checkout. `make demo` and `make test` need nothing but python3 (3.11 or later,
 # with venv), make and git: they make .venv and the built console first, and again whenever these have become stale.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-python test-console lint types bench fuzz evidence-bytes fmt docs figures ros-latency screenshots film threat-model protocol house vectors evidence-vectors lock sbom dependencies compose clean
+.PHONY: help setup demo test test-python test-console lint types bench fuzz evidence-bytes fmt docs figures ros-latency screenshots film threat-model protocol house vectors evidence-vectors lock sbom release containers pin dependencies compose clean
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
@@ -109,6 +109,17 @@ lock: ## Resolve the Python dependencies anew (needs uv)
 
 sbom: $(VENV)/.ready ## What is inside, as CycloneDX: dist/*.cdx.json
 	@$(BIN)/python scripts/supply.py sbom dist
+
+# Debian packages are made by debhelper, signed by the GnuPG key that WONDERLAND_RELEASE_KEY names, and tried on a bare Debian.
+release: setup ## What a release is, into dist/: wheels, sdists, .deb, SBOMs, checksums, signature; each installed and tried
+	@$(BIN)/python scripts/release.py dist
+	@WONDERLAND_PACKAGES=dist $(BIN)/python -m pytest tests/release tests/distributions -q -rs
+
+containers: setup ## Build the image and run compose.yaml in containers, each service killed once (podman, buildah, root)
+	@$(BIN)/python -m pytest tests/bench/test_containers.py -m bench -q -s -rs -p no:xdist
+
+pin: $(VENV)/.ready ## Write the digests of the images that Dockerfile and compose.yaml name (skopeo; asks their registries)
+	@$(BIN)/python scripts/pin.py && $(MAKE) compose
 
 dependencies: $(VENV)/.ready ## Each dependency: licence, who keeps it, age, whether there is a newer one (asks the package index)
 	@$(BIN)/python scripts/supply.py report

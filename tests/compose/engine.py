@@ -287,15 +287,7 @@ class Engine:
             other = self.services[name]
             await (other.completed if wait["condition"] == "service_completed_successfully" else other.healthy).wait()
         begin = asyncio.get_running_loop().time()
-        with self.log(service).open("ab") as log:
-            service.process = await asyncio.create_subprocess_exec(
-                *("nsenter", f"--net=/run/netns/{service.namespace}", "unshare", "--mount", "sh", "-c"),
-                self._setup(service),
-                stdin=asyncio.subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
-            )
+        await self._launch(service)
         if service.is_job:
             code = await service.process.wait()
             if code:
@@ -305,6 +297,21 @@ class Engine:
             await self._wait_healthy(service)
             service.healthy.set()
         service.seconds_to_healthy = asyncio.get_running_loop().time() - begin
+
+    async def _launch(self, service):
+        with self.log(service).open("ab") as log:
+            service.process = await asyncio.create_subprocess_exec(
+                *self._process(service),
+                stdin=asyncio.subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+
+    def _process(self, service):
+        """The command that becomes the service."""
+        namespace = f"--net=/run/netns/{service.namespace}"
+        return ["nsenter", namespace, "unshare", "--mount", "sh", "-c", self._setup(service)]
 
     async def _wait_healthy(self, service):
         check = service.document["healthcheck"]
@@ -327,8 +334,7 @@ class Engine:
     async def execute(self, service, command):
         """Run a command inside, as `docker compose exec` does; exit code and output."""
         process = await asyncio.create_subprocess_exec(
-            *("nsenter", f"--target={service.process.pid}", "--mount", "--net", "--root", "--wd"),
-            *self._entry(service),
+            *self._inside(service),
             *command,
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
@@ -342,6 +348,10 @@ class Engine:
             await process.wait()
             raise
         return process.returncode, output
+
+    def _inside(self, service):
+        target = f"--target={service.process.pid}"
+        return ["nsenter", target, "--mount", "--net", "--root", "--wd", *self._entry(service)]
 
     async def stop(self):
         """Stop all, those that depend on others first; exit code by name."""
