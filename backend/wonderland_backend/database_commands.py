@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from sqlalchemy.exc import OperationalError
 
 from wonderland_backend.auth.store.sign_ins import SignIns
 from wonderland_backend.db import migrate as migrations
@@ -151,3 +152,5 @@ def run_work(work: Callable[[Settings], Coroutine[Any, Any, None]], **options: A
             runner.run(work(settings))
     except (BackendError, LedgerError) as error:
         raise click.ClickException(str(error)) from error
+    except OperationalError as error:  # a database server that is away, a file system that is full
+        raise click.ClickException(f"the database cannot be used: {error.orig}") from error

@@ -7,6 +7,8 @@ place on this machine, and logs go to files (podman has no driver `local`).
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import subprocess
 from pathlib import Path
 
@@ -95,10 +97,23 @@ class PodmanEngine(Engine):
         return ["podman", f"--runtime={self.runtime}", "exec", self._named(service.name)]
 
     async def restart_killed(self, service):
-        """Kill it as a crash would, start it again as `unless-stopped` does, and wait until it is healthy."""
+        """Kill it as a crash would; returns when all servers are healthy again.
+
+        Whatever ends meanwhile starts again, as `unless-stopped` says: it may be that it does not go on without the other.
+        """
         podman("kill", "--signal=KILL", self._named(service.name))
         code = await service.process.wait()
-        podman("rm", "--force", "--time=0", self._named(service.name), check=False)
-        await self._launch(service)
-        await self._wait_healthy(service)
+        servers = [each for each in self.services.values() if not each.is_job]
+        async with asyncio.timeout(240):
+            while not all([await self._lives(each) for each in servers]):
+                await asyncio.sleep(0.5)
         return code
+
+    async def _lives(self, service):
+        if service.process.returncode is not None:
+            podman("rm", "--force", "--time=0", self._named(service.name), check=False)
+            await self._launch(service)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(10):
+                return (await self.execute(service, service.document["healthcheck"]["test"][1:]))[0] == 0
+        return False

@@ -62,6 +62,14 @@ def test_only_names_of_the_project_are_installed(wheels):
         assert any(name.endswith("licenses/LICENSE") for name in opened.namelist())
 
 
+def test_each_has_the_licence_itself():
+    """An sdist would keep a link that leads out of it."""
+    for path in PROJECTS:
+        licence = path.parent / "LICENSE"
+        assert not licence.is_symlink(), licence
+        assert licence.read_bytes() == (ROOT / "LICENSE").read_bytes(), licence
+
+
 def test_remote_id(install):
     alone = install("wonderland-remote-id")
     assert alone.needed.ours == {"wonderland-remote-id"}

@@ -65,7 +65,7 @@ def test_a_command_that_there_is_not():
 @pytest.mark.parametrize(
     ("module", "arguments", "says"),
     [
-        ("httpx", ("network", "up", "--help"), "pip install 'wonderland-fabric-gateway[ca]'"),
+        ("httpx", ("network", "up", "--help"), "not whole; install wonderland-fabric-network anew"),
         ("wonderland_simulator", ("demo",), "pip install wonderland-simulator"),
         ("fastapi", ("backend", "serve", "--help"), "not whole; install wonderland-backend anew"),
         ("wonderland_uav_agent", ("uav", "prove"), "pip install wonderland-uav-agent"),

@@ -118,6 +118,21 @@ def test_the_backend_serves_and_agents_take_their_settings(installed):
         assert "until a committed verdict permits the landing" in said or service == "pad"
 
 
+def test_a_file_system_that_is_full_and_a_port_that_is_taken(installed):
+    machine = installed[0]
+    migrate = "wonderland backend migrate --database sqlite:////mnt/full.db"
+    full = f"mount -t tmpfs -o size=300k tmpfs /mnt; {migrate}; mount -o remount,size=20m /mnt; {migrate}"
+    said = machine.run("sh", "-c", full)
+    assert "Error: the database was not migrated and is as it was: database or disk is full\n" in said
+    assert "The tables are at revision" in said
+    assert "Traceback" not in said
+    away = machine.run("wonderland", "backend", "migrate", "--database", "postgresql://x@127.0.0.1:9/x", code=1)
+    assert away.startswith("Error: the database cannot be used: connection failed")
+    taken = '/usr/lib/wonderland/bin/python3 -m http.server --bind 127.0.0.1 8123 >/dev/null 2>&1 & sleep 1; exec "$@"'
+    said = machine.run("sh", "-c", taken, "sh", *by(machine, "backend"), code=1)
+    assert "cannot listen on 127.0.0.1:8123 (Address already in use)" in said
+
+
 def test_an_upgrade_keeps_what_somebody_has_written(installed, packages, tmp_path):
     """Another build of wonderland-uav, whose own file has changed, too."""
     machine = installed[0]

@@ -10,7 +10,7 @@ from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from alembic.util.exc import CommandError
 from sqlalchemy import Connection, func, select
-from sqlalchemy.exc import ProgrammingError
+from sqlalchemy.exc import OperationalError, ProgrammingError
 
 from alembic import command
 from wonderland_backend.db.engine import Database
@@ -43,19 +43,22 @@ async def migrate(database: Database, revision: str = "head") -> None:
         except CommandError as cause:
             raise DatabaseError(f"the database cannot be migrated: {cause}; is it of a later version?") from cause
 
-    async with database.write() as connection:
-        if not database.is_sqlite:
-            # Two servers that start at once migrate one after the other; SQLite's write lock does the same.
-            await connection.execute(select(func.pg_advisory_xact_lock(_LOCK)))
-        try:
+    try:
+        async with database.write() as connection:
+            if not database.is_sqlite:
+                # Two servers that start at once migrate one after the other; SQLite's write lock does the same.
+                await connection.execute(select(func.pg_advisory_xact_lock(_LOCK)))
             await connection.run_sync(run)
-        except ProgrammingError as cause:
-            if not any(words in str(cause) for words in ("permission denied", "must be owner")):
-                raise
-            raise DatabaseError(
-                "the database's tables are of another version and belong to another role; as that role, run "
-                "`wonderland backend migrate --server-role` with this server's role"
-            ) from cause
+    except ProgrammingError as cause:
+        if not any(words in str(cause) for words in ("permission denied", "must be owner")):
+            raise
+        raise DatabaseError(
+            "the database's tables are of another version and belong to another role; as that role, run "
+            "`wonderland backend migrate --server-role` with this server's role"
+        ) from cause
+    except OperationalError as cause:
+        # A full file system, a server that is away: it was one transaction, so the tables are as they were.
+        raise DatabaseError(f"the database was not migrated and is as it was: {cause.orig}") from cause
 
 
 async def revision(database: Database) -> str | None:

@@ -63,19 +63,19 @@ def of_module(module: str, first: str | None = None) -> str:
         {each for each in _extras() if each[0] == wanted},
         key=lambda each: (each[1] not in near[:1], each[1] not in near, each),
     )
-    if not found:
+    if wanted in near or not found:
         return f"the module {module} is missing: this installation is not whole; install {first or _PROJECT} anew"
     _, distribution, extra = found[0]
     return f"this needs {wanted}, which the extra {extra} brings: pip install '{distribution}[{extra}]'"
 
 
 def _required_by(distribution: str | None) -> list[str]:
-    """The distribution itself, then what it requires."""
+    """The distribution itself, then what it requires in any case."""
     try:
         lines = metadata.requires(distribution) if distribution else None
     except metadata.PackageNotFoundError:
         lines = None
-    names = (_NAME.match(line) for line in lines or ())
+    names = (_NAME.match(line) for line in lines or () if "extra ==" not in line)
     return [_normal(each) for each in (distribution or "", *(match[0] for match in names if match))]
 
 
