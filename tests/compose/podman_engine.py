@@ -105,7 +105,7 @@ class PodmanEngine(Engine):
         code = await service.process.wait()
         servers = [each for each in self.services.values() if not each.is_job]
         async with asyncio.timeout(240):
-            while not all([await self._lives(each) for each in servers]):
+            while not all(await asyncio.gather(*map(self._lives, servers))):
                 await asyncio.sleep(0.5)
         return code
 

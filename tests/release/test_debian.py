@@ -73,6 +73,11 @@ def test_no_service_starts_before_somebody_configured_it(installed):
         assert f"wonderland-{service} is not started yet: nobody has configured it." in said
         assert exec_start(machine, service)[0] == user
         assert machine.run("stat", "-c", "%a %U %G", f"/etc/wonderland/{service}.toml").split() == ["640", "root", user]
+        # What runs starts again after an upgrade, and is stopped before it is removed; there is no systemd here to do it.
+        scripts = machine.root / "var/lib/dpkg/info"
+        unit = f"wonderland-{service}.service"
+        assert f"deb-systemd-invoke try-restart '{unit}'" in (scripts / f"wonderland-{service}.postinst").read_text()
+        assert f"deb-systemd-invoke stop {unit}" in (scripts / f"wonderland-{service}.prerm").read_text()
     assert not list(machine.root.glob("etc/systemd/system/*.wants/wonderland*"))
     assert "pad.toml: pad_id is missing" in machine.run(*by(machine, "pad"), code=1)
     assert "Missing option '--connection'" in machine.run(*by(machine, "uav"), code=2)
