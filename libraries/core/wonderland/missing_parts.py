@@ -21,6 +21,7 @@ COMMANDS: Final = {
     "remote-id": "wonderland-remote-id",
     "reproduce": "wonderland-research",
     "ros1": "wonderland-ros-bridge",
+    "ros2": "wonderland-ros-bridge",
     "simulate": "wonderland-simulator",
     "uav": "wonderland-uav-agent",
     "uwb": "wonderland-core",
