@@ -289,18 +289,25 @@ class Backend:
             await asyncio.sleep(TIDY_EVERY_S)
 
     async def _check(self) -> None:
-        """Live connections end with the sign-in that opened them, agents' with their certificate."""
+        """Live connections end with the sign-in or token that opened them, agents' with their certificate."""
         while True:
             await asyncio.sleep(CHECK_EVERY_S)
             self.standing.check()
             for person in self.parts.hub.people():
                 try:
-                    found = await self.parts.sign_ins.find_by_hash(person)
+                    stays = await self._stays(person)
                 except Exception:
                     logger.exception("a sign-in could not be checked; trying again later")
                     break
-                if found is None:
+                if not stays:
                     self.parts.hub.close_person(person)
+
+    async def _stays(self, person: str) -> bool:
+        """Whether a live connection's sign-in or token (`live.endpoints` names it) is still good."""
+        machine, of_machine, expires_ms = person.partition(":")
+        if of_machine:
+            return await self.parts.machines.may_go_on(machine, int(expires_ms), self.context.clock())
+        return await self.parts.sign_ins.find_by_hash(person) is not None
 
 
 async def _instance(database: Database, context: Context) -> str:

@@ -10,7 +10,7 @@ from starlette.requests import HTTPConnection
 
 from wonderland_backend.clients.certificates import Certificates
 from wonderland_backend.clients.keys import TokenKeys
-from wonderland_backend.clients.scopes import scopes_for
+from wonderland_backend.clients.scopes import LIVE, scopes_for
 from wonderland_backend.clients.store import Clients, sha256
 from wonderland_backend.clients.tokens import Tokens
 from wonderland_backend.context import part
@@ -54,6 +54,18 @@ class Machines:
         caller.require(*enough)
         connection.state.scopes = caller.scopes
         return person
+
+    async def person_of_live(self, connection: HTTPConnection) -> Person:
+        """A machine that may see live frames. Raises `TokenRefused`, `ScopeMissing`."""
+        caller, client = await self._known(connection, connection.headers.get("authorization"))
+        for scope in LIVE:
+            caller.require(scope)
+        return _system(caller) if client is None else person_of_client(client, caller.expires_s * 1000)
+
+    async def may_go_on(self, person_id: str, expires_ms: int, now_ms: int) -> bool:
+        """Whether what a token opened stays open: neither has it ended, nor was the machine revoked."""
+        client = await self._clients.find_client(person_id)
+        return now_ms < expires_ms and (client is None or client.revoked_ms is None)
 
     async def caller_of(self, connection: HTTPConnection) -> Caller:
         """The machine as its token says, with what it may today. Raises `TokenRefused`."""

@@ -39,6 +39,9 @@ SCOPES: Final[Mapping[str, str]] = {
 }
 """Every scope that a client may be given, and what it is for."""
 
+LIVE: Final = (PADS, PROOFS, TRACKS, ALERTS)
+"""All of these open the live WebSocket, whose frames have all of it."""
+
 _READ: Final[Mapping[str, frozenset[str]]] = {
     "pads": frozenset({PADS}),
     "drones": frozenset({DRONES}),

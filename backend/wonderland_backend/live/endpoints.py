@@ -6,35 +6,52 @@ import asyncio
 import contextlib
 import re
 from collections.abc import Iterator
+from http import HTTPStatus
 from typing import Final
 
 from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect, WebSocketState
 
 from wonderland_backend.auth.store.sign_ins import SignInsDep
+from wonderland_backend.clients.machines import MachinesDep
 from wonderland_backend.context import ContextDep
+from wonderland_backend.errors import Problem
 from wonderland_backend.live.board import BoardDep
 from wonderland_backend.live.hub import SIGNED_OUT, Client, HubDep
 from wonderland_backend.live.lens import Lens
+from wonderland_backend.person import Person
 
 router = APIRouter()
 _SINCE: Final = re.compile(r"([0-9a-f]{16}):(\d{1,15})")
 _CLOSE_S: Final = 5.0
+FORBIDDEN: Final = 4403
+MAX_REASON: Final = 120
+"""Of a close frame's reason; the protocol has room for 123 bytes."""
 
 
 @router.websocket("/live")
-async def live(socket: WebSocket, context: ContextDep, board: BoardDep, hub: HubDep, sign_ins: SignInsDep) -> None:
-    """Push what happens to a signed-in browser; see docs/seams.md, "Backend to browser: live"."""
-    person = await sign_ins.person_of_cookie(socket.cookies.get(context.cookie_name))
+async def live(
+    socket: WebSocket, context: ContextDep, board: BoardDep, hub: HubDep, sign_ins: SignInsDep, machines: MachinesDep
+) -> None:
+    """Push what happens to a signed-in browser or a machine; see docs/seams.md, "Backend to browser: live"."""
+    refused: tuple[int, str] | None = None
+    person: Person | None = None
+    if "authorization" in socket.headers:
+        try:
+            person = await machines.person_of_live(socket)
+        except Problem as problem:
+            refused = FORBIDDEN if problem.status == HTTPStatus.FORBIDDEN else SIGNED_OUT, str(problem)[:MAX_REASON]
+    else:
+        person = await sign_ins.person_of_cookie(socket.cookies.get(context.cookie_name))
     await socket.accept()
     if person is None:
         # Closed after accepting: a browser is not told why a handshake was refused.
-        await socket.close(SIGNED_OUT, "sign in first")
+        await socket.close(*(refused or (SIGNED_OUT, "sign in first")))
         return
     found = _SINCE.fullmatch(socket.query_params.get("since", "")[:64])
     lens = Lens.of(person, pad_owner=board.pad_owner, drone_owner=board.drone_owner)
     client, first = hub.join(
-        person.cookie_sha256,
+        person.cookie_sha256 or f"{person.person_id}:{person.expires_ms}",
         (found[1], int(found[2])) if found else None,
         lens,
         takes_packed=socket.query_params.get("packed") == "zlib",
