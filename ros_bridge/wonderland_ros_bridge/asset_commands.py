@@ -18,12 +18,11 @@ from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_ros_bridge.config_option import config
+from wonderland_ros_bridge.either import Settings, load, message_reader
 from wonderland_ros_bridge.errors import BridgeError
 from wonderland_ros_bridge.ledger import envelope
-from wonderland_ros_bridge.ros1 import definitions
-from wonderland_ros_bridge.ros1.publisher import definition_of
-from wonderland_ros_bridge.settings import PREFIX, Settings, load
 
+_PREFIXES = {"ros1": "ros1", "cdr": "ros2"}
 _asset = click.argument("asset_id", metavar="TOPIC_OR_ASSET")
 
 
@@ -80,7 +79,11 @@ def delete(*, path: Path, asset_id: str) -> None:
 def _run(path: Path, asset_id: str, work: Callable[[AssetContract, str], Awaitable[Any]]) -> None:
     async def whole() -> Any:
         settings = load(path)
-        name = envelope.topic_asset_id(PREFIX, settings.bridge, asset_id) if asset_id.startswith("/") else asset_id
+        name = (
+            envelope.topic_asset_id(settings.prefix, settings.bridge, asset_id)
+            if asset_id.startswith("/")
+            else asset_id
+        )
         async with _ledger(settings) as ledger:
             return await work(ledger, name)
 
@@ -105,11 +108,13 @@ async def _shown(ledger: AssetContract, asset: Asset) -> dict[str, Any]:
         return document
     del document["value"]
     batch = envelope.parse(asset.value)
-    stored = await ledger.read_asset(envelope.definition_asset_id(PREFIX, batch.bridge, batch.type, batch.type_hash))
-    reader = definitions.codec(batch.type, definition_of(batch, None if stored is None else stored.value).text)
+    stored = await ledger.read_asset(
+        envelope.definition_asset_id(_PREFIXES[batch.encoding], batch.bridge, batch.type, batch.type_hash)
+    )
+    to_json = message_reader(batch, None if stored is None else stored.value)
     document["topic"] = batch.topic
     document["messages"] = [
-        {"seq": each.seq, "t_ms": each.t_ms, "message": reader.to_json(each.data)}
+        {"seq": each.seq, "t_ms": each.t_ms, "message": to_json(each.data)}
         if each.data is not None
         else {"seq": each.seq, "t_ms": each.t_ms, "sha256": each.sha256, "size": each.size}
         for each in batch.messages

@@ -15,13 +15,14 @@ from wonderland.clock import Clock, SteadyClock
 from wonderland.proof_contract import RefusedError
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.gateway import Gateway
-from wonderland_ros_bridge.intake import Intake
+from wonderland_ros_bridge.intake import Intake, Kind
 from wonderland_ros_bridge.ledger.envelope import Batch
 from wonderland_ros_bridge.ledger.listener import Listener
 from wonderland_ros_bridge.ledger.orders import MAX_ORDER_BYTES, Orders
 from wonderland_ros_bridge.ledger.outbox import Outbox
 from wonderland_ros_bridge.ledger.policy import Rule
 from wonderland_ros_bridge.ledger.sender import Sender
+from wonderland_ros_bridge.ros1 import definitions
 from wonderland_ros_bridge.ros1.hosts import Hosts
 from wonderland_ros_bridge.ros1.node import MAX_TOPICS, Node
 from wonderland_ros_bridge.ros1.publisher import STRING, Ros1Publisher
@@ -105,6 +106,15 @@ class Ros1Bridge:
         answer = await self._orders.carry_out(arrived.data[4:])
         await self._publisher.publish_text(f"{self.node.name}/answers", answer, latch=False)
 
+    async def _take(self, arrived: Arrived) -> None:
+        said = arrived.definition
+
+        def read(data: bytes) -> object:
+            return definitions.codec(said.type, said.text).decode(data)
+
+        kind = Kind("ros1", said.type, said.md5, said.text, read)
+        await self.intake.take(arrived.topic, kind, arrived.data, arrived.publisher)
+
     def _rule_of(self, topic: str) -> Rule:
         for rule in self._settings.to_ledger:
             if rule.fits(topic):
@@ -132,7 +142,7 @@ class Ros1Bridge:
                 continue
             rule = self._rule_of(topic)
             await self.intake.begin(topic, rule)
-            await self.node.subscribe(topic, self.intake.take, kind=rule.type, max_message_bytes=rule.max_message_bytes)
+            await self.node.subscribe(topic, self._take, kind=rule.type, max_message_bytes=rule.max_message_bytes)
 
 
 def _now_ms() -> int:

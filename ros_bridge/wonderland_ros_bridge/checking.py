@@ -21,14 +21,15 @@ def explained(settings: Settings) -> Iterator[str]:
         yield f"It speaks with nodes in {', '.join(ros1.networks)}: ROS 1 protects nothing of that."
     yield f"Up to {settings.max_spool_bytes / 2**20:g} MiB wait for the ledger in {settings.spool}."
     for rule in settings.to_ledger:
-        yield f"To the ledger: {_rule(rule)}"
+        yield f"To the ledger: {rule_in_words(rule)}"
     for choice in settings.from_ledger:
-        yield f"From the ledger: {_choice(choice)}"
+        yield f"From the ledger: {choice_in_words(choice)}"
     if settings.orders is not None:
         yield f"Whoever publishes on {settings.orders} changes assets under ros1/{settings.bridge}/."
 
 
-def _rule(rule: Rule) -> str:
+def rule_in_words(rule: Rule) -> str:
+    """What goes to the ledger."""
     what = f"{rule.topic}, {rule.type or 'any type'}"
     sample = f", one message of {rule.every}" if rule.every > 1 else ""
     if rule.max_hz is not None:
@@ -40,7 +41,8 @@ def _rule(rule: Rule) -> str:
     return f"{what}{sample or ', all messages'}; {how}."
 
 
-def _choice(choice: Choice) -> str:
+def choice_in_words(choice: Choice) -> str:
+    """What comes from it."""
     what = f"{', '.join(choice.events)} signed by {', '.join(choice.senders)}, as {choice.give}, on {choice.topic}"
     if any(each in {"*", "*/*"} for each in choice.senders):
         return f"{what}. Every member of the channel may publish that."

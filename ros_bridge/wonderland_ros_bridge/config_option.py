@@ -11,5 +11,5 @@ config = click.option(
     "path",
     required=True,
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="ros1.toml.",
+    help="ros1.toml or ros2.toml.",
 )

@@ -4,20 +4,32 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 from wonderland.clock import Clock
 from wonderland_ros_bridge.errors import DefinitionError
+from wonderland_ros_bridge.ledger.envelope import Encoding
 from wonderland_ros_bridge.ledger.outbox import Outbox, Received
 from wonderland_ros_bridge.ledger.policy import Rule, Sampler
 from wonderland_ros_bridge.ledger.sender import Sender
-from wonderland_ros_bridge.ros1.definitions import codec
-from wonderland_ros_bridge.ros1.subscription import Arrived
 
 _log = logging.getLogger(__name__)
 
 MAX_AT_ONCE: Final = 4 << 20
 """Bytes of messages that wait for the disk together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What a message is said to be; ``read`` raises DefinitionError for bytes that are none of it."""
+
+    encoding: Encoding
+    type: str
+    type_hash: str
+    definition: str
+    read: Callable[[bytes], object]
 
 
 class Intake:
@@ -50,20 +62,23 @@ class Intake:
         self._samplers[topic] = Sampler(rule)
         self._counts[topic] = await self._outbox.run(self._outbox.received, topic)
 
-    async def take(self, arrived: Arrived) -> None:
-        """A message that came; bytes that are none of its type are refused and counted."""
-        sampler = self._samplers[arrived.topic]
+    async def take(self, topic: str, kind: Kind, data: bytes, publisher: str, *, lost: int = 0) -> None:
+        """A message that came; bytes that are none of its type are refused and counted.
+
+        ``lost``: how many of the topic came before it and could not be held; they are counted, too.
+        """
+        sampler = self._samplers[topic]
         t_ms = self._clock()
-        self._counts[arrived.topic] += 1
-        seq = self._counts[arrived.topic]
+        self._counts[topic] += 1 + lost
+        seq = self._counts[topic]
         if not sampler.takes(self._steady()):
             return
-        message = sampler.message(seq, t_ms, arrived.data)
+        message = sampler.message(seq, t_ms, data)
         if message.data is not None:
             try:
-                codec(arrived.definition.type, arrived.definition.text).decode(arrived.data)
+                kind.read(data)
             except DefinitionError as error:
-                self._refuse(arrived, error)
+                self._refuse((topic, publisher), error)
                 return
         if self._outbox.pending_bytes >= self._max_bytes:
             self.waits += 1
@@ -71,15 +86,13 @@ class Intake:
                 await self._sender.settled.wait_for(lambda: self._outbox.pending_bytes < self._max_bytes)
         async with self._change:
             await self._change.wait_for(lambda: self._queued_bytes < MAX_AT_ONCE)
-            kind = arrived.definition.type, arrived.definition.md5
-            self._definitions[kind] = arrived.definition.text
-            self._queue.append(Received(arrived.topic, "ros1", *kind, message))
+            self._definitions[kind.type, kind.type_hash] = kind.definition
+            self._queue.append(Received(topic, kind.encoding, kind.type, kind.type_hash, message))
             self._queued_bytes += len(message.data or b"") + 200
             self._change.notify_all()
 
-    def _refuse(self, arrived: Arrived, error: DefinitionError) -> None:
+    def _refuse(self, who: tuple[str, str], error: DefinitionError) -> None:
         self.refused += 1
-        who = (arrived.topic, arrived.publisher)
         if who not in self._told:
             self._told.add(who)
             _log.warning("%s from %s: %s; such messages are left out", *who, error)

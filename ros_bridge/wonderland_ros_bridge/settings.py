@@ -13,6 +13,8 @@ from wonderland_ros_bridge.ledger.listener import Choice
 from wonderland_ros_bridge.ledger.policy import Rule, Topic
 from wonderland_ros_bridge.ros1.hosts import LOOPBACK
 
+BridgeName = Annotated[str, Meta(max_length=40, pattern=r"\A[A-Za-z0-9][A-Za-z0-9_.-]*\Z")]
+SpoolBytes = Annotated[int, Meta(ge=1 << 20, le=1 << 40)]
 PREFIX = "ros1"
 """With which the ids of this bridge's assets begin."""
 
@@ -48,13 +50,13 @@ class Ros1Settings(Table, frozen=True):
 class Settings(Table, frozen=True):
     """The whole file."""
 
-    bridge: Annotated[str, Meta(max_length=40, pattern=r"\A[A-Za-z0-9][A-Za-z0-9_.-]*\Z")]
+    bridge: BridgeName
     """This bridge's name on the ledger."""
     spool: Path
     """The file in which messages wait for the ledger."""
     ledger: LedgerSettings
     ros1: Ros1Settings = Ros1Settings()
-    max_spool_bytes: Annotated[int, Meta(ge=1 << 20, le=1 << 40)] = 1 << 30
+    max_spool_bytes: SpoolBytes = 1 << 30
     """Beyond it nothing more is read from publishers until the ledger has taken some."""
     orders: Topic | None = None
     """A topic (``std_msgs/String``) on which the robot's own programs give orders about this bridge's assets."""

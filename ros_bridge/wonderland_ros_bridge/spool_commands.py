@@ -1,4 +1,4 @@
-"""``wonderland ros1 status`` and ``rejected``: what waits for the ledger, and what it refused."""
+"""``wonderland ros1 status`` (and ``ros2``) and ``rejected``: what waits for the ledger, and what it refused."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import click
 
 from wonderland.toml_settings import SettingsError
 from wonderland_ros_bridge.config_option import config
+from wonderland_ros_bridge.either import Settings, load
 from wonderland_ros_bridge.errors import BridgeError
 from wonderland_ros_bridge.ledger.outbox import Outbox
 from wonderland_ros_bridge.ledger.outbox_view import OutboxView
-from wonderland_ros_bridge.settings import Settings, load
 
 
 def _settings(path: Path) -> Settings:
@@ -40,7 +40,7 @@ def status(*, path: Path, as_json: bool) -> None:
     for each in found["topics"]:
         click.echo(f"  {each['topic']}: {each['received']} received, {each['waiting']} wait")
     if found["rejected"]:
-        click.echo(f"{found['rejected']} batches were refused: wonderland ros1 rejected --config {path}")
+        click.echo(f"{found['rejected']} batches were refused: {settings.command} rejected --config {path}")
 
 
 @click.command()

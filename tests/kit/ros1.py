@@ -113,7 +113,7 @@ class Peer:
     async def start(cls, name, master):
         with (master.home / f"{name}.log").open("ab") as log:
             process = await asyncio.create_subprocess_exec(
-                *(SYSTEM_PYTHON, str(PEER), name),
+                *(SYSTEM_PYTHON, "-P", str(PEER), name),  # kit has modules that are called as Python's are
                 env=_environment(master.uri, master.home),
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,

@@ -104,6 +104,7 @@ class SdkPeer:
             pytest.skip("zenoh-ros2-sdk is needed")
         process = await asyncio.create_subprocess_exec(
             sys.executable,
+            "-P",  # its own directory has modules that are called as Python's are
             str(Path(__file__).with_name("sdk_peer.py")),
             str(where.port),
             str(domain),

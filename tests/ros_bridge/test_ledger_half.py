@@ -21,7 +21,7 @@ from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.assets import Asset
 from wonderland.toml_settings import SettingsError
 from wonderland_ros_bridge.errors import EnvelopeError, SpoolError
-from wonderland_ros_bridge.intake import Intake
+from wonderland_ros_bridge.intake import Intake, Kind
 from wonderland_ros_bridge.ledger import envelope, sender
 from wonderland_ros_bridge.ledger.envelope import Batch, Message
 from wonderland_ros_bridge.ledger.listener import Choice, Listener
@@ -30,7 +30,6 @@ from wonderland_ros_bridge.ledger.outbox import Outbox, Received
 from wonderland_ros_bridge.ledger.policy import Rule, Sampler
 from wonderland_ros_bridge.ledger.sender import Sender
 from wonderland_ros_bridge.ros1 import definitions
-from wonderland_ros_bridge.ros1.subscription import Arrived
 from wonderland_ros_bridge.settings import load
 
 MD5 = "0" * 32
@@ -43,6 +42,11 @@ def received(seq, topic="/fix", data=b"x", kind="a/B"):
 def batch(number=1, seqs=(1,), *, bridge="drone-a", epoch="0" * 16, topic="/fix", kind="a/B"):
     messages = tuple(Message(seq=seq, t_ms=seq, data=b"x") for seq in seqs)
     return Batch(bridge, epoch, number, topic, "ros1", kind, MD5, messages)
+
+
+def kind_of(name, text):
+    made = definitions.parse(name, text)
+    return Kind("ros1", name, made.md5, text, definitions.codec(name, text).decode)
 
 
 @pytest.fixture
@@ -405,12 +409,12 @@ async def test_what_was_taken_is_on_the_disk_when_a_bridge_is_told_to_stop(outbo
     intake = Intake(outbox, working, lambda: 0, steady=lambda: 0, max_bytes=1 << 30)
     await intake.begin("/t", Rule(topic="/t"))
     running = asyncio.create_task(intake.run())
-    string = definitions.parse("std_msgs/String", "string data\n")
+    string = kind_of("std_msgs/String", "string data\n")
     for number in range(50):
-        await intake.take(Arrived("/t", string, b"\x01\x00\x00\x00x", "http://127.0.0.1:1/"))
+        await intake.take("/t", string, b"\x01\x00\x00\x00x", "http://127.0.0.1:1/")
         if number % 7 == 0:
             await asyncio.sleep(0)
-    await intake.take(Arrived("/t", string, b"\x09\x00\x00\x00x", "http://127.0.0.1:1/"))
+    await intake.take("/t", string, b"\x09\x00\x00\x00x", "http://127.0.0.1:1/")
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)
     await intake.flush()
@@ -438,8 +442,8 @@ async def test_what_waits_for_a_slow_disk_is_not_taken_back_by_a_stop(outbox):
     disk = threading.Event()
     slow = asyncio.create_task(outbox.run(disk.wait, 20))
     running = asyncio.create_task(intake.run())
-    string = definitions.parse("std_msgs/String", "string data\n")
-    await intake.take(Arrived("/t", string, b"\x01\x00\x00\x00x", "http://127.0.0.1:1/"))
+    string = kind_of("std_msgs/String", "string data\n")
+    await intake.take("/t", string, b"\x01\x00\x00\x00x", "http://127.0.0.1:1/")
     while intake._queue:
         await asyncio.sleep(0)
     running.cancel()

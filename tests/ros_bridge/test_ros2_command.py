@@ -42,7 +42,7 @@ def test_settings_are_explained(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (LEDGER, "pad"),
+        (LEDGER, "nothing to do"),
         (LEDGER + PAD + '[ros2]\nconnect = ["tcp/10.0.0.1:7447"]\n', "another machine's"),
         (LEDGER + PAD + '[ros2]\nlisten = ["tcp/0.0.0.0:7447"]\n', "another machine's"),
         (LEDGER + PAD + "[ros2]\ndomain = 300\n", "domain"),

@@ -23,7 +23,7 @@ class Rule(Table, frozen=True):
 
     topic: Annotated[str, Meta(min_length=2, max_length=255, pattern=r"\A/[A-Za-z0-9_/*?\[\]]+\Z")]
     """A name, or a pattern (``/uav/*``): topics that fit are taken as they appear."""
-    type: Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_]+/[A-Za-z0-9_]+\Z")] | None = None
+    type: Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_]+/(?:msg/)?[A-Za-z0-9_]+\Z")] | None = None
     """The only type that is taken; without it, any."""
     keep: Literal["latest", "each"] = "latest"
     """One asset for the topic, changed again and again, or one for each batch."""

@@ -1,4 +1,4 @@
-"""``wonderland ros2``: a pad as a node of ROS 2."""
+"""``wonderland ros2``: a pad as a node of ROS 2, and topics to the ledger and back."""
 
 from __future__ import annotations
 
@@ -9,7 +9,13 @@ from wonderland.lazy_commands import LazyGroup
 
 @click.group(
     cls=LazyGroup,
+    context_settings={"obj": "ros2"},
     lazy={
+        "delete": ("wonderland_ros_bridge.asset_commands:delete", "Delete an asset of this bridge."),
+        "history": ("wonderland_ros_bridge.asset_commands:history", "Show an asset's changes."),
+        "read": ("wonderland_ros_bridge.asset_commands:read", "Show an asset, its messages decoded."),
+        "rejected": ("wonderland_ros_bridge.spool_commands:rejected", "Show what the ledger refused, and why."),
+        "status": ("wonderland_ros_bridge.spool_commands:status", "Say what waits for the ledger."),
         "interfaces": ("wonderland_ros_bridge.ros2.interfaces_command:interfaces", "Write the interface package."),
         "run": ("wonderland_ros_bridge.ros2.run_command:run", "Work until told to stop."),
     },

@@ -81,6 +81,10 @@ class PadNode:
         self.placed: Final = asyncio.Event()
         """From now on nothing that is committed is missed."""
 
+    async def wait_placed(self) -> None:
+        """Until nothing that is committed from now on is missed."""
+        await self.placed.wait()
+
     def report(self, t_ms: int, body: Body) -> None:
         """Something that the pad's agent told; where too much waits it is left out."""
         try:

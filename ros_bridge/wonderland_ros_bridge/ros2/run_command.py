@@ -1,4 +1,4 @@
-"""``wonderland ros2 run``: a pad as a node, as a service."""
+"""``wonderland ros2 run``: a pad as a node, and topics to the ledger and back, as a service."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import contextlib
 import json
 import logging
 import signal
+import time
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
@@ -22,10 +23,13 @@ from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_rmw_zenoh.errors import Ros2Error
 from wonderland_rmw_zenoh.node import Node
+from wonderland_ros_bridge.checking import choice_in_words, rule_in_words
 from wonderland_ros_bridge.errors import BridgeError
+from wonderland_ros_bridge.ledger.outbox import Outbox
 from wonderland_ros_bridge.ros2.pad_node import PadNode
 from wonderland_ros_bridge.ros2.reports import listening
 from wonderland_ros_bridge.ros2.settings import Settings, load
+from wonderland_ros_bridge.ros2.topics import Topics
 
 
 @click.command()
@@ -54,31 +58,67 @@ def run(*, path: Path, as_json: bool, check: bool, verbose: bool) -> None:
 def explained(settings: Settings) -> Iterator[str]:
     """Lines for people."""
     ros2, pad = settings.ros2, settings.pad
-    yield f"Pad {pad.pad_id} is node {pad.node} in domain {ros2.domain}."
-    yield f"Its frame is {pad.frame}, within {pad.map_frame}."
+    yield f"It is node {settings.node} in domain {ros2.domain}."
+    if pad is not None:
+        yield f"Pad {pad.pad_id}: its frame is {pad.frame}, within {pad.map_frame}."
+        yield f"The pad's agent is heard on {pad.reports} (local_reports in pad.toml)."
     yield f"It meets others at {', '.join(ros2.connect)}."
     if ros2.tls is None:
         yield "It speaks with this machine alone: there are no certificates (ros2.tls)."
     else:
         who = ", ".join(ros2.tls.peers) or "everybody whom this authority vouches for"
         yield f"It speaks with holders of certificates by {ros2.tls.ca}: {who}."
-    yield f"The pad's agent is heard on {pad.reports} (local_reports in pad.toml)."
+    if settings.has_topics:
+        yield f"Up to {settings.max_spool_bytes / 2**20:g} MiB wait for the ledger in {settings.spool}."
+    yield from (f"To the ledger: {rule_in_words(each)}" for each in settings.to_ledger)
+    yield from (f"From the ledger: {choice_in_words(each)}" for each in settings.from_ledger)
     yield "What peers of ROS say permits nothing."
 
 
 @contextlib.asynccontextmanager
-async def opened(settings: Settings) -> AsyncIterator[PadNode]:
-    """A pad's node, ready to run. Raises BridgeError, LedgerError, Ros2Error."""
+async def opened(settings: Settings) -> AsyncIterator[list[PadNode | Topics]]:
+    """What is set up, ready to run. Raises BridgeError, LedgerError, Ros2Error."""
     where = Connection.load(settings.ledger.connection)
     who, signer = where.identity(settings.ledger.identity), where.signer(settings.ledger.identity)
-    async with (
-        where.open_channel() as channel,
-        Node(settings.pad.node, settings.ros2.link(), domain=settings.ros2.domain) as node,
-    ):
+    async with contextlib.AsyncExitStack() as stack:
+        parts: list[PadNode | Topics] = []
+        channel = await stack.enter_async_context(where.open_channel())
         ledger = AssetContract(Gateway(channel, who, signer).network(where.channel), where.chaincode)
-        pad = PadNode(settings.pad, node, ledger, SteadyClock())
-        async with listening(settings.pad.reports, pad.report):
-            yield pad
+        outbox = None
+        if settings.has_topics and settings.spool is not None and settings.bridge is not None:
+            outbox = Outbox(settings.spool, bridge=settings.bridge)
+            stack.callback(outbox.close)
+        made = Node(settings.node, settings.ros2.link(), domain=settings.ros2.domain)
+        node = await stack.enter_async_context(made)
+        if settings.pad is not None:
+            pad = PadNode(settings.pad, node, ledger, SteadyClock())
+            await stack.enter_async_context(listening(settings.pad.reports, pad.report))
+            parts.append(pad)
+        if outbox is not None:
+            parts.append(Topics(settings, node, outbox, ledger, clock=_now_ms, steady=SteadyClock()))
+        yield parts
+
+
+def _now_ms() -> int:
+    return time.time_ns() // 1_000_000
+
+
+async def _placed(parts: list[PadNode | Topics]) -> None:
+    for each in parts:
+        await each.wait_placed()
+
+
+async def _together(parts: list[PadNode | Topics]) -> None:
+    """Until one of them ends. Raises what it raised."""
+    tasks = [asyncio.create_task(each.run()) for each in parts]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for each in done:
+            each.result()
+    finally:
+        for each in tasks:
+            each.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def _run(settings: Settings, *, as_json: bool) -> None:
@@ -87,16 +127,16 @@ async def _run(settings: Settings, *, as_json: bool) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     manager = ServiceManager()
-    async with manager.alive(), opened(settings) as pad:
-        working = asyncio.create_task(pad.run())
-        placed = asyncio.create_task(pad.placed.wait())
+    async with manager.alive(), opened(settings) as parts:
+        working = asyncio.create_task(_together(parts))
+        placed = asyncio.create_task(_placed(parts))
         stopping = asyncio.create_task(stop.wait())
         manager.tell("READY=1")  # from here on it works, whatever the router and the ledger do
         try:
             await asyncio.wait({working, placed, stopping}, return_when=asyncio.FIRST_COMPLETED)
             if placed.done():
-                ready = {"ready": True, "node": settings.pad.node}
-                click.echo(json.dumps(ready) if as_json else f"Node {settings.pad.node} is there. Ctrl-C stops it.")
+                ready = {"ready": True, "node": settings.node}
+                click.echo(json.dumps(ready) if as_json else f"Node {settings.node} is there. Ctrl-C stops it.")
                 await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
             if working.done():
                 working.result()

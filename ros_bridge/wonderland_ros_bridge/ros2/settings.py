@@ -10,8 +10,12 @@ from msgspec import Meta
 from wonderland.toml_settings import FieldError, Identifier, Table, Text, load_toml
 from wonderland_rmw_zenoh import wire
 from wonderland_rmw_zenoh.session import ROUTER, Link, Tls
-from wonderland_ros_bridge.settings import LedgerSettings
+from wonderland_ros_bridge.ledger.listener import Choice
+from wonderland_ros_bridge.ledger.policy import Rule
+from wonderland_ros_bridge.settings import BridgeName, LedgerSettings, SpoolBytes
 
+PREFIX = "ros2"
+"""With which the ids of this bridge's assets begin."""
 FrameName = Annotated[str, Meta(max_length=60, pattern=r"\A[A-Za-z_][A-Za-z0-9_]*\Z")]
 
 
@@ -66,11 +70,39 @@ class PadNodeSettings(Table, frozen=True):
 
 
 class Settings(Table, frozen=True):
-    """The whole file."""
+    """The whole file: a pad, or topics to the ledger and back, or both."""
 
     ledger: LedgerSettings
-    pad: PadNodeSettings
     ros2: Ros2Settings = Ros2Settings()
+    pad: PadNodeSettings | None = None
+    bridge: BridgeName | None = None
+    """The bridge's name on the ledger."""
+    spool: Path | None = None
+    """The file in which messages wait for the ledger."""
+    interfaces: tuple[Path, ...] = ()
+    """Directories with definitions of messages: an installation's ``share``, a workspace's ``install``, packages."""
+    max_spool_bytes: SpoolBytes = 1 << 30
+    to_ledger: tuple[Rule, ...] = ()
+    from_ledger: tuple[Choice, ...] = ()
+    from_start: bool = False
+    """At the very first start: all that the ledger ever committed, not only what comes from now on."""
+
+    def __post_init__(self) -> None:
+        """It has something to do, and what that needs."""
+        if self.pad is None and not self.has_topics:
+            raise FieldError("pad: there is no [pad], no [[to_ledger]], no [[from_ledger]]; there is nothing to do")
+        if self.has_topics and (self.bridge is None or self.spool is None):
+            raise FieldError("bridge and spool: with [[to_ledger]] or [[from_ledger]] both are needed")
+
+    @property
+    def has_topics(self) -> bool:
+        """Whether topics go to the ledger or come from it."""
+        return bool(self.to_ledger or self.from_ledger)
+
+    @property
+    def node(self) -> str:
+        """The node's full name."""
+        return self.pad.node if self.pad is not None else f"/wonderland/{wire.as_name(self.bridge or '')}"
 
 
 def load(path: Path) -> Settings:

@@ -35,6 +35,9 @@ TWO_MS: Final = 5_000
 HORIZONTAL_95: Final = math.sqrt(5.991)
 """From one standard deviation of the worse direction to 95 % (χ², two degrees of freedom)."""
 VERTICAL_95: Final = 1.96
+BEYOND_ALL: Final = 1e9
+BEYOND_ALL_M2: Final = 1e12
+"""Larger numbers (and what is none) mean nothing, and would overflow."""
 _UNKNOWN: Final = 0
 
 
@@ -54,8 +57,8 @@ def claim_of(fix: Any, now_ms: int, after_ms: int) -> Claim:
     if t_ms < now_ms - MAX_AGE_MS:
         raise FixError(f"it is {(now_ms - t_ms) / 1_000:.1f} s old, by its own time")
     place = (fix.latitude, fix.longitude, fix.altitude)
-    if not all(map(math.isfinite, place)):
-        raise FixError("latitude, longitude or altitude is no number")
+    if not all(abs(each) <= BEYOND_ALL for each in place):
+        raise FixError("latitude, longitude or altitude is no number, or a place nowhere")
     horizontal_m, vertical_m = accuracies_m(
         fix.position_covariance_type, [float(each) for each in fix.position_covariance]
     )
@@ -80,7 +83,8 @@ def accuracies_m(kind: int, covariance: Sequence[float]) -> tuple[float, float]:
         raise FixError("it states no covariance (position_covariance_type 0), and so no accuracy")
     east, north, up = covariance[0], covariance[4], covariance[8]
     cross = (covariance[1] + covariance[3]) / 2
-    if not all(map(math.isfinite, covariance)) or min(east, north, up) <= 0 or cross**2 > east * north:
+    sane = all(abs(each) <= BEYOND_ALL_M2 for each in covariance)
+    if not sane or min(east, north, up) <= 0 or cross**2 > east * north:
         raise FixError("its covariance is none (a variance that is not above 0, or no number)")
     worst = (east + north) / 2 + math.hypot((east - north) / 2, cross)
     return HORIZONTAL_95 * math.sqrt(worst), VERTICAL_95 * math.sqrt(up)
