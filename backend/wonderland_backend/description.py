@@ -18,9 +18,9 @@ marked unverified, what drones broadcast and what pads measure while a proof is 
 
 Times are milliseconds since the Unix epoch (`_ms`), positions WGS-84 degrees × 10⁷ (`_e7`), lengths millimetres
 (`_mm`). Lists are paged by cursor. Errors are problem details (RFC 9457). Machines hear of changes by
-the event stream `/api/v1/events` or by webhooks. Everything live is on the WebSocket `/api/v1/live?since=<epoch>:<seq>`,
-for a signed-in browser, or with a bearer token of the scopes for pads, proofs, tracks and alerts, until it ends (4401);
-its frames are the schemas LiveHello, LiveSnapshot and LiveDelta.
+the event stream `/api/v1/events` or by webhooks. Everything live is on the WebSocket
+`/api/v1/live?since=<epoch>:<seq>`, whose frames are the schemas LiveHello, LiveSnapshot and LiveDelta: for a browser
+that is signed in, or with a bearer token of the scopes for pads, proofs, tracks and alerts, until it ends (4401).
 """
 
 
