@@ -31,6 +31,14 @@ _CONFIG = "WONDERLAND_BACKEND_CONFIG"
             "wonderland_backend.deployment_commands:new_password_command",
             "Make a password for the database, a token for /metrics.",
         ),
+        "number": (
+            "wonderland_backend.person_commands:number",
+            "Registration numbers: openings out of this database and into another's.",
+        ),
+        "person": (
+            "wonderland_backend.person_commands:person",
+            "All that is kept about one drone or account: give it out, or erase it.",
+        ),
         "openapi": (
             "wonderland_backend.server_commands:openapi_command",
             "Print the REST interface's description (OpenAPI 3.1).",

@@ -6,10 +6,14 @@ from dataclasses import replace
 
 import httpx
 import pytest
+from kit.numbers import keep, opening
 from kit.timestamping import OPENSSL, Service
 from sqlalchemy import select
 
 from wonderland_backend.db.tables.audit import AuditRow
+from wonderland_backend.db.tables.ledger import SessionRow
+from wonderland_backend.personal_data.store import erase
+from wonderland_backend.personal_data.subjects import Erased, Subject
 from wonderland_backend.serve import backend_of
 from wonderland_backend.settings import Settings
 from wonderland_evidence.verify import verify
@@ -68,3 +72,22 @@ async def test_it_is_stamped_where_a_service_is_configured(small, tmp_path):
         answer = await ask("inspector", path_of(small.session_id))
     assert answer.status_code == 503
     assert "does not answer" in answer.json()["detail"]
+
+
+async def test_an_erasure_leaves_the_proof(small, tmp_path):
+    """All that the command takes of the drone is gone, and its session's evidence holds step by step as before."""
+    async with backend_on(small, tmp_path / "b.db") as (backend, ask):
+        database = backend.context.database
+        async with database.read() as session:
+            uav_id = (await session.scalars(select(SessionRow.uav_id))).first()
+        await keep(database, opening(uav_id))
+        erased = Erased(Subject("drone", uav_id), 1, (opening(uav_id).commitment,))
+        async with database.write() as connection:
+            found = await erase(connection, erased, "article 17", 1, dry=False)
+        assert found["registration_numbers"] == 1
+        answer = await ask("inspector", path_of(small.session_id))
+        report = small.report(answer.content)
+        assert report.failed is None
+        assert report.is_whole
+        await backend.row_check.once()
+        assert backend.parts.mirror.rows_differ == ()

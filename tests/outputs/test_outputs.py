@@ -16,8 +16,10 @@ from kit.backend import serving
 from kit.chain import START_MS
 from kit.facts import Facts
 from kit.mqtt_broker import Broker, free_port
+from kit.numbers import NUMBER
 
 from wonderland_backend.clients.store import NewClient
+from wonderland_backend.masking import masked
 
 TRACK = {"uav_id": "uav-1", "lat_e7": 604_518_000, "lon_e7": 222_666_000, "transport": "wifi_beacon"}
 
@@ -225,6 +227,37 @@ async def test_tak_by_tls_with_certificates_on_both_sides(new_backend, chain, so
 
 
 @pytest.mark.filterwarnings("ignore:ssl.OP_NO:DeprecationWarning")  # pytak
+async def test_neither_mqtt_nor_tak_tells_an_operator(new_backend, chain, source_of, agent_client, broker):
+    """Registered and broadcast numbers, the operator id and where an operator stands: in nothing that goes out."""
+    facts = Facts()
+    chain.add(facts.put_pad(operator_id="zq-harbour"), facts.put_uav(operator_id="zq-aviation"))
+    chain.add(facts.request("one"))
+    chain.add(facts.decide("one", outcome="refuted"))
+    tak = TakServer()
+    await tak.start()
+    outputs = {
+        "mqtt": {"host": "127.0.0.1", "port": broker.port, "tls": False},
+        "tak": {"url": f"tcp://127.0.0.1:{tak.port}", "period_ms": 0},
+    }
+    told = []
+    async with aiomqtt.Client("127.0.0.1", broker.port, protocol=aiomqtt.ProtocolVersion.V5) as client:
+        await client.subscribe("#", qos=1)
+        async with serving(new_backend(source_of(chain), outputs=outputs)) as running:
+            spoken = {"operator_id": "SWE00zqbroadcst1", "operator_lat_e7": 604_511_117, "operator_lon_e7": 222_611_117}
+            await hear(running, agent_client, **spoken)
+            async with asyncio.timeout(30):
+                while not {"claims", "verdicts"} <= {each.split("/")[2] for each, _ in told if each.count("/") == 3}:
+                    message = await anext(aiter(client.messages))
+                    told.append((str(message.topic), message.payload.decode()))
+            for kind in ("verdict", "claim"):
+                event = await tak.next_of(f"wonderland.uav-1.{kind}")
+                told.append((kind, ET.tostring(event).decode()))
+    await tak.stop()
+    assert {"verdict", "claim"} <= {where for where, _ in told}
+    for secret in (NUMBER, masked(NUMBER), "SWE00zqbroadcst1", "zq-", "604511117", "60.4511117", "22.2611117"):
+        assert [where for where, text in told if secret in text or secret in where] == [], secret
+
+
 async def test_tak_does_not_speak_to_a_server_of_another_authority(new_backend, chain, source_of, tmp_path, caplog):
     a_chain(chain)
     ca, other = trustme.CA(), trustme.CA()

@@ -34,6 +34,11 @@ Act = Literal[
     "read_personal_data",
     "read_contents",
     "export",
+    # Personal data, by the server's administrator.
+    "give_personal_data",
+    "erase_personal_data",
+    "give_number",
+    "take_number",
     # Alerts.
     "acknowledge",
     "reopen",

@@ -94,6 +94,13 @@ async def number_of(database: AsyncSession | AsyncConnection, uav_id: str) -> Nu
     return None if record is None else (await numbers_of(database, [record]))[uav_id]
 
 
+async def commitment_of(database: AsyncSession | AsyncConnection, uav_id: str) -> str | None:
+    """What the ledger's record of a drone commits to, as the mirror has it."""
+    record = (await database.execute(select(DroneRow.record).where(DroneRow.uav_id == uav_id))).scalar_one_or_none()
+    found: str | None = None if record is None else orjson.loads(record).get("registration_commitment")
+    return found
+
+
 async def drones_with(database: AsyncSession, number: str) -> list[str]:
     """The drones that are registered with this whole number; its spelling and its secret do not matter."""
     query = (

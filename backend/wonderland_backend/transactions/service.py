@@ -119,7 +119,7 @@ class Signing:
         async with self._database.write() as connection:
             await store.add(connection, row)
             if opening is not None and not await numbers.keep(
-                connection, opening, person.name, now, tx_id=proposal.tx_id
+                connection, opening, person.person_id, now, tx_id=proposal.tx_id
             ):
                 raise Conflict(said("salt_used"))
         return SignedTransactionRow(**row), proposal.message

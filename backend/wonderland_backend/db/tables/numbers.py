@@ -19,5 +19,6 @@ class RegistrationNumberRow(Base):
     salt: Mapped[str] = mapped_column(Hash)
     stored_ms: Mapped[int]
     stored_by: Mapped[str] = mapped_column(Identifier)
+    """A person's id, or what it was that stored it."""
     tx_id: Mapped[str | None] = mapped_column(Hash, index=True)
     """The transaction that it waits for, and goes with if that comes to nothing; None: it stays."""
