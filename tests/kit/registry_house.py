@@ -222,6 +222,7 @@ class House:
         connection = self.connection
         self._backend_stack = contextlib.AsyncExitStack()
         database = Database(f"sqlite:///{copy_migrated(self.directory / 'registry.db')}")
+        self._backend_stack.push_async_callback(database.close)
         await keep_usual(database, [f"OH-DRN-0{number}" for number in ("417", "640", "871")])
         gateway = Gateway(self.channel, connection.identity("mirror"), connection.signer("mirror"))
         demo = self.settings.get("demo", False)

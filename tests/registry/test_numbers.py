@@ -307,6 +307,7 @@ def test_a_rebuild_keeps_the_numbers(house, frida, anna):
         )
 
     house.run(rebuild())
+    house.run(backend.database.close())
     house.start_backend()
     house.wait_mirrored()
     assert unmask(anna, "OH-KEEP").json()["value"] == NUMBER
