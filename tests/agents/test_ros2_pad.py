@@ -206,7 +206,10 @@ async def test_parameters_are_read_and_not_set(world):
         assert not answer.results[0].successful
         state = await us.call(f"{PAD}/get_state", TYPES.service("lifecycle_msgs/srv/GetState"), {})
         assert state.current_state.label == "inactive"
-        services = dict(map(tuple, (await peer.asked("services"))["services"]))
+        services = {}
+        async with asyncio.timeout(15):
+            while f"{PAD}/get_parameters" not in services:  # its session links with the others by and by
+                services = dict(map(tuple, (await peer.asked("services"))["services"]))
         assert services[f"{PAD}/get_parameters"] == ["rcl_interfaces/srv/GetParameters"]
         request, response = SERVICES["rcl_interfaces/srv/GetParameterTypes"].split("---\n")
         called = {"service": f"{PAD}/get_parameter_types", "type": "rcl_interfaces/srv/GetParameterTypes", "parts": {}}
@@ -226,3 +229,29 @@ async def test_a_router_that_is_killed_is_found_again_and_the_ledger_is_followed
                 arrived = await heard.get()
         verdict = TYPES.message(VERDICT).codec.decode(arrived.data)
         assert verdict.session_id == result.session_id
+
+
+@pytest.mark.timeout(90)
+async def test_a_ledger_that_is_away_is_said_and_its_verdicts_come_when_it_is_back(world):
+    async with router() as where, pad_node(world, where) as made, Node("/us", where.link) as us:
+        states, verdicts = [], asyncio.Queue()
+
+        async def take(arrived):
+            states.append(TYPES.of_hash(arrived.type, arrived.type_hash).codec.decode(arrived.data).on_ledger)
+
+        us.subscribe(f"{PAD}/state", take)
+        us.subscribe(f"{PAD}/verdict", verdicts.put)
+        async with asyncio.timeout(60):
+            while not (states and states[-1]):
+                await asyncio.sleep(0.1)
+            await world.restart_ledger(8.0)
+            assert False in states, "it was away for eight seconds"
+            while not states[-1]:
+                await asyncio.sleep(0.1)
+            async with world.pad(), world.uav() as uav:
+                result = await decided(uav)
+            while True:
+                arrived = await verdicts.get()
+                if TYPES.message(VERDICT).codec.decode(arrived.data).session_id == result.session_id:
+                    break
+        assert made.placed.is_set()

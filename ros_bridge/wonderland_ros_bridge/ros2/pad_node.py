@@ -38,6 +38,7 @@ LOOK_BACK: Final = 200
 SILENT_MS: Final = 25_000
 """An agent tells its health every ten seconds; one that has not for so long is not reporting."""
 TELL_S: Final = 1.0
+WATCH_S: Final = 3.0
 MAX_WAITING: Final = 1_000
 _ACTIVE: Final = {"id": 3, "label": "active"}
 _INACTIVE: Final = {"id": 2, "label": "inactive"}
@@ -95,7 +96,7 @@ class PadNode:
     async def run(self) -> None:
         """Publish until cancelled. Raises BridgeError, Ros2Error."""
         self._declare()
-        work = (self._follow(), self._take_reports(), self._tell(), self._action.run())
+        work = (self._follow(), self._watch(), self._take_reports(), self._tell(), self._action.run())
         tasks = [asyncio.create_task(each) for each in work]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -160,6 +161,18 @@ class PadNode:
                 trouble = str(error)
             self._on_ledger = False
             await asyncio.sleep(AGAIN_S)
+
+    async def _watch(self) -> None:
+        """Whether the ledger answers: its blocks go on by themselves after an interruption, and say nothing of it."""
+        while True:
+            await asyncio.sleep(WATCH_S)
+            try:
+                async with asyncio.timeout(WATCH_S):
+                    await self._ledger.height()
+            except (LedgerError, TimeoutError):
+                self._on_ledger = False
+            else:
+                self._on_ledger = self.placed.is_set()
 
     async def _read_pad(self) -> None:
         self._pad = pad = await self._ledger.read_pad(self._settings.pad_id)
