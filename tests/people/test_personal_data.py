@@ -29,6 +29,9 @@ from wonderland_backend.numbers import store as numbers
 from wonderland_backend.personal_data import queries
 from wonderland_backend.personal_data.subjects import Subject
 
+both = pytest.mark.parametrize(
+    "database_url", ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)], indirect=True
+)
 HEARD_MS = 1_700_000_000_000
 LATER_MS = 2 * START_MS
 BROADCAST = "SWE00zqbroadcst1"
@@ -108,6 +111,7 @@ async def test_a_dry_run_changes_nothing_and_says_what_would_stay(filled, databa
     assert await everything(database) == before
 
 
+@both
 async def test_a_drone_is_erased_and_no_proof_suffers(filled, database, chain, command, tmp_path):
     check, status = filled
     digest = await rebuilding.digest(database)
