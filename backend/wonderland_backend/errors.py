@@ -155,6 +155,13 @@ class LedgerAway(Problem):
     example = said("ledger_away")
 
 
+class RowsDiffer(Problem):
+    """What is kept here is not what the ledger says."""
+
+    status, code = HTTPStatus.SERVICE_UNAVAILABLE, "rows-differ"
+    example = said("rows_differ")
+
+
 class TooManyRequests(Problem):
     """Too many requests; try again later."""
 

@@ -333,7 +333,7 @@ async def test_a_machine_never_goes_beyond_the_person_who_registered_it(running,
         await people.create(
             connection, ada, Invitation(name="Ada", roles=["admin"]), ada.person_id, state="active", now_ms=0
         )
-        wanted = NewClient("Bot", ("wonderland.pads.read",), role)
+        wanted = NewClient("Bot", ("wonderland.pads.read", "wonderland.traffic.ussp"), role)
         row, secret = await running.parts.clients.add(connection, wanted, ada)
     async with httpx.AsyncClient(base_url=running.url, trust_env=False) as http:
         form = {"grant_type": "client_credentials"}
@@ -346,6 +346,9 @@ async def test_a_machine_never_goes_beyond_the_person_who_registered_it(running,
             )
         now = await running.parts.clients.find_client(row.client_id)
         assert (now.role if now.revoked_ms is None else None) == left
+        assert ("wonderland.traffic.ussp" in now.scopes.split()) == (change["roles"] in {"inspector", "admin"}), (
+            "who is told operators and pilots"
+        )
         again = await http.get("/api/v1/pads", headers=bearer)
         anew = await http.post("/oauth/token", data=form, auth=(row.client_id, secret))
         expected = (200, 200) if left else (401, 401)

@@ -18,9 +18,13 @@ from joserfc.errors import JoseError
 from joserfc.jwk import ECKey
 from kit import PLAIN
 from kit.backend_process import ledger, ready, start, stop
+from sqlalchemy import select
 
 from wonderland.cli import main
 from wonderland.proofs import encoding
+from wonderland_backend.db.tables.ledger import VerdictRow
+from wonderland_backend.errors import LedgerAway, RowsDiffer
+from wonderland_backend.ledger.contents import require_committed
 from wonderland_evidence.errors import StatementError, UnreadableError
 from wonderland_evidence.statements import compose, verify_statement
 from wonderland_evidence.trust import Pins, root_sha256
@@ -191,3 +195,31 @@ async def test_a_server_without_an_identity_says_so(running):
     assert answer.status_code == 406
     assert answer.json()["type"] == "urn:wonderland:problem:not-acceptable"
     assert "audit_identity" in answer.json()["detail"]
+
+
+async def test_what_the_ledgers_block_does_not_say_is_not_signed(running):
+    """Somebody edits the row for a moment: no check of all rows comes by in time, and the signature would stay."""
+    async with running.context.database.read() as session:
+        rows = (await session.scalars(select(VerdictRow))).all()
+        session.expunge_all()
+    source = running.parts.source
+    for row in rows:
+        await require_committed(source, row)
+    row, other = rows[0], rows[1]
+    whole = {name: getattr(row, name) for name in ("record", "tx_id", "tx_index", "block")}
+    edits = (
+        {"record": whole["record"].replace('"permission":"none"', '"permission":"granted"', 1) + " "},
+        {"record": other.record},
+        {"tx_id": other.tx_id},
+        {"tx_index": 99},
+        {"block": whole["block"] - 1},
+    )
+    for edit in edits:
+        for name, value in (whole | edit).items():
+            setattr(row, name, value)
+        with pytest.raises(RowsDiffer):
+            await require_committed(source, row)
+    for name, value in (whole | {"block": 10**6}).items():
+        setattr(row, name, value)
+    with pytest.raises(LedgerAway):
+        await require_committed(source, row)

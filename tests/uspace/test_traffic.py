@@ -7,7 +7,9 @@ import json
 
 import pytest
 from kit.geoids import write_geoid
+from sqlalchemy import select
 
+from wonderland_backend.db.tables.audit import AuditRow
 from wonderland_backend.errors import SettingsError
 from wonderland_backend.settings import Settings
 from wonderland_backend.uspace.eu664.schemas import Traffic
@@ -107,3 +109,14 @@ async def test_the_stream_has_everything_once_and_then_what_changes(uss, track):
         await listening
     assert sorted(each["serial"] for each in events[0]["items"]) == ["1581F5FKD229400A1234", "SECOND"]
     assert [(each["serial"], each["lat_e7"]) for each in events[1]["items"]] == [("SECOND", 604_519_000)]
+
+
+async def test_who_is_told_operators_is_in_the_log_once_an_hour(uss, track, clock):
+    await uss.heard(track(operator_id="FIN87astrdge12k8-xyz"))
+    await traffic(uss, "public")
+    for _ in range(3):
+        await traffic(uss, "ats")
+        clock.now_ms += 60_001
+    async with uss.backend.database.read() as session:
+        rows = (await session.execute(select(AuditRow.subject).where(AuditRow.act == "read_personal_data"))).all()
+    assert [each.subject for each in rows] == ["traffic/ats"]

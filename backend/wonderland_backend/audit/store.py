@@ -82,15 +82,16 @@ async def record_read(
     detail: Mapping[str, Any] | None = None,
     *,
     act: str = "read_personal_data",
+    every_ms: int = READ_AGAIN_MS,
     t_ms: int,
 ) -> None:
-    """The same for a read, which pages repeat by themselves: one row a minute for what one person reads."""
+    """The same for a read, which pages repeat by themselves: one row every so often for what one person reads."""
     await take_turns(connection)
     known = select(AuditRow.seq).where(
         AuditRow.subject == subject,
         AuditRow.act == act,
         AuditRow.person_id == who.person_id,
-        AuditRow.t_ms.between(t_ms - READ_AGAIN_MS, t_ms),
+        AuditRow.t_ms.between(t_ms - every_ms, t_ms),
     )
     if (await connection.execute(known.limit(1))).first() is None:
         await record(connection, who, act, subject, detail, t_ms=t_ms)

@@ -56,7 +56,7 @@ class Result:
     @property
     def ok(self) -> bool:
         """Whether nothing speaks against the log."""
-        return all(getattr(self, name) is None for name in _TEXTS)
+        return self.rows > 0 and all(getattr(self, name) is None for name in _TEXTS)
 
     def to_json(self) -> dict[str, Any]:
         """As REST shows it."""
@@ -68,11 +68,16 @@ class Result:
         against = [text.format(getattr(self, name)) for name, text in _TEXTS.items() if getattr(self, name) is not None]
         if against:
             return " ".join(against)
+        if not self.rows:
+            return "The log has no rows; that of a server that somebody has set up has. Is this its database?"
         chain = f"{self.rows} rows, each as it was written."
         if self.ledger == "away":
             return f"{chain} The ledger could not be asked for its heads."
         if self.ledger == "off":
-            return f"{chain} Not compared with the ledger: give --connection."
+            return (
+                f"{chain} Not compared with the ledger: give --connection. Without heads on the ledger (audit_identity "
+                "of the server), whoever holds the database can cut the log unseen."
+            )
         if self.anchored_seq is None:
             return f"{chain} The ledger has no head of this log yet."
         return f"{chain} The ledger vouches for them up to row {self.anchored_seq} ({self.anchors} heads compared)."

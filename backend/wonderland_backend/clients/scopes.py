@@ -39,6 +39,8 @@ SCOPES: Final[Mapping[str, str]] = {
 }
 """Every scope that a client may be given, and what it is for."""
 
+NAMING: Final = frozenset(f"{TRAFFIC}{recipient}" for recipient in ("authority", "ats", "ussp"))
+"""These name operators and pilots: a machine has them as long as its person is of the authority."""
 LIVE: Final = (PADS, PROOFS, TRACKS, ALERTS)
 """All of these open the live WebSocket, whose frames have all of it."""
 

@@ -18,7 +18,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 from wonderland_backend import audit
 from wonderland_backend.audit.store import Actor
 from wonderland_backend.clients.certificates import ShownCertificate, names_of, read_pem, sha256_of
-from wonderland_backend.clients.scopes import SCOPES
+from wonderland_backend.clients.scopes import NAMING, SCOPES
 from wonderland_backend.context import part
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.clients import AssertionRow, ClientRow, IdempotencyRow
@@ -223,6 +223,8 @@ async def find_limited(session: AsyncSession, client_id: str, now_ms: int = 0) -
         client.revoked_ms = client.revoked_ms if client.revoked_ms is not None else now_ms
     else:
         client.role = left
+    if held and not {"admin", "inspector"}.intersection(held):
+        client.scopes = " ".join(each for each in client.scopes.split() if each not in NAMING)
     return client
 
 

@@ -7,17 +7,21 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from base64 import urlsafe_b64encode
 from collections.abc import Callable
 from typing import Any, Final
 
-from wonderland_backend.errors import LedgerAway, NotFound
+from wonderland_backend.db.tables.ledger import VerdictRow
+from wonderland_backend.errors import LedgerAway, NotFound, RowsDiffer
 from wonderland_backend.mirror.source import BlockSource
 from wonderland_backend.problem_texts import said
 from wonderland_fabric_gateway.blocks import Block, BlockSignature, block_signatures
 from wonderland_fabric_gateway.errors import BlockError, IdentityError, LedgerError
 from wonderland_fabric_gateway.identity import Identity
 from wonderland_fabric_gateway.transactions import Invocation, NamespaceAccess
+
+logger = logging.getLogger(__name__)
 
 FETCH_TIMEOUT_S: Final = 15.0
 MAX_TEXT: Final = 200_000
@@ -38,6 +42,19 @@ async def fetch_block(source: BlockSource | None, number: int) -> Block:
     finally:
         with contextlib.suppress(LedgerError):
             await blocks.aclose()
+
+
+async def require_committed(source: BlockSource | None, row: VerdictRow) -> None:
+    """Raise `RowsDiffer` unless the valid transaction that a row names wrote this very record, `LedgerAway`."""
+    block = await fetch_block(source, row.block)
+    transaction = block.transactions[row.tx_index] if row.tx_index < len(block.transactions) else None
+    if transaction is not None and transaction.is_valid and transaction.tx_id == row.tx_id:
+        record = row.record.encode()
+        accesses = transaction.invocation.accesses if transaction.invocation is not None else ()
+        if any(write.value == record for each in accesses for write in each.writes):
+            return
+    logger.critical("the row of the verdict on session %s is not what block %d says", row.session_id, row.block)
+    raise RowsDiffer(said("rows_differ"))
 
 
 Shown = Callable[[str], str]

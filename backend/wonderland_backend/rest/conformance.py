@@ -16,8 +16,10 @@ from wonderland_backend.conformance.rules import Broadcast, Finding, Question, j
 from wonderland_backend.conformance.schemas import Conformance, ConformanceFor, ConformanceQuery
 from wonderland_backend.context import ContextDep
 from wonderland_backend.drones import queries as drones
-from wonderland_backend.errors import NotAcceptable, documented
+from wonderland_backend.errors import LedgerAway, NotAcceptable, RowsDiffer, documented
 from wonderland_backend.languages import HEADER, language_of
+from wonderland_backend.ledger.contents import require_committed
+from wonderland_backend.mirror.source import BlockSourceDep
 from wonderland_backend.proofs.queries import proof_json
 from wonderland_backend.responses import resource
 from wonderland_backend.sessions import queries as sessions
@@ -29,7 +31,7 @@ router = APIRouter(tags=["conformance"])
 @router.get(
     "/conformance",
     response_model=Conformance,
-    responses=documented(NotAcceptable, etag=True) | signed.documented({}),
+    responses=documented(NotAcceptable, LedgerAway, RowsDiffer, etag=True) | signed.documented({}),
     openapi_extra={"parameters": [HEADER]},
 )
 async def read_conformance(
@@ -38,6 +40,7 @@ async def read_conformance(
     asked: ConformanceFor,
     person: SignedInPerson,
     statements: signed.WantedStatements,
+    source: BlockSourceDep,
 ) -> Response:
     """Whether a drone's broadcast is supported by a proof, how fresh that proof is, and how strong.
 
@@ -78,6 +81,8 @@ async def read_conformance(
     if signature is not None:
         content["signature"] = signature
     if statements is not None:
+        for row in set(found or ()):
+            await require_committed(source, row)
         return await statements.answer("conformance", content, now)
     headers = {"Cache-Control": "private, no-store", "Content-Language": language}
     return resource(request, content, headers=headers)

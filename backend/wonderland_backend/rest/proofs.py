@@ -10,8 +10,10 @@ from fastapi.responses import Response
 from wonderland_backend import geojson
 from wonderland_backend.access import SignedInPerson
 from wonderland_backend.context import ContextDep
-from wonderland_backend.errors import BadRequest, NotAcceptable, NotFound, documented
+from wonderland_backend.errors import BadRequest, LedgerAway, NotAcceptable, NotFound, RowsDiffer, documented
 from wonderland_backend.languages import HEADER, language_of
+from wonderland_backend.ledger.contents import require_committed
+from wonderland_backend.mirror.source import BlockSourceDep
 from wonderland_backend.narrowing import OPERATORS_MASKED
 from wonderland_backend.problem_texts import said
 from wonderland_backend.proofs import queries
@@ -52,7 +54,8 @@ async def list_proofs(request: Request, context: ContextDep, filters: ProofFilte
 @router.get(
     "/proofs/{proof_id}",
     response_model=Proof,
-    responses=documented(_NOT_FOUND, NotAcceptable) | signed.documented(geojson.documented(Proof)),
+    responses=documented(_NOT_FOUND, NotAcceptable, LedgerAway, RowsDiffer)
+    | signed.documented(geojson.documented(Proof)),
     openapi_extra=_LANGUAGES,
 )
 async def read_proof(
@@ -61,6 +64,7 @@ async def read_proof(
     proof_id: ProofId,
     person: SignedInPerson,
     statements: signed.WantedStatements,
+    source: BlockSourceDep,
 ) -> Response:
     """One proof. Its evidence, step by step, is `/sessions/{session_id}` with the same id.
 
@@ -72,6 +76,7 @@ async def read_proof(
         raise NotFound(said("no_such_proof"))
     language = language_of(request)
     if statements is not None:
+        await require_committed(source, row)
         return await statements.answer("proof", queries.proof_json(row, language), context.clock())
     return geojson.one(
         request,

@@ -10,6 +10,8 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
 from wonderland_backend import audit
 from wonderland_backend.access import SignedInPerson, require
+from wonderland_backend.auth import step_up
+from wonderland_backend.auth.step_up import StepUpRequired
 from wonderland_backend.clients import idempotency
 from wonderland_backend.clients.machines import METHOD
 from wonderland_backend.context import Context, ContextDep
@@ -80,11 +82,12 @@ async def list_subscriptions(request: Request, context: ContextDep, paging: Pagi
     responses=documented(
         idempotency.BAD_KEY,
         Forbidden,
+        StepUpRequired,
         Conflict(said("subscriptions_full", most=MAX_EACH)),
         SwitchedOff(said("webhooks_need_a_key")),
         _BAD_URL,
     ),
-    openapi_extra=_ONCE,
+    openapi_extra={"parameters": [idempotency.PARAMETER, step_up.PARAMETER]},
 )
 async def add_subscription(
     request: Request,
@@ -101,6 +104,7 @@ async def add_subscription(
     """
     if person.method != METHOD:
         require(person, "admin", "inspector", "pad_operator", "fleet_operator")
+        await step_up.require_recent(request, context, person)  # it outlives the sign-in
     if not sealing.is_possible:
         raise SwitchedOff(said("webhooks_need_a_key"))
 

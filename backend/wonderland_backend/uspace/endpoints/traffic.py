@@ -13,7 +13,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from wonderland_backend import areas
+from wonderland_backend import areas, audit
 from wonderland_backend.access import SignedInPerson, person_of
 from wonderland_backend.areas import BAD_BOX
 from wonderland_backend.context import ContextDep
@@ -30,6 +30,8 @@ router = APIRouter(tags=["traffic"])
 STREAM: Final = "text/event-stream"
 _EXAMPLE: Final = 'event: traffic\ndata: {"t_ms":1800000000000,"recipient":"ussp","items":[]}\n\n'
 TICK_S: Final = 0.5
+AUDITED_EVERY_MS: Final = 3_600_000
+"""A row an hour for each machine: they ask every few seconds."""
 _NO_STORE: Final = {"Cache-Control": "private, no-store"}
 LOOK_AGAIN_TICKS: Final = 30
 """How often it is checked that whoever listens still may; and a sign of life where nothing flies."""
@@ -68,6 +70,10 @@ async def read_traffic(
     """
     box = areas.Box.parse(query.bbox) if query.bbox is not None else None
     asked = _Asked(uspace.traffic, _recipient(request), box, context.clock)
+    if asked.recipient != "public":  # the others are told who operates a drone, and from where
+        async with context.database.write() as connection:
+            subject = f"traffic/{asked.recipient}"
+            await audit.record_read(connection, person, subject, every_ms=AUDITED_EVERY_MS, t_ms=context.clock())
     if STREAM not in request.headers.get("accept", ""):
         return Json(asked.content(asked.traffic.items(asked.recipient, box)[0]), headers=_NO_STORE)
     streams.check(person.person_id)
