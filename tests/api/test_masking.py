@@ -15,7 +15,7 @@ import websockets
 from kit import PLAIN
 from kit.chain import START_MS
 from kit.description import document
-from kit.numbers import NUMBER, opening
+from kit.openings import NUMBER, opening
 from kit.webhooks import SCOPES, Receiver, ca, poster, webhooks
 from sqlalchemy import select
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import httpx
 import pytest
-from kit.numbers import keep, opening
+from kit.openings import keep, opening
 from kit.timestamping import OPENSSL, Service
 from sqlalchemy import select
 

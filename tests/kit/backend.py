@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from kit import PLAIN
 from kit.chain import START_MS, Tx
 from kit.facts import Facts
-from kit.numbers import keep_usual
+from kit.openings import keep_usual
 from kit.stepping_up import ConfirmingAsyncClient
 from wonderland.telemetry import Credentials, end_point_seen, signed_text
 from wonderland_backend.app import Backend

@@ -23,8 +23,8 @@ from kit.browser import FRONTEND
 from kit.chain import ChainBuilder, Source, number
 from kit.databases import copy_migrated
 from kit.facts import Facts
-from kit.numbers import keep_usual
 from kit.once import made_once
+from kit.openings import keep_usual
 from wonderland.proofs import encoding
 from wonderland.proofs.records.sessions import StepTime
 from wonderland.proofs.verdict import decide

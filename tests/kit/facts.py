@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from kit.chain import START_MS, Tx, number
-from kit.numbers import NUMBER, opening
+from kit.openings import NUMBER, opening
 from wonderland.proofs import encoding
 from wonderland.proofs.records import assets, keys, pads, policies, sessions, uavs, verdicts
 

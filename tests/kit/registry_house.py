@@ -18,7 +18,7 @@ from cryptography.x509.oid import NameOID
 
 from kit import PLAIN
 from kit.databases import copy_migrated
-from kit.numbers import keep_usual, opening, told
+from kit.openings import keep_usual, opening, told
 from kit.stepping_up import ConfirmingClient
 from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning
 from wonderland_backend.app import Backend

@@ -16,7 +16,7 @@ from kit.backend import serving
 from kit.chain import START_MS
 from kit.facts import Facts
 from kit.mqtt_broker import Broker, free_port
-from kit.numbers import NUMBER
+from kit.openings import NUMBER
 
 from wonderland_backend.clients.store import NewClient
 from wonderland_backend.masking import masked

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from kit.chain import START_MS, Source
 from kit.facts import Facts
-from kit.numbers import NUMBER, keep_usual, opening
+from kit.openings import NUMBER, keep_usual, opening
 from sqlalchemy import insert, select, text
 
 from wonderland_backend.commands import backend

@@ -9,7 +9,7 @@ import json
 import httpx
 import pytest
 import websockets
-from kit.numbers import NUMBER
+from kit.openings import NUMBER
 from sqlalchemy import insert
 
 from wonderland_backend.db.tables.reported import LatestTrackRow

@@ -6,7 +6,7 @@ import asyncio
 import logging
 
 import pytest
-from kit.numbers import NUMBER, fresh, told
+from kit.openings import NUMBER, fresh, told
 from sqlalchemy import insert, select, text
 from sqlalchemy.exc import IntegrityError
 

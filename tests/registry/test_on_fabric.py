@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from kit.numbers import fresh
+from kit.openings import fresh
 from kit.registry_house import House, request_pem
 from playwright.sync_api import expect
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import orjson
-from kit.numbers import keep, opening
+from kit.openings import keep, opening
 from msgspec import Raw
 from sqlalchemy import insert, update
 

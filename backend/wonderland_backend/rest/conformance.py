@@ -70,8 +70,8 @@ async def read_conformance(
         finding = replace(finding, limits=("not_registered", *finding.limits))
     content |= _shown(finding, language)
     if known and broadcast is not None:
-        source = "heard" if asked.lat_e7 is None else "asked"
-        content["broadcast"] = _broadcast(broadcast, source)
+        told_by = "heard" if asked.lat_e7 is None else "asked"
+        content["broadcast"] = _broadcast(broadcast, told_by)
     if found is not None and measured is not None:
         content |= {
             "proof": proof_json(found[0], language),
