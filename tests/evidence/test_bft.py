@@ -7,6 +7,7 @@ from kit.evidence import exhibit, with_block
 from kit.scenario_world import FabricPlace
 
 from wonderland_evidence.case import Case
+from wonderland_evidence.errors import UnreadableError
 from wonderland_fabric_network import binaries
 from wonderland_fabric_network.errors import BinaryError
 
@@ -42,7 +43,8 @@ def test_fewer_than_a_quorum_are_too_few(ordered):
     step, text = ordered.failing(with_block(ordered.bundle, number, signatures=block.signatures[:2]))
     assert (step, "3 are needed" in text) == (5, True)
     twice = (block.signatures[0], block.signatures[1], block.signatures[0])
-    assert ordered.failing(with_block(ordered.bundle, number, signatures=twice))[0] == 5
+    with pytest.raises(UnreadableError, match="stands there twice"):
+        ordered.failing(with_block(ordered.bundle, number, signatures=twice))
 
 
 @pytest.mark.browser
@@ -52,3 +54,5 @@ def test_the_page_counts_the_same(shown_in, ordered):
     block = next(each for each in ordered.bundle.blocks if each.number == number)
     few = with_block(ordered.bundle, number, signatures=block.signatures[:2])
     assert shown_in(few.encode(), ordered.trust)[0].index("fails") == 4
+    twice = with_block(ordered.bundle, number, signatures=(*block.signatures[:2], block.signatures[0]))
+    assert "twice" in shown_in(twice.encode(), ordered.trust)[1]

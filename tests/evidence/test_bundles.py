@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import socket
 import subprocess
 import sys
 
@@ -107,6 +108,23 @@ def test_a_session_that_is_not_there_is_an_error_in_words(shown, tmp_path):
     assert told.exit_code == 1
     assert "the ledger knows no session 0000" in told.output
     assert not (tmp_path / "x").exists()
+
+
+def test_a_ledger_that_cannot_be_reached_is_no_finding(small, tmp_path):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    there = small.place.connection_file
+    document = json.loads(there.read_text())
+    document["gateway"]["address"] = address
+    document.pop("gateways", None)
+    elsewhere = there.with_name("unreached.json")
+    elsewhere.write_text(json.dumps(document))
+    told = run("export", "--connection", elsewhere, "--session", small.session_id, "--out", tmp_path / "x")
+    assert told.exit_code == 5, told.output
+    assert "could not be reached" in told.output
+    assert "clock" in told.output
+    assert "knows no session" not in told.output
 
 
 def of_another(place, tmp_path, tag, story):

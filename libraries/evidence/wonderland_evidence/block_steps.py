@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from wonderland_evidence.errors import StepError
 from wonderland_evidence.places import one_process, within
@@ -13,6 +13,8 @@ from wonderland_fabric_gateway.verification.block_checks import last_config, ord
 if TYPE_CHECKING:
     from wonderland_evidence.case import Case
     from wonderland_evidence.trust import Pins
+
+MAX_GAPS: Final = 20
 
 
 def check_trust(case: Case, pins: Pins) -> str:
@@ -29,7 +31,10 @@ def check_trust(case: Case, pins: Pins) -> str:
         if trust.config.sequence != first.config.sequence + sequence:
             raise StepError(f"config block {trust.number} has sequence {trust.config.sequence}: one is left out")
         if trust.channel != pins.channel or case.bundle.channel != pins.channel:
-            raise StepError(f"the channel is {trust.channel!r}, pinned is {pins.channel!r}")
+            raise StepError(
+                f"the channel is {trust.channel!r} in config block {trust.number} and {case.bundle.channel!r} in the "
+                f"file, pinned is {pins.channel!r}"
+            )
         for msp_id, organisation in trust.config.organisations.items():
             for pem in organisation.root_certs:
                 if root_sha256(pem) not in pins.roots.get(msp_id, frozenset()):
@@ -48,16 +53,24 @@ def check_chain(case: Case, pins: Pins) -> str:
                 raise StepError(f"block {number} does not follow block {number - 1}: its previous_hash is another one")
             links += 1
     newest = max(case.blocks)
-    ends = []
+    last = ""
     for place in case.session:
         if place.block - 1 not in case.blocks:
             raise StepError(f"block {place.block - 1}, the neighbour of the session's block {place.block}, is missing")
         if place.block + 1 not in case.blocks:
             if place.block != newest:
                 raise StepError(f"block {place.block + 1}, the neighbour of the session's block, is missing")
-            ends.append(place.block)
-    last = f"; block {newest} was the channel's newest" if ends else ""
-    return f"{links} links between {len(case.blocks)} blocks{last}"
+            last = f"; the file ends with block {newest} of the session: nothing in it shows what came after"
+    return f"{links} links between {len(case.blocks)} blocks{last}{_gaps(case)}"
+
+
+def _gaps(case: Case) -> str:
+    """Which blocks between the first and the last one are not in the file."""
+    if not case.gaps:
+        return ""
+    shown = ", ".join(f"{first}" if first == last else f"{first} to {last}" for first, last in case.gaps[:MAX_GAPS])
+    more = f" and {len(case.gaps) - MAX_GAPS} gaps more" if len(case.gaps) > MAX_GAPS else ""
+    return f"; blocks not in the file: {shown}{more}"
 
 
 def check_data(case: Case, pins: Pins) -> str:

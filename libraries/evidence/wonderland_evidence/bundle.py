@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from fabric_protos.common import common_pb2
+from fabric_protos.msp import identities_pb2
+from fabric_protos.peer import chaincode_pb2, proposal_pb2
+from google.protobuf.message import DecodeError
 
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import EncodingError
@@ -18,6 +22,7 @@ from wonderland_fabric_gateway.blocks import BlockHeader, BlockSignature, block_
 FORMAT: Final = "wonderland-evidence/1"
 MAX_BYTES: Final = 64 << 20
 HASH_BYTES: Final = 32
+MAX_TIMESTAMPS: Final = 16
 
 
 @dataclass(frozen=True)
@@ -145,6 +150,10 @@ class Bundle:
         numbers = [each.number for each in bundle.blocks]
         if not numbers or any(after <= before for before, after in itertools.pairwise(numbers)):
             raise fields.wrong("blocks", "are none, or not in ascending order")
+        if len(bundle.timestamps) > MAX_TIMESTAMPS:
+            raise fields.wrong("timestamps", f"are more than {MAX_TIMESTAMPS}")
+        _require_once("timestamps", bundle.timestamps)
+        _require_once("validity", (_question(each.proposal) for each in bundle.validity))
         return bundle
 
 
@@ -193,6 +202,7 @@ def _block(fields: Fields) -> BundleBlock:
     orderers = fields.fields("orderers")
     block = BundleBlock(header, data, orderers.octets("value"), orderers.each("signatures", _signature))
     orderers.end()
+    _require_once(f"block {header.number}: signatures", (_signer(each) for each in block.signatures))
     return block
 
 
@@ -203,13 +213,51 @@ def _signature(fields: Fields) -> OrdererSignature:
 
 
 def _answer(fields: Fields) -> ValidityAnswer:
-    return ValidityAnswer(
+    answer = ValidityAnswer(
         channel_header=fields.octets("channel_header"),
         signature_header=fields.octets("signature_header"),
         proposal=fields.octets("proposal"),
         response=fields.octets("response"),
         endorsements=fields.each("endorsements", lambda each: (each.octets("endorser"), each.octets("signature"))),
     )
+    _require_once("validity: endorsements", (_organisation(endorser) for endorser, _ in answer.endorsements))
+    return answer
+
+
+def _require_once(where: str, items: Iterable[Hashable]) -> None:
+    """Raise `UnreadableError` where something stands twice: only the first counts, so that one file would be many."""
+    seen: set[Hashable] = set()
+    for each in items:
+        if each in seen:
+            raise UnreadableError("not_canonical", f"{where}: the same stands there twice; somebody re-wrote the file")
+        seen.add(each)
+
+
+def _question(proposal: bytes) -> Hashable:
+    """Which transaction peers were asked about; of what is no such question, its bytes: step 11 says more."""
+    try:
+        payload = proposal_pb2.ChaincodeProposalPayload.FromString(proposal)
+        return tuple(chaincode_pb2.ChaincodeInvocationSpec.FromString(payload.input).chaincode_spec.input.args)
+    except DecodeError:
+        return proposal
+
+
+def _organisation(endorser: bytes) -> Hashable:
+    """Whose peer signed; of what is no identity, its bytes: step 11 says more."""
+    try:
+        return str(identities_pb2.SerializedIdentity.FromString(endorser).mspid)
+    except DecodeError:
+        return endorser
+
+
+def _signer(signature: OrdererSignature) -> Hashable:
+    """Which orderer signed; of what is no header, its bytes: step 4 says more."""
+    try:
+        if signature.by_number:
+            return int(common_pb2.IdentifierHeader.FromString(signature.header).identifier)
+        return bytes(common_pb2.SignatureHeader.FromString(signature.header).creator)
+    except DecodeError:
+        return signature.header
 
 
 def _block_json(block: BundleBlock) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,6 +31,9 @@ from wonderland_fabric_gateway.verification.transaction_checks import SignedTran
 
 QUERY: Final = "qscc"
 QUESTION: Final = b"GetTransactionByID"
+ENDINGS: Final = ("CompleteInteraction", "CancelProof")
+NO_VERDICT: Final = "this file has no verdict of the session"
+NO_END: Final = "this file does not say how the session ended"
 SESSION_FUNCTIONS: Final = ("WitnessProof", "SubmitProof", "CompleteInteraction", "CancelProof")
 EMBEDDED: Final = "embedded"
 _NOT_VALIDATED: Final = 254
@@ -132,6 +136,18 @@ class Case:
     def of_session(self, function: str) -> Version | None:
         """The session's transaction of that function, or None."""
         return next((place for place, name in self.session.items() if name == function), None)
+
+    @property
+    def lacks(self) -> tuple[str, ...]:
+        """What of the session is not in the file, in words. The ledger may have it: a file can be cut."""
+        found = [] if self.of_session("SubmitProof") else [NO_VERDICT]
+        return (*found,) if set(self.session.values()) & set(ENDINGS) else (*found, NO_END)
+
+    @cached_property
+    def gaps(self) -> tuple[tuple[int, int], ...]:
+        """Numbers, from and to, of blocks that are not in the file, between its first and its last."""
+        pairs = itertools.pairwise(each.number for each in self.bundle.blocks)
+        return tuple((before + 1, after - 1) for before, after in pairs if after > before + 1)
 
     @cached_property
     def signed_blocks(self) -> tuple[BundleBlock, ...]:

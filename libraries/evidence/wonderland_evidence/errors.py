@@ -40,3 +40,7 @@ class MissingBlockError(StepError):
 
 class ExportError(EvidenceError):
     """The ledger cannot give the evidence that was asked for; the text says why."""
+
+
+class UnreachedError(ExportError):
+    """The ledger could not be reached: that says nothing about what is on it."""

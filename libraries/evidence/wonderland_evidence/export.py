@@ -14,10 +14,10 @@ from wonderland.proofs.records.sessions import Session
 from wonderland_evidence.bundle import Bundle, BundleBlock, ValidityAnswer
 from wonderland_evidence.case import QUERY, QUESTION, SESSION_FUNCTIONS, Case, is_about
 from wonderland_evidence.derive import rests_on
-from wonderland_evidence.errors import ExportError, MissingBlockError
+from wonderland_evidence.errors import ExportError, MissingBlockError, UnreachedError
 from wonderland_evidence.trust import trust_document
 from wonderland_fabric_gateway.errors import LedgerError
-from wonderland_fabric_gateway.gateway.errors import EvaluateError, GatewayError
+from wonderland_fabric_gateway.gateway.errors import GatewayError
 from wonderland_fabric_gateway.verification.block_checks import last_config
 from wonderland_fabric_gateway.verification.channel_trust import ChannelTrust
 from wonderland_fabric_gateway.verification.transaction_checks import counted_endorsers
@@ -27,12 +27,24 @@ if TYPE_CHECKING:
     from wonderland_fabric_gateway.transactions import Transaction
 
 MAX_SCANNED: Final = 1_000_000
+NO_SUCH_TRANSACTION: Final = "no such transaction ID"
+"""Fabric's own words, and the embedded ledger's."""
 Progress = Callable[[str], None]
 
 
 def silent(text: str) -> None:
     """Nobody wants to know."""
     del text
+
+
+def _failed(what: str, cause: GatewayError) -> ExportError:
+    """The error for a call that failed: one that reached nobody is no finding about the ledger."""
+    if cause.is_unreached:
+        return UnreachedError(
+            f"the ledger could not be reached: check its address, the certificates for TLS (connection.json) and this "
+            f"machine's clock ({cause})"
+        )
+    return ExportError(f"{what}: {cause}")
 
 
 class Ledger:
@@ -49,7 +61,7 @@ class Ledger:
             try:
                 raw = await self._queries.evaluate("GetBlockByNumber", self.network.name, str(number))
             except GatewayError as cause:
-                raise ExportError(f"block {number} cannot be had: {cause}") from cause
+                raise _failed(f"block {number} cannot be had", cause) from cause
             self._blocks[number] = BundleBlock.of(raw)
         return self._blocks[number]
 
@@ -57,10 +69,10 @@ class Ledger:
         """The block of a transaction."""
         try:
             block = BundleBlock.of(await self._queries.evaluate("GetBlockByTxID", self.network.name, tx_id))
-        except EvaluateError as cause:
-            raise ExportError(f"the ledger knows no session {tx_id[:80]}: {cause}") from cause
         except GatewayError as cause:
-            raise ExportError(f"the ledger cannot be asked: {cause}") from cause
+            if NO_SUCH_TRANSACTION in str(cause):
+                raise ExportError(f"the ledger knows no session {tx_id[:80]}: {cause}") from cause
+            raise _failed("the ledger does not say whether it knows the session", cause) from cause
         self._blocks[block.number] = block
         return block.number
 
@@ -69,7 +81,7 @@ class Ledger:
         try:
             newest = BundleBlock.of(await self.network.contract("cscc").evaluate("GetConfigBlock", self.network.name))
         except GatewayError as cause:
-            raise ExportError(f"the channel's configuration cannot be had: {cause}") from cause
+            raise _failed("the channel's configuration cannot be had", cause) from cause
         found = {newest.number: newest}
         number = newest.number
         while number:
@@ -87,7 +99,7 @@ class Ledger:
         try:
             signed = await proposal.endorse()
         except GatewayError as cause:
-            raise ExportError(f"peers of {', '.join(organisations)} do not sign their answer: {cause}") from cause
+            raise _failed(f"peers of {', '.join(organisations)} do not sign their answer", cause) from cause
         invocation = signed.invocation
         return ValidityAnswer(
             channel_header=signed.header.channel_header,
@@ -178,7 +190,7 @@ async def _transactions(ledger: Ledger, chaincode: str, session_id: str) -> dict
                 if steps >= wanted or block.number + 1 >= height:
                     break
     except GatewayError as cause:
-        raise ExportError(f"the session cannot be read: {cause}") from cause
+        raise _failed("the session cannot be read", cause) from cause
     except (LedgerError, ProofError) as cause:
         raise ExportError(f"what the ledger says of the session cannot be read: {cause}") from cause
     if steps < wanted:

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from wonderland_evidence import bundle as bundles
 from wonderland_evidence import trust as trusts
-from wonderland_evidence.errors import EvidenceError, UnreadableError
+from wonderland_evidence.errors import EvidenceError, UnreachedError, UnreadableError
 from wonderland_evidence.export import export as export_session
 from wonderland_evidence.export import trust as export_trust
 from wonderland_fabric_gateway.connection import Connection
@@ -22,8 +22,16 @@ from wonderland_fabric_gateway.files import PUBLIC, write_atomic
 from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_fabric_gateway.gateway.client import Network
 
+UNREACHED: Final = 5
 READERS: Final = ("mirror", "inspector", "admin")
 T = TypeVar("T")
+
+
+class _UnreachedException(click.ClickException):
+    """Nobody answered: an exit code of its own, for scripts."""
+
+    exit_code = UNREACHED
+
 
 _connection = click.option(
     "--connection",
@@ -53,7 +61,10 @@ _out = click.option("--out", required=True, type=click.Path(dir_okay=False, path
 )
 @_out
 def export(*, connection: Path, identity: str, session_id: str, timestamp_url: str, out: Path) -> None:
-    """Write a session's evidence; needs the ledger, and no backend."""
+    """Write a session's evidence; needs the ledger, and no backend.
+
+    Exit code 1: the ledger has no such session, or refuses. 5: it could not be reached.
+    """
     console = Console(stderr=True)
     with console.status("the ledger") as status:
         made = _ask(
@@ -107,6 +118,8 @@ def _ask(path: Path, identity: str, question: Callable[[Network, str], Awaitable
 
     try:
         return asyncio.run(run())
+    except UnreachedError as cause:
+        raise _UnreachedException(str(cause)) from cause
     except (LedgerError, EvidenceError) as cause:
         raise click.ClickException(str(cause)) from cause
 

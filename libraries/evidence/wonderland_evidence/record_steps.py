@@ -11,7 +11,7 @@ from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.records.transactions import SubmitProof
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland_evidence import timestamps
-from wonderland_evidence.case import QUERY, SESSION_FUNCTIONS, is_about
+from wonderland_evidence.case import NO_VERDICT, QUERY, SESSION_FUNCTIONS, is_about
 from wonderland_evidence.derive import value_at, version_read
 from wonderland_evidence.errors import NotCheckedError, StepError
 from wonderland_evidence.places import name_of_place, one_process, used, within
@@ -46,9 +46,16 @@ def check_records(case: Case, pins: Pins) -> str:
     namespace, key = case.bundle.chaincode, keys.composite(keys.SESSION, session_id)
     session = Session.decode(value_at(case, request, namespace, key))
     _require_event(case, request, session.to_json())
+    for place, function in case.session.items():
+        _, before = version_read(case.transaction(place, function).invocation, namespace, key)
+        if before is not None and before not in case.session:
+            raise StepError(
+                f"{function} read the session's record as {name_of_place(before)} wrote it, and no answer in the file "
+                "is about that: it is left out"
+            )
     submit = case.of_session(SUBMIT)
     if submit is None:
-        return f"session {session_id[:12]}…, which has no verdict"
+        return f"{len(used(case))} transactions; {'; '.join(case.lacks)}"
     invocation = case.transaction(submit, SUBMIT).invocation
     if version_read(invocation, namespace, key) != (True, request):
         raise StepError("the verdict rests on another request than the one in the file")
@@ -66,7 +73,8 @@ def check_records(case: Case, pins: Pins) -> str:
     survey = pad.commissioning
     if survey is None or encoding.digest(survey.to_json()).hex() != session.commissioning_sha256:
         raise StepError("the pad's survey is another one than the request names")
-    return f"{len(used(case))} transactions; {verdict.outcome}, permission {verdict.permission}"
+    found = f"{len(used(case))} transactions; {verdict.outcome}, permission {verdict.permission}"
+    return "; ".join((found, *case.lacks))
 
 
 def check_validity(case: Case, pins: Pins) -> str:
@@ -106,7 +114,7 @@ def check_decision(case: Case, pins: Pins) -> str:
     del pins
     submit, request = case.of_session(SUBMIT), case.of_session(REQUEST)
     if submit is None or request is None:
-        raise NotCheckedError("no verdict was made in this session")
+        raise NotCheckedError(NO_VERDICT)
     contract = installed_contract()
     session = Session.decode(
         value_at(case, request, case.bundle.chaincode, keys.composite(keys.SESSION, case.bundle.session_id))

@@ -31,28 +31,33 @@ Check = Callable[[Case, Pins], str]
 
 @dataclass(frozen=True)
 class Step:
-    """A step's number is its place in `STEPS`, from 1. `may_lack`: evidence is whole without it."""
+    """A step's number is its place in `STEPS`, from 1. `may_lack`: evidence is whole without it.
+
+    `without_verdict`: what it proves where the file has no verdict, if that is less.
+    """
 
     name: str
     check: Check
     proves: str
     does_not_prove: str
     may_lack: bool = False
+    without_verdict: str = ""
 
 
 STEPS: Final = (
     Step(
         "trust",
         check_trust,
-        "The blocks begin with the channel's pinned first block; no configuration after it is left out, and all "
-        "organisations' root certificates are pinned.",
-        "That the pins are right: compare them by another way. Newer configurations may exist.",
+        "The blocks begin with the channel's pinned first block; between it and the newest configuration in the file "
+        "none is left out, and all organisations' root certificates are pinned.",
+        "That the pins are right: compare them by another way. That no configuration is newer than the file's newest.",
     ),
     Step(
         "chain",
         check_chain,
-        "Blocks of the session stand unchanged between the blocks before and after them.",
-        "Anything by itself: whoever makes blocks can chain them. Steps 4 and 5 say who made these.",
+        "Blocks of the session stand unchanged between those blocks before and after them that are in the file.",
+        "Anything by itself: whoever makes blocks can chain them. Steps 4 and 5 say who made these. Nor which block is "
+        "the channel's newest: nothing in a file can show that.",
     ),
     Step(
         "data",
@@ -88,7 +93,9 @@ STEPS: Final = (
         "endorsements",
         check_endorsements,
         "Peers of the channel signed each outcome: what was read, in which version, and what is written.",
-        "That the peers ran the contract that was agreed on: see the last step.",
+        "That the peers ran the contract that was agreed on. The last step shows it of the session's own "
+        "transactions, and not of those that wrote the drone's record, its authorisation or maintenance, the pad's "
+        "survey or the policy.",
     ),
     Step(
         "endorsement policy",
@@ -103,8 +110,11 @@ STEPS: Final = (
         check_records,
         "Request, measured ranges, survey, policy and verdict belong together; each was read in the version that was "
         "then the newest.",
-        "That what pad and drone brought is true: that is what the verdict weighs. Whoever holds enough orderers' keys "
-        "could put an older record in a newer one's place, where the outcome stays the same to the last bit.",
+        "That nothing about this session was left out: its end, or all from the verdict on, can be cut off a file. "
+        "That what pad and drone brought is true: that is what the verdict weighs. Whoever holds enough orderers' "
+        "keys could put an older record in a newer one's place, where the outcome stays the same to the last bit.",
+        without_verdict="The request, and what it rests on, belong together; each was read in the version that was "
+        "then the newest. The file has no verdict.",
     ),
     Step(
         "validity",
@@ -123,7 +133,10 @@ STEPS: Final = (
     Step(
         "decision",
         check_decision,
-        "The contract of this verifier decides the same from these records, to the last bit.",
-        "That no drone can deceive the measurement: see the method's limits for this assurance level.",
+        "The contract of this verifier decides the same from these records, to the last bit, in each of the session's "
+        "own transactions in the file.",
+        "That no drone can deceive the measurement: see the method's limits for this assurance level. Transactions "
+        "before the session (drone, authorisation, maintenance, survey, policy) are not run again: their peers' word "
+        "counts.",
     ),
 )

@@ -1,7 +1,7 @@
 """What a verifier pins: ``wonderland-trust/1``, a file for people to compare by another way than the evidence came.
 
-Channel, the hash of its first block, and each organisation's root certificates. The texts (subjects, validity) are for
-the reader; what counts is the PEM, and `sha256` must be the one of it.
+Channel, the hash of its first block, and each organisation's root certificates. What counts is the PEM;
+`sha256` and the texts for the reader (subject, validity) must be those of it.
 """
 
 from __future__ import annotations
@@ -93,14 +93,15 @@ def root_sha256(pem: bytes) -> str:
 
 def _root(fields: Fields) -> str:
     digest, pem = fields.text("sha256"), fields.text("pem", limit=MAX_PEM)
-    for name in ("subject", "valid_from", "valid_until"):
-        fields.text(name)
     try:
-        found = root_sha256(pem.encode())
+        found = _root_json(pem.encode())
     except ValueError as cause:
         raise fields.wrong("pem", f"is no certificate ({cause})") from cause
-    if found != digest:
+    if found["sha256"] != digest:
         raise fields.wrong("sha256", "is not that of the certificate beside it")
+    for name in ("subject", "valid_from", "valid_until"):
+        if fields.text(name) != found[name]:
+            raise fields.wrong(name, f"is not that of the certificate beside it, which has {found[name]!r}")
     return digest
 
 

@@ -10,7 +10,7 @@ from cryptography.utils import CryptographyDeprecationWarning
 
 from wonderland.proofs.errors import ProofError
 from wonderland_evidence.bundle import Bundle
-from wonderland_evidence.case import Case
+from wonderland_evidence.case import NO_VERDICT, Case
 from wonderland_evidence.errors import EvidenceError, NotCheckedError
 from wonderland_evidence.steps import STEPS, Step
 from wonderland_evidence.trust import Pins
@@ -30,6 +30,7 @@ class Finding:
     step: Step
     status: Status
     text: str
+    proves: str
 
     def to_json(self) -> dict[str, Any]:
         """One object, as ``--json`` prints it."""
@@ -38,7 +39,7 @@ class Finding:
             "name": self.step.name,
             "status": self.status,
             "text": self.text,
-            "proves": self.step.proves,
+            "proves": self.proves,
             "does_not_prove": self.step.does_not_prove,
         }
 
@@ -78,7 +79,7 @@ def _verify(case: Case, pins: Pins) -> Report:
     failed = 0
     for number, step in enumerate(STEPS, 1):
         if failed:
-            finding = Finding(number, step, NOT_CHECKED, f"step {failed} does not hold")
+            finding = Finding(number, step, NOT_CHECKED, f"step {failed} does not hold", step.proves)
         else:
             finding = _finding(number, step, case, pins)
             failed = number if finding.status == FAILS else 0
@@ -88,10 +89,12 @@ def _verify(case: Case, pins: Pins) -> Report:
 
 def _finding(number: int, step: Step, case: Case, pins: Pins) -> Finding:
     try:
-        return Finding(number, step, HOLDS, step.check(case, pins))
+        text = step.check(case, pins)
+        less = step.without_verdict if step.without_verdict and NO_VERDICT in case.lacks else ""
+        return Finding(number, step, HOLDS, text, less or step.proves)
     except NotCheckedError as cause:
-        return Finding(number, step, NOT_CHECKED, str(cause))
+        return Finding(number, step, NOT_CHECKED, str(cause), step.proves)
     except (EvidenceError, LedgerError, ProofError) as cause:
-        return Finding(number, step, FAILS, str(cause))
+        return Finding(number, step, FAILS, str(cause), step.proves)
     except Exception as cause:  # noqa: BLE001 - bytes of strangers: whatever a library says of them, they fail
-        return Finding(number, step, FAILS, f"it cannot be read ({type(cause).__name__}: {cause})")
+        return Finding(number, step, FAILS, f"it cannot be read ({type(cause).__name__}: {cause})", step.proves)

@@ -51,7 +51,7 @@ def verify_command(*, file: Path, trust_file: Path, as_json: bool) -> None:
             console.print(f"{_MARKS[each.status]} {each.number:2} [bold]{each.step.name}[/bold]: ", end="")
             console.print(each.text, markup=False)
             if each.status == HOLDS:
-                console.print(f"     proves: {each.step.proves}", style="dim", markup=False)
+                console.print(f"     proves: {each.proves}", style="dim", markup=False)
             console.print(f"     does not prove: {each.step.does_not_prove}", style="dim", markup=False)
     if report.failed is not None:
         sys.exit(FAILED)
