@@ -11,6 +11,7 @@ from fabric_protos.common import common_pb2
 from wonderland_fabric_gateway.blocks import parse_block
 from wonderland_fabric_gateway.commit_hash import commit_hash_of, expected_commit_hash
 from wonderland_fabric_gateway.embedded.errors import DirectoryError, LedgerCorruptedError
+from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway import CommitError
 from wonderland_fabric_gateway.transactions import ValidationCode
 
@@ -164,8 +165,12 @@ async def test_a_row_edited_while_the_ledger_runs_and_then_written_over(tmp_path
     async with open_world(tmp_path / "l") as world:
         await world.contract().submit("put", "a", "1")
         edit(tmp_path / "l", "UPDATE state SET value = x'39' WHERE key = CAST('a' AS BLOB)")
-        await world.contract().submit("put", "a", "2")
-    assert "rows of state were changed" in str(await refused(open_world, tmp_path / "l"))
+        commit = await (await world.contract().propose("put", "a", "2").endorse()).submit()
+        with pytest.raises(LedgerError, match="key 'a': not what this ledger wrote"):
+            await commit.status()
+    error = await refused(open_world, tmp_path / "l")
+    assert error.table == "state"
+    assert "key a" in error.key
 
 
 async def test_a_ledger_from_before_the_seal_is_recomputed_and_sealed(ledger, open_world):

@@ -5,8 +5,8 @@ one machine holds every organisation's key: **it gives no multi-party trust**, a
 
 Rooms: `msp` who may sign · `genesis` the channel's configuration · `proposals`, `stub`, `endorser` running the
 contract · `transactions`, `orderer`, `committer` from envelope to block · `state` SQLite ·
-`seal`, `recompute`, `comparison`, `integrity` whether what is stored is what was written · `gateway`, `deliver`,
-`server` the gRPC side · `directory`, `administration` what lies on disk and how it is changed while it runs.
+`seal`, `known_rows`, `recompute`, `comparison`, `integrity` whether what is stored is what was written · `gateway`,
+`deliver`, `server` the gRPC side · `directory`, `administration` what lies on disk and how it is changed while it runs.
 """
 
 from typing import Final

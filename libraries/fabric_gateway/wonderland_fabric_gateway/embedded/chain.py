@@ -32,6 +32,7 @@ from wonderland_fabric_gateway.embedded.errors import (
     LedgerOverloadedError,
     LedgerUnavailableError,
     StorageError,
+    TableCorruptedError,
 )
 from wonderland_fabric_gateway.embedded.integrity import OlderBlocks, last_commit_hash, verify_tip
 from wonderland_fabric_gateway.embedded.msp import ChannelMembership
@@ -104,7 +105,7 @@ class Chain:
         """Open an initialised store; check its seal, and its end. Raises `LedgerCorruptedError`, `DirectoryError`."""
         self.settings: Final = settings
         seal = Seal(settings.seal_key) if settings.seal_key else None
-        self.reader: Final = StateReader(path)
+        self.reader: Final = StateReader(path, None if seal is None else seal.rows)
         with contextlib.ExitStack() as on_failure, reading(path):
             on_failure.callback(self.reader.close)
             if seal is not None:
@@ -130,6 +131,8 @@ class Chain:
         self._halted = False
         self._closing = False
         self._task: asyncio.Task[None] | None = None
+        if seal is not None:
+            seal.rows.on_damage = self._found_edit
         self._disk = ThreadPoolExecutor(max_workers=1, thread_name_prefix="ledger-disk")
 
     async def __aenter__(self) -> Self:
@@ -251,9 +254,9 @@ class Chain:
         return await done
 
     async def _make_blocks(self) -> None:
-        while not self._halted and not (self._closing and not len(self._cutter) and not self._lists):
+        while not self._closing or len(self._cutter) or self._lists:
             await self._cutter.wait()
-            if self._older.damage is not None:
+            if self._halted:
                 return
             if self._lists:
                 lists, done = self._lists.pop(0)
@@ -270,14 +273,14 @@ class Chain:
                     return
                 self._wait_for_space(error)
                 await asyncio.sleep(RETRY_S)
+            except TableCorruptedError:  # `_found_edit` has halted it
+                return
             except Exception:  # noqa: BLE001 - a fault of ours must not leave clients waiting for ever
                 _log.critical("no block could be made of %d transactions", len(batch), exc_info=True)
                 self._halt("the ledger failed while it made a block; its log says why. Restart it")
                 return
             else:
-                if self._trouble:
-                    _log.warning("the ledger writes again")
-                    self._trouble = ""
+                self._writes_again()
 
     async def _make_block(self, batch: list[Candidate]) -> None:
         number = self._tip.number + 1
@@ -330,6 +333,7 @@ class Chain:
         """Make a block durable, then tell everybody. Raises `StorageError`; then nobody was told anything."""
         self.writer.stage_block(header.number, header.hash, raw, results, meta)
         await asyncio.get_running_loop().run_in_executor(self._disk, self.writer.commit, header.number)
+        self.writer.keep()
         self._tip = Tip(header.number, header.hash)
         if len(raw) <= RECENT_BLOCK_BYTES:
             self._recent_blocks[header.number] = raw
@@ -370,13 +374,24 @@ class Chain:
             code = ValidationCode.BAD_CREATOR_SIGNATURE
         return replace(candidate, code=int(code), config_sequence=self.membership.sequence)
 
+    def _writes_again(self) -> None:
+        if self._trouble and not self._halted:  # an edited row may have been read while the block was written
+            _log.warning("the ledger writes again")
+            self._trouble = ""
+
     def _wait_for_space(self, error: StorageError) -> None:
+        if self._halted:
+            return
         if not self._trouble:
             _log.error("%s; waiting for space", error)
         self._trouble = f"the ledger's disk is full ({error}); it goes on by itself when there is space"
 
     def _found_damage(self, error: LedgerCorruptedError) -> None:
         self._halt(f"nothing is added to this chain any more, since {error}; restore it from a copy")
+        self._cutter.interrupt()
+
+    def _found_edit(self, error: TableCorruptedError) -> None:
+        self._halt(str(error))
         self._cutter.interrupt()
 
     def _halt(self, text: str) -> None:

@@ -24,7 +24,7 @@ from fabric_protos.peer import (
 
 from wonderland_fabric_gateway.contract_rules import FAULT, check_result, function_name
 from wonderland_fabric_gateway.embedded import rwset as rwsets
-from wonderland_fabric_gateway.embedded.errors import ContractFailedError
+from wonderland_fabric_gateway.embedded.errors import ContractFailedError, LedgerCorruptedError
 from wonderland_fabric_gateway.embedded.stub import TransactionStub
 from wonderland_fabric_gateway.embedded.watchdog import DEFAULT_LIMIT_S, ContractOvertimeError, Watchdog
 from wonderland_fabric_gateway.signature_policies import Signer
@@ -91,7 +91,7 @@ class Endorser:
         return name in self._contracts
 
     def simulate(self, proposal: Proposal, member: Member) -> Simulation:
-        """Run the contract against the committed state. Raises `ContractFailedError`."""
+        """Run the contract against the committed state. Raises `ContractFailedError`, `LedgerCorruptedError`."""
         function = function_name(proposal.args)
         stub = TransactionStub(
             self._reader,
@@ -104,6 +104,7 @@ class Endorser:
         contract = self._contracts[proposal.chaincode]
         with self._reader.snapshot():
             payload = _run(contract.invoke(stub, function, list(proposal.args[1:])), proposal, self._watchdog)
+            self._reader.require_sound()  # whatever the contract made of the error
         event = b""
         if stub.event is not None:
             name, event_payload = stub.event
@@ -199,7 +200,7 @@ def _run(coroutine: Coroutine[Any, Any, bytes], proposal: Proposal, watchdog: Wa
         result = stop.value
     except ContractOvertimeError as error:
         raise _fault(proposal, f"took longer than {watchdog.limit_s:g} s") from error
-    except ContractFailedError:
+    except (ContractFailedError, LedgerCorruptedError):
         raise
     except Exception as error:  # the contract is foreign code: whatever it raises is its answer, or its fault
         status = getattr(error, "status", None)

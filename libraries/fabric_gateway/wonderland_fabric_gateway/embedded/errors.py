@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from wonderland_fabric_gateway.errors import ContractFailedError, LedgerError, RevocationListError
 
 __all__ = [
+    "REMEDY",
     "AccessDeniedError",
     "ContractFailedError",
     "ContractLoadError",
@@ -21,6 +24,13 @@ __all__ = [
     "StorageError",
     "TableCorruptedError",
 ]
+
+
+REMEDY: Final = (
+    "Restore the ledger's directory from a copy. To see what still holds, read the blocks of a copy of "
+    "ledger.sqlite3 (docs: Backup and restore, The embedded ledger)"
+)
+"""What to do about a row that is not this ledger's."""
 
 
 class EmbeddedLedgerError(LedgerError):

@@ -16,7 +16,7 @@ from wonderland_fabric_gateway.channel_config import endorsement_policy
 from wonderland_fabric_gateway.embedded.committer import Candidate, validate_block
 from wonderland_fabric_gateway.embedded.comparison import Recomputed
 from wonderland_fabric_gateway.embedded.config_update import config_data
-from wonderland_fabric_gateway.embedded.errors import LedgerCorruptedError, StorageError, TableCorruptedError
+from wonderland_fabric_gateway.embedded.errors import REMEDY, LedgerCorruptedError, StorageError, TableCorruptedError
 from wonderland_fabric_gateway.embedded.integrity import load_block, require_commit_hash
 from wonderland_fabric_gateway.embedded.rwset import ReadWriteSet, from_accesses
 from wonderland_fabric_gateway.embedded.seal import SEAL, sealed_number
@@ -45,10 +45,6 @@ if TYPE_CHECKING:
     from wonderland_fabric_gateway.signature_policies import Signer
     from wonderland_fabric_gateway.transactions import Transaction
 
-REMEDY: Final = (
-    "Restore the ledger's directory from a copy. To see what still holds, read the blocks of a copy of "
-    "ledger.sqlite3 (docs: Backup and restore, The embedded ledger)"
-)
 _BY_STATE: Final = frozenset(
     {
         ValidationCode.VALID,

@@ -14,6 +14,7 @@ from google.rpc import status_pb2
 
 from wonderland_fabric_gateway.embedded.errors import (
     AccessDeniedError,
+    LedgerCorruptedError,
     LedgerOverloadedError,
     LedgerUnavailableError,
     MalformedRequestError,
@@ -123,6 +124,7 @@ _CODES: Final[tuple[tuple[type[Exception], grpc.StatusCode], ...]] = (
     (AccessDeniedError, grpc.StatusCode.PERMISSION_DENIED),
     (ProposalRefusedError, grpc.StatusCode.FAILED_PRECONDITION),
     (LedgerOverloadedError, grpc.StatusCode.RESOURCE_EXHAUSTED),
+    (LedgerCorruptedError, grpc.StatusCode.UNAVAILABLE),
     (LedgerUnavailableError, grpc.StatusCode.UNAVAILABLE),
 )
 

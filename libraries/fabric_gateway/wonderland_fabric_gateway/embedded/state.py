@@ -13,7 +13,7 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from wonderland_fabric_gateway.embedded.errors import DirectoryError, LedgerCorruptedError, StorageError
 from wonderland_fabric_gateway.embedded.seal import SEAL, TABLES
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from wonderland_fabric_gateway.embedded.known_rows import KnownRows
     from wonderland_fabric_gateway.embedded.range_reads import Version
     from wonderland_fabric_gateway.embedded.rwset import KeyPolicy, Write
     from wonderland_fabric_gateway.embedded.seal import Row, Seal
@@ -111,7 +112,9 @@ def reading(path: Path) -> Iterator[None]:
 class StateReader:
     """Read access to the committed state. Not shared between threads."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, rows: KnownRows | None = None) -> None:
+        """With `rows`, state and history that are not theirs are refused: `TableCorruptedError`."""
+        self._rows = rows
         self._db = _connect(path)
         self._db.execute("PRAGMA query_only=ON")
 
@@ -130,28 +133,42 @@ class StateReader:
 
     def get(self, namespace: str, key: str) -> tuple[bytes, Version] | None:
         """Value and version of a key, or None."""
-        row = self._db.execute(
-            "SELECT value, block, position FROM state WHERE namespace=? AND key=?", (namespace, key.encode())
-        ).fetchone()
-        return None if row is None else (row[0], (row[1], row[2]))
+        row = _state_row(self._db, self._rows, namespace, key)
+        return None if row is None else (row[2], (row[3], row[4]))
 
     def range(self, namespace: str, start: str, end: str) -> Iterator[tuple[str, bytes, Version]]:
         """Keys from `start` (included) to `end` (excluded), ascending; "" leaves a side open (see `LOWEST_KEY`)."""
-        after, including = (start.encode() or LOWEST_KEY), True
+        first = start.encode() or LOWEST_KEY
+        rows = self._pages(namespace, first, end.encode())
+        for _, key, value, block, position, _ in (
+            rows if self._rows is None else self._rows.checked_range(namespace, first, end.encode(), rows)
+        ):
+            yield key.decode(), value, (block, position)
+
+    def require_sound(self) -> None:
+        """Raise `TableCorruptedError` once a row was read that is not this ledger's."""
+        if self._rows is not None:
+            self._rows.require_sound()
+
+    def _pages(self, namespace: str, after: bytes, end: bytes) -> Iterator[Any]:
+        including = True
         while True:
             rows = self._db.execute(
-                "SELECT key, value, block, position FROM state WHERE namespace=? AND "  # noqa: S608 - fixed texts only
+                "SELECT * FROM state WHERE namespace=? AND "  # noqa: S608 - fixed texts only
                 f"key {'>=' if including else '>'} ? {'AND key < ?' if end else ''} ORDER BY key LIMIT {RANGE_PAGE}",
-                (namespace, after, end.encode()) if end else (namespace, after),
+                (namespace, after, end) if end else (namespace, after),
             ).fetchall()
-            for key, value, block, position in rows:
-                yield key.decode(), value, (block, position)
+            yield from rows
             if len(rows) < RANGE_PAGE:
                 return
-            after, including = rows[-1][0], False
+            after, including = rows[-1][1], False
 
     def history(self, namespace: str, key: str) -> Iterator[Modification]:
         """Every committed change of a key, newest first."""
+        if self._rows is not None:
+            place = namespace, key.encode()
+            every = self._db.execute("SELECT * FROM history WHERE namespace=? AND key=?", place).fetchall()
+            self._rows.check_history(place, every)
         before: tuple[int, int] = (1 << 62, 0)
         while True:
             rows = self._db.execute(
@@ -209,6 +226,7 @@ class StateWriter:
     def __init__(self, path: Path | None, *, max_pages: int | None = None, seal: Seal | None = None) -> None:
         self._db = _connect(path)
         self._seal = seal
+        self._rows = None if seal is None else seal.rows
         if max_pages is not None:
             self.limit_pages(max_pages)
 
@@ -222,28 +240,27 @@ class StateWriter:
 
     def version(self, namespace: str, key: str) -> Version | None:
         """The committed version of a key, or None."""
-        row: tuple[int, int] | None = self._db.execute(
-            "SELECT block, position FROM state WHERE namespace=? AND key=?", (namespace, key.encode())
-        ).fetchone()
-        return row
+        row = self._state_row(namespace, key)
+        return None if row is None else (row[3], row[4])
 
     def policy(self, namespace: str, key: str) -> bytes | None:
         """Who must endorse a change of the key (``common.SignaturePolicyEnvelope``); None: the contract's policy."""
-        row = self._db.execute(
-            "SELECT policy FROM state WHERE namespace=? AND key=?", (namespace, key.encode())
-        ).fetchone()
-        return None if row is None else row[0]
+        row = self._state_row(namespace, key)
+        return None if row is None else row[5]
 
     def versions(
         self, namespace: str, start: str, end: str, *, end_included: bool = False
     ) -> Iterator[tuple[str, Version]]:
         """Keys of a range with their committed versions, ascending; "" leaves a side open."""
         condition = f"AND key {'<=' if end_included else '<'} ?" if end else ""
-        rows = self._db.execute(
-            f"SELECT key, block, position FROM state WHERE namespace=? AND key >= ? {condition} ORDER BY key",  # noqa: S608
-            (namespace, start.encode() or LOWEST_KEY, *((end.encode(),) if end else ())),
+        first, last = start.encode() or LOWEST_KEY, end.encode()
+        rows: Iterator[Any] = self._db.execute(
+            f"SELECT * FROM state WHERE namespace=? AND key >= ? {condition} ORDER BY key",  # noqa: S608
+            (namespace, first, *((last,) if last else ())),
         )
-        for key, block, position in rows:
+        if self._rows is not None:
+            rows = self._rows.checked_range(namespace, first, last, rows, end_included=end_included)
+        for _, key, _, block, position, _ in rows:
             yield key.decode(), (block, position)
 
     def has_transaction(self, tx_id: str) -> bool:
@@ -282,24 +299,29 @@ class StateWriter:
         """Write the staged block durably (the only slow step; it may run in another thread). Raises `StorageError`."""
         with self._failing(number):
             self._db.execute("COMMIT")
-            if self._seal is not None:
-                self._seal.keep()
+
+    def keep(self) -> None:
+        """The staged block is committed. Not in another thread: what is read is held against it."""
+        if self._seal is not None:
+            self._seal.keep()
 
     @contextlib.contextmanager
     def _failing(self, number: int) -> Iterator[None]:
         try:
             yield
-        except sqlite3.Error as cause:
+        except (sqlite3.Error, LedgerCorruptedError) as cause:
             if self._db.in_transaction:
                 with contextlib.suppress(sqlite3.Error):
                     self._db.execute("ROLLBACK")
+            if isinstance(cause, LedgerCorruptedError):
+                raise
             full = getattr(cause, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
             raise StorageError(f"block {number} could not be written: {cause}", full=full) from cause
 
     def _apply(self, number: int, position: int, tx: CommittedTx) -> None:
         for write in {(each.namespace, each.key): each for each in tx.writes}.values():
             place = write.namespace, write.key.encode()
-            old = self._state_row(*place)
+            old = _state_row(self._db, None, write.namespace, write.key)  # checked when it is written over
             if write.value is not None:
                 # A key keeps its own endorsement policy while only its value changes.
                 self._insert("state", (*place, write.value, number, position, old[5] if old else None), old)
@@ -308,15 +330,12 @@ class StateWriter:
                 self._sealed("state", old, None)
             self._insert("history", (*place, number, position, tx.tx_id, tx.timestamp_ms, write.value))
         for each in tx.policies:
-            old = self._state_row(each.namespace, each.key.encode())
+            old = _state_row(self._db, None, each.namespace, each.key)
             if old is not None:
                 self._insert("state", (*old[:3], number, position, each.policy), old)
 
-    def _state_row(self, namespace: str, key: bytes) -> Row | None:
-        row: Row | None = self._db.execute(
-            "SELECT * FROM state WHERE namespace=? AND key=?", (namespace, key)
-        ).fetchone()
-        return row
+    def _state_row(self, namespace: str, key: str) -> Any:
+        return _state_row(self._db, self._rows, namespace, key)
 
     def _insert(self, table: str, row: Row, old: Row | None = None) -> None:
         """Write a row in the place of `old`, which is None where there is none."""
@@ -332,6 +351,14 @@ class StateWriter:
         if self._seal is not None:
             value = self._seal.value(number, header_hash)
             self._db.execute("INSERT OR REPLACE INTO meta VALUES (?,?)", (SEAL, value))
+
+
+def _state_row(db: sqlite3.Connection, rows: KnownRows | None, namespace: str, key: str) -> Any:
+    place = namespace, key.encode()
+    row = db.execute("SELECT * FROM state WHERE namespace=? AND key=?", place).fetchone()
+    if rows is not None:
+        rows.check(place, row)
+    return row
 
 
 def _connect(path: Path | None) -> sqlite3.Connection:
