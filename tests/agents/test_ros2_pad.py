@@ -78,8 +78,11 @@ async def test_a_proof_is_heard_by_a_peer_that_is_none_of_ours(world):
         ranged = await peer.heard(f"{PAD}/range/A1")
         assert ranged["header"]["frame_id"] == "pad_1_A1"
         assert 3 < ranged["range"] < 9
-        state = await peer.heard(f"{PAD}/state", fits=lambda found: found["reporting"])
-        assert {each["state"] for each in state["anchors"]} == {"up"}
+        up = [{"up"}]  # as the nodes come to their feet, and as they are let go, some are not
+        await peer.heard(
+            f"{PAD}/state",
+            fits=lambda found: found["reporting"] and [{each["state"] for each in found["anchors"]}] == up,
+        )
         topics = dict(map(tuple, (await peer.asked("topics"))["topics"]))
         assert topics[f"{PAD}/verdict"] == [VERDICT]
         assert topics[f"{ACTION}/feedback"] == ["wonderland_msgs/action/ProveLocation_FeedbackMessage"]

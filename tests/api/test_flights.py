@@ -32,7 +32,7 @@ def track(t_ms, uav_id="uav-1", north=0):
 @both
 async def test_positions_become_flights(running, agent_client, machine, clock):
     clock.now_ms = START_MS + 3_600_000
-    async with running.connect("/ingest") as socket, machine("wonderland.tracks.read") as http:
+    async with running.connect("/ingest") as socket, machine("wonderland.tracks.read", role="inspector") as http:
         agent = agent_client(socket)
         await agent.hello()
         for index in range(3):

@@ -132,10 +132,10 @@ async def test_who_may_ask_for_what(running, machine, chain, facts):
 
 @both
 async def test_subscribers_are_told_if_they_may_see_it(running, machine, chain, facts, monkeypatch):
-    async def allowed(url, hosts):
+    async def allowed(self, url):
         return None
 
-    monkeypatch.setattr("wonderland_backend.rest.webhooks.resolved", allowed)
+    monkeypatch.setattr("wonderland_backend.webhooks.post.Poster.target", allowed)
     hook = {"url": "https://hooks.example/", "types": ["proof_request.created"]}
     async with machine(SCOPES) as all_seeing, machine(SCOPES, role="fleet_operator", msp_id="OtherMSP") as stranger:
         paths = [

@@ -312,7 +312,7 @@ async def test_what_is_wrong_with_a_parameter_is_said_in_finnish(running):
 
 async def test_wrong_methods_are_problems(running):
     answer = await running.http.put("/api/v1/pads")
-    assert (answer.status_code, answer.headers["allow"]) == (405, "GET")
+    assert (answer.status_code, answer.headers["allow"]) == (405, "GET, HEAD")
     assert answer.json()["type"] == "urn:wonderland:problem:method-not-allowed"
 
 

@@ -20,7 +20,8 @@ WHERE = {"router_ip": "127.0.0.1", "router_port": PORT}
 
 
 def say(**what):
-    print(json.dumps(what), flush=True)
+    sys.stdout.write(json.dumps(what) + "\n")  # as one: threads would print into each other's lines
+    sys.stdout.flush()
 
 
 def plain(value):

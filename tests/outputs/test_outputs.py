@@ -226,7 +226,6 @@ async def test_tak_by_tls_with_certificates_on_both_sides(new_backend, chain, so
     await tak.stop()
 
 
-@pytest.mark.filterwarnings("ignore:ssl.OP_NO:DeprecationWarning")  # pytak
 async def test_neither_mqtt_nor_tak_tells_an_operator(new_backend, chain, source_of, agent_client, broker):
     """Registered and broadcast numbers, the operator id and where an operator stands: in nothing that goes out."""
     facts = Facts()
@@ -258,6 +257,7 @@ async def test_neither_mqtt_nor_tak_tells_an_operator(new_backend, chain, source
         assert [where for where, text in told if secret in text or secret in where] == [], secret
 
 
+@pytest.mark.filterwarnings("ignore:ssl.OP_NO:DeprecationWarning")  # pytak
 async def test_tak_does_not_speak_to_a_server_of_another_authority(new_backend, chain, source_of, tmp_path, caplog):
     a_chain(chain)
     ca, other = trustme.CA(), trustme.CA()

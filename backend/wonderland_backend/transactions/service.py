@@ -325,7 +325,7 @@ def _opening(record: Record, asked: Propose) -> Opening | None:
     if commitment is None and asked.opening is None:
         return None
     if commitment is None or asked.opening is None or not isinstance(record, RegisterUav):
-        why = said("opening_without_commitment" if commitment is None else "commitment_without_opening")
+        why = said("opening_without_commitment") if commitment is None else said("commitment_without_opening")
         raise BadRequest(why, ("body.opening", why))
     given = asked.opening
     try:
