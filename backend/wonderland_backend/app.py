@@ -304,9 +304,9 @@ class Backend:
 
     async def _stays(self, person: str) -> bool:
         """Whether a live connection's sign-in or token (`live.endpoints` names it) is still good."""
-        machine, of_machine, expires_ms = person.partition(":")
-        if of_machine:
-            return await self.parts.machines.may_go_on(machine, int(expires_ms), self.context.clock())
+        if ":" in person:
+            machine, role, expires_ms = person.split(":")
+            return await self.parts.machines.may_go_on(machine, role, int(expires_ms), self.context.clock())
         return await self.parts.sign_ins.find_by_hash(person) is not None
 
 

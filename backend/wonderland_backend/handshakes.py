@@ -112,8 +112,8 @@ class TlsServer:
             self._handshakes.begin(task, peer[0])
 
     async def _shake_hands(self, accepted: socket.socket) -> None:
-        accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # small answers go at once
         with contextlib.suppress(OSError):  # what TLS refuses, too, time that ran out, and a peer that went away
+            accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # small answers go at once
             await self._loop.connect_accepted_socket(
                 self._new_protocol, accepted, ssl=self._tls, ssl_handshake_timeout=HEAD_S
             )

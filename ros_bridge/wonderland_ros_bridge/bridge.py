@@ -8,6 +8,7 @@ import json
 import logging
 import time
 from collections.abc import AsyncIterator, Coroutine
+from functools import partial
 from typing import Any, Final
 
 from wonderland.asset_contract import AssetContract
@@ -20,7 +21,7 @@ from wonderland_ros_bridge.ledger.envelope import Batch
 from wonderland_ros_bridge.ledger.listener import Listener
 from wonderland_ros_bridge.ledger.orders import MAX_ORDER_BYTES, Orders
 from wonderland_ros_bridge.ledger.outbox import Outbox
-from wonderland_ros_bridge.ledger.policy import Rule
+from wonderland_ros_bridge.ledger.policy import rule_of
 from wonderland_ros_bridge.ledger.sender import Sender
 from wonderland_ros_bridge.ros1 import definitions
 from wonderland_ros_bridge.ros1.hosts import Hosts
@@ -28,6 +29,7 @@ from wonderland_ros_bridge.ros1.node import MAX_TOPICS, Node
 from wonderland_ros_bridge.ros1.publisher import STRING, Ros1Publisher
 from wonderland_ros_bridge.ros1.subscription import Arrived
 from wonderland_ros_bridge.settings import PREFIX, Settings
+from wonderland_ros_bridge.together import run_together
 
 _log = logging.getLogger(__name__)
 
@@ -49,9 +51,8 @@ class Ros1Bridge:
             hosts=Hosts(ros1.networks),
             on_topics=self._look_at if any(rule.is_pattern for rule in settings.to_ledger) else None,
         )
-        self.sender: Final = Sender(
-            outbox, ledger, prefix=PREFIX, rule_of=self._rule_of, clock=clock, rejected=self._say
-        )
+        rules = partial(rule_of, rules=settings.to_ledger)
+        self.sender: Final = Sender(outbox, ledger, prefix=PREFIX, rule_of=rules, clock=clock, rejected=self._say)
         self.intake: Final = Intake(outbox, self.sender, clock, steady=steady, max_bytes=settings.max_spool_bytes)
         self._publisher = Ros1Publisher(self.node)
         self._saying: set[asyncio.Task[None]] = set()
@@ -77,15 +78,9 @@ class Ros1Bridge:
         if self._settings.from_ledger:
             work.append(self.listener.run())
         async with self.node:
-            tasks = [asyncio.create_task(each) for each in (self.node.run(), *work)]
             try:
-                done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-                for each in done:
-                    each.result()
+                await run_together(self.node.run(), *work)
             finally:
-                for each in tasks:
-                    each.cancel()
-                await asyncio.gather(*tasks, return_exceptions=True)
                 await self.intake.flush()
 
     async def wait_ready(self) -> None:
@@ -115,12 +110,6 @@ class Ros1Bridge:
         kind = Kind("ros1", said.type, said.md5, said.text, read)
         await self.intake.take(arrived.topic, kind, arrived.data, arrived.publisher)
 
-    def _rule_of(self, topic: str) -> Rule:
-        for rule in self._settings.to_ledger:
-            if rule.fits(topic):
-                return rule
-        return Rule(topic=topic)  # of a former run, with other settings: what waits still goes
-
     def _look_at(self, topics: list[tuple[str, str]]) -> None:
         for topic, _ in topics:
             if topic in self.node.subscriptions or not any(rule.fits(topic) for rule in self._settings.to_ledger):
@@ -140,7 +129,7 @@ class Ros1Bridge:
             topic = await self._appeared.get()
             if topic in self.node.subscriptions or topic in self.node.publications:
                 continue
-            rule = self._rule_of(topic)
+            rule = rule_of(topic, self._settings.to_ledger)
             await self.intake.begin(topic, rule)
             await self.node.subscribe(topic, self._take, kind=rule.type, max_message_bytes=rule.max_message_bytes)
 

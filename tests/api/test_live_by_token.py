@@ -7,9 +7,15 @@ import json
 
 import pytest
 import websockets
+from sqlalchemy import update
 
 from wonderland_backend import app as application
 from wonderland_backend.clients.scopes import LIVE
+from wonderland_backend.clients.store import NewClient
+from wonderland_backend.db.tables.people import PersonRow
+from wonderland_backend.people import store as people
+from wonderland_backend.people.schemas import Invitation
+from wonderland_backend.person import Account
 
 ALL = " ".join(LIVE)
 
@@ -74,3 +80,26 @@ async def test_it_ends_when_the_machine_is_revoked(running, machine):
         async with running.context.database.write() as connection:
             await running.parts.clients.revoke(connection, http.client_id, "a test")
         assert await closed_with(socket) == 4401
+
+
+async def test_it_ends_when_its_person_loses_a_role(running):
+    """An inspector's machine would go on seeing all that inspectors see, until its token ends."""
+    ada = Account("a" * 32, "Ada")
+    async with running.context.database.write() as connection:
+        invitation = Invitation(name="Ada", roles=["inspector"])
+        await people.create(connection, ada, invitation, ada.person_id, state="active", now_ms=0)
+        row, secret = await running.parts.clients.add(connection, NewClient("Bot", LIVE, "inspector"), ada)
+    form = {"grant_type": "client_credentials"}
+    answer = await running.http.post("/oauth/token", data=form, auth=(row.client_id, secret))
+    bearer = {"Authorization": f"Bearer {answer.json()['access_token']}"}
+    async with running.connect("/api/v1/live", additional_headers=bearer) as socket:
+        await socket.recv()
+        await asyncio.sleep(0.3)
+        assert socket.state is websockets.State.OPEN
+        async with running.context.database.write() as connection:
+            await connection.execute(
+                update(PersonRow).where(PersonRow.person_id == ada.person_id).values(roles="viewer")
+            )
+        assert await closed_with(socket) == 4401
+    async with running.connect("/api/v1/live", additional_headers=bearer) as socket:
+        assert json.loads(await socket.recv())["type"] == "hello", "as a viewer it may come again"

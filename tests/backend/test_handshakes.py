@@ -165,8 +165,13 @@ def test_what_is_no_handshake_is_let_go(in_production, monkeypatch, data):
     in_production(body)
 
 
-def test_a_server_that_stops_waits_for_no_handshake(in_production):
+def test_a_server_that_stops_waits_for_no_handshake(in_production, monkeypatch):
+    monkeypatch.setattr(handshakes, "HEAD_S", 60)  # longer than the server is given to stop
+    left = []
+
     async def body(port, honest, stranger):
-        await stranger(port)
+        left.append(await stranger(port))
+        await honest()  # by now the stranger's is under way
 
     in_production(body)
+    assert left[0].at_eof() or left[0].exception() is not None

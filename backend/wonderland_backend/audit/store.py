@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 from typing import Any, Final, Protocol
 
-from sqlalchemy import func, insert, select, update
+from sqlalchemy import Select, func, insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from wonderland.proofs import encoding
@@ -82,19 +82,23 @@ async def record_read(
     detail: Mapping[str, Any] | None = None,
     *,
     act: str = "read_personal_data",
-    every_ms: int = READ_AGAIN_MS,
     t_ms: int,
 ) -> None:
-    """The same for a read, which pages repeat by themselves: one row every so often for what one person reads."""
+    """The same for a read, which pages repeat by themselves: one row a minute for what one person reads."""
     await take_turns(connection)
-    known = select(AuditRow.seq).where(
-        AuditRow.subject == subject,
-        AuditRow.act == act,
-        AuditRow.person_id == who.person_id,
-        AuditRow.t_ms.between(t_ms - every_ms, t_ms),
-    )
-    if (await connection.execute(known.limit(1))).first() is None:
+    known = recorded(who, act, subject, since_ms=t_ms - READ_AGAIN_MS, t_ms=t_ms)
+    if (await connection.execute(known)).first() is None:
         await record(connection, who, act, subject, detail, t_ms=t_ms)
+
+
+def recorded(who: Actor, act: str, subject: str, *, since_ms: int, t_ms: int) -> Select[Any]:
+    """Finds a row about somebody's act in that time."""
+    return (
+        select(AuditRow.seq)
+        .where(AuditRow.subject == subject, AuditRow.act == act, AuditRow.person_id == who.person_id)
+        .where(AuditRow.t_ms.between(since_ms, t_ms))
+        .limit(1)
+    )
 
 
 async def take_turns(connection: AsyncConnection) -> None:

@@ -62,10 +62,16 @@ class Machines:
             caller.require(scope)
         return _system(caller) if client is None else person_of_client(client, caller.expires_s * 1000)
 
-    async def may_go_on(self, person_id: str, expires_ms: int, now_ms: int) -> bool:
-        """Whether what a token opened stays open: neither has it ended, nor was the machine revoked."""
+    async def may_go_on(self, person_id: str, role: str, expires_ms: int, now_ms: int) -> bool:
+        """Whether live frames stay open: the token has not ended, and the machine has what it had.
+
+        It loses with the person who registered it.
+        """
         client = await self._clients.find_client(person_id)
-        return now_ms < expires_ms and (client is None or client.revoked_ms is None)
+        kept = client is None or (
+            client.revoked_ms is None and client.role == role and set(LIVE) <= set(client.scopes.split())
+        )
+        return kept and now_ms < expires_ms
 
     async def caller_of(self, connection: HTTPConnection) -> Caller:
         """The machine as its token says, with what it may today. Raises `TokenRefused`."""

@@ -51,7 +51,7 @@ async def live(
     found = _SINCE.fullmatch(socket.query_params.get("since", "")[:64])
     lens = Lens.of(person, pad_owner=board.pad_owner, drone_owner=board.drone_owner)
     client, first = hub.join(
-        person.cookie_sha256 or f"{person.person_id}:{person.expires_ms}",
+        person.cookie_sha256 or f"{person.person_id}:{'+'.join(person.roles)}:{person.expires_ms}",
         (found[1], int(found[2])) if found else None,
         lens,
         takes_packed=socket.query_params.get("packed") == "zlib",

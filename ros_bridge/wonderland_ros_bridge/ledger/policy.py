@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal
 
@@ -56,6 +57,11 @@ class Rule(Table, frozen=True):
         return fnmatch.fnmatchcase(topic, self.topic) and (
             not self.is_pattern or not topic.startswith(NOT_BY_PATTERN) or self.topic.startswith(NOT_BY_PATTERN)
         )
+
+
+def rule_of(topic: str, rules: Iterable[Rule]) -> Rule:
+    """The first that fits. None may: of a former run, with other settings, what waits still goes."""
+    return next((rule for rule in rules if rule.fits(topic)), Rule(topic=topic))
 
 
 @dataclass(slots=True)

@@ -6,10 +6,7 @@ The text comes from a peer that may be anybody. It is read here with limits, its
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
-import keyword
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,6 +16,7 @@ from typing import Any, Final
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.msg import denormalize_msgtype, normalize_msgtype
 
+from wonderland_rmw_zenoh.definitions import plain
 from wonderland_ros_bridge.errors import DefinitionError
 
 MAX_CHARACTERS: Final = 128 * 1024
@@ -202,7 +200,7 @@ class Codec:
 
     def to_json(self, data: bytes) -> Any:
         """A message for people: numbers that JSON does not have (NaN, infinite) are texts. Raises DefinitionError."""
-        return _plain(self.decode(data))
+        return plain(self.decode(data))
 
 
 @lru_cache(maxsize=256)
@@ -221,19 +219,3 @@ def standard(kind: str) -> str | None:
     parts: dict[str, tuple[str, str]] = {}
     text, _ = store.gendefhash(name, parts)
     return text + "".join(f"{SEPARATOR}\nMSG: {denormalize_msgtype(part)}\n{of}" for part, (of, _) in parts.items())
-
-
-def _plain(value: Any) -> Any:
-    if dataclasses.is_dataclass(value):
-        names = [field.name for field in dataclasses.fields(value) if not field.name.startswith("__")]
-        return {_own_name(name): _plain(getattr(value, name)) for name in names}
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, list):
-        return [_plain(each) for each in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _own_name(name: str) -> str:
-    """A field that is called as a word of Python has a _ after it in `rosbags`."""
-    return name[:-1] if keyword.iskeyword(name[:-1]) else name

@@ -29,6 +29,7 @@ from wonderland_ros_bridge.ros2.interfaces_command import DIRECTORY
 from wonderland_ros_bridge.ros2.parameters import Parameters
 from wonderland_ros_bridge.ros2.prove_location import ProveLocation
 from wonderland_ros_bridge.ros2.settings import PadNodeSettings
+from wonderland_ros_bridge.together import run_together
 
 _log = logging.getLogger(__name__)
 
@@ -96,16 +97,7 @@ class PadNode:
     async def run(self) -> None:
         """Publish until cancelled. Raises BridgeError, Ros2Error."""
         self._declare()
-        work = (self._follow(), self._watch(), self._take_reports(), self._tell(), self._action.run())
-        tasks = [asyncio.create_task(each) for each in work]
-        try:
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for each in done:
-                each.result()
-        finally:
-            for each in tasks:
-                each.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+        await run_together(self._follow(), self._watch(), self._take_reports(), self._tell(), self._action.run())
 
     def _declare(self) -> None:
         for name, kind, qos in (

@@ -30,6 +30,7 @@ from wonderland_ros_bridge.ros2.pad_node import PadNode
 from wonderland_ros_bridge.ros2.reports import listening
 from wonderland_ros_bridge.ros2.settings import Settings, load
 from wonderland_ros_bridge.ros2.topics import Topics
+from wonderland_ros_bridge.together import run_together
 
 
 @click.command()
@@ -108,19 +109,6 @@ async def _placed(parts: list[PadNode | Topics]) -> None:
         await each.wait_placed()
 
 
-async def _together(parts: list[PadNode | Topics]) -> None:
-    """Until one of them ends. Raises what it raised."""
-    tasks = [asyncio.create_task(each.run()) for each in parts]
-    try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for each in done:
-            each.result()
-    finally:
-        for each in tasks:
-            each.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-
-
 async def _run(settings: Settings, *, as_json: bool) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -128,7 +116,7 @@ async def _run(settings: Settings, *, as_json: bool) -> None:
         loop.add_signal_handler(number, stop.set)
     manager = ServiceManager()
     async with manager.alive(), opened(settings) as parts:
-        working = asyncio.create_task(_together(parts))
+        working = asyncio.create_task(run_together(*(each.run() for each in parts)))
         placed = asyncio.create_task(_placed(parts))
         stopping = asyncio.create_task(stop.wait())
         manager.tell("READY=1")  # from here on it works, whatever the router and the ledger do

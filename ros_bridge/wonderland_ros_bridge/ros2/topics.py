@@ -6,6 +6,7 @@ import asyncio
 import json
 import logging
 from collections.abc import Coroutine
+from functools import partial
 from typing import Any, Final
 
 from wonderland.asset_contract import AssetContract
@@ -21,9 +22,10 @@ from wonderland_ros_bridge.intake import Intake, Kind
 from wonderland_ros_bridge.ledger.envelope import Batch
 from wonderland_ros_bridge.ledger.listener import Listener
 from wonderland_ros_bridge.ledger.outbox import Outbox
-from wonderland_ros_bridge.ledger.policy import Rule
+from wonderland_ros_bridge.ledger.policy import rule_of
 from wonderland_ros_bridge.ledger.sender import Sender
 from wonderland_ros_bridge.ros2.settings import PREFIX, Settings
+from wonderland_ros_bridge.together import run_together
 
 _log = logging.getLogger(__name__)
 
@@ -54,7 +56,8 @@ class Topics:
         self._heard: set[str] = set()
         self._too_many = False
         self._saying: set[asyncio.Task[None]] = set()
-        self._sender = Sender(outbox, ledger, prefix=PREFIX, rule_of=self._rule_of, clock=clock, rejected=self._say)
+        rules = partial(rule_of, rules=settings.to_ledger)
+        self._sender = Sender(outbox, ledger, prefix=PREFIX, rule_of=rules, clock=clock, rejected=self._say)
         self._intake = Intake(outbox, self._sender, clock, steady=steady, max_bytes=settings.max_spool_bytes)
         self._listener = Listener(
             ledger, outbox, self._publisher, settings.from_ledger, prefix=PREFIX, from_start=settings.from_start
@@ -70,22 +73,10 @@ class Topics:
         work: list[Coroutine[Any, Any, None]] = [self._sender.run(), self._intake.run(), self._subscribe()]
         if self._settings.from_ledger:
             work.append(self._listener.run())
-        tasks = [asyncio.create_task(each) for each in work]
         try:
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for each in done:
-                each.result()
+            await run_together(*work)
         finally:
-            for each in tasks:
-                each.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
             await self._intake.flush()
-
-    def _rule_of(self, topic: str) -> Rule:
-        for rule in self._settings.to_ledger:
-            if rule.fits(topic):
-                return rule
-        return Rule(topic=topic)  # of a former run, with other settings: what waits still goes
 
     async def _subscribe(self) -> None:
         for rule in self._settings.to_ledger:
@@ -106,7 +97,7 @@ class Topics:
                 _log.warning("%d topics are heard; %s and further ones are not", MAX_TOPICS, topic)
             self._too_many = True
             return
-        rule = self._rule_of(topic)
+        rule = rule_of(topic, self._settings.to_ledger)
         self._heard.add(topic)
         await self._intake.begin(topic, rule)
 

@@ -16,10 +16,12 @@ from pydantic import BaseModel, ConfigDict, Field
 from wonderland_backend import areas, audit
 from wonderland_backend.access import SignedInPerson, person_of
 from wonderland_backend.areas import BAD_BOX
-from wonderland_backend.context import ContextDep
+from wonderland_backend.audit.store import recorded
+from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import Problem, TooManyRequests, documented
 from wonderland_backend.events.queries import Commits, CommitsDep
 from wonderland_backend.events.streams import StreamsDep
+from wonderland_backend.person import Person
 from wonderland_backend.responses import Json
 from wonderland_backend.uspace.eu664.schemas import Recipient, Traffic
 from wonderland_backend.uspace.eu664.traffic import SCOPES, TrafficInformation
@@ -70,14 +72,11 @@ async def read_traffic(
     """
     box = areas.Box.parse(query.bbox) if query.bbox is not None else None
     asked = _Asked(uspace.traffic, _recipient(request), box, context.clock)
-    if asked.recipient != "public":  # the others are told who operates a drone, and from where
-        async with context.database.write() as connection:
-            subject = f"traffic/{asked.recipient}"
-            await audit.record_read(connection, person, subject, every_ms=AUDITED_EVERY_MS, t_ms=context.clock())
+    await _audited(context, person, asked.recipient)
     if STREAM not in request.headers.get("accept", ""):
         return Json(asked.content(asked.traffic.items(asked.recipient, box)[0]), headers=_NO_STORE)
     streams.check(person.person_id)
-    content = _stream(request, asked, streams.held(person.person_id), commits)
+    content = _stream(request, context, asked, streams.held(person.person_id), commits)
     return StreamingResponse(content, headers=_NO_STORE | {"X-Accel-Buffering": "no"}, media_type=STREAM)
 
 
@@ -100,8 +99,21 @@ def _recipient(request: Request) -> Recipient:
     return next((recipient for scope, recipient in SCOPES.items() if scope in scopes), "public")
 
 
+async def _audited(context: Context, person: Person, recipient: Recipient) -> None:
+    """Write down, once an hour, that somebody is told who operates drones and from where: all but the public are."""
+    if recipient == "public":
+        return
+    subject, now_ms = f"traffic/{recipient}", context.clock()
+    known = recorded(person, "read_personal_data", subject, since_ms=now_ms - AUDITED_EVERY_MS, t_ms=now_ms)
+    async with context.database.read() as database:  # asked every few seconds: it waits for nobody who writes
+        if (await database.execute(known)).first() is not None:
+            return
+    async with context.database.write() as connection:
+        await audit.record_read(connection, person, subject, t_ms=now_ms)
+
+
 async def _stream(
-    request: Request, asked: _Asked, held: AbstractContextManager[None], commits: Commits
+    request: Request, context: Context, asked: _Asked, held: AbstractContextManager[None], commits: Commits
 ) -> AsyncIterator[bytes]:
     after, ticks = -1, 0
     with held:
@@ -114,14 +126,15 @@ async def _stream(
             await asyncio.sleep(TICK_S)
             ticks += 1
             if ticks % LOOK_AGAIN_TICKS == 0:
-                if not await _may_look(request):
+                person = await _still(request)
+                if person is None:
                     return
+                await _audited(context, person, asked.recipient)
                 yield b": still here\n\n"
 
 
-async def _may_look(request: Request) -> bool:
+async def _still(request: Request) -> Person | None:
     try:
-        await person_of(request)
+        return await person_of(request)
     except Problem:
-        return False
-    return True
+        return None
