@@ -175,7 +175,7 @@ async def test_messages_and_calls_go_both_ways_with_a_peer_that_is_none_of_ours(
         async def take(arrived):
             heard.append(TYPES.of_hash(arrived.type, arrived.type_hash).codec.decode(arrived.data))
 
-        ours.subscribe("/chatter", take, kind=STRING)
+        ours.subscribe("/chatter", take, kind=STRING, depth=100)  # more than is said: a busy machine hears them at once
         await peer.asked("advertise", topic="/chatter", **parts_of("std_msgs/msg/String"))
         assert await ours.wait_for("MP", "/chatter", 5) is not None
         async with asyncio.timeout(15):
