@@ -7,9 +7,12 @@ from pathlib import Path
 
 import click
 
-from wonderland.lazy_commands import LazyGroup
+from wonderland.lazy_commands import LazyCommand, LazyGroup
 
 _CONFIG = "WONDERLAND_BACKEND_CONFIG"
+_WHERE = "wonderland_backend.backup.commands:"
+backup = LazyCommand(f"{_WHERE}backup_command", "Copy the backend's database, and settings and keys, while it runs.")
+restore = LazyCommand(f"{_WHERE}restore_command", "Bring back a backup, or try whether it can be.")
 
 
 @click.group(

@@ -130,6 +130,7 @@ def test_units_are_accepted_and_expose_little(unit, tmp_path):
 def test_there_are_units():
     assert [unit.name for unit in UNITS] == [
         "wonderland-backend.service",
+        "wonderland-backup.service",
         "wonderland-pad.service",
         "wonderland-ros1.service",
         "wonderland-ros2.service",

@@ -74,3 +74,11 @@ def _revision(connection: Connection) -> str | None:
 def head() -> str | None:
     """The revision that this version needs."""
     return ScriptDirectory(str(scripts())).get_current_head()
+
+
+def knows(revision: str) -> bool:
+    """Whether a database of this revision can be brought to this version's."""
+    try:
+        return ScriptDirectory(str(scripts())).get_revision(revision) is not None
+    except CommandError:
+        return False

@@ -18,6 +18,7 @@ from wonderland_backend.db.tables.audit import AuditRow
 from wonderland_backend.errors import DatabaseError
 
 _NAME: Final = re.compile(r"[a-z_][a-z0-9_]{0,62}")
+_MEMBER: Final = text("SELECT pg_has_role(current_user, :role, 'MEMBER')")
 _KNOWN: Final = text("SELECT 1 FROM pg_roles WHERE rolname = :role")
 
 
@@ -39,6 +40,9 @@ async def confine(database: Database, role: str, password: str | None) -> None:
             await _set_password(connection, role, password)
         if (await connection.execute(text("SELECT current_user"))).scalar_one() == role:
             raise DatabaseError(f"{role} migrates here itself: give the server a role that does not own the tables")
+        if not (await connection.execute(_MEMBER, {"role": role})).scalar_one():
+            # An owner who is no superuser hands the partitions over only to a role whose member it is.
+            await connection.exec_driver_sql(f"GRANT {role} TO CURRENT_USER")
         await _grant(connection, role)
 
 
@@ -53,7 +57,7 @@ async def _grant(connection: AsyncConnection, role: str) -> None:
     statements = [
         f"GRANT USAGE, CREATE ON SCHEMA public TO {role}",
         f"GRANT SELECT, INSERT, UPDATE, DELETE ON ALL TABLES IN SCHEMA public TO {role}",
-        f"GRANT USAGE ON ALL SEQUENCES IN SCHEMA public TO {role}",
+        f"GRANT USAGE, SELECT ON ALL SEQUENCES IN SCHEMA public TO {role}",
         f"REVOKE ALL ON {audit_log}, alembic_version FROM {role}",
         f"GRANT SELECT, INSERT ON {audit_log} TO {role}",
         f"GRANT SELECT ON alembic_version TO {role}",

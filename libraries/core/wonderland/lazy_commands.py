@@ -55,3 +55,20 @@ class LazyGroup(click.Group):
             return self.lazy[name][1]
         command = self.get_command(ctx, name)
         return command.get_short_help_str(limit=100) if command is not None else ""
+
+
+class LazyCommand(click.Command):
+    """A command of ``wonderland`` itself whose module is imported when it is asked for; `line`: as it is listed."""
+
+    def __init__(self, where: str, line: str) -> None:
+        super().__init__(name=None, short_help=line)
+        self._where = where
+
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+    ) -> click.Context:
+        """The context of the command that is meant; it is what is invoked."""
+        with importing():
+            found = resolve_name(self._where)
+        assert isinstance(found, click.Command)
+        return found.make_context(info_name, args, parent, **extra)

@@ -10,6 +10,7 @@ from typing import Final
 COMMANDS: Final = {
     "attack": "wonderland-research",
     "backend": "wonderland-backend",
+    "backup": "wonderland-backend",
     "chaincode": "wonderland-chaincode",
     "demo": "wonderland-simulator",
     "evaluate": "wonderland-research",
@@ -20,6 +21,7 @@ COMMANDS: Final = {
     "protocol": "wonderland-research",
     "remote-id": "wonderland-remote-id",
     "reproduce": "wonderland-research",
+    "restore": "wonderland-backend",
     "ros1": "wonderland-ros-bridge",
     "ros2": "wonderland-ros-bridge",
     "simulate": "wonderland-simulator",

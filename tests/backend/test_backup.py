@@ -1,0 +1,361 @@
+"""Backups of real databases: whole or none, refused when they are not what they say, and restored as plain roles."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import shutil
+import sqlite3
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import psycopg
+import pytest
+from click.testing import CliRunner
+from kit.databases import copy_migrated
+from kit.openings import NUMBER, keep_usual
+from sqlalchemy import insert
+from sqlalchemy.engine import make_url
+
+from wonderland.cli import main
+from wonderland_backend import audit
+from wonderland_backend.backup.postgres import digests
+from wonderland_backend.commands import backend
+from wonderland_backend.db import partitions
+from wonderland_backend.db.engine import Database
+from wonderland_backend.db.tables.people import PersonRow
+from wonderland_backend.db.tables.reported import TrackRow
+
+both = pytest.mark.parametrize("kind", ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)])
+NOW_MS = 1_800_000_000_000
+ROLE = "backed_up_server"
+PERSON = {
+    "name": "Ada", "roles": "admin", "msp_id": "", "state": "active", "created_ms": 1, "changed_ms": 1, "revision": 1,
+}  # fmt: skip
+
+
+def run(*words, code=0):
+    done = CliRunner().invoke(main, [str(each) for each in words])
+    assert done.exit_code == code, done.output
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+    return done.output
+
+
+def track(number):
+    return {"uav_id": "uav-1", "t_ms": NOW_MS + number, "body": "{}", "pad_id": "p", "received_ms": NOW_MS + number}
+
+
+def fill(url):
+    async def work():
+        database = Database(url)
+        async with database.write() as connection:
+            await partitions.make_ahead(connection, NOW_MS)
+        await keep_usual(database)
+        async with database.write() as connection:
+            await audit.record(connection, "Ada", "note", "alert/1", t_ms=NOW_MS)
+            people = [PERSON | {"person_id": str(each) * 32, "email": f"{each}@example.org"} for each in range(2)]
+            await connection.execute(insert(PersonRow), people)
+            await connection.execute(insert(TrackRow), [track(each) for each in range(100)])
+        await database.close()
+
+    asyncio.run(work())
+
+
+def content(url):
+    """Every row of every table."""
+    parsed = make_url(url)
+    if parsed.get_backend_name() == "sqlite":
+        with contextlib.closing(sqlite3.connect(parsed.database)) as opened:
+            return "\n".join(opened.iterdump())
+    with psycopg.connect(url) as opened:
+        return digests(opened)
+
+
+class Place:
+    """A filled database of a kind, and empty ones."""
+
+    def __init__(self, kind, tmp_path, request):
+        self.kind, self.tmp_path, self.count = kind, tmp_path, 0
+        self.to = tmp_path / "backups"
+        if kind == "sqlite":
+            self.url = self.empty()
+            copy_migrated(make_url(self.url).database)
+        else:
+            self.postgres = request.getfixturevalue("postgres")
+            self.postgres._say(
+                "DO $$ BEGIN CREATE ROLE plain_owner LOGIN CREATEDB CREATEROLE;"
+                " EXCEPTION WHEN duplicate_object THEN NULL; END $$"
+            )
+            self.url = self.empty()
+            (tmp_path / "password").write_text("of the server\n")
+            done = CliRunner().invoke(
+                backend,
+                ["migrate", "--database", self.url, "--server-role", ROLE,
+                 "--server-password-file", str(tmp_path / "password")],
+            )  # fmt: skip
+            assert done.exit_code == 0, done.output
+        self.server = self.url if kind == "sqlite" else self.as_server(self.url)
+        fill(self.server)
+
+    def empty(self):
+        self.count += 1
+        if self.kind == "sqlite":
+            return f"sqlite:///{self.tmp_path / f'{self.count}.db'}"
+        name = make_url(self.postgres.new_database()).database
+        self.postgres._say(f"ALTER DATABASE {name} OWNER TO plain_owner")
+        return make_url(self.postgres.url(name)).set(username="plain_owner").render_as_string()
+
+    @staticmethod
+    def as_server(url):
+        return make_url(url).set(username=ROLE).render_as_string()
+
+    def backup(self, *more):
+        """As the role that the server has; its directory."""
+        return Path(json.loads(run("backup", "--to", self.to, "--database", self.server, "--json", *more))["backup"])
+
+
+@pytest.fixture
+def place(kind, tmp_path, request, monkeypatch):
+    # The commands set it for their own process, which is this one here: undone with what is recorded now.
+    monkeypatch.setenv("WONDERLAND_BACKEND_CONFIG", "")
+    monkeypatch.delenv("WONDERLAND_BACKEND_CONFIG")
+    return Place(kind, tmp_path, request)
+
+
+@both
+def test_what_is_restored_is_what_was_there(place):
+    made = place.backup()
+    assert [f"{each.stat().st_mode & 0o777:o}" for each in (place.to, made)] == ["700", "700"]
+    assert {f"{each.stat().st_mode & 0o777:o}" for each in made.iterdir()} == {"600"}
+    target = place.empty()
+    said = run("restore", made, "--database", target)
+    assert "The database is as it was at " in said
+    assert "erase-again" in said
+    assert content(target) == content(place.url)
+    assert not list(place.tmp_path.glob("*.replaced"))
+    ours = [CliRunner().invoke(backend, ["digest", "--database", url]).output for url in (target, place.url)]
+    assert ours[0] == ours[1]
+    if place.kind == "sqlite":
+        return
+    server = place.as_server(target)
+    with psycopg.connect(server, autocommit=True) as connection:
+        connection.execute("INSERT INTO tracks SELECT * FROM tracks WHERE false")
+        for statement in ("UPDATE audit_log SET person = 'Eve'", "DROP TRIGGER audit_log_no_change ON audit_log"):
+            with pytest.raises(psycopg.errors.InsufficientPrivilege):
+                connection.execute(statement)
+    with psycopg.connect(target, autocommit=True) as connection, pytest.raises(psycopg.errors.RaiseException):
+        connection.execute("UPDATE audit_log SET person = 'Eve'")
+
+    async def works():
+        database = Database(server)
+        async with database.write() as connection:
+            await partitions.make_ahead(connection, NOW_MS + 10 * partitions.DAY_MS)
+            await audit.record(connection, "Ada", "note", "alert/2", t_ms=NOW_MS)
+        await database.close()
+
+    asyncio.run(works())
+
+
+@both
+def test_a_database_that_is_written_to_meanwhile(place):
+    stop, begun, written = threading.Event(), threading.Event(), []
+
+    def write():
+        async def work():
+            database = Database(place.server)
+            while not stop.is_set():
+                async with database.write() as connection:
+                    rows = [track(1000 + 2 * len(written)), track(1001 + 2 * len(written))]
+                    await connection.execute(insert(TrackRow), rows)
+                written.append(rows)
+                begun.set()
+            await database.close()
+
+        asyncio.run(work())
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    try:
+        assert begun.wait(30)
+        before = len(written)
+        made = place.backup()
+        after = len(written)
+    finally:
+        stop.set()
+        thread.join()
+    assert after > before
+    target = place.empty()
+    run("restore", made, "--database", target)
+    rows = count(target)
+    assert rows % 2 == 0
+    assert 100 + 2 * before <= rows <= 100 + 2 * (after + 1)
+
+
+def count(url):
+    parsed = make_url(url)
+    connect = sqlite3.connect(parsed.database) if parsed.get_backend_name() == "sqlite" else psycopg.connect(url)
+    with contextlib.closing(connect) as opened:
+        return opened.execute("SELECT count(*) FROM tracks").fetchone()[0]
+
+
+@both
+def test_what_is_there_is_replaced_only_when_told_and_what_was_erased_stays_erased(place):
+    made = place.backup()
+    journal = place.tmp_path / "journal"
+    words = ["person", "erase", "--account", "0" * 32, "--reason", "x", "--journal", str(journal), "--yes"]
+    assert CliRunner().invoke(backend, [*words, "--database", place.server]).exit_code == 0
+    before = content(place.url)
+    assert "is not empty" in run("restore", made, "--database", place.url, code=1)
+    said = run("restore", made, "--database", place.url, "--replace", code=1)
+    assert f"has forgotten since the backup what this would bring back: person/{'0' * 32}." in said
+    assert content(place.url) == before
+    said = run("restore", made, "--database", place.url, "--replace", "--journal", journal)
+    assert f"Erased again: person/{'0' * 32}" in said
+    parsed = make_url(place.url)
+    connect = sqlite3.connect(parsed.database) if place.kind == "sqlite" else psycopg.connect(place.url)
+    with contextlib.closing(connect) as opened:
+        names = {row[0] for row in opened.execute("SELECT name FROM people").fetchall()}
+    assert names == {"Ada", "erased-00000000"}
+
+
+@both
+@pytest.mark.parametrize("fault", ["cut", "altered", "foreign", "newer", "unfinished", "no manifest", "other kind"])
+def test_what_is_no_backup_of_ours_is_refused_before_anything_changes(place, fault, request):
+    made = place.backup()
+    path, stated = made / "database", json.loads((made / "manifest.json").read_text())
+    target = place.url
+    if fault == "cut":
+        os.truncate(path, path.stat().st_size - 1)
+    elif fault == "altered":
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 1
+        path.write_bytes(data)
+    elif fault == "foreign":
+        stated["format"] = "wonderland-backup-2"
+    elif fault == "newer":
+        stated["revision"] = "9999"
+    elif fault == "unfinished":
+        (made / "manifest.json").unlink()
+    elif fault == "no manifest":
+        (made / "manifest.json").write_text("[1]")
+    else:
+        target = f"sqlite:///{place.tmp_path}/x.db" if place.kind == "postgresql" else "postgresql://x@127.0.0.1:9/x"
+    if fault in {"foreign", "newer"}:
+        (made / "manifest.json").write_text(json.dumps(stated))
+    before = content(place.url)
+    said = run("restore", made, "--replace", "--database", target, code=1)
+    assert {
+        "cut": "it was cut", "altered": "its SHA-256 is another", "foreign": "reads wonderland-backup-1",
+        "newer": "install that version or a later one", "unfinished": "was not finished",
+        "no manifest": "no manifest", "other kind": "both must be the same",
+    }[fault] in said  # fmt: skip
+    assert content(place.url) == before
+    assert not (place.tmp_path / "x.db").exists()
+
+
+@both
+def test_a_backup_is_tried(place):
+    made = place.backup()
+    before = content(place.url)
+    assert "is whole" in run("restore", made, "--verify", "--database", place.url)
+    assert content(place.url) == before
+    if place.kind == "postgresql":
+        with psycopg.connect(place.url) as opened:
+            assert not opened.execute("SELECT 1 FROM pg_database WHERE datname LIKE 'wonderland_verify%'").fetchall()
+        stated = json.loads((made / "manifest.json").read_text())
+        stated["tables"]["people"][0] += 1
+        (made / "manifest.json").write_text(json.dumps(stated))
+        assert "not what was backed up: people" in run("restore", made, "--verify", "--database", place.url, code=1)
+        said = run("restore", made, "--replace", "--database", place.url, code=1)
+        assert "not what was backed up: people" in said
+        assert content(place.url) == before
+
+
+@both
+def test_a_full_disk_leaves_nothing_behind(place):
+    line = f"ulimit -f 40; exec {sys.executable} -m wonderland.cli backup --to {place.to} --database '{place.server}'"
+    if place.kind == "postgresql":
+        line = line.replace("-f 40", "-f 4")
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    assert [each.name for each in place.to.iterdir()] == [".lock"]
+
+
+@pytest.mark.postgres
+@pytest.mark.parametrize("kind", ["postgresql"])
+@pytest.mark.parametrize("program", ["pg_dump", "pg_restore"])
+def test_killed_in_the_middle(place, program, monkeypatch):
+    made = place.backup()
+    before = content(place.url)
+    fake = place.tmp_path / "bin"
+    fake.mkdir()
+    (fake / program).write_text("#!/bin/sh\necho half of it\nkill -9 $PPID\n")
+    (fake / program).chmod(0o755)
+    words = ["backup", "--to", place.to] if program == "pg_dump" else ["restore", made, "--replace"]
+    url = place.server if program == "pg_dump" else place.url
+    path = {**os.environ, "PATH": f"{fake}:{os.environ['PATH']}"}
+    line = [sys.executable, "-m", "wonderland.cli", *map(str, words), "--database", url]
+    assert subprocess.run(line, env=path, timeout=60, check=False).returncode == -9
+    if program == "pg_dump":
+        assert list(place.to.glob("*.partial"))
+        place.backup("--keep", "1")
+        assert not list(place.to.glob("*.partial"))
+        assert [each for each in place.to.glob("wonderland-*") if each != made]
+        assert not made.exists()
+    else:
+        run("restore", made, "--database", place.url)
+        assert content(place.url) == before
+
+
+@both
+def test_settings_and_keys_come_along_sealed(place):
+    keys = place.tmp_path / "etc"
+    keys.mkdir()
+    (keys / "connection.json").write_text(json.dumps({"identities": {"mirror": {"key": "mirror.key"}}}))
+    (keys / "mirror.key").write_text("a secret key")
+    (keys / "mirror.key").chmod(0o600)
+    config = keys / "backend.toml"
+    config.write_text(f'connection = "{keys}/connection.json"\n')
+    ledger = keys / "ledger.sqlite3"
+    with contextlib.closing(sqlite3.connect(ledger)) as opened:
+        opened.executescript("PRAGMA journal_mode=WAL; CREATE TABLE block (n); INSERT INTO block VALUES (7)")
+    passphrase = place.tmp_path / "passphrase"
+    passphrase.write_text("short")
+    more = ("--passphrase-file", passphrase, "--config", config, "--also", ledger)
+    assert "characters at least" in run("backup", "--to", place.to, "--database", place.server, *more, code=1)
+    passphrase.write_text("correct horse battery\n")
+    made = place.backup(*more)
+    assert not any(b"a secret key" in each.read_bytes() for each in made.iterdir())
+    wrong = place.tmp_path / "wrong"
+    wrong.write_text("correct horse batterz\n")
+    to = place.tmp_path / "back"
+    said = run("restore", made, "--files-to", to, "--passphrase-file", wrong, "--config", config, code=1)
+    assert "another passphrase" in said
+    assert not to.exists()
+    run("restore", made, "--files-to", to, "--passphrase-file", passphrase, "--config", config)
+    key = to / str(keys / "mirror.key").lstrip("/")
+    assert key.read_text() == "a secret key"
+    assert key.stat().st_mode & 0o777 == 0o600
+    assert (to / str(config).lstrip("/")).read_bytes() == config.read_bytes()
+    with contextlib.closing(sqlite3.connect(to / str(ledger).lstrip("/"))) as opened:
+        assert opened.execute("SELECT n FROM block").fetchall() == [(7,)]
+    key.write_text("another")
+    said = run("restore", made, "--files-to", to, "--passphrase-file", passphrase, "--config", config, code=1)
+    assert "is there already" in said
+    assert key.read_text() == "another"
+    shutil.rmtree(to)
+    stated = json.loads((made / "manifest.json").read_text())
+    stated["made_ms"] += 1
+    (made / "manifest.json").write_text(json.dumps(stated))
+    said = run("restore", made, "--files-to", to, "--passphrase-file", passphrase, "--config", config, code=1)
+    assert "an altered manifest" in said
+
+
+@pytest.mark.parametrize("kind", ["sqlite"])
+def test_numbers_are_in_it(place):
+    assert NUMBER.encode() in (place.backup() / "database").read_bytes()
