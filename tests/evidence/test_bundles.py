@@ -57,7 +57,9 @@ def test_the_command_prints_a_step_a_line_and_ends_with_0(shown, tmp_path):
     assert [(each["step"], each["name"]) for each in lines(told)] == [
         (number, step.name) for number, step in enumerate(STEPS, 1)
     ]
-    assert all(each["proves"] and each["does_not_prove"] for each in lines(told))
+    assert all(each["does_not_prove"] for each in lines(told))
+    assert all(bool(each["proves"]) is (each["status"] == "holds") for each in lines(told))
+    assert {each["status"] for each in lines(told)} == {"holds", "not_checked"}
     shown_to_people = run("verify", files[0], "--trust", files[1])
     assert shown_to_people.exit_code == 0
     assert "13 decision: contract 1.0: verified, bit for bit" in shown_to_people.output

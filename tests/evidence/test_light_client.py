@@ -256,6 +256,12 @@ def test_a_sender_with_an_odd_clock_makes_no_block_unbelievable(chain):
         signed(replace(trust, at_ms=later), replace(block, transactions=(replace(refused, timestamp_ms=later),)), later)
 
 
+async def test_a_first_block_that_a_peer_calls_invalid_is_named_for_that(chain, mirror):
+    beginning = replace(chain[0].transactions[0], validation_code=ValidationCode.BAD_PAYLOAD)
+    with pytest.raises(MirrorHalted, match="first block is BAD_PAYLOAD, says the peer"):
+        await mirror([replace(chain[0], transactions=(beginning,)), *chain[1:3]])
+
+
 def test_a_configuration_that_is_left_out_is_missed(chain):
     client = LightClient.begin(chain[0])
     second = next(block for block in chain[1:] if block.config is not None)

@@ -198,6 +198,9 @@ async def test_access_gives_all_that_is_kept_and_no_key_to_anything(filled, data
     assert about["about"] == "drone/uav-1"
     assert {name for name, rows in kept.items() if rows} <= {name for name, lines in files.items() if lines}
     assert NUMBER in files["registration_numbers"]
+    async with database.read() as session:
+        named = await session.scalar(text("""SELECT count(*) FROM events WHERE payload LIKE '%"uav-1"%'"""))
+    assert len(files["events"].splitlines()) == named > 0
     assert opening().salt not in str(files)
     assert "uav-2" not in str(files)
     assert "give_personal_data" in str((await everything(database))["audit_log"])

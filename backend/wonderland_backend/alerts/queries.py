@@ -11,6 +11,7 @@ from sqlalchemy.ext.asyncio import AsyncSession
 from wonderland_backend.alerts import store
 from wonderland_backend.alerts.kinds import Alert
 from wonderland_backend.db.tables.alerts import AlertRow
+from wonderland_backend.db.tables.audit import AuditRow
 from wonderland_backend.db.tables.ledger import CertificateRow, ClosuresRow, PadRow, VerdictRow
 from wonderland_backend.db.tables.reported import FindingRow, HealthRow, TrackRow
 from wonderland_backend.db.tables.signing import SigningKeyRow
@@ -92,12 +93,23 @@ async def keys_of_people(session: AsyncSession) -> list[tuple[str, str, str]]:
     return [(row[0], row[1], row[2]) for row in rows]
 
 
-async def unmatched_permissions(session: AsyncSession, now: int) -> list[Alert]:
-    """Permissions that no broadcast followed, at pads that hear broadcasts."""
+async def unmatched_permissions(session: AsyncSession, now: int, kept_ms: int) -> list[Alert]:
+    """Permissions that no broadcast followed, at pads that hear broadcasts.
+
+    ``kept_ms``: for how long broadcasts are kept. Of what is not kept any more, or was erased at a person's request,
+    nobody can say that it was not heard.
+    """
+    first_ms = now - min(MATCH_LOOK_BACK_MS, kept_ms - MATCH_BEFORE_MS)
+    erased = select(AuditRow.seq).where(
+        AuditRow.act == "erase_personal_data",
+        AuditRow.subject == "drone/" + VerdictRow.uav_id,
+        AuditRow.t_ms >= VerdictRow.decided_ms - MATCH_BEFORE_MS,
+    )
     granted = await session.scalars(
         select(VerdictRow).where(
             VerdictRow.permission == "granted",
-            VerdictRow.decided_ms.between(now - MATCH_LOOK_BACK_MS, now - MATCH_AFTER_MS),
+            VerdictRow.decided_ms.between(first_ms, now - MATCH_AFTER_MS),
+            ~erased.exists(),
         )
     )
     alerts = []

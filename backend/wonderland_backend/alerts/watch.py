@@ -146,7 +146,8 @@ class Watch:
                 *oddities.conditions(await queries.recent_oddities(session, now)),
             ]
             known = {(row.kind, row.source.rpartition("@")[0]): row.alert_id for row in lasting}
-            unmatched = await queries.unmatched_permissions(session, now)
+            kept_ms = int(self._context.settings.track_retention_h * 3_600_000)
+            unmatched = await queries.unmatched_permissions(session, now, kept_ms)
         holds = {(each.kind, each.key) for each in found}
         new = [each.alert(now) for each in found if (each.kind, each.key) not in known]
         over = [alert_id for key, alert_id in known.items() if key not in holds]

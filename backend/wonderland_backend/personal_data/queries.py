@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from base64 import b64encode
 from collections.abc import AsyncIterator, Iterator
 from typing import Any, Final
@@ -37,6 +38,8 @@ def _of_drone(table: Table, uav_id: str) -> ColumnElement[bool] | None:
         ]
     if table.name in {"audit_log", "signed_transactions"}:
         found.append(columns.subject == f"drone/{uav_id}")
+    if table.name == "events":
+        found.append(columns.payload.contains(json.dumps(uav_id), autoescape=True))
     return or_(*found) if found else None
 
 

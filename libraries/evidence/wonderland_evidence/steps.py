@@ -62,8 +62,9 @@ STEPS: Final = (
     Step(
         "data",
         check_data,
-        "Each block holds exactly these transactions.",
-        "That they are valid: a block also holds what was refused.",
+        "Each block's header covers exactly these transactions.",
+        "That they are valid: a block also holds what was refused. That orderers made the block: steps 4 and 5 do. "
+        "Whoever holds enough orderers' keys can leave transactions out of a block, or put one in twice.",
     ),
     Step(
         "orderers",

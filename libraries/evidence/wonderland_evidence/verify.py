@@ -30,7 +30,8 @@ class Finding:
     step: Step
     status: Status
     text: str
-    proves: str
+    proves: str = ""
+    """What stands proved: nothing, unless the step holds."""
 
     def to_json(self) -> dict[str, Any]:
         """One object, as ``--json`` prints it."""
@@ -79,7 +80,7 @@ def _verify(case: Case, pins: Pins) -> Report:
     failed = 0
     for number, step in enumerate(STEPS, 1):
         if failed:
-            finding = Finding(number, step, NOT_CHECKED, f"step {failed} does not hold", step.proves)
+            finding = Finding(number, step, NOT_CHECKED, f"step {failed} does not hold")
         else:
             finding = _finding(number, step, case, pins)
             failed = number if finding.status == FAILS else 0
@@ -93,8 +94,8 @@ def _finding(number: int, step: Step, case: Case, pins: Pins) -> Finding:
         less = step.without_verdict if step.without_verdict and NO_VERDICT in case.lacks else ""
         return Finding(number, step, HOLDS, text, less or step.proves)
     except NotCheckedError as cause:
-        return Finding(number, step, NOT_CHECKED, str(cause), step.proves)
+        return Finding(number, step, NOT_CHECKED, str(cause))
     except (EvidenceError, LedgerError, ProofError) as cause:
-        return Finding(number, step, FAILS, str(cause), step.proves)
+        return Finding(number, step, FAILS, str(cause))
     except Exception as cause:  # noqa: BLE001 - bytes of strangers: whatever a library says of them, they fail
-        return Finding(number, step, FAILS, f"it cannot be read ({type(cause).__name__}: {cause})", step.proves)
+        return Finding(number, step, FAILS, f"it cannot be read ({type(cause).__name__}: {cause})")

@@ -62,6 +62,9 @@ class LightClient:
         """From a channel's first block, the hash of whose header may be ``pinned``. Raises `VerificationError`."""
         if genesis.number != 0 or (pinned is not None and genesis.header.hash != pinned):
             raise VerificationError(f"the channel's first block is {genesis.header.hash.hex()}, not the pinned one")
+        if genesis.config is not None and not genesis.transactions[0].is_valid:
+            name = genesis.transactions[0].validation_name
+            raise VerificationError(f"the channel's first block is {name}, says the peer; no channel begins so")
         trust = _brought(genesis)
         if trust is None:
             raise VerificationError("the channel's first block carries no configuration")
