@@ -79,9 +79,10 @@ evidence-bytes: setup ## Nightly: every byte of a bundle changed, on each ledger
 fmt: $(VENV)/.ready ## Format
 	@$(BIN)/ruff check --fix --quiet . ; $(BIN)/ruff format --quiet .
 
-docs: $(VENV)/.ready ## Regenerate the references of records, transactions and telemetry from their definitions
+docs: $(VENV)/.ready ## Regenerate the references of records, transactions, telemetry and settings from their definitions
 	@$(BIN)/python scripts/reference.py docs/reference/records.md
 	@$(BIN)/python scripts/ingest_reference.py docs/reference/ingest.md
+	@$(BIN)/python scripts/settings_reference.py docs/reference/settings.md
 
 figures: $(VENV)/.ready ## Draw the pictures of docs/method.md
 	@$(BIN)/python scripts/figures.py

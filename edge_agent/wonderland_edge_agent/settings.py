@@ -72,9 +72,11 @@ class AnchorSetting(Table, frozen=True):
     """One UWB node: the anchor's name as commissioned, and its port."""
 
     anchor_id: Identifier
+    """The node’s name, as commissioned."""
     port: Text
     """Path of a device, or ``socket://HOST:PORT``, ``rfc2217://HOST:PORT``."""
     baud_rate: Annotated[int, Meta(ge=1_200, le=12_000_000)] = BAUD_RATE
+    """Of the serial port."""
     flow_control: Literal["none", "rtscts"] = "none"
     """XON and XOFF are data here."""
     device_config: dict[str, str] | None = None
@@ -108,11 +110,13 @@ class UwbSettings(Table, frozen=True):
     """``[uwb]``: what the anchors are. A pad of DWM1001 boards has no ports; drones report to `listen`."""
 
     kind: Literal["uci", "dwm1001", "dwm1001-tags"] = "uci"
+    """What the nodes speak: FiRa’s UCI, or DWM1001 boards’ own language, as anchors or as tags."""
     listen: Address | None = None
+    """Where drones with a DWM1001 report what they measured (UDP)."""
     words: Literal["both_ways", "initiator"] = "both_ways"
     """Whether the pad's nodes carry data as responders, too. No node says so; some carry it as initiators alone."""
     region: Literal["EU", "UK", "US", "JP"] | None = None
-    """Whose channels may be used (``wonderland uwb law``); None: all that the nodes have."""
+    """Whose channels may be used (``wonderland uwb law``); left out: all that the nodes have."""
 
     def __post_init__(self) -> None:
         if self.kind == "uci" and self.listen is not None:
@@ -135,6 +139,7 @@ class DriftSettings(Table, frozen=True):
     """``[drift]``: how often the anchors range each other while no drone is there; 0: never."""
 
     every_s: Annotated[int, Meta(ge=0, le=86_400)] = 600
+    """How often the anchors range each other while no drone is there; 0: never."""
     roll_call_every_s: Annotated[int, Meta(ge=0, le=86_400)] = 10
     """How often it is seen, while no drone is there, whether all nodes that answer also range; 0: never."""
 
@@ -143,7 +148,9 @@ class BackendSettings(Table, frozen=True):
     """``[backend]``: where telemetry goes."""
 
     url: Text | None = None
+    """The backend’s WebSocket for agents; left out: the pad judges, and reports to nobody."""
     tls_ca: Path | None = None
+    """Its certificate authority (PEM), where it is not a public one."""
     plaintext: bool = False
     """Whether the backend may be another machine without TLS: the network itself is protected."""
 
@@ -161,20 +168,28 @@ class PadSettings(Table, frozen=True):
     """Everything that a pad's agent is told. Paths are absolute."""
 
     pad_id: Identifier
+    """The pad’s name on the ledger."""
     connection: Path
+    """``connection.json`` of the ledger."""
     spool: Path
+    """A directory of this pad’s own: what waits for the backend, prekeys, state."""
     identity: Text = "pad"
+    """A name in ``connection.json``."""
     anchors: tuple[AnchorSetting, ...] = ()
     uwb: UwbSettings = UwbSettings()
     quota_mb: Annotated[int, Meta(ge=1, le=1_000_000)] = 64
+    """How much of the disk the spool may take, in MiB; the oldest telemetry goes first, never evidence."""
     prekeys: Annotated[int, Meta(ge=1, le=50)] = 20
+    """How many keys for coming sessions are kept on the ledger."""
     whole_certificate: bool = False
+    """Say the whole certificate over UWB, not its hash."""
     permission_command: tuple[Text, ...] = ()
+    """A program with its arguments, run with the action and the session’s id once it is permitted."""
     remote_id: ReceiverSettings = ReceiverSettings()
     backend: BackendSettings = BackendSettings()
     drift: DriftSettings = DriftSettings()
     metrics_file: Path | None = None
-    """Where the agent writes its metrics for the node exporter's textfile collector; None: nowhere."""
+    """Where the agent writes its metrics for the node exporter's textfile collector; left out: nowhere."""
     local_reports: Path | None = None
     """Unix socket on which another program of this machine hears what is reported (`wonderland ros2`)."""
 

@@ -25,16 +25,20 @@ class LedgerSettings(Table, frozen=True):
     connection: Path
     """``connection.json``."""
     identity: Text
+    """A name in ``connection.json``."""
 
 
 class Ros1Settings(Table, frozen=True):
     """``[ros1]``: the master, and where this node listens."""
 
     master: Annotated[str, Meta(pattern=r"\Ahttp://[^/\s]+/?\Z")] = "http://127.0.0.1:11311"
+    """The address of ROS’s master."""
     node: Annotated[str, Meta(max_length=100, pattern=r"\A/[A-Za-z][A-Za-z0-9_/]*\Z")] = "/wonderland"
+    """This node’s name."""
     host: Text = "127.0.0.1"
     """Where it listens, and under which name others find it."""
     port: Annotated[int, Meta(ge=0, lt=65_536)] = 0
+    """The port there; 0: any free one."""
     networks: tuple[Text, ...] = LOOPBACK
     """With whose nodes it speaks."""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import subprocess
-import sys
 import venv
 import zipfile
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+from kit.packages import build_wheels, install_wheels
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -27,9 +27,7 @@ def wheels(tmp_path_factory):
     if not (ROOT / "frontend" / "dist" / "index.html").exists():
         pytest.skip("the console is not built (make setup)")
     to = tmp_path_factory.mktemp("wheels")
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-index", "--no-build-isolation"]
-    subprocess.run([*command, "--wheel-dir", str(to), *map(str, PROJECTS)], check=True, timeout=110)
-    return {canonicalize_name(path.name.split("-")[0]): path for path in to.glob("*.whl")}
+    return {canonicalize_name(path.name.split("-")[0]): path for path in build_wheels(PROJECTS, to)}
 
 
 def _requirements(wheel, extras):
@@ -123,9 +121,7 @@ def install(wheels, tmp_path_factory):
             site = next(path.glob("lib/python*/site-packages"))
             for other in needed.others:
                 _link(metadata.distribution(other), site)
-            command = [sys.executable, "-m", "pip", "--python", str(path / "bin" / "python"), "install", "--quiet"]
-            wanted = [str(wheels[one]) for one in needed.ours]
-            subprocess.run([*command, "--no-deps", "--no-index", "--no-compile", *wanted], check=True, timeout=110)
+            install_wheels([wheels[one] for one in needed.ours], path)
             made[key] = Installed(path, needed)
         return made[key]
 

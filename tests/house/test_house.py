@@ -12,7 +12,14 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.mark.parametrize(("script", "page"), [("reference.py", "records.md"), ("ingest_reference.py", "ingest.md")])
+@pytest.mark.parametrize(
+    ("script", "page"),
+    [
+        ("reference.py", "records.md"),
+        ("ingest_reference.py", "ingest.md"),
+        ("settings_reference.py", "settings.md"),
+    ],
+)
 def test_references_are_fresh(tmp_path, script, page):
     subprocess.run([sys.executable, str(ROOT / "scripts" / script), str(tmp_path / page)], check=True, cwd=ROOT)
     assert (tmp_path / page).read_text() == (ROOT / "docs/reference" / page).read_text(), "run: make docs"

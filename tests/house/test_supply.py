@@ -17,6 +17,7 @@ from cyclonedx.validation.json import JsonStrictValidator
 from detect_secrets.core.scan import scan_file
 from detect_secrets.settings import transient_settings
 from kit.backend_process import ledger, ready, start, stop
+from kit.packages import build_wheels
 
 ROOT = Path(__file__).resolve().parents[2]
 PYTHON, CONSOLE = "wonderland-python.cdx.json", "wonderland-console.cdx.json"
@@ -77,9 +78,7 @@ def test_a_wheel_is_made_the_same_way_twice(tmp_path):
         shutil.copytree(project, copy, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
         for path in copy.rglob("*"):
             os.utime(path, (t_s, t_s))
-        command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-index", "--no-build-isolation"]
-        subprocess.run([*command, "--wheel-dir", str(tmp_path / f"{name}-wheels"), str(copy)], check=True, timeout=100)
-        (wheel,) = (tmp_path / f"{name}-wheels").iterdir()
+        (wheel,) = build_wheels([copy], tmp_path / f"{name}-wheels")
         made.append(wheel.read_bytes())
     assert made[0] == made[1]
 

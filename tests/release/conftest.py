@@ -15,6 +15,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+from kit.packages import build_wheels
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -54,9 +55,7 @@ def _built(work):
     sys.path.insert(0, str(ROOT / "scripts"))
     import debian
 
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-index", "--no-build-isolation"]
-    subprocess.run([*command, "--wheel-dir", str(work / "ours"), *map(str, PROJECTS)], check=True, timeout=110)
-    ours = {canonicalize_name(path.name.split("-")[0]) for path in (work / "ours").glob("*.whl")}
+    ours = {canonicalize_name(path.name.split("-")[0]) for path in build_wheels(PROJECTS, work / "ours")}
     # What commissioning takes is half of all files; `make release` tries it.
     contents = {**debian.CONTENTS, "wonderland-pad": ("wonderland-edge-agent[receivers]",)}
     architecture = _architecture()

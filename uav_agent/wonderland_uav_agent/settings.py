@@ -29,7 +29,7 @@ from wonderland.toml_settings import Identifier, Table, Text, load_toml
 from wonderland_uav_agent.flight import FlightSettings
 
 _Arm = Annotated[float, Meta(ge=-5, le=5)]
-_OPTIONS: Final = {"antenna": "antenna_m", "then": "command", "backend": "url", "backend_ca": "tls_ca"}
+OPTIONS: Final = {"antenna": "antenna_m", "then": "command", "backend": "url", "backend_ca": "tls_ca"}
 """Where an option has another name inside the command than in the file."""
 
 
@@ -59,7 +59,7 @@ class UavSettings(Table, frozen=True, kw_only=True):
     def defaults(self) -> dict[str, Any]:
         """By the names that the commands' functions have."""
         given = {name: value for name, value in structs.asdict(self).items() if value is not None and name != "flight"}
-        return {_OPTIONS.get(name, name): value for name, value in given.items()}
+        return {OPTIONS.get(name, name): value for name, value in given.items()}
 
 
 def load(path: Path) -> UavSettings:

@@ -18,6 +18,8 @@ from wonderland_backend.db import migrate
 from wonderland_backend.errors import BackendError
 from wonderland_backend.personal_data.subjects import Erased
 
+_MARGIN_MS: Final = 15 * 60_000
+"""An erasure has the time at which it began, and may have been committed after the backup's snapshot."""
 _ERASED: Final = "SELECT DISTINCT subject FROM {} WHERE act = 'erase_personal_data' AND t_ms >= {} ORDER BY 1"
 
 
@@ -43,7 +45,13 @@ def database(
     """
     if manifest.database == "sqlite":
         target = Path(url.database or "")
-        _refuse(str(target), sqlite.is_empty(target), replace, _erased_sqlite(target, manifest.made_ms), journal)
+        _refuse(
+            str(target),
+            sqlite.is_empty(target),
+            replace,
+            _erased_sqlite(target, manifest.made_ms),
+            journal,
+        )
         with sqlite.replacing(target):
             sqlite.copy(directory / DATABASE, target)
             yield
@@ -75,7 +83,7 @@ def _erased_sqlite(path: Path, since_ms: int) -> set[str]:
     if not path.exists():
         return set()
     with contextlib.closing(sqlite3.connect(path)) as opened, contextlib.suppress(sqlite3.OperationalError):
-        return {subject for (subject,) in opened.execute(_ERASED.format("audit_log", "?"), (since_ms,))}
+        return {subject for (subject,) in opened.execute(_ERASED.format("audit_log", "?"), (since_ms - _MARGIN_MS,))}
     return set()
 
 
@@ -83,7 +91,7 @@ def _erased_postgres(connection: psycopg.Connection[Any], since_ms: int) -> set[
     found: set[str] = set()
     for schema in ("public", postgres.KEPT):  # the latter where a restore was cut off
         with contextlib.suppress(psycopg.errors.UndefinedTable):
-            rows = connection.execute(_ERASED.format(f"{schema}.audit_log", "%s"), (since_ms,))
+            rows = connection.execute(_ERASED.format(f"{schema}.audit_log", "%s"), (since_ms - _MARGIN_MS,))
             found |= {subject for (subject,) in rows.fetchall()}
     return found
 

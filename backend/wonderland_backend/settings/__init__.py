@@ -153,7 +153,7 @@ class Settings(BaseSettings):
     row_check_transactions_per_s: int = Field(
         default=200, ge=0, description="How fast rows are derived anew to be compared with the ledger; 0: never"
     )
-    log_level: Literal["debug", "info", "warning", "error"] = "info"
+    log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="What the log has")
 
     audit_identity: str | None = Field(
         default=None, description="Which identity of connection.json anchors the audit log on the ledger"

@@ -18,15 +18,19 @@ class OidcSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     issuer: str | None = Field(default=None, max_length=500, pattern=ADDRESS, description="Exactly as its tokens say")
-    client_id: str = Field(default="", max_length=200)
+    client_id: str = Field(default="", max_length=200, description="This console's name at the provider")
     client_secret: str | None = Field(default=None, min_length=1, description="Best given by the environment")
     client_secret_file: Path | None = Field(default=None, description="A file with it, read when it is needed")
     name: str = Field(default="single sign-on", min_length=1, max_length=60, description="What the button calls it")
-    scopes: str = Field(default="openid email profile", pattern=r"^openid( [!-~]+)*$", max_length=300)
+    scopes: str = Field(
+        default="openid email profile", pattern=r"^openid( [!-~]+)*$", max_length=300, description="What is asked for"
+    )
     acr: tuple[str, ...] = Field(
         default=(), max_length=16, description="How strongly somebody must have signed in there: one of these `acr`"
     )
-    groups_claim: str = Field(default="groups", min_length=1, max_length=100)
+    groups_claim: str = Field(
+        default="groups", min_length=1, max_length=100, description="In which claim the provider says one's groups"
+    )
     roles: dict[str, Role] = Field(
         default={}, description="Roles by group; then the provider's groups say at each sign-in which roles one has"
     )

@@ -51,12 +51,12 @@ class TakSettings(_Output):
 class MqttSettings(_Output):
     """An MQTT broker."""
 
-    host: str = Field(pattern=f"^({_HOST})$")
-    port: int = Field(default=8883, ge=1, le=65_535)
+    host: str = Field(pattern=f"^({_HOST})$", description="The broker")
+    port: int = Field(default=8883, ge=1, le=65_535, description="Its port")
     protocol: Literal["5", "3.1.1"] = Field(default="5", description="3.1.1 for brokers that know no MQTT 5")
     tls: bool = Field(default=True, description="Off only on a network of one's own")
     tls_ca: Path | None = Field(default=None, description="CA of the broker's certificate (PEM); else the system's CAs")
-    username: str | None = Field(default=None, min_length=1, max_length=256)
+    username: str | None = Field(default=None, min_length=1, max_length=256, description="As whom to sign in")
     password_file: Path | None = Field(default=None, description="A file with the password, read at the start")
     prefix: str = Field(
         default="wonderland",

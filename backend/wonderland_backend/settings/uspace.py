@@ -25,7 +25,7 @@ class USpaceSettings(BaseModel):
     clock_leeway_s: int = Field(default=10, ge=0, le=60, description="How far others' clocks may be off")
 
     token_url: str | None = Field(default=None, pattern=f"^{ADDRESS}$", description="Where our own tokens come from")
-    client_id: str | None = Field(default=None, min_length=1, max_length=200)
+    client_id: str | None = Field(default=None, min_length=1, max_length=200, description="Our name there")
     client_secret: str | None = Field(
         default=None, min_length=1, repr=False, description="Best given by the environment"
     )

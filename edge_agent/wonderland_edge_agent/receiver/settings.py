@@ -21,13 +21,19 @@ class MqttSettings(Table, frozen=True):
     """A broker and what to hear there."""
 
     host: Text
+    """The broker."""
     topics: Annotated[tuple[Text, ...], Meta(min_length=1)]
+    """Topics, or filters with ``#`` and ``+``."""
     port: Annotated[int, Meta(ge=1, le=65_535)] | None = None
+    """Left out: 8883 with `tls_ca`, else 1883."""
     protocol: Literal["5", "3.1.1"] = "5"
     """3.1.1 for brokers that know no MQTT 5."""
     tls_ca: Path | None = None
+    """The broker’s certificate authority (PEM); without it nothing is encrypted."""
     username: Text | None = None
+    """As whom to sign in."""
     password_file: Path | None = None
+    """A file with the password."""
 
     def __post_init__(self) -> None:
         if self.password_file is not None and self.username is None:
@@ -47,6 +53,7 @@ class ReceiverSettings(Table, frozen=True):
     listen: Address | None = None
     """UDP."""
     serial: tuple[Text, ...] = ()
+    """Serial devices of receivers that say one Remote ID message a line."""
     mavlink: tuple[Text, ...] = ()
     """Serial devices that speak MAVLink 2 (DroneScout Bridge)."""
     mqtt: MqttSettings | None = None
@@ -57,6 +64,7 @@ class ReceiverSettings(Table, frozen=True):
     replay: Path | None = None
     """A capture that is played in place of a receiver."""
     replay_speed_percent: Annotated[int, Meta(ge=0, le=10_000)] = 100
+    """How fast it is played; 0: without waiting."""
     drip: Path | None = None
     """The registries of DRIP identities that this pad believes (JSON)."""
 

@@ -13,6 +13,7 @@ COMMANDS: Final = {
     "backup": "wonderland-backend",
     "chaincode": "wonderland-chaincode",
     "demo": "wonderland-simulator",
+    "doctor": "wonderland-core",
     "evaluate": "wonderland-research",
     "evidence": "wonderland-evidence",
     "ledger": "wonderland-fabric-gateway",

@@ -44,6 +44,7 @@ class Choice(Table, frozen=True):
     )
     """Where to: ``{bridge}`` and ``{topic}`` are those from which the messages come, ``{event}`` is the event."""
     events: tuple[Pattern, ...] = ("Asset*",)
+    """Names of the ledger’s events."""
     types: tuple[Pattern, ...] = ("*",)
     """Of an asset's value, for example ``geometry_msgs/*``."""
     assets: tuple[Pattern, ...] = ("*",)

@@ -29,6 +29,7 @@ class Rule(Table, frozen=True):
     keep: Literal["latest", "each"] = "latest"
     """One asset for the topic, changed again and again, or one for each batch."""
     payload: Literal["whole", "digest"] = "whole"
+    """What of a message goes to the ledger: all of it, or its SHA-256 alone."""
     inline_bytes: Annotated[int, Meta(ge=0, le=MAX_INLINE_BYTES)] = 64 * 1024
     """Larger messages go by their digest."""
     max_message_bytes: Annotated[int, Meta(ge=1, le=1 << 30)] = 16 << 20
@@ -36,8 +37,11 @@ class Rule(Table, frozen=True):
     every: Annotated[int, Meta(ge=1, le=1_000_000)] = 1
     """One message of so many."""
     max_hz: Annotated[float, Meta(gt=0, le=10_000)] | None = None
+    """Of one topic, messages more often than this are left out."""
     batch_messages: Annotated[int, Meta(ge=1, le=1_000)] = 100
+    """Most messages in one transaction."""
     batch_bytes: Annotated[int, Meta(ge=1_024, le=MAX_INLINE_BYTES)] = 128 * 1024
+    """Most octets in one transaction."""
 
     def __post_init__(self) -> None:
         """Names what does not go together."""

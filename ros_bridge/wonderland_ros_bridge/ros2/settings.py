@@ -23,8 +23,11 @@ class TlsSettings(Table, frozen=True):
     """``[ros2.tls]``: certificates (PEM), without which no other machine is spoken with."""
 
     ca: Path
+    """Of whom certificates are believed."""
     certificate: Path
+    """This node’s."""
     key: Path
+    """Its private key."""
     peers: tuple[Text, ...] = ()
     """Common names of the peers that are heard; empty: all whom the authority vouches for."""
 
@@ -33,9 +36,11 @@ class Ros2Settings(Table, frozen=True):
     """``[ros2]``: how this machine's node meets the others."""
 
     domain: Annotated[int, Meta(ge=0, le=wire.MAX_DOMAIN)] = 0
+    """``ROS_DOMAIN_ID``."""
     connect: tuple[Text, ...] = (ROUTER,)
     """Routers (``rmw_zenohd``) or peers."""
     listen: tuple[Text, ...] = ()
+    """Where peers find this node; left out: a free port of this machine."""
     tls: TlsSettings | None = None
 
     def __post_init__(self) -> None:
@@ -54,9 +59,11 @@ class PadNodeSettings(Table, frozen=True):
     """``[pad]``: which pad is a node."""
 
     pad_id: Identifier
+    """The pad’s name on the ledger."""
     reports: Path
     """The socket on which its agent tells (``local_reports`` of ``pad.toml``)."""
     map_frame: FrameName = "map"
+    """The frame in which the pad’s own frame stands."""
 
     @property
     def node(self) -> str:
@@ -82,6 +89,7 @@ class Settings(Table, frozen=True):
     interfaces: tuple[Path, ...] = ()
     """Directories with definitions of messages: an installation's ``share``, a workspace's ``install``, packages."""
     max_spool_bytes: SpoolBytes = 1 << 30
+    """Beyond it nothing more is read from publishers until the ledger has taken some."""
     to_ledger: tuple[Rule, ...] = ()
     from_ledger: tuple[Choice, ...] = ()
     from_start: bool = False

@@ -16,8 +16,11 @@ class Alternate(Table, frozen=True):
     """Where to hold instead, in degrees (WGS-84) and metres above the ellipsoid."""
 
     lat: Annotated[float, Meta(ge=-90, le=90)]
+    """Latitude, in degrees (WGS-84)."""
     lon: Annotated[float, Meta(ge=-180, le=180)]
+    """Longitude, in degrees."""
     height_m: Annotated[float, Meta(ge=-500, le=9_000)]
+    """Height above the ellipsoid."""
 
 
 class FlightSettings(Table, frozen=True, kw_only=True):

@@ -1,0 +1,1 @@
+"""``wonderland doctor``: what is wrong with a machine's parts, and what to do about it."""
