@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from sqlalchemy import make_url, text
+from sqlalchemy import make_url
 from sqlalchemy.exc import SQLAlchemyError
 
 from wonderland.doctor import checks, gather
@@ -17,13 +17,13 @@ from wonderland_backend.backup.make import backups
 from wonderland_backend.backup.manifest import NAME
 from wonderland_backend.db import migrate
 from wonderland_backend.db.engine import Database
+from wonderland_backend.db.roles import owns_audit_log
 from wonderland_backend.errors import BackendError
 from wonderland_backend.settings import CONFIG, Settings, load
 
 PART: Final = "backend"
 BACKUPS: Final = Path("/var/lib/wonderland-backend/backups")
 """Where wonderland-backup.service puts them."""
-_OWNER: Final = "SELECT tableowner = current_user FROM pg_tables WHERE tablename = 'audit_log'"
 
 
 def all_checks(path: Path, now_ms: int) -> Iterator[Check]:
@@ -62,8 +62,7 @@ async def _database(settings: Settings) -> list[Check]:
             return [Check(PART, "database", "failed", which, "wonderland backend migrate")]
         said = [Check(PART, "database", "ok", f"its tables are of this version ({found})")]
         if not database.is_sqlite:
-            async with database.engine.connect() as connection:
-                owner = bool((await connection.execute(text(_OWNER))).scalar())
+            owner = await owns_audit_log(database)
             step = "wonderland backend migrate --server-role, and let the server connect as that role"
             said.append(
                 Check(PART, "role", "warning", "the server owns the audit log, and could drop its triggers", step)

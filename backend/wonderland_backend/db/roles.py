@@ -46,6 +46,13 @@ async def confine(database: Database, role: str, password: str | None) -> None:
         await _grant(connection, role)
 
 
+async def owns_audit_log(database: Database) -> bool:
+    """Whether who is connected could drop what keeps the audit log (PostgreSQL)."""
+    owned = text("SELECT tableowner = current_user FROM pg_tables WHERE tablename = 'audit_log'")
+    async with database.engine.connect() as connection:
+        return bool((await connection.execute(owned)).scalar())
+
+
 async def _set_password(connection: AsyncConnection, role: str, password: str) -> None:
     written = text("SELECT format('ALTER ROLE %I PASSWORD %L', cast(:role AS text), cast(:password AS text))")
     statement = (await connection.execute(written, {"role": role, "password": password})).scalar_one()
