@@ -14,9 +14,7 @@ export PYTHONDONTWRITEBYTECODE :=
 help: ## What one can do here
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-# uv takes a tenth of pip's time. It asks the index that pip is told of, and trusts the certificates that this system trusts.
-INSTALL = index=$$($(BIN)/python -m pip config list | sed -n "s/^[^ ]*\.index-url='\(.*\)'$$/\1/p" | tail -n 1); \
-	UV_SYSTEM_CERTS=1 $(BIN)/uv pip install --quiet --python $(BIN)/python $${index:+--default-index "$$index"}
+INSTALL = $(BIN)/python scripts/packages.py
 
 $(BIN)/uv: requirements/uv.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or later is needed; $(PYTHON) is $$($(PYTHON) --version 2>&1). Set PYTHON=..."; exit 1; }

@@ -22,6 +22,7 @@ from typing import Any
 
 import httpx
 from console import FRONTEND, npm
+from packages import index
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 from pip._internal.models.index import PyPI
@@ -79,19 +80,13 @@ def _in_the_browser() -> frozenset[str]:
 
 def report() -> Iterator[tuple[str, str, str, str, str, str]]:
     """(name, version, licence, keepers, released, newer) of each."""
-    index = _index()
+    asked_at = index() or PyPI.simple_url
     with httpx.Client(timeout=15, follow_redirects=True) as http, ThreadPoolExecutor(8) as pool:
         names = sorted(locked().items())
-        asked = pool.map(lambda each: _asked(http, index, *each), names)
+        asked = pool.map(lambda each: _asked(http, asked_at, *each), names)
         for (name, version), (released, newest) in zip(names, asked, strict=True):
             licence, keepers = _said(name)
             yield name, version, licence, keepers, released, newest
-
-
-def _index() -> str:
-    command = [sys.executable, "-m", "pip", "config", "get", "global.index-url"]
-    told = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
-    return told.rstrip("/") or PyPI.simple_url
 
 
 def _asked(http: httpx.Client, index: str, name: str, version: str) -> tuple[str, str]:

@@ -14,7 +14,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from wonderland.doctor import checks, gather
 from wonderland.doctor.checks import Check
 from wonderland_backend.backup.make import backups
-from wonderland_backend.backup.manifest import NAME
+from wonderland_backend.backup.manifest import moment_ms
 from wonderland_backend.db import migrate
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.roles import owns_audit_log
@@ -45,12 +45,8 @@ def all_checks(path: Path, now_ms: int) -> Iterator[Check]:
         yield Check(PART, "ledger", "failed", "no connection is set", 'connection = "connection.json"')
     else:
         yield from gather.ledger(PART, settings.connection, settings.identity, now_ms)
-    if BACKUPS.is_dir():
-        newest = backups(BACKUPS)[-1:]
-        made_ms = int((newest[0] / NAME).stat().st_mtime * 1000) if newest else None
-        yield checks.backups(made_ms, str(BACKUPS), now_ms)
-    else:
-        yield checks.backups(None, str(BACKUPS), now_ms)
+    newest = backups(BACKUPS)[-1:] if BACKUPS.is_dir() else []
+    yield checks.backups(moment_ms(newest[0]) if newest else None, str(BACKUPS), now_ms)
 
 
 async def _database(settings: Settings) -> list[Check]:

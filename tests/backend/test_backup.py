@@ -29,6 +29,7 @@ from wonderland_backend.db import partitions
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.people import PersonRow
 from wonderland_backend.db.tables.reported import TrackRow
+from wonderland_backend.personal_data.subjects import Erased, Subject
 
 both = pytest.mark.parametrize("kind", ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)])
 NOW_MS = 1_800_000_000_000
@@ -220,6 +221,21 @@ def test_what_is_there_is_replaced_only_when_told_and_what_was_erased_stays_eras
     with contextlib.closing(connect) as opened:
         names = {row[0] for row in opened.execute("SELECT name FROM people").fetchall()}
     assert names == {"Ada", "erased-00000000"}
+
+
+@both
+def test_an_erasure_that_was_committed_after_the_backups_moment_is_done_again(place):
+    """It has the time at which it began, which may be before."""
+    made = place.backup()
+    made_ms = json.loads((made / "manifest.json").read_text())["made_ms"]
+    journal = place.tmp_path / "journal"
+    journal.write_bytes(
+        Erased(Subject("account", "0" * 32), made_ms - 1_000).line()
+        + Erased(Subject("account", "1" * 32), made_ms - 3_600_000).line()  # long before: the backup is without it
+    )
+    said = run("restore", made, "--database", place.url, "--replace", "--journal", journal)
+    assert f"Erased again: person/{'0' * 32}" in said
+    assert f"person/{'1' * 32}" not in said
 
 
 @both

@@ -8,13 +8,17 @@ import os
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from click.testing import CliRunner
 from kit.backend_process import ledger
 from sqlalchemy.engine import make_url
 
-from wonderland.doctor import checks
+from wonderland.doctor import checks, command
 from wonderland.doctor.checks import DAY_MS, Clock
+from wonderland_backend.backup.make import backups
+from wonderland_backend.backup.manifest import moment_ms
 from wonderland_backend.db.roles import confine
 
 __all__ = ["ledger"]
@@ -135,6 +139,10 @@ async def test_a_backend_whose_server_owns_its_tables_is_warned(ledger, database
     path.write_text(settings.format(make_url(database_url).set(username="doctors_server").render_as_string()))
     _, found = await doctor("--config", path, path=clock)
     assert found["backend", "role"] == [("ok", "the server cannot change the audit log")]
+    async with database.write() as connection:  # who may become the owner is not confined
+        await connection.exec_driver_sql(f"GRANT {make_url(database_url).username} TO doctors_server")
+    _, found = await doctor("--config", path, path=clock)
+    assert found["backend", "role"][0][0] == "warning"
 
 
 async def test_what_is_broken_of_a_backend_is_named(tmp_path, time_server):
@@ -163,6 +171,34 @@ async def test_a_file_of_no_part_is_refused(tmp_path):
     _, err = await process.communicate()
     assert process.returncode == 2
     assert b"backend.toml, pad.toml, uav.toml" in err
+
+
+def test_what_may_not_be_looked_at_is_said_and_other_parts_go_on(tmp_path, monkeypatch):
+    def forbidden(path, now_ms):
+        yield checks.Check("pad", "settings", "ok", "read")
+        raise PermissionError(13, "Permission denied", "/var/lib/wonderland/key")
+
+    def fine(path, now_ms):
+        yield checks.Check("uav", "settings", "ok", "read")
+
+    entries = [SimpleNamespace(name=name, load=lambda of=of: of) for name, of in (("pad", forbidden), ("uav", fine))]
+    monkeypatch.setattr(command, "entry_points", lambda group: entries)
+    files = [tmp_path / f"{name}.toml" for name in ("pad", "uav")]
+    for each in files:
+        each.touch()
+    told = CliRunner().invoke(command.doctor, ["--json", "--config", str(files[0]), "--config", str(files[1])])
+    found = [(each["part"], each["status"]) for each in map(json.loads, told.output.splitlines())]
+    assert found[-3:] == [("pad", "ok"), ("pad", "not_checked"), ("uav", "ok")]
+    assert "/var/lib/wonderland/key: Permission denied" in told.output
+
+
+async def test_the_newest_backup_is_as_old_as_its_manifest_says(tmp_path):
+    made = tmp_path / "wonderland-20270115T080000000Z"
+    made.mkdir()
+    (made / "manifest.json").write_text(f'{{"made_ms": {NOW_MS - 3 * DAY_MS}, "more": 1}}')
+    assert moment_ms(backups(tmp_path)[-1]) == NOW_MS - 3 * DAY_MS
+    (made / "manifest.json").write_text("{")
+    assert moment_ms(made) is None
 
 
 def test_limits():

@@ -1,4 +1,4 @@
-"""Wheels made and installed as people do it, by uv, which takes a third of pip's time."""
+"""Wheels made and installed as people do it, by uv: a third of pip’s time to make three, a sixth to install them."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ def restore_command(
                 await migrate.migrate(database)
                 if role is not None:
                     await confine(database, role, password)
-                rows = await _erase(database, [each for each in again if each.erased_ms >= found.made_ms])
+                rows = await _erase(database, restoring.since(found, again))
         moment = f"{datetime.fromtimestamp(found.made_ms / 1000, UTC):%Y-%m-%d %H:%M:%S} UTC"
         click.echo(f"The database is as it was at {moment}.")
         for line in rows:

@@ -55,6 +55,18 @@ class _Format(msgspec.Struct):
     format: str
 
 
+class _Moment(msgspec.Struct):
+    made_ms: int
+
+
+def moment_ms(directory: Path) -> int | None:
+    """When a backup was made (Unix), by its manifest alone; None where that cannot be read."""
+    try:
+        return msgspec.json.decode((directory / NAME).read_bytes(), type=_Moment).made_ms
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError):
+        return None
+
+
 def file_of(path: Path, came_from: str = "") -> File:
     """Its size and SHA-256. Raises OSError."""
     with path.open("rb") as file:

@@ -23,6 +23,11 @@ _MARGIN_MS: Final = 15 * 60_000
 _ERASED: Final = "SELECT DISTINCT subject FROM {} WHERE act = 'erase_personal_data' AND t_ms >= {} ORDER BY 1"
 
 
+def since(manifest: Manifest, noted: list[Erased]) -> list[Erased]:
+    """Which erasures of a journal the backup may not have."""
+    return [each for each in noted if each.erased_ms >= manifest.made_ms - _MARGIN_MS]
+
+
 def refuse_unknown(manifest: Manifest, url: URL) -> None:
     """Raises `BackendError` for another kind of database, and for tables of a later version."""
     kind = url.get_backend_name()

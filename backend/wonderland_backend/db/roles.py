@@ -47,8 +47,8 @@ async def confine(database: Database, role: str, password: str | None) -> None:
 
 
 async def owns_audit_log(database: Database) -> bool:
-    """Whether who is connected could drop what keeps the audit log (PostgreSQL)."""
-    owned = text("SELECT tableowner = current_user FROM pg_tables WHERE tablename = 'audit_log'")
+    """Whether who is connected could drop what keeps the audit log, or become who could (PostgreSQL)."""
+    owned = text("SELECT pg_has_role(tableowner, 'MEMBER') FROM pg_tables WHERE tablename = 'audit_log'")
     async with database.engine.connect() as connection:
         return bool((await connection.execute(owned)).scalar())
 

@@ -55,9 +55,19 @@ def doctor(configs: tuple[Path, ...], *, as_json: bool) -> None:
     sys.exit(EXIT[worst(found)])
 
 
+def _whole(part: str, checks: Iterator[Check]) -> Iterator[Check]:
+    """A part's checks; what this user may not look at is said, and the other parts go on."""
+    try:
+        yield from checks
+    except OSError as error:
+        step = "run this as root, or as the user of the service"
+        yield Check(part, "files", "not_checked", f"{error.filename or part}: {error.strerror or error}", step)
+
+
 def _looked(given: tuple[Path, ...], parts: dict[str, Checks], *, as_json: bool) -> Iterator[Check]:
     console = Console(highlight=False, soft_wrap=True)
-    for checks in (gather.machine(), *(parts[path.stem](path, gather.now_ms()) for path in given)):
+    looked_at = (_whole(path.stem, parts[path.stem](path, gather.now_ms())) for path in given)
+    for checks in (gather.machine(), *looked_at):
         for each in checks:
             if as_json:
                 click.echo(json.dumps(each.to_json(), ensure_ascii=False))
