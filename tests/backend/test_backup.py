@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import io
 import json
 import os
 import shutil
 import sqlite3
 import subprocess
 import sys
+import tarfile
 import threading
 from pathlib import Path
 
@@ -23,12 +25,14 @@ from sqlalchemy.engine import make_url
 
 from wonderland.cli import main
 from wonderland_backend import audit
+from wonderland_backend.backup import sealed
 from wonderland_backend.backup.postgres import digests
 from wonderland_backend.commands import backend
 from wonderland_backend.db import partitions
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.people import PersonRow
 from wonderland_backend.db.tables.reported import TrackRow
+from wonderland_backend.errors import BackendError
 from wonderland_backend.personal_data.subjects import Erased, Subject
 
 both = pytest.mark.parametrize("kind", ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)])
@@ -375,3 +379,15 @@ def test_settings_and_keys_come_along_sealed(place):
 @pytest.mark.parametrize("kind", ["sqlite"])
 def test_numbers_are_in_it(place):
     assert NUMBER.encode() in (place.backup() / "database").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["../outside", "/outside", "in/../../outside"])
+def test_files_of_a_backup_stay_below_the_directory_that_was_given(tmp_path, name):
+    packed = io.BytesIO()
+    with tarfile.open(fileobj=packed, mode="w:gz") as archive:
+        for each in ("fine", name):
+            archive.addfile(tarfile.TarInfo(each), io.BytesIO())
+    to = tmp_path / "to"
+    with pytest.raises(BackendError, match="leads elsewhere; nothing is written"):
+        sealed.unpack(packed.getvalue(), to)
+    assert not to.exists()

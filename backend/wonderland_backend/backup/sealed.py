@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import shutil
 import tarfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -103,11 +105,28 @@ def unpack(archive: bytes, to: Path) -> list[Path]:
     with tarfile.open(fileobj=io.BytesIO(archive)) as packed:
         members = packed.getmembers()
         for each in members:
-            if not each.isreg():
-                raise BackendError(f"{each.name} in the backup is no file; nothing is written")
+            if not each.isreg() or each.name.startswith("/") or ".." in Path(each.name).parts:
+                raise BackendError(f"{each.name} in the backup is no file, or leads elsewhere; nothing is written")
             refuse_existing(to / each.name)
-        packed.extractall(to, members, filter="tar")
+        for each in members:
+            _write(packed, each, to / each.name)
     return [to / each.name for each in members]
+
+
+def _write(packed: tarfile.TarFile, member: tarfile.TarInfo, path: Path) -> None:
+    # Python 3.11.2, which is Debian 12's, has no filter for `extractall`, and later ones ask for one.
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    source = packed.extractfile(member)
+    assert source is not None  # a regular file
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+    with source, os.fdopen(handle, "wb") as file:
+        shutil.copyfileobj(source, file)
+    path.chmod(member.mode & 0o755)
+    if os.geteuid() == 0:
+        try:
+            shutil.chown(path, member.uname or member.uid, member.gname or member.gid)
+        except LookupError:  # another machine, which knows no such user
+            os.chown(path, member.uid, member.gid)
 
 
 def refuse_existing(path: Path) -> None:
