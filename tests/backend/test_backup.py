@@ -37,6 +37,8 @@ from wonderland_backend.personal_data.subjects import Erased, Subject
 
 both = pytest.mark.parametrize("kind", ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)])
 NOW_MS = 1_800_000_000_000
+BEFORE_MS = 1_700_000_000_000
+"""Before commands run: the log's times never go back."""
 ROLE = "backed_up_server"
 PERSON = {
     "name": "Ada", "roles": "admin", "msp_id": "", "state": "active", "created_ms": 1, "changed_ms": 1, "revision": 1,
@@ -61,7 +63,7 @@ def fill(url):
             await partitions.make_ahead(connection, NOW_MS)
         await keep_usual(database)
         async with database.write() as connection:
-            await audit.record(connection, "Ada", "note", "alert/1", t_ms=NOW_MS)
+            await audit.record(connection, "Ada", "note", "alert/1", t_ms=BEFORE_MS)
             people = [PERSON | {"person_id": str(each) * 32, "email": f"{each}@example.org"} for each in range(2)]
             await connection.execute(insert(PersonRow), people)
             await connection.execute(insert(TrackRow), [track(each) for each in range(100)])
@@ -70,14 +72,15 @@ def fill(url):
     asyncio.run(work())
 
 
-def content(url):
-    """Every row of every table."""
+def content(url, *, log=True):
+    """Every row of every table; ``log``: of the audit log, too, into which a restore writes itself."""
     parsed = make_url(url)
     if parsed.get_backend_name() == "sqlite":
         with contextlib.closing(sqlite3.connect(parsed.database)) as opened:
-            return "\n".join(opened.iterdump())
+            lines = list(opened.iterdump())
+        return "\n".join(each for each in lines if log or not each.startswith('INSERT INTO "audit_log"'))
     with psycopg.connect(url) as opened:
-        return digests(opened)
+        return {name: each for name, each in digests(opened).items() if log or name != "audit_log"}
 
 
 class Place:
@@ -140,7 +143,8 @@ def test_what_is_restored_is_what_was_there(place):
     said = run("restore", made, "--database", target)
     assert "The database is as it was at " in said
     assert "erase-again" in said
-    assert content(target) == content(place.url)
+    assert content(target, log=False) == content(place.url, log=False)
+    assert read(target, LOG)[:-1] == read(place.url, LOG)
     assert not list(place.tmp_path.glob("*.replaced"))
     ours = [CliRunner().invoke(backend, ["digest", "--database", url]).output for url in (target, place.url)]
     assert ours[0] == ours[1]
@@ -227,6 +231,118 @@ def test_what_is_there_is_replaced_only_when_told_and_what_was_erased_stays_eras
     assert names == {"Ada", "erased-00000000"}
 
 
+@contextlib.contextmanager
+def opened(url):
+    """By the database's own driver."""
+    parsed = make_url(url)
+    if parsed.get_backend_name() == "sqlite":
+        with contextlib.closing(sqlite3.connect(parsed.database)) as connection, connection:
+            yield connection
+    else:
+        with psycopg.connect(url, autocommit=True) as connection:
+            yield connection
+
+
+def write(url, *statements):
+    with opened(url) as connection:
+        for each in statements:
+            connection.execute(each)
+
+
+def read(url, query):
+    with opened(url) as connection:
+        return [tuple(each) for each in connection.execute(query).fetchall()]
+
+
+def note(url, act, subject, t_ms):
+    async def work():
+        database = Database(url)
+        async with database.write() as connection:
+            await audit.record(connection, "Ada", act, subject, t_ms=t_ms)
+        await database.close()
+
+    asyncio.run(work())
+
+
+ADA, BOB, EVER = "0" * 32, "1" * 32, 9_999_999_999_999
+ACCESS = (
+    f"INSERT INTO passkeys VALUES ('old', '{BOB}', 'k', 0, '', 'Key', 1, NULL)",
+    f"INSERT INTO passkeys VALUES ('stolen', '{BOB}', 'k', 0, '', 'Key', 1, NULL)",
+    f"INSERT INTO links VALUES ('{'a' * 64}', 'invitation', '{BOB}', 1, {EVER}, NULL)",
+    f"""INSERT INTO sign_ins
+    (cookie_sha256, sign_in_id, person_id, method, browser, created_ms, expires_ms, last_seen_ms)
+    VALUES ('{"b" * 64}', 's', '{BOB}', 'passkey', '', 1, {EVER}, 1)""",
+    """INSERT INTO clients (client_id, name, scopes, role, msp_id, created_ms, created_by)
+    VALUES ('machine', 'M', '', 'viewer', '', 1, 'Ada')""",
+    """INSERT INTO subscriptions
+    (subscription_id, owner, name, url, secret, filter, state, block, tx_index, created_ms)
+    VALUES ('hook', 'machine', 'h', 'https://a', 's', '{}', 'active', 0, 0, 1)""",
+)
+WHAT = {
+    "people": "SELECT person_id, state, roles FROM people ORDER BY 1",
+    "passkeys": "SELECT credential_id FROM passkeys ORDER BY 1",
+    "machines": "SELECT client_id FROM clients WHERE revoked_ms IS NULL",
+    "webhooks": "SELECT subscription_id FROM subscriptions WHERE state = 'active'",
+    "links": "SELECT token_sha256 FROM links",
+    "sign_ins": "SELECT sign_in_id FROM sign_ins",
+}
+LOG = "SELECT * FROM audit_log ORDER BY seq"
+
+
+@both
+def test_what_was_taken_from_people_and_machines_is_not_given_back(place):
+    write(place.server, *ACCESS, f"UPDATE people SET roles = 'admin inspector' WHERE person_id = '{ADA}'")
+    made = place.backup()
+    write(
+        place.server,
+        f"UPDATE people SET state = 'suspended' WHERE person_id = '{BOB}'",
+        f"UPDATE people SET roles = 'inspector' WHERE person_id = '{ADA}'",
+        "DELETE FROM passkeys WHERE credential_id = 'stolen'",
+        "UPDATE clients SET revoked_ms = 5",
+        "DELETE FROM subscriptions",
+    )
+    note(place.server, "person_suspended", f"person/{BOB}", BEFORE_MS + 1)
+    log = read(place.server, LOG)
+    for _ in range(2):
+        said = run("restore", made, "--replace", "--database", place.url)
+        assert "Nobody is signed in any more" in said
+        assert {name: read(place.server, query) for name, query in WHAT.items()} == {
+            "people": [(ADA, "active", "inspector"), (BOB, "suspended", "admin")],
+            "passkeys": [("old",)],
+            "machines": [],
+            "webhooks": [],
+            "links": [],
+            "sign_ins": [],
+        }
+    # The log goes on where it was, so that anchors on the ledger fit it.
+    now = read(place.server, LOG)
+    assert now[: len(log)] == log
+    assert [each[4] for each in now[len(log) :]] == ["restore_database", "restore_database"]
+
+
+@both
+def test_an_empty_place_knows_of_nothing_that_was_taken_and_says_so(place):
+    write(place.server, *ACCESS)
+    made = place.backup()
+    url = place.empty()
+    said = run("restore", made, "--database", url)
+    assert "look through people, machines and webhooks" in said
+    assert read(url, WHAT["sign_ins"]) == read(url, WHAT["links"]) == []
+    assert read(url, WHAT["passkeys"]) == [("old",), ("stolen",)]
+
+
+@both
+def test_a_journal_of_an_older_erasure_of_the_same_drone_does_not_do(place):
+    made = place.backup()
+    subject, late_ms = Subject("drone", "uav-1"), 4_000_000_000_000
+    note(place.server, "erase_personal_data", subject.audited, late_ms)
+    journal = place.tmp_path / "journal"
+    for erased_ms, code in ((NOW_MS, 1), (late_ms, 0)):
+        journal.write_bytes(Erased(subject, erased_ms, ()).line())
+        said = run("restore", made, "--replace", "--journal", journal, "--database", place.url, code=code)
+        assert ("has forgotten since the backup" in said) == bool(code)
+
+
 @both
 def test_an_erasure_that_was_committed_after_the_backups_moment_is_done_again(place):
     """It has the time at which it began, which may be before."""
@@ -311,7 +427,7 @@ def test_a_full_disk_leaves_nothing_behind(place):
 @pytest.mark.parametrize("program", ["pg_dump", "pg_restore"])
 def test_killed_in_the_middle(place, program, monkeypatch):
     made = place.backup()
-    before = content(place.url)
+    before = content(place.url, log=False)
     fake = place.tmp_path / "bin"
     fake.mkdir()
     (fake / program).write_text("#!/bin/sh\necho half of it\nkill -9 $PPID\n")
@@ -329,7 +445,7 @@ def test_killed_in_the_middle(place, program, monkeypatch):
         assert not made.exists()
     else:
         run("restore", made, "--database", place.url)
-        assert content(place.url) == before
+        assert content(place.url, log=False) == before
 
 
 @both
@@ -347,6 +463,10 @@ def test_settings_and_keys_come_along_sealed(place):
     passphrase = place.tmp_path / "passphrase"
     passphrase.write_text("short")
     more = ("--passphrase-file", passphrase, "--config", config, "--also", ledger)
+    webhooks = place.tmp_path / f"{make_url(place.url).database}.webhooks.key"
+    if place.kind == "sqlite":
+        # No setting names it: the server made it beside its database.
+        webhooks.write_text("a key of webhooks\n")
     assert "characters at least" in run("backup", "--to", place.to, "--database", place.server, *more, code=1)
     passphrase.write_text("correct horse battery\n")
     made = place.backup(*more)
@@ -361,6 +481,8 @@ def test_settings_and_keys_come_along_sealed(place):
     key = to / str(keys / "mirror.key").lstrip("/")
     assert key.read_text() == "a secret key"
     assert key.stat().st_mode & 0o777 == 0o600
+    if place.kind == "sqlite":
+        assert (to / str(webhooks).lstrip("/")).read_text() == "a key of webhooks\n"
     assert (to / str(config).lstrip("/")).read_bytes() == config.read_bytes()
     with contextlib.closing(sqlite3.connect(to / str(ledger).lstrip("/"))) as opened:
         assert opened.execute("SELECT n FROM block").fetchall() == [(7,)]

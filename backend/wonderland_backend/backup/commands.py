@@ -11,8 +11,10 @@ from typing import Any, Final
 
 import click
 import psycopg
+from sqlalchemy.engine import URL
 
-from wonderland_backend.backup import make, manifest, restoring, sealed
+from wonderland_backend import audit
+from wonderland_backend.backup import make, manifest, restoring, sealed, taken
 from wonderland_backend.database_commands import database_option, json_option, require_tables, run_work
 from wonderland_backend.db import migrate
 from wonderland_backend.db.engine import Database
@@ -22,6 +24,7 @@ from wonderland_backend.leader_election.lock import held
 from wonderland_backend.personal_data import store
 from wonderland_backend.personal_data.subjects import Erased, journal
 from wonderland_backend.settings import CONFIG, Settings
+from wonderland_backend.webhooks import sealing
 from wonderland_fabric_gateway.errors import LedgerError
 
 PACKAGED: Final = Path("/etc/wonderland/backend.toml")
@@ -71,7 +74,7 @@ def backup_command(
             await database.close()
         revision = migrate.head()
         assert revision is not None
-        beside = [] if passphrase_file is None else [*sealed.named_files(settings), *also]
+        beside = [] if passphrase_file is None else [*sealed.named_files(settings), *_webhook_keys(database.url), *also]
         if beside and chosen is not None:
             beside.append(chosen)
         made = make.make(
@@ -141,15 +144,25 @@ def restore_command(
         again = journal(noted)
         must_exist = role if password is None else None
         async with held(settings.database):
-            with restoring.database(found, backup, database.url, replace=replace, role=must_exist, journal=again):
+            replacing = restoring.database(found, backup, database.url, replace=replace, role=must_exist, journal=again)
+            with replacing as before:
                 await migrate.migrate(database)
                 if role is not None:
                     await confine(database, role, password)
-                rows = await _erase(database, restoring.since(found, again))
+                async with database.write() as connection:
+                    rows = await taken.take_again(connection, before, now_ms())
+                    detail = {"made_ms": found.made_ms}
+                    await audit.record(connection, store.SERVER, "restore_database", backup.name, detail, t_ms=now_ms())
+                rows += await _erase(database, restoring.since(found, again))
         moment = f"{datetime.fromtimestamp(found.made_ms / 1000, UTC):%Y-%m-%d %H:%M:%S} UTC"
         click.echo(f"The database is as it was at {moment}.")
         for line in rows:
             click.echo(line)
+        if before is taken.nothing:
+            click.echo(
+                "Whoever was suspended, limited or disabled since then is not any more: look through people, machines "
+                "and webhooks in the console before others use it."
+            )
         if journal_file is None:
             click.echo(
                 "What was erased since then is there again: wonderland backend person erase-again --journal FILE --yes"
@@ -158,11 +171,17 @@ def restore_command(
     _run(run, "what was there is as it was", **options)
 
 
+def _webhook_keys(url: URL) -> list[Path]:
+    """Without them the webhooks in the database cannot be signed."""
+    path = sealing.beside(url)
+    return [path] if path is not None and path.is_file() else []
+
+
 async def _erase(database: Database, again: list[Erased]) -> list[str]:
     said = []
     for each in again:
         async with database.write() as connection:
-            found = await store.erase(connection, each, "again, after a restore", now_ms(), dry=False, again=True)
+            found = await store.erase(connection, each, restoring.AGAIN, now_ms(), dry=False, again=True)
         said.append(f"Erased again: {each.subject.audited}: {sum(found.values())} rows")
     return said
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 import psycopg
 from sqlalchemy.engine import URL
 
-from wonderland_backend.backup import postgres, sealed, sqlite
+from wonderland_backend.backup import postgres, sealed, sqlite, taken
 from wonderland_backend.backup.manifest import DATABASE, SEALED, Manifest
 from wonderland_backend.db import migrate
 from wonderland_backend.errors import BackendError
@@ -20,7 +20,13 @@ from wonderland_backend.personal_data.subjects import Erased
 
 _MARGIN_MS: Final = 15 * 60_000
 """An erasure has the time at which it began, and may have been committed after the backup's snapshot."""
-_ERASED: Final = "SELECT DISTINCT subject FROM {} WHERE act = 'erase_personal_data' AND t_ms >= {} ORDER BY 1"
+AGAIN: Final = "again, after a restore"
+"""The reason of an erasure that was done again; it has no journal of its own."""
+_ERASED: Final = f"""
+SELECT subject, max(CASE WHEN detail LIKE '%{AGAIN}%' THEN 0 ELSE t_ms END) FROM {{}}
+WHERE act = 'erase_personal_data' AND t_ms >= {{}} GROUP BY subject ORDER BY 1
+"""  # noqa: S608 - own words
+_POSTGRES: Final = _ERASED.replace(f"%{AGAIN}%", f"%%{AGAIN}%%")
 
 
 def since(manifest: Manifest, noted: list[Erased]) -> list[Erased]:
@@ -43,10 +49,10 @@ def refuse_unknown(manifest: Manifest, url: URL) -> None:
 @contextlib.contextmanager
 def database(
     manifest: Manifest, directory: Path, url: URL, *, replace: bool, role: str | None, journal: list[Erased]
-) -> Iterator[None]:
+) -> Iterator[taken.Rows]:
     """The database as it was backed up, for what is still to be done on it; what was there comes back if that fails.
 
-    Raises `BackendError`.
+    Gives reads of what was there before. Raises `BackendError`.
     """
     if manifest.database == "sqlite":
         target = Path(url.database or "")
@@ -57,9 +63,9 @@ def database(
             _erased_sqlite(target, manifest.made_ms),
             journal,
         )
-        with sqlite.replacing(target):
+        with sqlite.replacing(target) as kept:
             sqlite.copy(directory / DATABASE, target)
-            yield
+            yield taken.nothing if kept is None else taken.of_sqlite(kept)
         return
     with postgres.connect(url) as connection:
         if role is not None and not postgres.has_role(connection, role):
@@ -68,36 +74,40 @@ def database(
                 "--server-password-file, and it is made"
             )
         erased = _erased_postgres(connection, manifest.made_ms)
-        _refuse(f"the database {url.database}", postgres.is_empty(connection), replace, erased, journal)
+        was_empty = postgres.is_empty(connection)
+        _refuse(f"the database {url.database}", was_empty, replace, erased, journal)
         with postgres.replacing(connection):
             postgres.restore(connection, url, directory / DATABASE, manifest.tables)
-            yield
+            yield taken.nothing if was_empty else taken.of_postgres(connection)
 
 
-def _refuse(what: str, is_empty: bool, replace: bool, erased: set[str], journal: list[Erased]) -> None:
+def _refuse(what: str, is_empty: bool, replace: bool, erased: dict[str, int], journal: list[Erased]) -> None:
     if not is_empty and not replace:
         raise BackendError(f"{what} is not empty: restore into an empty one, or say --replace")
-    if missing := sorted(erased - {each.subject.audited for each in journal}):
+    noted = {each.subject.audited: each.erased_ms for each in sorted(journal, key=lambda each: each.erased_ms)}
+    # An older journal of the same name would erase nothing of what came since.
+    missing = sorted(each for each, t_ms in erased.items() if noted.get(each, -1) < max(0, t_ms - _MARGIN_MS))
+    if missing:
         raise BackendError(
             f"{what} has forgotten since the backup what this would bring back: {', '.join(missing)}. Give --journal, "
-            "the file of the erasures"
+            "the file of these erasures, up to the last one"
         )
 
 
-def _erased_sqlite(path: Path, since_ms: int) -> set[str]:
+def _erased_sqlite(path: Path, since_ms: int) -> dict[str, int]:
     if not path.exists():
-        return set()
+        return {}
     with contextlib.closing(sqlite3.connect(path)) as opened, contextlib.suppress(sqlite3.OperationalError):
-        return {subject for (subject,) in opened.execute(_ERASED.format("audit_log", "?"), (since_ms - _MARGIN_MS,))}
-    return set()
+        return dict(opened.execute(_ERASED.format("audit_log", "?"), (since_ms - _MARGIN_MS,)).fetchall())
+    return {}
 
 
-def _erased_postgres(connection: psycopg.Connection[Any], since_ms: int) -> set[str]:
-    found: set[str] = set()
+def _erased_postgres(connection: psycopg.Connection[Any], since_ms: int) -> dict[str, int]:
+    found: dict[str, int] = {}
     for schema in ("public", postgres.KEPT):  # the latter where a restore was cut off
         with contextlib.suppress(psycopg.errors.UndefinedTable):
-            rows = connection.execute(_ERASED.format(f"{schema}.audit_log", "%s"), (since_ms - _MARGIN_MS,))
-            found |= {subject for (subject,) in rows.fetchall()}
+            rows = connection.execute(_POSTGRES.format(f"{schema}.audit_log", "%s"), (since_ms - _MARGIN_MS,))
+            found |= dict(rows.fetchall())
     return found
 
 

@@ -43,8 +43,11 @@ def is_empty(path: Path) -> bool:
 
 
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[None]:
-    """What was there comes back where what is done meanwhile fails; killed, it is beside it as ….replaced."""
+def replacing(path: Path) -> Iterator[Path | None]:
+    """What was there comes back where what is done meanwhile fails; killed, it is beside it as ….replaced.
+
+    Gives where it is meanwhile; None where nothing was there.
+    """
     kept = path.with_name(f"{path.name}.replaced")
     if kept.exists():
         raise DatabaseError(f"{kept} is left of a restore that was cut off: move it back or away first")
@@ -52,7 +55,7 @@ def replacing(path: Path) -> Iterator[None]:
     if not was_empty:
         copy(path, kept)
     try:
-        yield
+        yield None if was_empty else kept
     except BaseException:
         if was_empty:
             path.unlink(missing_ok=True)

@@ -14,6 +14,7 @@ from typing import Annotated, Final
 
 from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+from sqlalchemy.engine import URL
 
 from wonderland_backend.context import part
 from wonderland_backend.db.engine import Database
@@ -25,6 +26,11 @@ from wonderland_fabric_gateway.files import write_atomic
 
 PREFIX: Final = "sealed:"
 _NONCE_BYTES: Final = 12
+
+
+def beside(url: URL) -> Path | None:
+    """Where the keys are that no setting names: beside a SQLite database, else nowhere."""
+    return Path(f"{url.database}.webhooks.key") if url.get_backend_name() == "sqlite" else None
 
 
 class SealError(BackendError):
@@ -45,10 +51,9 @@ class Sealing:
         Without a path: beside a SQLite database; with another database there is no key, and no webhook. Raises
         `SettingsError`.
         """
+        path = path or beside(database.url)
         if path is None:
-            if not database.is_sqlite:
-                return cls([], randomness)
-            path = Path(f"{database.url.database}.webhooks.key")
+            return cls([], randomness)
         try:
             if not path.exists():
                 write_atomic(path, new_key(randomness))
