@@ -39,6 +39,7 @@ from wonderland_edge_agent.session import events as on
 from wonderland_edge_agent.session.machine import PadSession
 from wonderland_edge_agent.session.runner import PadRunner
 from wonderland_edge_agent.spool import SpoolError
+from wonderland_edge_agent.waiting import Waiting
 from wonderland_edge_agent.witness import WitnessDuty
 
 if TYPE_CHECKING:
@@ -65,8 +66,10 @@ LAG_S: Final = 0.1
 _NOT_THERE: Final = 404
 STOP_S: Final = 5.0
 """Longest that a session under way keeps the agent from stopping."""
-MAX_WAITING: Final = 64
-"""Requests that wait for the pad; more are cancelled at once, so that a flood costs nobody else's time."""
+LOOK_S: Final = 1.0
+"""Between two looks at the queue, where nothing is told: time alone ends waiting."""
+MAX_WITNESSED: Final = 16
+"""Requests of other pads that wait for this one as witness."""
 
 
 def _witness_of(record: dict[str, Any]) -> object:
@@ -121,7 +124,9 @@ class PadAgent:
         self._reporter = SpoolReporter(spool, receiver.signature, local=local)
         self._prekeys = PrekeyKeeper(pad_id, spool, ledger, clock, prekeys)
         self._reconciler = Reconciler(ledger, self._reporter, clock)
-        self._requests: asyncio.Queue[Session] = asyncio.Queue(MAX_WAITING)
+        self._to_witness: asyncio.Queue[Session] = asyncio.Queue(MAX_WITNESSED)
+        self._waiting = Waiting(pad_id, ledger=ledger, spool=spool, clock=clock)
+        self._turn = asyncio.Event()
         self._runner: PadRunner | None = None
         self._witness = WitnessDuty(pad_id, ledger=ledger, radios=radios, prekeys=self._prekeys, clock=clock)
         self._own = OwnPad(pad_id, ledger)
@@ -145,12 +150,9 @@ class PadAgent:
     async def run(self) -> None:
         """Work until cancelled. Raises AgentError for what no waiting can cure."""
         interrupted = await self._spool.sessions()
-        self._reconciler.add_interrupted(interrupted)
-        if interrupted:
-            _log.warning("%d sessions were under way when this agent stopped; they are being ended", len(interrupted))
         files = ((self._status_file, write_status), (self._metrics_file, write_metrics))
         telling = tell_health(self.status, self._health, self._reporter, files)
-        parts = [self._subscription.run(), self._serve(), self._take_care(), telling]
+        parts = [self._follow(interrupted), self._take_care(), telling]
         if self._drift is not None:
             parts.append(watch_when_idle(self._drift, self._own, self._idle))
         if self._roll_call_every_s:
@@ -164,12 +166,27 @@ class PadAgent:
         finally:
             await self._stop(tasks)
 
+    async def _follow(self, interrupted: dict[str, dict[str, Any]]) -> None:
+        """Take up what was before a restart, then hear the ledger and serve."""
+        begun = frozenset(session_id for session_id, state in interrupted.items() if state.get("begun"))
+        await self._waiting.restore(begun)
+        cut = {session_id: state for session_id, state in interrupted.items() if not self._waiting.waits(session_id)}
+        self._reconciler.add_interrupted(cut)
+        if cut:
+            _log.warning("%d sessions were under way when this agent stopped; they are being ended", len(cut))
+            self._care.set()
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self._subscription.run())
+            tasks.create_task(self._serve())
+            tasks.create_task(self._end_waiting())
+
     def status(self) -> dict[str, Any]:
         """How the agent is, for people and for ``wonderland pad status``."""
         runner = self._runner
         spool = self._spool.status
         now = self._now()
         reasons = why_not(now)
+        waiting = self._waiting.status()
         return {
             "pad_id": self.pad_id,
             "process": os.getpid(),
@@ -182,7 +199,8 @@ class PadAgent:
             "spool_reason": spool.reason,
             "session": runner.session.session_id if runner is not None else "",
             "sessions_run": self._sessions,
-            "requests_waiting": self._requests.qsize(),
+            "requests_waiting": len(waiting["waiting"]),
+            "queue": waiting,
             "sessions_to_end": self._reconciler.waiting,
             "reach": reach_of(
                 self._radios.states(), None if self._pad is None else self._pad.commissioning, self._radios.highest
@@ -215,14 +233,18 @@ class PadAgent:
             self._testified_or_decided(event)
         elif event.name == "ProofRequested" and _witness_of(event.record) == self.pad_id:
             self._asked_to_witness(event)
+        if event.record.get("pad_id") == self.pad_id:
+            await self._keep_queue(event)
         if event.record.get("pad_id") != self.pad_id or event.name in {"ProofWitnessed", "ProofDecided"}:
             return False
         match event.name:
+            case "PrecedenceGiven" | "DepartureRecorded":
+                pass
             case "PadCommissioned" | "PadRetired":
                 self._own.changed()
                 self._care.set()
             case "ProofRequested":
-                await self._requested(event)
+                pass
             case _:
                 self._ended_elsewhere(event)
         return True
@@ -236,27 +258,25 @@ class PadAgent:
         elif runner is not None and runner.session.session_id == session_id:
             runner.deliver(on.Witnessed(event.tx_id))
 
+    async def _keep_queue(self, event: ContractEvent) -> None:
+        """Raises AwayError where the ledger's own record is needed and away; the event comes again then."""
+        try:
+            if event.name == "ProofRequested":
+                await self._remember(Session.parse(event.record).session_id)
+            await self._waiting.take(event.name, event.record)
+        except ProofError as error:
+            _log.warning("event %s of transaction %s cannot be read: %s", event.name, event.tx_id, error)
+        self._turn.set()
+
     def _asked_to_witness(self, event: ContractEvent) -> None:
         """Another pad's proof names this one as witness; where it is busy, that proof goes without."""
         try:
-            self._requests.put_nowait(Session.parse(event.record))
+            self._to_witness.put_nowait(Session.parse(event.record))
+            self._turn.set()
         except ProofError as error:
             _log.warning("transaction %s: not witnessed: %s", event.tx_id, error)
         except asyncio.QueueFull:
             _log.warning("transaction %s: not witnessed: too many requests wait", event.tx_id)
-
-    async def _requested(self, event: ContractEvent) -> None:
-        try:
-            session = Session.parse(event.record)
-        except ProofError as error:
-            _log.warning("transaction %s asks in a way that cannot be read: %s", event.tx_id, error)
-            return
-        await self._remember(session.session_id)
-        try:
-            self._requests.put_nowait(session)
-        except asyncio.QueueFull:
-            self._reconciler.add(session.session_id, "pad_overloaded")
-            self._care.set()
 
     def _ended_elsewhere(self, event: ContractEvent) -> None:
         try:
@@ -271,10 +291,10 @@ class PadAgent:
             else:
                 runner.deliver(on.InteractionCompleted(session.end or "completed"))
 
-    async def _remember(self, session_id: str) -> None:
+    async def _remember(self, session_id: str, *, begun: bool = False) -> None:
         """Note durably that the session has to be ended, whatever happens to this process."""
         try:
-            await self._spool.put_session(session_id, {"reason": "agent_restart"})
+            await self._spool.put_session(session_id, {"reason": "agent_restart", "begun": begun})
         except SpoolError as error:  # a full disk must not keep the pad from ending the session
             _log.error("session %.12s: not noted as in progress: %s", session_id, error)
 
@@ -282,21 +302,28 @@ class PadAgent:
 
     async def _serve(self) -> None:
         while True:
-            session = await self._requests.get()
-            if session.pad_id != self.pad_id:
-                await self._witness_one(session)
+            self._turn.clear()
+            if not self._to_witness.empty():
+                await self._witness_one(self._to_witness.get_nowait())
+                continue
+            session = self._waiting.next()
+            if session is None:
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(LOOK_S):
+                        await self._turn.wait()
                 continue
             try:
+                await self._waiting.record_override(session)
                 await self._serve_one(session)
             except AwayError as error:  # nothing was begun: in a while, unless it has expired by then
                 _log.warning("session %.12s: waits for the ledger: %s", session.session_id, error)
                 await asyncio.sleep(AGAIN_S)
-                self._again(session)
+                self._waiting.again(session)
             except RefusedError as error:
                 if error.status == _NOT_THERE:  # its event came from a peer that is further than the one asked
                     _log.info("session %.12s: waits for a peer that is behind: %s", session.session_id, error)
                     await asyncio.sleep(LAG_S)
-                    self._again(session)
+                    self._waiting.again(session)
                     continue
                 _log.warning("session %.12s: not begun: %s", session.session_id, error)
                 self._reconciler.add(session.session_id, "not_begun")
@@ -304,6 +331,14 @@ class PadAgent:
                 _log.warning("session %.12s: not begun: %s", session.session_id, error)
                 self._reconciler.add(session.session_id, "malformed_session")
             self._care.set()
+
+    async def _end_waiting(self) -> None:
+        """End who waited too long, or waits behind too many, also while another is served."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            for session_id, reason, note in self._waiting.to_end():
+                self._reconciler.add(session_id, reason, note)
+                self._care.set()
 
     async def _witness_one(self, session: Session) -> None:
         """Time-stamp a drone's blinks for another pad's proof. Whatever goes wrong, that proof goes without."""
@@ -314,12 +349,6 @@ class PadAgent:
         finally:
             self._idle.set()
             self._care.set()
-
-    def _again(self, session: Session) -> None:
-        try:
-            self._requests.put_nowait(session)
-        except asyncio.QueueFull:
-            self._reconciler.add(session.session_id, "pad_overloaded")
 
     async def _serve_one(self, session: Session) -> None:
         """Steps 2 to 8 of one request, if it is still to be served. Raises AwayError before anything was begun."""
@@ -333,6 +362,7 @@ class PadAgent:
         if private_key is None:
             self._reconciler.add(session.session_id, "prekey_lost")
             return
+        await self._remember(session.session_id, begun=True)
         if current.pad.certificate_sha256 != self._identity.certificate_sha256:
             _log.info("session %.12s: its prekey was published with another certificate", session.session_id)
         secret = keys.shared_secret(private_key, from_base64url(current.uav_key))

@@ -24,6 +24,8 @@ NAMES: Final = frozenset(
         "ProofDecided",
         "ProofCancelled",
         "InteractionCompleted",
+        "PrecedenceGiven",
+        "DepartureRecorded",
         "PadCommissioned",
         "PadRetired",
     }

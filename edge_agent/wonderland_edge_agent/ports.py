@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 from wonderland_edge_agent.prekeys import PrekeyLedger
 from wonderland_edge_agent.reconcile import ReconcileLedger
 from wonderland_edge_agent.session.ports import Radios, SessionLedger
+from wonderland_edge_agent.waiting import QueueLedger
 from wonderland_edge_agent.witness import WitnessLedger, WitnessRadios
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ class AgentError(Exception):
     """The agent cannot work and will not by waiting; the text says what to do."""
 
 
-class PadLedger(SessionLedger, PrekeyLedger, ReconcileLedger, WitnessLedger, Protocol):
+class PadLedger(SessionLedger, PrekeyLedger, ReconcileLedger, WitnessLedger, QueueLedger, Protocol):
     """The ledger as a pad uses it (``wonderland.proof_contract.ProofContract``)."""
 
     @property

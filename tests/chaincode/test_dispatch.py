@@ -224,6 +224,8 @@ def _examples(scene):
     yield scene.pad, "SubmitProof", {"session_id": session["session_id"], "evidence": scene.evidence(session)}
     yield scene.inspector, "CalibrateUav", scene.calibration(session["session_id"])
     yield scene.uav, "ReportLanding", {"pad_id": "pad-1", "cause": "pilot", "claim": scene.claim()}
+    yield scene.operator, "GivePrecedence", {"session_id": session["session_id"], "reason": "x"}
+    yield scene.pad, "RecordDeparture", {"session_id": session["session_id"], "note": "x"}
     yield scene.uav, "CancelProof", {"session_id": session["session_id"], "reason": "x"}
     yield scene.uav, "CreateAsset", {"id": "a", "type": "t", "media_type": "a/b", "value": "v"}
 

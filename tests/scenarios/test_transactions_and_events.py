@@ -100,11 +100,13 @@ async def test_every_transaction_has_its_event(people, site):
         verdict = await tells(pad, "SubmitProof", session_id=session["session_id"], evidence=evidence)
         assert verdict["permission"] == "granted"
         await tells(uav, "CompleteInteraction", session_id=session["session_id"], result="done")
+        await tells(operator, "RecordDeparture", session_id=session["session_id"], note="carried away")
         here = {"uav_id": uav_id, "pad_id": pad_id}
         measured = scene.calibration(session["session_id"], **here, valid_until_ms=people.now_ms + 10**9)
         await tells(operator, "CalibrateUav", measured)
         await tells(fleet, "WithdrawCalibration", here, reason="another antenna")
         session = await tells(uav, "RequestProof", site.scene().request_argument("k1", pad_id=pad_id))
+        await tells(operator, "GivePrecedence", session_id=session["session_id"], reason="a patient")
         await tells(uav, "CancelProof", session_id=session["session_id"], reason="operator")
         await tells(uav, "ReportLanding", pad_id=pad_id, cause="pilot", claim=site.scene().claim())
 

@@ -39,6 +39,7 @@ from wonderland_uav_agent.session.machine import UavSession
 from wonderland_uav_agent.session.ports import Act, Radio, UavLedger
 from wonderland_uav_agent.session.runner import RangeListener, StepListener, UavRunner
 from wonderland_uav_agent.session.timing import UavTiming
+from wonderland_uav_agent.settings import WAIT_S
 
 _log = logging.getLogger(__name__)
 
@@ -56,6 +57,19 @@ PREKEYS_LISTED: Final = 20
 WITNESSED: Final = 4
 """Assurance that only a witness gives."""
 _TAKEN: Final = frozenset({"PREKEY_USED", "PREKEY_UNKNOWN", "MVCC_READ_CONFLICT", "PHANTOM_READ_CONFLICT"})
+
+
+@dataclass(frozen=True, slots=True)
+class Urgency:
+    """Why it should not have to wait, as it signs it with its request; ``low_battery`` has a figure."""
+
+    priority: str | None = None
+    battery_percent: int | None = None
+
+
+CALM: Final = Urgency()
+WAITED: Final = "queue_timeout"
+"""How a pad ends a request whose turn did not come."""
 
 
 class UavAgentError(Exception):
@@ -117,6 +131,7 @@ class UavAgent:
         choose: Callable[[Sequence[Prekey]], Prekey] = secrets.choice,
         on_step: StepListener | None = None,
         on_range: RangeListener | None = None,
+        patience_s: float = WAIT_S,
     ) -> None:
         self.uav_id: Final = uav_id
         self._ledger = ledger
@@ -133,6 +148,7 @@ class UavAgent:
         self._choose = choose
         self._on_step = on_step
         self._on_range = on_range
+        self._patience_s = patience_s
         self._runner: UavRunner | None = None
 
     def stop(self, reason: str = "agent_stopped") -> None:
@@ -144,18 +160,31 @@ class UavAgent:
         """Where the drone says that it is; None while it does not know."""
         return self._position.claim(self._clock())
 
-    async def prove(self, pad_id: str, action: str) -> ProofResult:
+    async def prove(self, pad_id: str, action: str, urgency: Urgency | None = None) -> ProofResult:
         """Ask the pad for a proof, take part in it, and act when it is granted.
+
+        A pad that others use ends a request that waited for long; it is asked again, and the place in its queue kept,
+        for as long as the drone has patience.
 
         Raises UavAgentError where no proof could begin, RefusedError where the contract refused the request, and
         AwayError where the ledger is away.
         """
+        until_ms = self._clock() + round(1_000 * self._patience_s)
+        while True:
+            result = await self._prove_once(pad_id, action, urgency or CALM)
+            if result.end != WAITED or self._clock() >= until_ms:
+                return result
+            _log.info(
+                "%s: still waits for %s (%s); asks again", self.uav_id, pad_id, result.detail or "others are first"
+            )
+
+    async def _prove_once(self, pad_id: str, action: str, urgency: Urgency) -> ProofResult:
         commissioning = await self._commissioning(pad_id)
         node = await self._ability(pad_id)
         problem = no_plan(commissioning, node)
         if problem:
             raise UavAgentError("no_radio_plan", f"pad {pad_id}: {problem}")
-        asked = await self._request(pad_id, action, node)
+        asked = await self._request(pad_id, action, node, urgency)
         session = asked.session
         _log.info("%s asks %s to %s: session %.12s", self.uav_id, pad_id, action, session.session_id)
         commissioning = await self._commissioning(pad_id, session.commissioning_sha256)
@@ -253,14 +282,14 @@ class UavAgent:
             )
         return None
 
-    async def _request(self, pad_id: str, action: str, node: NodeAbility | None) -> _Asked:
+    async def _request(self, pad_id: str, action: str, node: NodeAbility | None, urgency: Urgency) -> _Asked:
         """Step 1, through a ledger that is away for a while, and other drones that take the same prekey."""
         loop = asyncio.get_running_loop()
         patient_until_s = loop.time() + REQUEST_PATIENCE_S
         attempts = 0
         while True:
             try:
-                return await self._request_once(pad_id, action, node)
+                return await self._request_once(pad_id, action, node, urgency)
             except RefusedError as error:
                 attempts += 1
                 if error.code not in _TAKEN or attempts == REQUEST_ATTEMPTS:
@@ -273,7 +302,7 @@ class UavAgent:
                 _log.warning("the request waits for the ledger: %s", error)
                 await asyncio.sleep(AWAY_PAUSE_S)
 
-    async def _request_once(self, pad_id: str, action: str, node: NodeAbility | None) -> _Asked:
+    async def _request_once(self, pad_id: str, action: str, node: NodeAbility | None, urgency: Urgency) -> _Asked:
         prekeys, witness = await asyncio.gather(
             self._ledger.list_prekeys(pad_id, PREKEYS_LISTED), self._witness_prekey(pad_id, action)
         )
@@ -292,6 +321,8 @@ class UavAgent:
             claim=claim,
             witness_prekey_id=None if witness is None else witness.prekey_id,
             node=node,
+            priority=urgency.priority,
+            battery_percent=urgency.battery_percent,
         )
         session, _ = await self._ledger.request_proof(argument)
         if (session.pad_key, session.uav_key) != (prekey.public_key, argument.uav_key):

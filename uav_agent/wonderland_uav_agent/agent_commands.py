@@ -20,7 +20,7 @@ from wonderland.service_manager import ServiceManager
 from wonderland.telemetry import Credentials, tls_of
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
-from wonderland_uav_agent.agent import ProofResult, UavAgentError
+from wonderland_uav_agent.agent import ProofResult, UavAgentError, Urgency
 from wonderland_uav_agent.assembly import assembled
 from wonderland_uav_agent.broadcasts import BroadcastError
 from wonderland_uav_agent.checking import explained
@@ -38,12 +38,17 @@ from wonderland_uav_agent.willing import Willing
 @of_the_drone
 @click.option("--pad", "pad_id", required=True, help="The landing pad.")
 @click.option("--action", type=click.Choice(ACTIONS), default="land", show_default=True)
+@click.option("--priority", type=click.Choice(("low_battery", "emergency")), help="Signed, and on record for good.")
+@click.option("--battery", "battery_percent", type=click.IntRange(0, 100), help="Per cent left; low_battery needs it.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON document with the result.")
-def prove(*, as_json: bool, verbose: bool, **options: Any) -> None:
+def prove(*, as_json: bool, verbose: bool, priority: str | None, battery_percent: int | None, **options: Any) -> None:
     """Prove where the drone is. Exit code 0 when permitted and done, 2 when refused, 1 when no proof came about."""
+    if priority == "low_battery" and battery_percent is None:
+        raise click.UsageError("--priority low_battery: say with --battery how much is left")
     _log_to_stderr(verbose=verbose)
+    urgency = Urgency(priority, battery_percent)
     try:
-        result = asyncio.run(_prove(**options, quiet=as_json))
+        result = asyncio.run(_prove(**options, urgency=urgency, quiet=as_json))
     except (LedgerError, UavAgentError, PositionError, BroadcastError) as error:
         raise click.ClickException(str(error)) from error
     if as_json:
@@ -57,12 +62,12 @@ def _log_to_stderr(*, verbose: bool) -> None:
     set_up_log(logging.DEBUG if verbose else logging.WARNING)
 
 
-async def _prove(*, pad_id: str, action: str, **options: Any) -> ProofResult:
+async def _prove(*, pad_id: str, action: str, urgency: Urgency, **options: Any) -> ProofResult:
     async with assembled(**options) as made:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, made.agent.stop)
-        return await made.agent.prove(pad_id, action)
+        return await made.agent.prove(pad_id, action, urgency)
 
 
 @click.command()

@@ -59,6 +59,7 @@ async def assembled(
     remote_id: str | None,
     command: str | None,
     whole_certificate: bool,
+    wait_s: float,
     quiet: bool,
     act: Act | None = None,
     stays: bool = False,
@@ -104,6 +105,7 @@ async def assembled(
             act=act or (_act(command) if pilot is None else pilot.act),
             clock=clock,
             whole_certificate=whole_certificate,
+            patience_s=wait_s,
             on_step=None if quiet else _progress,
             on_range=None if pilot is None else pilot.on_range,
         )

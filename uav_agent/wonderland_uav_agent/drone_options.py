@@ -10,7 +10,7 @@ import click
 from wonderland.toml_settings import SettingsError
 from wonderland.uwb.port_options import PORT
 from wonderland_uav_agent.flight import FlightSettings
-from wonderland_uav_agent.settings import load
+from wonderland_uav_agent.settings import WAIT_S, load
 
 _FLIGHT = "wonderland_uav_agent.flight"
 
@@ -117,6 +117,14 @@ def of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
             help="Run with the action and the session's id once it is permitted; exit status 0 means done.",
         ),
         click.option("--whole-certificate", is_flag=True, help="Say the whole certificate over UWB, not its hash."),
+        click.option(
+            "--wait",
+            "wait_s",
+            type=click.FloatRange(0, 3_600),
+            default=WAIT_S,
+            show_default=True,
+            help="Seconds that it waits for a pad that others use.",
+        ),
         click.option("-v", "--verbose", is_flag=True, help="Say more in the log."),
     )
     for option in reversed(options):

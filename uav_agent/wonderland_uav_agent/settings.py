@@ -28,8 +28,10 @@ from msgspec import Meta, structs
 from wonderland.toml_settings import Identifier, Table, Text, load_toml
 from wonderland_uav_agent.flight import FlightSettings
 
+WAIT_S: Final = 600.0
+"""How long a drone waits for a pad that others use."""
 _Arm = Annotated[float, Meta(ge=-5, le=5)]
-OPTIONS: Final = {"antenna": "antenna_m", "then": "command", "backend": "url", "backend_ca": "tls_ca"}
+OPTIONS: Final = {"antenna": "antenna_m", "then": "command", "wait": "wait_s", "backend": "url", "backend_ca": "tls_ca"}
 """Where an option has another name inside the command than in the file."""
 
 
@@ -50,6 +52,8 @@ class UavSettings(Table, frozen=True, kw_only=True):
     remote_id: Text | None = None
     then: Path | None = None
     whole_certificate: bool | None = None
+    wait: Annotated[float, Meta(ge=0, le=3_600)] | None = None
+    """Seconds that it waits for a pad that others use."""
     backend: Text | None = None
     backend_ca: Path | None = None
     pads: Annotated[tuple[Identifier, ...], Meta(min_length=1, max_length=64)] | None = None

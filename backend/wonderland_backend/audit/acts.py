@@ -76,6 +76,10 @@ Act = Literal[
     "ProposeReinstatement",
     "ApproveChange",
     "WithdrawChange",
+    "GivePrecedence",
+    "RecordDeparture",
+    "CancelProof",
+    "restore_database",
     # What was refused (401, 403, 413, 422, 429).
     "refused",
     # The log itself.

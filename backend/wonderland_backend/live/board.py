@@ -14,6 +14,10 @@ from typing import Annotated, Any, Final, Protocol
 import orjson
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from wonderland.proofs.errors import ProofError
+from wonderland.proofs.queue import LONGEST_MS
+from wonderland.proofs.queue_book import QueueBook
+from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.records.verdicts import OUTCOMES
 from wonderland_backend.alerts import store as alerts
 from wonderland_backend.context import part
@@ -22,6 +26,7 @@ from wonderland_backend.mirror.derive import Changes
 from wonderland_backend.mirror.rows import DroneWrite, EvidenceWrite, PadWrite, SessionWrite, VerdictWrite, outline_of
 from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.pads import queries as pads
+from wonderland_backend.pads.queue import summary
 from wonderland_backend.responses import record
 from wonderland_backend.sessions.state import ReportedStep, SessionView
 
@@ -68,6 +73,7 @@ class Board:
         self._tracks: OrderedDict[str, tuple[int, orjson.Fragment]] = OrderedDict()
         self._estimates: dict[str, tuple[str, orjson.Fragment]] = {}
         self._sessions: OrderedDict[str, SessionView] = OrderedDict()
+        self._queues: dict[str, QueueBook] = {}
         self._early: OrderedDict[str, list[ReportedStep]] = OrderedDict()
         self._verdicts: deque[Any] = deque(maxlen=LAST_VERDICTS)
         self._counts = dict.fromkeys(("sessions", *OUTCOMES), 0)
@@ -84,7 +90,7 @@ class Board:
 
     async def load(self, database: AsyncSession) -> None:
         """Fill from the database."""
-        self.fill(await contents_now(database))
+        self.fill(await contents_now(database, self._clock()))
 
     def fill(self, contents: Contents) -> None:
         """Show this, and nothing else."""
@@ -97,6 +103,12 @@ class Board:
             self._tracks[uav_id] = (t_ms, orjson.Fragment(body))
         for view in contents.sessions:
             self._sessions[view.session_id] = view
+        sessions, permitted = contents.queueing
+        for session in sessions:
+            self._book_of(session.pad_id).put(session)
+        for book in self._queues.values():
+            for session_id in permitted:
+                book.permitted(session_id)
         for uav_id, session_id, body in contents.estimates:
             self._estimates[uav_id] = (session_id, orjson.Fragment(body))
         self._verdicts.extend(contents.verdicts)
@@ -116,6 +128,7 @@ class Board:
         steps = {row.session_id: row.steps for row in changes.rows(EvidenceWrite).values()}
         for session in changes.session_writes:
             self._put_session(session, decided.get(session.session_id), steps.get(session.session_id))
+            self._queue(session, decided.get(session.session_id))
         self._forget_sessions()
         for verdict in changes.verdict_writes:
             shown = record(verdict.record, tx_id=verdict.tx_id, block=verdict.block, tx_index=verdict.tx_index)
@@ -237,7 +250,7 @@ class Board:
             changed["alerts"] = self._changed_alerts
             self._changed_alerts = []
         if self._changed_pads:
-            changed["pads"] = [self._shown_pad(pad_id) for pad_id in sorted(self._changed_pads)]
+            changed["pads"] = [self._shown_pad(pad_id) for pad_id in sorted(self._changed_pads & self._pads.keys())]
             self._changed_pads = set()
         if with_status:
             status = self.status()
@@ -270,6 +283,24 @@ class Board:
                 view.outcome, view.permission, view.rounds = verdict.outcome, verdict.permission, verdict.rounds
         self._changed_sessions.append(view.to_json())
 
+    def _book_of(self, pad_id: str) -> QueueBook:
+        return self._queues.setdefault(pad_id, QueueBook(pad_id))
+
+    def _queue(self, row: SessionWrite, verdict: VerdictWrite | None) -> None:
+        """Whoever asks, acts or leaves changes who waits for the pad; a ledger that is read anew tells of long ago."""
+        now_ms = self._clock()
+        if not row.record or max(row.expires_ms, row.ended_ms or 0) < now_ms - LONGEST_MS:
+            return
+        try:
+            session = Session.decode(row.record)
+        except ProofError:
+            return  # of a later contract: it is in the list of sessions, and in nobody's way
+        book = self._book_of(row.pad_id)
+        book.put(session)
+        if verdict is not None and verdict.permission == "granted":
+            book.permitted(row.session_id)
+        self._changed_pads.add(row.pad_id)
+
     def _forget_sessions(self) -> None:
         """Keep the recent ones, and of the older ones those that are not over, as long as they can still go on."""
         if len(self._sessions) <= RECENT_SESSIONS:
@@ -289,7 +320,9 @@ class Board:
 
     def _shown_pad(self, pad_id: str) -> Any:
         pad = self._pads[pad_id]
-        return pads.pad_json(pad.record, pad.health, connected=self._agents.is_connected(pad_id))
+        book = self._queues.get(pad_id)
+        queue = None if book is None else summary(book.queue(self._clock()))
+        return pads.pad_json(pad.record, pad.health, connected=self._agents.is_connected(pad_id), queue=queue)
 
     def _heard_since(self, t_ms: int) -> int:
         count = 0

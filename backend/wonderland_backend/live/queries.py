@@ -8,10 +8,12 @@ from typing import Any, Final
 from sqlalchemy import func, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from wonderland.proofs.records.sessions import Session
 from wonderland_backend.alerts import store as alerts
 from wonderland_backend.db.tables.ledger import DroneRow, PadRow, SessionRow, VerdictRow
 from wonderland_backend.db.tables.reported import HealthRow, LatestTrackRow
 from wonderland_backend.filters import SessionQuery, VerdictQuery
+from wonderland_backend.pads import queries as pads
 from wonderland_backend.sessions import queries as sessions
 from wonderland_backend.sessions.state import SessionView
 from wonderland_backend.verdicts import queries as verdicts
@@ -37,11 +39,13 @@ class Contents:
     """Drone, session, the Estimate."""
     verdicts: list[Any] = field(default_factory=list)
     alerts: list[dict[str, Any]] = field(default_factory=list)
+    queueing: tuple[list[Session], frozenset[str]] = ([], frozenset())
+    """What pads' queues depend on: sessions in the order of their requests, and the ids of those that are permitted."""
     counts: dict[str, int] = field(default_factory=dict)
     """Of sessions, and of verdicts by outcome."""
 
 
-async def contents_now(database: AsyncSession) -> Contents:
+async def contents_now(database: AsyncSession, now_ms: int) -> Contents:
     """What a client is shown first: pads, drones, sessions under way, the newest verdicts and alerts."""
     found = Contents()
     health = {row.agent_id: row.body for row in await database.scalars(select(HealthRow)) if row.agent == "pad"}
@@ -58,6 +62,7 @@ async def contents_now(database: AsyncSession) -> Contents:
     newest = await verdicts.listing(database, VerdictQuery(limit=LAST_VERDICTS))
     found.verdicts = [verdicts.verdict_json(row) for row in reversed(newest)]
     found.alerts = [alerts.alert_json(row) for row in await alerts.current(database)]
+    found.queueing = await pads.queueing(database, now_ms)
     found.counts["sessions"] = (await database.execute(select(func.count()).select_from(SessionRow))).scalar_one()
     outcomes = select(VerdictRow.outcome, func.count()).group_by(VerdictRow.outcome)
     for outcome, count in await database.execute(outcomes):

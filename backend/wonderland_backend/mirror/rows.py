@@ -266,7 +266,9 @@ class SessionWrite(RecordRow):
         """Besides: by which transaction it was decided or ended, if by this one."""
         RecordRow.written(self, record, place)
         self.verdict_tx = place.tx_id if self.state == "decided" else None
-        self.complete_tx = place.tx_id if self.state in {"completed", "cancelled"} else None
+        # A departure is written into a session that had ended before. Within a text, the quote would be escaped.
+        ended = self.state in {"completed", "cancelled"} and '"departure":{' not in record
+        self.complete_tx = place.tx_id if ended else None
 
     def keep(self, before: SessionWrite) -> None:
         """What an earlier state of the session said of its transactions, and this one does not."""

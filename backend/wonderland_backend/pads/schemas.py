@@ -73,11 +73,69 @@ class Health(ApiModel):
     verified: Literal[False]
 
 
+class QueueOccupant(ApiModel):
+    """The drone that has the pad: it stands there, or is permitted to act."""
+
+    session_id: str
+    uav_id: str
+    action: Literal["land", "takeoff", "dock"]
+    landed: bool = Field(description="It landed, and nothing says that it left; else it has a permission that it uses")
+    since_ms: int
+    until_ms: int = Field(description="Until then at most, if nothing is heard of it")
+
+
+class QueueSummary(ApiModel):
+    """A pad's queue on the live map; `/pads/{pad_id}/queue` tells all of it."""
+
+    waiting: int
+    occupant: QueueOccupant | None = None
+
+
 Pad = extended(
     "Pad",
     pads.Pad,
     "A landing pad: the ledger's record, the anchors' positions and the agent's own word on its health.",
     anchors=(list[AnchorPosition], Field(description="Empty until the pad is commissioned")),
     health=(Health | None, Field(default=None)),
+    queue=(QueueSummary | None, Field(default=None, description="In live frames, where the pad is in use")),
 )
 PadPage = page_of("PadPage", Pad)
+
+
+class PutFirst(ApiModel):
+    """Who put a waiting drone before all others, when and why."""
+
+    by: Literal["pad", "operator", "authority"]
+    name: str
+    reason: str
+    t_ms: int
+
+
+class QueuePlace(ApiModel):
+    """A drone that waits for the pad."""
+
+    place: int = Field(ge=1)
+    session_id: str
+    uav_id: str
+    msp_id: str
+    action: Literal["land", "takeoff", "dock"]
+    rank: Literal["leaves", "precedence", "emergency", "low_battery", "normal"] = Field(
+        description="Why it stands where it does: leaves the pad, was put first, signed a priority, as it came"
+    )
+    being_measured: bool = Field(description="It is its turn already, as the pad’s agent says")
+    since_ms: int = Field(description="It waits since then; who asks again in time keeps its place")
+    at_most_ms: int = Field(description="Until its turn, if nobody comes who goes first")
+    claim_ignored: bool = Field(description="It signed a priority; its organisation had used up those that count")
+    blocked_by: str | None = Field(default=None, description="The drone that has to leave the pad first")
+    priority: Literal["low_battery", "emergency"] | None = Field(default=None, description="As it signed it")
+    battery_percent: int | None = Field(default=None, description="By its own word")
+    precedence: PutFirst | None = None
+
+
+class PadQueue(ApiModel):
+    """Who has a pad, and who waits for it in which order: follows from the ledger alone (decision 0042)."""
+
+    pad_id: str
+    t_ms: int = Field(description="The moment that it is of")
+    occupant: QueueOccupant | None = None
+    waiting: list[QueuePlace]

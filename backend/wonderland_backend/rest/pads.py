@@ -17,11 +17,14 @@ from wonderland_backend.errors import BadRequest, NotFound, documented
 from wonderland_backend.filters import PadFilters
 from wonderland_backend.narrowing import pads_within
 from wonderland_backend.pads import queries
-from wonderland_backend.pads.schemas import Pad, PadPage
+from wonderland_backend.pads.queue import read_queue
+from wonderland_backend.pads.schemas import Pad, PadPage, PadQueue
 from wonderland_backend.problem_texts import said
+from wonderland_backend.responses import Json
 
 router = APIRouter(tags=["pads"], dependencies=SIGNED_IN)
 _NOT_FOUND: Final = NotFound(said("no_such_pad", pad_id="aurajoki-2"))
+PadIdPath = Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)]
 
 
 @router.get("/pads", response_model=PadPage, responses=documented(BadRequest) | geojson.documented(PadPage))
@@ -49,7 +52,7 @@ async def read_pad(
     context: ContextDep,
     agents: AgentsDep,
     person: SignedInPerson,
-    pad_id: Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)],
+    pad_id: PadIdPath,
 ) -> Response:
     """A pad."""
     async with context.database.read() as database:
@@ -59,6 +62,15 @@ async def read_pad(
         health = await queries.health_of(database, [pad_id])
     connected = agents.is_connected(pad_id)
     return geojson.one(request, queries.pad_json(row.record, health.get(pad_id), connected=connected), id_of=_id)
+
+
+@router.get("/pads/{pad_id}/queue", response_model=PadQueue, responses=documented(_NOT_FOUND))
+async def read_pad_queue(context: ContextDep, person: SignedInPerson, pad_id: PadIdPath) -> Response:
+    """Who has the pad, and who waits for it in which order, as it is now."""
+    async with context.database.read() as database:
+        if await queries.find_pad(database, person.scope, pad_id) is None:
+            raise NotFound(said("no_such_pad", pad_id=pad_id))
+        return Json(await read_queue(database, pad_id, context.clock()))
 
 
 def _id(item: geojson.Item) -> str:

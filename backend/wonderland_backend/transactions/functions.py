@@ -64,6 +64,12 @@ def _of_authorisation(function: str) -> Change:
     )
 
 
+def _of_session(function: str) -> Change:
+    return Change(
+        function, lambda its: f"session/{its.session_id}", lambda its: keys.composite(keys.SESSION, its.session_id)
+    )
+
+
 def _of_proposal(function: str) -> Change:
     return Change(
         function, lambda its: f"change/{its.change_id}", lambda its: keys.composite(keys.CHANGE, its.change_id)
@@ -79,6 +85,7 @@ CHANGES: Final = {
             ("RegisterUav", "SetUavStatus", "ProposeReinstatement", "RecordMaintenance", "WithdrawCalibration"),
         ),
         *map(_of_authorisation, ("GrantAuthorisation", "RevokeAuthorisation")),
+        *map(_of_session, ("GivePrecedence", "RecordDeparture", "CancelProof")),
         *map(_of_proposal, ("ApproveChange", "WithdrawChange")),
         Change(
             "ProposePolicy",

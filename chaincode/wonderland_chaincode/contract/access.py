@@ -13,6 +13,7 @@ from wonderland.proofs.records.transactions import (
     INSPECTOR,
     MSP_OF_ROLE,
     PAD,
+    PAD_OPERATOR,
     ROLES,
     UAV,
     UavById,
@@ -91,7 +92,12 @@ def name_of(who: Creator) -> str:
 
 
 def part_in(who: Creator, session: Session) -> str:
-    """The creator's part in a session: ``pad``, ``uav`` or ``authority``. Raises ContractError (403) for none."""
+    """The creator's part in a session: ``pad``, ``uav``, ``operator`` (of the pad) or ``authority``.
+
+    Raises ContractError (403) for none.
+    """
+    if who.role == PAD_OPERATOR and who.msp_id == session.pad.msp_id:
+        return "operator"
     if who.role == PAD and (who.pol_id, who.msp_id) == (session.pad_id, session.pad.msp_id):
         return "pad"
     if who.role == UAV and (who.pol_id, who.msp_id) == (session.uav_id, session.uav.msp_id):

@@ -92,6 +92,8 @@ async def request(call: Call, argument: tx.RequestProof) -> Answer:
         site_plan_sha256=pad.site_plan_sha256,
         node=argument.node,
         calibration=calibrations.in_force(uav, pad, now_ms),
+        priority=argument.priority,
+        battery_percent=argument.battery_percent,
     )
     transcript = transcript_of(session, call.stub.channel)
     session = replace(session, transcript_sha256=transcript.digest().hex())
@@ -160,6 +162,8 @@ async def cancel(call: Call, argument: tx.CancelProof) -> Answer:
     """CancelProof: a timeout, a loss or a refusal ends in a recorded state. A live permission cannot be cancelled."""
     session = await require(call, argument.session_id)
     part = access.part_in(call.who, session)
+    if part == "operator" and argument.note is None:
+        raise bad_input("REASON_MISSING", "note: a pad's operator who turns a drone away says why")
     if session.state == "decided":
         if call.now_ms < session.expires_ms and await _permitted(call, session):
             raise refused(

@@ -9,7 +9,7 @@ import { latitude, longitude } from "../shared/geo/mercator";
 import { leg, path } from "../shared/geo/geodesic";
 import type { TrackTable } from "../shared/live/tracks";
 import { broadcastApart, refutedBy } from "../shared/refuted";
-import { padState } from "./padState";
+import { inUse, padState } from "./padState";
 import { mapTexts as t, padTexts } from "./texts";
 import type { Cluster } from "./clusters";
 
@@ -52,7 +52,7 @@ export function padFeatures(pads: Iterable<Pad>, now_ms: number): Feature[] {
     const commissioning = pad.commissioning ?? undefined;
     const { tone, text } = padState(pad, now_ms);
     const reach = commissioning === undefined ? padTexts("notCommissioned") : t("rangesTo", { distance: length(commissioning.max_range_mm, true) });
-    const note = { note: tone === "ok" ? reach : text, tone };
+    const note = { note: tone === "ok" ? (inUse(pad, now_ms) ?? reach) : text, tone };
     features.push(point(lonLat(pad), { kind: "pad", pad_id: pad.pad_id, name: pad.name, icon: tone === "ok" ? "pad" : `pad-${tone}`, ...note }));
     if (commissioning === undefined) continue;
     features.push(area(frame, circle(commissioning.max_range_mm, { east_mm: 0, north_mm: 0 }, 96), { kind: "reach" }));

@@ -12,8 +12,23 @@ export const FEW_PREKEYS = 5;
 export type PadTone = "ok" | "maybe" | "bad";
 export type PadState = { tone: PadTone; text: string };
 
+/** Who has the pad and how many wait for it, in words; undefined where nobody does either. */
+export function inUse({ queue }: Pad, now_ms: number): string | undefined {
+  if (queue === undefined) return undefined;
+  const occupant = queue.occupant !== undefined && now_ms < queue.occupant.until_ms ? queue.occupant : undefined;
+  if (occupant === undefined && queue.waiting === 0) return undefined;
+  return t("inUse", { landed: occupant === undefined ? "nobody" : String(occupant.landed), uav: occupant?.uav_id ?? "", waiting: queue.waiting });
+}
+
 /** How a pad does, the gravest first, in words. What its agent says of itself is not from the ledger. */
 export function padState(pad: Pad, now_ms: number): PadState {
+  const state = condition(pad, now_ms);
+  const use = inUse(pad, now_ms);
+  if (use === undefined) return state;
+  return { ...state, text: state.tone === "ok" ? use : `${state.text} · ${use}` };
+}
+
+function condition(pad: Pad, now_ms: number): PadState {
   const bad = (text: string): PadState => ({ tone: "bad", text });
   const maybe = (text: string): PadState => ({ tone: "maybe", text });
   const { commissioning, health } = pad;

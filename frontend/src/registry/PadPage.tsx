@@ -16,10 +16,13 @@ import { History } from "./History";
 import { registryHref, toRegistry } from "../shared/address/registryLinks";
 import { AnchorPlan, BiasPlot, ReachPlot, type Commissioning } from "./PadPlots";
 import { isAction, Policies, policyBefore } from "./Policies";
+import { QueueCard } from "./QueueCard";
 import { Status } from "./Status";
 import { registryTexts as t } from "./texts";
 
 const TOPICS: readonly Topic[] = ["pads"];
+/** Of one session in the pad's queue. */
+const QUEUE_FORMS = ["put-first", "departed", "turn-away"] as const;
 const PAD_FORMS = ["edit-pad", "commission", "site-plan", "retire-pad"] as const;
 
 function Facts({ rows }: { rows: readonly (readonly [string, string])[] }): ReactElement {
@@ -121,6 +124,7 @@ export function PadPage({ pad_id, form, part }: { pad_id: string; form: string |
   const back = (): void => toRegistry(["pads", pad_id]);
   const chosen = PAD_FORMS.find((each) => each === form);
   const policy = form === "policy" && isAction(part) ? detail.policies.find((each) => each.action === part) : undefined;
+  const queued = part === undefined ? undefined : QUEUE_FORMS.find((each) => each === form);
   return (
     <>
       <div className="registry-head">
@@ -142,6 +146,14 @@ export function PadPage({ pad_id, form, part }: { pad_id: string; form: string |
             </a>
           ))}
         </nav>
+      )}
+      {queued !== undefined && part !== undefined && (
+        <section className="float card" aria-labelledby="queue-form">
+          <h2 id="queue-form">
+            {t("form", { form: formKey(queued) })} <span className="quiet">· {part.slice(0, 12)}…</span>
+          </h2>
+          <ChangeForm key={`${queued} ${part}`} name={queued} about={{ session_id: part }} onDone={() => void fresh()} onCancel={back} />
+        </section>
       )}
       {(chosen !== undefined || policy !== undefined) && (
         <section className="float card" aria-labelledby="registry-form">
@@ -168,6 +180,7 @@ export function PadPage({ pad_id, form, part }: { pad_id: string; form: string |
           )}
         </section>
       )}
+      {record.status !== "retired" && <QueueCard pad_id={pad_id} chosen={queued === undefined ? undefined : `${queued} ${part ?? ""}`} />}
       <div className="registry-columns">
         <div className="registry-stack">
         <section className="float card">

@@ -18,6 +18,7 @@ export type RegistryProposal = Schemas["RegistryProposal"];
 export type RegistryOrganisation = Schemas["RegistryOrganisation"];
 export type RegistryCertificate = Schemas["RegistryCertificate"];
 export type Form = { function: string; roles: string[]; argument: Schema };
+export type PadQueue = Schemas["PadQueue"];
 type Query<Path extends keyof paths> = paths[Path] extends { get: { parameters: { query?: infer Found } } } ? NonNullable<Found> : never;
 export type DroneFilters = Query<"/api/v1/registry/drones">;
 export type PadFilters = Query<"/api/v1/registry/pads">;
@@ -29,6 +30,10 @@ export function drones(api: Api, query: DroneFilters): Promise<Page<RegistryDron
 
 export function drone(api: Api, uav_id: string): Promise<RegistryDroneDetail> {
   return answered((signal) => api.client.GET("/api/v1/registry/drones/{uav_id}", { params: { path: { uav_id } }, signal }));
+}
+
+export function queue(api: Api, pad_id: string): Promise<PadQueue> {
+  return answered((signal) => api.client.GET("/api/v1/pads/{pad_id}/queue", { params: { path: { pad_id } }, signal }));
 }
 
 export function pads(api: Api, query: PadFilters): Promise<Page<RegistryPad>> {

@@ -18,6 +18,9 @@ export type FormName =
   | "commission"
   | "site-plan"
   | "withdraw-change"
+  | "put-first"
+  | "departed"
+  | "turn-away"
   | "policy";
 export type FormSpec = { transaction: string; fields: readonly FieldSpec[]; danger?: true };
 
@@ -80,6 +83,9 @@ export const FORMS: Readonly<Record<FormName, FormSpec>> = {
   commission: { transaction: "CommissionPad", fields: [] },
   "site-plan": { transaction: "SetSitePlan", fields: [] },
   "withdraw-change": { transaction: "WithdrawChange", fields: [REASON], danger: true },
+  "put-first": { transaction: "GivePrecedence", fields: [REASON] },
+  departed: { transaction: "RecordDeparture", fields: [{ path: "note", kind: "note", wide: true, optional: true }] },
+  "turn-away": { transaction: "CancelProof", fields: [{ path: "note", kind: "note", wide: true }], danger: true },
   policy: {
     transaction: "ProposePolicy",
     fields: [
@@ -97,6 +103,7 @@ export const FORMS: Readonly<Record<FormName, FormSpec>> = {
       { path: "policy.min_request_gap_ms", kind: "seconds" },
       { path: "policy.broadcast_required", kind: "choice" },
       { path: "policy.witness_pad_id", kind: "text", optional: true },
+      { path: "policy.occupied_ms", kind: "seconds", optional: true },
       { path: "policy.height_required", kind: "flag" },
       { path: "policy.require_authorisation", kind: "flag" },
       { path: "policy.require_maintenance", kind: "flag" },
@@ -111,12 +118,15 @@ export function formKey(name: FormName): string {
   return name.replaceAll("-", "_");
 }
 
-const STATUS: Partial<Record<FormName, string>> = { suspend: "suspended", "retire-drone": "retired" };
+const FIXED: Partial<Record<FormName, JsonObject>> = {
+  suspend: { status: "suspended" },
+  "retire-drone": { status: "retired" },
+  "turn-away": { reason: "turned_away" },
+};
 
 /** What the form itself adds to the argument: of whom it is, and what it does. */
 export function fixedPart(form: FormName, about: JsonObject): JsonObject {
-  const status = STATUS[form];
-  return status === undefined ? about : { ...about, status };
+  return { ...about, ...FIXED[form] };
 }
 
 /** What a new form begins with. */

@@ -168,6 +168,20 @@ class ProofContract:
         answer, done = await self._submit("CancelProof", argument, _KNOWN)
         return parsed_answer(Session, answer), done
 
+    async def give_precedence(self, session_id: str, reason: str) -> tuple[Session, Committed]:
+        """Put a waiting request before all others of its pad."""
+        answer, done = await self._submit(
+            "GivePrecedence", tx.GivePrecedence(session_id=session_id, reason=reason), _KNOWN
+        )
+        return parsed_answer(Session, answer), done
+
+    async def record_departure(self, session_id: str, note: str = "") -> tuple[Session, Committed]:
+        """Say that the drone that landed in this session has left the pad."""
+        answer, done = await self._submit(
+            "RecordDeparture", tx.RecordDeparture(session_id=session_id, note=_note(note)), _KNOWN
+        )
+        return parsed_answer(Session, answer), done
+
     async def publish_prekeys(self, pad_id: str, prekeys: tuple[OfferedPrekey, ...]) -> Committed:
         """Offer one-time keys, each of which one session takes. Raises `LedgerError`."""
         _, done = await self._submit("PublishPrekeys", tx.PublishPrekeys(pad_id=pad_id, prekeys=prekeys))

@@ -455,6 +455,7 @@ class Pad(TypedDict):
     note: NotRequired[str]
     anchors: list[AnchorPosition]
     health: NotRequired[Health]
+    queue: NotRequired[QueueSummary]
 
 
 class Place(TypedDict):
@@ -528,6 +529,24 @@ class ProofRequest(TypedDict):
     cancelled_ms: NotRequired[int]
     session_id: NotRequired[str]
     outcome: NotRequired[Literal["verified", "refuted", "inconclusive"]]
+
+
+class QueueOccupant(TypedDict):
+    """The drone that has the pad: it stands there, or is permitted to act."""
+
+    session_id: str
+    uav_id: str
+    action: Literal["land", "takeoff", "dock"]
+    landed: bool
+    since_ms: int
+    until_ms: int
+
+
+class QueueSummary(TypedDict):
+    """A pad's queue on the live map; `/pads/{pad_id}/queue` tells all of it."""
+
+    waiting: int
+    occupant: NotRequired[QueueOccupant]
 
 
 class Reason(TypedDict):

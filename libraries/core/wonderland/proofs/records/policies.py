@@ -51,6 +51,14 @@ class Policy(Record):
     """Whether a pad cancels at once what it can settle nothing about; else it ranges ten rounds, for the record."""
     witness_pad_id: PadId | None = None
     """A second pad that time-stamps the same drone in its own signed record; assurance 4 needs one."""
+    occupied_ms: (
+        Annotated[
+            int,
+            Integer(1_000, 604_800_000, "A drone that landed keeps the pad until it has left, at most so long"),
+        ]
+        | None
+    ) = None
+    """Left out: a landing that is completed leaves the pad free for the next one."""
 
     def validate(self, path: str) -> None:
         """Thresholds must leave room for a third outcome, and rounds for a look."""

@@ -15,6 +15,7 @@ from wonderland.proofs.records.fields import (
     LatE7,
     LonE7,
     MspId,
+    Name,
     Note,
     PadId,
     PrekeyId,
@@ -279,6 +280,30 @@ class Testimony(Record):
     testified_ms: TimeMs
 
 
+Priority = Annotated[str, Choice(("low_battery", "emergency"), "Why it should not have to wait, by its own word")]
+BatteryPercent = Annotated[int, Integer(0, 100, "What its battery has left, by its own word")]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Precedence(Record):
+    """Who put a waiting drone before all others, when and why."""
+
+    by: Annotated[str, Choice(("pad", "operator", "authority"))]
+    name: Name
+    reason: Note
+    t_ms: TimeMs
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Departure(Record):
+    """Who says that a drone that had landed has left the pad."""
+
+    by: Annotated[str, Choice(("pad", "operator", "authority"))]
+    name: Name
+    t_ms: TimeMs
+    note: Note | None = None
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Session(Record):
     """A proof under way or ended."""
@@ -305,7 +330,7 @@ class Session(Record):
     decided_ms: TimeMs | None = None
     ended_ms: TimeMs | None = None
     end: Annotated[str, Text(64, r"[a-z0-9_]+", "How it ended")] | None = None
-    ended_by: Annotated[str, Choice(("pad", "uav", "authority"))] | None = None
+    ended_by: Annotated[str, Choice(("pad", "uav", "operator", "authority"))] | None = None
     note: Note | None = None
     witness: Witness | None = None
     site_plan_sha256: Sha256Hex | None = None
@@ -313,3 +338,7 @@ class Session(Record):
     """What the drone's node can do, as it said with its request."""
     calibration: DroneOffset | None = None
     """What its node adds to every range; without it the drone is judged with what is known of nodes in general."""
+    priority: Priority | None = None
+    battery_percent: BatteryPercent | None = None
+    precedence: Precedence | None = None
+    departure: Departure | None = None

@@ -250,6 +250,16 @@ class RequestProof(Record):
     """One of the prekeys of the pad that the policy names as witness; required where it names one."""
     node: NodeAbility | None = None
     """What the drone's node can do: with the pad's nodes it decides the radio plan."""
+    priority: sessions.Priority | None = None
+    """Left out: none. It is signed, and counted: who claims it too often is served without it (``proofs.queue``)."""
+    battery_percent: sessions.BatteryPercent | None = None
+
+    def validate(self, path: str) -> None:
+        """A low battery has a figure."""
+        if self.priority == "low_battery" and self.battery_percent is None:
+            raise RecordError(
+                f"{path}.battery_percent" if path else "battery_percent", "low_battery says how much is left"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -285,6 +295,25 @@ class ReportLanding(Record):
     pad_id: PadId
     cause: LandingCause
     claim: sessions.Claim
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GivePrecedence(Record):
+    """Puts a waiting request before all others of its pad. A pad itself may do so for an emergency only."""
+
+    session_id: SessionId
+    reason: Note
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordDeparture(Record):
+    """Says that a drone that had landed has left the pad: the next one may land.
+
+    Not by the drone's own word: it proves its take-off.
+    """
+
+    session_id: SessionId
+    note: Note | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -413,7 +442,9 @@ TRANSACTIONS: Final = _all(
     Transaction("SubmitProof", SubmitProof, (PAD,), "ProofDecided"),
     Transaction("CompleteInteraction", CompleteInteraction, (PAD, UAV), "InteractionCompleted"),
     Transaction("ReportLanding", ReportLanding, (UAV,), "LandingReported"),
-    Transaction("CancelProof", CancelProof, (PAD, UAV, ADMIN), "ProofCancelled"),
+    Transaction("CancelProof", CancelProof, (PAD, UAV, PAD_OPERATOR, ADMIN), "ProofCancelled"),
+    Transaction("GivePrecedence", GivePrecedence, (PAD, PAD_OPERATOR, ADMIN), "PrecedenceGiven"),
+    Transaction("RecordDeparture", RecordDeparture, (PAD, PAD_OPERATOR, ADMIN), "DepartureRecorded"),
     Transaction("CreateAsset", CreateAsset, ROLES, "AssetCreated"),
     Transaction("UpdateAsset", UpdateAsset, ROLES, "AssetUpdated"),
     Transaction("DeleteAsset", AssetById, ROLES, "AssetDeleted"),

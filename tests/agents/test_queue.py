@@ -1,0 +1,113 @@
+"""Two drones, one pad: the real agents on the embedded ledger."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+
+from kit.agents import decided
+
+from wonderland_uav_agent.agent import Urgency
+
+OCCUPIED = {"occupied_ms": 600_000}
+
+
+async def sessions_of(world, uav_id, *, limit_s=10.0, count=1):
+    """The requests of a drone, once so many are on the ledger."""
+    found = {}
+
+    async def listen():
+        async for event in world.contract("mirror").events(start_block=0, names=frozenset({"ProofRequested"})):
+            if event.record["uav_id"] == uav_id:
+                found[event.record["session_id"]] = event.record
+            if len(found) >= count:
+                return
+
+    async with asyncio.timeout(limit_s):
+        await listen()
+    return list(found)
+
+
+async def test_the_second_waits_while_the_first_is_on_the_pad_and_is_served_by_itself(world, caplog):
+    caplog.set_level(logging.INFO)
+    await world.second_uav()
+    await world.policy(**OCCUPIED)
+    async with world.pad() as pad, world.uav() as first, world.uav(name="uav-2") as second:
+        landed = await decided(first, action="land")
+        assert (landed.state, landed.end) == ("completed", "done"), landed.verdict
+        waiting = asyncio.create_task(decided(second))
+        await sessions_of(world, "uav-2")
+        await asyncio.sleep(3)
+        assert not waiting.done()
+        assert pad.status()["queue"] == {"on_pad": "uav-1", "waiting": ["uav-2"]}
+        assert "uav-1 is on the pad; 1 wait until it has left" in caplog.text
+        assert [verdict.uav_id for verdict in world.acted] == ["uav-1"]
+        left = await decided(first, action="takeoff")
+        assert (left.state, left.end) == ("completed", "done")
+        async with asyncio.timeout(20):
+            result = await waiting
+    assert (result.state, result.end) == ("completed", "done")
+    assert [(each.uav_id, each.action) for each in world.acted] == [
+        ("uav-1", "land"),
+        ("uav-1", "takeoff"),
+        ("uav-2", "land"),
+    ]
+
+
+async def test_a_recorded_departure_frees_the_pad(world):
+    await world.second_uav()
+    await world.policy(**OCCUPIED)
+    async with world.pad(), world.uav() as first, world.uav(name="uav-2") as second:
+        landed = await decided(first, action="land")
+        waiting = asyncio.create_task(decided(second))
+        await sessions_of(world, "uav-2")
+        await world.call("pad_operator", "RecordDeparture", session_id=landed.session_id, note="carried away")
+        async with asyncio.timeout(20):
+            assert (await waiting).end == "done"
+
+
+async def test_an_emergency_goes_first_and_the_override_is_on_record(world):
+    await world.second_uav()
+    await world.policy(**OCCUPIED)
+    async with world.pad(), world.uav() as first:
+        landed = await decided(first, action="land")
+        calm = asyncio.create_task(decided(first))  # it asks to land again, and may: the pad is its own
+        await calm
+        async with world.uav(name="uav-2") as second:
+            waiting = asyncio.create_task(second.prove("pad-1", "land", Urgency("emergency")))
+            (urgent,) = await sessions_of(world, "uav-2")
+            stored = await world.contract("mirror").read_session(urgent)
+            assert stored.priority == "emergency"
+            again = calm.result().session_id
+            assert landed.session_id != again
+            await world.call("pad_operator", "RecordDeparture", session_id=again)
+            async with asyncio.timeout(20):
+                assert (await waiting).end == "done"
+
+
+async def test_a_pad_that_is_killed_takes_up_who_waited(world):
+    await world.second_uav()
+    await world.policy(**OCCUPIED)
+    async with world.uav() as first, world.uav(name="uav-2") as second:
+        async with world.pad():
+            landed = await decided(first, action="land")
+            waiting = asyncio.create_task(decided(second))
+            (session_id,) = await sessions_of(world, "uav-2")
+            await asyncio.sleep(1)
+        async with world.pad() as pad:
+            assert pad.status()["queue"] == {"on_pad": "uav-1", "waiting": ["uav-2"]}
+            await world.call("pad_operator", "RecordDeparture", session_id=landed.session_id)
+            async with asyncio.timeout(20):
+                result = await waiting
+    assert (result.session_id, result.end) == (session_id, "done")
+
+
+async def test_who_waits_too_long_is_told_asks_again_and_gives_up(world):
+    await world.second_uav()
+    await world.policy(**(OCCUPIED | {"session_ttl_ms": 9_000}))
+    async with world.pad(), world.uav() as first, world.uav(name="uav-2", patience_s=9) as second:
+        await decided(first, action="land")
+        async with asyncio.timeout(40):
+            result = await second.prove("pad-1", "land")
+        assert (result.state, result.end) == ("cancelled", "queue_timeout")
+        assert len(await sessions_of(world, "uav-2", count=2)) == 2
