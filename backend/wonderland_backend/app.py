@@ -269,7 +269,8 @@ class Backend:
         if error is not None:
             logger.critical("%s ended by an unexpected error", task.get_name(), exc_info=error)
             if task.get_name() == "mirror":
-                self.parts.mirror.halted = f"The mirror ended by an unexpected error: {type(error).__name__}: {error}"
+                why = f"The mirror ended by an unexpected error: {type(error).__name__}: {error}"
+                self.parts.mirror.halt(self.context.clock(), why)
 
     def _connection_changed(self, pad_id: str) -> None:
         self.parts.board.connection_changed(pad_id)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
@@ -54,6 +54,7 @@ class Boundary:
         self._hosts = allowed_hosts
         self._max_body_bytes = max_body_bytes
         self._larger = larger
+        self._https = https
         self._headers = dict(HEADERS)
         if https:
             self._headers["Strict-Transport-Security"] = "max-age=31536000; includeSubDomains"
@@ -104,13 +105,19 @@ class Boundary:
         peer: Peer | None = scope.get("extensions", {}).get(EXTENSION)
         # Agents' own listener may have a name of its own; no browser has a certificate for it.
         for_agents = peer is not None and peer.for_agents
-        if self._hosts and not for_agents and _name(host) not in self._hosts:
+        # Of two, whoever stands in front may have looked at the other one (RFC 9112, 3.2).
+        is_one = len(headers.getlist("host")) == 1
+        if self._hosts and not for_agents and not (is_one and _name(host) in self._hosts):
             return 421, "unknown-host", said("unknown_host")
         origin = headers.get("origin")
         guarded = scope["type"] == "websocket" or scope["method"] not in SAFE
-        if origin is not None and guarded and urlsplit(origin).netloc.lower() != host.lower():
+        if origin is not None and guarded and not self._is_own(urlsplit(origin), host):
             return 403, "foreign-origin", said("foreign_origin")
         return None
+
+    def _is_own(self, origin: SplitResult, host: str) -> bool:
+        # A page that came without encryption may be somebody else's, whatever name it bears.
+        return origin.netloc.lower() == host.lower() and (origin.scheme == "https" or not self._https)
 
     def _limit(self, path: str) -> int:
         return next((limit for start, limit in self._larger.items() if path.startswith(start)), self._max_body_bytes)

@@ -36,7 +36,7 @@ os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "0")
 @click.option(
     "--data",
     "directory",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=click.Path(file_okay=False, path_type=Path, resolve_path=True),
     help="Keep ledger, database and logs here; a temporary directory unless given.",
 )
 def demo(

@@ -31,7 +31,7 @@ from wonderland_backend.db.tables.ledger import (
     VerdictRow,
 )
 from wonderland_backend.errors import MirrorHalted
-from wonderland_backend.mirror import store
+from wonderland_backend.mirror import follow, store
 from wonderland_backend.mirror.derive import WITHOUT_ROWS
 from wonderland_backend.mirror.follow import Mirror
 from wonderland_backend.mirror.rebuild import digest, rebuild
@@ -365,13 +365,35 @@ async def test_contradictions_halt_it(database, new_mirror, chain, new_chain, so
     assert await digest(database) == before
 
 
-async def test_valid_blocks_before_a_contradiction_are_kept(database, new_mirror, chain, source_of, facts, tx):
+@pytest.mark.parametrize("batch", [1, 2_000])
+async def test_valid_blocks_before_a_contradiction_are_kept(database, new_mirror, chain, source_of, facts, tx, batch):
     chain.add(facts.put_pad())
     chain.append([chain.envelope(tx(), "0" * 64)], b"\x00", previous=b"x" * 32)
-    mirror, status = new_mirror(source_of(chain), batch_transactions=1)
+    mirror, status = new_mirror(source_of(chain), batch_transactions=batch)
     await asyncio.wait_for(mirror.run(), 5)
     assert status.halted is not None
     assert len(await rows(database, PadRow)) == 1
+
+
+async def test_a_peer_that_says_it_has_more_and_sends_nothing_is_named(
+    new_mirror, chain, source_of, facts, monkeypatch
+):
+    monkeypatch.setattr(follow, "SILENT_S", 0.05)
+    chain.add(facts.put_pad())
+    source = source_of(chain)
+    source.limit = 1
+    mirror, status = new_mirror(source, sleep=asyncio.sleep)
+    task = asyncio.create_task(mirror.run())
+    async with asyncio.timeout(5):
+        while status.problem is None:
+            await asyncio.sleep(0.01)
+    assert "2 blocks, and has sent none" in status.problem
+    assert (status.connected, status.mirrored) == (False, 1)
+    source.limit = None
+    async with asyncio.timeout(5):
+        while status.mirrored < 2:
+            await asyncio.sleep(0.01)
+    task.cancel()
 
 
 async def test_another_channel_is_refused(new_mirror, chain, source_of):

@@ -261,6 +261,7 @@ async def test_a_halted_mirror_is_said_and_rest_goes_on(running, chain, tx):
             await asyncio.sleep(0.01)
     status = await running.json("/status")
     assert "does not continue the chain" in status["ledger"]["halted"]
+    assert status["ledger"]["halted_since_ms"] == running.context.clock()
     assert len((await running.json("/verdicts"))["items"]) == 2
     assert "wonderland_mirror_halted 1.0" in (await running.get("/metrics")).text
 

@@ -166,12 +166,28 @@ async def test_two_backends_on_one_host_do_not_share_a_cookie(running, new_backe
 async def test_foreign_hosts_and_origins_are_refused(running):
     answer = await running.get("/health", headers={"Host": "evil.example"})
     assert (answer.status_code, answer.json()["type"]) == (421, "urn:wonderland:problem:unknown-host")
+    host, _, port = running.url.partition("//")[2].partition(":")
+    reader, writer = await asyncio.open_connection(host, int(port))
+    writer.write(f"GET /api/v1/health HTTP/1.1\r\nHost: {host}\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
+    assert (await asyncio.wait_for(reader.read(), 5)).split()[1] in {b"400", b"421"}
+    writer.close()
     foreign = {"Origin": "http://evil.example"}
     answer = await running.http.post("/api/v1/session", json={"token": "x"}, headers=foreign)
     assert (answer.status_code, answer.json()["type"]) == (403, "urn:wonderland:problem:foreign-origin")
     answer = await running.http.post("/api/v1/session", json={"token": "x"}, headers={"Origin": running.url})
     assert answer.status_code == 401
     assert (await running.http.delete("/api/v1/session", headers=foreign)).status_code == 403
+
+
+async def test_an_unencrypted_page_of_the_same_name_is_foreign_to_an_https_server(new_backend):
+    backend = new_backend(public_url="https://wonderland.example", allowed_hosts=frozenset({"127.0.0.1"}))
+    async with backend.running():
+        transport = httpx.ASGITransport(backend.app)
+        async with httpx.AsyncClient(transport=transport, base_url="https://127.0.0.1") as http:
+            for scheme, is_foreign in (("http", True), ("https", False)):
+                origin = {"Origin": f"{scheme}://127.0.0.1"}
+                answer = await http.post("/api/v1/session", json={"token": "x"}, headers=origin)
+                assert answer.json()["type"].endswith(":foreign-origin") == is_foreign, answer.text
 
 
 async def test_large_bodies_are_refused(running):

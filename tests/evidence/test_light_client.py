@@ -22,7 +22,7 @@ from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.mirror.verified import VerifiedSource
 from wonderland_fabric_gateway.blocks import BlockHeader, data_hash, parse_block
 from wonderland_fabric_gateway.connection import Connection
-from wonderland_fabric_gateway.errors import VerificationError
+from wonderland_fabric_gateway.errors import LedgerError, VerificationError
 from wonderland_fabric_gateway.gateway import EvaluateError, Gateway
 from wonderland_fabric_gateway.protobuf import decode
 from wonderland_fabric_gateway.transactions import ValidationCode
@@ -71,13 +71,13 @@ async def mirror(tmp_path, shown):
     """One that mirrors into a new database, by what this peer passes on."""
     databases = []
 
-    async def into(blocks, *, until=None, pinned=None, opinion=None, name="one"):
+    async def into(blocks, *, until=None, pinned=None, opinion=None, name="one", peer=None):
         database = Database(f"sqlite:///{tmp_path}/{name}.db")
         databases.append(database)
         await migrate(database)
         connection = Connection.load(shown.place.connection_file)
         policies = partial(store.endorsement_policies, database)
-        source = VerifiedSource(Peer(blocks), policies, pinned=pinned, opinion=opinion)
+        source = VerifiedSource(peer or Peer(blocks), policies, pinned=pinned, opinion=opinion)
         status = MirrorStatus()
         made = Mirror(
             database,
@@ -171,6 +171,41 @@ async def test_a_block_that_one_peer_made_up_halts_the_mirror_before_it(shown, c
     assert "another organisation's peer" in str(halted.value)
     _, database = await mirror(chain[:number], until=number)  # what was mirrored before stands
     assert (await store.position(database)).header.number == number - 1
+
+
+class Breaking(Peer):
+    """A peer whose streams end, or fail, after a few blocks each."""
+
+    def __init__(self, blocks, most, error):
+        super().__init__(blocks)
+        self.most, self.error, self.streams = most, error, 0
+
+    async def blocks(self, start):
+        self.streams += 1
+        for block in self.all[start : start + self.most]:
+            yield block
+        if self.error is not None:
+            raise self.error
+
+
+@pytest.mark.parametrize("error", [None, LedgerError("the connection broke")], ids=["ends", "fails"])
+@pytest.mark.parametrize("helped", [False, True])
+async def test_what_came_before_a_stream_broke_is_mirrored(shown, chain, mirror, monkeypatch, error, helped):
+    if helped:
+        monkeypatch.setattr(verified, "MANY_BLOCKS", 1)
+    peer = Breaking(chain[:13], 4, error)
+    status, _ = await mirror(peer.all, peer=peer)
+    assert status.mirrored == 13
+    # Streams of four, of which the first one is there already; beside them those for configurations.
+    assert peer.streams < 40
+
+
+async def test_a_first_block_that_the_second_one_contradicts_is_not_kept(shown, chain, mirror):
+    forged = replace(chain[0], header=replace(chain[0].header, previous_hash=b"x" * 32))
+    with pytest.raises(MirrorHalted):
+        await mirror([forged, *chain[1:4]])
+    status, _ = await mirror(chain[:4])  # the same database, with an honest peer
+    assert status.mirrored == 4
 
 
 def ordered(chain, number, change, sign, *, codes=None):

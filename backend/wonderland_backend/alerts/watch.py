@@ -74,7 +74,9 @@ def _drift(drift: dict[str, Any]) -> dict[str, Any]:
 def ledger_conditions(mirror: MirrorStatus, now_ms: int) -> Iterable[Condition]:
     """The mirror halted, or not level for long because the ledger is away."""
     if mirror.halted is not None:
-        yield Condition("ledger_halted", mirror.channel, now_ms, None, {"why": mirror.halted[:500]})
+        yield Condition(
+            "ledger_halted", mirror.channel, mirror.halted_since_ms or now_ms, None, {"why": mirror.halted[:500]}
+        )
     elif not mirror.connected and mirror.lag_ms(now_ms) > AWAY_MS:
         state = "problem" if mirror.problem else "no_answer"
         facts = {"state": state, "why": (mirror.problem or "")[:500]}

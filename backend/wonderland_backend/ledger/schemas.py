@@ -179,6 +179,7 @@ class LedgerStatus(ApiModel):
     lag_ms: int = Field(description="Since when the mirror has not been level with the ledger; 0 when it is")
     connected: bool
     halted: str | None = Field(description="Why the mirror stopped until somebody looks; null while it runs")
+    halted_since_ms: int | None = None
     problem: str | None = Field(default=None, description="Why it is not connected just now")
     organisations: list[str] = Field(description="MSP ids of the channel's member organisations")
     alone_since_ms: int | None = Field(

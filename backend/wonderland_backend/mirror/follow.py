@@ -19,7 +19,7 @@ from wonderland_backend.mirror.source import BlockSource
 from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.mirror.store import Position
 from wonderland_backend.mirror.subscriber import Subscriber
-from wonderland_fabric_gateway.blocks import Block
+from wonderland_fabric_gateway.blocks import Block, BlockHeader
 from wonderland_fabric_gateway.errors import BlockError, LedgerError
 
 logger = logging.getLogger(__name__)
@@ -27,6 +27,8 @@ logger = logging.getLogger(__name__)
 QUEUE_BLOCKS: Final = 256
 FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
+SILENT_S: Final = 30.0
+"""Without a block from a peer that says that it has more."""
 
 
 class Mirror:
@@ -65,8 +67,7 @@ class Mirror:
         try:
             await self._persist()
         except MirrorHalted as halt:
-            self._status.saw(self._status.height, self._clock())
-            self._status.halted = str(halt)
+            self._status.halt(self._clock(), str(halt))
             logger.critical("the mirror has halted: %s", halt)
 
     async def run_until(self, height: int) -> None:
@@ -151,17 +152,20 @@ class Mirror:
 
     async def _take(self, queue: asyncio.Queue[Block | Exception], before: Position | None) -> Position | None:
         """Write what waits, as one commit of whole blocks. Raises the reader's error when it is its turn."""
-        item = await queue.get()
+        item = await self._next(queue)
         if isinstance(item, Exception):
             raise item
         changes = Changes()
         failed: Exception | None = None
         header = before.header if before is not None else None
         while True:
-            if header is not None:
-                item.require_follows(header)
-            elif item.number != 0:
-                raise BlockError(f"the first block is {item.number}, not 0")
+            try:
+                _require_next(item, header)
+            except BlockError as error:
+                if not changes.blocks:
+                    raise
+                failed = error  # those before it stand
+                break
             header = item.header
             derive(item, self._chaincode, changes)
             await asyncio.sleep(0)
@@ -178,7 +182,19 @@ class Mirror:
             subscriber.after_commit(changes, each)
         if failed is not None:
             raise failed
+        assert header is not None
         return Position(self._channel, header)
+
+    async def _next(self, queue: asyncio.Queue[Block | Exception]) -> Block | Exception:
+        """What comes next. Raises `LedgerError` where the peer says that there is more, and sends nothing."""
+        owed = self._status.height > self._status.mirrored
+        try:
+            async with asyncio.timeout(SILENT_S if owed else None):
+                return await queue.get()
+        except TimeoutError as error:
+            raise LedgerError(
+                f"the peer says that there are {self._status.height} blocks, and has sent none for {SILENT_S:.0f} s"
+            ) from error
 
     def _committed(self, changes: Changes) -> None:
         status = self._status
@@ -199,6 +215,13 @@ class Mirror:
 
     def _is_done(self, mirrored: int | None = None) -> bool:
         return self._until is not None and (self._status.mirrored if mirrored is None else mirrored) >= self._until
+
+
+def _require_next(block: Block, header: BlockHeader | None) -> None:
+    if header is not None:
+        block.require_follows(header)
+    elif block.number != 0:
+        raise BlockError(f"the first block is {block.number}, not 0")
 
 
 def _require_same(block: Block, before: Position) -> None:

@@ -19,6 +19,7 @@ class MirrorStatus:
     mirrored: int = 0
     connected: bool = False
     halted: str | None = None
+    halted_since_ms: int | None = None
     problem: str | None = None
     organisations: list[str] = field(default_factory=list)
     level_ms: int | None = None
@@ -53,6 +54,11 @@ class MirrorStatus:
         self.connected = False
         self.problem = problem
 
+    def halt(self, now_ms: int, why: str) -> None:
+        """Until somebody looks."""
+        self.saw(self.height, now_ms)
+        self.halted, self.halted_since_ms = why, now_ms
+
     def lag_ms(self, now_ms: int) -> int:
         """For how long the mirror has not been level with the ledger."""
         if self.is_level:
@@ -75,6 +81,8 @@ class MirrorStatus:
             "rows_checked_ms": self.rows_checked_ms,
             "rows_differ": list(self.rows_differ),
         }
+        if self.halted_since_ms is not None:
+            shown["halted_since_ms"] = self.halted_since_ms
         if self.problem is not None:
             shown["problem"] = self.problem
         return shown

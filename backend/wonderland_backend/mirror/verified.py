@@ -72,9 +72,16 @@ class VerifiedSource:
                 try:
                     first = await anext(stream)
                     client = await self._client(first)
-                    yield first
+                    # Nobody signs a channel's first block; where more are said to follow, the second one stands for it.
+                    held = first if first.number == 0 and height > 1 else None
+                    if held is None:
+                        yield first
                     async with contextlib.aclosing(self._checked(client, stream, pool, height)) as checked:
                         async for block in checked:
+                            if held is not None:
+                                block.require_follows(held.header)
+                                yield held
+                                held = None
                             yield block
                 except VerificationError as error:
                     raise MirrorHalted(
@@ -87,7 +94,7 @@ class VerifiedSource:
     async def _checked(
         self, client: LightClient, stream: AsyncGenerator[Block, None], pool: ProcessPoolExecutor | None, height: int
     ) -> AsyncGenerator[Block, None]:
-        """Blocks in their order, as soon as they are checked."""
+        """Blocks in their order, as soon as they are checked; those that came before the stream broke, too."""
         loop = asyncio.get_running_loop()
         waiting: deque[tuple[Block, asyncio.Task[Endorsers]]] = deque()
 
@@ -111,8 +118,23 @@ class VerifiedSource:
             waiting.popleft()
             return block
 
+        broken: LedgerError | None = None
+        following = _next_of(stream)
         try:
-            async for block in stream:
+            while broken is None:
+                if waiting:
+                    await asyncio.wait({following, waiting[0][1]}, return_when=asyncio.FIRST_COMPLETED)
+                    if waiting[0][1].done() or len(waiting) >= WAITING_BLOCKS:
+                        yield await oldest()
+                        continue
+                try:
+                    block = await following
+                except LedgerError as error:
+                    broken = error
+                    break
+                if block is None:
+                    break
+                following = _next_of(stream)
                 is_alone = block.number >= height - 1 or block.config is not None
                 while waiting and is_alone:  # it depends on the configuration before it, or it is the last for a while
                     yield await oldest()
@@ -120,12 +142,17 @@ class VerifiedSource:
                     pool.shutdown(wait=False)
                     pool = None
                 waiting.append((block, loop.create_task(looked_at(client.trust, block, aside=not is_alone))))
-                if is_alone or len(waiting) >= WAITING_BLOCKS:
+                if is_alone:
                     yield await oldest()
+            while waiting:
+                yield await oldest()
+            if broken is not None:
+                raise broken
         finally:
-            for _, found in waiting:
-                found.cancel()
-            await asyncio.gather(*(found for _, found in waiting), return_exceptions=True)
+            begun = (following, *(found for _, found in waiting))
+            for each in begun:
+                each.cancel()
+            await asyncio.gather(*begun, return_exceptions=True)
 
     async def _client(self, first: Block) -> LightClient:
         """What holds after the first block of a stream."""
@@ -162,6 +189,15 @@ class VerifiedSource:
         if block.number != number:
             raise BlockError(f"block {block.number} came where {number} was asked for")
         return block
+
+
+def _next_of(stream: AsyncGenerator[Block, None]) -> asyncio.Task[Block | None]:
+    """The stream's next block; None at its end."""
+
+    async def following() -> Block | None:
+        return await anext(stream, None)
+
+    return asyncio.create_task(following())
 
 
 def _pool() -> ProcessPoolExecutor:

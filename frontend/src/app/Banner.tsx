@@ -2,7 +2,7 @@ import type { ReactElement } from "react";
 import type { Loss } from "../shared/live/connection";
 import type { LiveSource } from "../shared/live/source";
 import type { LiveStore, Topic } from "../shared/live/store";
-import { age, duration } from "../shared/format";
+import { age, ago, duration } from "../shared/format";
 import { useLive, useServerNow } from "../shared/live/useLive";
 import { LAG_MS } from "./Header";
 import { appTexts as t } from "./texts";
@@ -32,9 +32,9 @@ export function warning(store: LiveStore, local_ms: number): Warning | undefined
     return { tone: "maybe", text: t("congested", { age: age(store.delay_ms) }), retry: false };
   }
   if (status === undefined) return undefined;
-  const { halted, lag_ms, connected, problem } = status.ledger;
+  const { halted, halted_since_ms, lag_ms, connected, problem } = status.ledger;
   if (typeof halted === "string") {
-    return { tone: "bad", text: t("halted", { why: halted }), retry: false };
+    return { tone: "bad", text: t("halted", { why: halted, ago: ago(halted_since_ms === undefined ? 0 : store.serverNow_ms(local_ms) - halted_since_ms) }), retry: false };
   }
   if (!connected) {
     const why = typeof problem === "string" && problem !== "" ? `: ${problem}` : "";

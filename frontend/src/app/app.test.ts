@@ -50,7 +50,9 @@ describe("the banner", () => {
   }
 
   it("says nothing while all is well", () => expect(warning(store(), 2_000)).toBeUndefined());
-  it("says what a halted mirror means", () => expect(warning(store({ halted: "a gap" }), 2_000)?.text).toContain("halted; it said: “a gap”"));
+  it("says what a halted mirror means", () => expect(warning(store({ halted: "a gap" }), 2_000)?.text).toContain("halted just now; it said: “a gap”"));
+  it("says since when it is halted", () =>
+    expect(warning(store({ halted: "a gap", halted_since_ms: 2_000 }), 182_000)?.text.replaceAll("\u00a0", " ")).toContain("halted 3 min ago; it said"));
   it("says that the mirror lags", () => expect(warning(store({ lag_ms: 14_300 }), 2_000)?.tone).toBe("maybe"));
   it("says that the connection is congested, but not while frames are a moment late", () => {
     const late = store();
