@@ -20,8 +20,10 @@ from wonderland_backend.db.engine import Database
 from wonderland_backend.errors import BackendError
 from wonderland_backend.http.times import now_ms
 from wonderland_backend.numbers import store as numbers
+from wonderland_backend.people import store as people
+from wonderland_backend.people.schemas import PersonChange
 from wonderland_backend.personal_data import queries, store
-from wonderland_backend.personal_data.store import SERVER, STAYS
+from wonderland_backend.personal_data.store import AGAIN, SERVER, STAYS
 from wonderland_backend.personal_data.subjects import Erased, Subject, journal
 from wonderland_backend.settings import Settings
 from wonderland_fabric_gateway.files import write_atomic
@@ -36,12 +38,50 @@ _journal_help = "Keep it outside of the database and of its backups: it says wha
 
 @click.group()
 def person() -> None:
-    """Access and erasure: all that is kept about one drone and its operator, or about one account."""
+    """Accounts without the console; access and erasure of what is kept about a drone's operator or an account."""
 
 
 @click.group()
 def number() -> None:
     """Openings of registration numbers: out of this database and into another's."""
+
+
+@person.command("list")
+@database_option
+@json_option
+def list_(*, as_json: bool, **options: Any) -> None:
+    """Who may sign in, and as what: to look through after a restore, before others use it."""
+
+    async def work(database: Database) -> None:
+        async with database.read() as session:
+            found = await people.listing(session)
+        if as_json:
+            click.echo(json.dumps(found))
+            return
+        for each in found:
+            roles = " ".join(each["roles"])
+            click.echo(f"{each['person_id']}  {each['state']:<9}  {roles:<24}  {each['name']}")
+
+    _run(work, **options)
+
+
+@person.command("suspend")
+@click.option("--account", required=True, metavar="ID", help="By person_id (`person list`).")
+@_reason
+@database_option
+def suspend(account: str, reason: str, **options: Any) -> None:
+    """End somebody's sign-ins, and let them in no more. An administrator restores the account in the console."""
+
+    async def work(database: Database) -> None:
+        async with database.write() as connection:
+            before = await people.find_person(connection, account)
+            if before["state"] == people.SUSPENDED:
+                raise BackendError(f"{before['name']} is suspended already")
+            wanted = PersonChange(revision=before["revision"], state="suspended")
+            await people.change(connection, SERVER, account, wanted, now_ms(), reason=reason)
+        click.echo(f"{before['name']} is suspended. A backend that runs ends their sign-ins at their next request.")
+
+    _run(work, **options)
 
 
 @person.command("access")
@@ -127,9 +167,7 @@ def erase_again(path: Path, *, yes: bool, **options: Any) -> None:
         total = 0
         for erased in journal(noted):
             async with database.write() as connection:
-                found = await store.erase(
-                    connection, erased, "again, after a restore", now_ms(), dry=not yes, again=True
-                )
+                found = await store.erase(connection, erased, AGAIN, now_ms(), dry=not yes, again=True)
             rows = sum(found.values())
             total += rows
             click.echo(f"{erased.subject.audited}: {rows} rows")

@@ -128,7 +128,7 @@ def test_a_server_that_went_away_is_told_and_what_happened_meanwhile_is_not_lost
 
 def test_a_ledger_that_contradicts_itself_is_told_loudly(real, signed_in):
     real.contradict()
-    expect(signed_in.get_by_role("alert")).to_contain_text("mirror has halted")
+    expect(signed_in.get_by_role("alert")).to_contain_text("mirror halted")
     expect(signed_in.get_by_text("mirror halted", exact=False).first).to_be_visible()
 
 

@@ -150,7 +150,7 @@ def test_help_theme_and_rooms_by_key(scripted, open_page):
     ("flag", "words"),
     [
         ("lost", "Not connected: the server cannot be reached."),
-        ("halted", "mirror has halted"),
+        ("halted", "mirror halted"),
         ("lagging", "14 s behind the ledger"),
     ],
 )

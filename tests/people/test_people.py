@@ -6,7 +6,9 @@ import asyncio
 import json
 
 import pytest
+from click.testing import CliRunner
 
+from wonderland_backend.commands import backend
 from wonderland_fabric_gateway.ca.local import LocalCa
 
 
@@ -119,6 +121,34 @@ async def test_suspended_is_signed_out_and_stays_out(fresh):
         await grace.sign_in(status=401)
         await ada.call("POST", f"{path}/link", status=409)
         await ada.call("PATCH", path, {"revision": 2, "state": "active"})
+        await grace.sign_in()
+
+
+async def test_an_account_is_suspended_without_the_console_while_the_server_runs(fresh, database_url):
+    async def command(*words, code=0):
+        done = await asyncio.to_thread(CliRunner().invoke, backend, ["person", *words, "--database", database_url])
+        assert done.exit_code == code, done.output
+        return done.output
+
+    async with fresh.administrator() as ada, fresh.visitor() as grace:
+        made = await invite(ada)
+        await grace.accept(made["token"])
+        await grace.call("GET", "/me")
+        theirs = made["person"]["person_id"]
+        assert {each["person_id"]: each["state"] for each in json.loads(await command("list", "--json"))}[
+            theirs
+        ] == "active"
+        await command("suspend", "--account", theirs, "--reason", "after a restore")
+        await grace.call("GET", "/me", status=401)
+        await grace.sign_in(status=401)
+        assert f"{theirs}  suspended" in await command("list")
+        assert "suspended already" in await command("suspend", "--account", theirs, "--reason", "x", code=1)
+        mine = (await ada.call("GET", "/me"))["person"]["person_id"]
+        await command("suspend", "--account", mine, "--reason", "x", code=1)  # the last administrator
+        await command("suspend", "--account", "0" * 32, "--reason", "x", code=1)
+        (row,) = (await ada.call("GET", "/audit?act=person_suspended"))["items"]
+        assert (row["person"], row["detail"]["reason"]) == ("the server's administrator", "after a restore")
+        await ada.call("PATCH", f"/people/{theirs}", {"revision": 2, "state": "active"})
         await grace.sign_in()
 
 

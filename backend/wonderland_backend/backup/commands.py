@@ -161,7 +161,7 @@ def restore_command(
         if before is taken.nothing:
             click.echo(
                 "Whoever was suspended, limited or disabled since then is not any more: look through people, machines "
-                "and webhooks in the console before others use it."
+                "and webhooks before others use it (wonderland backend person list, suspend; client list, revoke)."
             )
         if journal_file is None:
             click.echo(
@@ -181,7 +181,7 @@ async def _erase(database: Database, again: list[Erased]) -> list[str]:
     said = []
     for each in again:
         async with database.write() as connection:
-            found = await store.erase(connection, each, restoring.AGAIN, now_ms(), dry=False, again=True)
+            found = await store.erase(connection, each, store.AGAIN, now_ms(), dry=False, again=True)
         said.append(f"Erased again: {each.subject.audited}: {sum(found.values())} rows")
     return said
 

@@ -16,12 +16,11 @@ from wonderland_backend.backup import postgres, sealed, sqlite, taken
 from wonderland_backend.backup.manifest import DATABASE, SEALED, Manifest
 from wonderland_backend.db import migrate
 from wonderland_backend.errors import BackendError
+from wonderland_backend.personal_data.store import AGAIN
 from wonderland_backend.personal_data.subjects import Erased
 
 _MARGIN_MS: Final = 15 * 60_000
 """An erasure has the time at which it began, and may have been committed after the backup's snapshot."""
-AGAIN: Final = "again, after a restore"
-"""The reason of an erasure that was done again; it has no journal of its own."""
 _ERASED: Final = f"""
 SELECT subject, max(CASE WHEN detail LIKE '%{AGAIN}%' THEN 0 ELSE t_ms END) FROM {{}}
 WHERE act = 'erase_personal_data' AND t_ms >= {{}} GROUP BY subject ORDER BY 1

@@ -104,9 +104,11 @@ async def create(
 
 
 async def change(
-    connection: AsyncConnection, who: Person, person_id: str, wanted: PersonChange, now_ms: int
+    connection: AsyncConnection, who: Person | str, person_id: str, wanted: PersonChange, now_ms: int, reason: str = ""
 ) -> tuple[Row, list[str]]:
     """Change a person; the hashes of the sign-ins that ended or see something else now.
+
+    `who` is a text where the server's own administrator does it, who gives a reason.
 
     Raises `NotFound`, and `Conflict` for a change that somebody else made meanwhile, an address that is taken, a
     suspension of oneself, or the loss of the last administrator.
@@ -115,7 +117,7 @@ async def change(
     await take_turns(connection)
     before = await find_person(connection, person_id)
     values = wanted.model_dump(exclude_none=True, exclude={"revision"})
-    _check(before, values, by_oneself=who.person_id == person_id)
+    _check(before, values, by_oneself=isinstance(who, Person) and who.person_id == person_id)
     roles: Sequence[Role] = values.get("roles") or before["roles"]
     if before["state"] == ACTIVE and (values.get("state") == SUSPENDED or "admin" not in roles):
         await _keep_an_administrator(connection, person_id)
@@ -143,7 +145,8 @@ async def change(
         await end_all(connection, person_id)
     act = {SUSPENDED: "person_suspended", ACTIVE: "person_restored"}.get(values.get("state", ""), "person_changed")
     was = {name: before.get(name, "") for name in values}
-    await audit.record(connection, who, act, subject(person_id), {"to": values, "from": was}, t_ms=now_ms)
+    detail = {"to": values, "from": was} | ({"reason": reason} if reason else {})
+    await audit.record(connection, who, act, subject(person_id), detail, t_ms=now_ms)
     return await find_person(connection, person_id), touched
 
 

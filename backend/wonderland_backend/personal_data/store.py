@@ -19,6 +19,8 @@ from wonderland_backend.person import roles_of
 from wonderland_backend.personal_data.subjects import Erased, Subject
 
 SERVER: Final = "the server's administrator"
+AGAIN: Final = "again, after a restore"
+"""The reason of an erasure that was done again; it has no journal of its own."""
 STAYS: Final[Mapping[str, tuple[str, ...]]] = {
     "drone": (
         "the ledger (serial number, operator id, commitment, sessions, verdicts): every later block's hash covers it",
