@@ -305,7 +305,7 @@ async def test_two_drones_at_once_are_served_one_after_the_other(world):
 
 
 async def test_a_flood_of_requests_is_ended_and_the_next_drone_is_served(world, monkeypatch):
-    monkeypatch.setattr("wonderland_edge_agent.agent.MAX_WAITING", 1)
+    monkeypatch.setattr("wonderland_edge_agent.waiting.MAX_WAITING", 1)
     monkeypatch.setattr("wonderland_edge_agent.agent.CARE_S", 0.2)
     await world.policy(session_ttl_ms=8_000)
     ledger = world.contract("uav")
