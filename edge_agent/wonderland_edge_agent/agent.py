@@ -175,10 +175,15 @@ class PadAgent:
         if cut:
             _log.warning("%d sessions were under way when this agent stopped; they are being ended", len(cut))
             self._care.set()
-        async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(self._subscription.run())
-            tasks.create_task(self._serve())
-            tasks.create_task(self._end_waiting())
+        tasks = [asyncio.create_task(each) for each in (self._subscription.run(), self._serve(), self._end_waiting())]
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()  # in its own words, which a group's would hide
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
 
     def status(self) -> dict[str, Any]:
         """How the agent is, for people and for ``wonderland pad status``."""

@@ -79,27 +79,27 @@ def quick(monkeypatch):
 
 async def test_a_ledger_that_is_away_is_waited_for(session):
     ledger = Asked(session, [AwayError("no peer")] * 3)
-    opened = (await drone(ledger)._request("pad-1", "land", None)).session
+    opened = (await drone(ledger)._request("pad-1", "land", None, uav.CALM)).session
     assert (opened.session_id, ledger.requests) == (session.session_id, 4)
 
 
 async def test_what_may_have_been_sent_is_not_asked_for_twice(session):
     ledger = Asked(session, [AwayError("no outcome", "t" * 64)])
     with pytest.raises(AwayError):
-        await drone(ledger)._request("pad-1", "land", None)
+        await drone(ledger)._request("pad-1", "land", None, uav.CALM)
     assert ledger.requests == 1
 
 
 async def test_a_prekey_that_a_peer_does_not_know_yet(session):
     ledger = Asked(session, [RefusedError(404, "PREKEY_UNKNOWN", "none")] * 4)
-    await drone(ledger)._request("pad-1", "land", None)
+    await drone(ledger)._request("pad-1", "land", None, uav.CALM)
     assert ledger.requests == 5
 
 
 async def test_another_refusal_is_final(session):
     ledger = Asked(session, [RefusedError(422, "CLAIM_TOO_OLD", "set the clock")])
     with pytest.raises(RefusedError):
-        await drone(ledger)._request("pad-1", "land", None)
+        await drone(ledger)._request("pad-1", "land", None, uav.CALM)
     assert ledger.requests == 1
 
 
