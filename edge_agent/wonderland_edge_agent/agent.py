@@ -243,12 +243,10 @@ class PadAgent:
         if event.record.get("pad_id") != self.pad_id or event.name in {"ProofWitnessed", "ProofDecided"}:
             return False
         match event.name:
-            case "PrecedenceGiven" | "DepartureRecorded":
-                pass
             case "PadCommissioned" | "PadRetired":
                 self._own.changed()
                 self._care.set()
-            case "ProofRequested":
+            case "ProofRequested" | "PrecedenceGiven" | "DepartureRecorded":
                 pass
             case _:
                 self._ended_elsewhere(event)

@@ -7,6 +7,8 @@ import logging
 
 from kit.agents import decided
 
+from wonderland.proofs import encoding, keys
+from wonderland.proofs.records.transactions import RequestProof
 from wonderland_uav_agent.agent import Urgency
 
 OCCUPIED = {"occupied_ms": 600_000}
@@ -66,7 +68,7 @@ async def test_a_recorded_departure_frees_the_pad(world):
             assert (await waiting).end == "done"
 
 
-async def test_an_emergency_goes_first_and_the_override_is_on_record(world):
+async def test_an_emergency_is_signed_and_served_once_the_pad_is_free(world):
     await world.second_uav()
     await world.policy(**OCCUPIED)
     async with world.pad(), world.uav() as first:
@@ -85,7 +87,37 @@ async def test_an_emergency_goes_first_and_the_override_is_on_record(world):
                 assert (await waiting).end == "done"
 
 
-async def test_a_pad_that_is_killed_takes_up_who_waited(world):
+async def test_an_emergency_passes_who_came_earlier_and_the_override_is_on_record(world):
+    await world.second_uav()
+    await world.policy(**OCCUPIED)
+    contract = world.contract("uav-2")
+    async with world.pad(), world.uav() as first, world.uav(name="uav-2") as second:
+        landed = await decided(first, action="land")
+        (prekey, *_) = await contract.list_prekeys("pad-1", 10)
+        calm, _ = await contract.request_proof(
+            RequestProof(
+                pad_id="pad-1",
+                action="dock",
+                prekey_id=prekey.prekey_id,
+                uav_key=encoding.to_base64url(keys.public_bytes(keys.new_key())),
+                claim=world.flight.claim(world.clock()),
+            )
+        )
+        proving = asyncio.create_task(second.prove("pad-1", "land", Urgency("emergency")))
+        _, urgent = await sessions_of(world, "uav-2", count=2)
+        await world.call("pad_operator", "RecordDeparture", session_id=landed.session_id)
+        async with asyncio.timeout(20):
+            result = await proving
+    assert (result.session_id, result.end) == (urgent, "done")
+    stored = await contract.read_session(urgent)
+    assert stored.precedence.by == "pad"
+    assert stored.precedence.reason == "emergency, by the drone's own word; before 1 who came earlier"
+    passed = await contract.read_session(calm.session_id)
+    assert passed.precedence is None
+    assert passed.ended_ms is None or passed.ended_ms > stored.ended_ms
+
+
+async def test_a_pad_that_starts_again_takes_up_who_waited(world):
     await world.second_uav()
     await world.policy(**OCCUPIED)
     async with world.uav() as first, world.uav(name="uav-2") as second:

@@ -296,7 +296,7 @@ def test_what_was_taken_from_people_and_machines_is_not_given_back(place):
     write(
         place.server,
         f"UPDATE people SET state = 'suspended' WHERE person_id = '{BOB}'",
-        f"UPDATE people SET roles = 'inspector' WHERE person_id = '{ADA}'",
+        f"UPDATE people SET roles = 'admin' WHERE person_id = '{ADA}'",
         "DELETE FROM passkeys WHERE credential_id = 'stolen'",
         "UPDATE clients SET revoked_ms = 5",
         "DELETE FROM subscriptions",
@@ -307,7 +307,7 @@ def test_what_was_taken_from_people_and_machines_is_not_given_back(place):
         said = run("restore", made, "--replace", "--database", place.url)
         assert "Nobody is signed in any more" in said
         assert {name: read(place.server, query) for name, query in WHAT.items()} == {
-            "people": [(ADA, "active", "inspector"), (BOB, "suspended", "admin")],
+            "people": [(ADA, "active", "admin"), (BOB, "suspended", "admin")],
             "passkeys": [("old",)],
             "machines": [],
             "webhooks": [],
@@ -318,6 +318,16 @@ def test_what_was_taken_from_people_and_machines_is_not_given_back(place):
     now = read(place.server, LOG)
     assert now[: len(log)] == log
     assert [each[4] for each in now[len(log) :]] == ["restore_database", "restore_database"]
+
+
+@both
+def test_a_restore_that_would_leave_nobody_in_charge_changes_nothing(place):
+    made = place.backup()
+    write(place.server, f"UPDATE people SET roles = 'viewer' WHERE person_id IN ('{ADA}', '{BOB}')")
+    before = content(place.url)
+    said = run("restore", made, "--replace", "--database", place.url, code=1)
+    assert "no administrator of the backup is one still" in said
+    assert content(place.url) == before
 
 
 @both

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hashlib
 import re
 from pathlib import Path
@@ -31,11 +32,12 @@ from wonderland_backend.db.tables.ledger import (
     VerdictRow,
 )
 from wonderland_backend.errors import MirrorHalted
-from wonderland_backend.mirror import follow, store
+from wonderland_backend.mirror import source, store
 from wonderland_backend.mirror.derive import WITHOUT_ROWS
 from wonderland_backend.mirror.follow import Mirror
 from wonderland_backend.mirror.rebuild import digest, rebuild
 from wonderland_backend.mirror.rows import RECORDS
+from wonderland_backend.mirror.source import GatewaySource
 from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_fabric_gateway.errors import LedgerError
 
@@ -375,24 +377,41 @@ async def test_valid_blocks_before_a_contradiction_are_kept(database, new_mirror
     assert len(await rows(database, PadRow)) == 1
 
 
+class Silent:
+    """A channel whose Deliver service sends what `source` has, and then nothing."""
+
+    def __init__(self, of):
+        self.of = of
+
+    async def height(self):
+        return await self.of.height()
+
+    async def blocks(self, start_block):
+        return contextlib.aclosing(self.of.blocks(start_block))
+
+
 async def test_a_peer_that_says_it_has_more_and_sends_nothing_is_named(
     new_mirror, chain, source_of, facts, monkeypatch
 ):
-    monkeypatch.setattr(follow, "SILENT_S", 0.05)
+    monkeypatch.setattr(source, "SILENT_S", 0.05)
     chain.add(facts.put_pad())
-    source = source_of(chain)
-    source.limit = 1
-    mirror, status = new_mirror(source, sleep=asyncio.sleep)
+    sent = source_of(chain)
+    sent.limit = 1
+    mirror, status = new_mirror(GatewaySource(Silent(sent)), sleep=asyncio.sleep)
     task = asyncio.create_task(mirror.run())
     async with asyncio.timeout(5):
         while status.problem is None:
             await asyncio.sleep(0.01)
     assert "2 blocks, and has sent none" in status.problem
     assert (status.connected, status.mirrored) == (False, 1)
-    source.limit = None
+    sent.limit = None
     async with asyncio.timeout(5):
         while status.mirrored < 2:
             await asyncio.sleep(0.01)
+    # One that has sent all that it has may be silent for as long as it likes.
+    opened = sent.opened
+    await asyncio.sleep(0.3)
+    assert (sent.opened, status.problem, status.connected) == (opened, None, True)
     task.cancel()
 
 

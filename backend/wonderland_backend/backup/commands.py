@@ -146,23 +146,24 @@ def restore_command(
         async with held(settings.database):
             replacing = restoring.database(found, backup, database.url, replace=replace, role=must_exist, journal=again)
             with replacing as before:
-                await migrate.migrate(database)
-                if role is not None:
-                    await confine(database, role, password)
-                async with database.write() as connection:
-                    rows = await taken.take_again(connection, before, now_ms())
-                    detail = {"made_ms": found.made_ms}
-                    await audit.record(connection, store.SERVER, "restore_database", backup.name, detail, t_ms=now_ms())
-                rows += await _erase(database, restoring.since(found, again))
+                try:
+                    await migrate.migrate(database)
+                    if role is not None:
+                        await confine(database, role, password)
+                    async with database.write() as connection:
+                        rows = await taken.take_again(connection, before, now_ms())
+                        detail = {"made_ms": found.made_ms}
+                        await audit.record(
+                            connection, store.SERVER, "restore_database", backup.name, detail, t_ms=now_ms()
+                        )
+                    rows += await _erase(database, restoring.since(found, again))
+                finally:
+                    # Where something failed, what was there is put back: no connection may be in its way.
+                    await database.close()
         moment = f"{datetime.fromtimestamp(found.made_ms / 1000, UTC):%Y-%m-%d %H:%M:%S} UTC"
         click.echo(f"The database is as it was at {moment}.")
         for line in rows:
             click.echo(line)
-        if before is taken.nothing:
-            click.echo(
-                "Whoever was suspended, limited or disabled since then is not any more: look through people, machines "
-                "and webhooks before others use it (wonderland backend person list, suspend; client list, revoke)."
-            )
         if journal_file is None:
             click.echo(
                 "What was erased since then is there again: wonderland backend person erase-again --journal FILE --yes"

@@ -36,6 +36,12 @@ async def has_any_person(connection: AsyncConnection, person_ids: Collection[str
     return not known.isdisjoint(person_ids)
 
 
+async def has_administrator(connection: AsyncConnection) -> bool:
+    """Whether somebody may let others in."""
+    active = select(_PEOPLE.c.roles).where(_PEOPLE.c.state == ACTIVE)
+    return any("admin" in roles.split() for roles in (await connection.execute(active)).scalars())
+
+
 async def limit_people(connection: AsyncConnection, were: Mapping[str, tuple[str, str]], now_ms: int) -> int:
     """Suspended as they were, and with no role that they had not any more."""
     changed = 0

@@ -19,9 +19,14 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from wonderland_backend.backup import postgres, store
 from wonderland_backend.db.bulk import table_of
 from wonderland_backend.db.tables.audit import AuditRow
+from wonderland_backend.errors import BackendError
 
 Rows = Callable[[str], Sequence[Sequence[Any]]]
 """Reads of what was there before, by a SELECT whose tables stand as ``{}.name``."""
+_UNKNOWN: Final = (
+    "Whoever was suspended, limited or disabled since then is not any more: look through people, machines and webhooks "
+    "before others use it (wonderland backend person list, suspend; wonderland backend client list, revoke)."
+)
 _AUDIT: Final = tuple(column.name for column in table_of(AuditRow).columns)
 
 
@@ -53,12 +58,12 @@ def of_postgres(connection: psycopg.Connection[Any]) -> Rows:
 
 
 async def take_again(connection: AsyncConnection, before: Rows, now_ms: int) -> list[str]:
-    """What was done, in sentences."""
+    """What was done, in sentences. Raises `BackendError` where it would leave nobody in charge."""
     ended = await store.end_sign_ins(connection)
     said = [f"Nobody is signed in any more, and no link opens anything ({ended} ended)."]
     people = {each[0]: (each[1], each[2]) for each in before("SELECT person_id, state, roles FROM {}.people")}
     if not await store.has_any_person(connection, people):
-        return said  # of another deployment, or of none
+        return [*said, _UNKNOWN]  # an empty place, or another deployment's
     passkeys = {each[0] for each in before("SELECT credential_id FROM {}.passkeys")}
     revoked = {each[0] for each in before("SELECT client_id FROM {}.clients WHERE revoked_ms IS NOT NULL")}
     wanted = {each[0] for each in before("SELECT subscription_id FROM {}.subscriptions WHERE state = 'active'")}
@@ -71,6 +76,11 @@ async def take_again(connection: AsyncConnection, before: Rows, now_ms: int) -> 
         "signing keys ended": await store.end_keys(connection, {each[0]: each[1] for each in ended_keys}),
         "rows of the audit log kept": await _keep_audit(connection, before),
     }
+    if not await store.has_administrator(connection):
+        raise BackendError(
+            "no administrator of the backup is one still, so that nobody could let others in: restore it into an empty "
+            "database, and look through the accounts there"
+        )
     return [*said, *(f"As it was before the restore: {count} {what}." for what, count in done.items() if count)]
 
 

@@ -27,8 +27,6 @@ logger = logging.getLogger(__name__)
 QUEUE_BLOCKS: Final = 256
 FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
-SILENT_S: Final = 30.0
-"""Without a block from a peer that says that it has more."""
 
 
 class Mirror:
@@ -152,7 +150,7 @@ class Mirror:
 
     async def _take(self, queue: asyncio.Queue[Block | Exception], before: Position | None) -> Position | None:
         """Write what waits, as one commit of whole blocks. Raises the reader's error when it is its turn."""
-        item = await self._next(queue)
+        item = await queue.get()
         if isinstance(item, Exception):
             raise item
         changes = Changes()
@@ -184,17 +182,6 @@ class Mirror:
             raise failed
         assert header is not None
         return Position(self._channel, header)
-
-    async def _next(self, queue: asyncio.Queue[Block | Exception]) -> Block | Exception:
-        """What comes next. Raises `LedgerError` where the peer says that there is more, and sends nothing."""
-        owed = self._status.height > self._status.mirrored
-        try:
-            async with asyncio.timeout(SILENT_S if owed else None):
-                return await queue.get()
-        except TimeoutError as error:
-            raise LedgerError(
-                f"the peer says that there are {self._status.height} blocks, and has sent none for {SILENT_S:.0f} s"
-            ) from error
 
     def _committed(self, changes: Changes) -> None:
         status = self._status

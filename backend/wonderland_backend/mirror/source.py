@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncGenerator
-from typing import Annotated, Protocol, cast
+from typing import Annotated, Final, Protocol, cast
 
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from wonderland_fabric_gateway.blocks import Block
+from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway import Network
+
+SILENT_S: Final = 30.0
+"""Without a block from a peer that says that it has more."""
 
 
 class BlockSource(Protocol):
@@ -37,13 +42,26 @@ class GatewaySource:
 
     def __init__(self, network: Network) -> None:
         self.network = network
+        self._height = 0
 
     async def blocks(self, start: int) -> AsyncGenerator[Block, None]:
-        """Blocks from number `start` on, without an end."""
+        """Blocks from number `start` on, without an end. Raises `LedgerError` where the peer owes one and is silent."""
+        following = start
         async with await self.network.blocks(start_block=start) as stream:
-            async for block in stream:
+            while True:
+                try:
+                    async with asyncio.timeout(SILENT_S if following < self._height else None):
+                        block = await anext(stream)
+                except StopAsyncIteration:
+                    return
+                except TimeoutError as error:
+                    raise LedgerError(
+                        f"the peer says that there are {self._height} blocks, and has sent none for {SILENT_S:.0f} s"
+                    ) from error
+                following = block.number + 1
                 yield block
 
     async def height(self) -> int:
         """Number of blocks on the channel."""
-        return await self.network.height()
+        self._height = await self.network.height()
+        return self._height

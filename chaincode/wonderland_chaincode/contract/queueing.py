@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final
 
+from wonderland.proofs.queue import ENTER
 from wonderland.proofs.records import keys
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.sessions import Departure, Precedence
 from wonderland_chaincode.contract import access, sessions
 from wonderland_chaincode.contract.call import Answer, Call
 from wonderland_chaincode.contract.errors import conflict, not_allowed, refused
-
-_ON_THE_PAD: Final = frozenset({"land", "dock"})
 
 
 async def give_precedence(call: Call, argument: tx.GivePrecedence) -> Answer:
@@ -35,7 +33,7 @@ async def record_departure(call: Call, argument: tx.RecordDeparture) -> Answer:
     """RecordDeparture."""
     session = await sessions.require(call, argument.session_id)
     part = access.part_in(call.who, session)
-    if session.action not in _ON_THE_PAD or session.state != "completed" or session.end != "done":
+    if session.action not in ENTER or session.state != "completed" or session.end != "done":
         raise refused("NOT_LANDED", f"session {session.session_id[:12]}… brought no drone onto the pad")
     if session.departure is not None:
         raise conflict("DEPARTED", f"session {session.session_id[:12]}… has a departure already")
