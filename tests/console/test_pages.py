@@ -35,8 +35,7 @@ def test_the_map_draws_from_the_country_to_the_pad(scripted, open_page, scale):
     at_rest(page)
     for theme in ("light", "dark"):
         page.emulate_media(color_scheme=theme)
-        # Beside the panels, where only the map is: an empty one has a single colour. Each picture makes the browser
-        # draw, without which it may not tell the page of the theme: it has been seen not to for 45 s.
+        # Beside the panels, where only the map is: an empty one has a single colour. Each picture makes the browser draw.
         begin = time.monotonic()
         while colours(page, MAP_ONLY) <= 20 or page.evaluate("document.documentElement.dataset.theme") != theme:
             assert time.monotonic() - begin < PATIENCE_S, f"the map stays empty in the {theme} theme"

@@ -17,9 +17,12 @@ function stored(): Choice {
 }
 
 let choice: Choice = stored();
+// Kept, and never asked again: Chromium fires no "change" for what `matches` has already told, and a page that draws
+// something else just then would stay in the old theme.
+let system: Theme = dark.matches ? "dark" : "light";
 
 function resolved(): Theme {
-  return choice === "system" ? (dark.matches ? "dark" : "light") : choice;
+  return choice === "system" ? system : choice;
 }
 
 function apply(): void {
@@ -27,7 +30,10 @@ function apply(): void {
   for (const listener of listeners) listener();
 }
 
-dark.addEventListener("change", apply);
+dark.addEventListener("change", (event) => {
+  system = event.matches ? "dark" : "light";
+  apply();
+});
 apply();
 
 export function setThemeChoice(next: Choice): void {
